@@ -7,9 +7,9 @@ from drake_quad.signals import Angle, Attitude, Row
 
 # A vector of no length must not make the derivative of the square root infinite; 1e-200 changes no float above 1e-92.
 TINY = 1e-200
-# Keeps the yaw 0, and 0 / 0 away from derivatives, where the nose points straight up or down. It changes no cosine of a
-# pitch above 1e-14.
-_LEAST_COSINE = 1e-30
+# This offset makes the yaw 0 and avoids 0 / 0 in derivatives at a pitch of ±90°. It is too small to change any cosine
+# above 1e-14.
+_COSINE_OFFSET = 1e-30
 
 
 class Vector(NamedTuple):
@@ -30,11 +30,11 @@ class Tilt(NamedTuple):
 
     @classmethod
     def of(cls, roll: Angle, pitch: Angle) -> "Tilt":
-        """Return the tilt of a body with this roll and pitch."""
+        """Return the tilt of a body with a given roll and pitch, rad."""
         return cls(*sin_cos(roll), *sin_cos(pitch))
 
     def in_heading(self, vector: Vector) -> Vector:
-        """Return Ry(θ) Rx(φ) v, a vector along the axes of B, along those of the heading: of W turned by the yaw."""
+        """Return Ry(θ) Rx(φ) v, a vector in the heading frame (W rotated by the yaw) for its components in B."""
         x, y, z = vector
         upright = self.sin_roll * y + self.cos_roll * z
         return Vector(
@@ -45,7 +45,7 @@ class Tilt(NamedTuple):
 
 
 class BodyAxes(NamedTuple):
-    """The axes of B, in W: the columns of R_WB, eq (1)."""
+    """Axes of B in W, which are the columns of R_WB, eq (1)."""
 
     x: Vector
     y: Vector
@@ -67,12 +67,12 @@ class BodyAxes(NamedTuple):
         )
 
     def angles(self) -> Attitude:
-        """Return roll, pitch and yaw: the pitch between -π/2 and π/2, roll and yaw between -π and π.
+        """Return roll, pitch and yaw, with the pitch in [-π/2, π/2] and roll and yaw in [-π, π].
 
         At a pitch of ±π/2 the axes determine only the sum or the difference of roll and yaw. The yaw is then arbitrary,
-        and the roll follows from the axes and that yaw, so that the three angles give the axes back to rounding.
+        and the roll follows from the axes and that yaw, so that the three angles reproduce the axes up to rounding.
         """
-        ahead, left = self.x.x + _LEAST_COSINE, self.x.y
+        ahead, left = self.x.x + _COSINE_OFFSET, self.x.y
         return Attitude(
             arctan2(left * self.z.x - ahead * self.z.y, ahead * self.y.y - left * self.y.x),
             arctan2(0.0 - self.x.z, sqrt(ahead * ahead + left * left)),

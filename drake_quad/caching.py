@@ -1,4 +1,4 @@
-"""A cache that threads share."""
+"""Cache that is safe to share between threads."""
 
 import threading
 from collections.abc import Callable, Hashable
@@ -8,17 +8,17 @@ Value = TypeVar("Value")
 
 
 class ThreadSafeCache(Generic[Value]):
-    """Values by key, each made once in a process, whatever number of threads asks for it.
+    """Mapping from keys to values, each of which is made once per process, however many threads request it.
 
-    `functools.cache` calls its function in every thread that asks before the first one is done, and keeps one of the
-    results. That is enough for plain values that are cheap to compute. It is wrong for values that own foreign memory,
-    such as machine code, and it is wasteful for values that take seconds.
+    `functools.cache` calls its function in every thread that asks before the first call has returned, and keeps one of
+    the results. That suffices for plain values that are cheap to compute. It is wrong for values that own foreign
+    memory, such as machine code, and it is wasteful for values that take seconds.
 
-    A value that is there is returned without waiting. While a thread makes a value, other threads that need to make
-    one wait for it, also for another key. A value may be made of other values of the same cache.
+    Reading a cached value never waits. While a thread makes a value, other threads that need to make a value wait,
+    also for another key. Making a value may use other values of the same cache.
 
     Args:
-        max_values: number of values that are kept; the oldest is dropped for a new one. Unlimited if not given.
+        max_values: largest number of cached values; a new value then replaces the oldest one. Unlimited if not given.
     """
 
     def __init__(self, max_values: int | None = None) -> None:
@@ -35,7 +35,7 @@ class ThreadSafeCache(Generic[Value]):
             self._values.clear()
 
     def get(self, key: Hashable, make: Callable[[], Value]) -> Value:
-        """Return the value of a key, which `make` makes if there is none; what `make` raises is not kept."""
+        """Return the value of a key, and call `make` for it if there is none; exceptions of `make` are not cached."""
         try:
             return self._values[key]
         except KeyError:

@@ -22,7 +22,7 @@ class InputError(ValueError):
 
 
 class InputWarning(UserWarning):
-    """Something about what a person wrote that does not hinder, but should be known: one sentence.
+    """Warning about an input that is accepted but probably not intended, in one sentence.
 
     Commands print it as a remark.
     """
@@ -50,15 +50,15 @@ def whole_number(value: Any, name: str, *, least: int, most: int | None = None) 
 
 
 def entry(table: Mapping[str, _Entry], name: str, kind: str) -> _Entry:
-    """Return the entry of a table under a name that a caller gave.
+    """Return the entry of a table with a given name.
 
     Args:
-        table: entries by their names.
-        name: of one of them.
-        kind: of entry, as in "signal".
+        table: entries by name.
+        name: name of the entry.
+        kind: kind of the entries for the error message, as in "signal".
 
     Raises:
-        InputError: there is no such entry; the message names those that are close, or all.
+        InputError: if the table has no such entry; the message lists similar names, or all names.
     """
     if name in table:
         return table[name]

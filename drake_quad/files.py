@@ -1,4 +1,4 @@
-"""Files that are whole or not there, tables, and arrays by name."""
+"""Atomic writing of files, tables in CSV, and named arrays in .npz files."""
 
 import csv
 import os
@@ -33,7 +33,10 @@ def output_folder(path: Path) -> Path:
 
 
 def write_whole(path: Path, write: Callable[[Path], None]) -> Path:
-    """Lets `write` fill a temporary file beside `path`, renames it and returns the path; on an error it is gone."""
+    """Write a file atomically and return its path.
+
+    `write` fills a temporary file in the same folder, which is then renamed to `path`. On an error it is deleted.
+    """
     # Other processes and threads may write the same file at the same time.
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.{threading.get_ident()}{path.suffix}")
     try:
@@ -83,13 +86,16 @@ def write_table(path: Path, columns: Mapping[str, Iterable[Any]], *, digits: int
 
 
 def read_table(path: Path) -> dict[str, np.ndarray]:
-    """Reads what `write_table` wrote: arrays of numbers where every cell is one or empty, else of words.
+    """Read a table that `write_table` wrote.
+
+    Returns:
+        The columns by name: arrays of numbers if every cell is a number or empty, otherwise arrays of text.
 
     Raises:
         InputError: the file cannot be read, or its rows differ in length.
     """
-    if not path.is_file():  # a pipe need not end
-        raise InputError(f"{path} cannot be read: it is no file")
+    if not path.is_file():  # reading a pipe could block for ever
+        raise InputError(f"{path} cannot be read: it is not a regular file")
     try:
         header, *rows = csv.reader(path.read_text(encoding="utf-8").splitlines())
         columns = zip(*rows, strict=True) if rows else [()] * len(header)
@@ -99,14 +105,15 @@ def read_table(path: Path) -> dict[str, np.ndarray]:
 
 
 def read_arrays(file: IO[bytes], *, max_bytes: int | None = None) -> dict[str, np.ndarray]:
-    """Read the arrays of an .npz file by name, none of them of Python objects.
+    """Read the arrays of an .npz file by name; arrays of Python objects are rejected.
 
     Args:
-        file: open to be read.
-        max_bytes: that all arrays may have, unpacked; unlimited if not given.
+        file: file that is open for reading in binary mode.
+        max_bytes: largest size of all arrays together after decompression; unlimited if not given.
 
     Raises:
-        ValueError: the file is larger, is not of this format, is damaged, or has two arrays of one name.
+        ValueError: if the arrays are too large, two arrays have the same name, or the file has another format or is
+            damaged.
     """
     try:
         with ZipFile(file) as packed, without_warnings():
@@ -117,7 +124,7 @@ def read_arrays(file: IO[bytes], *, max_bytes: int | None = None) -> dict[str, n
             for name, member in zip(names, [] if is_too_large else members, strict=False):
                 with packed.open(member) as content:
                     arrays[name] = np.lib.format.read_array(content, allow_pickle=False)
-    except Exception:  # zipfile and NumPy raise whatever their lines meet in a damaged file
+    except Exception:  # zipfile and NumPy raise errors of many types for damaged files
         raise ValueError("is not an .npz file of arrays") from None
     if is_too_large:
         raise ValueError(f"is too large: its arrays have more than {max_bytes:,} bytes")

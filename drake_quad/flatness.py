@@ -1,24 +1,25 @@
-"""Differential flatness: the attitude, body rates and angular accelerations that a path asks for.
+"""Differential flatness: attitude, body rates and angular accelerations that a path demands.
 
-The thrust acts along z_B, so the specific thrust f = F z_B of a path (acceleration plus gravity) fixes roll φ and
-pitch θ, eq (7). Its derivatives, jerk j and snap s, fix how the body turns, for ż_B is q x_B - p y_B:
+The thrust acts along z_B, so the specific thrust f = F z_B of a path (acceleration plus gravity) determines roll φ and
+pitch θ, eq (7). Its derivatives, jerk j and snap s, determine the rotation of the body, since ż_B is q x_B - p y_B:
 
     Ḟ = z_B·j        p = -y_B·j / F                          q = x_B·j / F
                      ṗ = q r - (y_B·s + 2 Ḟ p) / F           q̇ = (x_B·s - 2 Ḟ q) / F - p r
 
-and eq (2), with the rate of the yaw ψ, leaves r = (ψ̇ cos θ - q sin φ) / cos φ (D. Mellinger and V. Kumar, "Minimum snap
+From eq (2) and the rate of the yaw ψ follows r = (ψ̇ cos θ - q sin φ) / cos φ (D. Mellinger and V. Kumar, "Minimum snap
 trajectory generation and control for quadrotors", ICRA 2011).
 
-What a yaw means for a body that leans is a convention: the sequence of rotations from W to B.
+The yaw of a tilted body depends on a convention, the sequence of rotations from W to B:
 
     zyx    x_B lies in the vertical plane of the heading (cos ψ, sin ψ, 0): eq (1) of the paper, PX4
     zxy    y_B is perpendicular to the heading: y_B ∝ z_B x (cos ψ, sin ψ, 0) (T. Lee, M. Leok and N. H. McClamroch,
            "Geometric tracking control of a quadrotor UAV on SE(3)", CDC 2010; Mellinger and Kumar; the Crazyflie)
 
-Both look the same way where roll or pitch is zero; else they differ by about the product of the two. All of this
-module is for zyx. A body in the sequence zxy is one in the sequence zyx, seen from axes that are a quarter turn
-further about z: Rz(ψ) Rx(φ) Ry(θ) Rz(π/2) = Rz(ψ + π/2) Ry(-φ) Rx(θ). What is computed at the yaw ψ + π/2 is that
-of these axes; `attitude_from_quarter_turn` and the two functions after it lead back to those of the body.
+The two agree if roll or pitch is zero. Otherwise their headings differ by about the product of roll and pitch.
+
+The functions of this module use zyx. The sequence zxy becomes zyx for axes that are rotated by π/2 about z_B:
+Rz(ψ) Rx(φ) Ry(θ) Rz(π/2) = Rz(ψ + π/2) Ry(-φ) Rx(θ). Computing with zyx at the yaw ψ + π/2 therefore gives results for
+the rotated axes. `attitude_from_quarter_turn` and the two functions after it convert them to the axes of the body.
 """
 
 from typing import Literal, NamedTuple, Protocol
@@ -148,11 +149,11 @@ def in_heading(vector: VectorW, sin_yaw: Row, cos_yaw: Row) -> HeadingVector:
 
 
 def attitude_from_quarter_turn(tilt: Tilt, yaw: Row) -> Attitude:
-    """Return roll, pitch and yaw of a body in the sequence zxy, as angles of the sequence zyx like all attitudes.
+    """Return roll, pitch and yaw (zyx) of a body whose yaw is given in the sequence zxy.
 
     Args:
-        tilt: of its axes after a quarter turn about z_B, at the yaw ψ + π/2.
-        yaw: ψ, rad.
+        tilt: roll and pitch (zyx) of the axes that are rotated by π/2 about z_B, at the yaw ψ + π/2.
+        yaw: yaw ψ in the sequence zxy, rad.
     """
     _, sin_roll, cos_roll, sin_pitch, cos_pitch = tilt
     return Attitude(
@@ -163,10 +164,10 @@ def attitude_from_quarter_turn(tilt: Tilt, yaw: Row) -> Attitude:
 
 
 def rates_from_quarter_turn(rates: BodyRates) -> BodyRates:
-    """Return rates along the axes of a body, from those along its axes after a quarter turn about z_B."""
+    """Convert body rates from axes that are rotated by π/2 about z_B to the axes of the body."""
     return BodyRates(-rates.q, rates.p, rates.r)
 
 
 def acceleration_from_quarter_turn(acceleration: AngularAcceleration) -> AngularAcceleration:
-    """Return an angular acceleration, likewise."""
+    """Convert an angular acceleration from axes that are rotated by π/2 about z_B to the axes of the body."""
     return AngularAcceleration(-acceleration.q, acceleration.p, acceleration.r)

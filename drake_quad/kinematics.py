@@ -5,9 +5,9 @@ from drake_quad.signals import Attitude, BodyRates
 
 
 def small_rotation(steps: Attitude, attitude: Attitude) -> BodyRates:
-    """Return small rotations about the axes of B for small steps of roll, pitch and yaw at an attitude: eq (2), rad.
+    """Return the small rotation (rad) about the axes of B for small changes of roll, pitch and yaw (rad), eq (2).
 
-    For the rates of roll, pitch and yaw in place of steps they are the body rates, rad/s.
+    For rates of roll, pitch and yaw instead of changes, the result is the body rates, rad/s.
     """
     s_r, c_r = sin_cos(attitude.roll)
     s_p, c_p = sin_cos(attitude.pitch)
@@ -16,7 +16,10 @@ def small_rotation(steps: Attitude, attitude: Attitude) -> BodyRates:
 
 
 def angle_rates(body_rates: BodyRates, attitude: Attitude) -> Attitude:
-    """Return the rates of roll, pitch and yaw (rad/s) for body rates: eq (2) inverted, infinite at a pitch of 90°."""
+    """Return the rates of roll, pitch and yaw (rad/s) for body rates (rad/s), the inverse of eq (2).
+
+    The rates are infinite at a pitch of ±90°.
+    """
     p, q, r = body_rates
     sin_roll, cos_roll = sin_cos(attitude.roll)
     sin_pitch, cos_pitch = sin_cos(attitude.pitch)

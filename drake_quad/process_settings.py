@@ -1,6 +1,6 @@
-"""Settings of the whole process that the library changes for a while.
+"""Process-wide settings that the library changes temporarily.
 
-Each is changed inside a `with` statement, as in `with single_threaded_blas():`.
+A `with` statement such as `with single_threaded_blas():` changes a setting and restores it.
 """
 
 import functools
@@ -16,13 +16,13 @@ from threadpoolctl import ThreadpoolController
 
 
 class ProcessSetting:
-    """A setting of the whole process that is changed as long as any thread needs the change.
+    """Process-wide setting that stays changed as long as any thread needs the change.
 
-    The first thread to enter changes the setting and the last one to leave restores it. If each thread saved and
-    restored the setting by itself, threads that overlap could leave it changed for ever.
+    The first thread to enter changes the setting and the last thread to leave restores it. If each thread saved and
+    restored the setting itself, overlapping threads could leave it changed for ever.
 
     Args:
-        change: returns a context manager that changes the setting, and restores it at its end.
+        change: function that returns a context manager, which changes the setting and restores it on exit.
     """
 
     def __init__(self, change: Callable[[], AbstractContextManager[Any]]) -> None:
@@ -33,7 +33,7 @@ class ProcessSetting:
 
     @contextmanager
     def __call__(self) -> Iterator[None]:
-        """Have the setting changed inside a `with` statement."""
+        """Change the setting inside a `with` statement."""
         with self._lock:
             if not self._num_users:
                 self._changed = self._change()
@@ -65,13 +65,13 @@ def _drake_at_warning() -> Iterator[None]:
 
 
 single_threaded_blas = ProcessSetting(lambda: _linear_algebra().limit(limits=1, user_api="blas"))
-"""One thread for linear algebra: with a few numbers, two threads take up to a hundred times as long."""
+"""Limit of one thread for BLAS: on small matrices two threads can take a hundred times as long as one."""
 
 without_drake_remarks = ProcessSetting(_drake_at_warning)
-"""Drake logs warnings and errors only, not what its solvers tried and where its servers listen."""
+"""Log level of Drake that hides messages less severe than warnings, such as solver progress and server addresses."""
 
 without_prints = ProcessSetting(lambda: redirect_stdout(io.StringIO()))
-"""Nothing is printed to the standard output."""
+"""Redirection that discards the standard output."""
 
 without_warnings = ProcessSetting(lambda: warnings.catch_warnings(action="ignore"))
-"""Python's warnings are not shown."""
+"""Filter that hides Python's warnings."""

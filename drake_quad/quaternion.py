@@ -8,7 +8,7 @@ from drake_quad.signals import Angle, BodyRates, Number
 
 
 class Quaternion(NamedTuple):
-    """Unit quaternion of a rotation from B to W; or its rates, per second."""
+    """Unit quaternion of the rotation from B to W, or its time derivative in 1/s."""
 
     w: Number
     x: Number
@@ -27,7 +27,7 @@ class Quaternion(NamedTuple):
         )
 
     def axes(self) -> BodyAxes:
-        """Return the columns of the rotation matrix."""
+        """Return the axes of B in W, which are the columns of the rotation matrix."""
         w, x, y, z = self
         x_2, y_2, z_2 = x + x, y + y, z + z
         xx, yy, zz = x_2 * x, y_2 * y, z_2 * z
@@ -40,7 +40,7 @@ class Quaternion(NamedTuple):
         )
 
     def rates(self, body_rates: BodyRates) -> "Quaternion":
-        """Return the rates, half of the quaternion times (0, p, q, r)."""
+        """Return the time derivative, which is half of the quaternion times (0, p, q, r), in 1/s."""
         w, x, y, z = self
         p, q, r = (0.5 * rate for rate in body_rates)
         if self is NO_ROTATION:
@@ -48,7 +48,7 @@ class Quaternion(NamedTuple):
         return Quaternion(-(x * p + y * q + z * r), w * p + y * r - z * q, w * q + z * p - x * r, w * r + x * q - y * p)
 
     def rotation_to(self, other: "Quaternion") -> Vector:
-        """Return the rotation from this to another one as a vector along the axes of B, of up to half a turn, rad."""
+        """Return the rotation vector from this attitude to another one along the axes of B, at most π long, rad."""
         w, x, y, z = self
         turn = Vector(
             w * other.x - x * other.w - y * other.z + z * other.y,
@@ -57,7 +57,7 @@ class Quaternion(NamedTuple):
         )
         cosine = w * other.w + x * other.x + y * other.y + z * other.z
         sine = sqrt(turn.x * turn.x + turn.y * turn.y + turn.z * turn.z + TINY)
-        # A quaternion and its negative are one rotation.
+        # A quaternion and its negative represent the same rotation; the shorter rotation vector is returned.
         factor = 2.0 / sine * where(cosine < 0.0, -arctan2(sine, -cosine), arctan2(sine, cosine))
         return Vector(factor * turn.x, factor * turn.y, factor * turn.z)
 

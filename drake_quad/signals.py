@@ -226,8 +226,8 @@ class CrashTime(NamedTuple):
     crash_time: Time
 
 
-# Signals of a network have as many rows as it has rules, axes, or numbers of sets. Those with a row for each rule have
-# all rules of the network's first axis, then all rules of the next.
+# Signals of a fuzzy neural network have a row for each rule, axis, or parameter of a membership function. Signals with
+# a row for each rule list all rules of the first axis, then all rules of the next.
 Firing = tuple[Number, ...]
 Weights = tuple[AccelerationW, ...]
 CovarianceTrace = tuple[Gain, ...]
@@ -282,7 +282,8 @@ SIGNALS: dict[str, Any] = {
 def row_names(name: str, num_rows: int) -> list[str]:
     """Return the names of the rows of a signal of one vehicle.
 
-    Rows of a network are numbered from 1. `weights` has all rules of the first axis, then all rules of the next.
+    The rows of a network's signals are numbered from 1. `weights` lists all rules of the first axis, then all rules of
+    the next.
     """
     kind = SIGNALS[name]
     return list(kind._fields) if hasattr(kind, "_fields") else [str(number + 1) for number in range(num_rows)]

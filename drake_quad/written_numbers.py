@@ -1,25 +1,25 @@
-"""Numbers that people write: in cells of tables, in files and on the command line.
+"""Strict conversion of text to numbers, for table cells, files and the command line.
 
-Python's own `float` and `int` also read underscores between digits and the digits of other scripts: "1_0" is 10 to
-them, and "١" is 1. In a table or a file these are slips of the pen.
+Python's `float` and `int` also accept underscores between digits and digits of other scripts: they read "1_0" as 10
+and "١" as 1. In a table or a file such text is more likely a typing error.
 """
 
 
 def float_in(text: str) -> float:
-    """Return the number that a text holds in ASCII digits; NaN and infinity count as numbers.
+    """Return the number that a text represents in ASCII digits; NaN and infinity count as numbers.
 
     Raises:
-        ValueError: the text holds no such number.
+        ValueError: if the text does not represent a number in ASCII digits.
     """
     _check(text)
     return float(text)
 
 
 def int_in(text: str) -> int:
-    """Return the whole number that a text holds in ASCII digits.
+    """Return the integer that a text represents in ASCII digits.
 
     Raises:
-        ValueError: the text holds no such number.
+        ValueError: if the text does not represent an integer in ASCII digits.
     """
     _check(text)
     return int(text)

@@ -48,7 +48,7 @@ def load(cell: Cell, overrides: list[str]) -> Scenario:
 
 
 def print_calibration(found: Calibration) -> None:
-    """Prints the fitted numbers, and the error of every cell beside the printed one."""
+    """Print the fitted numbers, and the error of every cell next to that of the paper."""
     hypothesis = found.hypothesis
     print(f"{hypothesis.words}: {hypothesis.pd.words} {found.pd:.4g}, {hypothesis.network.words} {found.network:.4g}")
     rows = []

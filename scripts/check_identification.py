@@ -145,7 +145,7 @@ def write_rows(path: Path, flown: str, found: dict[int, list[Checked]]) -> None:
 
 
 def print_coverage(found: dict[int, list[Checked]]) -> None:
-    """Prints in how many flights intervals hold, as a share with its interval, and how large errors are."""
+    """Print the coverage of the intervals, as a share of flights with its own interval, and the size of the errors."""
     by_name: dict[str, list[Checked]] = {}
     for rows in found.values():
         for row in rows:

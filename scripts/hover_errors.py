@@ -1,9 +1,10 @@
-"""Measures how far vehicles stray in hover, beside what the linear model of the loop has, and prints two tables.
+"""Compare the RMS position errors of simulated hovers with those of the linear model, and print two tables.
 
-The first has the shipped controllers in the noise of `laboratory:nominal`: RMS errors along x and z by the linear
-model, in flights that lose nothing, and in flights that lose packets as the laboratory does. Its last column is the
-error along x with other random numbers, over the one before. The second table has ratios of flown and linear errors of
-one controller in less and more noise.
+The first table lists the shipped controllers in `laboratory:nominal`. Its columns are the RMS errors along x and z of
+the linear model, of simulations without packet loss, and of simulations with the packet loss of the laboratory. The
+last column repeats the latter error along x with another seed and divides the two.
+
+The second table lists the ratio of simulated and linear errors of one controller for several noise levels.
 """
 
 import argparse
@@ -25,8 +26,8 @@ _DESIGNED = _CONTROLLERS / "designed" / "laboratory.yaml"
 _LQG = ("lqg_low_wind", "lqg_robustness")
 _LOSSLESS = "laboratory.command_link.loss_rate=0"
 _OTHER_SEED = 1
-_NOISES = ("laboratory.motion_capture.position_noise", "laboratory.motion_capture.attitude_noise")
-_FACTORS = (0.01, 0.1, 0.3, 1.0, 2.0)
+_NOISE_FIELDS = ("laboratory.motion_capture.position_noise", "laboratory.motion_capture.attitude_noise")
+_NOISE_FACTORS = (0.01, 0.1, 0.3, 1.0, 2.0)
 
 
 def main() -> None:
@@ -48,7 +49,7 @@ def main() -> None:
 
 
 def shipped() -> Iterator[tuple[str, str]]:
-    """Yield the names of the controllers that are tuned for the laboratory, and their layers."""
+    """Yield the name and the layer of each controller that is tuned for the laboratory."""
     for name in re.findall(r"^(\w+):", _DESIGNED.read_text(encoding="utf-8"), re.MULTILINE):
         yield name, f"{_DESIGNED}:{name}"
     for name in _LQG:
@@ -56,7 +57,7 @@ def shipped() -> Iterator[tuple[str, str]]:
 
 
 def print_controller(name: str, layer: str) -> None:
-    """Print the row of a controller."""
+    """Print the row of a controller in the first table."""
     scenario, lossless = (load_scenario("laboratory:nominal", each, layers=[layer]) for each in ([], [_LOSSLESS]))
     whole, nothing_lost = hover_error(scenario), hover_error(lossless)
     again = hover_error(scenario, seed=_OTHER_SEED).x.value / whole.x.value
@@ -65,7 +66,7 @@ def print_controller(name: str, layer: str) -> None:
 
 
 def linear_errors(scenario: Scenario) -> tuple[float, float]:
-    """Return the RMS errors along x and z by the linear model, m; NaN where the loop has none."""
+    """Return the RMS errors along x and z that the linear model predicts, m; NaN if it predicts none."""
     try:
         x, _, z = np.hypot(*linear_hover_error(scenario))
     except InputError:
@@ -74,15 +75,15 @@ def linear_errors(scenario: Scenario) -> tuple[float, float]:
 
 
 def in_millimetres(*errors: float) -> list[str]:
-    """Return lengths in m as text in mm."""
+    """Return lengths in m as text in mm, with a dash for NaN."""
     return ["–" if np.isnan(error) else f"{1e3 * error:.2f}" for error in errors]
 
 
 def print_noises(layer: str) -> None:
-    """Print the ratios of flown and linear errors of a controller over its noise."""
+    """Print the second table, with ratios of simulated and linear errors of a controller for several noise levels."""
     print("| noise of `laboratory:nominal` times | nothing lost, x | z | flown, x | z |")
     print("|---|---|---|---|---|")
-    for factor in _FACTORS:
+    for factor in _NOISE_FACTORS:
         cells = []
         for overrides in ([_LOSSLESS], []):
             scenario = with_noise(load_scenario("laboratory:nominal", overrides, layers=[layer]), factor)
@@ -92,8 +93,8 @@ def print_noises(layer: str) -> None:
 
 
 def with_noise(scenario: Scenario, factor: float) -> Scenario:
-    """Return the scenario with the noise of its cameras multiplied by a factor."""
-    scaled: Scenario = replaced(scenario, lambda path, value: factor * value if path in _NOISES else value)
+    """Return the scenario with the measurement noise of its cameras multiplied by a factor."""
+    scaled: Scenario = replaced(scenario, lambda path, value: factor * value if path in _NOISE_FIELDS else value)
     return scaled
 
 

@@ -1,8 +1,8 @@
-"""Predicts the published flights of Neural-Fly in wind, with and without what the vehicle feels, and prints a table.
+"""Predict the published flights of Neural-Fly in wind, with and without modelled effects, and print a table.
 
-The law that was flown (`diagrams/vehicles/neural_fly.yaml`) flies in five winds. RMS errors of positions as the
-simulated cameras measure them stand beside those of the flights, which were measured, too. The phase of the swelling
-wind was read from the log of the flight (`--log`); the line below the table has the errors for other phases.
+The controller of the flights (`diagrams/vehicles/neural_fly.yaml`) is simulated in five winds. The table compares the
+RMS errors of the flights with those of the simulations; both use positions that the cameras measure. The phase of the
+sinusoidal wind is read from the log of the flight (`--log`). The line below the table has the errors for other phases.
 """
 
 import argparse
@@ -54,7 +54,7 @@ def main() -> None:
     options.add_argument(
         "--log",
         type=Path,
-        help="read amplitude and phase of the swelling wind from a log, custom_figure8_baseline_70p20sint.csv",
+        help="read amplitude and phase of the sinusoidal wind from a log, custom_figure8_baseline_70p20sint.csv",
     )
     arguments = options.parse_args()
     print("| RMSE, cm | 0 m/s | 4.2 m/s | 8.5 m/s | 12.1 m/s | 8.5 m/s and a sine |")
@@ -74,27 +74,27 @@ def main() -> None:
 
 
 def predicted(overrides: tuple[str, ...] = (), *, measured: bool = True) -> list[float]:
-    """Return the RMS errors of the five flights, m, of measured or true positions.
+    """Return the predicted RMS errors of the five flights, m.
 
     Args:
-        overrides: of the vehicle.
-        measured: whether positions are those that the cameras measure.
+        overrides: overrides of the vehicle.
+        measured: True for positions that the cameras measure, False for true positions.
     """
     flights = [simulate(load_scenario(f"{_VEHICLE}:{name}", overrides), compiled=True) for name in FLOWN]
     return [measured_rmse(flight) if measured else float(flight.metrics.rmse) for flight in flights]
 
 
 def predicted_in_laboratory() -> list[float]:
-    """Return the mean RMS errors of flights with noise and turbulence, m."""
+    """Return the mean predicted RMS errors of the five flights with noise and turbulence, m."""
     scenarios = (load_scenario(f"{_LABORATORY}:{name}") for name in FLOWN)
     fleets = (simulate_samples(scenario, range(_NUM_SAMPLES), compiled=True) for scenario in scenarios)
     return [float(np.mean([measured_rmse(flight) for flight in flights])) for flights in fleets]
 
 
 def measured_rmse(flight: Flight) -> float:
-    """Return the RMS error of the measured positions from the start of the metrics' window on, m.
+    """Return the RMS error of the measured positions from the start of the metric window on, m.
 
-    A log has no other positions. `flight.metrics.rmse` is that of the true ones.
+    A log only contains measured positions, whereas `flight.metrics.rmse` is the error of the true positions.
     """
     measured, reference = flight.record("measurement"), flight.record("reference")
     counted = flight.time >= flight.scenario.metrics.start
@@ -108,13 +108,13 @@ def print_row(name: str, errors: list[float]) -> None:
 
 
 def print_differences(errors: list[float]) -> None:
-    """Print how far predicted errors are from those that were flown."""
+    """Print the relative differences of predicted errors from those of the flights."""
     shares = [100.0 * (error / flown - 1.0) for error, flown in zip(errors, FLOWN.values(), strict=True)]
     print(f"| less what was flown | {' | '.join(f'{share:+.0f} %' for share in shares)} |")
 
 
 def print_phases() -> None:
-    """Print between which errors the phase of the swelling wind decides."""
+    """Print the smallest and the largest error over all phases of the sinusoidal wind."""
     phases = np.linspace(0.0, 2.0 * math.pi, _NUM_PHASES, endpoint=False)
     batch = Batch.draw(load_scenario(f"{_VEHICLE}:wind_8_sine"), [0] * _NUM_PHASES)
     flights = simulate_batch(batch.with_varying({"laboratory.wind.1.phase": phases}), compiled=True)
@@ -127,7 +127,7 @@ def print_phases() -> None:
 
 
 def print_log(path: Path) -> None:
-    """Print the sine that a log shows, and the error that is predicted with it."""
+    """Print the sinusoidal wind that is estimated from a log, and the error that is predicted with it."""
     amplitude, phase = sine_in_log(path)
     sine = {"laboratory.wind.1.phase": phase, "laboratory.wind.1.velocity": [-amplitude, 0.0, 0.0]}
     error = measured_rmse(simulate(load_scenario(f"{_VEHICLE}:wind_8_sine", sine), compiled=True))
@@ -135,11 +135,11 @@ def print_log(path: Path) -> None:
 
 
 def sine_in_log(path: Path) -> tuple[float, float]:
-    """Return amplitude, m/s, and phase, rad, of the sine in the wind that a log's residual force shows.
+    """Estimate the amplitude (m/s) and the phase (rad) of a sinusoidal wind from the residual force in a log.
 
-    The force along x of the body is that of the vehicle's drag and a constant trim. The phase counts from when the
-    reference passes the middle of x = 1.25 sin t towards +x, as in the scenario, whatever the log's clock says. Least
-    squares over the last six laps.
+    A least-squares fit over the last six laps models the force along x of the body as the vehicle's drag plus a
+    constant trim. As in the scenario, phase 0 is the time at which the reference x = 1.25 sin t passes its middle
+    towards +x.
     """
     record = read_log(path)
     scenario = load_scenario(f"{_VEHICLE}:wind_8_sine")

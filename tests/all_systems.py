@@ -275,8 +275,8 @@ OBSERVED = ObservationNumbers(290.0, (0.1, -0.2, 0.3))
 SEEN = ObservationSpec(
     ("position_error", "rotation", "reference_ahead", "rotor_speed", "wind", "action"), "body", 3, 0.4
 )
-TURNED = {"spec": ObservationSpec(("velocity", "rotation"), "reference_heading"), "num_actions": 3}
-SCALE = AccelerationScale(5.0, 4.0, 3.0)
+HEADING_OBSERVATION = {"spec": ObservationSpec(("velocity", "rotation"), "reference_heading"), "num_actions": 3}
+ACCELERATION_SCALE = AccelerationScale(5.0, 4.0, 3.0)
 SEES = {"spec": SEEN, "num_actions": 3, "num_ahead": 2}
 
 
@@ -352,14 +352,14 @@ FLEET_SYSTEMS = [
     Example(Broadcast, structure={"num_rows": 2}, num_vehicles=3),
     Example(CommandLink, LINK, LOSSY, num_vehicles=2),
     Example(CommandLink, LINK, whole=False),
-    Example(AccelerationActuation, SCALE, {"frame": "reference_heading", "turn": -0.7}, num_vehicles=2),
-    Example(AccelerationActuation, SCALE, whole=False),
+    Example(AccelerationActuation, ACCELERATION_SCALE, {"frame": "reference_heading", "turn": -0.7}, num_vehicles=2),
+    Example(AccelerationActuation, ACCELERATION_SCALE, whole=False),
     Example(AttitudeActuation, AttitudeScale(THRUSTS, 0.6, 0.5), num_vehicles=2),
     Example(RatesFromTheGround, RATES, num_vehicles=2),
     Example(RatesOnBoard, RATES, num_vehicles=2),
     Example(RotorSpeedActuation, SPEEDS, {"order": (2, 0, 3, 1)}, num_vehicles=2),
     Example(Observation, OBSERVED, SEES, num_vehicles=2),
-    Example(Observation, OBSERVED, TURNED, whole=False),
+    Example(Observation, OBSERVED, HEADING_OBSERVATION, whole=False),
     Example(Policy, structure={"network": _network_of(7, 3)}, num_vehicles=2),
     Example(CommandLink, TARGETS, {"signal": "attitude_target", **LOSSY}, num_vehicles=2, whole=False),
     Example(CommandLink, LINK._replace(delay_ticks=np.array([3.0, 1.0])), LOSSY, num_vehicles=2, whole=False),

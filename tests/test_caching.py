@@ -1,4 +1,4 @@
-"""A value of a cache is made once, whatever number of threads asks for it."""
+"""A cached value is made once, however many threads ask for it."""
 
 import os
 import subprocess
@@ -12,7 +12,7 @@ from drake_quad.process_settings import ProcessSetting
 
 
 def in_threads(*functions):
-    """Runs functions at the same time, each in a thread."""
+    """Run functions at the same time, each in its own thread."""
     threads = [threading.Thread(target=function) for function in functions]
     for thread in threads:
         thread.start()
@@ -21,7 +21,9 @@ def in_threads(*functions):
 
 
 def test_threads_that_ask_at_once_share_one_value():
-    cache, found, gate = ThreadSafeCache(), [], threading.Barrier(4)
+    cache = ThreadSafeCache()
+    found = []
+    gate = threading.Barrier(4)
     made = []
 
     def make():
@@ -38,8 +40,10 @@ def test_threads_that_ask_at_once_share_one_value():
     assert found == [found[0]] * 4
 
 
-def test_a_value_that_is_there_is_not_waited_for():
-    cache, begun, done = ThreadSafeCache(), threading.Event(), threading.Event()
+def test_a_cached_value_is_returned_while_another_one_is_made():
+    cache = ThreadSafeCache()
+    begun = threading.Event()
+    done = threading.Event()
     cache.get("there", lambda: 1)
 
     def slow():
@@ -56,12 +60,12 @@ def test_a_value_that_is_there_is_not_waited_for():
     assert cache.get("slow", lambda: 4) == 2
 
 
-def test_a_value_may_be_made_of_others_of_the_same_cache():
+def test_a_value_may_be_made_from_other_values_of_the_same_cache():
     cache = ThreadSafeCache()
     assert cache.get(3, lambda: 1 + cache.get(2, lambda: 1 + cache.get(1, lambda: 1))) == 3
 
 
-def test_an_error_is_not_kept():
+def test_an_error_is_not_cached():
     cache = ThreadSafeCache()
     with pytest.raises(ZeroDivisionError):
         cache.get("key", lambda: 1 // 0)
@@ -89,7 +93,7 @@ class Setting:
 
 
 def test_threads_that_overlap_leave_a_setting_as_it_was():
-    """The first one leaves before the second one."""
+    """The first thread leaves before the second one."""
     changed = ProcessSetting(Setting)
     one_is_in, two_is_in, one_is_out = (threading.Event() for _ in range(3))
     seen = []
@@ -119,7 +123,7 @@ def test_a_setting_is_restored_after_an_error():
     assert Setting.value == "usual"
 
 
-KERNELS = """
+KERNELS_PROGRAM = """
 import sys, threading
 import numpy as np
 from drake_quad.framework import machine_code
@@ -148,7 +152,7 @@ for thread in threads:
 print(len(wrong), len(compiled) - len(formulas))
 """
 
-FLIGHTS = """
+FLIGHTS_PROGRAM = """
 import threading
 import numpy as np
 from drake_quad import load_scenario, simulate
@@ -179,7 +183,9 @@ def fresh_process(program, cache):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("program", "printed"), [(KERNELS, "0 0\n"), (FLIGHTS, "alike\n")], ids=["kernels", "flights"])
+@pytest.mark.parametrize(
+    ("program", "printed"), [(KERNELS_PROGRAM, "0 0\n"), (FLIGHTS_PROGRAM, "alike\n")], ids=["kernels", "flights"]
+)
 def test_threads_of_a_fresh_process_share_their_machine_code(program, printed, tmp_path):
     """The cache on the disk is empty, so that all threads compile at once."""
     done = fresh_process(program, tmp_path / "cache")

@@ -126,8 +126,8 @@ def test_an_identified_vehicle_predicts_its_log_and_flies_it_again(elsewhere, ca
     ).groups()
     assert flown == 3.58  # as the page on real flights has it
     assert float(least) < flown
-    # With thrust before roll and pitch where rotors saturate, the median is 3.8 cm, but a third of the flights crash,
-    # which the flight of the log did not.
+    # If thrust has priority over roll and pitch in saturation, the median is 3.8 cm, but a third of the flights crash,
+    # unlike the flight of the log.
     assert float(median) == pytest.approx(flown, rel=0.15)
     assert int(crashes) < 10
     assert distributions_in(load_undesigned(elsewhere / "identified.yaml"))

@@ -1,4 +1,4 @@
-"""Folders that cannot be written, and arrays that cannot be read, are told in a sentence."""
+"""Folders that cannot be written, and arrays that cannot be read, are reported in one sentence."""
 
 import io
 import threading
@@ -49,7 +49,7 @@ def test_threads_that_write_one_file_leave_one_of_them_whole(tmp_path):
 
 
 def npz(*members):
-    """A file of arrays, given the name and the bytes of each."""
+    """Return an .npz file with the given names and bytes of arrays."""
     file = io.BytesIO()
     with warnings.catch_warnings(action="ignore"), zipfile.ZipFile(file, "w") as packed:
         for name, data in members:
@@ -65,7 +65,7 @@ def npy(array):
 
 
 def headed(shape, kind="'<f8'"):
-    """The bytes of an array with a header that NumPy would not write, and no numbers."""
+    """Return the bytes of an array without numbers, with a header that NumPy would not write."""
     header = f"{{'descr': {kind}, 'fortran_order': False, 'shape': {shape}, }}\n".encode()
     return b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header
 
@@ -88,7 +88,10 @@ def test_arrays_come_back_by_name():
         (npz(("a.npy", headed("(" * 300 + ")" * 300))), "is not an .npz file of arrays"),
         (npz(("a.npy", headed("(" * 300))), "is not an .npz file of arrays"),
         (npz(("a.npy", headed("(-1, 99999999999999999999)"))), "is not an .npz file of arrays"),
-        (npz(("a.npy", headed("(3L,)"))), "is not an .npz file of arrays"),  # as Python 2 wrote, of which NumPy warns
+        (
+            npz(("a.npy", headed("(3L,)"))),
+            "is not an .npz file of arrays",
+        ),  # Python 2 wrote this, and NumPy warns of it
         (npz(("a.npy", npy(np.array([object()])))), "is not an .npz file of arrays"),
         (npz(("a.npy", ARRAY), ("a.npy", ARRAY)), "has two arrays of the name 'a'"),
         (npz(("a.npy", ARRAY), ("a", ARRAY)), "has two arrays of the name 'a'"),
@@ -96,6 +99,6 @@ def test_arrays_come_back_by_name():
         (io.BytesIO(b"PK"), "is not an .npz file of arrays"),
     ],
 )
-def test_arrays_that_cannot_be_read_are_told_in_a_sentence(file, words):
+def test_arrays_that_cannot_be_read_are_reported_in_one_sentence(file, words):
     with pytest.raises(ValueError, match=f"^{words}$"):
         read_arrays(file, max_bytes=800)

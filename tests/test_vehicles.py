@@ -10,8 +10,8 @@ from drake_quad.scenario import load_undesigned
 from drake_quad.scenario.shipped import shipped_scenarios
 
 FOLDER = Path(__file__).parent.parent / "diagrams" / "vehicles"
-# RMSE that is at most flown, m. A Crazyflie without its own attitude control answers within a third of a second.
-MOST = {
+# Largest RMSE, m. A Crazyflie without its own attitude control responds within a third of a second.
+MAX_RMSE = {
     "paper": 0.02,
     "paper_with_drag": 0.4,
     "crazyflie": 1.3,
@@ -22,13 +22,13 @@ MOST = {
 
 
 def test_every_vehicle_is_flown_here_or_with_real_flights():
-    assert {path.stem for path in FOLDER.glob("*.yaml")} == {*MOST, "neural_fly"}
+    assert {path.stem for path in FOLDER.glob("*.yaml")} == {*MAX_RMSE, "neural_fly"}
 
 
-# Largest share of 200 samples that crash. A Crazyflie without its own attitude control has rotors that lag by 80 to
-# 220 ms behind a radio link of 20 to 60 ms.
-MOST_CRASHES = {
-    "crazyflie": 0.08,
+# Largest share of 200 samples that crash. A Crazyflie without its own attitude control has rotors with a lag of 80 to
+# 220 ms, and a radio link with a delay of 20 to 60 ms.
+MAX_CRASH_SHARE = {
+    "crazyflie": 0.05,
     "crazyflie_onboard": 0.005,
     "hummingbird": 0.005,
     "neural_fly": 0.005,
@@ -37,25 +37,25 @@ MOST_CRASHES = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", MOST_CRASHES)
+@pytest.mark.parametrize("name", MAX_CRASH_SHARE)
 def test_a_vehicle_flies_a_bad_day_under_the_controller_that_is_designed_for_it(name):
     metrics = run_monte_carlo(load_scenario(f"bad_day:{name}"), 200, num_workers=1).metrics
-    assert metrics.crashed.mean() <= MOST_CRASHES[name]
+    assert metrics.crashed.mean() <= MAX_CRASH_SHARE[name]
 
 
-def test_every_vehicle_that_is_not_the_paper_s_has_its_bad_day():
-    others = {*MOST, "neural_fly"} - {"paper", "paper_with_drag"}
+def test_every_vehicle_except_the_paper_s_has_a_bad_day():
+    others = {*MAX_RMSE, "neural_fly"} - {"paper", "paper_with_drag"}
     shipped = {name for name in shipped_scenarios() if name.startswith("bad_day:")}
     assert shipped == {f"bad_day:{name}" for name in others}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", MOST)
+@pytest.mark.parametrize("name", MAX_RMSE)
 def test_a_vehicle_flies_with_gains_that_are_designed_for_it(name):
     scenario = load_undesigned(FOLDER / f"{name}.yaml")
     metrics = simulate(with_gains(scenario, design_cascade(scenario).gains()), compiled=True).metrics
     assert not metrics.crashed
-    assert metrics.rmse < MOST[name]
+    assert metrics.rmse < MAX_RMSE[name]
 
 
 def test_the_paper_s_vehicle_is_what_is_flown_by_default():

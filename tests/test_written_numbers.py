@@ -14,12 +14,12 @@ from drake_quad.scenario import load_mission
 from drake_quad.scenario.mesh_file import mesh_points
 from drake_quad.written_numbers import float_in, int_in
 
-ODD = ["1_0", "١", "１", "1_0.5"]
+INVALID_NUMBERS = ["1_0", "١", "１", "1_0.5"]
 PACKAGE = Path(__file__).parent.parent / "drake_quad"
 
 
-@pytest.mark.parametrize("text", [*ODD, "", "one"])
-def test_slips_of_the_pen_are_no_numbers(text):
+@pytest.mark.parametrize("text", [*INVALID_NUMBERS, "", "one"])
+def test_other_notations_are_no_numbers(text):
     for read in (float_in, int_in):
         with pytest.raises(ValueError, match=r"."):
             read(text)
@@ -30,7 +30,7 @@ def test_numbers_are_read_as_python_reads_them():
     assert np.isnan(float_in("nan"))
 
 
-@pytest.mark.parametrize("cell", ODD)
+@pytest.mark.parametrize("cell", INVALID_NUMBERS)
 @pytest.mark.parametrize(
     ("name", "text", "read"),
     [
@@ -41,7 +41,7 @@ def test_numbers_are_read_as_python_reads_them():
         ("a.yaml", "a: {route: {kind: hover, duration: CELL}}\n", load_mission),
     ],
 )
-def test_no_reader_takes_them(tmp_path, name, text, read, cell):
+def test_no_reader_accepts_other_notations(tmp_path, name, text, read, cell):
     path = tmp_path / name
     path.write_text(text.replace("CELL", cell), encoding="utf-8")
     with pytest.raises(InputError, match=name):
@@ -50,7 +50,7 @@ def test_no_reader_takes_them(tmp_path, name, text, read, cell):
     read(path)
 
 
-def test_a_column_of_slips_is_one_of_words(tmp_path):
+def test_a_column_with_another_notation_holds_words(tmp_path):
     (tmp_path / "table.csv").write_text("a,b\n1_0,1\n2,2\n")
     assert read_table(tmp_path / "table.csv")["a"].tolist() == ["1_0", "2"]
 
@@ -65,7 +65,7 @@ def test_options_are_numbers_in_ascii_digits(arguments, capsys):
 
 
 @pytest.mark.slow
-def test_every_command_reads_its_numbers_so():
+def test_every_command_reads_its_numbers_in_ascii_digits():
     for command in COMMANDS:
         options = module_of(command).options()
         for kind, read in ((int, int_in), (float, float_in)):

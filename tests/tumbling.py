@@ -1,4 +1,4 @@
-"""Vehicles that tumble, integrated independently: Newton's and Euler's equations with quaternions, by SciPy."""
+"""Tumbling vehicles, integrated independently by SciPy: Newton's and Euler's equations with quaternions."""
 
 from typing import NamedTuple
 
@@ -8,13 +8,13 @@ from scipy.spatial.transform import Rotation
 
 
 class Tumbles(NamedTuple):
-    """N vehicles at the beginning of a tumble, and what is held over it.
+    """N vehicles at the beginning of a tumble, and their constant inputs.
 
     Attributes:
-        states: (N, 12) in the order of `State`.
-        speeds: (N, 4) of the rotors.
-        commands: (N, 4) of the rotors.
-        winds: (N, 3).
+        states: (N, 12) states in the order of `State`.
+        speeds: (N, 4) rotor speeds at the beginning, rad/s.
+        commands: (N, 4) commanded rotor speeds, rad/s.
+        winds: (N, 3) wind, m/s.
     """
 
     states: np.ndarray
@@ -24,12 +24,15 @@ class Tumbles(NamedTuple):
 
     @property
     def count(self):
-        """N."""
+        """Number of vehicles, N."""
         return len(self.states)
 
 
 def random_tumbles(count, seed, *, rates=(2.0, 10.0)):
-    """Tumbles of any attitude: a fifth of them begin at a pitch of ±90° to the bit, a fifth within 1e-9 rad of it."""
+    """Return tumbles that start at random attitudes.
+
+    A fifth of them start at a pitch of ±90° to the bit, and a fifth within 1e-9 of it.
+    """
     rng = np.random.default_rng(seed)
     roll, pitch, yaw = rng.uniform(-3.0, 3.0, count), rng.uniform(-1.5, 1.5, count), rng.uniform(-9.0, 9.0, count)
     straight = 0.5 * np.pi * rng.choice([-1.0, 1.0], count)
@@ -48,24 +51,24 @@ def random_tumbles(count, seed, *, rates=(2.0, 10.0)):
 
 
 def rotations(angles):
-    """Rotations from B to W of (..., 3) roll, pitch and yaw: Rz Ry Rx."""
+    """Return the rotations Rz Ry Rx from B to W of (..., 3) roll, pitch and yaw."""
     return Rotation.from_euler("ZYX", np.asarray(angles)[..., ::-1])
 
 
 def degrees_apart(angles, rotation):
-    """(N,) angles between attitudes, (N, 3) roll, pitch and yaw, and rotations."""
+    """Return the (N,) angles between attitudes, (N, 3) roll, pitch and yaw, and rotations, in degrees."""
     return np.degrees((rotations(angles).inv() * rotation).magnitude())
 
 
 def flown(parameters, tumbles, duration, load=None, swings=None):
-    """Positions, rotations, velocities and body rates of the vehicles at the end, and load positions and velocities.
+    """Return the final positions, rotations, velocities and body rates, and the load's positions and velocities.
 
     Args:
-        parameters: one `QuadrotorParameters` for all.
-        tumbles: N of them.
-        duration: s.
-        load: a `SlungLoad` if there is one, which hangs on a rod from the centre of mass.
-        swings: (N, 3) direction of the rod and (N, 3) its rate at the beginning.
+        parameters: `QuadrotorParameters` of all vehicles.
+        tumbles: tumbles of N vehicles.
+        duration: duration of the flight, s.
+        load: `SlungLoad` on a rod from the centre of mass, or None.
+        swings: (N, 3) initial direction of the rod, and (N, 3) its rate.
     """
     N, inertia = tumbles.count, np.array(parameters.inertia)
     places = np.array([rotor[:3] for rotor in parameters.rotors]) - [*parameters.centre_of_mass, 0.0]

@@ -175,20 +175,21 @@ def design_cascade(
     on_board: bool = False,
     integral: float | None = None,
 ) -> CascadeDesign:
-    """Designs the gains of a scenario's cascade for its laboratory and the vehicle that it believes in.
+    """Design the gains of a scenario's cascade for its laboratory and its nominal vehicle.
 
-    With an autopilot only the position loops are designed, around the attitude as it is controlled on board.
+    With an autopilot only the position loops are designed, around the attitude loops of the autopilot.
 
     Args:
-        scenario: whose own gains in the loops that are designed do not matter.
-        options: for each axis; `default_options`, and `on_board_options` for an autopilot, where not given.
-        on_board: whether the loops of an autopilot of kind attitude are designed first.
-        integral: the part of their phase margin that integrals of the position loops may cost, between 0 and 1: the PD
-            is designed with so much more of it, and the margins are those with the integral. None for a PD.
+        scenario: scenario, whose own gains of the designed loops are ignored.
+        options: options for each axis; by default `default_options`, and `on_board_options` for an autopilot.
+        on_board: True to design the loops of an autopilot of kind `attitude` first.
+        integral: share of the phase margin that the integrals of the position loops may cost, between 0 and 1. The PD
+            is designed with a phase margin that is larger by this share, and the margins include the integral. None for
+            a PD.
 
     Raises:
-        InputError: requirements cannot be met, the scenario holds distributions, or it has no loops on board that could
-            be designed.
+        InputError: requirements cannot be met, the scenario contains distributions, or it has no on-board loops to
+            design.
     """
     period = scenario.laboratory.command_link.period
     wanted = default_options(period) | (on_board_options() if on_board else {}) | dict(options or {})

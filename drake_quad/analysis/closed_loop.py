@@ -67,14 +67,15 @@ class ClosedLoop(NamedTuple):
 
 
 def at_rest(scenario: Scenario) -> Scenario:
-    """Return the scenario in hover where its route hovers, or at (0, 0, 1), with nothing random or changing in time.
+    """Return the scenario in hover, without random or time-varying effects.
 
-    Noise, lost frames and packets, turbulence, gusts, sines of wind, battery sag, the battery, rotor failures and
-    obstacles are left out. Delays, lags, filters, drag, errors of the vehicle, a gyroscope's bias, fans and steady wind
-    stay. A payload is there or not as it is at the beginning.
+    The vehicle hovers where the scenario's route hovers, or at (0, 0, 1). Noise, lost frames and packets, turbulence,
+    gusts, sinusoidal wind, battery sag, the battery, rotor failures and obstacles are removed. Delays, lags, filters,
+    drag, errors of the vehicle, the bias of the gyroscope, fans and steady wind remain. A payload remains if the
+    vehicle carries it at the start of the flight.
 
     Raises:
-        InputError: the scenario holds a distribution.
+        InputError: if the scenario contains a distribution.
     """
     hovering = without_losses(in_hover(scenario))
     laboratory = hovering.laboratory
@@ -94,15 +95,15 @@ def at_rest(scenario: Scenario) -> Scenario:
 
 
 def in_hover(scenario: Scenario) -> Scenario:
-    """Return the scenario in hover as `at_rest`, but with its noise, turbulence, lost frames and lost packets.
+    """Return the scenario in hover like `at_rest`, but with its noise, turbulence, lost frames and lost packets.
 
     Raises:
-        InputError: the scenario holds a distribution.
+        InputError: if the scenario contains a distribution.
     """
     for path in distributions_in(scenario):
         if not path.startswith("route."):
             raise InputError(
-                f"{path} is a distribution; the analysis of hover needs a number, or the number of a sample"
+                f"{path} is a distribution; the analysis of hover needs a number: give one, or select a sample"
             )
     laboratory = scenario.laboratory
     calm = tuple(source for source in laboratory.wind if source.kind not in ("gust", "sine"))
@@ -128,7 +129,7 @@ def in_hover(scenario: Scenario) -> Scenario:
 
 
 def without_losses(scenario: Scenario) -> Scenario:
-    """Return the scenario without lost frames and packets, which no linear model has."""
+    """Return the scenario without lost frames and packets, which a linear model cannot represent."""
     laboratory = scenario.laboratory
     reliable = {
         "motion_capture": laboratory.motion_capture.model_copy(update={"dropout_rate": 0.0}),

@@ -28,8 +28,9 @@ from drake_quad.vehicle.motion import accelerations, turning
 
 # Wind and drag change within tenths of a second.
 _STEP = 0.02
-# The autocorrelation of critically damped noise of second order, (1 + x) exp(-x) after x times its time, is 1/2 here.
-_HALF = 1.67835
+# Second-order, critically damped noise with time constant T has the autocorrelation (1 + x) exp(-x) at the lag x T. It
+# is 1/2 at this x.
+_HALF_CORRELATION_LAG = 1.67835
 
 
 class Disturbed(NamedTuple):
@@ -47,12 +48,13 @@ class Disturbed(NamedTuple):
 
 
 class Spectrum(NamedTuple):
-    """What a disturbance is like.
+    """Statistics of a disturbance: a constant part of each flight, and a fluctuating rest.
 
     Attributes:
-        mean: standard deviation, from flight to flight, of what lasts for a whole flight, and its mean.
-        deviation: of the rest.
-        time: of critically damped noise of second order whose autocorrelation is 1/2 where that of the rest is, s.
+        mean: root mean square, over flights, of the part that is constant during a flight.
+        deviation: standard deviation of the fluctuating rest.
+        time: time constant of second-order, critically damped noise whose autocorrelation falls to 1/2 at the same lag
+            as that of the rest, s.
     """
 
     mean: float
@@ -61,11 +63,11 @@ class Spectrum(NamedTuple):
 
 
 def disturbances_along(batch: Batch, plan: Plan) -> Disturbed:
-    """Samples what disturbs the vehicles of a batch along a plan.
+    """Sample the disturbances of the vehicles of a batch along a plan.
 
     Args:
-        batch: whose vehicles, wind and random numbers these are.
-        plan: that is flown.
+        batch: vehicles, wind and random numbers.
+        plan: plan that is flown.
     """
     scenario, fleet = batch.scenario, FleetScenario(batch)
     times = np.arange(0.0, flight_duration(scenario, plan), _STEP)
@@ -96,18 +98,18 @@ def disturbances_along(batch: Batch, plan: Plan) -> Disturbed:
 
 
 def spectrum(disturbance: np.ndarray, step: float) -> Spectrum:
-    """The spectrum of a disturbance of flights.
+    """Return the statistics of a disturbance over several flights.
 
     Args:
-        disturbance: (..., times, N), all of one kind.
-        step: between two times, s.
+        disturbance: (..., times, N) samples of one kind of disturbance.
+        step: sampling period, s.
     """
     mean = disturbance.mean(axis=-2, keepdims=True)
     rest = disturbance - mean
     variance = float((rest**2).mean())
     lags = range(1, rest.shape[-2])
     half = next((lag for lag in lags if (rest[..., lag:, :] * rest[..., :-lag, :]).mean() < 0.5 * variance), 1)
-    return Spectrum(float(np.sqrt((mean**2).mean())), float(np.sqrt(variance)), half * step / _HALF)
+    return Spectrum(float(np.sqrt((mean**2).mean())), float(np.sqrt(variance)), half * step / _HALF_CORRELATION_LAG)
 
 
 def _wind_along(batch: Batch, plan: Plan, times: np.ndarray, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:

@@ -276,7 +276,7 @@ def design_loop(
 
 
 def with_integral(plant: SampledSystem, integration: Integration = "forward_euler") -> SampledSystem:
-    """Return a plant with the integral of its value for a further output, as a PID has it.
+    """Return a plant with the integral i of its value as an additional output, as a PID computes it.
 
     At every tick i⁺ = i + h value. The output is i with the integration `forward_euler`, and i⁺ with `backward_euler`.
     """
@@ -299,16 +299,16 @@ def with_integral(plant: SampledSystem, integration: Integration = "forward_eule
 def add_integral(
     design: LoopDesign, requirements: Requirements, *, cost: float, integration: Integration = "forward_euler"
 ) -> LoopDesign:
-    """Add an integral to a PD: the largest that costs no more than a part of its phase margin.
+    """Add an integral to a PD: the largest that costs no more than a given share of its phase margin.
 
-    k_I is a share of k_P times the bandwidth at which the loop of the PD crosses over, and at most a quarter: with
-    more, what is left of an error swings away slowly, whatever the margins at the crossover.
+    k_I is at most a quarter of k_P times the crossover frequency of the PD loop. With a larger integral, errors decay
+    in a slow oscillation, whatever the margins at the crossover.
 
     Args:
-        design: of the PD.
-        requirements: that the PID must meet.
-        cost: the part, between 0 and 1.
-        integration: of the PID.
+        design: design of the PD.
+        requirements: requirements that the PID must meet.
+        cost: share of the phase margin that the integral may cost, between 0 and 1.
+        integration: integration rule of the PID, see `drake_quad.control.integral`.
     """
     pd, plant = design.gains, with_integral(design.plant, integration)
     assert isinstance(pd, AxisGains)

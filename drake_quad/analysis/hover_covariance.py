@@ -1,14 +1,16 @@
-"""Position error of a vehicle that hovers in wind and noise, to first order in them.
+"""Linear prediction of the position error of a vehicle that hovers in wind and noise.
 
-Between two ticks of the loop in hover, x⁺ = A x + B w, where the normal numbers w of deviation 1 feed the filters of
-the turbulence, the cameras and the gyroscope. The covariance P of the state x satisfies
+Over one period, the closed loop in hover obeys x⁺ = A x + B w. The components of w are independent standard normal
+variables that drive the turbulence filters and the noise of cameras and gyroscope. The covariance P of the state x
+satisfies
 
     P = A P Aᵀ + B Bᵀ
 
-The position deviates from the reference by what steady wind leaves of it, and at random by the square root of its part
-of P. Products of noises, such as that of lateral command and thrust in eq (7), are of second order and are left out.
-They are broad-band, and the vehicle follows their low frequencies. `drake_quad.analysis.tracking_error` flies hovers
-and so includes them; docs/how_to/linear_models.md says how large they are.
+The mean position error is the offset that steady wind causes. The standard deviation of the position follows from P.
+
+The linear model omits products of noises, such as lateral command times thrust in eq (7), which are of second order.
+These products are broad-band, and the vehicle follows their low frequencies. `drake_quad.analysis.tracking_error`
+simulates hovers and therefore includes them. docs/how_to/linear_models.md quantifies the difference.
 """
 
 from typing import NamedTuple
@@ -22,11 +24,11 @@ from drake_quad.scenario import Scenario
 
 
 class LinearHoverError(NamedTuple):
-    """Position error in hover, as a linear model has it.
+    """Position error in hover that the linear model predicts.
 
     Attributes:
-        offset: (3,) mean along X, Y, Z, m.
-        deviation: (3,) standard deviation along X, Y, Z, m.
+        offset: (3,) mean error along X, Y, Z, m.
+        deviation: (3,) standard deviation of the error along X, Y, Z, m.
     """
 
     offset: np.ndarray
@@ -39,21 +41,24 @@ class LinearHoverError(NamedTuple):
 
 
 def linear_hover_error(scenario: Scenario) -> LinearHoverError:
-    """Return the position error in hover from the linear model of a scenario's loop.
+    """Return the position error in hover that the linear model of a scenario's closed loop predicts.
 
-    The vehicle hovers where the scenario's route hovers, or at (0, 0, 1). Lost frames and packets, gusts, sines of
-    wind, the battery and rotor failures are left out.
+    The vehicle hovers where the scenario's route hovers, or at (0, 0, 1). The model omits lost frames and packets,
+    gusts, sinusoidal wind, the battery and rotor failures.
 
     Raises:
-        InputError: the scenario holds a distribution, or its loop is not stable, has no equilibrium or cannot be
+        InputError: if the scenario contains a distribution, or its loop is unstable, has no equilibrium or cannot be
             differentiated.
     """
-    loop, beside = loop_with_noise(without_losses(in_hover(scenario)))
+    loop, offset = loop_with_noise(without_losses(in_hover(scenario)))
     system = loop.system
     seen = system.between(system.inputs, ["state.x", "state.y", "state.z"]).connected()
     size = float(np.abs(seen.poles()).max(initial=0.0))
     if size >= 1.0:
-        raise InputError(f"the loop of {scenario.name} is not stable in hover: a multiplier is {size:.4f}")
+        raise InputError(
+            f"the control loop of {scenario.name} is unstable in hover (its largest pole has magnitude {size:.4f}), so"
+            " it has no RMS error; reduce the gains or the delays"
+        )
     covariance = scipy.linalg.solve_discrete_lyapunov(seen.A, seen.B @ seen.B.T) if len(seen.A) else seen.A
     variance = np.einsum("ij,jk,ik->i", seen.C, covariance, seen.C)
-    return LinearHoverError(beside[:3], np.sqrt(np.maximum(variance, 0.0)))
+    return LinearHoverError(offset[:3], np.sqrt(np.maximum(variance, 0.0)))

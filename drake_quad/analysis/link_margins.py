@@ -21,8 +21,8 @@ from drake_quad.errors import InputError
 from drake_quad.scenario import Scenario
 from drake_quad.signals import AttitudeTarget, Wrench
 
-_MIN_ECHO = 1e-9  # a signal of which less comes back has no loop around it
-# The grid of `fast_link_margins`: peaks of the shipped loops are right within 2e-5, and delay margins within 2e-4.
+_MIN_ECHO = 1e-9  # a signal whose closed loop differs from 1 by less is not fed back
+# On this grid `fast_link_margins` is accurate to 2e-5 in the peaks of the shipped loops, and to 2e-4 in delay margins.
 _NUM_FREQUENCIES = 240
 _MIN_FREQUENCY = 0.3  # rad/s
 _NUM_NEAR_PEAK = 17  # frequencies between the neighbours of the largest point
@@ -64,7 +64,7 @@ def link_loops(
 
 
 def fast_link_margins(scenario: Scenario) -> FastLinkMargins:
-    """The margins that a search looks at, ten times as fast as `link_margins`, whose errors it raises, too."""
+    """Return the margins that a search needs, ten times as fast as `link_margins`; errors are the same."""
     whole = _stable_loop(scenario, None, None)
     rows = range(len(_signals(scenario)))
     loops = whole.between([f"injection.{row}" for row in rows], [f"injected.{row}" for row in rows]).connected()
@@ -75,24 +75,24 @@ def fast_link_margins(scenario: Scenario) -> FastLinkMargins:
 
 
 def _peaks(loops: SampledSystem, rows: np.ndarray, grid: np.ndarray, S: np.ndarray) -> np.ndarray:
-    """(rows,) largest |S| of some signals, with a closer look around the largest one of the grid.
+    """Return the largest |S| (rows,) of some signals, refined around the largest value on a grid.
 
     Args:
-        loops: from what is added to each signal to each signal.
-        rows: (rows,) of the signals.
-        grid: (frequencies,) rad/s.
-        S: (rows, frequencies) of these signals.
+        loops: closed loop from an addition to each signal to the signals.
+        rows: (rows,) indices of the signals.
+        grid: (frequencies,) frequencies of the grid, rad/s.
+        S: (rows, frequencies) sensitivity of these signals on the grid.
     """
     top = np.argmax(np.abs(S), axis=1)
     ends = grid[np.maximum(top - 1, 0)], grid[np.minimum(top + 1, len(grid) - 1)]
     places = np.linspace(*ends, _NUM_NEAR_PEAK, axis=1)
-    # Each signal at the places of every signal, of which its own matter.
+    # All signals are evaluated at the frequencies of all signals; only those of the signal itself are used.
     closer = _diagonal(loops, places.ravel())[rows].reshape(len(rows), *places.shape)
     return np.maximum(np.abs(S).max(axis=1), np.abs(np.einsum("iij->ij", closer)).max(axis=1))
 
 
 def _diagonal(loops: SampledSystem, grid: np.ndarray) -> np.ndarray:
-    """(signals, frequencies) response of each signal to what is added to itself, at frequencies in rad/s."""
+    """Return the response (signals, frequencies) of each signal to an addition to itself, at frequencies in rad/s."""
     return np.diagonal(loops.response(np.exp(1j * grid * loops.period)), axis1=1, axis2=2).T
 
 
@@ -112,7 +112,7 @@ def _signals(scenario: Scenario) -> list[str]:
 
 
 def _opened(whole: SampledSystem, row: int) -> SampledSystem | None:
-    """L of a row, from S = 1 + C (zI - A)⁻¹ B: -C (zI - A + B C)⁻¹ B; None if nothing comes back."""
+    """Return L = -C (zI - A + B C)⁻¹ B of a row, given S = 1 + C (zI - A)⁻¹ B; None if the row is not fed back."""
     answer = whole.between([f"injection.{row}"], [f"injected.{row}"]).connected()
     if not len(answer.A) or np.abs(answer.response(np.exp(1j * np.geomspace(0.01, 3.0, 50))) - 1.0).max() < _MIN_ECHO:
         return None

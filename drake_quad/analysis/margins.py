@@ -9,28 +9,30 @@ import numpy as np
 
 from drake_quad.analysis.sampled_system import SampledSystem
 
-_MIN_FREQUENCY = 1e-4  # rad/s, lowest of the grid
-_NUM_FREQUENCIES = 2000  # of the grid, up to half the sampling rate
-_NUM_PARTS = 32  # into which a stretch between two frequencies is divided, again and again, to find something in it
-_NUM_DIVISIONS = 3  # of a stretch around a peak, whose height then is right to 1e-9
-_NUM_PEAKS = 8  # largest local maxima of the grid, each of which is searched
-_MAX_NARROW_DECAY = 0.1  # per radian; modes that decay more slowly have peaks that the grid can miss
-_MIN_INTEGRATOR_GAIN = 1e6  # size of L at standstill that only integrators reach
+_MIN_FREQUENCY = 1e-4  # rad/s, lowest frequency of the grid
+_NUM_FREQUENCIES = 2000  # points of the grid, which ends at half the sampling rate
+_NUM_PARTS = 32  # subintervals into which each refinement divides an interval of the grid
+_NUM_DIVISIONS = 3  # refinements around a peak, whose relative error is then about 1e-9
+_NUM_PEAKS = 8  # number of largest local maxima that are refined
+_MAX_NARROW_DECAY = 0.1  # per radian; the grid can miss the peaks of modes that decay more slowly
+_MIN_INTEGRATOR_GAIN = 1e6  # only integrators reach this |L| at zero frequency
 
 
 class Margins(NamedTuple):
     """Margins of a loop of one signal, broken where its transfer function L is taken.
 
     Attributes:
-        gain: factor by which the gain may rise, dB.
-        gain_reduction: by which it may fall, dB, as a positive number; infinite if it may vanish.
-        phase: degrees.
-        delay: time by which the signal may be later, s.
-        disk: largest α such that every gain between (1 - α/2) / (1 + α/2) and its inverse, with every phase to match,
-            is stood (P. Seiler, A. Packard and P. Gahinet, "An introduction to disk margins", 2020).
+        gain: gain margin, the factor by which the gain may increase, dB.
+        gain_reduction: factor by which the gain may decrease, dB, as a positive number; infinite if it may become zero.
+        phase: phase margin, degrees.
+        delay: delay margin, the additional delay at which the loop becomes unstable, s.
+        disk: disk margin, the largest α such that the loop tolerates every gain between (1 - α/2) / (1 + α/2) and its
+            inverse, with the corresponding phases (P. Seiler, A. Packard and P. Gahinet, "An introduction to disk
+            margins", 2020).
         crossover: highest frequency at which |L| = 1, rad/s.
         sensitivity: peak of |1 / (1 + L)|.
-        bandwidth: lowest frequency at which |L / (1 + L)| falls below -3 dB, rad/s; 0 if it is below from the start.
+        bandwidth: lowest frequency at which |L / (1 + L)| falls below -3 dB, rad/s; 0 if it is below at all low
+            frequencies.
     """
 
     gain: float
@@ -44,11 +46,11 @@ class Margins(NamedTuple):
 
 
 def margins(loop: SampledSystem) -> Margins:
-    """The margins of a stable loop with one input and one output.
+    """Return the margins of a stable loop with one input and one output.
 
-    All are those of the frequency response itself, found between two of 2,000 frequencies: where it crosses the
-    negative real axis, the unit circle and -3 dB, and where it comes closest to -1. A polynomial in z for a dozen
-    states loses the digits that they need.
+    The margins follow from the frequency response: from its crossings of the negative real axis, of the unit circle
+    and of -3 dB, and from its closest approach to -1. These are located on a grid of 2,000 frequencies and refined
+    between its points. A transfer function with polynomials in z would lose too many digits for a dozen states.
     """
     grid = frequencies(loop.period)
     response = _response(loop, grid)
@@ -111,7 +113,7 @@ def fast_margins(responses: np.ndarray, grid: np.ndarray) -> FastMargins:
 
 
 def frequencies(period: float, *, points: int = _NUM_FREQUENCIES, lowest: float = _MIN_FREQUENCY) -> np.ndarray:
-    """(points,) frequencies from the lowest (rad/s) up to just below half the sampling rate, rad/s."""
+    """Return (points,) frequencies from the lowest one (rad/s) to just below half the sampling rate, rad/s."""
     return np.geomspace(lowest, 0.9999 * math.pi / period, points)
 
 
@@ -123,13 +125,13 @@ def _response(loop: SampledSystem, grid: np.ndarray) -> np.ndarray:
 def _crossings(
     loop: SampledSystem, grid: np.ndarray, response: np.ndarray, of: Callable[[np.ndarray], np.ndarray]
 ) -> np.ndarray:
-    """(crossings,) frequencies at which a function of L passes zero without a jump, to 1e-9 of themselves.
+    """Return the frequencies (crossings,) at which a function of L passes zero without a jump, to 1e-9 of themselves.
 
     Args:
-        loop: with one input and one output.
-        grid: (frequencies,) rad/s, so dense that the function passes zero once between two of them.
-        response: (frequencies,) L there.
-        of: the function, elementwise; steps by π or more are jumps.
+        loop: loop with one input and one output.
+        grid: (frequencies,) grid that separates the zeros of the function, rad/s.
+        response: (frequencies,) L on the grid.
+        of: elementwise function of L; steps by π or more count as jumps.
     """
     values = of(response)
     ends = np.stack([grid[:-1], grid[1:]], axis=1)[_passes_zero(values)]
@@ -159,7 +161,10 @@ def _gain_at_half_the_rate(responses: np.ndarray) -> np.ndarray:
 
 
 def _gain_where_real(loop: SampledSystem, z: float) -> float:
-    """The factor at which a pole leaves through z = 1 or -1; infinite if it cannot, as through 1 with an integrator."""
+    """Return the gain at which a pole crosses the unit circle at z = 1 or -1.
+
+    The gain is infinite if no pole can cross there, as at z = 1 in a loop with an integrator.
+    """
     if np.abs(loop.poles() - z).min() < 1e-9:
         return math.inf
     # Rounding takes the poles of several integrators apart.
@@ -173,14 +178,14 @@ def _gain_where_real(loop: SampledSystem, z: float) -> float:
 
 
 def _sensitivity(loop: SampledSystem) -> SampledSystem:
-    """S = 1 / (1 + L), the closed loop from what is added to the signal to the signal."""
+    """Return S = 1 / (1 + L), the closed loop from an addition to the signal to the signal."""
     through = 1.0 / (1.0 + loop.D)
     fed_back = through * loop.C
     return replace(loop, A=loop.A - loop.B @ fed_back, B=loop.B @ through, C=-fed_back, D=through)
 
 
 def _near_modes(system: SampledSystem, grid: np.ndarray) -> np.ndarray:
-    """(frequencies,) places within a grid (rad/s) around modes whose peaks can be narrower than a step of the grid."""
+    """Return additional frequencies (rad/s) around modes whose peaks can be narrower than the steps of a grid."""
     poles = system.poles()
     poles = poles[poles.imag > 0.0]
     frequency, decay = np.angle(poles) / system.period, -np.log(np.abs(poles)) / system.period
@@ -192,13 +197,13 @@ def _near_modes(system: SampledSystem, grid: np.ndarray) -> np.ndarray:
 def _peak(
     system: SampledSystem, grid: np.ndarray, response: np.ndarray, size: Callable[[np.ndarray], np.ndarray]
 ) -> float:
-    """The largest size of a response at any frequency, to about 1e-9 of itself.
+    """Return the largest size of a response over all frequencies, with a relative error of about 1e-9.
 
     Args:
-        system: with one input and one output.
-        grid: (frequencies,) rad/s, so dense that there is one peak at most between two of them.
-        response: (frequencies,) of the system there.
-        size: of the response, elementwise.
+        system: system with one input and one output.
+        grid: (frequencies,) grid with at most one peak between neighbouring frequencies, rad/s.
+        response: (frequencies,) response of the system on the grid.
+        size: elementwise function of the response that is maximised.
     """
     values = size(response)
     padded = np.pad(values, 1, constant_values=-np.inf)
@@ -217,7 +222,10 @@ def _peak(
 
 
 def _bandwidth(loop: SampledSystem, grid: np.ndarray, response: np.ndarray) -> float:
-    """The lowest frequency at which |L / (1 + L)| falls below -3 dB, rad/s; 0 if it begins there, infinite if never."""
+    """Return the lowest frequency at which |L / (1 + L)| falls below -3 dB, rad/s.
+
+    The result is 0 if the first frequency of the grid is already below -3 dB, and infinite if no frequency is.
+    """
 
     def excess(L: np.ndarray) -> np.ndarray:
         return 0.5 - 1.0 / (1.0 + math.sqrt(2.0) * np.abs(L / (1.0 + L)))

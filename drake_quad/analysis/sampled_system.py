@@ -34,17 +34,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SampledSystem:
-    """A linear system in discrete time: x⁺ = A x + B u, y = C x + D u, in deviations from where it was linearised.
+    """Linear discrete-time system x⁺ = A x + B u, y = C x + D u in deviations from an operating point.
 
     Attributes:
-        A: (n, n).
-        B: (n, m).
-        C: (p, n).
-        D: (p, m).
-        period: between two samples, s.
-        states: the n names.
-        inputs: the m names.
-        outputs: the p names.
+        A: (n, n) system matrix.
+        B: (n, m) input matrix.
+        C: (p, n) output matrix.
+        D: (p, m) feedthrough matrix.
+        period: sampling period, s.
+        states: names of the n states.
+        inputs: names of the m inputs.
+        outputs: names of the p outputs.
     """
 
     A: np.ndarray
@@ -78,10 +78,10 @@ class SampledSystem:
         return np.linalg.eigvals(self.A)
 
     def response(self, z: np.ndarray) -> np.ndarray:
-        """(points, p, m) transfer matrix at points of the z-plane, by back substitution in Schur's form of A.
+        """Return the transfer matrix (points, p, m) at points of the z-plane.
 
-        A is balanced before. For dozens of states at thousands of points this takes a tenth of the time of an
-        elimination at each point.
+        The method is back substitution in the Schur form of the balanced A. For dozens of states at thousands of
+        points it takes a tenth of the time of an elimination at each point.
 
         Raises:
             LinAlgError: one of the points is a pole.
@@ -99,7 +99,7 @@ class SampledSystem:
 
     @cached_property
     def _schur_form(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Schur's form of the balanced A: an upper triangular matrix, its basis, and (n, 1) scales of the states."""
+        """Schur form of the balanced A: the upper triangular matrix, its basis, and the scales (n, 1) of the states."""
         balanced, scales = scipy.linalg.matrix_balance(self.A, permute=False, separate=True)
         # The complex algorithm does not always converge where entries are as small as 1e-150.
         triangular, basis = scipy.linalg.rsf2csf(*scipy.linalg.schur(balanced, output="real"))

@@ -60,15 +60,15 @@ class Sensitivities:
 
 
 def flight_sensitivities(scenario: Scenario, fields: Sequence[str], *, sample: int | None = None) -> Sensitivities:
-    """Flies one vehicle on AutoDiffXd and returns the derivatives of its metrics.
+    """Simulate one vehicle with AutoDiffXd and return the derivatives of its metrics.
 
     Args:
-        scenario: with numbers only, unless a sample is given.
-        fields: paths of numbers in it, as `--set` has them: `vehicle.mass`, `control.position.k_p.0`.
-        sample: of the scenario's study to fly.
+        scenario: scenario without distributions, unless a sample is given.
+        fields: paths of numbers in the scenario, as in `--set`: `vehicle.mass`, `control.position.k_p.0`.
+        sample: index of the sample of the scenario's study to fly.
 
     Raises:
-        InputError: a field is no number, or does not reach the diagram as a number that a flight depends on smoothly.
+        InputError: a field is not a number, or the flight does not depend smoothly on it.
     """
     if not fields:
         raise InputError("there is no field to differentiate by")

@@ -50,13 +50,13 @@ class MappedGains(NamedTuple):
 
 
 class StabilityMap(NamedTuple):
-    """What a grid of gains does to the linear loop; arrays (k_p, k_d).
+    """Stability of the linear loop over a grid of gains, as arrays (k_p, k_d).
 
     Attributes:
-        size: of the largest pole; the loop is stable below 1.
-        damping: the least of all poles; NaN where the loop is not stable.
-        delay: delay margin, s, by interpolation between frequencies, right to about 1e-3 of itself; NaN where the loop
-            is not stable.
+        size: largest magnitude of a pole; the loop is stable if it is below 1.
+        damping: smallest damping ratio of all poles; NaN where the loop is unstable.
+        delay: delay margin, s, interpolated between frequencies with a relative error of about 1e-3; NaN where the loop
+            is unstable.
     """
 
     size: np.ndarray

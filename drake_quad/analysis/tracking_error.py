@@ -1,9 +1,9 @@
-"""Predicted position error of a vehicle that hovers in wind and noise, from compiled flights of its hover.
+"""Prediction of the position error in hover by simulation in wind and noise.
 
-Hovers are flown in the scenario's own laboratory, with its lost frames and packets. A linear model has neither these
-nor the products of noises (`drake_quad.analysis.hover_covariance`), and together they are most of the error where wind
-is weak. Fleets of hovers are flown until their RMS error is known well enough, which takes about a second for most
-controllers.
+The hovers are simulated in the scenario's own laboratory, with its lost frames and packets. A linear model
+(`drake_quad.analysis.hover_covariance`) omits these losses and the products of noises, which together cause most of the
+error in weak wind. The number of simulated hovers grows until the confidence interval of the RMS error is short
+enough. This takes about a second for most controllers.
 """
 
 import math
@@ -24,20 +24,20 @@ from drake_quad.studies.interval import Interval
 from drake_quad.studies.statistics import mean_interval, positive
 
 SETTLING_TIME = 20.0
-"""Time that a hover is given until its error counts, s: several time constants of the slowest integrals shipped."""
+"""Time from the start of a hover until its error counts, s: several time constants of the slowest shipped integral."""
 
 HOVER_TIME = 40.0
 """Duration of a hover, s."""
 
 _FLEET_SIZE = 64
 _MAX_HOVERS = 1024
-# Fleets are flown until the 95 % interval of the RMS error along each axis is within this share of it, or within this
-# length where the error is no more than rounding.
+# Further hovers are simulated until half the width of each 95 % interval is below one of these two limits. The absolute
+# limit applies to axes whose error is nothing but rounding.
 _RELATIVE_PRECISION = 0.05
-_PRECISION = 1e-7  # m
-# The same hovers predict every time, whatever seed a study has, so that a plan does not depend on that.
+_ABSOLUTE_PRECISION = 1e-7  # m
+# The default seed is fixed, so that a plan does not depend on the seed of a study.
 _SEED = 20_261_107
-# The wind of fans depends on the place; it is looked at in this many places along the route.
+# The wind of fans varies along the route, so the error is predicted at this number of points of the route.
 _NUM_PLACES = 9
 
 
@@ -45,11 +45,11 @@ class HoverError(NamedTuple):
     """RMS position error in hover, m, with 95 % confidence intervals.
 
     Attributes:
-        x: along X.
-        y: along Y.
-        z: along Z.
-        rms: of the distance from the reference.
-        num_hovers: how many hovers were flown.
+        x: RMS error along X.
+        y: RMS error along Y.
+        z: RMS error along Z.
+        rms: RMS distance from the reference.
+        num_hovers: number of simulated hovers.
     """
 
     x: Interval
@@ -60,17 +60,17 @@ class HoverError(NamedTuple):
 
 
 def hover_error(scenario: Scenario, *, seed: int = _SEED) -> HoverError:
-    """Fly hovers of the vehicle as it is, and return their RMS error between `SETTLING_TIME` and `HOVER_TIME`.
+    """Simulate hovers of the true vehicle and return their RMS error between `SETTLING_TIME` and `HOVER_TIME`.
 
-    The vehicle hovers where the scenario's route hovers, or at (0, 0, 1). Gusts, sines of wind, the battery and rotor
-    failures are left out. A controller that learns may go on changing: the error is that of these seconds.
+    The vehicle hovers where the scenario's route hovers, or at (0, 0, 1). Gusts, sinusoidal wind, the battery and rotor
+    failures are left out. The error of a controller that learns may change after this time.
 
     Args:
-        scenario: without distributions.
-        seed: of wind and noise.
+        scenario: scenario without distributions.
+        seed: seed of wind and noise.
 
     Raises:
-        InputError: the scenario holds a distribution, or a hover crashes.
+        InputError: if the scenario contains a distribution, or a hover crashes.
     """
     fleet = StudyFleet(_hover_to_fly(scenario, seed), _FLEET_SIZE)
     squares = np.empty((4, 0))
@@ -87,19 +87,19 @@ def hover_error(scenario: Scenario, *, seed: int = _SEED) -> HoverError:
 
 
 def believed_tracking_error(scenario: Scenario) -> HoverError:
-    """Return the `hover_error` of the vehicle that the ground believes in, in a scenario's wind.
+    """Return the `hover_error` of the nominal vehicle in a scenario's wind.
 
-    This is what a plan can allow for. Where fans blow, it is the largest of hovers along the route, planned as if there
-    were no obstacles.
+    A planner can allow for this error, since it does not depend on the unknown true vehicle. With fans, it is the
+    largest error of hovers along the route, which is planned without obstacles for this purpose.
 
     Raises:
-        InputError: as `hover_error`, or a gust or a sine blows, in which the error depends on the time.
+        InputError: an error of `hover_error`, or the wind has a gust or a sine, in which the error depends on time.
     """
     for number, source in enumerate(scenario.laboratory.wind):
         if source.kind in ("gust", "sine"):
             raise InputError(
                 f"laboratory.wind.{number} is a {source.kind}; hovers predict the error in steady wind and turbulence"
-                " alone"
+                " only"
             )
     believed = with_believed_vehicle(scenario).model_copy(update={"space": None})
     places = [np.array(HoverRoute(kind="hover").position)]
@@ -112,11 +112,11 @@ def believed_tracking_error(scenario: Scenario) -> HoverError:
 
 
 def _hover_to_fly(scenario: Scenario, seed: int) -> Scenario:
-    """Return the scenario in hover, with the window in which its error counts."""
+    """Return the scenario in hover, with a metric window from `SETTLING_TIME` on."""
     hovering = in_hover(scenario)
     vehicle = hovering.vehicle
     if vehicle.time_step == 0.0:
-        # Fleets need a time step. Grids coincide with the shortest period, and RK4 is accurate enough there.
+        # Fleets need a time step. The shortest period fits the grids of all ticks, and RK4 is accurate enough with it.
         vehicle = vehicle.model_copy(update={"time_step": min(hovering.periods.values())})
     return hovering.model_copy(
         update={
@@ -138,11 +138,11 @@ def _refuse_crashes(scenario: Scenario, metrics: Metrics) -> None:
 
 
 def _root_of_mean(squares: np.ndarray) -> Interval:
-    """Return the root of the mean of (n,) mean squares of independent hovers, with its interval."""
+    """Return the RMS error from the mean squared errors (n,) of independent hovers, with its interval."""
     return Interval(*(math.sqrt(end) for end in positive(mean_interval(squares))))
 
 
 def _is_precise(error: Interval) -> bool:
-    """Return whether an error is known well enough."""
+    """Return whether the interval of an error is short enough."""
     half_width = 0.5 * (error.high - error.low)
-    return half_width <= max(_RELATIVE_PRECISION * error.value, _PRECISION)
+    return half_width <= max(_RELATIVE_PRECISION * error.value, _ABSOLUTE_PRECISION)

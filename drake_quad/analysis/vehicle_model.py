@@ -69,28 +69,28 @@ def find_trim(
     kinematics: Kinematics = "exact",
     effects: Effects = NO_EFFECTS,
 ) -> Trim:
-    """Finds roll, pitch and rotor speeds that keep velocity and attitude as they are.
+    """Find roll, pitch and rotor speeds at which velocity and attitude are constant.
 
-    Drake's SNOPT finds them within the rotors' limits, Newton's method makes them exact.
+    SNOPT finds them within the rotors' limits, and Newton's method makes them exact.
 
     Args:
-        parameters: of one vehicle.
-        velocity: in W, m/s.
-        wind: in W, m/s.
-        position: in W, m.
-        yaw: rad.
-        kinematics: as for `Quadrotor`. A vehicle that does not turn has the same operating point with both.
-        effects: on the vehicle.
+        parameters: parameters of one vehicle.
+        velocity: velocity in W, m/s.
+        wind: velocity of the air in W, m/s.
+        position: position in W, m.
+        yaw: yaw, rad.
+        kinematics: kinematics of the `Quadrotor`. The trim is the same for both, since the vehicle does not rotate.
+        effects: effects on the vehicle.
 
     Raises:
-        InputError: there is no such point within the rotors' limits.
+        InputError: there is no trim within the rotors' limits.
     """
     effects = _of_motion(effects)
     hover = np.array([float(speed) for speed in hover_rotor_speeds(as_in_hover(parameters, effects, position[2]))])
     scale = np.concatenate([[0.1, 0.1], np.maximum(hover, 1.0)])
 
     def unbalanced(scaled: np.ndarray) -> np.ndarray:
-        """Return linear and angular acceleration (6,) for roll, pitch and rotor speeds in units of `scale`."""
+        """Return the linear and angular accelerations (6,) for roll, pitch and rotor speeds in units of `scale`."""
         roll, pitch, *speeds = scaled * scale
         v_x, v_y, v_z = velocity
         axes, motion = BodyAxes.of(roll, pitch, yaw), Motion(v_x, v_y, v_z, 0.0, 0.0, 0.0)

@@ -133,7 +133,7 @@ def build_control(
 
 
 def _vectoring(scenario: Scenario, fleet: Any, believed: QuadrotorParameters) -> dict[str, Recipe]:
-    """Return the recipe for thrust vectoring, of a vehicle as it is believed to be."""
+    """Return the recipe of thrust vectoring, based on the nominal vehicle."""
     limits, attitude = fleet.control.thrust_vectoring, fleet.control.attitude
     weight = believed.mass * believed.gravity
     thrust = ThrustLimits(np.tan(limits.max_tilt), limits.min_thrust * weight, limits.max_thrust * weight)
@@ -145,12 +145,12 @@ def _vectoring(scenario: Scenario, fleet: Any, believed: QuadrotorParameters) ->
 
 
 def _attitude(scenario: Scenario, attitude: Any, inertia: Inertia) -> dict[str, Recipe]:
-    """The attitude controller on the ground; none if attitude is controlled on board.
+    """Return the recipe of the attitude controller on the ground; no recipe if attitude is controlled on board.
 
     Args:
-        scenario: it is of.
-        attitude: as a scenario or a `FleetScenario` has it; None with an autopilot.
-        inertia: believed.
+        scenario: scenario with the controller.
+        attitude: attitude controller of the scenario or of a `FleetScenario`; None with an autopilot.
+        inertia: inertia of the nominal vehicle.
     """
     if attitude is None:
         return {}
@@ -172,7 +172,7 @@ def _attitude(scenario: Scenario, attitude: Any, inertia: Inertia) -> dict[str, 
 
 
 def _integral(position: Any, period: float) -> dict[str, Recipe]:
-    """Return the recipe for the integral of a position controller, if it has one."""
+    """Return the recipe of the integral of a position controller; no recipe if it has no integral."""
     if position.kind != "pid":
         return {}
     gains = IntegralGains(PerAxis(*position.k_i), position.integral_limit)

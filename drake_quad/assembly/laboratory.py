@@ -95,7 +95,7 @@ def wind_period(scenario: Scenario) -> float:
 
 
 def build_monitor(scenario: Scenario, plan: Plan, num_vehicles: int) -> FlightMonitor:
-    """Builds the monitor of a scenario's flight of a plan."""
+    """Build the monitor for flights of a plan in a scenario."""
     crash, space = scenario.crash, space_of(scenario)
     solids = () if space is None else tuple(obstacle.shape for obstacle in space.obstacles)
     monitor: FlightMonitor = FlightMonitor(
@@ -157,10 +157,10 @@ def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Rec
 
 
 def jump_times(batch: Batch) -> tuple[float, ...]:
-    """Return when the forces on vehicles with a continuous state jump, s, in order; none for those that step.
+    """Return the sorted times at which the forces on vehicles with a continuous state are discontinuous, s.
 
-    An integrator with error control finds no step that is short enough to cross a jump: it has to stop just before it,
-    and to go on at it.
+    No step of an integrator with error control is short enough to cross such a time. A simulation must stop just
+    before it and continue from it. Vehicles with a time step have no such times.
     """
     if batch.scenario.vehicle.time_step > 0.0:
         return ()

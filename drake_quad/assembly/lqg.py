@@ -147,9 +147,13 @@ def vertical_loop(axis: VerticalAxis, times: Timing) -> AxisLoop:
 
 
 def _designed(field: str, model: ContinuousModel, times: Timing, noise: np.ndarray, weight: float) -> AxisLoop:
-    """The loop of an axis; floating point has none where times or sizes are too far apart."""
+    """Return the loop of an axis.
+
+    Raises:
+        InputError: if the times or magnitudes of the axis are too different for floating point.
+    """
     try:
-        # What SciPy warns of ends in an error, or does not matter.
+        # The warnings of SciPy either precede an error or do not matter.
         with np.errstate(all="ignore"), without_warnings():
             return axis_loop(model, times, noise=noise, command_weight=weight)
     except (np.linalg.LinAlgError, ValueError) as error:

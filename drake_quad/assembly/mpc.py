@@ -55,7 +55,7 @@ def mpc_recipes(batch: Batch, plan: Plan, believed: LqgNumbers) -> dict[str, Rec
 
 
 def _preview(plan: Plan, tick: float) -> tuple[Preview, ...]:
-    """The reference at each tick from time zero on, until it rests; the last entry holds from then on."""
+    """Return the reference at each tick from time zero until it rests; the last entry also holds after that."""
     trajectory, layout = plan.reference(), layout_of(_Shown)
     instants = tick * np.arange(-1, math.ceil(plan.rest_time / tick) + 2)
     rows = trajectory.vector_values(np.clip(instants, trajectory.start_time(), trajectory.end_time()))

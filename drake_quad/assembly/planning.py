@@ -52,11 +52,11 @@ from drake_quad.vehicle.inverse_dynamics import RotorDemand, rotor_demand
 from drake_quad.vehicle.motors import mean_thrust_factor, speeds_of_throttles
 from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters
 
-# Times at which the rotors are checked along a braking piece, a polynomial of degree 6.
-_BRAKING_SAMPLES = 200
-# Ways around obstacles, by the text of the scenario.
-_MAX_WAYS = 16
-_ways: "ThreadSafeCache[Planned]" = ThreadSafeCache(_MAX_WAYS)
+# Number of times at which the rotors are checked along a braking piece, a polynomial of degree 6.
+_NUM_BRAKING_SAMPLES = 200
+# Cache of the plans around obstacles, by the text of the scenario.
+_MAX_OBSTACLE_PLANS = 16
+_obstacle_plans: "ThreadSafeCache[Planned]" = ThreadSafeCache(_MAX_OBSTACLE_PLANS)
 
 
 def nominal_parameters(mission: Mission) -> QuadrotorParameters:
@@ -117,9 +117,9 @@ def plan_route(mission: Mission) -> Plan:
 
 
 def planned(mission: Mission) -> Planned:
-    """The plan for the route of a scenario, with the problem that it solves; errors as for `plan_route`.
+    """Return the plan for the route of a scenario, with the problem that it solves; errors are those of `plan_route`.
 
-    A way around obstacles, which takes seconds, is found once for the same scenario.
+    Planning around obstacles takes seconds, so these plans are cached.
     """
     if mission.space is None:
         return _planned(mission, None)
@@ -130,7 +130,7 @@ def planned(mission: Mission) -> Planned:
         space = space_to_plan_in(mission)
         return _planned(mission, space)._replace(space=space)
 
-    return _ways.get(mission.model_dump_json(include=depends), make)
+    return _obstacle_plans.get(mission.model_dump_json(include=depends), make)
 
 
 def _planned(mission: Mission, space: Space | None) -> Planned:
@@ -344,11 +344,11 @@ def _trajectory(route: TrajectoryRoute) -> Plan:
 
 
 def flight_duration(scenario: Scenario, plan: Plan) -> float:
-    """Return how long a scenario is flown, s: a whole number of ticks of the control.
+    """Return the duration of a scenario's flight, s, a whole number of ticks of the control.
 
     Raises:
-        InputError: the metric window begins only after the flight, the flight has too many ticks, or it goes on after a
-            plan that ends in motion, and the braking cannot be flown.
+        InputError: if the metric window begins after the end of the flight, the flight has too many ticks, or the
+            vehicle cannot fly the braking at the end of a plan that ends in motion.
     """
     shortest, period = min(scenario.periods.values()), scenario.laboratory.command_link.period
     wanted = scenario.duration if scenario.duration is not None else float(plan.path.times[-1])
@@ -367,13 +367,13 @@ def flight_duration(scenario: Scenario, plan: Plan) -> float:
 
 
 def _whole_ticks(time: float, scenario: Scenario) -> float:
-    """The first tick of the control at a time in s or after it, and at least one."""
+    """Return the time of the first tick at or after a given time, s, and at least one tick."""
     period = scenario.laboratory.command_link.period
     return max(1, math.ceil(time / period - 1e-9)) * period
 
 
 def goes_on_in_motion(scenario: Scenario, plan: Plan) -> bool:
-    """Return whether a scenario is flown for longer than a plan that ends in motion."""
+    """Return whether the plan ends in motion and the flight of the scenario continues after its end."""
     return (
         scenario.duration is not None
         and plan.brakes
@@ -382,11 +382,11 @@ def goes_on_in_motion(scenario: Scenario, plan: Plan) -> bool:
 
 
 def _check_braking(scenario: Scenario, plan: Plan) -> None:
-    """Raise InputError if the rotors cannot fly the braking at the end of a plan, or if it touches an obstacle."""
+    """Raise InputError if the braking at the end of a plan exceeds the rotors' limits or touches an obstacle."""
     end, demand = float(plan.path.times[-1]), "end the route at rest, or leave duration out"
     braking = PolynomialPath(plan.flown_path.times[-3:-1], plan.flown_path.coefficients[-2:-1])
     try:
-        _check_rotors(plan, scenario, np.linspace(end, plan.rest_time, _BRAKING_SAMPLES))
+        _check_rotors(plan, scenario, np.linspace(end, plan.rest_time, _NUM_BRAKING_SAMPLES))
         if scenario.space is not None and moves_at_end(plan.path, PATH_ORDERS):
             _check_obstacles(braking, space_to_plan_in(scenario))
     except InputError as error:
@@ -397,9 +397,9 @@ def _check_braking(scenario: Scenario, plan: Plan) -> None:
 
 
 def window_end(scenario: Scenario, plan: Plan) -> float:
-    """Return the last time of a flight that counts for its metrics, s; infinite for the end of the flight.
+    """Return the end of the metric window, s; infinite if the window ends with the flight.
 
-    Metrics of laps end with the last lap, however long the vehicle rests after it.
+    The metrics of laps end with the last lap, even if the flight continues after it.
     """
     window = scenario.metrics
     if window.end is not None:
@@ -408,10 +408,10 @@ def window_end(scenario: Scenario, plan: Plan) -> float:
 
 
 def window_start(scenario: Scenario, plan: Plan) -> float:
-    """Return the first time of a flight that counts for its metrics, s.
+    """Return the start of the metric window, s.
 
     Raises:
-        InputError: it is that of a lap which the plan does not have.
+        InputError: if the window begins with a lap that the plan does not have.
     """
     window = scenario.metrics
     if window.first_lap is None:
@@ -423,7 +423,7 @@ def window_start(scenario: Scenario, plan: Plan) -> float:
 
 
 def plan_demand(plan: Plan, parameters: QuadrotorParameters, times: np.ndarray) -> RotorDemand:
-    """Return what a plan asks of a vehicle at given times (samples,), s."""
+    """Return the rotor speeds, attitude and body rates that a plan demands at times (samples,), s."""
     position, velocity, acceleration, jerk, snap = (evaluate(plan.flown_path, times, order) for order in range(5))
     ((yaw,), (yaw_rate,), (yaw_acceleration,)) = (evaluate(plan.flown_yaw, times, order) for order in range(3))
     reference = Reference._make([*position, *velocity, *acceleration, yaw, yaw_rate])
@@ -431,7 +431,7 @@ def plan_demand(plan: Plan, parameters: QuadrotorParameters, times: np.ndarray) 
 
 
 def _check_rotors(plan: Plan, mission: Mission, times: np.ndarray) -> None:
-    """Raise InputError if the rotors cannot fly a plan at given times (samples,), s."""
+    """Raise InputError if a plan exceeds the rotors' limits at one of the times (samples,), s."""
     parameters = planned_parameters(mission)
     violation = first_violation(
         times,

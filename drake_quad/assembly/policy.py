@@ -110,7 +110,7 @@ def build_policy_control_of(scenario: Scenario, systems: dict[str, Any], policy:
 
 
 def _actuation(scenario: Scenario, fleet: Any, believed: QuadrotorParameters) -> Recipe:
-    """What the actions of a policy command."""
+    """Return the recipe of the system that converts the actions of a policy to commands."""
     control: Any = scenario.control
     action, weight = control.action, believed.mass * believed.gravity
     match action:

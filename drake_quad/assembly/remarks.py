@@ -1,4 +1,4 @@
-"""What a person should know of a flight before its numbers are used, in sentences."""
+"""Warnings about a scenario that a user should read before using the results of its flights."""
 
 import math
 from collections.abc import Iterator
@@ -15,47 +15,48 @@ from drake_quad.scenario.distributions import Distribution
 from drake_quad.scenario.layouts import arm_length_of
 from drake_quad.scenario.paths import distributions_in
 
-# Believed and flown vehicle differ if they are further apart than both of these: a relative difference, which no scale
-# and no data sheet is off by, and a multiple of the standard deviation of the flown vehicle.
-_MIN_DIFFERENCE = 0.2
-_MIN_DEVIATIONS = 5.0
-# Fields in which two vehicles differ; the limits of the rotors differ with how they are driven.
-_COMPARED = ("mass", "inertia.0", "inertia.1", "inertia.2", "thrust_factor")
-# Probability of a standard normal variable to be less than one standard deviation below its mean.
-_BELOW = 0.5 * math.erfc(math.sqrt(0.5))
+# A field of the flown vehicle is reported if it differs from the nominal one by more than both limits: a relative
+# difference larger than the error of any scale or data sheet, and a multiple of the flown value's standard deviation.
+_MIN_RELATIVE_DIFFERENCE = 0.2
+_MIN_STANDARD_DEVIATIONS = 5.0
+# The rotors' speed limits are not compared: they depend on how the rotors are driven.
+_COMPARED_FIELDS = ("mass", "inertia.0", "inertia.1", "inertia.2", "thrust_factor")
+# Probability that a normal variable is more than one standard deviation below its mean.
+_LOWER_SIGMA_PROBABILITY = 0.5 * math.erfc(math.sqrt(0.5))
 
 
 def flight_remarks(scenario: Scenario, plan: Plan | None = None) -> tuple[str, ...]:
-    """Return remarks on a scenario's flight: on its vehicle, and on what it does after the end of its route.
+    """Return remarks on the vehicle of a scenario and on its flight after the end of the route.
 
     Args:
-        scenario: with or without distributions.
-        plan: that is flown; that of the scenario's route if not given.
+        scenario: scenario that is flown; it may contain distributions.
+        plan: plan that is flown; the plan for the scenario's route if not given.
 
     Raises:
-        InputError: the route cannot be planned.
+        InputError: if the route cannot be planned.
     """
     return (*_mixed_vehicles(scenario), *_braking(scenario, plan))
 
 
 def _mixed_vehicles(scenario: Scenario) -> list[str]:
-    """A remark on a vehicle that is not the one that its controllers believe in."""
+    """Return a remark if the flown vehicle differs strongly from the nominal one, which the controllers assume."""
     found = [
-        f"{name} {_middle(flown):.4g} (believed {believed:.4g}){unit}"
+        f"{name} {_median(flown):.4g}{unit} (nominal {believed:.4g})"
         for name, believed, flown, unit in _airframes(scenario)
-        if abs(_middle(flown) - believed) > max(_MIN_DIFFERENCE * believed, _MIN_DEVIATIONS * _deviation(flown))
+        if abs(_median(flown) - believed)
+        > max(_MIN_RELATIVE_DIFFERENCE * believed, _MIN_STANDARD_DEVIATIONS * _deviation(flown))
     ]
     if not found:
         return []
     return [
-        f"the vehicle that flies is far from the one that its controllers believe in: {', '.join(found)}; check that"
-        " `vehicle` and `nominal` describe the same one"
+        f"`vehicle` differs strongly from `nominal`, for which its controllers compute: {', '.join(found)}; check that"
+        " both describe the same vehicle"
     ]
 
 
 def _airframes(scenario: Scenario) -> Iterator[tuple[str, float, Any, str]]:
-    """Name, believed value, flown value and unit of what makes two airframes different."""
-    for path in _COMPARED:
+    """Yield the name, nominal value, flown value and unit of each compared quantity."""
+    for path in _COMPARED_FIELDS:
         name, _, item = path.partition(".")
         values = [getattr(part, name) for part in (scenario.nominal, scenario.vehicle)]
         believed, flown = (value[int(item)] if item else value for value in values)
@@ -64,19 +65,19 @@ def _airframes(scenario: Scenario) -> Iterator[tuple[str, float, Any, str]]:
         yield "arm length", arm_length_of(scenario.nominal), arm_length_of(scenario.vehicle), " m"
 
 
-def _middle(value: Any) -> float:
+def _median(value: Any) -> float:
     return float(value.quantile(0.5)) if isinstance(value, Distribution) else value
 
 
 def _deviation(value: Any) -> float:
-    """Half the width of the central interval that has the probability of one standard deviation about a normal mean."""
+    """Return half the width of the central interval with the probability of mean ± one standard deviation."""
     if not isinstance(value, Distribution):
         return 0.0
-    return 0.5 * float(value.quantile(1.0 - _BELOW) - value.quantile(_BELOW))
+    return 0.5 * float(value.quantile(1.0 - _LOWER_SIGMA_PROBABILITY) - value.quantile(_LOWER_SIGMA_PROBABILITY))
 
 
 def _braking(scenario: Scenario, plan: Plan | None) -> list[str]:
-    """A remark on the braking of a flight that goes on after a route that ends in motion."""
+    """Return a remark if the flight continues after a route that ends in motion, so that the reference brakes."""
     if scenario.duration is None:
         return []
     plan = plan or plan_route(scenario)
@@ -84,8 +85,8 @@ def _braking(scenario: Scenario, plan: Plan | None) -> list[str]:
         return []
     end = float(plan.path.times[-1])
     speed = float(np.linalg.norm(evaluate(plan.path, [end], 1)))
-    way = float(np.linalg.norm(plan.flown_path.waypoints[-1] - plan.path.waypoints[-1]))
+    distance = float(np.linalg.norm(plan.flown_path.waypoints[-1] - plan.path.waypoints[-1]))
     return [
-        f"the route ends in motion ({speed:.2f} m/s) at {end:.2f} s, before the end of the flight; from there the"
-        f" reference brakes until {plan.rest_time:.2f} s, {way:.2f} m further on, and rests"
+        f"the route ends in motion ({speed:.2f} m/s) at {end:.2f} s, before the end of the flight; the reference then"
+        f" brakes and comes to rest at {plan.rest_time:.2f} s, {distance:.2f} m beyond the end of the route"
     ]

@@ -8,30 +8,30 @@ from drake_quad.space.space import Space
 
 
 def space_of(mission: Mission, *, tracking_error: float = 0.0) -> Space | None:
-    """Return the obstacles of a scenario, and the distance that the nominal vehicle keeps from them; None without any.
+    """Return the obstacles of a scenario with the clearances of the nominal vehicle; None if there are no obstacles.
 
     Args:
-        mission: what flies where.
-        tracking_error: predicted RMS position error, m. Only a plan's clearance depends on it.
+        mission: scenario or mission with the obstacles and the nominal vehicle.
+        tracking_error: predicted RMS position error, m. It only affects the clearance of a plan.
     """
     if mission.space is None:
         return None
-    # The ground believes that the centre of mass is at the origin of the rotors' layout.
+    # The nominal centre of mass is at the origin of the rotors' layout.
     farthest = max(sqrt(float(r.x**2 + r.y**2 + r.z**2)) for r in rotors_of(mission.nominal))
     return mission.space.room(farthest, tracking_error)
 
 
 def space_to_plan_in(mission: Mission) -> Space | None:
-    """Return `space_of` with the multiple of the predicted tracking error that `space.tracking` asks for.
+    """Return `space_of` with the tracking error that `space.tracking` multiplies; the error is predicted if needed.
 
     Raises:
-        InputError: the error cannot be predicted.
+        InputError: if the prediction is not possible, see `believed_tracking_error`.
     """
     if mission.space is None or not mission.space.tracking:
         return space_of(mission)
     if not isinstance(mission, Scenario):
         raise InputError("space.tracking asks for a prediction, but without laboratory and control there is none")
-    # Imported here because the prediction flies hovers, and flights import the assembly.
+    # Imported here because the prediction simulates hovers, and simulations import the assembly.
     from drake_quad.analysis.tracking_error import believed_tracking_error
 
     try:

@@ -22,6 +22,7 @@ from drake_quad.control.cascade import POSITION_SIGNALS
 from drake_quad.errors import InputError
 from drake_quad.framework.fleet_system import FleetSystem
 from drake_quad.laboratory.wind.wind import build_held_wind
+from drake_quad.memory import check_fleet_fits
 from drake_quad.randomness.noise import EXPORTED, Exported, NoiseSource, Samples
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.source import build_reference
@@ -85,9 +86,10 @@ def build_tracking_diagram(
             of those of the samples.
 
     Raises:
-        InputError: the scenario holds a distribution, the rotors cannot fly the route, or a system that is given does
-            not fit.
+        InputError: the scenario holds a distribution, the rotors cannot fly the route, a system that is given does not
+            fit, or the fleet does not fit into memory.
     """
+    check_fleet_fits(num_vehicles, "num_vehicles")
     refuse_distributions(distributions_in(scenario))
     first = scenario.sample or 0
     batch = Batch.draw(scenario, range(first, first + num_vehicles))
@@ -107,22 +109,22 @@ def build_fleet_diagram(
     exported: Exported | None = None,
     open_action: bool = False,
 ) -> Diagram:
-    """Builds the closed loop of a scenario for the samples of a batch, each flown by a vehicle.
+    """Build the closed loop of a scenario for the samples of a batch, with one vehicle for each sample.
 
     Args:
-        batch: that is flown.
-        plan: that is flown.
-        own: systems of the user's, for as many vehicles. The diagram takes them over.
-        record: whether to add a recorder of all signals, sampled at every tick of the control.
-        drake_random: whether wind and noise come from Drake's random sources in place of those of the samples.
-        injects: whether there is an input port `injection`, which is added to what goes over the link, and an output
-            port `injected` with the sum.
-        exported: makes input ports of the random numbers of the laboratory.
-        open_action: whether the action of a policy comes in by an input port `action`.
+        batch: batch that is flown.
+        plan: plan that is flown.
+        own: user's systems for the same number of vehicles. The diagram takes ownership of them.
+        record: True to add a recorder of all signals, sampled at every tick of the control.
+        drake_random: True to use Drake's random sources for wind and noise instead of those of the samples.
+        injects: True to add an input port `injection`, which is added to the command over the link, and an output port
+            `injected` with the sum.
+        exported: declaration of input ports for the random numbers of the laboratory.
+        open_action: True to add an input port `action` for the action of a policy.
 
     Raises:
-        InputError: there is no policy where the control needs one, a system of the user's does not fit, or the
-            vehicle's time step is too long for its drag.
+        InputError: if the control needs a policy and has none, a user's system does not fit, or the vehicle's time step
+            is too long for its drag.
     """
     scenario, num_vehicles = batch.scenario, len(batch)
     rows = policy_rows(scenario)

@@ -36,19 +36,19 @@ class UserSystems(NamedTuple):
         return {name: system for name, system in self._asdict().items() if system is not None}
 
     def made(self, num_vehicles: int) -> "UserSystems":
-        """Return what these functions make for N vehicles.
+        """Return the systems that these functions make for N vehicles.
 
         Raises:
-            InputError: one of them cannot be called with a number of vehicles alone, or returns nothing.
+            InputError: a function cannot be called with only the number of vehicles, or it returns None.
         """
         systems = {}
         for name, make in self.given.items():
             system = make(num_vehicles) if _takes_a_number(make) else None
-            if system is None:  # without a system the scenario's own would fly in its place
+            if system is None:  # otherwise the scenario's own system would silently be used
                 found = f"{_described(make)} returns nothing" if _takes_a_number(make) else f"is {_described(make)}"
                 raise InputError(
-                    f"{name} must be a function of the number of vehicles that returns a Drake system for so many, as"
-                    f" in `def make(num_vehicles): return Mine(num_vehicles=num_vehicles)`, but {found}"
+                    f"{name} must be a function of the number of vehicles that returns a Drake system for them, as in"
+                    f" `def make(num_vehicles): return Mine(num_vehicles=num_vehicles)`, but {found}"
                 )
             systems[name] = system
         return UserSystems(**systems)
@@ -107,7 +107,7 @@ def check_user_systems(
 
 def _check(name: str, system: Any, place: Place, sizes: Mapping[str, int], num_vehicles: int) -> None:
     if isinstance(system, type) or not hasattr(system, "num_output_ports"):
-        alone = ", an object and not its class or a function that makes it" if callable(system) else ""
+        alone = ", an object and not its class or a function that returns it" if callable(system) else ""
         raise InputError(f"{name} must be a Drake system{alone}, but is {_described(system)}")
     inputs = {port.get_name(): port.size() for port in map(system.get_input_port, range(system.num_input_ports()))}
     outputs = {port.get_name(): port.size() for port in map(system.get_output_port, range(system.num_output_ports()))}
@@ -132,20 +132,20 @@ def _check(name: str, system: Any, place: Place, sizes: Mapping[str, int], num_v
 
 
 def _takes_a_number(make: Any) -> bool:
-    """Return True if a function can be called with one argument, as far as its signature tells."""
+    """Return whether the signature of a function, if it has one, permits a call with one argument."""
     if not callable(make):
         return False
     try:
         inspect.signature(make).bind(1)
     except TypeError:
         return False
-    except ValueError:  # functions of C++ may have no signature
+    except ValueError:  # functions implemented in C++ may have no signature
         return True
     return True
 
 
 def _described(thing: Any) -> str:
-    """Return a word or two on what was given in the place of a system, without the address of an object."""
+    """Return a short description of an object that should be a system, without its memory address."""
     if not callable(thing):
         return "None" if thing is None else f"an object of type {type(thing).__name__}"
     name = getattr(thing, "__name__", type(thing).__name__)

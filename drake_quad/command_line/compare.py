@@ -60,7 +60,7 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Runs the command."""
+    """Run the command."""
     samples = arguments.samples if arguments.samples is not None else 4 if arguments.quick else 20
     if not 1 <= samples <= 10_000:
         raise InputError(f"--samples is {samples}, but must be between 1 and 10000")
@@ -104,7 +104,7 @@ def scenarios_of(arguments: argparse.Namespace) -> dict[str, dict[str, Scenario]
 
 
 def print_comparison(flights: Mapping[str, Mapping[str, Metrics]]) -> None:
-    """Prints a row for each laboratory and controller."""
+    """Print a row for each laboratory and controller."""
     rows = []
     for place, found in flights.items():
         first = next(iter(found.values()))
@@ -125,7 +125,7 @@ def print_comparison(flights: Mapping[str, Mapping[str, Metrics]]) -> None:
 
 
 def spread(values: np.ndarray) -> str:
-    """Return mean and standard deviation as they are printed."""
+    """Return the mean and the standard deviation of values as text."""
     if len(values) > 1:
         return plus_minus(values.mean(), values.std(ddof=1))
     return mean_interval(values).text()

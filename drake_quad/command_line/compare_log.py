@@ -61,7 +61,7 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Runs the command."""
+    """Run the command."""
     check_ranges(arguments, {"samples": (1, _MOST), "rest": (0.0, 60.0)})
     record = read_log(arguments.log, arguments.mapping)
     for sentence in record.remarks:
@@ -96,7 +96,7 @@ def predict_on_open_loop(record: FlightRecord, arguments: argparse.Namespace) ->
 
 
 def print_comparison(comparison: Comparison) -> None:
-    """Prints a table of the errors flown and predicted, and a verdict."""
+    """Print a table of the flown and predicted errors, and a verdict."""
     record, samples = comparison.record, len(comparison.predicted)
     print(f"{record.name}: {len(comparison.time):,} samples, from {comparison.time[0]:.2f} s of the log on")
     deviation = 1e3 * comparison.reference.deviation
@@ -109,7 +109,7 @@ def print_comparison(comparison: Comparison) -> None:
 
 
 def verdict(comparison: Comparison) -> str:
-    """A sentence on the RMSE in space."""
+    """Return a sentence on the RMSE of the position, flown and predicted."""
     flown = comparison.flown_figures.rmse[-1]
     predicted = _predicted(comparison, "rmse", -1, unit="cm")
     if not comparison.varies:
@@ -156,7 +156,7 @@ def _rows(comparison: Comparison) -> list[tuple[str, ...]]:
 
 
 def _predicted(comparison: Comparison, figure: str, axis: int, *, unit: str = "") -> str:
-    """The median of a figure of the predictions in cm, with its interval unless no two flights differ."""
+    """Return the median of a figure of the predictions in cm, with its interval unless all flights are equal."""
     median, low, high = (float(end[axis]) for end in comparison.interval(figure))
     found = Interval(median, low, high)
     return (found if comparison.varies else found.alone()).text(unit=unit, size=0.01, infinite="crash")

@@ -45,7 +45,8 @@ def options() -> argparse.ArgumentParser:
         type=float,
         default=default.snap,
         metavar="SIZE",
-        help="root mean square of the command along x and y with torques over the link, m/s⁴, at most (%(default)s)",
+        help="root mean square of the command along x and y with torques over the link, m/s⁴, at most (%(default)s, or"
+        " twice that of the torque that it has to hold)",
     )
     result.add_argument(
         "--acceleration",

@@ -1,4 +1,4 @@
-"""What commands print of flights before they are flown."""
+"""Remarks that commands print before they fly scenarios."""
 
 from collections.abc import Iterable
 
@@ -8,6 +8,6 @@ from drake_quad.scenario import Scenario
 
 
 def print_flight_remarks(scenarios: Iterable[Scenario]) -> None:
-    """Print on standard error what to know of flights of scenarios, each sentence once."""
+    """Print the `flight_remarks` of scenarios on standard error, each sentence once."""
     for sentence in dict.fromkeys(sentence for scenario in scenarios for sentence in flight_remarks(scenario)):
         remark(sentence)

@@ -54,7 +54,7 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Runs the command."""
+    """Run the command."""
     if not (math.isfinite(arguments.rate) and arguments.rate >= 0.0):
         raise InputError(f"--rate is {arguments.rate}, but must be 0 or more")
     if arguments.compiled and arguments.meshcat:
@@ -118,14 +118,14 @@ def live_view(meshcat: Meshcat, scenario: Scenario, plan: Plan, rate: float) -> 
 
 
 def show_again(meshcat: Meshcat, name: str, flight: Flight) -> None:
-    """Hands the whole flight to the browser to play and scrub; on a terminal, waits for Enter."""
+    """Send the whole flight to the browser for replay; on a terminal, wait for Enter."""
     from drake_quad.visualization.replay.page import draw_replay
 
     meshcat.Delete()
     draw_replay(meshcat, {name: flight})
     if sys.stdin.isatty():
-        with suppress(EOFError):  # Ctrl-D ends it, too
-            input("the browser has the whole flight now, to play and scrub; Enter ends ")
+        with suppress(EOFError):  # Ctrl-D ends the command like Enter
+            input("the browser can now replay the whole flight; press Enter to end ")
 
 
 def summary(flight: Flight) -> list[tuple[str, str, str]]:

@@ -124,7 +124,7 @@ def name_of(arguments: argparse.Namespace) -> str:
 
 
 def with_winds(records: list[FlightRecord], winds: list[str]) -> list[FlightRecord]:
-    """The logs with the winds that were given."""
+    """Return the logs with the winds from the command line."""
     if not winds:
         return records
     if len(winds) not in (1, len(records)):
@@ -205,7 +205,7 @@ def print_logs(records: list[FlightRecord]) -> None:
 
 
 def print_estimates(found: Identification) -> None:
-    """Prints what was identified, and what was not."""
+    """Print the identified parameters, and the parameters that could not be identified."""
     estimates = found.estimates
     reaches = estimates.quantiles() * estimates.deviations
     elsewhere = estimates.elsewhere()
@@ -262,7 +262,7 @@ def print_score(found: Identification) -> None:
 
 
 def print_hover(records: list[FlightRecord]) -> None:
-    """Prints the white noise of what is measured, and the trim."""
+    """Print the white noise of the measurements, and the trim."""
     rows = []
     for record in records:
         for noise in white_noise(record):

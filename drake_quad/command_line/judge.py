@@ -182,7 +182,7 @@ def print_errors(found: Evaluation) -> None:
 
 
 def error_in(metrics: Metrics | None) -> str:
-    """The mean error, in words."""
+    """Return the mean error as text."""
     if metrics is None:
         return "–"
     error = mean_interval(of_survivors(metrics, "rmse")).alone().text(size=0.01)

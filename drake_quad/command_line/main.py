@@ -35,10 +35,10 @@ _WORDS = "A Drake laboratory for quadrotor tracking control."
 
 
 def main(*before: str) -> None:
-    """Runs `drake-quad` with the arguments of this process, and exits.
+    """Run `drake-quad` with the arguments of this process, and exit.
 
     Args:
-        before: arguments that come first, as in `main("fly")`.
+        before: arguments in front of those of the process, as in `main("fly")`.
     """
     # What is loaded from here on may be interrupted by Ctrl-C without a traceback.
     from drake_quad.command_line.running import orderly_exit, run

@@ -15,12 +15,12 @@ from drake_quad.written_numbers import float_in, int_in
 
 
 def bare_parser(command: str, description: str | None, example: str) -> argparse.ArgumentParser:
-    """Returns a parser without options.
+    """Return a parser without options.
 
     Args:
-        command: the name of the command.
-        description: a sentence that says what the command does.
-        example: a command line that can be run as it is.
+        command: name of the command.
+        description: sentence that says what the command does.
+        example: complete command line that runs.
     """
     result = argparse.ArgumentParser(
         prog=f"drake-quad {command}",

@@ -60,7 +60,7 @@ def remark(sentence: str) -> None:
 
 
 def print_predictions(predictions: "Predictions") -> None:
-    """Prints how far off vehicles are at horizons, and by how much the first of two is better than the other."""
+    """Print the prediction errors of vehicles at several horizons, and the improvement of the first over the second."""
     names, rows = predictions.vehicles, []
     for quantity, (size, unit) in _DISPLAY_UNITS.items():
         for horizon in predictions.horizons if quantity in predictions.errors else ():

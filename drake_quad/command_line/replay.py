@@ -35,7 +35,7 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Runs the command."""
+    """Run the command."""
     if not 1 <= arguments.samples <= _MOST:
         raise InputError(f"--samples is {arguments.samples}, but must be between 1 and {_MOST}")
     if arguments.first < 0:

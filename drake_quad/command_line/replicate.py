@@ -99,7 +99,7 @@ def flights_bar(total: int) -> Iterator[Callable[[str, int], None]]:
 
 
 def print_errors(entries: Sequence[Entry]) -> None:
-    """Prints the errors of Table II beside the printed ones."""
+    """Print the errors of Table II next to those of the paper."""
     rows = []
     for entry in entries:
         if entry.quantity == "rmse":

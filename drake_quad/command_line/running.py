@@ -16,7 +16,7 @@ from drake_quad.errors import InputError, InputWarning
 
 
 def _show(otherwise: Callable[..., None], message: Any, category: type[Warning], *where: Any, **options: Any) -> None:
-    """Print what is said of an input as a remark, and any other warning as Python does."""
+    """Print an `InputWarning` as a remark, and any other warning as Python does."""
     if issubclass(category, InputWarning):
         remark(str(message))
     else:
@@ -24,7 +24,7 @@ def _show(otherwise: Callable[..., None], message: Any, category: type[Warning],
 
 
 def run(main: Callable[[], None]) -> None:
-    """Run a command and exit if it fails: with 1 if the computation failed, with 2 if the input was wrong."""
+    """Run a command; if it fails, exit with status 1 for a failed computation and with status 2 for wrong input."""
     raise_interruptions()
     warnings.showwarning = partial(_show, warnings.showwarning)
     with orderly_exit():
@@ -33,14 +33,14 @@ def run(main: Callable[[], None]) -> None:
 
 @contextmanager
 def orderly_exit() -> Iterator[None]:
-    """Have whatever goes wrong inside a `with` statement end the process with a sentence and without a traceback.
+    """End the process with a sentence, without a traceback, if the body of a `with` statement fails.
 
-    Whatever is printed inside is printed to any terminal or file: a character that its encoding lacks is escaped. A
-    standard output that cannot be written, such as a file on a full disk, is a failure, too.
+    Inside the statement, printing works for any terminal or file: characters that its encoding lacks are escaped. A
+    standard output that cannot be written, such as a file on a full disk, counts as a failure.
     """
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
-        if stream is None:  # it was closed before Python began
+        if stream is None:  # the stream was closed before Python started
             setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115 - for the whole process
         elif isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
@@ -52,7 +52,7 @@ def orderly_exit() -> Iterator[None]:
         status, exits = stop.code, True
     except InputError as error:
         status, sentence = 2, f"error: {error}"
-    except BrokenPipeError:  # nobody reads what would still be printed
+    except BrokenPipeError:  # the reader of the pipe has ended, so further output is useless
         status = 1
     except MemoryError as error:
         status, sentence = 1, f"failed: {str(error) or 'the memory does not suffice'}"
@@ -71,7 +71,11 @@ def orderly_exit() -> Iterator[None]:
 
 
 def _flushed() -> str:
-    """Write out what was printed; return why that is not possible, and forget what is left."""
+    """Flush the standard output.
+
+    Returns:
+        The reason why this fails; empty if it succeeds. The rest of the output is discarded if it fails.
+    """
     try:
         sys.stdout.flush()
     except OSError as error:

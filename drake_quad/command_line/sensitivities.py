@@ -69,7 +69,7 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Runs the command."""
+    """Run the command."""
     scenario = scenario_of(arguments)
     print_flight_remarks([scenario])
     folder = output_folder(folder_of(arguments, scenario.name))

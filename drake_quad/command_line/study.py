@@ -110,7 +110,7 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def scenarios_of(arguments: argparse.Namespace) -> dict[str, Scenario]:
-    """The scenarios to fly, by name: one for each controller, or the only one."""
+    """Return the scenarios to fly by name: one for each controller, or the only one."""
     found = controlled_scenarios(arguments)
     print_flight_remarks(found.values())
     for name, scenario in found.items():

@@ -198,7 +198,7 @@ def _writing(computation: Computation) -> Callable[[Surroundings], dict[int, Row
 
 
 def _computed(computation: Computation, around: Surroundings) -> list[Rows]:
-    """The rows of each result of a computation."""
+    """Return the rows of each result of a computation."""
     values = []
     for read in computation.reads:
         match read:

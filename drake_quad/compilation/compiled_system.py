@@ -14,8 +14,9 @@ from drake_quad.compilation.trace import INPUTS, ROUNDING, STATE
 from drake_quad.errors import InputError, entry
 from drake_quad.framework.fleet_system import FleetSystem
 
-# Tables of shared numbers that are kept for the next flight, and the events in a table where each comes alone.
+# Number of cached tables of shared numbers; further tables are computed again in each flight.
 _MAX_TABLES = 256
+# Number of events in a table, for events that are requested one at a time.
 _TABLE_EVENTS = 64
 
 
@@ -99,12 +100,12 @@ class CompiledSystem(LeafSystem):
         context.get_mutable_numeric_parameter(self._end).SetFromVector([time])
 
     def get_state(self, context: Context, path: str, name: str) -> Any:
-        """The record of a group of a FleetSystem's state, a copy.
+        """Return a copy of the record of a group of a FleetSystem's state.
 
         Args:
-            context: of this system.
-            path: of the FleetSystem in the diagram, joined by dots.
-            name: of the group.
+            context: context of this system.
+            path: path of the FleetSystem in the diagram, with dots between names.
+            name: name of the group.
         """
         group = entry(self._system(path).states, name, "group of the state")
         rows = self._rows(
@@ -113,7 +114,7 @@ class CompiledSystem(LeafSystem):
         return group.layout.build(rows)
 
     def get_parameter(self, context: Context, path: str, name: str) -> Any:
-        """The record of a FleetSystem's parameter, a copy; arguments as for `get_state`."""
+        """Return a copy of the record of a FleetSystem's parameter; arguments are those of `get_state`."""
         parameter = entry(self._system(path).parameters, name, "parameter")
         place = self.program.places.parameters[path, int(parameter.index)]
         return parameter.layout.build(self._rows(context.get_numeric_parameter(self._parameters).value(), place))
@@ -212,7 +213,7 @@ class CompiledSystem(LeafSystem):
         event.loop.run(state, parameters, seen, self._table(event, first, count), log, n)
 
     def _table(self, event: Event | Shown, first: int, count: int) -> np.ndarray:
-        """The shared numbers of some events, which are kept for the next flight; many are made at a time."""
+        """Return the shared numbers of some events, from a cache for later flights, which is filled in large parts."""
         begin, size = (first - first % _TABLE_EVENTS, _TABLE_EVENTS) if count == 1 else (first, count)
 
         def make() -> np.ndarray:

@@ -290,8 +290,8 @@ class Program:
         return times
 
     def table(self, shared: SharedNumbers, times: np.ndarray) -> np.ndarray:
-        """The (events, width) numbers that all vehicles share at the (events, instants) times (s)."""
-        # Made anew each time, so that threads that share a diagram do not set each other's time.
+        """Return the (events, width) numbers that all vehicles share at the (events, instants) times (s)."""
+        # Each call creates its own contexts, so that threads that share a diagram do not set each other's time.
         contexts: dict[str, Context] = {}
 
         def values(path: str, output: int, time: float) -> np.ndarray:
@@ -317,7 +317,7 @@ class Program:
         return blocks, others, outputs, places, self.num_vehicles == 1
 
     def _kept(self, key: tuple[Any, ...], make: Callable[[], Any]) -> Any:
-        """Events that were made for this or for a diagram like it, or are made now."""
+        """Return cached events of this or of an equivalent diagram; make them if there are none."""
         return _made.get((self._signature, *key), make)
 
     def _trace(self, instants: int) -> tuple[Trace, SharedNumbers]:

@@ -45,14 +45,14 @@ def _wanted(
     k_d: PerAngle,
     transports: bool,
 ) -> AngularAcceleration:
-    """Return -k_P e_R - k_D e_Ω - Ω̂ Rᵀ R_d Ω_d + Rᵀ R_d Ω̇_d; arguments as for `geometric_law`, and gains."""
+    """Return the angular acceleration -k_P e_R - k_D e_Ω - Ω̂ Rᵀ R_d Ω_d + Rᵀ R_d Ω̇_d, see `geometric_law`."""
     turned = _turned(measurement, attitude)
     error = _rotation_error(turned)
     own = Vector(measurement.p, measurement.q, measurement.r)
     commanded, faster = turned.in_world(Vector(*rates)), turned.in_world(Vector(*acceleration))
     wanted = [-k * e - d * (w - w_d) for k, d, e, w, w_d in zip(k_p, k_d, error, own, commanded, strict=True)]
     if transports:
-        # The commanded rates turn as they are seen from the body.
+        # The body rotates relative to the commanded rates, so that they change along its axes.
         carried = cross(own, commanded)
         wanted = [whole - turn for whole, turn in zip(wanted, carried, strict=True)]
     return AngularAcceleration._make(whole + w_dot for whole, w_dot in zip(wanted, faster, strict=True))
@@ -69,12 +69,12 @@ def geometric_law(
     """Return the torque of a `GeometricAttitudeController`.
 
     Args:
-        measurement: of the vehicle's state.
-        attitude: commanded.
-        rates: commanded, along the axes of the commanded attitude.
-        acceleration: commanded, along the same.
+        measurement: measured state of the vehicle.
+        attitude: commanded attitude.
+        rates: commanded body rates along the axes of the commanded attitude.
+        acceleration: commanded angular acceleration along the same axes.
         numbers: gains and inertia.
-        transports: whether the term Ω̂ Rᵀ R_d Ω_d is there.
+        transports: True if the law contains the transport term Ω̂ Rᵀ R_d Ω_d.
     """
     k_p, k_d, *inertia = numbers
     wanted = _wanted(measurement, attitude, rates, acceleration, k_p, k_d, transports)
@@ -90,7 +90,7 @@ def integrating_law(
     numbers: IntegratingAttitudeNumbers,
     transports: bool = True,
 ) -> Torque:
-    """Return the torque of an `IntegratingAttitudeController`: that of `geometric_law`, less I times the integral."""
+    """Return the torque of an `IntegratingAttitudeController`, that of `geometric_law` minus I times the integral."""
     k_p, k_d, *inertia = numbers.attitude
     without = _wanted(measurement, attitude, rates, acceleration, k_p, k_d, transports)
     wanted = AngularAcceleration._make(whole - held for whole, held in zip(without, integral, strict=True))
@@ -107,7 +107,7 @@ def backward_integrating_law(
     period: float,
     transports: bool = True,
 ) -> Torque:
-    """Return the torque of `integrating_law` with the integral that takes in the error of this tick of a period (s)."""
+    """Return the torque of `integrating_law` with an integral that includes the error of this tick; period in s."""
     integral = integrated_rotation(integral, measurement, attitude, numbers, period)
     return integrating_law(integral, measurement, attitude, rates, acceleration, numbers, transports)
 
@@ -119,7 +119,7 @@ def integrated_rotation(
     numbers: IntegratingAttitudeNumbers,
     period: float,
 ) -> AngularAcceleration:
-    """Return the integral after the error of a tick of a period (s)."""
+    """Return the integral after the rotation error of one more tick; period in s."""
     error = _rotation_error(_turned(measurement, attitude))
     return AngularAcceleration._make(
         maximum(minimum(before + period * k_i * e, numbers.limit), -numbers.limit)
@@ -142,26 +142,28 @@ class GeometricAttitudeController(FleetSystem):
         output_ports:
         - torque
 
-    R_d is the rotation of `attitude_command`, along whose axes Ω_d, `body_rate_command`, and Ω̇_d,
-    `angular_acceleration_command`, zero if not connected, are given; R and Ω are measured. With
+    R_d is the rotation of `attitude_command`. Ω_d is `body_rate_command` and Ω̇_d is `angular_acceleration_command`,
+    both along the axes of the commanded attitude. Ω̇_d is zero if its port is not connected. R and Ω are measured. The
+    errors are
 
         e_R = ½ (R_dᵀ R - Rᵀ R_d)^∨,    e_Ω = Ω - Rᵀ R_d Ω_d
 
-    it brings the body home from almost any attitude (T. Lee, M. Leok and N. H. McClamroch, "Geometric tracking control
-    of a quadrotor UAV on SE(3)", CDC 2010, eqs (10), (11), (16)); their k_R and k_Ω are k_P I and k_D I here, so that
-    gains are those of a double integrator. Near the commanded attitude it is the PD on roll, pitch and yaw. The term
-    with Ω̂, by which the commanded rates turn as seen from the body, can be left out, as the Crazyflie's firmware does.
+    The law converges from almost any attitude (T. Lee, M. Leok and N. H. McClamroch, "Geometric tracking control of a
+    quadrotor UAV on SE(3)", CDC 2010, eqs (10), (11), (16)). Their k_R and k_Ω are k_P I and k_D I here, so that gains
+    are those of a double integrator. Near the commanded attitude the law is the PD on roll, pitch and yaw. The
+    transport term with Ω̂ accounts for the rotation of the body relative to the commanded rates. It can be omitted, as
+    in the Crazyflie's firmware.
 
     The only parameter of the context is `numbers`.
 
     Args:
         num_vehicles: N.
-        transports: whether the term Ω̂ Rᵀ R_d Ω_d is there.
-        numbers: gains, and the inertia that is believed.
+        transports: True if the law contains the transport term Ω̂ Rᵀ R_d Ω_d.
+        numbers: gains, and the inertia of the nominal vehicle.
     """
 
     def declare(self, *, transports: bool = True, numbers: AttitudeNumbers) -> None:
-        """Declares the system."""
+        """Declare ports, states and parameters."""
         parameter = self.parameter("numbers", lambda numbers: numbers)
         measurement, attitude = self.input("measurement"), self.input("attitude_command")
         rates = self.input("body_rate_command")
@@ -175,7 +177,7 @@ def _nothing(numbers: IntegratingAttitudeNumbers) -> AngularAcceleration:
 
 @fleet_system(float, AutoDiffXd)
 class IntegratingAttitudeController(FleetSystem):
-    """Geometric attitude control with an integral: the torque of a `GeometricAttitudeController`, less I i.
+    """Geometric attitude control with an integral i: the torque of a `GeometricAttitudeController` minus I i.
 
     .. pydrake_system::
 
@@ -188,20 +190,21 @@ class IntegratingAttitudeController(FleetSystem):
         output_ports:
         - torque
 
-    At every tick i⁺ = i + h k_I e_R about each axis of B, held between plus and minus the limit. With the integration
-    `backward_euler` it is I i⁺ that the torque lacks. The integral holds torques that last: those of a centre of mass
-    beside the middle, and of rotors that are not alike. (F. Goodarzi, D. Lee and T. Lee, "Geometric nonlinear PID
-    control of a quadrotor UAV on SE(3)", ECC 2013, integrates e_Ω + c e_R. The Crazyflie's firmware integrates e_R by
-    backward Euler, without a limit.)
+    At every tick i⁺ = i + h k_I e_R about each axis of B, saturated at plus and minus the limit. With the integration
+    `backward_euler` the torque contains -I i⁺ instead of -I i. The integral rejects constant torques, such as those of
+    an offset centre of mass and of unequal rotors.
+
+    F. Goodarzi, D. Lee and T. Lee, "Geometric nonlinear PID control of a quadrotor UAV on SE(3)", ECC 2013, integrate
+    e_Ω + c e_R. The Crazyflie's firmware integrates e_R by backward Euler, without a limit.
 
     The only state is `integral`, the only parameter of the context `numbers`.
 
     Args:
         num_vehicles: N.
-        period: h of the ticks, s.
+        period: tick period h, s.
         integration: "forward_euler" or "backward_euler".
-        transports: whether the term Ω̂ Rᵀ R_d Ω_d is there.
-        numbers: gains, and the inertia that is believed.
+        transports: True if the law contains the transport term Ω̂ Rᵀ R_d Ω_d.
+        numbers: gains, and the inertia of the nominal vehicle.
     """
 
     def declare(
@@ -212,7 +215,7 @@ class IntegratingAttitudeController(FleetSystem):
         transports: bool = True,
         numbers: IntegratingAttitudeNumbers,
     ) -> None:
-        """Declares the system."""
+        """Declare ports, states and parameters."""
         parameter = self.parameter("numbers", lambda numbers: numbers)
         measurement, attitude = self.input("measurement"), self.input("attitude_command")
         rates = self.input("body_rate_command")

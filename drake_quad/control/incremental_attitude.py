@@ -100,7 +100,7 @@ def next_incremental_memory(
 
 @fleet_system(float, AutoDiffXd)
 class IncrementalAttitudeController(FleetSystem):
-    """INDI of the attitude: τ = I (α_c - d) + ω_r × I ω_r in B.
+    """Incremental nonlinear dynamic inversion (INDI) of the attitude: τ = I (α_c - d) + ω_r × I ω_r in B.
 
     .. pydrake_system::
 
@@ -113,21 +113,21 @@ class IncrementalAttitudeController(FleetSystem):
         output_ports:
         - torque
 
-    α_c = k_P e + k_D ė + ω̇_r is what an `AttitudeController` wants of the same inputs. d = H (ω̇ - α) is the angular
-    acceleration that the model does not explain, within a limit on each axis: ω̇ is the derivative of the measured body
-    rates, and H the filter of an `IncrementalLaw`. The modelled α follows the command α_c - d after whole ticks of
-    delay with the lag of the rotors, whose speeds are not seen from the ground. The gyroscopic torque of the commanded
-    body rates ω_r is fed forward and is in no model. With τ_f = I H α and ω̇_f = H ω̇ the rest is τ_f + I (α_c - ω̇_f),
-    as in E. J. J. Smeur, Q. P. Chu and G. C. H. E. de Croon, "Adaptive incremental nonlinear dynamic inversion for
-    attitude control of micro air vehicles", JGCD 39, 2016.
+    α_c = k_P e + k_D ė + ω̇_r is the angular acceleration that an `AttitudeController` commands for the same inputs.
+    d = H (ω̇ - α) is the angular acceleration that the model does not explain, with a limit on each axis. ω̇ is the
+    derivative of the measured body rates, and H is the filter of an `IncrementalLaw`. The modelled α follows the
+    command α_c - d after a delay in whole ticks and the lag of the rotors, since rotor speeds are not measured. The
+    gyroscopic torque of the commanded body rates ω_r is a feed-forward and not part of the model. With τ_f = I H α and
+    ω̇_f = H ω̇ the other terms are τ_f + I (α_c - ω̇_f), as in E. J. J. Smeur, Q. P. Chu and G. C. H. E. de Croon,
+    "Adaptive incremental nonlinear dynamic inversion for attitude control of micro air vehicles", JGCD 39, 2016.
 
-    The states are `memory`, that of the law, `following`, how the command is followed, and `commands_under_way`, if
-    there is a delay; the only parameter of the context is `numbers`.
+    The states are `memory` of the law, `following` of the model of the response and, if there is a delay,
+    `commands_under_way`. The only parameter of the context is `numbers`.
 
     Args:
         num_vehicles: N.
-        period: of the ticks, s.
-        delay_ticks: whole ticks from a torque to what it does, believed.
+        period: tick period, s.
+        delay_ticks: modelled delay from a torque command to its effect, in whole ticks.
         numbers: gains, inertia and filter.
     """
 

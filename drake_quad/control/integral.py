@@ -1,9 +1,9 @@
-"""The integral of a PID.
+"""Integral action of a PID.
 
-A discrete integral is of one of two kinds, as in Simulink's block Discrete-Time Integrator:
+Two rules are available, as in Simulink's block Discrete-Time Integrator:
 
-    forward_euler     the command of a tick has the errors of the ticks before it
-    backward_euler    the command of a tick has the error of this tick as well
+    forward_euler     the command of a tick depends on the errors of earlier ticks
+    backward_euler    the command of a tick also depends on the error of this tick
 """
 
 from typing import Annotated, Literal, NamedTuple
@@ -29,7 +29,7 @@ class IntegralGains(NamedTuple):
 
 
 def integrated(correction: Acceleration, error: PositionError, gains: IntegralGains, period: float) -> Acceleration:
-    """Return the correction after the error of a tick of a period (s)."""
+    """Return the correction after the position error of one more tick; period in s."""
     return Acceleration._make(
         maximum(minimum(before - period * k_i * e, gains.limit), -gains.limit)
         for before, k_i, e in zip(correction, gains.k_i, error, strict=True)
@@ -42,7 +42,7 @@ def _nothing(gains: IntegralGains) -> Acceleration:
 
 @fleet_system(float, AutoDiffXd)
 class IntegralCorrection(FleetSystem):
-    """Integrates the position error, within a limit against windup.
+    """Integral of the position error, with a limit against windup.
 
     .. pydrake_system::
 
@@ -52,22 +52,22 @@ class IntegralCorrection(FleetSystem):
         output_ports:
         - correction
 
-    At every tick i⁺ = i + h k_I e, held between plus and minus the limit. A correction is subtracted from the PD's
-    command, so `correction` is -i with the integration `forward_euler`, and -i⁺ with `backward_euler`.
+    At every tick i⁺ = i + h k_I e, saturated at plus and minus the limit. The output `correction` is subtracted from
+    the PD's command. It is -i with the integration `forward_euler`, and -i⁺ with `backward_euler`.
 
     The only state is `correction`, the only parameter of the context `gains`.
 
     Args:
         num_vehicles: N.
-        period: h of the ticks, s.
+        period: tick period h, s.
         integration: "forward_euler" or "backward_euler".
-        numbers: the gains.
+        numbers: gains of the integral.
     """
 
     def declare(
         self, *, period: float = 0.02, integration: Integration = "forward_euler", numbers: IntegralGains
     ) -> None:
-        """Declares the system."""
+        """Declare ports, state and parameters."""
         error, gains = self.input("error"), self.parameter("gains", lambda gains: gains)
         correction = self.state("correction", _nothing)
         reads = correction, error, gains, period

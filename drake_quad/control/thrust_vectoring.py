@@ -115,19 +115,20 @@ def vectored_thrust(
     """Return thrust, attitude, body rates and angular accelerations for a commanded acceleration.
 
     Args:
-        command: the acceleration.
-        measurement: of the vehicle's state.
-        reference: which has the yaw.
-        jerk: of the reference.
-        snap: of the reference; None if there shall be no angular acceleration.
-        numbers: what is believed of the vehicle, and limits.
-        projects: whether the commanded force is projected on the measured axis of thrust.
-        sequence: of rotations, which says what the yaw of a body that leans is; "zxy" only if `projects`.
+        command: commanded acceleration in W.
+        measurement: measured state of the vehicle.
+        reference: reference with the commanded yaw.
+        jerk: jerk of the reference.
+        snap: snap of the reference; without it no angular acceleration is returned.
+        numbers: parameters of the nominal vehicle, and limits.
+        projects: True if the commanded force is projected on the measured thrust axis.
+        sequence: Euler sequence that defines the yaw of a tilted body, see `drake_quad.flatness`; "zxy" requires
+            `projects`.
     """
     mass, gravity, limits = numbers
     sin_yaw, cos_yaw = sin_cos(reference.yaw if projects else measurement.yaw)
     if sequence == "zxy":
-        # Of the yaw a quarter turn further, see `drake_quad.flatness`.
+        # The sequence zxy is computed as zyx with a yaw that is larger by π/2, see `drake_quad.flatness`.
         sin_yaw, cos_yaw = cos_yaw, -sin_yaw
     tilt = tilt_of(specific_thrust(in_heading(command, sin_yaw, cos_yaw), mass, gravity, limits))
     turned_jerk = in_heading(jerk, sin_yaw, cos_yaw)
@@ -169,28 +170,29 @@ class ThrustVectoring(FleetSystem):
         output_ports:
         - thrust_and_attitude
 
-    `acceleration_command` is turned by minus the measured yaw, so that eq (7), written for zero yaw, holds at any. The
-    output packs the signals of `Vectored`. Body rates and angular accelerations are what keeps the thrust on its way
-    (`drake_quad.flatness`) under `reference_jerk` and `reference_snap`, with yaw and its rate as in `reference`.
-    Without a jerk the thrust is taken to stay as it is; without a snap there is no angular acceleration.
+    Eq (7) is written for zero yaw, so `acceleration_command` is rotated by minus the measured yaw. The output packs the
+    signals of `Vectored`. Body rates and angular accelerations follow from `reference_jerk`, `reference_snap`, and the
+    yaw and yaw rate in `reference` by differential flatness (`drake_quad.flatness`). Without a jerk the thrust vector
+    is assumed to be constant; without a snap the output has no angular acceleration.
 
-    In front of geometric control, where the vehicle may be upside down, eq (7) is taken at the commanded yaw, and the
-    thrust is the commanded force along the measured axis of thrust, F_d · R e₃ (T. Lee, M. Leok and N. H. McClamroch,
-    2010, eq (15)), or the least thrust where that is less: rotors that do not pull cannot turn the vehicle either.
-    There the yaw may be that of the sequence zxy, as in the same paper; zyx is that of eq (1). `attitude_command` has
-    angles of eq (1) in either case, so with zxy its yaw is not the reference's where roll and pitch are not zero.
+    Geometric control also works when the vehicle is upside down. With `projects`, eq (7) therefore uses the commanded
+    yaw, and the thrust is the component of the commanded force along the measured thrust axis, F_d · R e₃ (T. Lee, M.
+    Leok and N. H. McClamroch, 2010, eq (15)). It is at least the minimum thrust, because rotors without thrust cannot
+    rotate the vehicle. The yaw may then be that of the sequence zxy, as in the same paper, instead of zyx, eq (1).
+    `attitude_command` contains the angles of eq (1) in either case. With zxy its yaw therefore differs from that of the
+    reference unless roll or pitch is zero.
 
     The only parameter of the context is `numbers`.
 
     Args:
         num_vehicles: N.
-        projects: whether the commanded force is projected on the measured axis of thrust.
-        sequence: of rotations, see `drake_quad.flatness`; "zxy" only if `projects`.
-        numbers: what is believed of the vehicle, and limits of thrust and tilt.
+        projects: True if the commanded force is projected on the measured thrust axis.
+        sequence: Euler sequence of the yaw, see `drake_quad.flatness`; "zxy" requires `projects`.
+        numbers: parameters of the nominal vehicle, and limits of thrust and tilt.
     """
 
     def declare(self, *, projects: bool = False, sequence: EulerSequence = "zyx", numbers: VectoringNumbers) -> None:
-        """Declares the system."""
+        """Declare ports and parameters."""
         parameter = self.parameter("numbers", lambda numbers: numbers)
         command, measurement = self.input("acceleration_command"), self.input("measurement")
         reference = self.input("reference")

@@ -80,7 +80,7 @@ def beside(metrics: Metrics, baseline: Metrics) -> Comparison:
 
 
 def cut(compared: Comparison) -> Interval:
-    """The share by which the mean error is smaller."""
+    """Return the relative reduction of the mean error."""
     return -compared.share.plus(-1.0)
 
 

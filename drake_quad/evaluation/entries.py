@@ -95,7 +95,7 @@ def _both(path: str) -> tuple[str, ...]:
 
 
 def _controllers(on_board: bool) -> dict[str, Entry]:
-    """The controllers without a network."""
+    """Return the controllers without a network, by name."""
     nothing, estimator = "nothing more", "delay; lag of the thrust is tuned"
     position_knobs = (
         Knob(_both("position.k_p"), 0.3, 12.0),
@@ -155,9 +155,10 @@ def _controllers(on_board: bool) -> dict[str, Entry]:
 
 
 def _cascade(on_board: bool, position: Tree, attitude: Mapping[str, Any] = {"kind": "pd"}) -> Tree:
-    """The fields of a cascade; the gains of X and Y, of roll and pitch and so on are still to be tuned.
+    """Return the fields of a cascade whose gains are not yet tuned.
 
-    On board the limits on tilt and thrust are those of vehicles/neural_fly.yaml, which a wind of 12 m/s needs.
+    With an autopilot on board, the limits of tilt and thrust are those of vehicles/neural_fly.yaml, which a wind of
+    12 m/s requires.
     """
     # The yaw's gains are those of `design_gains.py` for laboratory.yaml.
     gains = {"k_p": [1.0, 1.0, 5.356], "k_d": [1.0, 1.0, 3.456]}

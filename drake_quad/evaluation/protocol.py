@@ -134,7 +134,7 @@ def numbers_before(diagrams: Path, family: Family, path: Path, controller: str, 
 def design_prices(
     diagrams: Path, *, budget: Budget = Budget(), progress: Callable[[], None] | None = None
 ) -> Iterator[Designed]:
-    """Designs controllers with other limits on the peak sensitivity, and writes them as `design_family` does."""
+    """Design controllers for several limits of the peak sensitivity, and write them as `design_family` does."""
     (family,) = (each for each in FAMILIES.values() if PRICED_IN in each.laboratories)
     path = design_file(diagrams, PRICED)
     entries = entries_of(on_board=family.on_board, maps=False)

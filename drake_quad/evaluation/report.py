@@ -114,7 +114,7 @@ def _ends(name: str, found: Interval) -> dict[str, float]:
 
 
 def _best(found: Evaluation) -> str:
-    """A sentence for each laboratory."""
+    """Return a sentence for each laboratory."""
     lines = []
     for place in dict.fromkeys(place for _, place, *_ in _flown(found)):
         best, *equals = best_in(found, place)

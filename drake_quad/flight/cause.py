@@ -1,4 +1,4 @@
-"""Names what was not a number first in a flight that ended by that."""
+"""Identification of the signal that was the first to become NaN or infinite in a flight."""
 
 import math
 from collections.abc import Mapping
@@ -8,30 +8,34 @@ import numpy as np
 from drake_quad.assembly.user_systems import PLACES
 from drake_quad.signals import row_names
 
-# These signals are in the order of cause and effect within a tick; those of the control follow in their own order.
-_BEFORE_CONTROL = ("wind", "state", "rotor_speed", "swing", "charge", "measurement", "reference")
-# A vehicle whose own state leaves all numbers has diverged: nothing that was sent to it is to blame.
-_OF_VEHICLE = ("state", "rotor_speed", "swing", "charge", "measurement")
-# These signals only show what was sent before.
-_AFTER_CONTROL = ("rotor_speed_command", "throttle_command", "shortfall", "crashed")
+# Signals that precede the control within a tick, in the order of cause and effect. The signals of the control follow
+# in the order in which they were recorded.
+_UPSTREAM_SIGNALS = ("wind", "state", "rotor_speed", "swing", "charge", "measurement", "reference")
+# If one of these signals is the first that is not finite, the vehicle itself has diverged: its commands were finite.
+_VEHICLE_SIGNALS = ("state", "rotor_speed", "swing", "charge", "measurement")
+# Signals that follow from the commands of the control, so that they are never the first cause.
+_DOWNSTREAM_SIGNALS = ("rotor_speed_command", "throttle_command", "shortfall", "crashed")
 
 
 def not_a_number(time: np.ndarray, signals: Mapping[str, np.ndarray], own: Mapping[str, object]) -> str | None:
-    """Return a sentence on the first number of a flight that is not finite; None if all are, or the vehicle diverged.
+    """Return a sentence that names the first value of a flight that is NaN or infinite.
 
     Args:
-        time: (ticks,) s, up to the crash.
-        signals: (ticks, rows) by name, in the order in which they follow from each other.
-        own: systems of the user's by their place in the loop, see `UserSystems`.
+        time: (ticks,) times of the samples up to the crash, s.
+        signals: (ticks, rows) recorded values of each signal, by name, in the order of cause and effect.
+        own: user's systems by their place in the loop, see `UserSystems`.
+
+    Returns:
+        The sentence; None if all values are finite, or if the vehicle itself diverged.
     """
     finite = {name: np.isfinite(values).all(axis=1) for name, values in signals.items()}
     ends = {name: int(np.argmin(ticks)) for name, ticks in finite.items() if not ticks.all()}
     if not ends:
         return None
     first = min(ends.values())
-    order = [*_BEFORE_CONTROL, *(name for name in signals if name not in _AFTER_CONTROL), *_AFTER_CONTROL]
+    order = [*_UPSTREAM_SIGNALS, *(name for name in signals if name not in _DOWNSTREAM_SIGNALS), *_DOWNSTREAM_SIGNALS]
     name = next(each for each in order if ends.get(each) == first)
-    if name in _OF_VEHICLE:
+    if name in _VEHICLE_SIGNALS:
         return None
     values = signals[name][first]
     row = int(np.argmin(np.isfinite(values)))
@@ -43,6 +47,6 @@ def not_a_number(time: np.ndarray, signals: Mapping[str, np.ndarray], own: Mappi
 
 
 def _signals_of(place: str) -> tuple[str, ...]:
-    """Return the signals that a system in a place of the loop may make."""
+    """Return the names of the signals that a user's system at a place of the loop may output."""
     whole_cascade = ("acceleration_command", "attitude_command", "wrench", "attitude_target")
     return whole_cascade if place == "control" else (PLACES[place].output,)

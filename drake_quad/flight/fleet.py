@@ -9,6 +9,7 @@ from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError
 from drake_quad.flight.fleet_simulation import simulate_fleet
 from drake_quad.laboratory.metrics import Metrics
+from drake_quad.memory import check_fleet_fits
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Batch, Scenario
 
@@ -26,7 +27,8 @@ class StudyFleet:
         compiled: whether the diagram is compiled to machine code; else it flies as it is wired.
 
     Raises:
-        InputError: the route holds a distribution, or the rotors cannot fly it; or the vehicle has no time step.
+        InputError: the route holds a distribution, or the rotors cannot fly it; the vehicle has no time step; or the
+            fleet does not fit into memory.
     """
 
     def __init__(
@@ -41,6 +43,7 @@ class StudyFleet:
         if scenario.vehicle.time_step == 0.0:
             # An integrator chooses its steps by all vehicles of a fleet.
             raise InputError("vehicle.time_step is 0; samples fly alike in any fleet only with a time step")
+        check_fleet_fits(num_vehicles, "num_vehicles")
         self.scenario, self.num_vehicles = scenario, num_vehicles
         self._plan = plan or plan_route(scenario)
         self.duration = flight_duration(scenario, self._plan)

@@ -24,16 +24,16 @@ _TICKS, _TICKS_ALONE = 100, 500
 
 
 class FleetSimulation(ABC):
-    """A fleet, to be flown once or again and again.
+    """Simulation of a fleet, which can be reset and repeated.
 
     Args:
-        diagram: that is simulated.
-        stride: between two looks at the crashes, s.
-        jumps: when the forces on the vehicles jump, s, see `jump_times`.
+        diagram: diagram that is simulated.
+        stride: interval between checks for crashes, s.
+        jumps: times at which the forces on the vehicles are discontinuous, s, see `jump_times`.
 
     Attributes:
-        simulator: Drake's.
-        compiled: whether the diagram is compiled.
+        simulator: Drake's simulator.
+        compiled: True if the diagram is compiled.
     """
 
     compiled: bool
@@ -42,11 +42,11 @@ class FleetSimulation(ABC):
         self.simulator, self._stride, self._jumps = Simulator(diagram), stride, jumps
 
     def fly(self, duration: float, *, progress: Callable[[float, float], None] | None = None) -> None:
-        """Flies from time zero to a duration (s), or until every vehicle has crashed.
+        """Simulate from time zero to a duration, or until every vehicle has crashed.
 
         Args:
-            duration: s.
-            progress: called now and then with the time flown and the duration.
+            duration: duration of the flight, s.
+            progress: function that is called from time to time with the simulated time and the duration, s.
         """
         fly(self.simulator, duration, stride=self._stride, jumps=self._jumps, progress=progress)
 
@@ -185,15 +185,15 @@ def fly(
     """Advance a tracking diagram from time zero to a duration, or until every vehicle has crashed.
 
     Args:
-        simulator: of the diagram.
-        duration: s.
-        stride: between two looks at the crashes and two reports of progress, s.
-        jumps: when the forces on vehicles with a continuous state jump, s, see `jump_times`.
-        progress: called after each stride with the time flown and the duration.
+        simulator: simulator of the diagram.
+        duration: duration of the flight, s.
+        stride: interval between checks for crashes and between reports of progress, s.
+        jumps: times at which the forces on vehicles with a continuous state are discontinuous, s, see `jump_times`.
+        progress: function that is called after each stride with the simulated time and the duration, s.
     """
     diagram, context = simulator.get_system(), simulator.get_context()
     crashed = diagram.GetOutputPort("crashed")
-    # Stages of the integrator at the end of a step still see the forces from before the jump.
+    # A step that ends just before a jump evaluates all its stages with the forces before the jump.
     stops = sorted({stop for jump in jumps for stop in (math.nextafter(jump, 0.0), jump)})
     time = 0.0
     while time < duration and not (crashed.Eval(context) != 0.0).all():

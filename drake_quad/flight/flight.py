@@ -24,28 +24,32 @@ from drake_quad.signals import SIGNALS, Quantity, quantities, row_names
 if TYPE_CHECKING:
     import pandas as pd
 
-# What a file that is not what it was raises: where it is read, and where a plan is made of its arrays.
-_DAMAGES = (OSError, ValueError, KeyError, AttributeError, TypeError)
+# Exceptions that a damaged file causes while it is read, or while its arrays are converted to a plan.
+_DAMAGE_ERRORS = (OSError, ValueError, KeyError, AttributeError, TypeError)
 ARRAYS, TABLE, SCENARIO, METRICS = "flight.npz", "flight.csv", "scenario.yaml", "metrics.csv"
-# What stands beside the signals in a flight's file of arrays: how it was flown, why it crashed, and its plan.
-_COMPILED, _TOUCHED, _CAUSE, _OF_PLAN = "compiled", "touched", "cause", "plan."
+# Names of arrays in a flight's file that are not signals.
+_COMPILED = "compiled"
+_TOUCHED = "touched"
+_CAUSE = "cause"
+_PLAN_PREFIX = "plan."
 
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Flight(Mapping[str, np.ndarray]):
-    """A flown scenario: a mapping of the names of its signals to their values.
+    """Simulated flight, a mapping from the names of its signals to their values.
 
-    `flight["state"]` are (ticks, rows) numbers; `list(flight)` or `flight.keys()` are the names, `flight.items()` both.
+    `flight["state"]` is an array (ticks, rows). `flight.keys()` are the names of the signals, and `flight.items()` are
+    pairs of name and array.
 
     Attributes:
-        scenario: what was flown, with its seed and the number of the sample.
-        plan: the reference.
-        time: (ticks,) the ticks of the control, until the end or the crash, s.
-        signals: (ticks, rows) values of each signal at the ticks; `record` gives the rows their names.
-        metrics: of the flight; NaN where there is nothing to measure.
-        compiled: whether it was flown in a compiled diagram; else in the diagram as it is wired.
-        touched: name of the obstacle that it crashed into, if it did.
-        cause: a sentence on what was not a number, if it crashed by that.
+        scenario: scenario that was flown, with its seed and the index of the sample.
+        plan: plan with the reference.
+        time: (ticks,) times of the control's ticks until the end or the crash, s.
+        signals: (ticks, rows) values of each signal at the ticks; `record` names the rows.
+        metrics: metrics of the flight; NaN for a metric that is not defined.
+        compiled: True if a compiled diagram was simulated, False if the original diagram was.
+        touched: name of the obstacle that the vehicle hit; None otherwise.
+        cause: sentence on the first value that was NaN or infinite, if the crash was due to it.
     """
 
     scenario: Scenario
@@ -116,7 +120,7 @@ class Flight(Mapping[str, np.ndarray]):
         return frame
 
     def __repr__(self) -> str:
-        """A line of text."""
+        """Return a one-line description."""
         end = self.crash or f"{self.time[-1]:.2f} s"
         end = end if self.cause is None else f"{end}, since {self.cause}"
         how = ", compiled" if self.compiled else ""
@@ -126,7 +130,7 @@ class Flight(Mapping[str, np.ndarray]):
 
     @property
     def crash(self) -> str:
-        """What became of a flight that crashed, in words; empty for one that did not."""
+        """Text that describes the crash; empty if the vehicle did not crash."""
         if not self.metrics.crashed:
             return ""
         into = "" if self.touched is None else f" into {self.touched}"
@@ -134,12 +138,12 @@ class Flight(Mapping[str, np.ndarray]):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What to know of the flight before its numbers are used, in sentences; see `flight_remarks`."""
+        """Remarks to read before using the results of the flight, see `flight_remarks`."""
         return flight_remarks(self.scenario, self.plan)
 
     @property
     def _words(self) -> dict[str, str]:
-        """What became of a flight that crashed, by the name in its file of arrays."""
+        """Texts that describe the crash, by their name in the file of arrays."""
         words = {_TOUCHED: self.touched, _CAUSE: self.cause}
         return {name: each for name, each in words.items() if each is not None}
 
@@ -150,15 +154,15 @@ class Flight(Mapping[str, np.ndarray]):
         return np.hypot(np.hypot(reference.x - state.x, reference.y - state.y), reference.z - state.z)
 
     def save(self, folder: Path | str) -> list[Path]:
-        """Writes the signals as compressed NumPy and as CSV, the metrics as CSV, and the scenario as YAML to fly again.
+        """Write the flight to a folder, from which `read_flight` reads it.
 
-        `read_flight` reads the folder.
+        The signals are written as compressed NumPy arrays and as CSV, the metrics as CSV, and the scenario as YAML.
 
         Returns:
-            The files.
+            The paths of the files.
 
         Raises:
-            InputError: the folder cannot be written, or holds a scenario of something else than a flight.
+            InputError: if the folder cannot be written, or contains a scenario that does not belong to a flight.
         """
         target = output_folder(Path(folder))
         if (target / SCENARIO).exists() and not (target / ARRAYS).exists():
@@ -180,13 +184,13 @@ class Flight(Mapping[str, np.ndarray]):
 
 
 def read_flight(path: Path | str) -> Flight:
-    """Reads a flight that `Flight.save` wrote, number by number as it was.
+    """Read a flight that `Flight.save` wrote, with exactly the same numbers.
 
     Args:
-        path: the folder, or one of the files in it.
+        path: folder of the flight, or one of the files in it.
 
     Raises:
-        InputError: there is no flight, or one of its files is damaged.
+        InputError: if the folder does not contain a flight, or one of its files is damaged.
     """
     path = Path(path)
     folder = path.parent if path.is_file() and path.name in (ARRAYS, TABLE, SCENARIO, METRICS) else path
@@ -199,9 +203,9 @@ def read_flight(path: Path | str) -> Flight:
         time = arrays.pop("time")
         compiled = bool(arrays.pop(_COMPILED, False))
         touched, cause = (str(arrays.pop(name)) if name in arrays else None for name in (_TOUCHED, _CAUSE))
-        planned = {name: arrays.pop(name) for name in [*arrays] if name.startswith(_OF_PLAN)}
+        planned = {name: arrays.pop(name) for name in [*arrays] if name.startswith(_PLAN_PREFIX)}
         plan = _plan_of(planned) if planned else None
-    except _DAMAGES:
+    except _DAMAGE_ERRORS:
         raise InputError(f"{folder / ARRAYS} cannot be read, or is not the file of a flight") from None
     strange = [name for name, values in arrays.items() if name not in SIGNALS or values.shape[:1] != time.shape]
     if strange:
@@ -219,7 +223,7 @@ def _read_metrics(path: Path) -> Metrics:
 
 
 def _arrays_of(plan: Plan) -> dict[str, np.ndarray]:
-    """A plan as arrays by name, exact."""
+    """Return the exact numbers of a plan as arrays by name."""
     arrays = {
         **{f"path.{name}": values for name, values in plan.path._asdict().items()},
         **{f"yaw.{name}": values for name, values in plan.yaw._asdict().items()},
@@ -227,14 +231,14 @@ def _arrays_of(plan: Plan) -> dict[str, np.ndarray]:
         "leg_firsts": np.array([leg.first for leg in plan.legs], dtype=int),
         "laps": np.array(plan.laps, dtype=float),
     }
-    return {f"{_OF_PLAN}{name}": values for name, values in arrays.items()}
+    return {f"{_PLAN_PREFIX}{name}": values for name, values in arrays.items()}
 
 
 def _plan_of(arrays: Mapping[str, np.ndarray]) -> Plan:
-    """The plan of `_arrays_of`."""
+    """Return the plan from the arrays of `_arrays_of`."""
     path, yaw = (
-        PolynomialPath(*(arrays[f"{_OF_PLAN}{part}.{name}"] for name in PolynomialPath._fields))
+        PolynomialPath(*(arrays[f"{_PLAN_PREFIX}{part}.{name}"] for name in PolynomialPath._fields))
         for part in ("path", "yaw")
     )
-    legs = zip(arrays[f"{_OF_PLAN}legs"].tolist(), arrays[f"{_OF_PLAN}leg_firsts"].tolist(), strict=True)
-    return Plan(path, yaw, tuple(Leg(*leg) for leg in legs), tuple(arrays[f"{_OF_PLAN}laps"].tolist()))
+    legs = zip(arrays[f"{_PLAN_PREFIX}legs"].tolist(), arrays[f"{_PLAN_PREFIX}leg_firsts"].tolist(), strict=True)
+    return Plan(path, yaw, tuple(Leg(*leg) for leg in legs), tuple(arrays[f"{_PLAN_PREFIX}laps"].tolist()))

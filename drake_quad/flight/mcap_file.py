@@ -116,12 +116,12 @@ def topics_of(name: str, flight: Flight) -> dict[str, dict[str, Any]]:
 
 
 def messages_of(name: str, flight: Flight, number: int = 0) -> Iterator[Message]:
-    """The messages of a flight in the order of their times.
+    """Yield the messages of a flight, sorted by time.
 
     Args:
-        name: of the flight.
-        flight: that was flown.
-        number: which of several, for its colour.
+        name: name of the flight.
+        flight: flight to convert.
+        number: index of the flight among several, which determines its colour.
     """
     times = [round(_NANOSECONDS * time) for time in flight.time.tolist()]
     state, reference = flight.record("state"), flight.record("reference")

@@ -40,7 +40,7 @@ _Columns = dict[str, np.ndarray]
 
 
 def px4_columns(flight: Flight) -> _Columns:
-    """The columns of the table by their names, (ticks,) each."""
+    """Return the columns (ticks,) of the table by name."""
     columns: _Columns = {"timestamp": np.round(_MICROSECONDS * flight.time).astype(np.int64)}
     for name, suffix in (("measurement", ""), ("state", "_groundtruth")):
         columns |= _motion(flight, name, suffix)
@@ -48,7 +48,7 @@ def px4_columns(flight: Flight) -> _Columns:
     columns |= _turned("trajectory_setpoint.position[{}]", "012", reference.x, reference.y, reference.z)
     columns |= _turned("trajectory_setpoint.velocity[{}]", "012", reference.v_x, reference.v_y, reference.v_z)
     columns |= _turned("trajectory_setpoint.acceleration[{}]", "012", reference.a_x, reference.a_y, reference.a_z)
-    # PX4's message TrajectorySetpoint has the yaw between -π and π.
+    # PX4 defines the yaw of TrajectorySetpoint between -π and π.
     yaw = np.arctan2(-np.sin(reference.yaw), np.cos(reference.yaw))
     columns |= {"trajectory_setpoint.yaw": yaw, "trajectory_setpoint.yawspeed": -reference.yaw_rate}
     for name in ("attitude_target", "attitude_command"):

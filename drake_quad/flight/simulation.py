@@ -13,6 +13,7 @@ from drake_quad.flight.cause import not_a_number
 from drake_quad.flight.fleet_simulation import FleetSimulation, simulate_fleet
 from drake_quad.flight.flight import Flight
 from drake_quad.laboratory.metrics import Metrics
+from drake_quad.memory import check_fleet_fits
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Batch, Scenario, distributions_in
 
@@ -38,28 +39,29 @@ def simulate(
     prepare: Callable[[Simulator], None] | None = None,
     progress: Callable[[float, float], None] | None = None,
 ) -> Flight:
-    """Flies one vehicle and records every signal.
+    """Simulate one vehicle and record all signals.
 
     Args:
-        scenario: with numbers only, unless a sample is given.
-        seed: of the study, in place of the scenario's.
-        sample: number of the sample of the study to fly, in place of the scenario's: with what is drawn for it, in its
-            wind and with its noise. Without one, these are wind and noise of sample 0.
-        position_controller: stands in for the scenario's; see `build_tracking_diagram`.
-        control: stands in for the whole cascade; see there.
-        wind: blows beside the scenario's; see there.
-        policy: a system that stands in for the network of a control of kind `policy`: from `observation`, if it looks
-            at it, to `action`.
-        plan: flown instead of that of the scenario's route.
-        compiled: whether the diagram is compiled to machine code first, as for studies; else it flies as it is wired,
-            where every port and every state can be looked into at any time.
-        until: when to stop, s; at the end of the flight if not given, and no later.
-        prepare: called with Drake's simulator before it flies, to set a monitor or a rate of real time.
-        progress: called now and then with the time flown and the time to fly, s.
+        scenario: scenario without distributions, unless a sample is given.
+        seed: seed of the study; that of the scenario if not given.
+        sample: index of the sample of the study to fly, which determines the drawn numbers, the wind and the noise;
+            that of the scenario if not given. If neither is given, wind and noise are those of sample 0.
+        position_controller: system that replaces the scenario's position controller; see `build_tracking_diagram`.
+        control: system that replaces the whole cascade; see `build_tracking_diagram`.
+        wind: system with an additional wind; see `build_tracking_diagram`.
+        policy: system that replaces the network of a control of kind `policy`, from `observation`, which is optional,
+            to `action`.
+        plan: plan that is flown instead of that of the scenario's route.
+        compiled: True to compile the diagram to machine code, as for studies. Otherwise the original diagram is
+            simulated, whose ports and states can be inspected at any time.
+        until: time at which the simulation stops, s; the end of the flight if not given.
+        prepare: function that is called with Drake's simulator before the simulation, for example to set a monitor or a
+            real-time rate.
+        progress: function that is called from time to time with the simulated time and the total time, s.
 
     Raises:
-        InputError: the scenario holds a distribution and no sample is given, the rotors cannot fly the route, the
-            metric window or `until` lies beyond the flight, or a continuous state changes too fast.
+        InputError: if the scenario contains a distribution and no sample is given, the rotors cannot fly the route, the
+            metric window or `until` is after the end of the flight, or a continuous state changes too fast.
     """
     sample = scenario.sample if sample is None else sample
     if sample is None:
@@ -88,8 +90,8 @@ def simulate(
         time = simulator.get_context().get_time()
         raise InputError(
             f"vehicle.time_step is 0, but from {time:.3g} s on something moves too fast for the integration of a"
-            f" continuous state, in less than {_MIN_STEP:g} s, such as roll and yaw at a pitch of 90 degrees; give it a"
-            " step"
+            f" continuous state, which would need steps shorter than {_MIN_STEP:g} s, as for roll and yaw at a pitch of"
+            " 90 degrees; set vehicle.time_step to a positive number"
         ) from None
     return _flights(batch, plan, simulation, own)[0]
 
@@ -114,6 +116,7 @@ def simulate_samples(
     Raises:
         InputError: the route holds a distribution, or the rotors cannot fly it.
     """
+    check_fleet_fits(len(samples), "the number of samples")
     return simulate_batch(Batch.draw(scenario, samples, seed=seed), plan=plan, compiled=compiled)
 
 
@@ -135,7 +138,7 @@ def simulate_batch(batch: Batch, *, plan: Plan | None = None, compiled: bool = F
 
 
 def _flights(batch: Batch, plan: Plan, simulation: FleetSimulation, own: UserSystems = UserSystems()) -> list[Flight]:
-    """The flights of a fleet's vehicles so far."""
+    """Return the flights of a fleet's vehicles up to the present time."""
     metrics, touched = simulation.metrics(), simulation.touched()
     time, signals = simulation.recording()
     space = batch.scenario.space

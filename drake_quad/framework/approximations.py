@@ -100,8 +100,8 @@ _TANH = (
     -1.724487449484433e-05,
 )
 _SMALL_OF_TANH = 0.625
-# (erf x - 2/√π x) / x³ as a function of x², for |x| up to 1, within 8e-18 of erf x, and 2/√π - 1.
-_ERF = (
+# Polynomial of (erf x - 2/√π x) / x³ in x², for |x| <= 1. Its error in erf x is below 8e-18.
+_ERF_COEFFICIENTS = (
     -0.37612638903183754,
     0.11283791670955111,
     -0.026866170645123838,
@@ -115,9 +115,9 @@ _ERF = (
     -1.1500357159785296e-09,
     6.174097221305255e-11,
 )
-_SLOPE_OF_ERF = 0.1283791670955126
-# exp(x²) erfc x as a function of 14.4 / (x + 3) - 2.6, for x from 1 to 6, within 5e-18 of erf x, which is 1 beyond.
-_ERFC = (
+_ERF_SLOPE_MINUS_ONE = 0.1283791670955126  # 2/√π - 1
+# Polynomial of exp(x²) erfc x in 14.4 / (x + 3) - 2.6, for 1 <= x <= 6. Its error in erf x is below 5e-18.
+_ERFC_COEFFICIENTS = (
     0.20798329133342885,
     0.15436117429436919,
     0.04969844540339464,
@@ -134,7 +134,7 @@ _ERFC = (
     -6.047405945991704e-12,
     6.0857915906870915e-12,
 )
-_LARGEST_OF_ERF = 6.0
+_MAX_ERF_ARGUMENT = 6.0  # erf x is 1 in double precision for larger x
 _TAN_EIGHTH, _TAN_3_EIGHTHS = math.tan(math.pi / 8.0), math.tan(3.0 * math.pi / 8.0)
 
 
@@ -224,11 +224,11 @@ def tanh(x: Symbol) -> Symbol:
 
 
 def erf(x: Symbol) -> Symbol:
-    """Error function."""
+    """Return the error function of x."""
     size, z = abs(x), x * x
-    clamped = select(size > _LARGEST_OF_ERF, _LARGEST_OF_ERF, size)
-    large = 1.0 - exp(-(clamped * clamped)) * polynomial(14.4 / (clamped + 3.0) - 2.6, _ERFC)
-    small = fused(x, fused(z, polynomial(z, _ERF), _SLOPE_OF_ERF), x)
+    clamped = select(size > _MAX_ERF_ARGUMENT, _MAX_ERF_ARGUMENT, size)
+    large = 1.0 - exp(-(clamped * clamped)) * polynomial(14.4 / (clamped + 3.0) - 2.6, _ERFC_COEFFICIENTS)
+    small = fused(x, fused(z, polynomial(z, _ERF_COEFFICIENTS), _ERF_SLOPE_MINUS_ONE), x)
     return select(size < 1.0, small, copysign(large, x))
 
 

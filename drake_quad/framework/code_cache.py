@@ -1,8 +1,8 @@
-"""Machine code on the disk, in a folder that only this user can write to.
+"""On-disk cache of machine code, in a folder that only this user can write to.
 
-Each file holds an object file, and behind it a digest of the file's name and of the object file. So a file that is
-damaged, or that was moved to the name of another one, is noticed. The digest is no protection from other users: it is
-the folder and the files that must belong to this user and must not be writable by anybody else.
+Each file contains an object file, followed by a digest of the file's name and of the object file. The digest detects
+files that are damaged or were renamed. It does not protect against other users. For that reason, the folder and the
+files must belong to this user, and nobody else may have write permission.
 """
 
 import functools
@@ -17,24 +17,24 @@ from pathlib import Path
 
 from drake_quad.files import write_whole
 
-# A kernel takes 5 to 200 kB, so thousands of them are kept.
+# A kernel takes 5 to 200 kB, so the cache holds thousands of them.
 MAX_BYTES = 256 * 2**20
 _DIGEST_SIZE = 32
-# What this module writes, also while it is not whole yet.
-_OUR_NAMES = re.compile(r"\.?kernel_[0-9a-f]{32}(\.\d+)*\.o")
-# A symbolic link is not followed, and a FIFO is not waited for. Windows has neither, but tells text from bytes.
-_READ = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
-_WRITE = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | getattr(os, "O_BINARY", 0)
+# The pattern matches the cache's files and its temporary files, so that pruning deletes no foreign file.
+_CACHE_FILE_NAME = re.compile(r"\.?kernel_[0-9a-f]{32}(\.\d+)*\.o")
+# Opening must not follow a symbolic link or block on a FIFO. Windows has neither, but it needs the binary mode.
+_READ_FLAGS = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+_WRITE_FLAGS = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | getattr(os, "O_BINARY", 0)
 
 
 def read(name: str) -> bytes | None:
-    """Return the object file of that name; None if there is none, or none that can be trusted."""
+    """Return the cached object file with a name; None if it does not exist or cannot be trusted."""
     folder = cache_folder()
     if folder is None or not _is_ours(folder):
         return None
     path = folder / f"{name}.o"
     try:
-        with os.fdopen(os.open(path, _READ), "rb") as file:
+        with os.fdopen(os.open(path, _READ_FLAGS), "rb") as file:
             status = os.fstat(file.fileno())
             if not stat.S_ISREG(status.st_mode) or not _is_private(status) or status.st_size > MAX_BYTES:
                 return None
@@ -45,21 +45,21 @@ def read(name: str) -> bytes | None:
     if not code or digest != _digest(name, code):
         return None
     with suppress(OSError):
-        os.utime(path)  # the files that were used longest ago are deleted first
+        os.utime(path)  # pruning deletes the least recently used files first
     return code
 
 
 def write(name: str, code: bytes) -> None:
-    """Write an object file; where that is not possible, the next process compiles again.
+    """Write an object file to the cache; if writing fails, the next process compiles again.
 
-    One write in sixteen, chosen by the name, looks through the folder and keeps it below `MAX_BYTES`.
+    One write in sixteen, selected by the last digit of the name, prunes the folder to `MAX_BYTES`.
     """
     folder = cache_folder()
     if folder is None:
         return
 
     def fill(path: Path) -> None:
-        with os.fdopen(os.open(path, _WRITE, 0o600), "wb") as file:
+        with os.fdopen(os.open(path, _WRITE_FLAGS, 0o600), "wb") as file:
             file.write(code + _digest(name, code))
 
     with suppress(OSError):
@@ -71,14 +71,14 @@ def write(name: str, code: bytes) -> None:
 
 
 def prune(folder: Path, max_bytes: int) -> None:
-    """Delete the files of this module that were used longest ago, until the others take no more than `max_bytes`.
+    """Delete the least recently used files of the cache until the rest take no more than `max_bytes`.
 
-    Other processes may read, write and prune meanwhile: a file that is gone is compiled again.
+    Other processes may read, write and prune at the same time: a missing file only costs another compilation.
     """
     files = []
     with os.scandir(folder) as entries:
         for entry in entries:
-            if _OUR_NAMES.fullmatch(entry.name):
+            if _CACHE_FILE_NAME.fullmatch(entry.name):
                 with suppress(OSError):
                     status = entry.stat(follow_symlinks=False)
                     files.append((status.st_mtime_ns, Path(entry.path), status.st_size))
@@ -92,16 +92,17 @@ def prune(folder: Path, max_bytes: int) -> None:
 
 
 def cache_folder() -> Path | None:
-    """Return the folder that DRAKE_QUAD_CACHE names, or else a folder among the user's caches.
+    """Return the folder that DRAKE_QUAD_CACHE names, or by default a folder in the user's cache directory.
 
     Returns:
-        None, so that nothing is kept, if that variable is empty or not an absolute path, or the user has no home.
-        Other variables that hold a relative path count as not set, as the XDG Base Directory Specification has it.
+        The folder, which may not exist yet. None disables the cache: the variable is empty or not an absolute path, or
+        the user has no home directory. Relative paths in other variables are ignored, as the XDG Base Directory
+        Specification demands.
     """
     named = os.environ.get("DRAKE_QUAD_CACHE")
     if named is not None:
         if named and not Path(named).is_absolute():
-            _remark(f"DRAKE_QUAD_CACHE is {named!r}, which is not an absolute path, so machine code is not kept")
+            _remark(f"DRAKE_QUAD_CACHE is {named!r}, so machine code is not cached; set it to an absolute path")
         return _absolute(named)
     try:
         home = _absolute(str(Path.home()))
@@ -119,7 +120,7 @@ def _absolute(path: str | None) -> Path | None:
 
 
 def _inside(caches: Path | None, home: Path | None, default: str, name: str) -> Path | None:
-    """Return our folder among the user's caches, which by default are in their home."""
+    """Return the folder `name` in the user's cache directory, which by default is in the home directory."""
     if caches is None and home is not None:
         caches = home / default
     return None if caches is None else caches / name
@@ -130,7 +131,7 @@ def _digest(name: str, code: bytes) -> bytes:
 
 
 def _is_ours(folder: Path) -> bool:
-    """Return whether a folder is there and private; says so once if it is there and not private."""
+    """Return whether a folder exists and is private; warn once if it exists but is not private."""
     try:
         status = folder.stat()
     except OSError:
@@ -139,8 +140,8 @@ def _is_ours(folder: Path) -> bool:
         return False
     if not _is_private(status):
         _remark(
-            f"{folder} belongs to another user or can be written by others, so no machine code is read from it or kept"
-            " in it; make it yours alone, or name another folder by DRAKE_QUAD_CACHE"
+            f"{folder} belongs to another user or can be written by others, so machine code is not cached there; make"
+            " it private to you, or set DRAKE_QUAD_CACHE to another folder"
         )
         return False
     return True
@@ -149,7 +150,7 @@ def _is_ours(folder: Path) -> bool:
 def _is_private(status: os.stat_result) -> bool:
     """Return whether a file or folder belongs to this user and nobody else can write to it.
 
-    On Windows a user's folders are private, and the mode does not say more.
+    On Windows a user's folders are private, and the mode contains no further information.
     """
     if sys.platform == "win32":
         return True
@@ -158,5 +159,5 @@ def _is_private(status: os.stat_result) -> bool:
 
 @functools.cache
 def _remark(sentence: str) -> None:
-    """Log a sentence, once in a process."""
+    """Log a sentence once per process."""
     logging.getLogger("drake_quad").warning(sentence)

@@ -82,7 +82,7 @@ def tanh(x: Row) -> Row:
 
 
 def erf(x: Row) -> Row:
-    """Error function. Not for Expression."""
+    """Return the error function of x, which may be of any type but Expression."""
     if x.__class__ is float:
         return math.erf(x)
     if x.__class__ is Symbol:
@@ -259,7 +259,7 @@ def _is_symbolic(x: Any) -> bool:
 
 
 def _erf_of_object(x: Any) -> Any:
-    """The error function of a number, or of an AutoDiffXd, whose derivative is 2/√π exp(-x²)."""
+    """Return the error function of a number or an AutoDiffXd; its derivative is 2/√π exp(-x²)."""
     if not isinstance(x, AutoDiffXd):
         return math.erf(x)
     slope = 2.0 / math.sqrt(math.pi) * math.exp(-(x.value() ** 2))

@@ -290,15 +290,15 @@ class FleetSystem(_Base):
         """Declares ports, state, parameters and events; every subclass has its own."""
 
     def input(self, name: str, *, layout: Layout | None = None, absent: Any = None) -> Input:
-        """Declares an input port.
+        """Declare an input port.
 
         Args:
-            name: of the port; what it holds is what `drake_quad.signals` says, unless there is a layout.
-            layout: of what it holds.
-            absent: what a formula gets in its place where nothing is connected.
+            name: name of the port.
+            layout: layout of the port; that of the signal `name` in `drake_quad.signals` if not given.
+            absent: value that a formula gets if the port is not connected.
 
         Raises:
-            InputError: there is no layout, and no signal of that name.
+            InputError: no layout is given, and there is no signal with this name.
         """
         layout = layout or _layout_of_signal(name)
         return Input(name, self.DeclareVectorInputPort(name, self._model(layout)).get_index(), layout, absent)
@@ -342,16 +342,16 @@ class FleetSystem(_Base):
         return self.states["continuous"]
 
     def output(self, name: str, formula: Callable[..., Any], *reads: Any, layout: Layout | None = None) -> None:
-        """Declares an output port.
+        """Declare an output port.
 
         Args:
-            name: of the port; what it holds is what `drake_quad.signals` says, unless there is a layout.
-            formula: which returns what it holds.
-            reads: the formula's arguments: ports, parameters, states, `TIME`, a `TickOf`, or constants.
-            layout: of what it holds.
+            name: name of the port.
+            formula: function that returns the value of the port.
+            reads: arguments of the formula: ports, parameters, states, `TIME`, a `TickOf`, or constants.
+            layout: layout of the port; that of the signal `name` in `drake_quad.signals` if not given.
 
         Raises:
-            InputError: there is no layout, and no signal of that name.
+            InputError: no layout is given, and there is no signal with this name.
         """
         layout = layout or _layout_of_signal(name)
         computation = Computation(formula, reads, [layout], [])
@@ -466,20 +466,20 @@ class FleetSystem(_Base):
             part.mutable_vector(context).SetFromVector(self._elements(part.layout, part.recipe(numbers)))
 
     def get_parameter(self, context: Context, name: str) -> Any:
-        """The record of a numeric parameter, a copy."""
+        """Return a copy of the record of a numeric parameter."""
         return self._record(entry(self.parameters, name, "parameter"), context)
 
     def set_parameter(self, context: Context, name: str, record: Any) -> None:
-        """Writes a record into a numeric parameter; each row is a number for all vehicles, or an (N,) array."""
+        """Set a numeric parameter to a record; each row is a number for all vehicles, or an (N,) array."""
         parameter = entry(self.parameters, name, "parameter")
         parameter.mutable_vector(context).SetFromVector(self._elements(parameter.layout, record))
 
     def get_state(self, context: Context, name: str) -> Any:
-        """The record of a group of the state, a copy."""
+        """Return a copy of the record of a group of the state."""
         return self._record(entry(self.states, name, "group of the state"), context)
 
     def set_state(self, context: Context, name: str, record: Any) -> None:
-        """Writes a record into a group of the state; each row is a number for all vehicles, or an (N,) array."""
+        """Set a group of the state to a record; each row is a number for all vehicles, or an (N,) array."""
         group = entry(self.states, name, "group of the state")
         group.mutable_vector(context).SetFromVector(self._elements(group.layout, record))
 

@@ -65,16 +65,16 @@ _kernels: ThreadSafeCache[Callable[..., None]] = ThreadSafeCache()
 def kernel(
     formula: Callable[..., Any], arguments: tuple[Any, ...], results: tuple[Layout, ...], *, lone: bool
 ) -> Callable[..., None]:
-    """The machine code of a formula.
+    """Return the machine code of a formula.
 
     Args:
-        formula: to apply.
-        arguments: that it takes: a `Layout` for a record that is read, `TIME`, a `TickOf`, or a constant.
-        results: layouts of what it returns: that of the only record, or those of the parts of a tuple or record.
-        lone: whether it is for a single vehicle.
+        formula: function to compile.
+        arguments: kinds of its arguments: a `Layout` for a record that is read, `TIME`, a `TickOf`, or a constant.
+        results: layouts of its results: that of a single record, or those of the parts of a tuple or record.
+        lone: True for code that computes a single vehicle.
 
     Raises:
-        TypeError: the formula returns something else, or branches on a row.
+        TypeError: if the results do not fit the layouts, or the formula branches on a row.
     """
     key = formula, tuple(map(told_apart, arguments)), results, lone
     return _kernels.get(key, lambda: _made(formula, arguments, results, lone))
@@ -93,7 +93,7 @@ def told_apart(constant: Any) -> tuple[Any, str]:
 def _made(
     formula: Callable[..., Any], arguments: Sequence[Any], results: Sequence[Layout], lone: bool
 ) -> Callable[..., None]:
-    """The machine code of a formula, made now."""
+    """Compile a formula to machine code; arguments are those of `kernel`."""
     listing = Listing()
     values: list[Any] = []
     sizes: list[int] = []
@@ -109,21 +109,22 @@ def _made(
 
 
 def traced(formula: Callable[..., Any], values: Sequence[Any], results: Sequence[Layout]) -> list[Any]:
-    """Run a formula on symbols, and return the rows of what it returned.
+    """Run a formula on symbols, and return the rows of its results.
 
     Args:
-        formula: to apply.
-        values: its arguments.
-        results: layouts of what it returns.
+        formula: function to trace.
+        values: arguments of the formula.
+        results: layouts of the results.
 
     Raises:
-        TypeError: the formula returns something else, branches on a row, or calls a function that knows no symbols.
+        TypeError: if the results do not fit the layouts, or the formula branches on a row or calls a function that does
+            not accept symbols.
     """
     try:
         return flattened(formula(*values), results)
     except (TypeError, AttributeError) as error:
         name = getattr(formula, "__name__", repr(formula))
-        # What Python and NumPy say of a Symbol says nothing to those who wrote of rows.
+        # Authors of formulas know rows, not symbols, so messages of Python and NumPy about a Symbol need a hint.
         hint = f"; a Symbol is a row that is not known yet: {ALLOWED}" if "Symbol" in str(error) else ""
         raise TypeError(f"formula {name}: {error}{hint}") from error
 

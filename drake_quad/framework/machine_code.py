@@ -1,7 +1,7 @@
-"""From LLVM's language to machine code in this process, which is compiled once and kept on the disk.
+"""Compilation of LLVM code to machine code in this process, with a cache in memory and on the disk.
 
-Machine code is kept under a name that is made of the instructions and the processor: what a formula was when it was
-compiled does not matter, only what it does now.
+The key of the cache is derived from the LLVM code and the processor, so that cached machine code is never outdated when
+a formula changes.
 """
 
 import ctypes
@@ -20,10 +20,12 @@ from drake_quad.framework import code_cache
 _AS_WRITTEN = ("-pre-RA-sched=source", "-enable-misched=false")
 # A NumPy array's pointer to its elements stands behind what all Python objects begin with (NumPy's C interface).
 POINTER = object.__basicsize__
-# What this processor can do, in LLVM's words.
+# Instruction sets of this processor, in LLVM's notation.
 _FEATURES = str(llvm.get_host_cpu_features().flatten())
 # Registers for vectors, and vehicles in a vector: what the widest of them hold.
-REGISTERS, LANES = (32, 8) if "+avx512f" in _FEATURES else (16, 4)
+_HAS_AVX512 = "+avx512f" in _FEATURES
+REGISTERS = 32 if _HAS_AVX512 else 16
+LANES = 8 if _HAS_AVX512 else 4
 
 
 def _check_pointer() -> None:
@@ -45,25 +47,25 @@ def _target_machine() -> Any:
     return target.create_target_machine(cpu=llvm.get_host_cpu_name(), features=_FEATURES, opt=1, jit=True)
 
 
-# An engine frees its machine code when it is freed itself, so there is one, made by the import, which Python does once
-# whatever the number of threads. Both are used only while a thread makes a value of `_addresses`, that is one thread
-# at a time.
+# An engine frees its machine code when it is deleted, so one engine lives as long as the process. Creating it during
+# the import avoids races, since Python imports a module once. Only the code that makes values of `_addresses` uses the
+# engine and the target machine, and `ThreadSafeCache` runs that code in one thread at a time.
 _MACHINE = _target_machine()
 _ENGINE = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _MACHINE)
 _addresses: ThreadSafeCache[int] = ThreadSafeCache()
 
 
 def address(text: str) -> int:
-    """Return the address of the function `kernel` of a module's text, from the disk or compiled.
+    """Return the address of the function `kernel` in an LLVM module, which is loaded from the disk or compiled.
 
-    Any number of threads may call this; a module is compiled and loaded once.
+    The function is thread-safe, and it compiles and loads each module once.
     """
     name = _name(text)
     return _addresses.get(name, lambda: _made(name, text))
 
 
 def _name(text: str) -> str:
-    """Return the name of a module's file and function, made of all that its machine code depends on."""
+    """Return the name of a module's file and function, a digest of everything that its machine code depends on."""
     made_by = llvmlite.__version__, llvm.llvm_version_info, _MACHINE.triple, llvm.get_host_cpu_name()
     identity = repr((*made_by, _FEATURES, _AS_WRITTEN, text))
     return f"kernel_{hashlib.sha256(identity.encode()).hexdigest()[:32]}"
@@ -82,17 +84,17 @@ def _made(name: str, text: str) -> int:
 
 
 def _loaded(name: str, code: bytes) -> int:
-    """Load an object file and return the address of a function of that name; 0 if it has none."""
+    """Load an object file and return the address of the function `name`; 0 if it has no such function."""
     _ENGINE.add_object_file(llvm.ObjectFileRef.from_data(code))
     _ENGINE.finalize_object()
     return int(_ENGINE.get_function_address(name))
 
 
 def _compiled(text: str) -> bytes:
-    """Return the object file of a module's text.
+    """Compile an LLVM module to an object file.
 
-    A listing has no line twice and none that is not needed, and it comes in its order: LLVM's passes over its language,
-    which take a third of the time, made nothing faster, and nor did a higher level of optimisation.
+    LLVM's optimisation passes are not run. They take a third of the time and made no kernel faster, because the code is
+    already free of duplicate and unused instructions, and scheduled. A higher optimisation level did not help either.
     """
     code: bytes = _MACHINE.emit_object(llvm.parse_assembly(text))
     return code

@@ -21,9 +21,9 @@ from drake_quad.framework.symbols import LEAVES, Listing
 _WINDOW = 600 if REGISTERS > 16 else 150
 # Lines that begin in a cycle.
 _WIDTH = 3
-# Cycles until a result can be used, on AMD's Zen 4 (A. Fog, "Instruction tables"); one of all others. A number and its
-# bits are the same register. The result of a comparison goes to a register of masks: without its latency, a tick with
-# some arctangents takes 15 % longer for one vehicle.
+# Latencies in cycles on AMD's Zen 4 (A. Fog, "Instruction tables"); all other instructions have a latency of one cycle.
+# A number and its bits share a register. The result of a comparison goes to a mask register: if the schedule ignores
+# its latency, a tick with some arctangents takes 15 % longer for one vehicle.
 _LATENCY = {
     "add": 3,
     "subtract": 3,

@@ -23,7 +23,7 @@ class Kind(IntEnum):
     WORD = 3
 
 
-# What errors tell the author of a formula.
+# Hint for authors of formulas, which ends error messages.
 ALLOWED = "compute with rows by arithmetic, comparisons and the functions of drake_quad.framework.elementary"
 # What takes nothing from other lines.
 LEAVES = ("constant", "row", "shared")
@@ -148,7 +148,7 @@ class Listing:
         return self.add("shared", (place,), Kind.NUMBER)
 
     def constant(self, value: Any) -> "Symbol":
-        """The symbol of a number, of a NumPy uint64 or of a truth value."""
+        """Return the symbol of a number, of a NumPy uint64 or of a truth value."""
         if isinstance(value, np.ndarray) and value.ndim:
             raise TypeError(f"an array of shape {value.shape} stands where a number or a row is wanted; {ALLOWED}")
         if isinstance(value, bool | np.bool):
@@ -171,10 +171,10 @@ def _binary(name: str, kind: Kind | None = None) -> tuple[Callable[..., "Symbol"
 
 
 class Symbol:
-    """A row, or what follows from some, in a listing; not for people, who meet it only in a debugger.
+    """Row of a formula that is being traced, or a value computed from rows.
 
-    Numbers know arithmetic and comparisons, truth values `&` and `|`, words sums, products, shifts and bitwise
-    operations with other words.
+    Authors of formulas see symbols only in a debugger. Numbers support arithmetic and comparisons. Truth values support
+    `&` and `|`. Words support sums, products, shifts and bitwise operations with other words.
     """
 
     __slots__ = ("kind", "line", "listing")
@@ -206,7 +206,7 @@ class Symbol:
         return operation("absolute", self)
 
     def __array_ufunc__(self, function: np.ufunc, method: str, *inputs: Any, **options: Any) -> "Symbol":
-        """Compute with NumPy's numbers, which leave arithmetic and comparisons to this; refuse other functions."""
+        """Compute arithmetic and comparisons with NumPy's scalars, and reject all other functions of NumPy."""
         name = _ARITHMETIC.get(function)
         if name is None or method != "__call__" or options:
             raise TypeError(f"numpy.{function.__name__} does not take a row that is not known yet; {ALLOWED}")

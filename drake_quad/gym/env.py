@@ -72,10 +72,10 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return observation[0], infos
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Flies for a tick; the (rows,) action and the results are those of Gymnasium.
+        """Simulate one tick; the action (rows,) and the results are those of Gymnasium.
 
         Raises:
-            InputError: as for a `QuadrotorVectorEnv`.
+            InputError: an error of `QuadrotorVectorEnv.step`.
         """
         observation, rewards, terminations, truncations, infos = self._vector.step([action])
         info = {}

@@ -13,20 +13,20 @@ from drake_quad.scenario import Scenario
 
 
 class FunctionPolicy(LeafSystem):
-    """A function from observations to actions, in the place of a policy, as a system from `observation` to `action`.
+    """System from `observation` to `action` that evaluates a Python function in place of a network.
 
-    It stands in for a network in `simulate(scenario, policy=...)` and, made by a function of the number of vehicles, in
-    `run_monte_carlo(scenario, n, policy=...)`. A compiled diagram calls it once a tick. It must remember nothing: what
-    it does may depend on the observation alone.
+    The system replaces the network in `simulate(scenario, policy=...)`. In `run_monte_carlo(scenario, n, policy=...)` a
+    function of the number of vehicles must create it. A compiled diagram calls the function once per tick. The function
+    must be stateless: its result may only depend on the observation.
 
     Args:
-        scenario: with a control of kind `policy`, such as an environment's `scenario`.
-        function: from (N, rows) observations, of single precision as in environments, to (N, rows) actions.
+        scenario: scenario with a control of kind `policy`, such as the `scenario` of an environment.
+        function: function from (N, rows) observations, in single precision as in environments, to (N, rows) actions.
         num_vehicles: N.
 
     Raises:
-        InputError: the scenario has no place for a policy, or, as it flies, the actions have another shape, are no real
-            numbers, or are not finite or larger than 1,000,000 in size.
+        InputError: if the control of the scenario is not a policy. During a flight: the actions have the wrong shape,
+            are not real numbers, are not finite, or exceed 1,000,000 in size.
     """
 
     def __init__(self, scenario: Scenario, function: Callable[[np.ndarray], Any], num_vehicles: int = 1) -> None:

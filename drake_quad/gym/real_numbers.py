@@ -1,18 +1,18 @@
-"""Numbers that go into an environment and come out of it: actions, rewards, observations."""
+"""Checks and conversions of the actions, rewards and observations of an environment."""
 
 from typing import Any
 
 import numpy as np
 
-# A larger action is a mistake of what makes it, such as a network that diverges: its square would soon be too large for
-# single precision, in which a policy may see its last actions.
+# A larger action indicates an error, such as a network that diverged. Observations may contain recent actions in single
+# precision, whose range squares of larger numbers could exceed.
 MAX_ACTION = 1e6
 
 
 def real_numbers(values: Any) -> np.ndarray | None:
-    """Return real numbers of one shape as an array of floats; None if the values are something else.
+    """Return real numbers as an array of floats; None if the values are not real numbers that form an array.
 
-    Text, times and complex numbers are something else, although NumPy would convert them.
+    Text, times and complex numbers are rejected, although NumPy would convert them.
     """
     try:
         array = np.asarray(values)
@@ -22,6 +22,6 @@ def real_numbers(values: Any) -> np.ndarray | None:
 
 
 def single_precision(numbers: np.ndarray) -> np.ndarray:
-    """Return numbers as policies see them; those of a lost vehicle may be too large, and are infinite then."""
+    """Return numbers as `float32`; numbers that exceed its range, as of a crashed vehicle, become infinite."""
     with np.errstate(over="ignore"):
         return numbers.astype(np.float32)

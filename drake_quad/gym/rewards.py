@@ -37,10 +37,10 @@ class Transition(NamedTuple):
 
     @property
     def position_error(self) -> np.ndarray:
-        """(N,) the Euclidean one, m."""
+        """(N,) Euclidean distance from the reference, m."""
         state, reference = self.state, self.reference
         x, y, z = reference.x - state.x, reference.y - state.y, reference.z - state.z
-        with np.errstate(over="ignore", invalid="ignore"):  # a vehicle that is lost may be anywhere
+        with np.errstate(over="ignore", invalid="ignore"):  # the position of a crashed vehicle may be huge or NaN
             error: np.ndarray = np.sqrt(x * x + y * y + z * z)
         return error
 

@@ -28,20 +28,20 @@ _ACTIVATIONS: dict[str, Activation] = {
     "LeakyReLU": "leaky_relu",
     "GELU": "gelu",
 }
-# Where a module has the parameter of its activation.
+# Attribute of a PyTorch module that contains the parameter of its activation.
 _PARAMETERS = {"ELU": "alpha", "LeakyReLU": "negative_slope"}
 # Those that do nothing to an observation, or nothing when no one learns.
 _SILENT = ("Flatten", "Identity", "Dropout")
 
 
 class Layer(NamedTuple):
-    """A layer of neurons.
+    """Dense layer of a network.
 
     Attributes:
-        weights: (outputs, inputs).
-        biases: (outputs,).
-        activation: as in `control.policy` of the scenario language.
-        alpha: parameter of the activation, if it has one that is not the default.
+        weights: (outputs, inputs) weights.
+        biases: (outputs,) biases.
+        activation: name of the activation, as in `control.policy` of the scenario language.
+        alpha: parameter of the activation; None for its default, or if it has no parameter.
     """
 
     weights: np.ndarray
@@ -115,14 +115,14 @@ def _written(arrays: dict[str, Any], fields: dict[str, Any], scenario: Scenario,
 
 
 def torch_layers(modules: Iterable[Any]) -> list[Layer]:
-    """The layers of a network of PyTorch.
+    """Return the layers of a PyTorch network.
 
     Args:
-        modules: one after another, as a `torch.nn.Sequential` has them: Linear, and Tanh, ReLU, Sigmoid, ELU, SiLU,
-            LeakyReLU or GELU behind it.
+        modules: sequence of modules, such as a `torch.nn.Sequential`. Each Linear may be followed by a Tanh, ReLU,
+            Sigmoid, ELU, SiLU, LeakyReLU or GELU.
 
     Raises:
-        InputError: there is another module.
+        InputError: if the network contains another kind of module.
     """
     layers: list[Layer] = []
     for module in modules:
@@ -152,7 +152,7 @@ def acted(
     scale: np.ndarray | None = None,
     limit: float | None = None,
 ) -> np.ndarray:
-    """The (k, rows) actions, from -1 to 1, of a network for (k, rows) observations; arguments as for `save_policy`."""
+    """Return the actions (k, rows) of a network, in [-1, 1], for observations (k, rows); see `save_policy`."""
     first, factor = (None if each is None else tuple(np.ravel(each).tolist()) for each in (offset, scale))
     given = [Layer(*each) for each in layers]
     neurons = tuple([Dense(Matrix(each.weights, each.biases), each.activation, each.alpha) for each in given])

@@ -18,19 +18,20 @@ def task_of(
     action: str | Mapping[str, Any] | Model | None = None,
     observation: Mapping[str, Any] | Model | None = None,
 ) -> Scenario:
-    """The scenario of an environment, whose control is a policy that is not there.
+    """Return the scenario of an environment, whose control is a policy without a network.
 
-    Without an autopilot its attitude control is that of the scenario's control, or is designed if there is none.
+    Without an autopilot the attitude control is that of the scenario's control. It is designed if there is none.
 
     Args:
-        scenario: what flies where, in which laboratory, with which distributions; or the file or name of one.
-        overrides: as for `load_scenario`, of a scenario that is loaded.
-        action: what actions mean: a kind, or the fields of `control.action`. That of the scenario's policy, or an
-            acceleration, if not given.
-        observation: fields of `control.observation`; as the scenario's policy has it, or by default, if not given.
+        scenario: scenario, or the file or name of a scenario to load.
+        overrides: overrides for `load_scenario`, if the scenario is loaded.
+        action: kind of action, or the fields of `control.action`. By default that of the scenario's policy, or an
+            acceleration.
+        observation: fields of `control.observation`. By default those of the scenario's policy, or the defaults of the
+            language.
 
     Raises:
-        InputError: there is no such scenario, or a field is wrong.
+        InputError: if the scenario does not exist, or a field is wrong.
     """
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(scenario, overrides)

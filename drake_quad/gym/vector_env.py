@@ -21,6 +21,7 @@ from drake_quad.gym.rewards import Reward, Termination, TrackingReward, Transiti
 from drake_quad.gym.rollout import Tape, fly_again
 from drake_quad.gym.task import task_of
 from drake_quad.laboratory.metrics import Metrics, summarized
+from drake_quad.memory import check_fleet_fits
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Batch, Scenario
 from drake_quad.scenario.distributions import Model
@@ -72,7 +73,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         has_begun: whether there was a reset.
 
     Raises:
-        InputError: something of it is wrong, or cannot be compiled.
+        InputError: something of it is wrong, cannot be compiled, or does not fit into memory.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
@@ -94,6 +95,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         record: bool = False,
     ) -> None:
         num_envs = whole_number(num_envs, "num_envs", least=1)
+        check_fleet_fits(num_envs, "num_envs")
         if plan is not None and not isinstance(plan, Plan):
             raise InputError(f"plan is {shown(plan)}, but must be a Plan")
         for name, function in (("reward", reward), ("terminates", terminates)):
@@ -177,14 +179,14 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return self._observation(), {}
 
     def step(self, actions: np.ndarray | Sequence[Any]) -> Stepped:
-        """Flies all vehicles for a tick; the (N, rows) actions and the results are those of Gymnasium.
+        """Simulate all vehicles for one tick; the actions (N, rows) and the results are those of Gymnasium.
 
-        An action beyond the action space, such as a sample of a normal distribution, flies as on its bounds. What sees
-        the action, a reward or the observation, sees it as it was given.
+        An action outside the action space, such as a sample of a normal distribution, is clipped for the flight.
+        Rewards and observations contain the original action.
 
         Raises:
-            InputError: the actions have another shape, are no real numbers, or are not finite or larger than 1,000,000
-                in size; or there was no reset before.
+            InputError: if the actions have the wrong shape, are not real numbers, are not finite, or exceed 1,000,000
+                in size; or the environment was not reset before.
         """
         actions = self._checked_actions(actions)
         if not self.has_begun:
@@ -275,7 +277,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             self._tape.end(vehicles, self._fleet.clocks, episodes)
 
     def _begin(self, vehicles: np.ndarray) -> np.ndarray:
-        """Lets vehicles begin their next episodes, and returns the (k, rows) that they see."""
+        """Start the next episodes of some vehicles, and return their observations (k, rows)."""
         begun = self._episodes.begin(vehicles)
         self._fleet.place(vehicles, begun)
         self._is_over[vehicles] = False
@@ -285,11 +287,15 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return single_precision(begun.shown[:, self._fleet.columns("observation")])
 
     def _observation(self) -> np.ndarray:
-        """(N, rows) what policies see."""
+        """Return the observations (N, rows) as policies see them."""
         return single_precision(self._fleet.shown("observation"))
 
     def _checked_actions(self, given: Any) -> np.ndarray:
-        """The (N, rows) actions that are given; raises InputError if they are none."""
+        """Return the given actions as an array (N, rows).
+
+        Raises:
+            InputError: if the actions have the wrong shape, are not real numbers, are not finite, or are too large.
+        """
         actions = real_numbers(given)
         if actions is None:
             raise InputError(f"actions are {shown(given)}, but must be real numbers of one shape")
@@ -305,7 +311,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return actions
 
     def _judged(self, found: Any, name: str, kind: type) -> np.ndarray:
-        """What a function of a transition has returned, as the environment's own."""
+        """Return a copy of the result of a user's function of a transition, with its shape and type checked."""
         values = real_numbers(found)
         if values is None or values.shape != (self.num_envs,):
             raise InputError(f"{name} must return {self.num_envs} numbers, but returned {shortened(repr(found), 80)}")

@@ -27,7 +27,7 @@ import scipy
 from drake_quad.assembly.effects import thrust_curve
 from drake_quad.assembly.laboratory import steady_wind
 from drake_quad.errors import InputError, shown
-from drake_quad.identification.fitting.evidence import bias_reduced
+from drake_quad.identification.fitting.evidence import bias_reduced, explained_share
 from drake_quad.identification.fitting.open_loop import delay_of, thrust_by_share
 from drake_quad.identification.fitting.windows import airborne, common_period, held_out, pieces
 from drake_quad.identification.identified import Fitted, Spread
@@ -496,7 +496,7 @@ def _fit(columns: Sequence[_Column], target: _Target, stretches: _Stretches) -> 
     rest = (force - rows @ values)[chosen]
     changed = rest[..., None] + rows[chosen] * (values - believed)
     whole = float(np.var((force - target.thrust)[chosen])) * rest.size
-    worth = (np.sum(changed**2, axis=(0, 1)) - np.sum(rest**2)) / whole
+    worth = explained_share(np.sum(rest**2), whole) - explained_share(np.sum(changed**2, axis=(0, 1)), whole)
     explained = {
         name: Explained(min(float(share), 1.0), f"residual force {target.axis}")
         for name, share in zip(names, worth, strict=True)
@@ -593,7 +593,7 @@ def _outputs(fits: Sequence[_Fit], stretches: _Stretches, motions: Sequence[_Mot
 
 
 def _share(measured: np.ndarray, predicted: np.ndarray, chosen: np.ndarray) -> float:
-    """Of the variance around the mean, explained."""
+    """Return the share of the variance around the mean that is explained; NaN where nothing varies."""
     if not chosen.any():
         return np.nan
-    return 1.0 - float(np.mean((measured - predicted)[chosen] ** 2) / np.var(measured[chosen]))
+    return float(explained_share(np.mean((measured - predicted)[chosen] ** 2), np.var(measured[chosen])))

@@ -30,22 +30,26 @@ _UNITS = {"position": "m", "specific": "m/s²", "body": "rad/s"}
 def identify(
     records: Sequence[FlightRecord], scenario: Scenario, *, held_out_share: float = 1.0 / 3.0
 ) -> Identification:
-    """Identifies a vehicle from flight logs.
+    """Identify a vehicle from flight logs.
 
-    Behind an autopilot, where the residual force is logged, by the attitude's answer and by forces
-    (`drake_quad.identification.force_identification`). By prediction errors
-    (`drake_quad.identification.rotor_identification`) where rotors are commanded and there is an accelerometer, or half
-    a minute of poses; by multiple shooting (`drake_quad.identification.response_identification`) behind another
-    autopilot, in short flights, and without attitude.
+    The method depends on the signals in the logs:
+
+    - Behind an autopilot that logs the residual force: attitude response and forces
+      (`drake_quad.identification.force_identification`).
+    - With rotor commands, and an accelerometer or half a minute of poses: prediction errors
+      (`drake_quad.identification.rotor_identification`).
+    - Behind another autopilot, in short flights, and without attitude: multiple shooting
+      (`drake_quad.identification.response_identification`).
 
     Args:
-        records: of flights of the same vehicle.
-        scenario: in numbers, to begin with; what the logs do not tell stays as it is.
-        held_out_share: of the time in the air, at the end of each log, that is only predicted.
+        records: records of flights of the same vehicle.
+        scenario: scenario without distributions, with the initial values. Parameters that the logs do not identify
+            keep these values.
+        held_out_share: share of the airborne time, at the end of each log, that is held out for validation.
 
     Raises:
-        InputError: there is no log, a log lacks a signal, there is too little flight, or the logs hold numbers that no
-            vehicle flies by.
+        InputError: no log is given, a log lacks a signal, the flights are too short, or the logged values are
+            physically impossible.
     """
     if not records:
         raise InputError("there is no log to identify a vehicle from")
@@ -53,16 +57,16 @@ def identify(
         found = _identified(records, scenario, held_out_share)
     except np.linalg.LinAlgError as error:
         raise InputError(
-            f"the logs cannot be fitted ({error}): they hold numbers that no vehicle flies by; check the"
-            " units of the mapping"
+            f"the logs cannot be fitted ({error}): their values are not those of a flying vehicle; check the units in"
+            " the mapping"
         ) from error
     flaw = inertia_flaw(found.vehicle.vehicle.inertia)
-    remarks = [f"no rigid body has the inertia that was found, but for its error: {flaw}"] if flaw else []
+    remarks = [f"the identified inertia is not that of a rigid body, because of its error: {flaw}"] if flaw else []
     return replace(found, remarks=(*found.remarks, *remarks))
 
 
 def _identified(records: Sequence[FlightRecord], scenario: Scenario, held_out_share: float) -> Identification:
-    """Identify by the method for what the logs hold; arguments as for `identify`."""
+    """Identify a vehicle with the method that suits the signals of the logs; arguments are those of `identify`."""
     responds = isinstance(scenario.laboratory.autopilot, AttitudeResponse)
     if responds and all(map(tells_forces, records)):
         return _from_attitudes_and_forces(records, scenario, held_out_share)

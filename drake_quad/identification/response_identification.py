@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drake_quad.errors import InputError
-from drake_quad.identification.fitting.evidence import Evidence, Uncertainty
+from drake_quad.identification.fitting.evidence import Evidence, Uncertainty, explained_share
 from drake_quad.identification.fitting.multiple_shooting import Fit, Problem, evidence, fit, slopes_at, uncertainty
 from drake_quad.identification.fitting.open_loop import (
     DELAY,
@@ -289,7 +289,7 @@ def _identified(
         for output, noise in zip(outputs, noises, strict=True)
     }
     reaches = quantile(freedom) * deviations
-    remarks = (*_remarks(windows, names), *_below_remarks(scenario, names, below, parameters, reaches))
+    remarks = (*_remarks(windows, told), *_below_remarks(scenario, names, below, parameters, reaches))
     return Identification(
         estimates, with_estimates(scenario, estimates), series, delay, further, remarks, hold_out(parts)
     )
@@ -339,7 +339,7 @@ def _remarks(windows: _Windows, names: Sequence[str]) -> tuple[str, ...]:
 def _below_remarks(
     scenario: Scenario, names: Sequence[str], below: np.ndarray, values: np.ndarray, reaches: np.ndarray
 ) -> tuple[str, ...]:
-    """A sentence on each number that is held at zero, with its 95 % interval; ticks of the delay are in ms."""
+    """Return a sentence on each parameter that is set to zero, with its 95 % interval; delays are given in ms."""
     found = []
     for name, value, reach, held in zip(names, values, reaches, below, strict=True):
         size, unit = (
@@ -347,8 +347,8 @@ def _below_remarks(
         )
         if held:
             found.append(
-                f"{name} came out at {plus_minus(size * value, size * reach)} {unit}, and is held at zero, below which"
-                " it makes no sense"
+                f"{name} came out at {plus_minus(size * value, size * reach)} {unit}, and is held at zero, because"
+                " it cannot be negative"
             )
     return tuple(found)
 
@@ -398,6 +398,8 @@ def _rigid_candidates(scenario: Scenario) -> tuple[str, ...]:
     thrust = (
         ("motors.curve[0]", "motors.curve[2]") if scenario.vehicle.motors.kind == "throttle" else ("thrust_factor",)
     )
+    # Without body drag there is no force at the centre of pressure.
+    pressure = () if scenario.vehicle.body_drag is None else ("body_drag.centre_of_pressure[2]",)
     return (
         *thrust,
         "rotor_time_constant",
@@ -405,7 +407,7 @@ def _rigid_candidates(scenario: Scenario) -> tuple[str, ...]:
         *(f"centre_of_mass[{i}]" for i in range(2)),
         "drag_factor",
         DELAY,
-        "body_drag.centre_of_pressure[2]",
+        *pressure,
         *(f"{_MISALIGNMENT}[{i}]" for i in range(2)),
     )
 
@@ -477,7 +479,7 @@ def _blocks(windows: _Windows) -> np.ndarray:
 
 
 class _Model(NamedTuple):
-    """The vehicle, and what of it is measured."""
+    """Model of the vehicle and of its measurements."""
 
     scenario: Scenario
     outputs: tuple[_Output, ...]
@@ -512,7 +514,7 @@ class _Model(NamedTuple):
         return np.stack([windows.measured(output.signal, output.column) for output in self.outputs], axis=1)
 
     def errors(self, predicted: np.ndarray, measured: np.ndarray) -> np.ndarray:
-        """Return (..., W, o, T) predicted minus measured, angles within half a turn."""
+        """Return predicted minus measured values (..., W, o, T), with differences of angles wrapped to [-π, π]."""
         errors = predicted - measured
         angles = [o for o, output in enumerate(self.outputs) if output.signal == "attitude"]
         errors[..., angles, :] = within_half_a_turn(errors[..., angles, :])
@@ -534,7 +536,7 @@ class _Model(NamedTuple):
         return states
 
     def problem(self, windows: _Windows, names: Sequence[str], whiteners: Sequence[np.ndarray]) -> Problem:
-        """What is fitted to windows."""
+        """Return the least-squares problem of the parameters `names` in some windows."""
         measured = self.measured(windows)
 
         def residuals(parameters: np.ndarray, states: np.ndarray) -> np.ndarray:
@@ -561,7 +563,7 @@ _STATE_SCALES = np.array([0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.5, 0.5, 0.5, 1.0, 1.0,
 def _told(
     model: _Model, windows: _Windows, names: tuple[str, ...], not_seen: dict[str, str]
 ) -> tuple[tuple[str, ...], Fit, Problem, list[Noise]]:
-    """Fits what the windows tell: what they do not is left out, one number after another."""
+    """Fit the parameters that the windows identify; the others are removed one by one."""
     shape = model.shape(windows)
     noises = [Noise(output.usual, output.strays) for output in model.outputs]
     states = model.first_states(windows)
@@ -708,9 +710,9 @@ def _explained(
         for o, output in enumerate(outputs):
             own = residuals[chosen, o]
             other = own + change * to_parameters[chosen, o, :, i]
-            whole = np.sum(_varying(windows.measured(output.signal, output.column), times)[chosen] ** 2)
-            told = 1.0 - np.sum(own**2) / whole
-            shares.append(min(float((np.sum(other**2) - np.sum(own**2)) / whole), 1.0) if told > _EXPLAINED else 0.0)
+            varying = _varying(windows.measured(output.signal, output.column), times)[chosen]
+            told = _share(varying, own)  # NaN, and so not larger, of an output that does not vary
+            shares.append(min(told - _share(varying, other), 1.0) if told > _EXPLAINED else 0.0)
         best = int(np.argmax(shares))
         if shares[best] > 0.0:
             found[name] = Explained(shares[best], outputs[best].name)
@@ -718,9 +720,8 @@ def _explained(
 
 
 def _share(varying: np.ndarray, left: np.ndarray) -> float:
-    """Of the variance, what is explained; NaN of none."""
-    whole = float(np.sum(varying**2))
-    return 1.0 - float(np.sum(left**2)) / whole if whole > 0.0 else np.nan
+    """Return the share of the variance that is explained; NaN where nothing varies."""
+    return float(explained_share(np.sum(left**2), np.sum(varying**2)))
 
 
 def _series(

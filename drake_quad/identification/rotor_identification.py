@@ -175,7 +175,7 @@ def _blocks(predictor: Predictor) -> np.ndarray:
 
 
 def _commanded(record: FlightRecord, scenario: Scenario, signal: str) -> FlightRecord:
-    """A record with the commands that the vehicle's motors are told."""
+    """Return a record with the commands that the vehicle's motors receive."""
     if getattr(record, signal) is not None:
         return record
     if record.thrust_command is None or record.torque_command is None:
@@ -393,7 +393,10 @@ def _identified(
 
 
 def _wide(sought: Sequence[_Sought], fitted: Fitted, uncertainty: Uncertainty) -> dict[str, str]:
-    """Numbers at a limit, of too wide an interval, or that one stretch tells, and why they are not told."""
+    """Return the parameters that are not identified, with the reason.
+
+    These are parameters at a limit, with too wide an interval, or determined by a single part of the flights.
+    """
     quantiles = quantile(uncertainty.degrees_of_freedom)
     reaches = quantiles * np.sqrt(np.diag(uncertainty.covariance))
     found = {}
@@ -405,7 +408,7 @@ def _wide(sought: Sequence[_Sought], fitted: Fitted, uncertainty: Uncertainty) -
             found[each.name] = f"the best fit is at the limit of what is looked for, {value:.3g}"
         elif reach > _TOLD * size:
             found[each.name] = (
-                f"its interval would be {plus_minus(value, reach)}, by what blocks of the flights say of it"
+                f"its interval would be {plus_minus(value, reach)}, from the differences between parts of the flights"
             )
         elif freedom < _FEWEST_DEGREES:
             found[each.name] = f"hardly more than one stretch of the flights tells it, as {value:.3g}"

@@ -132,23 +132,23 @@ def judged(
     surroundings: Surroundings,
     window: Window,
 ) -> Judgement:
-    """What the monitor knows of a vehicle after one more tick.
+    """Return the state of the monitor of a vehicle after one more tick.
 
     Args:
-        state: the true one.
-        reference: to follow.
+        state: true state of the vehicle.
+        reference: reference that the vehicle follows.
         command: commanded acceleration.
-        wrench: sent over the link; None if something else is.
-        target: of an autopilot, sent over the link; None if something else is.
-        shortfall: what is given up of the wrench.
-        before: when it crashed, until now.
-        touched: what it crashed into, until now.
-        free: where it can touch nothing, as was found last.
-        sums: until now.
-        time: s.
-        limits: beyond which a vehicle has crashed.
-        surroundings: that it must not touch.
-        window: in which ticks count.
+        wrench: wrench that is sent over the link; None with an autopilot.
+        target: target that is sent to an autopilot over the link; None without an autopilot.
+        shortfall: part of the wrench that the rotors cannot give.
+        before: crash time up to now, s.
+        touched: obstacle of the crash up to now.
+        free: last region that is known to be free of obstacles.
+        sums: sums of the metrics up to now.
+        time: time of the tick, s.
+        limits: limits beyond which a vehicle has crashed.
+        surroundings: obstacles that the vehicle must not touch.
+        window: metric window.
     """
     error = PositionError(reference.x - state.x, reference.y - state.y, reference.z - state.z)
     total: Row = 0.0
@@ -222,7 +222,7 @@ def nearest_solid(x: Row, y: Row, z: Row, solids: tuple[Solid, ...]) -> tuple[Ro
 
 @fleet_system(float, AutoDiffXd)
 class FlightMonitor(FleetSystem):
-    """Calls crashes and gathers the sums from which the metrics follow.
+    """Detection of crashes, and accumulation of the sums from which the metrics follow.
 
     .. pydrake_system::
 
@@ -238,21 +238,22 @@ class FlightMonitor(FleetSystem):
         - crashed
         - crash_time
 
-    At every tick of the control it compares the true position in `state` with that in `reference` and adds to the sums
-    of `drake_quad.laboratory.metrics`. A vehicle has crashed when it is beyond a limit, when its centre of mass is
-    nearer to a solid than its radius, or when a command is not finite: `crashed` is then 1 instead of 0, and
-    `crash_time` is that tick instead of infinity. The tick of a crash no longer counts. `acceleration_command` is what
-    the control effort is made of and `shortfall` what saturation is; not connected they count as zero. `wrench` and
-    `attitude_target` are what goes over the link; one of them is connected.
+    At every tick of the control the monitor compares the true position in `state` with that in `reference`, and adds to
+    the sums of `drake_quad.laboratory.metrics`. A vehicle has crashed when it exceeds a limit, when its centre of mass
+    is nearer to a solid than its radius, or when a command is not finite. `crashed` is then 1 instead of 0, and
+    `crash_time` is the time of the tick instead of infinity. The tick of a crash does not count for the metrics.
+
+    The control effort is computed from `acceleration_command` and the saturation from `shortfall`. Both are zero if
+    their port is not connected. The command over the link is `wrench` or `attitude_target`; one of them is connected.
 
     The states are `crashed`, `crash_time`, `touched`, `free` and `sums`.
 
     Args:
         num_vehicles: N.
-        period: of the ticks, s.
-        limits: beyond which a vehicle has crashed.
-        surroundings: that it must not touch.
-        window: in which ticks count for the metrics.
+        period: tick period, s.
+        limits: limits beyond which a vehicle has crashed.
+        surroundings: obstacles that a vehicle must not touch.
+        window: metric window.
     """
 
     def declare(
@@ -263,7 +264,7 @@ class FlightMonitor(FleetSystem):
         surroundings: Surroundings = Surroundings(),
         window: Window = Window(),
     ) -> None:
-        """Declares the system."""
+        """Declare ports and states."""
         self._period = period
         state, reference = self.input("state"), self.input("reference")
         self._command = self.input("acceleration_command", absent=Acceleration(0.0, 0.0, 0.0))

@@ -21,9 +21,9 @@ from drake_quad.laboratory.delay_line import carried, declare_delay_line, newest
 from drake_quad.quaternion import Quaternion
 from drake_quad.signals import Angle, Attitude, BodyRates, Number, PositionW, Quantity, Row, State
 
-# Largest step of an angle over two frames that eq (2) is used for, rad. At 100 Hz it is that of 2.5 rad/s. The error of
-# eq (2) is of second order in the steps where they are uneven, as next to a pitch of 90°, and of third order elsewhere.
-_LARGEST_STEP = 0.05
+# Largest change of an angle over two frames for which eq (2) is used, rad; it corresponds to 2.5 rad/s at 100 Hz. The
+# error of eq (2) is of third order in the changes, and of second order if they are uneven, as near a pitch of 90°.
+_MAX_ANGLE_CHANGE = 0.05
 
 
 class RotationMatrix(NamedTuple):
@@ -56,7 +56,7 @@ class RotationMatrix(NamedTuple):
         )
 
     def axes(self) -> BodyAxes:
-        """Return the axes of M in B."""
+        """Return the axes of the markers' frame M in B."""
         return BodyAxes(
             Vector(self.xx, self.yx, self.zx), Vector(self.xy, self.yy, self.zy), Vector(self.xz, self.yz, self.zz)
         )
@@ -156,7 +156,12 @@ class Dropout(NamedTuple):
 
 
 def attitude_of_markers(attitude: Attitude, R_BM: RotationMatrix) -> Attitude:
-    """Return roll, pitch and yaw of R_WB R_BM, given those of B in W and the orientation of the markers' frame in B."""
+    """Return roll, pitch and yaw of the markers' frame M in W, which are those of R_WB R_BM.
+
+    Args:
+        attitude: roll, pitch and yaw of B in W.
+        R_BM: orientation of the markers' frame in B.
+    """
     tilt = Tilt.of(attitude.roll, attitude.pitch)
     angles = BodyAxes._make(tilt.in_heading(axis) for axis in R_BM.axes()).angles()
     return angles._replace(yaw=attitude.yaw + angles.yaw)
@@ -281,7 +286,7 @@ def _exact(pose: Pose, state: State, factors: VelocityError | None) -> State:
 def _filtered(
     pose: Pose, last: State, before: Pose, bandwidth: Row, factors: VelocityError | None, period: float
 ) -> State:
-    """A frame whose velocity and body rates are filtered differences; see `MotionCapture`."""
+    """Return a frame whose velocity and body rates are filtered differences; see `MotionCapture`."""
     p, q, r = _rotation(before, Attitude(last.roll, last.pitch, last.yaw), pose)
     decay = exp(-bandwidth * period)
     gain = (1.0 - decay) / (2.0 * period)
@@ -298,19 +303,21 @@ def _filtered(
 
 
 def _rotation(before: Pose, middle: Attitude, after: Pose) -> BodyRates:
-    """Return the rotation from one pose to another, which is two frames later, along the axes of B (rad).
+    """Return the rotation between two poses that are two frames apart, along the axes of B, rad.
 
-    Eq (2) at the frame between them gives it for small steps of the angles. Near a pitch of 90° and at a roll of 180°
-    small rotations are large steps of the angles: there it is the vector of the rotation itself.
+    For small changes of the angles, eq (2) is applied at the attitude of the frame between them. Near a pitch of 90°,
+    and where an angle wraps at 180°, small rotations are large changes of the angles. The result is then the rotation
+    vector.
     """
     steps = Attitude(after.roll - before.roll, after.pitch - before.pitch, after.yaw - before.yaw)
-    large = (abs(steps.roll) > _LARGEST_STEP) | (abs(steps.pitch) > _LARGEST_STEP) | (abs(steps.yaw) > _LARGEST_STEP)
+    limit = _MAX_ANGLE_CHANGE
+    large = (abs(steps.roll) > limit) | (abs(steps.pitch) > limit) | (abs(steps.yaw) > limit)
     angles = before.roll, before.pitch, before.yaw, after.roll, after.pitch, after.yaw
     return where_needed(large, _rotation_vector, angles, small_rotation(steps, middle))
 
 
 def _rotation_vector(roll: Row, pitch: Row, yaw: Row, roll_after: Row, pitch_after: Row, yaw_after: Row) -> BodyRates:
-    """Return the rotation from one attitude to another as a vector along the axes of B, rad."""
+    """Return the rotation vector from one attitude to another along the axes of B, rad."""
     before, after = Quaternion.of(roll, pitch, yaw), Quaternion.of(roll_after, pitch_after, yaw_after)
     return BodyRates(*before.rotation_to(after))
 
@@ -321,7 +328,7 @@ def _nothing(_: CameraNumbers) -> State:
 
 @fleet_system(float, AutoDiffXd)
 class MotionCapture(FleetSystem):
-    """Cameras that see position and attitude, with errors, and filters that make velocity and body rates of them.
+    """Motion-capture cameras that measure position and attitude, with filters that estimate velocity and body rates.
 
     .. pydrake_system::
 
@@ -341,11 +348,12 @@ class MotionCapture(FleetSystem):
         v⁺ = a v + (1 - a) (x⁺ - x⁻) / 2h,    a = exp(-ω h)
 
     where x⁻, x, x⁺ follow each other, so that white noise of standard deviation σ in x is one of σ (1 - a) / (√2 h) in
-    v. Differences over a single frame would have their most noise where control that reads every second frame folds it
-    down to standstill, and make a vehicle wander; these have none there, for half a frame more of delay. Body rates are
-    those of the rotation over two frames. Where roll, pitch and yaw change little, eq (2) gives them from the
-    differences of these angles at the attitude in their middle. Without a filter velocity and body rates are seen
-    exactly. A frame can be read `latency_frames` periods after it was taken.
+    v. Differences over a single frame would have most of their noise at a frequency that control with every second
+    frame aliases to zero, which makes a vehicle drift. Differences over two frames have no noise there, at the cost of
+    half a frame of additional delay. Body rates follow from the rotation over two frames. For small changes of roll,
+    pitch and yaw they follow from eq (2) with the differences of these angles and the attitude between them. Without a
+    filter, velocity and body rates are measured exactly. A frame is available `latency_frames` periods after it was
+    taken.
 
     Estimators on board of a vehicle, which make velocity with an accelerometer, may see it too large by a share, as
     those of the Crazyflie do in some flights; `velocity_error` is this share on each axis of W. What else they
@@ -367,15 +375,15 @@ class MotionCapture(FleetSystem):
 
     Args:
         num_vehicles: N.
-        period: h of the frames, s; the paper's cameras run at 100 Hz.
-        noisy: whether there is noise.
-        loses_frames: whether frames can be lost.
-        misaligned: whether the frame of the markers is not B.
-        mistaken: whether velocity is seen too large or too small.
-        filtered: whether velocity and body rates are made by filters.
-        drifts: whether velocity has a drift.
-        longest_latency: that there will ever be, in frames.
-        numbers: the errors.
+        period: frame period h, s; the paper's cameras run at 100 Hz.
+        noisy: True for measurements with noise.
+        loses_frames: True if frames can be lost.
+        misaligned: True if the frame of the markers differs from B.
+        mistaken: True if the velocity has a scale error.
+        filtered: True if filters estimate velocity and body rates.
+        drifts: True if the velocity has a drift.
+        longest_latency: largest possible latency, in frames.
+        numbers: parameters of the errors.
     """
 
     def declare(

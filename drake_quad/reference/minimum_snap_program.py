@@ -288,7 +288,7 @@ class MinimumSnapProgram:
         return PolynomialPath(np.concatenate([[0.0], np.cumsum(self._durations)]), coefficients)
 
     def _optimise(self, values: np.ndarray) -> None:
-        """Solves the program and fills in the values of its variables."""
+        """Solve the program and set the values of its variables."""
         for tolerance in _TOLERANCES:
             options = SolverOptions()
             for name in ("tol_feas", "tol_gap_abs", "tol_gap_rel"):

@@ -47,15 +47,15 @@ def pieces_of(plan: Plan) -> np.ndarray:
 
 
 def plan_of_pieces(rows: np.ndarray, *, origin: Any = (0.0, 0.0, 0.0), time_scale: float = 1.0) -> Plan:
-    """Return the plan of (pieces, 33) rows with the columns of `COLUMNS`.
+    """Return the plan of a table of polynomial pieces.
 
-    A yaw is an angle: where a piece begins whole turns away from the end of the piece before it, its yaw is moved by
-    these turns. So a yaw that goes from π to -π between two pieces stays where it is.
+    The yaw of a piece is shifted by whole turns so that it begins nearest to the end of the piece before it. A table
+    whose yaw wraps from π to -π between two pieces therefore has a continuous yaw.
 
     Args:
-        rows: at least one.
-        origin: (3,) of the coordinates that the rows are in, in W, m.
-        time_scale: by which all times are multiplied.
+        rows: (pieces, 33) table with the columns of `COLUMNS` and at least one row.
+        origin: (3,) origin of the table's coordinates in W, m.
+        time_scale: factor by which all times are multiplied.
     """
     times = np.concatenate([[0.0], np.cumsum(rows[:, 0])])
     polynomials = rows[:, 1:].reshape(len(rows), len(AXES), POWERS).transpose(0, 2, 1)
@@ -67,7 +67,7 @@ def plan_of_pieces(rows: np.ndarray, *, origin: Any = (0.0, 0.0, 0.0), time_scal
 
 
 def _whole_turns(yaws: np.ndarray) -> np.ndarray:
-    """Return (pieces - 1,) the whole turns by which the pieces after the first one are ahead of it, rad.
+    """Return the whole turns (pieces - 1,) by which the yaws of the pieces after the first one are too large, rad.
 
     Args:
         yaws: (pieces, powers) coefficients of the yaw in unit time, rad.

@@ -16,12 +16,14 @@ from drake_quad.reference.routes import Leg
 from drake_quad.reference.yaw import constant_yaw
 from drake_quad.signals import SIGNALS, Jerk, Reference, Snap
 
-# Derivatives of position and yaw that are continuous where a reference comes to rest, those of order zero included.
-PATH_ORDERS, YAW_ORDERS = 4, 2
-# Acceleration with which a reference brakes that was slower before: the paper's limit on it, m/s².
-_BRAKING = 0.7
-# Likewise of the yaw, rad/s²; an assumption, with which a turn of 1 rad/s ends within two seconds.
-_YAW_BRAKING = 1.0
+# Number of continuous derivatives of position and yaw where a reference comes to rest, including order zero.
+PATH_ORDERS = 4
+YAW_ORDERS = 2
+# Acceleration that braking may use even if the route needs less, m/s²; the paper's limit of the acceleration.
+_BRAKING_ACCELERATION = 0.7
+# Angular acceleration that braking of the yaw may use, rad/s². With this assumption, a yaw rate of 1 rad/s ends within
+# two seconds.
+_YAW_BRAKING_ACCELERATION = 1.0
 
 REFERENCE_PORTS = {name: SIGNALS[name] for name in ("reference", "reference_jerk", "reference_snap")}
 """What a plan shows at each of its ports."""
@@ -31,14 +33,14 @@ REFERENCE_PORTS = {name: SIGNALS[name] for name in ("reference", "reference_jerk
 class Plan:
     """Position and yaw over time.
 
-    Before the beginning and after the end of its path the reference hovers: position and yaw hold, and all derivatives
-    are zero. If the path ends in motion, the reference brakes first; see `drake_quad.reference.rest`.
+    Before the start and after the end of its path the reference hovers: position and yaw are constant, and all
+    derivatives are zero. If the path ends in motion, the reference brakes first; see `drake_quad.reference.rest`.
 
     Attributes:
-        path: the position in W.
-        yaw: the yaw over the same time, a path of one axis, rad.
-        legs: named parts of the route, for people to read.
-        laps: when the laps begin and the last one ends, s; none of a route without laps.
+        path: path of the position in W.
+        yaw: path of the yaw over the same time, with one axis, rad.
+        legs: named parts of the route, for display.
+        laps: start times of the laps and end time of the last one, s; empty for a route without laps.
     """
 
     path: PolynomialPath
@@ -67,22 +69,22 @@ class Plan:
 
     @cached_property
     def flown_path(self) -> PolynomialPath:
-        """The path between two pieces of rest, with braking at its end if it ends in motion."""
-        return with_rest(self.path, orders=PATH_ORDERS, acceleration=_BRAKING)
+        """Path with rest before and after it, and with braking if it ends in motion."""
+        return with_rest(self.path, orders=PATH_ORDERS, acceleration=_BRAKING_ACCELERATION)
 
     @cached_property
     def flown_yaw(self) -> PolynomialPath:
-        """The yaw between two pieces of rest, with braking at its end if it ends in motion."""
-        return with_rest(self.yaw, orders=YAW_ORDERS, acceleration=_YAW_BRAKING)
+        """Yaw with rest before and after it, and with braking if it ends in motion."""
+        return with_rest(self.yaw, orders=YAW_ORDERS, acceleration=_YAW_BRAKING_ACCELERATION)
 
     @property
     def brakes(self) -> bool:
-        """Whether the path or the yaw ends in motion, so that the reference brakes where a flight goes on."""
+        """True if the path or the yaw ends in motion, so that the reference brakes after the route."""
         return moves_at_end(self.path, PATH_ORDERS) or moves_at_end(self.yaw, YAW_ORDERS)
 
     @property
     def rest_time(self) -> float:
-        """Time from which the reference rests for good, s."""
+        """Time after which the reference stays at rest, s."""
         return max(float(part.times[-2]) for part in (self.flown_path, self.flown_yaw))
 
     @property
@@ -106,11 +108,11 @@ class Plan:
         return float(self.yaw.coefficients[0, 0, 0])
 
     def derivative(self, order: int) -> PiecewisePolynomial:
-        """Return the (3, 1) trajectory of the position's derivative of that order, in m and s, at any time."""
+        """Return a trajectory (3, 1) of the position's derivative of an order, in m and s, valid at any time."""
         return to_piecewise_polynomial(path_derivative(self.flown_path, order))
 
     def reference(self) -> PiecewisePolynomial:
-        """Return the trajectory of the reference at any time: the rows of the ports in `REFERENCE_PORTS`, in order."""
+        """Return a trajectory with the rows of all ports in `REFERENCE_PORTS`, in order, that is valid at any time."""
         end = max(self.flown_path.times[-1], self.flown_yaw.times[-1])
         path, yaw = (_until(end, part) for part in (self.flown_path, self.flown_yaw))
         path, yaw = refined(path, yaw.times), refined(yaw, path.times)
@@ -130,7 +132,7 @@ def to_piecewise_polynomial(path: PolynomialPath) -> PiecewisePolynomial:
 
 
 def _until(end: float, path: PolynomialPath) -> PolynomialPath:
-    """A path that ends with rest, with that rest lasting until a time in s."""
+    """Return a path that ends at rest, with the rest extended to a time in s."""
     return path._replace(times=np.append(path.times[:-1], end))
 
 

@@ -38,16 +38,16 @@ def least_snap_durations(
     contacts: Sequence[Contact] = (),
     reach: float = _REACH,
 ) -> np.ndarray:
-    """Returns the (segments,) durations of the same sum whose minimum-snap path costs least, s.
+    """Return the durations (segments,) with the same sum that minimise the cost of the minimum-snap path, s.
 
-    It is a local optimum: L-BFGS on the logarithm of the cost.
+    The result is a local optimum of the logarithm of the cost, found with L-BFGS.
 
     Args:
-        points: (segments + 1, axes), m.
-        durations: (segments,) where to start, s.
-        derivatives: given at the waypoints, as for `minimum_snap`.
-        contacts: where the path is held too.
-        reach: how far the logarithms of the durations may move, before they are scaled to their sum.
+        points: (segments + 1, axes) waypoints, m.
+        durations: (segments,) initial durations, s.
+        derivatives: derivatives that are given at the waypoints, as for `minimum_snap`.
+        contacts: further conditions on the path.
+        reach: largest change of the logarithms of the durations, before these are scaled to their sum.
     """
     total = float(durations.sum())
 

@@ -73,7 +73,7 @@ def beside_pd(found: Experiment, wind: str, controller: str, metric: str = "rmse
 
 
 def cut_beside_pd(found: Experiment, wind: str, controller: str, metric: str = "rmse") -> Interval:
-    """The share by which the mean of a metric is smaller under a controller than under the PD."""
+    """Return the relative reduction of the mean of a metric under a controller, compared with the PD."""
     return -beside_pd(found, wind, controller, metric).share.plus(-1.0)
 
 
@@ -325,13 +325,13 @@ def typical_over_best(sweep: Sweep) -> np.ndarray:
 
 
 def advantage(sweep: Sweep, number: str, value: float, controller: str) -> Interval:
-    """The share by which a controller's mean error is smaller than type 1's, both with one value of a number.
+    """Return the relative reduction of a controller's mean error, compared with type 1, for one value of a setting.
 
     Args:
-        sweep: over the number.
-        number: its name among the settings.
-        value: of the number.
-        controller: one of those of type 2.
+        sweep: sweep over the setting.
+        number: name of the setting.
+        value: value of the setting.
+        controller: name of a type-2 controller.
     """
     return _cut(_rmse(sweep, number, value, controller), _rmse(sweep, number, value, "pd_t1fnn"))
 
@@ -369,7 +369,7 @@ def _errors(sweep: Sweep) -> np.ndarray:
 
 
 def _cut_at(found: Experiment, wind: str, slope: float) -> Interval:
-    """The share by which PD+T2FNN with a slope λ makes the mean error of the PD smaller."""
+    """Return the relative reduction of the PD's mean error by PD+T2FNN with a slope λ."""
     sweep = found.slopes[wind]
     (place,) = np.flatnonzero(sweep.settings["slope"] == slope)
     pd = found.cells[Cell(wind, "pd")].metrics
@@ -378,13 +378,13 @@ def _cut_at(found: Experiment, wind: str, slope: float) -> Interval:
 
 
 def _cut(errors: np.ndarray, baseline: np.ndarray) -> Interval:
-    """The share by which the mean of (samples,) errors is smaller than that of others; NaN for those that crashed."""
+    """Return the relative reduction of the mean of errors (samples,), compared with a baseline; crashes are NaN."""
     both = np.isfinite(errors) & np.isfinite(baseline)
     return -ratio_of_means(errors[both], baseline[both]).plus(-1.0)
 
 
 def _more_cut(pair: Sequence[np.ndarray], other: Sequence[np.ndarray]) -> Interval:
-    """By how much `_cut` of one pair of baseline and errors is more than that of another pair."""
+    """Return the difference between the reductions (`_cut`) of two pairs of baseline and errors."""
     every = np.isfinite([*pair, *other]).all(axis=0)
     ratio, other_ratio = (linearized_ratio(errors[every], baseline[every]) for baseline, errors in (pair, other))
     return mean_interval(other_ratio - ratio)

@@ -16,14 +16,14 @@ from drake_quad.studies.statistics import Interval, mean_interval
 
 
 class EffortMatch(NamedTuple):
-    """How close a definition comes to the printed ratios of the networks' efforts to the PD's.
+    """Agreement of a definition of effort with the printed ratios of the networks' efforts to the PD's.
 
     Attributes:
-        name: of the definition in `EFFORTS`.
-        ratio_x: effort of the networks over that of the PD on X, the geometric mean over cells and samples.
-        ratio_y: the same on Y.
-        distance: the factor by which a ratio is typically off: the exponential of the root mean square of the logarithm
-            of ratio over printed ratio, over all that are printed.
+        name: name of the definition in `EFFORTS`.
+        ratio_x: effort of the networks divided by that of the PD on X, as the geometric mean over cells and samples.
+        ratio_y: corresponding ratio on Y.
+        distance: typical factor between a ratio and its printed value: the exponential of the RMS, over all printed
+            ratios, of the logarithm of their quotient.
     """
 
     name: str

@@ -13,16 +13,16 @@ COMPARED = {"pd": CONTROLLERS["pd"], "pd_t2fnn": CONTROLLERS["pd_t2fnn"], **FAIR
 
 
 class FairEntry(NamedTuple):
-    """A controller in a wind.
+    """Result of a controller in a wind.
 
     Attributes:
-        cell: of controller and wind.
+        cell: cell of the table, which has a controller and a wind.
         rmse: mean RMSE, m.
         peak_error: mean peak error, m.
         effort_x: mean control effort on X, m²/s⁴.
         effort_y: mean control effort on Y, m²/s⁴.
-        over_pd: ratio of the mean RMSE to the PD's on the same samples.
-        over_network: ratio of the mean RMSE to PD+T2FNN's on the same samples.
+        over_pd: ratio of the mean RMSE to that of the PD on the same samples.
+        over_network: ratio of the mean RMSE to that of PD+T2FNN on the same samples.
     """
 
     cell: Cell

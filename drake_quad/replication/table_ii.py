@@ -86,7 +86,7 @@ def write_entries(path: Path, entries: Sequence[Entry]) -> Path:
 
 
 def table_markdown(entries: Sequence[Entry], quantity: str) -> str:
-    """The numbers of one quantity as a table in Markdown."""
+    """Return the numbers of one quantity as a table in Markdown."""
     lines = [
         "| | | printed: three runs | mean | ours: three runs | mean | all samples, 95 % | off |",
         "|---|---|---|---|---|---|---|---|",

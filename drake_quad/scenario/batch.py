@@ -35,19 +35,19 @@ class Batch:
     def draw(
         cls, scenario: Scenario, samples: Sequence[int], *, seed: int | None = None, seeds: Sequence[int] | None = None
     ) -> "Batch":
-        """Draws samples of a scenario's study.
+        """Draw samples of a scenario's study.
 
-        What is drawn for a field depends on no other field, but for moments of inertia that no rigid body has: they are
-        replaced by the nearest that one has.
+        Fields are drawn independently, except that moments of inertia that no rigid body has are replaced by the
+        nearest ones that a rigid body can have.
 
         Args:
-            scenario: with or without distributions.
-            samples: numbers of samples, from 0 on.
-            seed: in place of the scenario's.
-            seeds: one for each sample, where they are of several studies.
+            scenario: scenario, which may contain distributions.
+            samples: indices of the samples, counted from 0.
+            seed: seed of the study; that of the scenario if not given.
+            seeds: seed of each sample, for samples of several studies.
 
         Raises:
-            InputError: the seed or the number of a sample is negative or too large.
+            InputError: a seed or the index of a sample is negative or too large.
         """
         seed = scenario.seed if seed is None else seed
         numbered = [("seed", each, 2**63) for each in (seed, *(seeds or ()))]
@@ -105,9 +105,13 @@ def draw_sample(scenario: Scenario, sample: int, *, seed: int | None = None) -> 
 
 
 def at_quantile(scenario: Scenario, share: float) -> Scenario:
-    """The scenario with the number of each distribution below which this share of all lies.
+    """Return the scenario with the quantile of each distribution at a given probability.
 
-    Moments of inertia that no rigid body has are replaced by the nearest that one has.
+    Moments of inertia that no rigid body has are replaced by the nearest ones that a rigid body can have.
+
+    Args:
+        scenario: scenario with distributions.
+        share: probability, between 0 and 1.
     """
     varying = {path: np.array([each.quantile(share)]) for path, each in distributions_in(scenario).items()}
     return Batch(scenario, (0,), _with_rigid_bodies(scenario, varying)).scenario_of(0)
@@ -119,11 +123,11 @@ def middle_of(scenario: Scenario) -> Scenario:
 
 
 def _with_rigid_bodies(scenario: Scenario, varying: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the numbers that were drawn with moments of inertia that rigid bodies can have.
+    """Return drawn numbers in which the moments of inertia are those of rigid bodies.
 
     Args:
-        scenario: with distributions.
-        varying: (N,) numbers by the path of their field.
+        scenario: scenario with distributions.
+        varying: (N,) drawn numbers, by the path of their field.
     """
     found = dict(varying)
     bodies = {"vehicle": scenario.vehicle, "vehicle.payload": scenario.vehicle.payload}

@@ -225,13 +225,13 @@ DISTRIBUTIONS: dict[str, type[Distribution]] = {
 
 
 def is_distribution(fields: Mapping[str, Any]) -> bool:
-    """Return True if a mapping, as it is written, is a distribution.
+    """Return whether a mapping from a YAML document is a distribution.
 
-    A distribution has one field, which holds a mapping of parameters or, for a choice, a list. Other mappings may have
-    a field of such a name, too: the `normal` of a half-space is a vector.
+    A distribution has a single field, which contains a mapping of parameters or, for a choice, a list. The name of the
+    field alone does not suffice: the `normal` of a half-space is a vector.
 
     Args:
-        fields: values by the names of their fields.
+        fields: values of the mapping by field name.
     """
     name, *others = fields or [""]
     if others or name not in DISTRIBUTIONS:

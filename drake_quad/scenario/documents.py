@@ -143,7 +143,7 @@ class _Converter:
                 f"{mark}: the tag {shortened(str(node.tag))} is not allowed; write numbers, text, lists and mappings"
             )
         try:
-            # ruamel.yaml reads underscores between digits, as YAML 1.1 had them; YAML 1.2 does not.
+            # ruamel.yaml accepts underscores between digits as in YAML 1.1, although YAML 1.2 does not allow them.
             if kind in ("int", "float") and "_" in node.value:
                 raise ValueError
             return self._construct.construct_object(node)

@@ -75,7 +75,7 @@ class _Values:
         return Tree(value, self._mark)
 
     def mapping(self, fields: Mapping[Any, Any], path: str, level: int) -> Tree:
-        """The tree of a mapping from paths to values, itself at a path."""
+        """Return the tree of a mapping from paths to values, where the mapping itself is at a path."""
         result = Tree({}, self._mark)
         for key, value in fields.items():
             name = str(key) if isinstance(key, int) and not isinstance(key, bool) else key
@@ -96,9 +96,9 @@ class _Values:
 
 
 def _united(one: Tree, other: Tree) -> Tree:
-    """Return all fields of two parts of one mapping; of a field that is in both, the second value.
+    """Return the union of two parts of one mapping; if a field is in both, the second value counts.
 
-    Other than in `merged` nothing else is replaced: the parts were written together.
+    Unlike `merged`, this function does not replace a mapping of another kind, since both parts belong together.
     """
     if not (isinstance(one.value, dict) and isinstance(other.value, dict)):
         return other

@@ -1,4 +1,4 @@
-"""Moments of inertia in the scenario language: those of a rigid body, also where they are drawn."""
+"""Checks that the moments of inertia in a scenario are those of a rigid body, also if they are distributions."""
 
 import math
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ INERTIA_DEMAND: Literal["must be that of a rigid body: {flaw}"] = "must be that 
 
 
 def inertia_flaw(moments: Sequence[NumberOrDistribution]) -> str:
-    """Return why no rigid body has moments of inertia, whatever is drawn, in words; empty if one has."""
+    """Return the reason why no draw of the moments of inertia belongs to a rigid body; empty if some draw does."""
     lowest, _ = bounds = _bounds(moments)
     flaw = rigid_body.inertia_flaw(rigid_body.nearest_rigid(lowest, *bounds).tolist())
     drawn = not all(isinstance(moment, float) for moment in moments)
@@ -25,16 +25,19 @@ def inertia_flaw(moments: Sequence[NumberOrDistribution]) -> str:
 
 
 def rigid_draws(moments: Sequence[NumberOrDistribution], drawn: Sequence[Any]) -> np.ndarray:
-    """Return the (3, N) nearest moments of inertia that a rigid body can have to those that were drawn.
+    """Return the moments of inertia of a rigid body that are nearest to drawn ones.
 
     Args:
-        moments: I_xx, I_yy, I_zz as the scenario has them; numbers stay as they are.
-        drawn: a number or an (N,) array for each, kg m².
+        moments: I_xx, I_yy, I_zz of the scenario, as numbers or distributions; plain numbers are kept.
+        drawn: values of the three moments, each a number or an (N,) array, kg m².
+
+    Returns:
+        (3, N) moments, kg m².
     """
     return rigid_body.nearest_rigid(drawn, *_bounds(moments))
 
 
 def _bounds(moments: Sequence[NumberOrDistribution]) -> tuple[list[float], list[float]]:
-    """Return the least and the largest that each moment can be."""
+    """Return the smallest and the largest possible value of each moment, kg m²."""
     ends = [extremes(moment) for moment in moments]
     return [low or 0.0 for low, _ in ends], [math.inf if high is None else high for _, high in ends]

@@ -1,7 +1,7 @@
-"""How scenarios are laid over each other.
+"""Merging of scenarios that are layered over each other.
 
-Mappings are joined field by field, and anything else replaces. Three things replace as a whole, since half of one and
-half of another make no sense: a vehicle, a control, and a route with what belongs to it.
+Mappings are merged field by field, and any other value is replaced. Three parts are replaced as a whole, because a
+mixture of two of them makes no sense: the vehicle, the control, and the route with the fields that belong to it.
 """
 
 from drake_quad.errors import InputError, listed
@@ -16,11 +16,11 @@ from drake_quad.scenario.relative import (
 )
 
 DEFAULT_VEHICLE = "default_vehicle"
-"""The key of the vehicle that flies where no layer describes one."""
-# The kind of a field that may leave it out.
+"""Key of the vehicle that flies if no layer describes a vehicle."""
+# Kind of each field that may omit `kind`.
 SILENT_KINDS = {"control": "cascade"}
-# Fields of `nominal` that describe an airframe. The place of the rotors may be given in two ways.
-_DESCRIPTION = (
+# Fields of `nominal` that describe an airframe, together with one of the fields that give the positions of the rotors.
+_AIRFRAME_FIELDS = (
     "mass",
     "inertia",
     "thrust_factor",
@@ -29,28 +29,28 @@ _DESCRIPTION = (
     "min_rotor_speed",
     "max_rotor_speed",
 )
-_PLACES = ("layout", "arm_length")
-# Fields that are not part of the airframe: gravity, how motion is integrated, and what happens to the vehicle in this
-# flight.
-_NOT_OF_THE_AIRFRAME = {
+_ROTOR_POSITION_FIELDS = ("layout", "arm_length")
+# Fields that a new vehicle keeps, since they are not part of the airframe: gravity, the integration of the motion, and
+# the events and loads of the flight.
+_FLIGHT_FIELDS = {
     "nominal": ("gravity",),
     "vehicle": ("time_step", "attitude_kinematics", "rotor_failure", "payload", "slung_load"),
 }
-# Fields that are those of a flight along a route.
-_OF_THE_ROUTE = ("route", "metrics", "duration")
+# A new route replaces all of these fields, since the duration and the metric window belong to the route.
+_ROUTE_FIELDS = ("route", "metrics", "duration")
 
 
 def merged(base: Tree, extension: Tree, silent: str | None = None) -> Tree:
-    """Return a deep merge: mappings are joined, anything else in the extension replaces.
+    """Return a deep merge: mappings are merged by key, and any other value of the extension replaces the base.
 
-    A mapping of another `kind`, or a distribution, replaces as a whole: its fields mean something else. A control in
-    the base that does not say its kind is a cascade; one in the extension is of whatever kind is there. A relative
-    distribution keeps the value that it is laid on.
+    A mapping with another `kind`, or a distribution, is replaced as a whole, because its fields have another meaning.
+    A mapping of the extension without `kind` has the kind of the base. A relative distribution keeps the value of the
+    base, to which it applies.
 
     Args:
-        base: that is laid under.
-        extension: that is laid over it.
-        silent: kind of a base that does not say it.
+        base: lower layer.
+        extension: upper layer.
+        silent: kind of a base that does not state its kind.
     """
     old, new = base.value, extension.value
     if is_relative(extension):
@@ -72,9 +72,9 @@ def _is_distribution(fields: dict[str, Tree]) -> bool:
 
 
 def changed(base: Tree, override: Tree) -> Tree:
-    """Return a scenario with the fields that an override names changed.
+    """Return a scenario with the fields of an override merged into it.
 
-    An arm length beneath a layout with distances, which say it themselves, is dropped.
+    A layout with distances determines the arm length, so it removes the arm length of the base.
     """
     fields = dict(base.value)
     for section in ("nominal", "vehicle"):
@@ -88,12 +88,13 @@ def changed(base: Tree, override: Tree) -> Tree:
 
 
 def laid_over(base: Tree, layer: Tree) -> Tree:
-    """Return a scenario with another one laid over it.
+    """Return a scenario with another one layered over it.
 
-    A layer that describes a vehicle replaces the vehicle: nothing of the airframe beneath is left, but relative
-    distributions apply to the new one. A response of the attitude that was identified with the airframe goes with it,
-    and with that the control that relied on it. A control or a route that says its kind replaces the one beneath; with
-    a route go the duration of its flight and the window of its metrics.
+    - A layer that describes a vehicle replaces the whole airframe. Relative distributions of the base apply to the new
+      vehicle. If the base's autopilot is a response that was identified with the old vehicle, the autopilot and the
+      control, which relies on it, are removed.
+    - A control with a kind replaces the control of the base.
+    - A route with a kind replaces the route of the base, together with the duration and the metric window.
     """
     beneath, new_vehicle = dict(base.value), describes_vehicle(layer)
     if new_vehicle:
@@ -101,11 +102,12 @@ def laid_over(base: Tree, layer: Tree) -> Tree:
     if _has_kind(layer, "control"):
         beneath.pop("control", None)
     if _has_kind(layer, "route") and "route" in beneath:
-        beneath = {key: tree for key, tree in beneath.items() if key not in _OF_THE_ROUTE}
+        beneath = {key: tree for key, tree in beneath.items() if key not in _ROUTE_FIELDS}
     result = changed(base._replace(value=beneath), layer)
     if not new_vehicle:
         return result
-    # Relative distributions apply to the new vehicle, so they come on top of it; those of the layer come last.
+    # Relative distributions apply to the new vehicle, so they are merged last: first those of the base, then those of
+    # the layer, which take precedence.
     for fields, mark in ((beneath, base.mark), (layer.value, layer.mark)):
         spreads = relative_part(fields["vehicle"]) if "vehicle" in fields else None
         if spreads is not None:
@@ -114,28 +116,28 @@ def laid_over(base: Tree, layer: Tree) -> Tree:
 
 
 def describes_vehicle(tree: Tree) -> bool:
-    """Return whether a scenario describes a vehicle: whether its `nominal` has all that an airframe is."""
+    """Return whether a scenario describes a vehicle, with all fields of an airframe in its `nominal`."""
     nominal = tree.value.get("nominal")
     return nominal is not None and isinstance(nominal.value, dict) and not _missing(nominal)
 
 
 def check_description(tree: Tree) -> None:
-    """Raise InputError if a scenario that extends nothing describes a vehicle in part.
+    """Raise InputError if a scenario without `extends` describes a vehicle incompletely.
 
-    The rest of it would be the paper's vehicle, of 0.68 kg.
+    The missing fields would be those of the paper's vehicle, which has a mass of 0.68 kg.
     """
     nominal = tree.value.get("nominal")
     if nominal is None or not isinstance(nominal.value, dict) or not {"mass", "inertia"} <= nominal.value.keys():
         return
     if missing := _missing(nominal):
         raise InputError(
-            f"{nominal.mark}: nominal describes a vehicle by its mass and inertia, but not by its {listed(missing)},"
-            " which would be those of the paper's vehicle"
+            f"{nominal.mark}: nominal has a mass and an inertia, but not {listed(missing)}; add what is missing, since"
+            " the defaults are those of the paper's vehicle"
         )
 
 
 def with_default_vehicle(tree: Tree) -> Tree:
-    """Return a scenario whose vehicle is the default one, unless it describes another."""
+    """Return a scenario on top of its default vehicle, unless it describes a vehicle itself."""
     default = tree.value.get(DEFAULT_VEHICLE)
     if default is None:
         return tree
@@ -144,15 +146,15 @@ def with_default_vehicle(tree: Tree) -> Tree:
 
 
 def _missing(nominal: Tree) -> list[str]:
-    """What of an airframe is not described."""
-    missing = [name for name in _DESCRIPTION if name not in nominal.value]
-    return missing if any(name in nominal.value for name in _PLACES) else ["layout", *missing]
+    """Return the fields of an airframe that `nominal` does not have."""
+    missing = [name for name in _AIRFRAME_FIELDS if name not in nominal.value]
+    return missing if any(name in nominal.value for name in _ROTOR_POSITION_FIELDS) else ["layout", *missing]
 
 
 def _without_airframe(fields: dict[str, Tree]) -> dict[str, Tree]:
-    """The fields of a scenario without its vehicle, of which only what is relative is left."""
+    """Return the fields of a scenario without its airframe, of which only relative distributions remain."""
     kept = dict(fields)
-    for section, names in _NOT_OF_THE_AIRFRAME.items():
+    for section, names in _FLIGHT_FIELDS.items():
         if section in kept and isinstance(kept[section].value, dict):
             spreads = relative_part(kept[section])
             own = {name: part for name, part in kept[section].value.items() if name in names}
@@ -166,7 +168,7 @@ def _without_airframe(fields: dict[str, Tree]) -> dict[str, Tree]:
 
 
 def _is_identified(laboratory: Tree) -> bool:
-    """Whether the autopilot of a laboratory is a response that was identified with one vehicle."""
+    """Return whether the autopilot of a laboratory is a response, which was identified with one vehicle."""
     autopilot = laboratory.value.get("autopilot")
     kind = autopilot.value.get("kind") if autopilot is not None and isinstance(autopilot.value, dict) else None
     return kind is not None and kind.value == "response"

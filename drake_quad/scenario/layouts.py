@@ -119,7 +119,7 @@ def implied_arms(layout: Any) -> tuple[float, float]:
 
 
 def arm_length_of(airframe: Any) -> float:
-    """Return the mean distance (m) of the nearest and the farthest rotor from the middle of an airframe of numbers."""
+    """Return the mean of the distances of the nearest and the farthest rotor from the middle of an airframe, m."""
     return 0.5 * sum(implied_arms(airframe.layout)) if has_distances(airframe.layout) else float(airframe.arm_length)
 
 

@@ -20,7 +20,7 @@ _SUFFIXES = (".yaml", ".yml", ".csv")
 
 
 class Library:
-    """All that one scenario is read from: within limits, each file once, and each scenario in it once."""
+    """Files from which a scenario is loaded, with limits; each file and each scenario in it is read once."""
 
     def __init__(self) -> None:
         self._bytes, self._nodes, self._bases = MOST_BYTES, MOST_NODES, MOST_BASES
@@ -71,13 +71,13 @@ class Library:
         """
         return mesh_points(path)
 
-    def policy(self, path: Path) -> Tree:
-        """Reads the network of a policy, see `policy_network`.
+    def policy(self, path: Path, output: str | None = None) -> Tree:
+        """Read the network of a policy, see `policy_network`.
 
         Raises:
             InputError: it cannot be read, or is something else.
         """
-        return policy_network(path)
+        return policy_network(path, output)
 
     def parse(self, text: str, source: str, *, numbered: bool) -> Tree:
         """Parses YAML as a part of the scenario; see `parse_document`."""
@@ -135,7 +135,7 @@ class Library:
         return name, self._resolved[identity]
 
     def _with_bases(self, path: Path, name: str, tree: Tree, stack: tuple[str, ...]) -> Tree:
-        """A scenario of a file, laid over what it extends."""
+        """Return a scenario of a file, layered over the scenarios that it extends."""
         if not isinstance(tree.value, dict):
             raise InputError(f"{tree.mark}: scenario {shortened(name)} must be a mapping of fields")
         own = Tree({key: value for key, value in tree.value.items() if key != "extends"}, tree.mark)
@@ -151,7 +151,7 @@ class Library:
         return own if result is None else laid_over(result, own)
 
     def _extended(self, names: Tree, path: Path, stack: tuple[str, ...]) -> Iterator[Tree]:
-        """The scenarios that a scenario of a file names."""
+        """Yield the scenarios that a scenario of a file extends."""
         for spec in _bases(names):
             self._bases -= 1
             if self._bases < 0:

@@ -1,4 +1,4 @@
-"""Items of lists that are given by their numbers, as in `vehicle.inertia.0`."""
+"""Access to list items by index in a path, as in `vehicle.inertia.0`."""
 
 from typing import Any
 
@@ -9,15 +9,15 @@ from drake_quad.scenario.paths import is_item, joined
 
 
 def within_lists(tree: Tree, override: Tree, path: str = "") -> Tree:
-    """Return the override with whole lists where it names items of lists by their numbers.
+    """Return an override in which whole lists replace items that are given by index.
 
     Args:
-        tree: a part of the scenario.
-        override: of the part.
-        path: of the part.
+        tree: part of the scenario to which the override applies.
+        override: override of this part.
+        path: path of this part in the scenario.
 
     Raises:
-        InputError: the override names an item that a list does not have.
+        InputError: if the override has an index that is outside the list.
     """
     old, new = tree.value, override.value
     if isinstance(old, dict) and isinstance(new, dict):
@@ -45,22 +45,22 @@ def without(tree: Tree, path: tuple[Any, ...]) -> Tree:
 
 
 def with_items(tree: Tree, path: tuple[Any, ...], default: list[Any], items: Tree) -> Tree:
-    """Return the tree of a scenario with a list that it leaves to its default, in which some items are replaced.
+    """Return a scenario with a list that it does not contain: the default list with some items replaced.
 
     Args:
-        tree: the scenario as it is written.
-        path: of the list.
-        default: the list.
-        items: by their numbers.
+        tree: scenario without defaults.
+        path: path of the list in the scenario.
+        default: default value of the list.
+        items: new items, by their index.
 
     Raises:
-        InputError: the list has no such item.
+        InputError: an index is outside the list.
     """
     return _placed(tree, path, within_lists(Tree.of(default, items.mark), items, joined(*path)))
 
 
 def at(value: Any, path: tuple[Any, ...]) -> Any:
-    """Return what is in nested mappings and lists at a path; None if there is nothing."""
+    """Return the value at a path in nested mappings and lists; None if the path does not exist."""
     for key in path:
         is_there = key in value if isinstance(value, dict) else isinstance(value, list) and key in range(len(value))
         if not is_there:
@@ -78,7 +78,7 @@ def _placed(tree: Tree, path: tuple[Any, ...], part: Tree) -> Tree:
 
 
 def _replaced(tree: Tree, key: Any, part: Tree) -> Tree:
-    """Return the tree with another part at a name or number."""
+    """Return the tree with the part at a key or index replaced."""
     if isinstance(tree.value, list):
         return Tree([part if i == key else each for i, each in enumerate(tree.value)], tree.mark)
     return Tree({**tree.value, key: part}, tree.mark)

@@ -93,31 +93,31 @@ control:
 
 
 def load_undesigned(spec: str | Path, overrides: Overrides = ()) -> Scenario:
-    """Load a scenario whose gains are to be designed, such as a vehicle: it need have neither route nor control.
+    """Load a scenario for the design of its gains, such as a vehicle without route and control.
 
-    Without a route it flies the paper's figure eight, without a position controller a PD with feed-forward. A cascade
-    for control of the attitude on the ground is taken for one that leaves it to an autopilot, if there is one.
+    The default route is the paper's figure eight, and the default position controller is a PD with feed-forward. If the
+    scenario has an autopilot, its cascade leaves attitude control to the autopilot.
 
     Args:
-        spec: FILE, or FILE:NAME where the file holds several scenarios.
-        overrides: as for `load_scenario`.
+        spec: FILE, or FILE:NAME if the file contains several scenarios.
+        overrides: overrides for `load_scenario`.
 
     Raises:
-        InputError: as `load_scenario`.
+        InputError: an error of `load_scenario`.
     """
     return validated(Scenario, _on_board(_loaded(spec, overrides, beneath=_UNDESIGNED)))
 
 
-# What the autopilots on board feed forward, by their kinds.
-_FED_FORWARD_ON_BOARD = {
+# Feed-forward terms that each kind of on-board autopilot accepts.
+_FEED_FORWARD_ON_BOARD = {
     get_args(model.model_fields["kind"].annotation)[0]: model.feeds_forward
     for model in (AttitudeAutopilot, AttitudeResponse)
 }
 
 
 def _on_board(tree: Tree) -> Tree:
-    """A scenario whose cascade suits its autopilot, if it has one: attitude control is left to that."""
-    allowed = _FED_FORWARD_ON_BOARD.get(_word(tree, "laboratory", "autopilot", "kind"), ())
+    """Return a scenario whose cascade leaves attitude control to the autopilot, if it has one."""
+    allowed = _FEED_FORWARD_ON_BOARD.get(_word(tree, "laboratory", "autopilot", "kind"), ())
     if not allowed or _word(tree, "control", "kind") not in (None, "cascade"):
         return tree
     mark = tree.value["control"].mark
@@ -128,7 +128,7 @@ def _on_board(tree: Tree) -> Tree:
 
 
 def _word(tree: Tree, *path: str) -> Any:
-    """The scalar at a path; None if there is none."""
+    """Return the scalar at a path; None if there is none."""
     part, depth = tree.at(path)
     return part.value if depth == len(path) and isinstance(part.value, str) else None
 
@@ -165,7 +165,11 @@ def _loaded(
     beneath: str = "",
     foreign: Set[str] = frozenset(),
 ) -> Tree:
-    """A scenario as it is written, with its overrides, of which none may be of a foreign field."""
+    """Return a scenario as a tree with its overrides.
+
+    Raises:
+        InputError: if the scenario cannot be read, or an override names an unknown field.
+    """
     library = Library()
     name, tree = library.find(spec)
     if beneath:
@@ -185,7 +189,10 @@ def _loaded(
 
 
 def _without_relatives(tree: Tree) -> Tree:
-    """A scenario whose relative distributions are ordinary ones; a `nominal` that is wrong is left to be refused."""
+    """Return a scenario with ordinary instead of relative distributions.
+
+    If `nominal` is wrong, the scenario is returned unchanged, since validation then reports the error.
+    """
     refuse_elsewhere(tree)
     nominal = tree.value.get("nominal")
     try:
@@ -196,10 +203,10 @@ def _without_relatives(tree: Tree) -> Tree:
 
 
 def validated(model: type[_Valid], tree: Tree) -> _Valid:
-    """Return what a document says, as a model of it.
+    """Validate a document and return it as a model.
 
     Raises:
-        InputError: something in it is wrong; the message names file, line, field, value and what is allowed.
+        InputError: if the document is wrong; the message names the file, line, field, value and the allowed values.
     """
     data = tree.plain()
     try:
@@ -224,13 +231,13 @@ def validated(model: type[_Valid], tree: Tree) -> _Valid:
 
 
 def _gives_items(problem: Any) -> bool:
-    """Return True if a list is missing of which items are given by their numbers, as in `vehicle.inertia.0`."""
+    """Return whether a problem is a missing list of which items are given by index, as in `vehicle.inertia.0`."""
     given = problem["input"]
     return problem["type"] == "tuple_type" and isinstance(given, dict) and all(map(is_item, given))
 
 
 def _trees_of(overrides: Overrides, library: Library) -> Iterator[Tree]:
-    """A document for each field that is given another value."""
+    """Yield a document for each field that is overridden."""
     if isinstance(overrides, str | Override | Mapping) or not isinstance(overrides, Iterable):
         overrides = [overrides]
     for override in overrides:
@@ -261,7 +268,7 @@ def _parsed(override: Override, library: Library) -> Tree:
 
 
 def _explain(problems: Sequence[Any], model: type[Model], tree: Tree, data: Any) -> str:
-    """Return one sentence for the first of several problems."""
+    """Return a sentence on the first of several problems."""
     problem = problems[0]
     context = problem.get("ctx", {})
     path = _real_path(problem, data)
@@ -282,7 +289,7 @@ def _explain(problems: Sequence[Any], model: type[Model], tree: Tree, data: Any)
 
 
 def _complaint(problem: Any, value: str, path: tuple[Any, ...], model: type[Model]) -> str:
-    """What is wrong with the value at a path, and what is allowed there."""
+    """Return a description of the problem with the value at a path, and of the allowed values."""
     context = problem.get("ctx", {})
     match problem["type"]:
         case "unknown_field":
@@ -318,9 +325,9 @@ def _further_in(model: type[Model], name: str) -> list[str]:
 
 
 def _real_path(problem: Any, data: Any) -> tuple[Any, ...]:
-    """Return where a problem is, without the tags of unions, which stand in no file.
+    """Return the path of a problem in the document, without the tags of unions, which do not occur in files.
 
-    A missing field or item comes last.
+    The last element of the path of a missing field or item is that field or item.
     """
     path: list[Any] = []
     tagged: Any = None
@@ -328,7 +335,7 @@ def _real_path(problem: Any, data: Any) -> tuple[Any, ...]:
     for i, key in enumerate(location):
         is_last = i == len(location) - 1
         kinds = (data["kind"],) if isinstance(data, dict) and "kind" in data else SILENT_KINDS.values()
-        # The half-space's field `normal` and the tag of a normal distribution are told apart by what is wrong there.
+        # "normal" may be the tag of a normal distribution or a field of a half-space; the problem's input decides.
         is_tag = key in _TAGS and not is_missing and problem["input"] is data
         if isinstance(data, dict) and key in kinds and data is not tagged:
             tagged = data

@@ -28,7 +28,7 @@ class ColouredNoise(Model):
 
 
 class Axis(Model):
-    """What the axes have in common."""
+    """Fields of all axes."""
 
     first: ColouredNoise = Field(description="disturbing acceleration, noise behind a lag of first order (m/s²)")
     second: ColouredNoise = Field(

@@ -21,14 +21,14 @@ class Mark(NamedTuple):
 
 
 class Tree(NamedTuple):
-    """A value of a YAML document with its mark; `value` is a dict or list of trees, or a plain scalar."""
+    """Value of a YAML document with its mark; `value` is a dict or list of trees, or a plain scalar."""
 
     value: Any
     mark: Mark
 
     @classmethod
     def of(cls, value: Any, mark: Mark) -> "Tree":
-        """Return the tree of a plain value, all of which bears one mark."""
+        """Return the tree of a plain value, with the same mark for all its parts."""
         if isinstance(value, Mapping):
             return cls({name: cls.of(part, mark) for name, part in value.items()}, mark)
         if isinstance(value, list | tuple):

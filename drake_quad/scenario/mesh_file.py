@@ -16,12 +16,10 @@ from drake_quad.written_numbers import float_in
 _MOST_BYTES = 50_000_000
 # A binary .stl: 80 bytes and a count, then 12 numbers and 2 bytes for each triangle.
 _HEAD = 84
-_ROBOT = (
-    "describes a {} and is not a mesh: name the mesh that its <collision> names, or give the box, cylinder or sphere"
-    " that stands there"
-)
+_ROBOT = "describes a {} and is not a mesh: give the mesh, box, cylinder or sphere of its <collision> element instead"
 _CONVERTED = "is a {} and cannot be read: convert it to .obj or .stl, with Blender or MeshLab"
-# What other files are, by their suffix, by what they begin with, and by an element of XML near their beginning.
+# Error messages for common other formats, by file suffix, by the first bytes of the file, and by an XML element near
+# its start.
 _SUFFIXES = {
     **dict.fromkeys((".urdf", ".xacro"), _ROBOT.format("robot (URDF)")),
     **dict.fromkeys((".sdf", ".world"), _ROBOT.format("model or world (SDFormat)")),
@@ -35,20 +33,21 @@ _SUFFIXES = {
 }
 _BEGINNINGS = {b"gltf": _SUFFIXES[".gltf"], b"ply\n": _SUFFIXES[".ply"], b"ply\r\n": _SUFFIXES[".ply"]}
 _ELEMENTS = {b"<robot": _SUFFIXES[".urdf"], b"<sdf": _SUFFIXES[".sdf"], b"<collada": _SUFFIXES[".dae"]}
-_NEAR = 2_000  # bytes: behind a declaration of XML and comments
+_NUM_SEARCHED_BYTES = 2_000  # enough to find the root element after an XML declaration and comments
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
 def mesh_points(path: Path) -> Tree:
     """Read the corners of a mesh's convex hull as the list `points` of an obstacle, in the mesh's own axes and units.
 
-    A hull of too many corners is replaced by one around it, see `surrounding`; a warning says so.
+    A hull with too many corners is replaced by a simpler hull around it, see `surrounding`, with a warning.
 
     Args:
-        path: of a Wavefront .obj file, or of an .stl file of text or binary.
+        path: path of a Wavefront .obj file, or of a text or binary .stl file.
 
     Raises:
-        InputError: the file cannot be read, is no such mesh, is flat, or has a hull that cannot be replaced.
+        InputError: if the file cannot be read, has another format, contains a flat mesh, or has a hull that cannot be
+            simplified.
     """
     mark = Mark(str(path), 0)
     suffix = path.suffix.lower()
@@ -60,12 +59,12 @@ def mesh_points(path: Path) -> Tree:
         data = file.read(_MOST_BYTES + 1)
     if len(data) > _MOST_BYTES:
         raise InputError(f"{mark}: is too large: a mesh may have {_MOST_BYTES:,} bytes")
-    if flaw := _other_kind(data[:_NEAR].lower()):
+    if flaw := _other_kind(data[:_NUM_SEARCHED_BYTES].lower()):
         raise InputError(f"{mark}: {flaw}")
     try:
         points = read(data)
     except (ValueError, IndexError):
-        raise InputError(f"{mark}: is not a mesh of the form that its name says") from None
+        raise InputError(f"{mark}: is not a mesh of the format that its file name implies") from None
     try:
         hull = surrounding(points, MOST_CORNERS)
     except InputError as error:
@@ -76,7 +75,7 @@ def mesh_points(path: Path) -> Tree:
 
 
 def _other_kind(beginning: bytes) -> str:
-    """Return what is wrong with a file that is no mesh of a known form, as far as its beginning tells."""
+    """Return an error message for a file whose first bytes are those of another known format; empty otherwise."""
     known = [flaw for start, flaw in _BEGINNINGS.items() if beginning.startswith(start)]
     if beginning.removeprefix(codecs.BOM_UTF8).lstrip().startswith(b"<"):
         known += [flaw for element, flaw in _ELEMENTS.items() if element in beginning]
@@ -84,13 +83,13 @@ def _other_kind(beginning: bytes) -> str:
 
 
 def _of_obj(data: bytes) -> np.ndarray:
-    """(n, 3): the numbers behind each `v`."""
+    """Return the vertices (n, 3) of a Wavefront .obj file, which follow the keyword `v`."""
     rows = (line.split() for line in data.decode("utf-8", "replace").splitlines())
     return np.array([[float_in(number) for number in row[1:4]] for row in rows if row and row[0] == "v"])
 
 
 def _of_stl(data: bytes) -> np.ndarray:
-    """(n, 3): of the triangles, or the numbers behind each `vertex`."""
+    """Return the vertices (n, 3) of a binary .stl file, or of a text file, where they follow the keyword `vertex`."""
     if len(data) >= _HEAD and len(data) == _HEAD + _TRIANGLE.itemsize * int.from_bytes(
         data[_HEAD - 4 : _HEAD], "little"
     ):

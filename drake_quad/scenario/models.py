@@ -85,7 +85,7 @@ _NonNegative = TypeVar("_NonNegative")
 
 
 def _paper(name: str, symbol: str, record: Any = _PAPER, *, rule: str = "") -> Any:
-    """A field with the paper's number for default; a rule stands behind its unit."""
+    """Return a field with the paper's number as default; the rule follows the unit in its description."""
     value, hint = getattr(record, name), get_type_hints(type(record), include_extras=True)[name]
     if isinstance(value, tuple):
         hint = next(iter(get_type_hints(type(value), include_extras=True).values()))
@@ -126,7 +126,7 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
             raise self.wrong("layout", kind="layout", demand=demand, missing=missing)
 
     def check_inertia(self) -> None:
-        """Raise an error if no rigid body has the moments of inertia, whatever is drawn."""
+        """Raise a validation error if no draw of the moments of inertia belongs to a rigid body."""
         if flaw := inertia_flaw(self.inertia):
             raise self.wrong("inertia", kind="inertia", demand=INERTIA_DEMAND, flaw=flaw)
 
@@ -437,7 +437,7 @@ class Scenario(Mission):
     @field_validator("vehicle")
     @classmethod
     def _as_nominal(cls, vehicle: Vehicle, info: ValidationInfo) -> Vehicle:
-        """The vehicle with what it does not say taken from `nominal`."""
+        """Return the vehicle with missing fields taken from `nominal`."""
         nominal = info.data.get("nominal")
         if nominal is None:
             return vehicle

@@ -1,17 +1,17 @@
 """Networks of policies from ONNX: a chain of nodes from the observation to the action.
 
-A file may have more, such as the value of an actor-critic behind the same layers: only what the action needs is read.
-Of several outputs the action is the one that is called so, else the first.
+Nodes that do not affect the action, such as the value function of an actor-critic network, are ignored. If there are
+several outputs, the action is the chosen output, or else the one with this name, or else the first one.
 """
 
 import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from drake_quad.control.policy.network import WITH_ALPHA
+from drake_quad.control.policy.network import GELU_CUBE, WITH_ALPHA
 from drake_quad.errors import InputWarning, listed, shortened, shown
 from drake_quad.extras import needed
 from drake_quad.scenario.policy import TrainedNetwork
@@ -26,13 +26,15 @@ _ACTIVATIONS = {
     "Swish": "silu",
     "Gelu": "gelu",
 }
-# What actions are called where there are several outputs.
+# Names by which the action is found among several outputs.
 _ACTIONS = ("action", "actions")
-# The operators of ONNX itself; others, such as those of onnxruntime's optimiser, mean something else.
+# Domains of the standard operators; those of other domains, such as onnxruntime's optimiser, have other definitions.
 _DOMAINS = ("", "ai.onnx")
-_ROOT_OF_HALF = math.sqrt(0.5)
-# Constants of single precision may be off by this share.
+# Relative error of a constant in single precision, and of a product of several of them.
 _SINGLE = 1e-6
+_SPELLED_TOLERANCE = 1e-5
+# Largest number of successive nodes that form the argument of a gate's function.
+_MAX_LEVELS = 10
 # Nodes that change no number of one observation.
 _SILENT = ("Identity", "Flatten", "Reshape", "Squeeze", "Unsqueeze", "Transpose", "Cast", "Dropout")
 # Of constants, what is computed.
@@ -42,15 +44,41 @@ _OF_TWO = ("Add", "Sub", "Mul", "Div")
 _FLOATS = (1, 11)
 
 
-def network_of_onnx(data: bytes, file: str) -> TrainedNetwork:
-    """Reads a network; a warning says which of several outputs is the action.
+class _SpelledOut(NamedTuple):
+    """Activation x · gate(x) that is exported as several nodes.
+
+    Attributes:
+        kind: kind of the single node with the same meaning.
+        attributes: attributes of that node.
+        slope: coefficient of x in the argument of the gate's function.
+        cube: coefficient of x³ in that argument, divided by `slope`.
+    """
+
+    kind: str
+    attributes: Mapping[str, Any]
+    slope: float
+    cube: float
+
+
+# Activations by the function of their gate, and whether the gate adds 1 to it.
+_SPELLED_OUT = {
+    ("Sigmoid", False): _SpelledOut("Swish", {}, 1.0, 0.0),
+    ("Erf", True): _SpelledOut("Gelu", {}, math.sqrt(0.5), 0.0),
+    ("Tanh", True): _SpelledOut("Gelu", {"approximate": b"tanh"}, math.sqrt(2.0 / math.pi), GELU_CUBE),
+}
+
+
+def network_of_onnx(data: bytes, file: str, output: str | None = None) -> TrainedNetwork:
+    """Read a network; if none of several outputs is chosen, a warning names the one that is the action.
 
     Args:
-        data: of the file.
-        file: what the warning calls it.
+        data: content of the file.
+        file: name of the file in the warning.
+        output: name of the output that is the action.
 
     Raises:
-        UnreadableError: it is none, has branches, or nodes that are not known here.
+        UnreadableError: if the data are not a network, or the network has no such output, branches, or unsupported
+            nodes.
         ImportError: the library onnx is not installed.
     """
     onnx = needed("onnx", "onnx")
@@ -69,10 +97,10 @@ def network_of_onnx(data: bytes, file: str) -> TrainedNetwork:
     except Exception as error:  # likewise
         raise UnreadableError(f"is not an ONNX model as it should be: {shortened(str(error), 120)}") from None
     layers = Layers()
-    graph = _Graph(model)
-    if len(graph.outputs) > 1:
+    graph = _Graph(model, output)
+    if output is None and len(graph.outputs) > 1:
         names = f"of its outputs {listed(graph.outputs)}, {shortened(graph.action)} is taken for the action"
-        warnings.warn(f"{file}: {names}", InputWarning, stacklevel=2)
+        warnings.warn(f"{file}: {names}; {file}:NAME chooses another", InputWarning, stacklevel=2)
     for k, node in enumerate(chain := graph.chain()):
         _add(layers, node, is_last=all(each.kind in _SILENT for each in chain[k + 1 :]))
     return layers.network()
@@ -93,20 +121,22 @@ class _Node:
 
 
 class _Graph:
-    """A graph of ONNX, whose numbers are known where they do not depend on its input.
+    """ONNX graph in which all values that do not depend on the input are computed.
 
     Args:
-        model: whose graph it is.
+        model: ONNX model that contains the graph.
+        output: name of the output that is the action; None if none is chosen.
 
     Attributes:
-        outputs: their names.
-        action: the name of the output that is the action.
+        outputs: names of the outputs.
+        action: name of the output that is the action.
 
     Raises:
-        UnreadableError: it has several inputs, or no outputs, or operators of another library.
+        UnreadableError: if the graph has several inputs, no outputs or not the chosen one, or operators of another
+            domain.
     """
 
-    def __init__(self, model: Any) -> None:
+    def __init__(self, model: Any, output: str | None) -> None:
         self._onnx, self._opsets, graph = needed("onnx", "onnx"), model.opset_import, model.graph
         self._known = {each.name: self._array(each) for each in graph.initializer}
         self._makers = {name: node for node in graph.node for name in node.output if name}
@@ -114,7 +144,9 @@ class _Graph:
         self.outputs = [each.name for each in graph.output]
         if not self.outputs:
             raise UnreadableError("has no outputs")
-        self.action = min(self.outputs, key=lambda name: name.lower() not in _ACTIONS)
+        if output is not None and output not in self.outputs:
+            raise UnreadableError(f"has no output {shown(output)}; it has {listed(self.outputs)}")
+        self.action = output or min(self.outputs, key=lambda name: name.lower() not in _ACTIONS)
         if len(self._inputs) != 1:
             names = listed(self._inputs)
             raise UnreadableError(f"has the inputs {names}, but must have one" if names else "has no inputs")
@@ -137,7 +169,7 @@ class _Graph:
         return array
 
     def _compute(self, node: Any) -> None:
-        """Makes known what a node gives whose inputs are."""
+        """Compute the outputs of a node whose inputs are known."""
         helper = self._onnx.helper
         names = [*dict.fromkeys(node.input)]
         arrays = [self._onnx.numpy_helper.from_array(self._known[name], name) for name in names]
@@ -151,10 +183,10 @@ class _Graph:
         self._known |= dict(zip(node.output, found, strict=False))
 
     def chain(self) -> list[_Node]:
-        """The nodes from the input to the output.
+        """Return the nodes from the input to the action.
 
         Raises:
-            UnreadableError: there is no such chain.
+            UnreadableError: if the nodes do not form a chain.
         """
         name, (last,) = self.action, self._inputs
         nodes: list[_Node] = []
@@ -172,48 +204,91 @@ class _Graph:
             if not coming:
                 raise UnreadableError(f"has an output that does not depend on its input {last}")
             if len(coming) > 1 or (name != node.output[0] and node.op_type != "GRU"):
-                raise UnreadableError(f"has branches that meet in a node {node.op_type}, but must be a chain of layers")
+                spelled = "; export activations as nodes, with opset 20 or later" if node.op_type in _OF_TWO else ""
+                raise UnreadableError(
+                    f"has branches that meet in a node {node.op_type}, but must be a chain of layers{spelled}"
+                )
             given = [self._known.get(each) for each in node.input]
             nodes.append(_Node(node.op_type, given, coming[0], attributes))
             name = node.input[coming[0]]
         return nodes[::-1]
 
     def _gated(self, node: Any) -> tuple[list[_Node], str] | None:
-        """What a node does that multiplies something by a function of it, and to what; None if it is no such node."""
-        if node.op_type != "Mul":
-            return None
-        for x, gate in (node.input, node.input[::-1]):
-            maker = self._makers.get(gate)
-            if maker is not None and maker.op_type == "Sigmoid" and [*maker.input] == [x]:
-                return [_Node("Swish", [None], 0, {})], x
-            found = self._gelu(x, gate)
-            if found is not None:
-                return found
+        """Return the nodes that a product of a value and its gate represents, and the name of their input.
+
+        Exporters write SiLU and GELU in this form for opsets that have no node for them. The result is None for any
+        other node.
+        """
+        if node.op_type == "Mul":
+            for x, gate in (node.input, node.input[::-1]):
+                found = self._gated_by(x, gate)
+                if found is not None:
+                    return found
         return None
 
-    def _gelu(self, x: str, gate: str) -> tuple[list[_Node], str] | None:
-        """The same of x (1 + erf(x / √2)) / 2, as PyTorch writes GELU in opsets that have none.
+    def _gated_by(self, x: str, gate: str) -> tuple[list[_Node], str] | None:
+        """Return the nodes and the input of `_gated` for one order of the factors.
 
-        The half, and numbers on the way to either factor, may stand anywhere: with z before all of them, a z and
-        b (1 + erf(c z)), u is √2 c z, and the product is √2 a b / c times the GELU of u.
+        Constant factors may be in any place. In general the value is a z, and the gate is b σ(c z) or
+        b (1 + F(c z + e z³)), where F is the error function or, for the approximation of GELU, the hyperbolic tangent.
+        With u = s z, where s is such that c and e are those of the activation, the product is a b / s times the SiLU
+        of u, or 2 a b / s times the GELU of u.
         """
         (z, a), (gate, b) = self._unscaled(x), self._unscaled(gate)
         summed = self._with_constant(gate, "Add")
-        error = None if summed is None or summed[1] != 1.0 else self._makers.get(summed[0])
-        if error is None or error.op_type != "Erf":
+        is_sum = summed is not None and summed[1] == 1.0
+        maker = self._makers.get(summed[0] if summed is not None and is_sum else gate)
+        spelled = None if maker is None else _SPELLED_OUT.get((maker.op_type, is_sum))
+        powers = None if maker is None or spelled is None else self._powers(maker.input[0], z)
+        if spelled is None or powers is None or powers[1] == 0.0:
             return None
-        inside, c = self._unscaled(error.input[0])
-        if inside != z or c == 0.0:
+        scale = powers[1] / spelled.slope
+        expected = spelled.slope * np.array([0.0, scale, 0.0, spelled.cube * scale**3])
+        if np.any(np.abs(powers - expected) > _SPELLED_TOLERANCE * np.abs(expected)):
             return None
-        scale = c / _ROOT_OF_HALF
-        if abs(scale - 1.0) < _SINGLE:
-            scale = 1.0
-        factors = [_Node("Mul", [None, np.array(each)], 0, {}) for each in (scale, 2.0 * a * b / scale)]
-        before, after = ([each] if each.given[1] != 1.0 else [] for each in factors)
-        return [*before, _Node("Gelu", [None], 0, {}), *after], z
+        scale = 1.0 if abs(scale - 1.0) < _SINGLE else scale
+        factor = (2.0 if is_sum else 1.0) * a * b / scale
+        numbers = [_Node("Mul", [None, np.array(each)], 0, {}) for each in (scale, factor)]
+        before, after = ([each] if each.given[1] != 1.0 else [] for each in numbers)
+        return [*before, _Node(spelled.kind, [None], 0, spelled.attributes), *after], z
+
+    def _powers(self, name: str, base: str, levels: int = _MAX_LEVELS) -> np.ndarray | None:
+        """Return the coefficients (4,) of a value as a cubic polynomial in another value; None if it is not one.
+
+        Args:
+            name: name of the value.
+            base: name of the variable of the polynomial.
+            levels: largest number of nodes between the two.
+        """
+        if name == base:
+            return np.array([0.0, 1.0, 0.0, 0.0])
+        if name in self._known:
+            number = self._known[name]
+            return np.array([number.item(), 0.0, 0.0, 0.0], dtype=float) if number.size == 1 else None
+        maker = self._makers.get(name)
+        if levels == 0 or maker is None or maker.op_type not in (*_OF_TWO, "Pow"):
+            return None
+        one, other = (self._powers(each, base, levels - 1) for each in maker.input)
+        if one is None or other is None:
+            return None
+        match maker.op_type:
+            case "Add":
+                return one + other
+            case "Sub":
+                return one - other
+            case "Mul":
+                product = np.convolve(one, other)
+                return None if product[4:].any() else product[:4]
+        # The divisor, or the exponent, is a number.
+        if other[1:].any():
+            return None
+        if maker.op_type == "Div":
+            return None if other[0] == 0.0 else one / other[0]
+        is_base = other[0] in (2.0, 3.0) and not one[[0, 2, 3]].any()
+        return one[1] ** other[0] * np.eye(4)[int(other[0])] if is_base else None
 
     def _unscaled(self, name: str) -> tuple[str, float]:
-        """The name of what something is a multiple of, however often it was multiplied, and the factor."""
+        """Return the name of the value of which `name` is a constant multiple, and the total factor."""
         factor = 1.0
         while True:
             multiplied, divided = self._with_constant(name, "Mul"), self._with_constant(name, "Div")
@@ -225,7 +300,10 @@ class _Graph:
                 return name, factor
 
     def _with_constant(self, name: str, kind: str) -> tuple[str, float] | None:
-        """What something is made of by a node of a kind and a single number, and that number; None if it is not."""
+        """Return the non-constant input and the constant of the node that computes `name`.
+
+        The result is None if this node has another kind, or does not combine a value with a single number.
+        """
         maker = self._makers.get(name)
         if maker is None or maker.op_type != kind or len(maker.input) != 2:
             return None
@@ -245,7 +323,7 @@ def _stays_small(kind: str, given: Sequence[Any]) -> bool:
 
 
 def _add(layers: Layers, node: _Node, *, is_last: bool) -> None:
-    """Adds what a node does to what comes along the chain."""
+    """Add the operation of a node to the layers."""
     rule = _RULES.get(node.kind)
     if rule is not None:
         rule(layers, node)
@@ -261,12 +339,12 @@ def _add(layers: Layers, node: _Node, *, is_last: bool) -> None:
 
 
 def _activation(node: _Node) -> tuple[str, float | None]:
-    """The name of an activation, and its parameter if that is not the default."""
+    """Return the name of an activation, and its parameter if that is not the default."""
     name, alpha = _ACTIVATIONS[node.kind], node.attributes.get("alpha")
     if name == "gelu":
         approximated = node.attributes.get("approximate", b"none")
         if approximated not in (b"none", b"tanh"):
-            raise UnreadableError(f"has a Gelu with an approximation {shown(approximated)}, not none or tanh")
+            raise UnreadableError(f"has a Gelu with an approximation {shown(approximated)}; it must be none or tanh")
         return "gelu_tanh" if approximated == b"tanh" else "gelu", None
     if alpha is not None and name not in WITH_ALPHA and alpha != 1.0:
         raise UnreadableError(f"has an activation {node.kind} with an alpha of {alpha:g}, not 1")
@@ -336,8 +414,8 @@ def _gru(layers: Layers, node: _Node) -> None:
 
 
 def _clip(layers: Layers, node: _Node, *, is_last: bool) -> None:
-    """Takes over a limit of the input; actions have theirs, from -1 to 1, anyway."""
-    attributes = [node.attributes.get(name) for name in ("min", "max")]  # until opset 10
+    """Add the limit of the input; a limit of the action is ignored, since actions are always within [-1, 1]."""
+    attributes = [node.attributes.get(name) for name in ("min", "max")]  # up to opset 10 the limits are attributes
     bounds = attributes if len(node.given) == 1 else [*node.given[1:], None][:2]
     low, high = (None if each is None or np.size(each) != 1 else float(np.ravel(each)[0]) for each in bounds)
     if node.place or low is None or high is None:

@@ -16,7 +16,7 @@ _ROTOR = "rotor_"
 
 
 def joined(*steps: str | int) -> str:
-    """The path of these steps, each of which may be a path itself."""
+    """Return the path that consists of some steps, each of which may be a path itself."""
     path = ""
     for step in map(str, steps):
         if is_item(step) and path.rpartition(".")[2] in _PER_ROTOR:
@@ -26,7 +26,7 @@ def joined(*steps: str | int) -> str:
 
 
 def is_item(step: str) -> bool:
-    """Return True if a step is the number of an item of a list."""
+    """Return whether a step of a path is the index of a list item."""
     return step.isascii() and step.isdecimal()
 
 

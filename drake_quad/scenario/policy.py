@@ -51,7 +51,7 @@ class DenseLayer(Model):
 
     @model_serializer(mode="wrap")
     def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Without a parameter that is not given."""
+        """Serialise the layer without the parameter if it is not given."""
         fields: dict[str, Any] = write(self)
         return {name: value for name, value in fields.items() if name != "alpha" or value is not None}
 
@@ -68,7 +68,7 @@ class DenseLayer(Model):
         return self.outputs * (self.inputs + 1)
 
     def layer(self, numbers: np.ndarray) -> Dense:
-        """The layer of these numbers: W row by row, then b."""
+        """Return the layer with given numbers: the rows of W, then b."""
         weights, biases = np.split(numbers, [self.outputs * self.inputs])
         return Dense(Matrix(weights.reshape(self.outputs, self.inputs), biases), self.activation, self.alpha)
 
@@ -119,14 +119,14 @@ class TrainedNetwork(Model):
 
     @classmethod
     def of(cls, layers: tuple[Any, ...], numbers: np.ndarray, **prepared: Any) -> "TrainedNetwork":
-        """A network of these numbers, in single precision if that has them.
+        """Return a network with given numbers, stored in single precision if that is exact.
 
         Args:
-            layers: as the field has them.
-            numbers: of all layers, one after another.
-            prepared: `offset`, `scale` and `limit`, if any.
+            layers: value of the field `layers`.
+            numbers: numbers of all layers, one layer after another.
+            prepared: `offset`, `scale` and `limit`, if given.
         """
-        with np.errstate(over="ignore"):  # what is too large for single precision is infinite in it
+        with np.errstate(over="ignore"):  # numbers beyond single precision become infinite, so the test below fails
             precision: _Precision = "single" if (numbers.astype("<f4") == numbers).all() else "double"
         text = base64.b64encode(numbers.astype(_DTYPES[precision]).tobytes()).decode("ascii")
         pieces = tuple([text[k : k + MOST_CHARACTERS] for k in range(0, len(text), MOST_CHARACTERS)])
@@ -314,8 +314,8 @@ class PolicyControl(Model):
     kind: Literal["policy"]
     policy: TrainedNetwork | None = Field(
         default=None,
-        description="file of the network, .npz or .onnx, beside the one that names it; without it there is no flying"
-        " but in drake_quad.gym",
+        description="file of the network, .npz or .onnx, beside the one that names it; FILE.onnx:NAME takes one of"
+        " several outputs; without a network there is no flying but in drake_quad.gym",
         json_schema_extra=or_file,
     )
     action: AnyAction = Field(description="what the network's output means")

@@ -1,10 +1,14 @@
 """Networks of policies from files: NumPy's .npz, and ONNX.
 
-An .npz file has, for layer k counted from 0, `weights_k` (outputs, inputs) and `biases_k` (outputs,), and perhaps
-`activation_k`, a word, and `alpha_k`, its parameter; or, of gated recurrent units, `weights_input_k` (3 units, inputs),
-`biases_input_k`, `weights_hidden_k` (3 units, units), `biases_hidden_k` (3 units,), those of reset, update and new
-gates one after another, and perhaps `initial_k` (units,). Beside them it may have `offset`, `scale` (inputs,) and
-`limit`.
+For each layer k, counted from 0, an .npz file contains the arrays of one of two kinds:
+
+- Dense layer: `weights_k` (outputs, inputs) and `biases_k` (outputs,), and optionally the name `activation_k` and its
+  parameter `alpha_k`.
+- Gated recurrent units: `weights_input_k` (3 units, inputs), `biases_input_k` (3 units,), `weights_hidden_k` (3 units,
+  units) and `biases_hidden_k` (3 units,), with the reset, update and new gates in this order, and optionally
+  `initial_k` (units,).
+
+In addition the file may contain `offset` (inputs,), `scale` (inputs,) and `limit`.
 """
 
 import io
@@ -30,19 +34,20 @@ _MOST_BYTES = 8 * MOST_NETWORK_BYTES
 _LAYER_KINDS = ("dense", "gru")
 
 
-def policy_network(path: Path) -> Tree:
-    """Reads a network as the mapping `policy` of a control.
+def policy_network(path: Path, output: str | None = None) -> Tree:
+    """Read a network as the mapping `policy` of a control.
 
     Args:
-        path: of an .npz or .onnx file.
+        path: path of an .npz or .onnx file.
+        output: name of the output that is the action, for an .onnx file with several outputs.
 
     Raises:
-        InputError: the file cannot be read, is none such, or has layers that are not known here.
+        InputError: if the file cannot be read, has another format, or has unsupported layers.
     """
     mark = Mark(str(path), 0)
     readers: dict[str, Callable[[bytes], TrainedNetwork]] = {
         ".npz": _of_npz,
-        ".onnx": partial(network_of_onnx, file=str(mark)),
+        ".onnx": partial(network_of_onnx, file=str(mark), output=output),
     }
     read = readers.get(path.suffix.lower())
     if read is None:
@@ -52,7 +57,7 @@ def policy_network(path: Path) -> Tree:
     if len(data) > _MOST_BYTES:
         raise InputError(f"{mark}: is too large: a network may have {MOST_NETWORK_BYTES:,} bytes of numbers")
     try:
-        # What a file computes of its constants may overflow; a network of numbers that are not finite is refused.
+        # Computations with the constants of a file may overflow. Validation later rejects numbers that are not finite.
         with np.errstate(all="ignore"):
             network = read(data)
     except UnreadableError as error:

@@ -14,23 +14,23 @@ class UnreadableError(Exception):
 
 
 class Layers:
-    """Layers and their numbers, one after another.
+    """Sequence of layers with their numbers.
 
-    Arithmetic behind an activation waits for the next layer of neurons, into whose weights and biases it goes. Where
-    none comes, it becomes a layer of its own.
+    Elementwise arithmetic after an activation is merged into the weights and biases of the next layer. If there is no
+    next layer, it becomes a layer of its own.
     """
 
     def __init__(self) -> None:
         self.layers: list[dict[str, Any]] = []
         self._numbers: list[np.ndarray] = []
         self.prepared: dict[str, Any] = {}
-        # Factor and summand of what comes out of the last layer, or of the input behind its limit.
+        # Pending factor and summand of the output of the last layer, or of the input after its limit.
         self._waiting: tuple[np.ndarray, np.ndarray] | None = None
 
     def dense(
         self, weights: np.ndarray, biases: np.ndarray, activation: str = "identity", alpha: float | None = None
     ) -> None:
-        """Adds neurons of these weights (outputs, inputs) and biases (outputs,)."""
+        """Add a dense layer with weights (outputs, inputs) and biases (outputs,)."""
         if weights.ndim != 2 or biases.shape != weights.shape[:1]:
             raise UnreadableError(f"has weights of shape {weights.shape} beside biases of shape {biases.shape}")
         outputs, inputs = weights.shape
@@ -40,7 +40,7 @@ class Layers:
         self._numbers += [weights, biases]
 
     def gru(self, of_input: _Gates, of_memory: _Gates, initial: np.ndarray | None) -> None:
-        """Adds gated recurrent units of these weights and biases, gate after gate."""
+        """Add gated recurrent units with weights and biases, whose gates follow one another."""
         gates, units = of_memory[0].shape if of_memory[0].ndim == 2 else (0, 0)
         inputs = of_input[0].shape[-1] if of_input[0].ndim == 2 else 0
         initial = np.zeros(units) if initial is None else initial.ravel()
@@ -52,7 +52,7 @@ class Layers:
         self._numbers += [*of_input, *of_memory, initial]
 
     def change(self, factor: np.ndarray, summand: np.ndarray) -> None:
-        """Multiplies each row of what comes out until now, or of the input, and adds to it then."""
+        """Multiply each row of the present output, or of the input, by a factor, and then add a summand."""
         factor, summand = np.ravel(factor), np.ravel(summand)
         if not self.layers and "limit" not in self.prepared:
             self._prepare(factor, summand)
@@ -74,7 +74,7 @@ class Layers:
         self.prepared["limit"] = limit
 
     def activate(self, activation: str, alpha: float | None = None) -> None:
-        """Gives the last layer an activation, with its parameter if it has one."""
+        """Set the activation of the last layer, with its parameter if it has one."""
         if self.layers and self._waiting is not None:
             self._settle()
         if not self.layers or self.layers[-1].get("activation") != "identity":
@@ -82,7 +82,7 @@ class Layers:
         self.layers[-1] |= {"activation": activation, "alpha": alpha}
 
     def network(self) -> TrainedNetwork:
-        """The network."""
+        """Return the network of all layers."""
         if not self.layers:
             raise UnreadableError("has no layers")
         if self._waiting is not None:
@@ -96,7 +96,7 @@ class Layers:
         return TrainedNetwork.of(tuple(self.layers), numbers, **self.prepared)
 
     def _prepare(self, factor: np.ndarray, summand: np.ndarray) -> None:
-        """Takes arithmetic on the input into its offset and its scale."""
+        """Merge elementwise arithmetic on the input into the offset and the scale of the network."""
         known = (np.ravel(self.prepared.get(name, value)) for name, value in (("offset", 0.0), ("scale", 1.0)))
         try:
             offset, scale, factor, summand = np.broadcast_arrays(*known, factor, summand)
@@ -108,7 +108,7 @@ class Layers:
         self.prepared |= {"offset": tuple((offset - summand / scale).tolist()), "scale": tuple(scale.tolist())}
 
     def _taken_in(self, weights: np.ndarray, biases: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Weights and biases of a layer that takes in the arithmetic that waits for it."""
+        """Return the weights and biases of a layer after merging the pending arithmetic into them."""
         if self._waiting is None:
             return weights, biases
         factor, summand = (self._sized(each, weights.shape[1]) for each in self._waiting)
@@ -116,7 +116,7 @@ class Layers:
         return weights * factor, biases + weights @ summand
 
     def _settle(self) -> None:
-        """Makes a layer of the arithmetic that waits."""
+        """Add a layer for the pending arithmetic."""
         width = self.layers[-1]["outputs"]
         self.dense(np.eye(width), np.zeros(width))
 

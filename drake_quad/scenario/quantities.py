@@ -50,10 +50,10 @@ def bounded(
 
 
 def radians(most: float) -> BeforeValidator:
-    """Return a validator that refuses angles which are surely written in degrees.
+    """Return a validator that rejects angles that must have been given in degrees.
 
     Args:
-        most: size of an angle in radians, or of a parameter of its distribution, above which nobody means radians.
+        most: largest plausible size of an angle, or of a parameter of its distribution, rad.
     """
 
     def check(value: Any) -> Any:
@@ -71,12 +71,12 @@ RADIANS: Literal["must be in radians, at most {most} in size; {degrees} degrees 
 
 
 def in_radians(degrees: float, most: float) -> dict[str, str]:
-    """Return the numbers of the demand `RADIANS`, given an angle in degrees and the largest one in radians."""
+    """Return the values for the message `RADIANS`, given an angle in degrees and the largest angle in radians."""
     return {"most": f"{most:.4g}", "degrees": f"{degrees:g}", "radians": f"{math.radians(degrees):.4g}"}
 
 
 def _numbers_in(value: Any) -> Iterator[float]:
-    """The finite numbers in what is written of a quantity."""
+    """Yield the finite numbers in a quantity, which may be a number, a list or a distribution."""
     if isinstance(value, Model):
         value = value.model_dump()
     if isinstance(value, dict | list | tuple):
@@ -132,7 +132,7 @@ Ticks = Annotated[NumberOrDistribution, whole(least=0, most=50)]
 # Times in a flight, and how long something takes, s.
 Moment = Annotated[NumberOrDistribution, bounded(least=0.0, most=LONGEST)]
 Span = Annotated[NumberOrDistribution, bounded(above=0.0), bounded(least=SHORTEST, most=LONGEST)]
-# Angles: two turns are more than anybody means by a direction, and a body that leans more than 90° hangs upside down.
+# Limits of angles, rad. No direction needs more than two turns, and a body that tilts by more than 90° is upside down.
 TWO_TURNS = 4.0 * math.pi
 _UPRIGHT = 0.5 * math.pi
 Direction = Annotated[NumberOrDistribution, radians(TWO_TURNS)]

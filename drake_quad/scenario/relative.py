@@ -1,9 +1,9 @@
 """Distributions relative to a vehicle, written `{relative: {to: 0.68, normal: {...}}}`.
 
-Their numbers are those of a vehicle whose field has the value `to`; for any other vehicle they are scaled in
-proportion. So a scenario can say how much vehicles differ without saying which vehicle flies. The value beneath a
-relative distribution is kept beside it while scenarios are laid over each other, and the two become an ordinary
-distribution when all layers are known.
+The numbers of such a distribution apply to a vehicle whose field has the value `to`. For any other vehicle they are
+scaled in proportion. A scenario can therefore describe how much vehicles vary without naming a vehicle. While layers
+are merged, a relative distribution is stored together with the value of the lower layers. When all layers are merged,
+the two become an ordinary distribution.
 """
 
 from typing import Any
@@ -16,13 +16,13 @@ from drake_quad.scenario.layouts import arm_length_of
 from drake_quad.scenario.marked_tree import Tree
 
 RELATIVE = "relative"
-# Key of the value beneath a relative distribution. It has a space, so that no path of a field can name it.
-_BENEATH = "value beneath"
-_REFERENCE = "to"
-# Fields without a nominal value: shares, which are relative already.
-_SHARES = ("thrust_factor_error", "battery_sag")
-# Fields of distributions that are in the unit of the quantity.
-_SCALED = ("mean", "standard_deviation", "min", "max")
+# Key of the value that a relative distribution is laid on. It contains a space, so that no path can name it.
+_BASE_VALUE = "value beneath"
+_REFERENCE_VALUE = "to"
+# Fields that are dimensionless shares, so that they have no nominal value and are not scaled.
+_SHARE_FIELDS = ("thrust_factor_error", "battery_sag")
+# Fields of distributions that have the unit of the quantity.
+_SCALED_FIELDS = ("mean", "standard_deviation", "min", "max")
 
 
 def is_relative(tree: Tree) -> bool:
@@ -36,16 +36,16 @@ def are_relative(tree: Tree) -> bool:
 
 
 def laid_on_value(beneath: Tree, distribution: Tree) -> Tree:
-    """Return a relative distribution with the value that it is laid on, be it a number or a distribution."""
+    """Return a relative distribution together with the value that it is laid on, a number or a distribution."""
     if is_relative(beneath):
-        if _BENEATH not in beneath.value:
+        if _BASE_VALUE not in beneath.value:
             return distribution
-        beneath = beneath.value[_BENEATH]
-    return distribution._replace(value={RELATIVE: distribution.value[RELATIVE], _BENEATH: beneath})
+        beneath = beneath.value[_BASE_VALUE]
+    return distribution._replace(value={RELATIVE: distribution.value[RELATIVE], _BASE_VALUE: beneath})
 
 
 def laid_on_values(beneath: Tree, distributions: Tree) -> Tree:
-    """Return a list of which some items are relative distributions, each with the item that it is laid on."""
+    """Return a list in which each relative distribution is stored with the item that it is laid on."""
     if not isinstance(beneath.value, list) or len(beneath.value) != len(distributions.value):
         return distributions
     pairs = zip(beneath.value, distributions.value, strict=True)
@@ -53,7 +53,7 @@ def laid_on_values(beneath: Tree, distributions: Tree) -> Tree:
 
 
 def relative_part(tree: Tree) -> Tree | None:
-    """Return what of a tree is relative, without the values beneath; None if nothing is."""
+    """Return the relative distributions of a tree, without the values that they are laid on; None if it has none."""
     if is_relative(tree):
         return tree._replace(value={RELATIVE: tree.value[RELATIVE]})
     if are_relative(tree):
@@ -68,17 +68,17 @@ def relative_part(tree: Tree) -> Tree | None:
 
 
 def with_absolute_distributions(tree: Tree, nominal: Any, defaults: Any) -> Tree:
-    """Return a scenario in which the relative distributions of `vehicle` are ordinary ones.
+    """Return a scenario in which ordinary distributions replace the relative distributions of `vehicle`.
 
-    A field that the vehicle does not have, such as body drag, or that is zero, has no distribution.
+    A field that is zero or that the vehicle does not have, such as body drag, gets no distribution.
 
     Args:
-        tree: the scenario, with all its layers.
-        nominal: the `Nominal` of the scenario, whose values count for fields that `vehicle` does not have.
-        defaults: a `Vehicle` with the defaults of all other fields.
+        tree: scenario with all its layers merged.
+        nominal: `Nominal` of the scenario, with the values of fields that `vehicle` leaves out.
+        defaults: `Vehicle` with the defaults of all other fields.
 
     Raises:
-        InputError: something relative is not a distribution.
+        InputError: a relative field is not a distribution, or it applies to a negative number.
     """
     vehicle = tree.value.get("vehicle")
     if vehicle is not None and isinstance(vehicle.value, dict) and relative_part(vehicle) is not None:
@@ -87,7 +87,7 @@ def with_absolute_distributions(tree: Tree, nominal: Any, defaults: Any) -> Tree
             default = getattr(nominal, name, getattr(defaults, name, None))
             if name == "centre_of_mass":
                 default = (arm_length_of(nominal),) * 2
-            elif name in _SHARES:
+            elif name in _SHARE_FIELDS:
                 default = 1.0
             fields[name] = _absolute(field, default, f"vehicle.{name}")
         kept = {name: field for name, field in fields.items() if field is not None}
@@ -96,17 +96,21 @@ def with_absolute_distributions(tree: Tree, nominal: Any, defaults: Any) -> Tree
 
 
 def _absolute(tree: Tree, reference: Any, path: str) -> Tree | None:
-    """A field with ordinary distributions; None if it has nothing but distributions of what the vehicle does not have.
+    """Return a field with ordinary distributions.
 
     Args:
-        tree: of the field.
-        reference: the value of the field where nothing stands beneath: a number, a model, a tuple or None.
-        path: of the field.
+        tree: value of the field.
+        reference: default value of the field, to which a distribution applies that is laid on no value: a number, a
+            model, a tuple or None.
+        path: path of the field in the scenario.
+
+    Returns:
+        The field; None if it contains only distributions of quantities that the vehicle does not have.
     """
     if is_relative(tree):
-        beneath = tree.value.get(_BENEATH)
-        number = reference if beneath is None else _middle(beneath)
-        if path.split(".")[1] in (*_SHARES, "centre_of_mass"):
+        beneath = tree.value.get(_BASE_VALUE)
+        number = reference if beneath is None else _median(beneath)
+        if path.split(".")[1] in (*_SHARE_FIELDS, "centre_of_mass"):
             number = reference
         return None if number is None else _scaled(tree, number, path)
     if are_relative(tree):
@@ -125,8 +129,8 @@ def _absolute(tree: Tree, reference: Any, path: str) -> Tree | None:
     return None if parts and not kept else tree._replace(value=kept)
 
 
-def _middle(tree: Tree) -> float | None:
-    """The number of a tree, or the median of its distribution; None if it is neither."""
+def _median(tree: Tree) -> float | None:
+    """Return the number in a tree, or the median of the distribution in it; None if it contains neither."""
     plain = tree.plain()
     if isinstance(plain, dict):
         for name, model in DISTRIBUTIONS.items():
@@ -139,23 +143,26 @@ def _middle(tree: Tree) -> float | None:
 
 
 def _scaled(tree: Tree, number: float, path: str) -> Tree:
-    """A relative distribution as an ordinary one, for a vehicle whose field has the value of a number."""
+    """Return the ordinary distribution that a relative one becomes for a vehicle with the value `number`."""
     body = tree.value[RELATIVE]
     names = [name for name in DISTRIBUTIONS if isinstance(body.value, dict) and name in body.value]
-    if len(names) != 1 or not body.value.keys() <= {names[0], _REFERENCE}:
+    if len(names) != 1 or not body.value.keys() <= {names[0], _REFERENCE_VALUE}:
         raise InputError(
-            f"{body.mark}: {path}.relative must be one of the distributions {listed([*DISTRIBUTIONS])}, and may have"
-            " `to`, the value to which its numbers belong"
+            f"{body.mark}: {path}.relative must be one of the distributions {listed([*DISTRIBUTIONS])}, and may also"
+            " have `to`, the value to which the distribution applies"
         )
     (name,) = names
-    reference = body.value[_REFERENCE].value if _REFERENCE in body.value else 1.0
+    reference = body.value[_REFERENCE_VALUE].value if _REFERENCE_VALUE in body.value else 1.0
     if isinstance(reference, bool) or not isinstance(reference, int | float) or not reference > 0.0:
         raise InputError(
-            f"{body.value[_REFERENCE].mark}: {path}.relative.to is {shown(reference)}, but must be positive"
+            f"{body.value[_REFERENCE_VALUE].mark}: {path}.relative.to is {shown(reference)}, but must be positive"
         )
     if number < 0.0:
-        raise InputError(f"{tree.mark}: {path} is {number:g}, and a negative number has no relative distribution")
-    if number == 0.0 and path.split(".")[1] not in _SHARES:
+        raise InputError(
+            f"{tree.mark}: {path} is {number:g}, and a negative number has no relative distribution; make the"
+            " distribution absolute"
+        )
+    if number == 0.0 and path.split(".")[1] not in _SHARE_FIELDS:
         return Tree(0.0, tree.mark)
     factor = number / reference
     inside = body.value[name]
@@ -163,7 +170,7 @@ def _scaled(tree: Tree, number: float, path: str) -> Tree:
         scaled = inside._replace(value=[_times(item, factor) for item in inside.value])
     elif isinstance(inside.value, dict):
         scaled = inside._replace(
-            value={key: _times(each, factor) if key in _SCALED else each for key, each in inside.value.items()}
+            value={key: _times(each, factor) if key in _SCALED_FIELDS else each for key, each in inside.value.items()}
         )
     else:
         scaled = inside
@@ -171,7 +178,7 @@ def _scaled(tree: Tree, number: float, path: str) -> Tree:
 
 
 def _times(tree: Tree, factor: float) -> Tree:
-    """A number times a factor; what is no number is left to be refused."""
+    """Return a number times a factor; other values are returned unchanged, and validation rejects them later."""
     number = tree.value
     return (
         tree._replace(value=number * factor)
@@ -181,18 +188,23 @@ def _times(tree: Tree, factor: float) -> Tree:
 
 
 def refuse_elsewhere(tree: Tree) -> None:
-    """Raise InputError if a scenario has a relative distribution that is not in `vehicle`."""
+    """Raise InputError if a scenario has a relative distribution outside `vehicle`."""
     for name, part in tree.value.items():
         if name != "vehicle":
             _refuse(part, name)
 
 
 def _refuse(tree: Tree, path: str) -> None:
-    """Raise InputError if there is a relative distribution in a part of a scenario at a path."""
+    """Raise InputError if a part of a scenario contains a relative distribution.
+
+    Args:
+        tree: part of the scenario.
+        path: path of the part in the scenario.
+    """
     if is_relative(tree):
         raise InputError(
-            f"{tree.value[RELATIVE].mark}: {path} is relative, but only fields of `vehicle` have a nominal value that"
-            " they can be relative to"
+            f"{tree.value[RELATIVE].mark}: {path} is relative, but only fields of `vehicle` can be relative, since"
+            " only they have a nominal value; make the distribution absolute"
         )
     if isinstance(tree.value, dict | list):
         for key, part in tree.value.items() if isinstance(tree.value, dict) else enumerate(tree.value):

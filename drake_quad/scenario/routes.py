@@ -45,14 +45,14 @@ _Laps = Annotated[int, Field(ge=1, le=100)]
 _Turns = Annotated[int, Field(ge=0, le=20)]
 # Of a corridor; a normal shorter than this, 1, has no direction to speak of.
 _MOST_FACES, _SHORTEST_NORMAL = 100, 1e-9
-# Half a turn, with what rounding may add (rad): yaws of waypoints that are no farther apart are one turn after another.
+# Half a turn plus a tolerance for rounding, rad. If consecutive yaws differ by no more, they describe continuous turns.
 _HALF_TURN = math.pi + 1e-6
 # Path of a field, and its number.
 _End = tuple[tuple[str | int, ...], float | None]
 
 
 class _Moving(Model):
-    """What the routes that move have in common."""
+    """Fields of all routes that move."""
 
     yaw: Direction = Field(default=0.0, description="yaw of the reference where the heading is constant (rad)")
     heading: Literal["constant", "along_path"] = Field(
@@ -381,7 +381,7 @@ class WaypointRoute(_Moving):
         return self
 
     def _check_yaws(self) -> None:
-        """Raises an error if yaws are surely in degrees; those of several turns, one after another, are not."""
+        """Raise an error if the yaws must have been given in degrees; continuous turns are allowed."""
         before = 0.0
         for i, waypoint in enumerate(self.waypoints):
             if waypoint.yaw is None:
@@ -585,7 +585,7 @@ class TrajectoryRoute(Model):
 
     @model_validator(mode="after")
     def _joined(self) -> "TrajectoryRoute":
-        """Check that a piece begins where the one before it ends, as fast, but for whole turns of the yaw."""
+        """Check that position, velocity and yaw are continuous between pieces, up to whole turns of the yaw."""
         if self.pieces is None:
             return self
         plan = plan_of_pieces(np.array([piece.row() for piece in self.pieces]))

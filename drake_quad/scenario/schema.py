@@ -16,9 +16,9 @@ _DISTRIBUTIONS = tuple(_FORMS)
 
 
 def file_schema() -> dict[str, Any]:
-    """The JSON schema of a file of scenarios, for editors that check YAML while one writes.
+    """Return the JSON schema of a file of scenarios, for editors that check YAML.
 
-    It knows less than `load_scenario`: what a scenario lacks, another may give that it extends.
+    The schema checks less than `load_scenario`, since a scenario may inherit missing fields from one that it extends.
     """
     scenario = Scenario.model_json_schema()
     definitions = scenario.pop("$defs")
@@ -79,7 +79,7 @@ def _allow_relative(definitions: dict[str, Any]) -> None:
 
 
 def _forms_with_distributions(node: Any) -> Iterator[list[Any]]:
-    """The lists of alternatives in a schema of which some are distributions."""
+    """Yield the lists of alternatives in a schema that contain distributions."""
     if isinstance(node, list):
         if any(map(_is_distribution, node)):
             yield node

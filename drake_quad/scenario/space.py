@@ -86,7 +86,7 @@ class HullObstacle(Model):
             raise PydanticCustomError("hull", "{flaw}", {"flaw": str(error)}) from None
         if not hull.is_simpler:
             return points
-        warnings.warn(f"of an obstacle {hull}", InputWarning, stacklevel=2)
+        warnings.warn(f"obstacle of kind hull: {hull}", InputWarning, stacklevel=2)
         return tuple(map(tuple, hull.corners.tolist()))
 
     @model_validator(mode="after")
@@ -144,7 +144,7 @@ class Space(Model):
         """Return the space with its solids.
 
         Args:
-            farthest_rotor: distance of its centre from the centre of mass, m.
+            farthest_rotor: distance of the farthest rotor's centre from the centre of mass, m.
             tracking_error: predicted RMS position error, m.
         """
         return room.Space(

@@ -120,7 +120,7 @@ def _check_names(names: list[str], mark: Mark) -> None:
 
 
 def number_in(cell: str) -> float | None:
-    """The finite number that a cell holds, if it does."""
+    """Return the number in a cell; None if the cell does not contain a finite number."""
     try:
         number = float_in(cell)
     except ValueError:

@@ -25,6 +25,8 @@ from drake_quad.space.space import Space
 _GRIDS = ((30_000, 0.05), (400_000, 0.03))
 # Of a place that is not a point, so many points are looked at on each axis.
 _POINTS = 21
+# Pieces of a place that obstacles divide, the nearest to its middle first.
+_MAX_PIECES = 4
 # Passages beside the shortest, and all whose times are searched for: that takes most of a second for each.
 _OTHERS, _MOST_SEARCHED = 12, 3
 # Without limits ways are compared as with these.
@@ -158,7 +160,76 @@ def check_places(space: Space, problem: PathProblem) -> None:
 
 
 def _ways(space: Space, bounds: Box, problem: PathProblem, grid: Grid, places: Sequence[np.ndarray]) -> list[WayAround]:
-    """Those that a grid leads to, through any of the free points (k, 3) of each place, m."""
+    """Return the ways that a grid leads to, through any of the free points (k, 3) of each place, m."""
+    found = _ways_through(space, bounds, problem, grid, places)
+    if found:
+        return found
+    # If an obstacle divides a place, one leg may have ended in one piece of it and the next leg started in another.
+    pieces = [_pieces(space, points) for points in places]
+    chosen = _on_one_way(space, problem, grid, pieces) if max(map(len, pieces)) > 1 else None
+    return [] if chosen is None else _ways_through(space, bounds, problem, grid, chosen, divided=True)
+
+
+def _pieces(space: Space, points: np.ndarray) -> list[np.ndarray]:
+    """Split the free points (k, 3) of a place, m, into pieces in which free straight lines join the first to all others."""
+    pieces: list[np.ndarray] = []
+    shares = np.linspace(0.0, 1.0, _POINTS)[:, np.newaxis, np.newaxis]
+    while len(points) and len(pieces) < _MAX_PIECES:
+        between = points[0] + shares * (points - points[0])
+        distances = space.nearest(between.reshape(-1, 3))[0].reshape(len(shares), -1)
+        is_joined = distances.min(axis=0) >= space.clearance
+        is_joined[0] = True
+        pieces.append(points[is_joined])
+        points = points[~is_joined]
+    return pieces
+
+
+def _on_one_way(
+    space: Space, problem: PathProblem, grid: Grid, pieces: Sequence[Sequence[np.ndarray]]
+) -> list[np.ndarray] | None:
+    """Return, for each place, the piece that is on the shortest way over a grid; None if there is no way.
+
+    Args:
+        space: obstacles.
+        problem: problem with the places.
+        grid: grid of free points of the space.
+        pieces: free points (k, 3) of each piece of each place, m.
+    """
+    lengths, origins = np.zeros(len(pieces[0])), []
+    for corridor, begins, ends in zip(problem.corridors, pieces[:-1], pieces[1:], strict=True):
+        inside = None if corridor is None else is_near(corridor, grid.points)
+        fields = [grid.lengths_from(points, space.clearance + SLACK, inside)[0] for points in begins]
+        total = lengths[:, np.newaxis] + [[grid.shortest(field, points)[0] for points in ends] for field in fields]
+        origins.append(total.argmin(axis=0))
+        lengths = total.min(axis=0)
+    if not np.isfinite(lengths).any():
+        return None
+    numbers = [int(lengths.argmin())]
+    for origin in origins[::-1]:
+        numbers.append(int(origin[numbers[-1]]))
+    return [parts[number] for parts, number in zip(pieces, numbers[::-1], strict=True)]
+
+
+def _ways_through(
+    space: Space,
+    bounds: Box,
+    problem: PathProblem,
+    grid: Grid,
+    places: Sequence[np.ndarray],
+    *,
+    divided: bool = False,
+) -> list[WayAround]:
+    """Return the ways on which each leg leads from a free point of one place to a free point of the next.
+
+    Args:
+        space: obstacles.
+        bounds: bounds of the centre of mass.
+        problem: problem with the places.
+        grid: grid of free points of the space.
+        places: free points (k, 3) of each place, m.
+        divided: True if the points are those of one piece of each place only. Each leg must then start and end in
+            regions that contain such points.
+    """
     clearance = space.clearance + SLACK
     free = grid.nearest >= clearance
 
@@ -184,7 +255,8 @@ def _ways(space: Space, bounds: Box, problem: PathProblem, grid: Grid, places: S
         if way is None:
             return []
         candidates.append(worth_a_look(regions, chain(regions, way), points, (lengths + onward)[free]))
-    passage = find_passage(regions, candidates, problem.places, problem.corridors)
+    ends = [regions.holding(points).any(axis=1) for points in places] if divided else None
+    passage = find_passage(regions, candidates, problem.places, problem.corridors, ends=ends)
     if passage is None:
         return []
     others = [each for each in other_passages(regions, places, problem.corridors, count=_OTHERS) if each != passage]

@@ -128,17 +128,27 @@ class Grid:
             begins: (k, 3) the first places, m.
             ends: (l, 3) the others, free as the first, m.
         """
-        away, nearest = self._nearest_of(ends)
-        near = np.flatnonzero(np.isfinite(lengths) & (away <= _NEAR * self.spacing))
-        if not len(near):
+        _, number, end = self.shortest(lengths, ends)
+        if number < 0:
             return None
-        number = int(near[(lengths[near] + away[near]).argmin()])
-        corners = [ends[nearest[number]]]
+        corners = [ends[end]]
         while number >= 0:
             corners.append(self.points[number])
             number = int(before[number])
         first = np.linalg.norm(begins - corners[-1], axis=1).argmin()
         return np.array([*corners, begins[first]][::-1])
+
+    def shortest(self, lengths: np.ndarray, ends: np.ndarray) -> tuple[float, int, int]:
+        """Return the length of the shortest way to any of some places (k, 3), m, its last point, and which place it is.
+
+        Without a way the length is infinite and the numbers are negative.
+        """
+        away, nearest = self._nearest_of(ends)
+        near = np.flatnonzero(np.isfinite(lengths) & (away <= _NEAR * self.spacing))
+        if not len(near):
+            return np.inf, -1, -1
+        number = int(near[(lengths[near] + away[near]).argmin()])
+        return float(lengths[number] + away[number]), number, int(nearest[number])
 
     def _nearest_of(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """For each point the distance (n,) to the nearest of some places (k, 3), m, and its number (n,)."""
@@ -155,7 +165,10 @@ class Grid:
 
 
 def is_near(place: Place, points: np.ndarray, distance: float = 0.0) -> np.ndarray:
-    """(n,) whether points (n, 3) are in a place or within a distance of it, m; some more near edges of a polytope."""
+    """Return a mask (n,) of the points (n, 3) that are in a place or within a distance (m) of it.
+
+    Near the edges of a polytope the mask also includes some points that are farther away.
+    """
     match place:
         case Box():
             return np.asarray(np.linalg.norm(points - np.clip(points, place.low, place.high), axis=1) <= distance)

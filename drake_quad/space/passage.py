@@ -84,16 +84,19 @@ def find_passage(
     places: Sequence[Place],
     corridors: Sequence[Corridor | None],
     *,
+    ends: Sequence[np.ndarray] | None = None,
     seed: int = 0,
 ) -> Passage | None:
-    """The shortest passage, or None if there is none.
+    """Return the shortest passage; None if there is none.
 
     Args:
-        regions: all.
-        candidates: numbers of those to be used, for each leg.
-        places: (legs + 1) to pass.
-        corridors: that the legs must not leave, either; None for those without one.
-        seed: of the rounding.
+        regions: all regions.
+        candidates: indices of the regions that each leg may use.
+        places: (legs + 1) places to pass.
+        corridors: corridor of each leg, which it must not leave; None for a leg without a corridor.
+        ends: for each place, (regions,) flags of the regions in which a leg may start or end there; all of them if not
+            given.
+        seed: seed of the randomised rounding.
     """
     graph = GcsTrajectoryOptimization(3)
     # A place takes no time to pass; Drake wants a little.
@@ -111,7 +114,10 @@ def find_passage(
         sets = [HPolyhedron(region.normals, region.offsets) for region in inside if region is not None]
         part = graph.AddRegions(sets, pairs, 1, name=f"leg {leg}")
         # Drake would find by linear programs which regions have a place, and gives up where one of them fails.
-        first, last = ([n for n, region in enumerate(sets) if _has(region, place)] for place in places[leg : leg + 2])
+        first, last = (
+            [n for n, region in enumerate(sets) if (ends is None or ends[i][numbers[n]]) and _has(region, places[i])]
+            for i in (leg, leg + 1)
+        )
         graph.AddEdges(stops[leg], part, edges_between_regions=[(0, n) for n in first])
         graph.AddEdges(part, stops[leg + 1], edges_between_regions=[(n, 0) for n in last])
     graph.AddPathLengthCost(1.0)

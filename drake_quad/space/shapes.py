@@ -217,11 +217,10 @@ class Hull:
         return tuple(np.mean(self.corners, axis=0).tolist())
 
     def distance(self, x: Row, y: Row, z: Row) -> Row:
-        """How far a point of W is from the surface, m; negative inside.
+        """Return the distance of a point in W from the surface, m; negative inside.
 
-        No face's plane is farther from a point outside than the hull is. Hence the farthest plane has the nearest
-        point of the hull if that is in a face, which it is if the point's projection onto that plane is in the hull;
-        else the nearest point is on an edge.
+        For a point outside, no plane of a face is farther away than the hull. If the projection of the point onto the
+        farthest plane is in the hull, it is the nearest point. Otherwise the nearest point is on an edge.
         """
         c_x, c_y, c_z = centre = self.centre
         p = (x - c_x, y - c_y, z - c_z)
@@ -291,10 +290,10 @@ Shape = Cuboid | Cylinder | Ball | Hull
 
 
 def hull_of(points: ArrayLike) -> Hull:
-    """The convex hull of points (n, 3), m.
+    """Return the convex hull of points (n, 3), m.
 
     Raises:
-        InputError: they are fewer than four, not finite, or in a plane.
+        InputError: there are fewer than four points, or they are not finite or lie in a plane.
     """
     # Nobody waits for SciPy's geometry who flies around boxes.
     from scipy.spatial import ConvexHull, QhullError

@@ -1,13 +1,15 @@
-"""Convex hulls of few corners around hulls of many.
+"""Approximation of a convex hull from outside by a hull with fewer corners.
 
-Of the corners as many are chosen as there may be: first those that lie farthest out along the axes, then one at a time
-the one that is farthest from the hull of those before it. The hull of the chosen ones is moved and scaled by the least
-factor with which it holds all corners; that is a linear programme in the shift and the factor, since a hull that is
-scaled keeps the directions of its faces. So what results holds the original hull, and no point of it is farther from
-the original than its farthest corner.
+1. The algorithm selects some of the corners: first the extreme ones along the coordinate axes, then repeatedly the
+   corner that is farthest from the hull of the selected ones.
+2. It shifts and scales the hull of the selected corners by the smallest factor with which the hull contains all
+   corners. Scaling keeps the face normals, so the shift and the factor follow from a linear programme.
 
-"Farthest" is meant either in metres or in the axes in which the hull is as wide as long; the better result of the two
-is taken.
+The result contains the original hull. Its corners are the points that are farthest from the original hull, so their
+distance bounds the error.
+
+The algorithm runs twice: with distances in metres, and with distances in principal axes that are scaled so that the
+hull has the same width along each. The better result is returned.
 """
 
 import functools
@@ -21,23 +23,23 @@ from numpy.typing import ArrayLike
 from drake_quad.errors import InputError
 from drake_quad.space.shapes import hull_of
 
-# A hull that would have to grow by a larger share of its size is refused. To 100 corners, a sphere of any number grows
-# by 2.5 % of its size, and a mesh of a drone, which has flat sides, by less than 1 %.
+# Largest growth relative to the size of the hull. With 100 corners, the hull of a finely meshed sphere grows by 2.5 %,
+# and the mesh of a drone, which has flat sides, by less than 1 %.
 MAX_GROWTH = 0.05
-# Of more corners only those are candidates that lie farthest out in as many directions.
-_MOST_CANDIDATES = 500
-# By which a hull is enlarged beyond what holds all corners, so that it holds them in floating point, too.
-_ROUNDING = 1e-9
+# If a hull has more corners, only the extreme corners along this number of directions are candidates.
+_MAX_CANDIDATES = 500
+# Relative enlargement of the result, so that it contains all corners in spite of rounding.
+_ROUNDING_MARGIN = 1e-9
 
 
 class Surrounding(NamedTuple):
-    """A hull around another.
+    """Convex hull around an original hull.
 
     Attributes:
-        corners: (n, 3), m.
-        growth: the largest distance of its corners from the other hull, m; 0 if they are the same.
-        replaced: how many corners the other hull has.
-        size: of the other hull, along the axis along which it is largest, m.
+        corners: (n, 3) corners of the hull, m.
+        growth: largest distance of a corner from the original hull, m; 0 if the hulls are equal.
+        replaced: number of corners of the original hull.
+        size: largest extent of the original hull along a coordinate axis, m.
     """
 
     corners: np.ndarray
@@ -47,27 +49,28 @@ class Surrounding(NamedTuple):
 
     @property
     def is_simpler(self) -> bool:
-        """True if it has fewer corners than the other hull; else they are the same."""
+        """True if the hull has fewer corners than the original; otherwise the two are equal."""
         return len(self.corners) < self.replaced
 
     def __str__(self) -> str:
-        """A sentence on what was replaced by what."""
+        """Return a sentence on the replacement of the original hull."""
         share = 100.0 * self.growth / self.size
         return (
-            f"its convex hull of {self.replaced} corners is replaced by one of {len(self.corners)} around it, which is"
-            f" larger by at most {self.growth:.3g}, {share:.2g} % of its size"
+            f"its convex hull with {self.replaced} corners is replaced by a hull with {len(self.corners)} corners"
+            f" around it, which is larger by at most {self.growth:.3g}, {share:.2g} % of its size"
         )
 
 
 def surrounding(points: ArrayLike, most: int) -> Surrounding:
-    """Return the corners of a convex hull around points that has few corners.
+    """Return a convex hull around points that has few corners.
 
     Args:
-        points: (n, 3), m.
-        most: corners that the hull may have. If the hull of the points has no more, it is taken as it is.
+        points: (n, 3) points that the hull contains, m.
+        most: largest number of corners. If the hull of the points has no more, it is returned unchanged.
 
     Raises:
-        InputError: the points have no hull, or the hull would have to grow by more than `MAX_GROWTH` of its size.
+        InputError: if the points have no hull with a volume, or the hull would grow by more than `MAX_GROWTH` of its
+            size.
     """
     found = np.ascontiguousarray(points, dtype=float)
     return _surrounding(found.tobytes(), found.shape, most)
@@ -87,8 +90,8 @@ def _surrounding(data: bytes, shape: tuple[int, ...], most: int) -> Surrounding:
     best = int(np.argmin(growths))
     if growths[best] > MAX_GROWTH * size:
         raise InputError(
-            f"the convex hull has {len(corners)} corners, and one of {most} corners around it would be larger by"
-            f" {100.0 * growths[best] / size:.2g} % of its size, more than {100.0 * MAX_GROWTH:g} %: simplify the mesh"
+            f"the convex hull has {len(corners)} corners, and a hull with {most} corners around it would be larger by"
+            f" {100.0 * growths[best] / size:.2g} % of its size, more than {100.0 * MAX_GROWTH:g} %; simplify the mesh"
         )
     return Surrounding(tries[best], growths[best], len(corners), size)
 
@@ -100,10 +103,10 @@ def _principal(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def _spread(corners: np.ndarray, count: int) -> np.ndarray:
-    """Return the numbers of so many corners whose hull is as large as one can tell step by step."""
+    """Return the indices of `count` corners, selected greedily by their distance from the hull of those before."""
     candidates = np.arange(len(corners))
-    if len(corners) > _MOST_CANDIDATES:
-        candidates = np.unique((corners @ _directions(_MOST_CANDIDATES).T).argmax(axis=0))
+    if len(corners) > _MAX_CANDIDATES:
+        candidates = np.unique((corners @ _directions(_MAX_CANDIDATES).T).argmax(axis=0))
     tried = corners[candidates]
     chosen = list(dict.fromkeys([*tried.argmax(axis=0).tolist(), *tried.argmin(axis=0).tolist()]))
     while len(chosen) < count:
@@ -115,7 +118,7 @@ def _spread(corners: np.ndarray, count: int) -> np.ndarray:
 
 
 def _directions(count: int) -> np.ndarray:
-    """Return unit vectors (count, 3) that are spread evenly: a Fibonacci lattice on the sphere."""
+    """Return evenly spread unit vectors (count, 3), a Fibonacci lattice on the sphere."""
     place = np.arange(count) + 0.5
     height = 1.0 - 2.0 * place / count
     angle = math.pi * (3.0 - math.sqrt(5.0)) * place
@@ -124,10 +127,13 @@ def _directions(count: int) -> np.ndarray:
 
 
 def _outside(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Return how far points (n, 3) are outside of the hull of corners across its faces, or of the plane of few."""
+    """Return the distances (n,) of points (n, 3) from the hull of corners, measured across its faces; negative inside.
+
+    If the corners span only a plane, a line or a point, the distance is that from this subspace.
+    """
     middle, widths, axes = _principal(corners)
     if len(corners) < 4 or widths[-1] <= 1e-6 * widths[0]:
-        # The corners span a plane, a line or less.
+        # Qhull needs four corners that span a volume.
         spanned = axes[widths > 1e-6 * widths[0]]
         offset = points - middle
         distances: np.ndarray = np.linalg.norm(offset - offset @ spanned.T @ spanned, axis=1)
@@ -144,7 +150,7 @@ def _faces(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _around(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Return the corners, moved and scaled by the least factor with which their hull holds all points."""
+    """Return the corners, shifted and scaled by the smallest factor with which their hull contains all points."""
     normals, offsets = _faces(corners)
     support = (points @ normals.T).max(axis=0)
     # A face n·x <= d becomes n·x <= n·shift + factor d.
@@ -154,5 +160,5 @@ def _around(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     *shift, factor = least.x
     moved = np.array(shift) + factor * corners
     middle = moved.mean(axis=0)
-    around: np.ndarray = middle + (1.0 + _ROUNDING) * (moved - middle)
+    around: np.ndarray = middle + (1.0 + _ROUNDING_MARGIN) * (moved - middle)
     return around

@@ -25,14 +25,14 @@ class Obstacle:
 
 @dataclass(frozen=True)
 class Space:
-    """Obstacles, and how far the vehicle's centre of mass keeps from them.
+    """Obstacles, and the clearance that the vehicle's centre of mass keeps from them.
 
     Attributes:
-        obstacles: the solids.
-        radius: of the vehicle around its centre of mass, m. What is nearer to an obstacle has crashed.
-        bounds: for the centre of mass, in plans alone; None if there are none.
-        margin: kept in plans beyond the radius, m.
-        tracking: kept in plans beyond that for the predicted tracking error, m.
+        obstacles: solids.
+        radius: radius of the vehicle around its centre of mass, m. A vehicle that is nearer to an obstacle has crashed.
+        bounds: bounds of the centre of mass in plans; None if there are none.
+        margin: additional clearance of plans, m.
+        tracking: further clearance of plans for the predicted tracking error, m.
     """
 
     obstacles: tuple[Obstacle, ...]

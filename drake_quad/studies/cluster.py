@@ -77,8 +77,8 @@ class DaskCrew(Crew):
         return ConnectionError(f"the Dask scheduler at {self._address} {how}")
 
     def _check_connection(self) -> None:
-        # A client that has lost its scheduler cancels its futures, also if it has found another one since. The status
-        # "lost" is something else: a worker has died with the result, and the scheduler has it computed again.
+        # A client that loses its scheduler cancels its futures, even if it finds another scheduler later. The status
+        # "lost" has another meaning: the worker with the result died, and the scheduler repeats the computation.
         if self._client.status != "running" or any(future.status == "cancelled" for future in self._under_way):
             raise self._lost("is gone")
 
@@ -100,14 +100,14 @@ class DaskCrew(Crew):
 
 @contextmanager
 def dask_crew(address: str, num_workers: int | None = None) -> Iterator[DaskCrew]:
-    """Connects to a Dask cluster whose workers have the same code as this process, and gives its crew.
+    """Connect to a Dask cluster whose workers have the same code as this process, and yield its crew.
 
     Args:
-        address: of the scheduler, such as tcp://localhost:8786.
-        num_workers: how many tasks the cluster does at a time; one for each thread of its workers if not given.
+        address: address of the scheduler, such as tcp://localhost:8786.
+        num_workers: number of simultaneous tasks; one for each thread of the cluster's workers if not given.
 
     Raises:
-        InputError: Dask is not installed, no scheduler or no worker can be reached, or a worker has other code.
+        InputError: Dask is not installed, no scheduler or no worker can be reached, or a worker has different code.
     """
     try:
         from distributed import Client
@@ -128,17 +128,17 @@ def dask_crew(address: str, num_workers: int | None = None) -> Iterator[DaskCrew
 
 
 def _connected(client: Callable[..., Any], address: str) -> Any:
-    """Return a client of the scheduler at an address.
+    """Return a client that is connected to the scheduler at an address.
 
     Raises:
-        InputError: no scheduler can be reached there.
+        InputError: no scheduler can be reached at this address.
     """
     try:
         return client(address, timeout=_HANDSHAKE, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-    # Dask leaves a half-made client, which closes itself once it is collected. At the end of the process that would
-    # take 20 s, and end in a traceback.
+    # Dask leaves an incomplete client, which closes when it is garbage-collected. At the end of the process, closing
+    # would take 20 s and print a traceback.
     gc.collect()
     raise InputError(f"no Dask scheduler can be reached at {address}: {reason}")
 
@@ -174,5 +174,5 @@ def _silent(*packages: str) -> Iterator[None]:
             logging.getLogger(name).setLevel(level)
 
 
-# Tornado runs the client's loop, and logs what Ctrl-C breaks off there.
+# Tornado runs the event loop of the client, and logs the tasks that Ctrl-C interrupts.
 _silently = ProcessSetting(lambda: _silent("distributed", "tornado"))

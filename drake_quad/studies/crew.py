@@ -113,19 +113,19 @@ class ExecutorCrew(Crew):
 def fly_batches(
     crew: Crew, fly: Callable[[Sequence[int]], np.ndarray], batches: Iterable[Sequence[int]]
 ) -> Iterator[Outcome]:
-    """Flies batches and yields what becomes of them, in the order in which they are done.
+    """Fly batches and yield their outcomes in the order of completion.
 
-    A batch that fails is flown again in halves, and those again, until it is clear which samples fail alone: only
-    these are outcomes that failed.
+    A batch that fails is repeatedly split in halves and flown again, until the samples that fail are known. Only these
+    samples yield failed outcomes.
 
     Args:
-        crew: that flies.
-        fly: returns the (n, columns) rows of n samples.
-        batches: numbers of samples; each is taken when there is room for it.
+        crew: crew that flies the batches.
+        fly: function that returns the rows (n, columns) of n samples.
+        batches: indices of the samples of each batch; a batch is requested when the crew has room for it.
 
     Raises:
-        InputError: a sample is not what the scenario may say.
-        RuntimeError: no sample can be flown, by the first of them; or the crew takes no more.
+        InputError: a drawn sample violates the limits of the scenario language.
+        RuntimeError: every sample fails, with the error of the first; or the crew accepts no more batches.
     """
     fresh, halves, under_way = iter(batches), deque[Sequence[int]](), 0
     flown, failed_alone = False, 0

@@ -65,7 +65,10 @@ def fly_trial(job: Job, samples: Sequence[int]) -> np.ndarray:
 
 
 def cause_of_crash(job: Job, samples: Sequence[int]) -> str | None:
-    """Return a sentence on what was not a number in the flight of the first of some samples, if it crashed by that."""
+    """Return a sentence on the first value that was NaN or infinite in the flight of the first of some samples.
+
+    The result is None if the vehicle did not crash for this reason.
+    """
     own = job.own.made(1).given
     return simulate(job.scenario, sample=samples[0], plan=job.plan, compiled=job.compiled, **own).cause
 

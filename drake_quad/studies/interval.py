@@ -1,8 +1,8 @@
-"""Estimates with their confidence intervals: their arithmetic, and how they are written.
+"""Estimates with confidence intervals, their arithmetic, and their formatting.
 
-Every estimate with an interval that the package prints goes through `Interval.text` or `plus_minus`. The digits follow
-the interval: half of its width has two significant digits, and more where an end would otherwise look like the estimate
-or like a level, as zero. Ends are rounded outwards, so that the printed interval contains the interval.
+All estimates with an interval are printed by `Interval.text` or `plus_minus`. The width of the interval determines the
+number of digits. Half of the width has two significant digits, and more if an end would otherwise be rounded to the
+estimate or to a level such as zero. Ends are rounded outwards, so that the printed interval contains the exact one.
 """
 
 import math
@@ -11,28 +11,28 @@ from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
 from typing import NamedTuple
 
 CONFIDENCE = 0.95
-"""Confidence of all intervals unless another one is asked for."""
+"""Default confidence of all intervals."""
 
 _WIDTH_DIGITS = 2  # significant digits of half of an interval's width
 _LONE_DIGITS = 3  # significant digits of a number without an interval
-_MAX_LEVEL_DIGITS = 3  # further digits for an end near a level, so that it is not written as if it were the level
-_EXACT_DIGITS = 12  # significant digits in which rounding errors do not show
-# Numbers that differ by less than this share of the largest number of an interval differ by rounding errors only.
-_ROUNDING = 1e-9
-# Numbers outside of this range are written with an exponent.
-_MIN_PLAIN, _MAX_PLAIN = 1e-4, 1e7
+_MAX_LEVEL_DIGITS = 3  # largest number of additional digits that distinguish an end from a level
+_EXACT_DIGITS = 12  # significant digits that are free of rounding errors
+_ROUNDING_TOLERANCE = 1e-9  # differences below this, relative to an interval's largest number, are rounding errors
+# Numbers outside this range are written with an exponent.
+_MIN_PLAIN_NUMBER = 1e-4
+_MAX_PLAIN_NUMBER = 1e7
 
 
 class Interval(NamedTuple):
-    """An estimate and its confidence interval.
+    """Estimate and its confidence interval.
 
-    An end is infinite where the samples do not bound the estimate on that side, and NaN where there is no interval, as
-    for the mean of a single sample.
+    An end is infinite if the samples do not bound the estimate on that side. The ends are NaN if there is no interval,
+    as for the mean of a single sample.
 
     Attributes:
-        value: estimated.
-        low: lower end.
-        high: upper end.
+        value: estimate.
+        low: lower end of the interval.
+        high: upper end of the interval.
     """
 
     value: float
@@ -60,18 +60,18 @@ class Interval(NamedTuple):
         infinite: str = "∞",
         levels: Sequence[float] = (0.0,),
     ) -> str:
-        """Return the estimate as it is printed, as in `0.123 m [0.120, 0.126]`, with digits that follow the interval.
+        """Return the estimate and its interval as text, as in `0.123 m [0.120, 0.126]`.
 
-        An end that differs from the estimate by rounding errors only is written as the estimate is, and a number that
-        is exactly zero as `0`. Without an interval the estimate stands alone, in three significant digits; so does an
-        infinite estimate without a finite end.
+        The interval determines the number of digits. An end that differs from the estimate only by rounding errors is
+        printed like the estimate, and a number that is exactly zero as `0`. An estimate without an interval, or an
+        infinite estimate without a finite end, is printed alone in three significant digits.
 
         Args:
-            unit: that is written behind the estimate.
-            size: of the unit in SI units.
-            signed: whether positive numbers have a sign.
-            infinite: what stands for a number that is infinite.
-            levels: numbers that an end is compared with; one that is not quite there has further digits, which show it.
+            unit: unit that follows the estimate.
+            size: size of the unit in SI units.
+            signed: True to print a plus sign before positive numbers.
+            infinite: text for an infinite number.
+            levels: numbers to which an end is not rounded unless it is equal to one of them.
         """
         if math.isnan(self.value):
             return "–"
@@ -84,32 +84,32 @@ class Interval(NamedTuple):
         return f"{shown} [{low}, {high}]" if is_bounded or is_unbounded else shown
 
     def alone(self) -> "Interval":
-        """The estimate without its interval."""
+        """Return the estimate without its interval."""
         return Interval(self.value, math.nan, math.nan)
 
     def percent(self) -> str:
-        """Return a share as it is printed in per cent, with 0 and 100 % as levels; see `text`."""
+        """Return a share as text in per cent, with the levels 0 and 100 %; see `text`."""
         return self.text(unit="%", size=0.01, levels=(0.0, 1.0))
 
     def ratio(self) -> str:
-        """Return a ratio as it is printed, with 0 and 1 as levels; see `text`."""
+        """Return a ratio as text, with the levels 0 and 1; see `text`."""
         return self.text(levels=(0.0, 1.0))
 
     def metres(self) -> str:
-        """Return a length as it is printed in m; see `text`."""
+        """Return a length as text in m; see `text`."""
         return self.text(unit="m")
 
     def millimetres(self) -> str:
-        """Return a difference of lengths as it is printed in mm; see `text`."""
+        """Return a difference of lengths as text in mm; see `text`."""
         return self.text(unit="mm", size=1e-3, signed=True)
 
 
 def plus_minus(value: float, spread: float) -> str:
-    """Return a number and its spread as they are printed, as in `0.123 ± 0.003`, with digits that follow the spread.
+    """Return a number and its spread as text, as in `0.123 ± 0.003`, with the digits that the spread determines.
 
     Args:
-        value: of the number.
-        spread: half of a symmetric interval, or a standard deviation; it is rounded upwards.
+        value: number.
+        spread: half the width of a symmetric interval, or a standard deviation; it is rounded up.
     """
     decimals, exponent = _digits(Interval(value, value - spread, value + spread))
     number = _number(value, decimals, exponent, ROUND_HALF_EVEN)
@@ -117,18 +117,19 @@ def plus_minus(value: float, spread: float) -> str:
 
 
 def spread_alone(spread: float) -> str:
-    """Return a spread as it is printed without its number, as in `± 0.0032`, in two significant digits."""
+    """Return a spread as text in two significant digits, as in `± 0.0032`."""
     return f"± {_number(spread, *_digits(Interval(0.0, -spread, spread)), ROUND_CEILING)}"
 
 
 def _digits(interval: Interval, levels: Sequence[float] = (0.0,)) -> tuple[int, int]:
-    """The fewest decimals that tell the ends of an interval from the estimate and from levels, and a power of ten.
+    """Return the number of decimals and the common exponent with which an interval is printed.
 
-    The power of ten, by which the numbers are divided, is 0 if they are written without an exponent.
+    The number of decimals is the smallest one that distinguishes the ends from the estimate and from the levels. The
+    exponent is 0 for numbers that are printed without an exponent.
     """
     value, *ends = interval
     largest = max((abs(number) for number in interval if math.isfinite(number) and number), default=1.0)
-    exponent = 0 if _MIN_PLAIN <= largest < _MAX_PLAIN else _magnitude(largest)
+    exponent = 0 if _MIN_PLAIN_NUMBER <= largest < _MAX_PLAIN_NUMBER else _magnitude(largest)
     bounds = [end for end in ends if math.isfinite(end) and not _is_close(end, value, largest)]
     if not (bounds and math.isfinite(value)):
         return max(_LONE_DIGITS - 1 - _magnitude(largest) + exponent, 0), exponent
@@ -146,7 +147,7 @@ def _digits(interval: Interval, levels: Sequence[float] = (0.0,)) -> tuple[int, 
 def _written(
     interval: Interval, decimals: int, exponent: int, *, signed: bool = False, infinite: str = "∞"
 ) -> tuple[str, str, str]:
-    """Estimate, lower and upper end in words."""
+    """Return the estimate, the lower and the upper end as text."""
     value, *ends = interval
     largest = max((abs(number) for number in interval if math.isfinite(number)), default=0.0)
     texts = [
@@ -162,7 +163,7 @@ def _written(
 def _number(
     number: float, decimals: int, exponent: int, rounding: str, *, signed: bool = False, infinite: str = "∞"
 ) -> str:
-    """A number in words."""
+    """Return a number as text."""
     if math.isnan(number):
         return "–"
     if math.isinf(number):
@@ -171,16 +172,22 @@ def _number(
         return "0"
     exact = Decimal(f"{number:.{_EXACT_DIGITS - 1}e}").scaleb(-exponent)
     rounded = exact.quantize(Decimal(1).scaleb(-decimals), rounding)
-    # There is no negative zero.
+    # A rounded number that is zero must not have a minus sign.
     shown = f"{rounded or abs(rounded):{'+' if signed else ''}f}"
     return f"{shown}e{exponent:+03d}" if exponent else shown
 
 
 def _magnitude(number: float) -> int:
-    """The power of ten of the first digit of a positive number."""
+    """Return the exponent of the first digit of a positive number."""
     return math.floor(math.log10(number))
 
 
 def _is_close(end: float, value: float, largest: float) -> bool:
-    """Whether an end differs from the estimate by rounding errors only, given the largest number of the interval."""
-    return end == value or abs(end - value) <= _ROUNDING * largest
+    """Return whether an end differs from the estimate only by rounding errors.
+
+    Args:
+        end: end of the interval.
+        value: estimate.
+        largest: largest absolute value of the numbers of the interval.
+    """
+    return end == value or abs(end - value) <= _ROUNDING_TOLERANCE * largest

@@ -1,4 +1,4 @@
-"""Which samples of a study are not there, without a list of millions."""
+"""Indices of the missing samples of a study, without a list that could have millions of entries."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -7,25 +7,23 @@ import numpy as np
 
 
 class MissingSamples(Sequence[int]):
-    """The numbers of the samples of a study that are not there, in order.
-
-    They take no more memory than the numbers of those that are there.
+    """Sorted indices of the missing samples of a study, in no more memory than the indices of the present ones.
 
     Args:
-        num_samples: how many samples there are to be.
-        there: (n,) numbers of the samples that are there, each once, in any order.
+        num_samples: number of samples in the complete study.
+        present: (n,) indices of the present samples, without repetition, in any order.
     """
 
-    def __init__(self, num_samples: int, there: np.ndarray) -> None:
-        self._count = num_samples - len(there)
-        # How many are missing before each one that is there.
-        self._before = np.sort(there.astype(int)) - np.arange(len(there))
+    def __init__(self, num_samples: int, present: np.ndarray) -> None:
+        self._count = num_samples - len(present)
+        # The array contains the number of missing samples before each present one.
+        self._before = np.sort(present.astype(int)) - np.arange(len(present))
 
     def __len__(self) -> int:
         return self._count
 
     def __getitem__(self, place: Any) -> Any:
-        """The sample at a place among those that are missing, or a list of those at a slice."""
+        """Return the missing sample at a position, or the list of missing samples at a slice."""
         places = range(self._count)[place]
         found = np.asarray(places, dtype=int) + np.searchsorted(self._before, places, side="right")
         return found.tolist()

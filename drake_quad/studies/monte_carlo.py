@@ -15,6 +15,7 @@ import numpy as np
 from drake_quad.assembly.planning import flight_duration, plan_route
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError, InputWarning
+from drake_quad.memory import check_fleet_fits
 from drake_quad.scenario import Scenario
 from drake_quad.studies.crew import Crew, ExecutorCrew, fly_batches
 from drake_quad.studies.flying import Job, cause_of_crash, code_of, fly_batch, fly_trial, forget, prepare
@@ -51,48 +52,48 @@ def run_monte_carlo(
     compiled: bool = True,
     progress: Callable[[int, int], None] | None = None,
 ) -> Study:
-    """Flies samples 0 to n - 1 of a scenario's study, in fleets.
+    """Fly samples 0 to n - 1 of a scenario's study in fleets.
 
-    Sample i is the same whatever the number of samples, the size of batches, the workers and the order; it can be flown
-    alone by `simulate(scenario, seed=seed, sample=i)`.
+    The result of sample i does not depend on the number of samples, the batch size, the workers or the order. The
+    sample can be flown alone by `simulate(scenario, seed=seed, sample=i)`.
 
     Args:
-        scenario: with or without distributions; wind and noise of each sample are its own in any case.
-        num_samples: n.
-        seed: of the study, in place of the scenario's.
-        folder: where to write, batch by batch: the rows of all samples to results.csv, the scenario to scenario.yaml,
-            versions and units to study.yaml, and what could not be flown to failed.csv. Nothing is written if it is not
-            given.
-        resume: whether to go on with the study in the folder, if there is one.
-        num_workers: processes, or how many batches an executor of `concurrent.futures` flies at a time; as many as
-            there are cores if not given.
-        batch_size: vehicles in a fleet; about a thousand if not given.
-        executor: that flies the batches in place of processes on this machine: one of `concurrent.futures`, `Workers`
-            that are there already, or a Dask cluster from `dask_crew`.
-        time_limit: after which a batch is given up, s; for processes on this machine. None if not given.
-        position_controller: makes a system for N vehicles that stands in for the scenario's; see
-            `build_tracking_diagram`. A function of a module, so that workers find it.
-        control: makes a system that stands in for the whole cascade; a function of a module, too.
-        wind: makes a source of wind beside the scenario's; a function of a module, too.
-        policy: makes a system that stands in for the network of a control of kind `policy`; a function of a module,
-            too. With any of these, a sample is flown alone, once more, and beside others before the study begins; it
-            must fly alike.
-        compiled: whether the diagram is compiled to machine code, with what cannot be compiled beside it; else it flies
-            as it is wired.
-        progress: called with the number of samples that are done, and n.
+        scenario: scenario, which may contain distributions; each sample has its own wind and noise in any case.
+        num_samples: number n of samples.
+        seed: seed of the study; that of the scenario if not given.
+        folder: folder for the results, which are written batch by batch: the rows of all samples to results.csv, the
+            scenario to scenario.yaml, versions and units to study.yaml, and failed samples to failed.csv. Nothing is
+            written if it is not given.
+        resume: True to continue the study in the folder, if there is one.
+        num_workers: number of processes, or of simultaneous batches of an executor of `concurrent.futures`; the number
+            of cores if not given.
+        batch_size: number of vehicles in a fleet; about a thousand if not given.
+        executor: executor that flies the batches instead of processes on this machine: one of `concurrent.futures`,
+            existing `Workers`, or a Dask cluster from `dask_crew`.
+        time_limit: time after which a batch fails, s, for processes on this machine; unlimited if not given.
+        position_controller: function that returns, for N vehicles, a system that replaces the scenario's position
+            controller; see `build_tracking_diagram`. Workers must be able to import the function from its module.
+        control: function that returns a system that replaces the whole cascade; it must be importable, too.
+        wind: function that returns an additional source of wind; it must be importable, too.
+        policy: function that returns a system that replaces the network of a control of kind `policy`; it must be
+            importable, too. With any of these four functions, a sample is flown alone, alone again, and in a batch
+            before the study begins. All three results must be equal.
+        compiled: True to compile the diagram to machine code, except for systems that cannot be compiled. Otherwise the
+            original diagram is simulated.
+        progress: function that is called with the number of completed samples, and n.
 
     Returns:
-        All samples that were flown, now or before; failures say why others were not. A batch that fails is flown again
-        in halves, so that a sample that cannot be flown costs no other.
+        All samples that were flown, now or earlier, and the reasons why others failed. A batch that fails is repeatedly
+        split in halves and flown again, so that a sample that cannot be flown does not affect others.
 
     Raises:
-        InputError: a number is out of range, the scenario cannot be flown, worker processes would not find a function
-            or have other code, a user's system does not fly a sample alike alone and beside others, or the folder
-            holds another study or one that is not to be resumed.
-        OSError: rows could not be written, or a cluster is gone; the rows before are saved.
-        RuntimeError: no sample can be flown; the rows before are saved.
-        MemoryError: the memory does not suffice; the rows before are saved.
-        StudyInterrupted: by Ctrl-C; what is done is saved.
+        InputError: a number is out of range, the scenario cannot be flown, worker processes cannot import a function or
+            have different code, a user's system does not give equal results alone and in a batch, or the folder
+            contains another study or one that is not to be resumed.
+        OSError: rows could not be written, or a cluster is gone; completed rows are saved.
+        RuntimeError: no sample can be flown; completed rows are saved.
+        MemoryError: there is not enough memory; completed rows are saved.
+        StudyInterrupted: if the user pressed Ctrl-C; completed rows are saved.
     """
     num_workers = num_cores() if num_workers is None else num_workers
     check_counts(samples=num_samples, workers=num_workers, batch=1 if batch_size is None else batch_size)
@@ -100,6 +101,7 @@ def run_monte_carlo(
     plan = plan_route(scenario)
     own = UserSystems(position_controller, control, wind, policy)
     if executor is None or isinstance(executor, Workers):
+        check_fleet_fits(min(batch_size or 1, num_samples), "batch")
         check_makers(own.given)
     rows = None
     try:
@@ -137,7 +139,7 @@ def _fly(
     rows: StudyRows,
     progress: Callable[[int, int], None] | None,
 ) -> None:
-    """Flies what is missing of a study, in batches of as many vehicles as the job has, and takes in their rows."""
+    """Fly the missing samples of a study in batches of the size that the job gives, and add their rows."""
     missing, size = rows.missing, job.num_vehicles
 
     def report() -> None:
@@ -170,13 +172,13 @@ def _crew(executor: Executor | Crew | None, num_workers: int, time_limit: float 
 
 
 def _check_alike(crew: Crew, job: Job) -> None:
-    """Flies sample 0 alone, alone once more, and beside others, where batches hold more than one.
+    """Check that sample 0 has the same result when it is flown alone, alone again, and in a batch with others.
 
-    A trial that fails says nothing: which samples cannot be flown, the study finds out. Numbers that are not finite,
-    by which the sample crashes, are named in a warning.
+    A trial that fails is ignored, since the study reports samples that cannot be flown. If the sample crashes because a
+    value is NaN or infinite, a warning names this value.
 
     Raises:
-        InputError: it does not fly alike, or a user's system does not fit.
+        InputError: if the results differ, or a user's system does not fit.
     """
     size = min(job.num_vehicles, _TRIAL_SIZE)
     job = job._replace(key=f"{job.key}, trial", num_vehicles=size)
@@ -201,12 +203,12 @@ def _check_alike(crew: Crew, job: Job) -> None:
         crew.begin(partial(cause_of_crash, job), range(1))
         (outcome,) = crew.finished()
         if outcome.result is not None:
-            words = f"sample 0: {outcome.result}; flights that end so count as crashed"
+            words = f"sample 0: {outcome.result}; flights with such values count as crashed"
             warnings.warn(words, InputWarning, stacklevel=3)
 
 
 def _size_of_batches(num_samples: int, num_workers: int, batch_size: int | None) -> int:
-    """How many samples a batch has: if nothing else is asked for, every worker has as many batches, nearly equal."""
+    """Return the number of samples in a batch; by default all workers get the same number of nearly equal batches."""
     if batch_size is None:
         rounds = math.ceil(num_samples / (num_workers * _BATCH_SIZE))
         batch_size = math.ceil(num_samples / max(rounds * num_workers, 1))

@@ -1,12 +1,12 @@
-"""What the samples of a study say, and how sure that is: every estimate with its confidence interval.
+"""Statistics of the samples of a study, with a confidence interval for every estimate.
 
-A crashed vehicle has no error that could be averaged: means are those of the flights that went to the end, and say how
-many these are. Quantiles are those of all samples, a crash being worse than any error.
+The error of a crashed vehicle cannot be averaged. Means are therefore those of the flights without a crash, and are
+reported with the number of these flights. Quantiles are those of all samples, where a crash is worse than any error.
 
-Intervals of means are Student's. They contain the mean of a skewed metric less often than they say if there are few
-samples: the mean of log-normal numbers with σ = 1 in 84 % of studies of 10 samples and in 88 % of studies of 30. Tables
-are in docs/how_to/studies.md. The intervals of quantiles and probabilities hold for any metric and any number of
-samples.
+Intervals of means are Student's. For few samples of a skewed metric, their coverage is below the nominal confidence. A
+95 % interval contains the mean of log-normal numbers with σ = 1 in 84 % of studies with 10 samples, and in 88 % of
+studies with 30. docs/how_to/studies.md has tables. The intervals of quantiles and probabilities are valid for any
+metric and any number of samples.
 """
 
 import math
@@ -24,19 +24,19 @@ from drake_quad.studies.interval import CONFIDENCE, Interval
 from drake_quad.studies.ratios import ratio_of_means
 from drake_quad.studies.study import Study
 
-# Ranks of which less than this share remains when others are given are determined by these, but for rounding errors.
+# Ranks are a linear combination of the given ranks, up to rounding errors, if their relative residual is below this.
 _MIN_REMAINDER = 1e-9
-_MAX_EXPONENT = 600.0  # its exponential is finite
-# Default bins of a number over which the probability of a crash is estimated.
+_MAX_EXPONENT = 600.0  # larger exponents could overflow
+# Limits of the default number of bins for the crash probability over a drawn number.
 _MIN_BINS = 2
 _MAX_BINS = 20
 
 
 def mean_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
-    """Return the mean of (n,) values with Student's interval, whose ends are NaN for fewer than two values.
+    """Return the mean of values (n,) with Student's interval, whose ends are NaN for fewer than two values.
 
-    The interval is too short for few values of a skewed metric. It can be trusted from about 25 times the squared
-    skewness of the values on (W. G. Cochran, "Sampling Techniques", 1977).
+    The interval is too short for few values of a skewed metric. It is reliable for more than about 25 times the squared
+    skewness of the values (W. G. Cochran, "Sampling Techniques", 1977).
     """
     if len(values) < 2:
         return Interval(float(values[0]) if len(values) else math.nan, math.nan, math.nan)
@@ -45,20 +45,20 @@ def mean_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> Interva
 
 
 def positive(estimate: Interval) -> Interval:
-    """Return an estimate of a number that is not negative, without the negative part of its interval.
+    """Return an estimate of a nonnegative number without the negative part of its interval.
 
-    The interval covers as often as the whole one, since the number is not in that part.
+    The coverage of the interval does not change, since the number cannot be in that part.
     """
     return estimate._replace(low=max(estimate.low, 0.0))
 
 
 def share_mean_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
-    """Return the mean of (n,) values from 0 to 1 with an interval within 0 and 1.
+    """Return the mean of values (n,) in [0, 1] with an interval within [0, 1].
 
-    The interval is Student's for the logarithm of the mean's odds, by its derivative. Like that of `mean_interval` it
-    is too short for few skewed values: of the beta distribution (0.2, 8) it contains the mean in 91 % of studies of 30
-    samples. Where all values are 0 or all are 1 the spread says nothing: then it is the interval of the share of values
-    that are otherwise, `share_interval`, which the mean cannot leave. Its ends are NaN for fewer than two values.
+    The interval is Student's for the log-odds of the mean, by the delta method. Like that of `mean_interval` it is too
+    short for few skewed values: a 95 % interval contains the mean of the beta distribution (0.2, 8) in 91 % of studies
+    with 30 samples. If all values are 0 or all are 1, their variance contains no information. The interval is then that
+    of the share of other values (`share_interval`), which bounds the mean. Its ends are NaN for fewer than two values.
     """
     found = mean_interval(values, confidence)
     if len(values) > 1 and found.value in (0.0, 1.0):
@@ -72,12 +72,14 @@ def share_mean_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> I
 
 
 def metric_mean(metrics: Metrics, name: str, confidence: float = CONFIDENCE) -> Interval:
-    """The mean of a metric of the flights that went to the end: by `share_mean_interval` of a share, else positive.
+    """Return the mean of a metric over the flights without a crash.
+
+    The interval is that of `share_mean_interval` for a share, and the nonnegative part of Student's interval otherwise.
 
     Args:
-        metrics: (n,) of the samples.
-        name: of the metric, none of which is negative.
-        confidence: of the interval.
+        metrics: (n,) metrics of the samples.
+        name: name of a metric that is never negative.
+        confidence: confidence of the interval.
     """
     values = of_survivors(metrics, name)
     if name == "saturation_share":
@@ -128,15 +130,15 @@ def rank_correlation(x: np.ndarray, y: np.ndarray, confidence: float = CONFIDENC
 def partial_rank_correlation(
     x: np.ndarray, y: np.ndarray, given: np.ndarray, confidence: float = CONFIDENCE
 ) -> Interval:
-    """The correlation of the ranks of (n,) numbers, less what the ranks of k others say of both.
+    """Return the partial rank correlation of two variables, given k others.
 
-    The interval is that of `rank_correlation` for k samples less.
+    The interval is that of `rank_correlation` for n - k samples.
 
     Args:
-        x: (n,) numbers.
-        y: (n,) numbers.
-        given: (k, n) the others.
-        confidence: of the interval.
+        x: (n,) values of the first variable.
+        y: (n,) values of the second variable.
+        given: (k, n) values of the other variables.
+        confidence: confidence of the interval.
     """
     if not len(given):
         return rank_correlation(x, y, confidence)
@@ -176,7 +178,7 @@ def with_crashes(metrics: Metrics, name: str) -> np.ndarray:
 
 
 def running_mean(values: np.ndarray, confidence: float = CONFIDENCE) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(n,) arrays of the mean of the first values, up to each one, and of the ends of its interval, Student's."""
+    """Return the running mean (n,) of values, and the lower and upper ends (n,) of its Student's intervals."""
     count = np.arange(1, len(values) + 1)
     # About the whole mean, so that nothing cancels.
     shift = values - (values.mean() if len(values) else 0.0)
@@ -257,18 +259,18 @@ class CrashLevel(NamedTuple):
 
 
 def crash_levels(study: Study, path: str, *, num_bins: int | None = None) -> list[CrashLevel]:
-    """The probability of a crash over a drawn number, in bins of equally many samples.
+    """Return the crash probability over a drawn number, in bins with equal numbers of samples.
 
-    Samples with the same number are in the same bin, so that a choice of a few numbers has a bin for each.
+    Samples with the same number are in the same bin, so that a choice of few numbers has a bin for each number.
 
     Args:
-        study: of the samples.
-        path: of the field.
-        num_bins: how many, if there are as many different numbers; if not given the cube root of that of the samples,
-            but 2 to 20, so that more samples make bins finer and their intervals shorter.
+        study: study with the samples.
+        path: path of the field.
+        num_bins: number of bins, unless there are fewer different numbers. The default is the cube root of the number
+            of samples, limited to 2 to 20. More samples then make the bins narrower and their intervals shorter.
 
     Raises:
-        InputError: the field holds no distribution, or the number of bins is less than 1.
+        InputError: if the field is not a distribution, or the number of bins is less than 1.
     """
     if path not in study.parameters:
         raise InputError(f"{path} is not drawn in this study; drawn are {listed([*study.parameters]) or 'no numbers'}")
@@ -311,19 +313,19 @@ def most_influential(studies: Iterable[Study], name: str = "crashed") -> str | N
 
 
 class Comparison(NamedTuple):
-    """Two controllers on the same samples.
+    """Comparison of two controllers on the same samples.
 
-    Difference and share are of the same two means, those over the pairs, so that a share above 1 goes with a difference
-    above zero.
+    Difference and share compare the same two means, taken over the pairs. The share is therefore above 1 if and only if
+    the difference is positive.
 
     Attributes:
-        num_pairs: samples that both flew to the end.
-        difference: mean of the metric less that of the baseline, in the metric's unit.
-        share: ratio of the mean of the metric to that of the baseline, 1, see `ratio_of_means`.
-        better: share of the pairs in which the metric is smaller, 1.
-        crashed: samples on which only this one crashed.
-        baseline_crashed: samples on which only the baseline crashed.
-        crash_significance: p-value of McNemar's exact test that both crash as often.
+        num_pairs: number of samples on which neither controller crashed.
+        difference: mean of the metric minus that of the baseline, in the unit of the metric.
+        share: ratio of the mean of the metric to that of the baseline, see `ratio_of_means`.
+        better: share of the pairs in which the metric is smaller than that of the baseline.
+        crashed: number of samples on which only this controller crashed.
+        baseline_crashed: number of samples on which only the baseline crashed.
+        crash_significance: p-value of McNemar's exact test of equal crash probabilities.
     """
 
     num_pairs: int
@@ -336,12 +338,12 @@ class Comparison(NamedTuple):
 
 
 def compare(metrics: Metrics, baseline: Metrics, name: str = "rmse") -> Comparison:
-    """Compares two controllers by a metric of which less is better.
+    """Compare two controllers by a metric for which smaller values are better.
 
     Args:
-        metrics: (n,) of one controller.
-        baseline: (n,) of another, on the same samples.
-        name: of the metric.
+        metrics: (n,) metrics of one controller.
+        baseline: (n,) metrics of the baseline on the same samples.
+        name: name of the metric.
     """
     value, reference = getattr(metrics, name), getattr(baseline, name)
     both = ~(metrics.crashed | baseline.crashed | np.isnan(value) | np.isnan(reference))

@@ -66,12 +66,12 @@ class StudyRows:
 
     @property
     def missing(self) -> MissingSamples:
-        """The samples that are not there by now."""
+        """Return the indices of the samples that are still missing."""
         return MissingSamples(self.num_samples, np.concatenate([part[:, 0] for part in self._parts]))
 
     @property
     def rows(self) -> np.ndarray:
-        """The (n, columns) rows that are there, by rising samples."""
+        """Return the rows (n, columns) of the present samples, sorted by sample."""
         self._parts = [np.concatenate(self._parts)]
         (rows,) = self._parts
         return rows[np.argsort(rows[:, 0])]
@@ -95,10 +95,10 @@ class StudyRows:
             self.add_rows(outcome.result)
 
     def add_rows(self, rows: np.ndarray) -> None:
-        """Takes in (n, columns) rows, and writes them.
+        """Add rows (n, columns) and write them to the folder.
 
         Raises:
-            OSError: they could not be written.
+            OSError: if the rows could not be written.
         """
         if self._file is not None:
             self._file.append(rows)

@@ -20,7 +20,7 @@ from drake_quad.studies.statistics import (
 )
 from drake_quad.studies.study import Study
 
-# Name, unit and size of the unit in SI units of each metric of a summary.
+# Name, unit, and size of the unit in SI units of each metric in a summary.
 _SUMMARY_METRICS = [
     ("rmse", "cm", 0.01),
     ("rmse_x", "cm", 0.01),
@@ -67,9 +67,9 @@ def touches_of(study: Study) -> Summary:
 
 
 def summary_of(study: Study) -> Summary:
-    """The metrics of a study: means, deviations and quantiles, with the 95 % intervals of these.
+    """Return the means, deviations and quantiles of a study's metrics, with their 95 % intervals.
 
-    A sample that crashed has no error that could be averaged, and counts as worse than any in a quantile.
+    Crashed samples are excluded from means, and count as worse than any error in quantiles.
     """
     metrics = study.metrics
     crashed, count = int(metrics.crashed.sum()), len(study.samples)
@@ -93,7 +93,7 @@ def summary_of(study: Study) -> Summary:
 
 
 def _quantile(values: np.ndarray, probability: float) -> Interval:
-    """A quantile of a metric, which is not negative; of one that is a crash, no lower end is known to be an error."""
+    """Return a quantile of a nonnegative metric; if the quantile is a crash, the lower end of its interval is NaN."""
     found = quantile_interval(values, probability)
     return positive(found) if math.isfinite(found.value) else found
 
@@ -111,11 +111,11 @@ def _remarks(crashed: int, count: int) -> list[str]:
 
 
 def comparison_of(studies: Mapping[str, Study], metric: str) -> Summary:
-    """Each controller beside the first, on the samples that both flew to the end.
+    """Compare each controller with the first one, on the samples on which neither crashed.
 
     Args:
-        studies: by controller, of the same seed.
-        metric: of which less is better.
+        studies: studies with the same seed, by the name of the controller.
+        metric: name of a metric for which smaller values are better.
     """
     (_, baseline), *others = studies.items()
     rows: list[tuple[str, ...]] = []

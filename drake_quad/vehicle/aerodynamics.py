@@ -1,19 +1,19 @@
-"""What the air does to the body and to the rotors beside their thrust.
+"""Aerodynamic forces on the body and on the rotors, in addition to thrust.
 
-In the axes of B, with u the velocity of the air relative to the vehicle, at its centre of mass:
+The forces along the axes of B are, with u the velocity of the air relative to the vehicle at its centre of mass:
 
     body drag            F_k = (c₁ₖ + c₂ₖ |u|) u_k                          at the centre of pressure
     translational lift   F_z = c_lift (u_x² + u_y²)                         at the mean of the rotors' places
     climb                F_z = c_climb u_z: thrust is lost with the speed w = -u_z of climb
     rotor drag, inflow   F = Σ ωᵢ (k_d u_x, k_d u_y, k_z u_z)
 
-Body drag is that of a blunt body, each axis by itself. The other three are what blade element and momentum theory give
-to first order: the drag of the rotors is proportional to their speed (Martin and Salaün, "The true role of
-accelerometer feedback in quadrotor control", ICRA 2010), and thrust falls with the inflow through the disc and grows
-with the speed across it (Svacha, Mohta and Kumar, "Improving quadrotor trajectory tracking by compensating for
-aerodynamic effects", ICUAS 2017).
+Body drag is that of a blunt body, independently for each axis. The other three effects are first-order results of blade
+element and momentum theory. The drag of a rotor is proportional to its speed (Martin and Salaün, "The true role of
+accelerometer feedback in quadrotor control", ICRA 2010). Thrust decreases with the inflow through the disc and
+increases with the airspeed across it (Svacha, Mohta and Kumar, "Improving quadrotor trajectory tracking by compensating
+for aerodynamic effects", ICUAS 2017).
 
-The turning of the body is not felt: body and rotors see the air of the centre of mass.
+The model neglects body rates: the air velocity at the centre of mass applies to the body and to all rotors.
 """
 
 from typing import Annotated, NamedTuple
@@ -107,13 +107,13 @@ def body_drag(air: Vector, speed: Row, body: BodyDrag) -> Load:
 
 
 def rotor_loads(air: Vector, speed: RotorSpeed, place: Vector, rotors: RotorAerodynamics) -> Load:
-    """What lift, climb, drag and inflow of the rotors add to their thrust.
+    """Return the force and torque of the rotors' lift, climb, drag and inflow, in addition to their thrust.
 
     Args:
-        air: u, its velocity relative to the vehicle in the axes of B, m/s.
-        speed: of the rotors.
-        place: mean of the rotors' places, where the force acts, seen from the centre of mass, m.
-        rotors: their numbers.
+        air: velocity u of the air relative to the vehicle, along the axes of B, m/s.
+        speed: rotor speeds.
+        place: mean position of the rotors relative to the centre of mass, where the force acts, m.
+        rotors: aerodynamic parameters of the rotors.
     """
     turning = speed.rotor_1 + speed.rotor_2 + speed.rotor_3 + speed.rotor_4
     drag = rotors.drag * turning

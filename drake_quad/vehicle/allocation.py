@@ -1,19 +1,19 @@
-"""From a commanded wrench to rotor speeds: the inverse of eq (5) within the rotors' limits.
+"""Control allocation from a commanded wrench to rotor speeds: the inverse of eq (5) within the rotors' limits.
 
-Where the rotors cannot give the whole wrench, a `Priority` says which part of it is kept first:
+If the rotors cannot produce the whole wrench, a `Priority` determines the order in which its parts are kept:
 
 - "roll_pitch", the default: roll and pitch torque first, thrust second, yaw torque third;
 - "thrust": thrust first, roll and pitch torque second, yaw torque third.
 
-With roll and pitch first, each part is the best that the parts before it allow:
+With roll and pitch first, each part is the best one that the parts before it allow:
 
-1. The share of roll and pitch torque in [0, 1] is the largest that the rotors can give at any thrust, with a yaw torque
-   between zero and the commanded one. Both torques are scaled by this share, which keeps their direction.
-2. The thrust is the one nearest to the commanded thrust: it is lowered where a rotor would exceed its largest speed,
-   and raised where a rotor would fall below idle speed.
+1. Roll and pitch torque are scaled by a common share in [0, 1], which keeps their direction. The share is the largest
+   one that the rotors can produce at any thrust, with a yaw torque between zero and the commanded one.
+2. The thrust is the one nearest to the commanded thrust. It is reduced if a rotor would exceed its maximum speed, and
+   increased if a rotor would fall below idle speed.
 3. The yaw torque is the one nearest to the commanded yaw torque.
 
-With thrust first, the thrust is the one nearest to the commanded thrust that the rotors can give without any torque.
+With thrust first, the thrust is the one nearest to the commanded thrust that the rotors can produce without any torque.
 The share of roll and pitch torque and the yaw torque follow as above.
 """
 
@@ -29,23 +29,22 @@ from drake_quad.vehicle.mixer import Mixer, mixer_of
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 Priority = Literal["roll_pitch", "thrust"]
-"""The part of a wrench that is kept first where the rotors cannot give the whole wrench."""
+"""Part of a wrench that is kept first if the rotors cannot produce the whole wrench."""
 
-# Keeps 0 / 0 away where there is neither room nor demand; every real room is larger.
+# This offset avoids 0 / 0 if both the room and the demand are zero. It is negligible for any other room.
 _TINY = 1e-100
-# Larger than any force or torque.
-_UNBOUNDED = 1e100
-# A coefficient that is smaller than this, relative to the largest of its kind, is zero but for rounding.
+_UNBOUNDED = 1e100  # larger than any force or torque
+# Coefficients below this, relative to the largest ones of their kind, are rounding errors of zero.
 _MIN_COEFFICIENT = 1e-9
 
 
 class RotorModel(NamedTuple):
-    """The autopilot's model of the rotors.
+    """Autopilot's model of the rotors.
 
     Attributes:
-        mixer: from a wrench to squared speeds.
-        min_speed: idle speed.
-        max_speed: largest speed.
+        mixer: mixer from a wrench to squared rotor speeds.
+        min_speed: idle speed, rad/s.
+        max_speed: maximum speed, rad/s.
     """
 
     mixer: Mixer
@@ -54,7 +53,7 @@ class RotorModel(NamedTuple):
 
     @classmethod
     def of(cls, parameters: QuadrotorParameters) -> "RotorModel":
-        """Return the model of a vehicle."""
+        """Return the model of the rotors of a vehicle."""
         return cls(mixer_of(parameters), parameters.min_rotor_speed, parameters.max_rotor_speed)
 
 
@@ -62,8 +61,8 @@ class Allocated(NamedTuple):
     """Result of an allocation.
 
     Attributes:
-        rotor_speed_command: the rotor speeds that give the wrench, or the part of it that the rotors can give.
-        shortfall: the commanded wrench minus the wrench of these speeds, exactly zero where nothing is given up.
+        rotor_speed_command: rotor speeds that produce the wrench, or the part of it that the rotors can produce.
+        shortfall: commanded wrench minus the wrench of these speeds, exactly zero for parts that are kept.
     """
 
     rotor_speed_command: RotorSpeed
@@ -71,11 +70,11 @@ class Allocated(NamedTuple):
 
 
 class _Square(NamedTuple):
-    """How the squared speed of one rotor depends on the wrench.
+    """Coefficients of the squared speed of one rotor as a linear function of the wrench.
 
     Attributes:
         thrust: change per newton of thrust; positive.
-        tilt: change from none to all of the commanded roll and pitch torque.
+        tilt: change from a share of 0 to a share of 1 of the commanded roll and pitch torque.
         yaw: change per newton metre of yaw torque.
     """
 
@@ -85,7 +84,7 @@ class _Square(NamedTuple):
 
 
 class _Bound(NamedTuple):
-    """What the rotors' limits leave to the share of roll and pitch torque: least <= tilt * share <= most."""
+    """Inequality of the share of roll and pitch torque: least <= tilt * share <= most."""
 
     tilt: Row
     least: Row
@@ -93,7 +92,7 @@ class _Bound(NamedTuple):
 
 
 class _Kept(NamedTuple):
-    """The thrust (N), the share of roll and pitch torque, and the yaw torque (N m) that the rotors give."""
+    """Part of a wrench that is kept: thrust (N), share of roll and pitch torque, and yaw torque (N m)."""
 
     thrust: Row
     share: Row
@@ -101,15 +100,15 @@ class _Kept(NamedTuple):
 
 
 def allocate(wrench: Wrench, rotors: RotorModel, priority: Priority = "roll_pitch") -> Allocated:
-    """Return the rotor speeds for a wrench, and the part of the wrench that is given up.
+    """Return the rotor speeds for a wrench, and the part of the wrench that the rotors cannot produce.
 
-    This is for any layout in which all rotors carry a part of the thrust in hover. Nothing is given up where every
-    rotor is within its limits under the whole wrench and under the thrust alone.
+    The function works for any layout in which all rotors carry a part of the thrust in hover. The whole wrench is kept
+    if every rotor is within its limits for the whole wrench and for its thrust alone.
 
     Args:
-        wrench: commanded.
-        rotors: the autopilot's model of them.
-        priority: the part of the wrench that is kept first.
+        wrench: commanded wrench.
+        rotors: autopilot's model of the rotors.
+        priority: part of the wrench that is kept first.
     """
     low, high = rotors.min_speed * rotors.min_speed, rotors.max_speed * rotors.max_speed
     squares = [
@@ -140,24 +139,24 @@ def allocate(wrench: Wrench, rotors: RotorModel, priority: Priority = "roll_pitc
 
 
 def _within_limits(priority: Priority, thrust: Row, tau_z: Row, low: Row, high: Row, *rows: Row) -> _Kept:
-    """Return what the rotors give of a wrench.
+    """Return the part of a wrench that the rotors can produce.
 
     The squared speed of each rotor is linear in thrust, share of roll and pitch torque, and yaw torque, and lies
     between two limits. Weighted sums of two or three squared speeds, with weights that cancel the yaw torque or the
-    thrust or both, bound the other unknowns. By Helly's theorem, sums of more rotors add nothing.
+    thrust or both, bound the other unknowns. By Helly's theorem, sums over more rotors give no tighter bounds.
 
     Args:
-        priority: the part of the wrench that is kept first.
-        thrust: commanded, N.
+        priority: part of the wrench that is kept first.
+        thrust: commanded thrust, N.
         tau_z: commanded yaw torque, N m.
-        low: least squared speed.
+        low: smallest squared speed.
         high: largest squared speed.
-        rows: of the `_Square` of each rotor.
+        rows: rows of the `_Square` of all rotors, one rotor after another.
     """
     squares = [_Square(*three) for three in zip(*[iter(rows)] * len(_Square._fields))]
     size = sum(abs(square.yaw) for square in squares)
     squares = [square._replace(yaw=_without_rounding(square.yaw, size)) for square in squares]
-    given, share = _GIVEN[priority](squares, thrust, tau_z, low, high)
+    given, share = _THRUST_AND_SHARE[priority](squares, thrust, tau_z, low, high)
     yaw_bounds = []
     for square in squares:
         bare = square.thrust * given + share * square.tilt
@@ -166,7 +165,7 @@ def _within_limits(priority: Priority, thrust: Row, tau_z: Row, low: Row, high: 
 
 
 def _roll_pitch_first(squares: Sequence[_Square], thrust: Row, tau_z: Row, low: Row, high: Row) -> tuple[Row, Row]:
-    """Keep as much roll and pitch torque as any thrust allows, then the nearest thrust; return thrust and share."""
+    """Return the thrust and the share for the largest share at any thrust, and then the nearest thrust."""
     share = _largest_share(_share_bounds(squares, tau_z, low, high))
     bounds = [
         _between(bound.least - bound.tilt * share, bound.most - bound.tilt * share, factor)
@@ -176,7 +175,7 @@ def _roll_pitch_first(squares: Sequence[_Square], thrust: Row, tau_z: Row, low: 
 
 
 def _thrust_first(squares: Sequence[_Square], thrust: Row, tau_z: Row, low: Row, high: Row) -> tuple[Row, Row]:
-    """Keep the nearest thrust that needs no torque, then as much roll and pitch torque as this thrust allows."""
+    """Return the thrust and the share for the nearest thrust without torque, and then the largest share."""
     given = _nearest(thrust, [(low / square.thrust, high / square.thrust) for square in squares])
     bounds = [
         _Bound(bound.tilt, bound.least - factor * given, bound.most - factor * given)
@@ -185,19 +184,20 @@ def _thrust_first(squares: Sequence[_Square], thrust: Row, tau_z: Row, low: Row,
     return given, _largest_share(bounds)
 
 
-_GIVEN: dict[Priority, Callable[..., tuple[Row, Row]]] = {
+_THRUST_AND_SHARE: dict[Priority, Callable[..., tuple[Row, Row]]] = {
     "roll_pitch": _roll_pitch_first,
     "thrust": _thrust_first,
 }
 
 
 def _thrust_and_share_bounds(squares: Sequence[_Square], tau_z: Row, low: Row, high: Row) -> list[tuple[Row, _Bound]]:
-    """Return what the limits leave to thrust and share together with some yaw torque between zero and tau_z.
+    """Return the bounds on thrust and share for which some yaw torque between zero and tau_z is feasible.
 
-    Each rotor bounds them with the yaw torque that helps most, and each two rotors bound them whatever the yaw torque.
+    Each rotor gives a bound with its most favourable yaw torque. Each pair of rotors gives one that does not depend on
+    the yaw torque.
 
     Returns:
-        Factors and bounds: least <= factor * thrust + tilt * share <= most.
+        Factors and bounds of the inequalities least <= factor * thrust + tilt * share <= most.
     """
     bounds = [(square.thrust, _Bound(square.tilt, *_widened(low, high, square.yaw * tau_z))) for square in squares]
     for one, other in combinations(squares, 2):
@@ -207,10 +207,10 @@ def _thrust_and_share_bounds(squares: Sequence[_Square], tau_z: Row, low: Row, h
 
 
 def _share_bounds(squares: Sequence[_Square], tau_z: Row, low: Row, high: Row) -> list[_Bound]:
-    """Return what the limits leave to the share with some thrust and some yaw torque between zero and tau_z.
+    """Return the bounds on the share for which some thrust and some yaw torque between zero and tau_z are feasible.
 
-    Each two rotors bound it, whatever the thrust, with the yaw torque that helps most, and each three rotors bound it
-    whatever thrust and yaw torque.
+    Each pair of rotors gives a bound that does not depend on the thrust, with its most favourable yaw torque. Each
+    triple of rotors gives one that depends on neither thrust nor yaw torque.
     """
     bounds = []
     for one, other in combinations(squares, 2):
@@ -224,24 +224,24 @@ def _share_bounds(squares: Sequence[_Square], tau_z: Row, low: Row, high: Row) -
 
 
 def _turn(one: _Square, other: _Square, squares: Sequence[_Square]) -> Row:
-    """Return the determinant of what two rotors' squared speeds take of thrust and yaw torque."""
+    """Return the determinant of two rotors' coefficients of thrust and yaw torque."""
     size = sum(square.thrust for square in squares) * sum(abs(square.yaw) for square in squares)
     return _without_rounding(one.thrust * other.yaw - other.thrust * one.yaw, size)
 
 
 def _without_rounding(coefficient: Row, size: Row) -> Row:
-    """Return a coefficient, or exactly zero where it is nothing but rounding beside others of some size."""
+    """Return a coefficient, or exactly zero if it is only a rounding error compared with `size`."""
     return where(abs(coefficient) <= _MIN_COEFFICIENT * size, 0.0, coefficient)
 
 
 def _range(weights: Sequence[Row], low: Row, high: Row) -> tuple[Row, Row]:
-    """Return the least and the largest weighted sum of squared speeds between two limits."""
+    """Return the smallest and the largest weighted sum of squared speeds that lie between two limits."""
     up, down = sum(maximum(weight, 0.0) for weight in weights), sum(minimum(weight, 0.0) for weight in weights)
     return up * low + down * high, up * high + down * low
 
 
 def _widened(least: Row, most: Row, yaw: Row) -> tuple[Row, Row]:
-    """Return the limits of a sum without the part of it that yaw torque takes, which is between zero and `yaw`."""
+    """Return the limits of a sum after subtracting the contribution of yaw torque, between zero and `yaw`."""
     return least - maximum(yaw, 0.0), most - minimum(yaw, 0.0)
 
 
@@ -255,7 +255,7 @@ def _largest_share(bounds: Sequence[_Bound]) -> Row:
 
 
 def _between(least: Row, most: Row, factor: Row) -> tuple[Row, Row]:
-    """Return the least and the largest x with least <= factor * x <= most; any x does for a factor of zero."""
+    """Return the smallest and the largest x with least <= factor * x <= most; unbounded for a factor of zero."""
     rising, free = factor > 0.0, factor == 0.0
     inverse = 1.0 / where(free, 1.0, factor)
     down, up = where(rising, least, most) * inverse, where(rising, most, least) * inverse
@@ -263,7 +263,7 @@ def _between(least: Row, most: Row, factor: Row) -> tuple[Row, Row]:
 
 
 def _nearest(wanted: Row, bounds: Sequence[tuple[Row, Row]]) -> Row:
-    """Return the number nearest to a wanted one between all of some bounds."""
+    """Return the number nearest to `wanted` that satisfies all bounds (smallest, largest)."""
     least, most = -_UNBOUNDED, _UNBOUNDED
     for down, up in bounds:
         least, most = maximum(down, least), minimum(up, most)
@@ -271,19 +271,19 @@ def _nearest(wanted: Row, bounds: Sequence[tuple[Row, Row]]) -> Row:
 
 
 def _fitting(room: Row, demand: Row) -> Row:
-    """Return the share of a demand for which there is room, at most 1, and 1 where nothing is demanded."""
+    """Return the share of a demand for which there is room, at most 1; the share is 1 if the demand is zero."""
     room = room + _TINY
     return room / maximum(demand, room)
 
 
 class _Pairs(NamedTuple):
-    """What a wrench takes of the squared speeds of paired rotors.
+    """Contributions of a wrench to the squared speeds of paired rotors.
 
     Attributes:
-        level: of each rotor, for the thrust.
-        pair_13: of rotor 1, and the negative of rotor 3, for roll and pitch torque.
-        pair_24: of rotor 2, and the negative of rotor 4, for roll and pitch torque.
-        yaw: of rotors 1 and 3, and the negative of rotors 2 and 4, for yaw torque.
+        level: contribution of the thrust, the same for all rotors.
+        pair_13: contribution of roll and pitch torque to rotor 1; that to rotor 3 has the opposite sign.
+        pair_24: contribution of roll and pitch torque to rotor 2; that to rotor 4 has the opposite sign.
+        yaw: contribution of yaw torque to rotors 1 and 3; that to rotors 2 and 4 has the opposite sign.
     """
 
     level: Row
@@ -293,18 +293,18 @@ class _Pairs(NamedTuple):
 
 
 def allocate_to_pairs(wrench: Wrench, rotors: RotorModel, priority: Priority = "roll_pitch") -> Allocated:
-    """Return what `allocate` does, with fewer operations, for rotors that are alike and in opposite pairs.
+    """Return the result of `allocate`, with fewer operations, for equal rotors in opposite pairs.
 
     A plus, an x and an h have such rotors. Their squared speeds are
 
         1, 3: level ± pair_13 + yaw        2, 4: level ± pair_24 - yaw
 
-    so that roll and pitch torque leave an interval to the yaw torque.
+    so that the yaw torque is limited to an interval for given thrust and roll and pitch torque.
 
     Args:
-        wrench: commanded.
-        rotors: the autopilot's model of them.
-        priority: the part of the wrench that is kept first.
+        wrench: commanded wrench.
+        rotors: autopilot's model of the rotors.
+        priority: part of the wrench that is kept first.
     """
     thrust, tau_x, tau_y, tau_z = wrench
     mixer, min_speed, max_speed = rotors
@@ -340,10 +340,11 @@ def allocate_to_pairs(wrench: Wrench, rotors: RotorModel, priority: Priority = "
 
 
 def _paired_roll_pitch_first(wanted: _Pairs, low: Row, high: Row) -> tuple[Row, Row]:
-    """Return the level nearest to the wanted one that leaves room for the largest share, and that share.
+    """Return the level nearest to the wanted one that permits the largest share, and this share.
 
-    Half way between the limits each pair has room for half their distance, without any yaw. What the pairs then leave
-    of that room limits the levels level + yaw and level - yaw of the pairs around the middle.
+    The share is limited by half the distance between the limits, for a pair at the middle level without yaw. The part
+    of this distance that a pair does not use limits the deviation of its level, level + yaw or level - yaw, from the
+    middle.
     """
     half, middle = 0.5 * (high - low), 0.5 * (high + low)
     size_13, size_24 = abs(wanted.pair_13), abs(wanted.pair_24)
@@ -357,9 +358,9 @@ def _paired_roll_pitch_first(wanted: _Pairs, low: Row, high: Row) -> tuple[Row, 
 
 
 def _paired_thrust_first(wanted: _Pairs, low: Row, high: Row) -> tuple[Row, Row]:
-    """Return the level nearest to the wanted one, and the largest share for which it leaves room.
+    """Return the feasible level nearest to the wanted one, and the largest share at this level.
 
-    Room is also needed for a yaw between zero and the wanted one.
+    Some yaw between zero and the wanted one must also be feasible.
     """
     level = minimum(maximum(wanted.level, low), high)
     size_13, size_24 = abs(wanted.pair_13), abs(wanted.pair_24)
@@ -380,7 +381,7 @@ _PAIRED_LEVEL_AND_SHARE: dict[Priority, Callable[[_Pairs, Row, Row], tuple[Row, 
 
 @fleet_system(float, AutoDiffXd)
 class Allocation(FleetSystem):
-    """Rotor speeds for a commanded wrench, on board the vehicle.
+    """Control allocation on board the vehicle, from a commanded wrench to rotor speeds.
 
     .. pydrake_system::
 
@@ -391,15 +392,15 @@ class Allocation(FleetSystem):
         - rotor_speed_command_and_shortfall
 
     The output packs the two signals of `Allocated`: `rotor_speed_command`, the inverse of eq (5) within the rotors'
-    limits, and `shortfall`, the part of the `wrench` that is given up.
+    limits, and `shortfall`, the part of the `wrench` that the rotors cannot produce.
 
     The only parameter of the context is `rotors`.
 
     Args:
         num_vehicles: N.
-        paired: whether the rotors are known to be alike and in opposite pairs, which saves operations.
-        priority: the part of the wrench that is kept first where the rotors cannot give the whole wrench.
-        numbers: the autopilot's model of the rotors.
+        paired: True if all rotors are equal and in opposite pairs, which saves operations.
+        priority: part of the wrench that is kept first if the rotors cannot produce the whole wrench.
+        numbers: autopilot's model of the rotors.
     """
 
     def declare(

@@ -1,22 +1,23 @@
-"""How body rates change the attitude, and how a step integrates the attitude.
+"""Attitude kinematics: rates of the attitude for body rates, and integration of the attitude over a time step.
 
-Ports and states hold roll, pitch and yaw, whose rates are infinite at a pitch of 90°. A step therefore integrates the
-quaternion ε of the rotation since its beginning, which has no singularity:
+Ports and states contain roll, pitch and yaw, whose rates are infinite at a pitch of 90°. A time step therefore
+integrates the quaternion ε of the rotation since its start, which has no singularity:
 
     R_WB(t) = R_WB(0) R(ε),    ε̇ = ½ ε ∘ (0, p, q, r),    ε(0) = 1
 
-R(ε) divides by |ε|², which is 1 up to the error of the integration. The end of the step converts the rotation back to
-angles:
+R(ε) omits the division by |ε|², which is 1 up to the integration error. At the end of the step, the rotation is
+converted back to angles:
 
 - The pitch is between -90° and 90°, and the roll between -180° and 180°.
-- The yaw is not wrapped: a step changes it by at most 180°, and a vehicle that flies round a circle keeps counting.
+- The yaw is not wrapped: a step changes it by at most 180°, and the yaw of a vehicle that flies in circles grows beyond
+  180°.
 - At a pitch of ±90° the rotation determines only the sum or the difference of roll and yaw. The yaw is then arbitrary,
-  and the roll follows from the rotation and that yaw, so that the three angles give the rotation back to rounding.
+  and the roll follows from the rotation and that yaw, so that the three angles reproduce the rotation up to rounding.
 
-A vehicle that turns over thus has a roll and a yaw that jump by 180°, and a rotation that does not jump.
+When a vehicle pitches over, roll and yaw jump by 180°, but the rotation is continuous.
 
-Eq (3) of the paper takes p, q, r for the rates of roll, pitch and yaw. With these small-angle kinematics nothing is
-singular, and a step integrates the angles themselves.
+Eq (3) of the paper replaces the rates of roll, pitch and yaw by p, q, r. These small-angle kinematics have no
+singularity, and a step integrates the angles themselves.
 """
 
 from collections.abc import Callable
@@ -30,11 +31,11 @@ from drake_quad.signals import Attitude, BodyRates, Row
 
 
 class IntegratedAttitude(Protocol):
-    """Attitude of a vehicle over a step, in coordinates that the step integrates."""
+    """Attitude of a vehicle over a time step, in the coordinates that the step integrates."""
 
     @property
     def start(self) -> Any:
-        """Coordinates at the beginning of the step, a record of rows."""
+        """Coordinates at the start of the step, a record of rows."""
 
     def axes(self, coordinates: Any) -> BodyAxes:
         """Return the axes of B in W."""
@@ -47,11 +48,11 @@ class IntegratedAttitude(Protocol):
 
 
 class AttitudeKinematics(NamedTuple):
-    """How body rates change the attitude.
+    """Kinematics of the attitude.
 
     Attributes:
-        angle_rates: the rates of roll, pitch and yaw (rad/s) for body rates at an attitude.
-        integrated: the attitude over a step, for that at its beginning.
+        angle_rates: function that returns the rates of roll, pitch and yaw (rad/s) for body rates and an attitude.
+        integrated: function that returns the attitude over a step for the attitude at the start of the step.
     """
 
     angle_rates: Callable[[BodyRates, Attitude], Attitude]
@@ -59,12 +60,12 @@ class AttitudeKinematics(NamedTuple):
 
 
 class RotationSince(NamedTuple):
-    """Rotation since the beginning of a step.
+    """Attitude over a time step, as the rotation since the start of the step.
 
     Attributes:
-        beginning: the attitude there.
-        tilt: its roll and pitch.
-        sin_yaw: sine of its yaw ψ.
+        beginning: attitude at the start of the step.
+        tilt: roll and pitch at the start of the step.
+        sin_yaw: sine of the yaw ψ at the start of the step.
         cos_yaw: cosine of ψ.
     """
 
@@ -75,12 +76,12 @@ class RotationSince(NamedTuple):
 
     @classmethod
     def of(cls, attitude: Attitude) -> "RotationSince":
-        """Return the rotation since an attitude."""
+        """Return the rotation of a step that starts with an attitude."""
         return cls(attitude, Tilt.of(attitude.roll, attitude.pitch), *sin_cos(attitude.yaw))
 
     @property
     def start(self) -> Quaternion:
-        """No rotation."""
+        """Quaternion of no rotation."""
         return NO_ROTATION
 
     def axes(self, coordinates: Quaternion) -> BodyAxes:
@@ -90,33 +91,33 @@ class RotationSince(NamedTuple):
         return BodyAxes._make(self._in_world(self.tilt.in_heading(axis)) for axis in coordinates.axes())
 
     def rates(self, coordinates: Quaternion, body_rates: BodyRates) -> Quaternion:
-        """Return the rates of the quaternion, per second."""
+        """Return the time derivative of the quaternion, 1/s."""
         return coordinates.rates(body_rates)
 
     def attitude(self, coordinates: Quaternion) -> Attitude:
         """Return roll, pitch and yaw after a rotation.
 
-        The yaw changes by its angle from the heading at the beginning, so that a vehicle that does not turn keeps it to
-        the bit.
+        The yaw is the sum of the yaw at the start and the change of heading, so that it stays exactly the same if the
+        vehicle does not turn.
         """
         angles = BodyAxes._make(self.tilt.in_heading(axis) for axis in coordinates.axes()).angles()
         return angles._replace(yaw=self.beginning.yaw + angles.yaw)
 
     def _in_world(self, vector: Vector) -> Vector:
-        """Rz(ψ) v: a vector along the axes of the heading at the beginning, along those of W."""
+        """Return Rz(ψ) v, a vector in W for its components in the heading frame at the start of the step."""
         x, y, z = vector
         return Vector(self.cos_yaw * x - self.sin_yaw * y, self.sin_yaw * x + self.cos_yaw * y, z)
 
 
 RIGID_KINEMATICS = AttitudeKinematics(angle_rates, RotationSince.of)
-"""Eq (2)."""
+"""Kinematics of a rigid body, eq (2)."""
 
 
 class IntegratedAngles(NamedTuple):
-    """Roll, pitch and yaw over a step, under small-angle kinematics.
+    """Attitude over a time step, as roll, pitch and yaw under small-angle kinematics.
 
     Attributes:
-        start: the angles at the beginning.
+        start: angles at the start of the step.
     """
 
     start: Attitude
@@ -139,4 +140,4 @@ def _same(body_rates: BodyRates, attitude: Attitude) -> Attitude:
 
 
 SMALL_ANGLE_KINEMATICS = AttitudeKinematics(_same, IntegratedAngles)
-"""What eq (3) takes for (2): p, q, r are the rates of roll, pitch and yaw."""
+"""Small-angle kinematics of eq (3), in which p, q, r are the rates of roll, pitch and yaw."""

@@ -1,7 +1,8 @@
-"""The equations of motion, numbered as in the paper.
+"""Equations of motion, numbered as in the paper.
 
-World frame W: Z up. Body frame B: origin at the centre of mass, x forward, y to the left, z up. Rotor i is at (xᵢ, yᵢ)
-from the origin of the layout and turns in the direction sᵢ, 1 for anticlockwise seen from above and -1 for clockwise.
+The world frame W has Z up. The body frame B has its origin at the centre of mass, x forward, y to the left, and z up.
+Rotor i is at (xᵢ, yᵢ) relative to the origin of the layout. Its direction of rotation sᵢ is 1 for anticlockwise seen
+from above and -1 for clockwise.
 
     (1) R_WB = Rz(ψ) Ry(θ) Rx(φ)
     (2) (p, q, r)ᵀ = [1 0 -sθ; 0 cφ sφcθ; 0 -sφ cφcθ] (φ̇, θ̇, ψ̇)ᵀ, in `drake_quad.vehicle.attitude_kinematics`
@@ -9,16 +10,17 @@ from the origin of the layout and turns in the direction sᵢ, 1 for anticlockwi
     (4) ω_r = Σ sᵢ ωᵢ
     (5) F_z = Σ bᵢ ωᵢ², τ_x = Σ (yᵢ - c_y) bᵢ ωᵢ², τ_y = -Σ (xᵢ - c_x) bᵢ ωᵢ², τ_z = -Σ sᵢ dᵢ ωᵢ²
 
-with the centre of mass at (c_x, c_y) from there. The paper's vehicle is a plus: rotor 1 is in front, 2 to the
-right, 3 at the back, 4 to the left, all at l from the centre of mass; 1 and 3 turn clockwise. There
+The centre of mass is at (c_x, c_y) relative to the origin of the layout. The paper's vehicle is a plus: rotor 1 is in
+front, 2 to the right, 3 at the back, 4 to the left, all at a distance l from the centre of mass. Rotors 1 and 3 turn
+clockwise. For this vehicle
 
     (4) ω_r = -ω₁ + ω₂ - ω₃ + ω₄
     (5) F_z = Σ b ωᵢ², τ_x = l b (ω₄² - ω₂²), τ_y = l b (ω₃² - ω₁²), τ_z = d (ω₁² - ω₂² + ω₃² - ω₄²)
 
 Drag acts at the centre of mass.
 
-The rotors' spin enters as the gyroscopic torque of the total angular momentum J_r ω_r along z; the reaction to its
-rate of change is left out, as in the paper, unless it is switched on (`drake_quad.vehicle.effects`).
+The rotors cause the gyroscopic torque of their total angular momentum J_r ω_r along z. As in the paper, the reaction to
+its rate of change is neglected, unless it is switched on (`drake_quad.vehicle.effects`).
 """
 
 from collections.abc import Sequence
@@ -34,7 +36,7 @@ from drake_quad.vehicle.rotors import Rotors
 
 
 class Motion(NamedTuple):
-    """Velocity and body rates of the vehicle; or its accelerations, per second."""
+    """Velocity and body rates of the vehicle, or their time derivatives."""
 
     v_x: VelocityW
     v_y: VelocityW
@@ -45,7 +47,7 @@ class Motion(NamedTuple):
 
     @classmethod
     def of(cls, state: State) -> "Motion":
-        """Return the motion of a state."""
+        """Return the velocity and body rates of a state."""
         _, _, _, _, _, _, *motion = state
         return cls(*motion)
 
@@ -91,7 +93,7 @@ def _sum(rows: Sequence[Row]) -> Row:
 
 
 def mean_place_of_rotors(parameters: QuadrotorParameters) -> Vector:
-    """Return the mean of the rotors' four places, seen from the centre of mass (m)."""
+    """Return the mean position of the four rotors relative to the centre of mass, m."""
     rotors, centre = parameters.rotors, parameters.centre_of_mass
     x, y, z = (0.25 * _sum([getattr(rotor, axis) for rotor in rotors]) for axis in ("x", "y", "z"))
     return Vector(x - centre.x, y - centre.y, z)
@@ -118,15 +120,15 @@ def equations_of_motion(
     parameters: QuadrotorParameters,
     force: Vector | None = None,
 ) -> Motion:
-    """Return the accelerations of the vehicle: eq (3) without its kinematics.
+    """Return the linear and angular accelerations of the vehicle, which are eq (3) without the kinematics.
 
     Args:
-        axes: of B in W.
-        motion: of the vehicle.
-        rotors: their action on the body.
-        wind: velocity of the air.
-        parameters: of the vehicle.
-        force: on the centre of mass in W beside thrust, drag and weight, N; None if there is none.
+        axes: axes of B in W.
+        motion: velocity and body rates of the vehicle.
+        rotors: action of the rotors on the body.
+        wind: velocity of the air in W.
+        parameters: parameters of the vehicle.
+        force: force on the centre of mass in W, in addition to thrust, drag and weight, N; None if there is none.
     """
     v_x, v_y, v_z, p, q, r = motion
     thrust, tau_x, tau_y, tau_z = rotors.wrench

@@ -22,11 +22,11 @@ from drake_quad.vehicle.slung_load import Rod, pull, rod_rates
 
 
 class Accelerations(NamedTuple):
-    """Accelerations of the vehicle, and the rates of the rod of a slung load, per second.
+    """Time derivatives of the motion of the vehicle and of the rod of a slung load.
 
     Attributes:
-        motion: of the vehicle.
-        rod: None if there is no slung load.
+        motion: linear and angular accelerations of the vehicle.
+        rod: derivatives of the direction of the rod and of its rate; None if there is no slung load.
     """
 
     motion: Motion
@@ -70,15 +70,15 @@ def accelerations(
     """Return the accelerations of the vehicle and of a slung load.
 
     Args:
-        axes: of B in W.
-        motion: of the vehicle.
-        rod: that carries a slung load; None if there is none.
-        height: of the vehicle in W, which only the effect of the ground asks for.
-        rotors: at this instant.
-        wind: velocity of the air.
-        parameters: of the vehicle.
-        effects: on the vehicle.
-        time: which only a payload asks for, s.
+        axes: axes of B in W.
+        motion: velocity and body rates of the vehicle.
+        rod: rod of a slung load; None if there is none.
+        height: height of the vehicle in W, m; it only matters for ground effect.
+        rotors: speeds of the rotors and their action on the body at this instant.
+        wind: velocity of the air in W.
+        parameters: parameters of the vehicle.
+        effects: effects on the vehicle.
+        time: time, s; it only matters for a payload.
     """
     action, force = rotors.action, None
     if effects.ground_effect is not None:
@@ -114,7 +114,7 @@ def _in_air(
     parameters: QuadrotorParameters,
     effects: Effects,
 ) -> tuple[RotorAction, Vector]:
-    """What rotors do with the air's torques and force along z of B added, and the rest of its force, in W (N)."""
+    """Return the action of the rotors with the torques and the z_B force of the air, and the other forces in W, N."""
     in_world = Vector(wind.x - motion.v_x, wind.y - motion.v_y, wind.z - motion.v_z)
     air = axes.in_body(in_world)
     loads = []
@@ -154,7 +154,7 @@ def _with_payload(
     body: Whole,
     parameters: QuadrotorParameters,
 ) -> Motion:
-    """Return the accelerations of a vehicle that carries a payload, under a force in W without weight (N)."""
+    """Return the accelerations of a vehicle with a payload, for a force in W that excludes the weight, N."""
     _, *torque = action.wrench
     spin = parameters.rotor_inertia * action.residual
     moved, turned = whole_accelerations(

@@ -137,8 +137,8 @@ class AllocatedThrottle(NamedTuple):
     """Result of an allocation.
 
     Attributes:
-        throttle_command: the throttles that give the wrench, or the part of it that the rotors can give.
-        shortfall: the part of the wrench that is given up, exactly zero where nothing is.
+        throttle_command: throttles that produce the wrench, or the part of it that the rotors can produce.
+        shortfall: part of the wrench that the rotors cannot produce, exactly zero for parts that are kept.
     """
 
     throttle_command: Throttle
@@ -151,12 +151,12 @@ def allocate_throttle(
     priority: Priority = "roll_pitch",
     allocation: Callable[[Wrench, RotorModel, Priority], Allocated] = allocate,
 ) -> AllocatedThrottle:
-    """Return the throttles in [0, 1] for a wrench, and the part of the wrench that is given up.
+    """Return the throttles in [0, 1] for a wrench, and the part of the wrench that the rotors cannot produce.
 
     Args:
-        wrench: commanded.
-        model: of the rotors.
-        priority: the part of the wrench that is kept first.
+        wrench: commanded wrench.
+        model: autopilot's model of the motors.
+        priority: part of the wrench that is kept first.
         allocation: `allocate` or `allocate_to_pairs`.
     """
     rotors, b, curve = model
@@ -169,7 +169,7 @@ def allocate_throttle(
 
 @fleet_system(float, AutoDiffXd)
 class ThrottleAllocation(FleetSystem):
-    """Throttles for a commanded wrench, on board a vehicle whose motors take throttles.
+    """Control allocation on board a vehicle whose motors take throttles.
 
     .. pydrake_system::
 
@@ -179,16 +179,16 @@ class ThrottleAllocation(FleetSystem):
         output_ports:
         - throttle_command_and_shortfall
 
-    The output packs the two signals of `AllocatedThrottle`: rotor speeds as `Allocation` finds them, each turned into a
-    throttle by the believed curve, T = K₀ + K₁ u + K₂ u².
+    The output packs the two signals of `AllocatedThrottle`. The rotor speeds are those of an `Allocation`, each
+    converted to a throttle u by the autopilot's thrust curve T = K₀ + K₁ u + K₂ u².
 
     The only parameter of the context is `model`.
 
     Args:
         num_vehicles: N.
-        paired: whether the rotors are known to be alike and in opposite pairs, which saves operations.
-        priority: the part of the wrench that is kept first where the rotors cannot give the whole wrench.
-        numbers: the autopilot's model of the motors; its curve rises over [0, 1].
+        paired: True if all rotors are equal and in opposite pairs, which saves operations.
+        priority: part of the wrench that is kept first if the rotors cannot produce the whole wrench.
+        numbers: autopilot's model of the motors, whose thrust curve increases over [0, 1].
     """
 
     def declare(self, *, paired: bool = False, priority: Priority = "roll_pitch", numbers: ThrottleModel) -> None:

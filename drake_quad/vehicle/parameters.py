@@ -18,7 +18,7 @@ class Inertia(NamedTuple):
 
 
 class CentreOfMass(NamedTuple):
-    """Where the centre of mass is, seen from the origin of the rotors' layout."""
+    """Position of the centre of mass relative to the origin of the rotors' layout."""
 
     x: Length = 0.0
     y: Length = 0.0
@@ -30,18 +30,19 @@ class QuadrotorParameters(NamedTuple):
     Each row is a number for one vehicle or an (N,) array for a fleet.
 
     Attributes:
-        mass: m.
-        inertia: I_xx, I_yy, I_zz about the centre of mass.
-        rotor_inertia: J_r of one rotor with its motor.
-        rotors: where they are, which way they turn, and their factors b and d.
-        gravity: g.
-        linear_drag: drag force over airspeed. The paper ignores drag: 0.
-        quadratic_drag: drag force over squared airspeed. The paper ignores drag: 0.
-        rotor_time_constant: lag of the rotor speed behind its command. Not in the paper; 50 ms is what hobby-class
-            motors of this size show in step tests.
-        min_rotor_speed: idle. Not in the paper; a fifth of the top speed.
-        max_rotor_speed: not in the paper; it gives 2.2 times the thrust of hover, a usual ratio.
-        centre_of_mass: in B's axes, seen from the origin of the rotors' layout. In the paper it is there: 0.
+        mass: mass m.
+        inertia: moments of inertia I_xx, I_yy, I_zz about the centre of mass.
+        rotor_inertia: moment of inertia J_r of one rotor with its motor.
+        rotors: positions, directions of rotation, and factors b and d of the rotors.
+        gravity: gravitational acceleration g.
+        linear_drag: ratio of drag force to airspeed. The paper neglects drag: 0.
+        quadratic_drag: ratio of drag force to squared airspeed. The paper neglects drag: 0.
+        rotor_time_constant: time constant of the lag from the command to the rotor speed. It is not in the paper; 50 ms
+            is typical of hobby-class motors of this size in step tests.
+        min_rotor_speed: idle speed. It is not in the paper; a fifth of the maximum speed.
+        max_rotor_speed: maximum speed. It is not in the paper; it gives 2.2 times the thrust of hover, a usual ratio.
+        centre_of_mass: position relative to the origin of the rotors' layout, along the axes of B. It is 0 in the
+            paper.
     """
 
     mass: _Mass = 0.68

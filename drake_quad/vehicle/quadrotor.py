@@ -73,7 +73,7 @@ _OUTPUTS = {"state": _body, "rotor_speed": _rotors, "swing": _swing, "charge": _
 
 @fleet_system(float, AutoDiffXd, Expression)
 class Quadrotor(FleetSystem):
-    """Rigid body and rotors of a quadrotor, or of a fleet of them.
+    """Rigid body and rotors of a quadrotor, or of a fleet of quadrotors.
 
     .. pydrake_system::
 
@@ -88,46 +88,48 @@ class Quadrotor(FleetSystem):
         - swing
         - charge
 
-    Eqs (1) to (5) of the paper (`drake_quad.vehicle.dynamics`). Commands beyond the rotors' limits are clipped. A
-    `wind` that is not connected is still air. A vehicle for which `crashed` is not zero stays as it is; not connected,
-    all fly.
+    The system implements eqs (1) to (5) of the paper (`drake_quad.vehicle.dynamics`). Commands beyond the rotors'
+    limits are clipped. If `wind` is not connected, the air is still. The state of a vehicle is frozen while `crashed`
+    is not zero; if the port is not connected, all vehicles fly.
 
-    With a time step the state is discrete, in the groups `state` and `rotor_speed`, and a periodic unrestricted update
-    integrates the interval just elapsed with the inputs held over it, so that whatever samples at the same instant
-    sees the new state:
+    With a time step the state is discrete, in the groups `state` and `rotor_speed`. A periodic unrestricted update
+    integrates the elapsed interval with the inputs held over it, so that systems that sample at the same instant see
+    the new state:
 
         t = 0        h        2h
         inputs ●━━━━━○
                ●━━━━━→ state at h, seen by the discrete updates at h
 
-    The update at time zero does nothing. A step takes the faults at its middle. It integrates the attitude as a
-    quaternion, so that the vehicle may turn over. After a step the pitch is between -π/2 and π/2 and the roll between
-    -π and π; the yaw counts whole turns.
+    The update at time zero does nothing. The faults at the middle of a step apply to the whole step. A step integrates
+    the attitude as a quaternion, so that the vehicle can turn over. After a step the pitch is between -π/2 and π/2, and
+    the roll between -π and π. The yaw is not wrapped.
 
     With `time_step=0` the state is continuous, a `VehicleState`, for `Linearize` and for integrators with error
-    control. The rates of roll and yaw are infinite at a pitch of ±π/2, and that of a slung load's roll where its rod is
-    horizontal along X. An integrator with error control takes shorter steps near them; one with a fixed step is wrong
-    there. A simulation with error control has to be advanced to the instant just before a rotor fails, or a payload
-    comes or goes, and from there to that instant, since no step is short enough to cross the jump of the forces.
+    control. The state is singular where the pitch is ±π/2 (infinite rates of roll and yaw), and where the rod of a
+    slung load is horizontal along X (infinite rate of its roll). An integrator with error control takes shorter steps
+    near these singularities; a fixed-step integrator is inaccurate there. The forces jump when a rotor fails or a
+    payload is picked up or dropped. No step is short enough to cross such a jump, so a simulation with error control
+    must be advanced to the instant just before it, and then to the instant itself.
 
-    Effects (`drake_quad.vehicle.effects`) act beside the paper's equations. With a `slung_load` and with a `battery`
-    there are states and outputs of these, `swing` and `charge`; with a `thrust_curve` the commands are throttles, at
-    the input `throttle_command` in place of `rotor_speed_command`.
+    Effects (`drake_quad.vehicle.effects`) extend the paper's equations. A `slung_load` adds the state and output
+    `swing`, and a `battery` adds `charge`. With a `thrust_curve` the commands are throttles, at the input
+    `throttle_command` in place of `rotor_speed_command`.
 
-    The parameters of the context are `parameters` and, for a vehicle that is faulty, `faults`, and, for one with
-    effects, `effects`. Expression knows neither faults nor the effects that depend on a case: `spin_down`, `payload`.
+    The parameters of the context are `parameters`, for vehicles with faults also `faults`, and for vehicles with
+    effects also `effects`. The scalar type Expression supports neither faults nor the effects `spin_down` and
+    `payload`, which depend on a case distinction.
 
     Args:
         num_vehicles: N.
-        time_step: h in seconds, 10 ms by default; 0 for a continuous state.
-        kinematics: "exact", or "small_angle" for the last three lines of eq (3) as the paper has them.
-        faulty: whether rotors may have faults.
-        effects: names of those that are switched on.
-        numbers: of the vehicles.
+        time_step: time step h, s, 10 ms by default; 0 for a continuous state.
+        kinematics: "exact", or "small_angle" for the last three lines of eq (3) as in the paper.
+        faulty: True if rotors may have faults.
+        effects: names of the effects that are switched on.
+        numbers: parameters of the vehicles.
 
     Raises:
-        ValueError: an effect has no numbers, or there is a slung load beside a payload, which would move the point at
-            which it hangs away from the centre of mass.
+        ValueError: an effect has no parameters, or a slung load is combined with a payload, which would move the
+            attachment point of the load away from the centre of mass.
     """
 
     def declare(

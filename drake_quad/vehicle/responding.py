@@ -149,15 +149,15 @@ def body_slope(
     """Return the time derivative of the body.
 
     Args:
-        body: of the vehicle.
-        rotors: at this instant; only their forces count.
-        target: attitude that is commanded.
-        wind: velocity of the air.
-        parameters: of the vehicle.
-        response: of its attitude.
-        effects: on the vehicle.
+        body: state of the body.
+        rotors: rotors at this instant, of which only the forces matter.
+        target: commanded attitude.
+        wind: velocity of the air in W.
+        parameters: parameters of the vehicle.
+        response: response of the attitude.
+        effects: effects on the vehicle.
     """
-    # Body rates count for the angular acceleration alone, which the response stands in for.
+    # Body rates only affect the angular acceleration, which the response replaces.
     motion = Motion(body.v_x, body.v_y, body.v_z, 0.0, 0.0, 0.0)
     axes = BodyAxes.of(body.roll, body.pitch, body.yaw)
     moving, _ = accelerations(axes, motion, None, body.z, rotors, wind, parameters, effects)
@@ -193,21 +193,21 @@ def responding_step(
     time_step: float,
     kinematics: Kinematics,
 ) -> RespondingState:
-    """The vehicle at the end of a step, by the classical fourth-order Runge–Kutta method, as for a `Quadrotor`.
+    """Return the vehicle at the end of a step of the classical fourth-order Runge–Kutta method, as for a `Quadrotor`.
 
     Args:
-        body: at its beginning.
-        rotors: at its beginning.
-        command: rotor speeds, those beyond the rotors' limits are clipped; or throttles.
-        target: attitude that is commanded.
-        wind: velocity of the air.
-        crashed: a vehicle for which it is not zero stays as it is; None if all fly.
-        parameters: of the vehicle.
-        response: of its attitude.
-        faults: of the rotors, taken at the middle of the step; None if there are none.
-        effects: on the vehicle: of its motors, or of the air.
-        time: at the end of the step, s.
-        time_step: h, s.
+        body: body at the start of the step.
+        rotors: rotors at the start of the step.
+        command: commanded rotor speeds, which are clipped to the rotors' limits, or throttles.
+        target: commanded attitude.
+        wind: velocity of the air in W.
+        crashed: nonzero for a vehicle whose state is frozen; None if all vehicles fly.
+        parameters: parameters of the vehicle.
+        response: response of the attitude.
+        faults: faults of the rotors at the middle of the step; None if there are none.
+        effects: effects of motors and air on the vehicle.
+        time: time at the end of the step, s.
+        time_step: time step h, s.
         kinematics: "exact" or "small_angle".
     """
     half = 0.5 * time_step
@@ -249,7 +249,7 @@ def responding_slope(
     time: Row,
     kinematics: Kinematics,
 ) -> RespondingState:
-    """The time derivative of body and rotors; arguments as for `responding_step`."""
+    """Return the time derivative of body and rotors; arguments are those of `responding_step`."""
     now = VehicleState(shown_state(state.body, _BODY_RATES[kinematics]), state.rotors)
     goal = rotor_target(now, command, parameters, faults, effects, time)
     rotors = turning(state.rotors, goal, parameters, effects)

@@ -1,7 +1,7 @@
-"""Which moments of inertia a rigid body can have.
+"""Condition on the moments of inertia of a rigid body.
 
-About its centre of mass a body has I_xx + I_yy - I_zz = 2 ∫ z² dm, which is not negative; likewise for the other axes.
-So no moment is larger than the sum of the other two. A flat plate has as much about its normal.
+A rigid body has I_xx + I_yy - I_zz = 2 ∫ z² dm, which is not negative. The same holds for the other axes. No moment is
+therefore larger than the sum of the other two. A flat plate attains equality for the axis along its normal.
 """
 
 from collections.abc import Sequence
@@ -9,20 +9,20 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-# Data sheets and papers give moments to two digits or three, which a flat body may round to a little more.
-_ROUNDING = 0.01
+# Data sheets and papers round moments to two or three digits, so those of a flat body may slightly violate the rule.
+_TOLERANCE = 0.01
 _NAMES = ("I_xx", "I_yy", "I_zz")
 
 
 def inertia_flaw(moments: Sequence[float]) -> str:
-    """Return why no rigid body has moments of inertia, in words; empty if one has, up to rounding.
+    """Return the reason why no rigid body has these moments of inertia; empty if one has, up to a tolerance of 1 %.
 
     Args:
         moments: I_xx, I_yy, I_zz, kg m².
     """
     *others, (largest, name) = sorted(zip(moments, _NAMES, strict=True))
     together = sum(moment for moment, _ in others)
-    if largest <= (1.0 + _ROUNDING) * together:
+    if largest <= (1.0 + _TOLERANCE) * together:
         return ""
     names = " + ".join(sorted(other for _, other in others))
     return f"{name}, {largest:.4g}, is larger than {names}, {together:.4g} kg m²"
@@ -33,21 +33,24 @@ def nearest_rigid(
     lowest: Sequence[float] = (0.0, 0.0, 0.0),
     highest: Sequence[float] | None = None,
 ) -> np.ndarray:
-    """Return the nearest moments of inertia, within bounds, that a rigid body can have: (3,) or (3, N), kg m².
+    """Return the nearest moments of inertia, within bounds, that a rigid body can have.
 
-    Moments that a body can have stay as they are, to the bit. Otherwise the largest shrinks and the others grow by as
-    much, up to their bounds.
+    Moments that a rigid body can have are returned exactly. Otherwise the largest moment decreases and the other two
+    increase by the same amount, up to their bounds.
 
     Args:
-        moments: I_xx, I_yy, I_zz, kg m²; each a number or an (N,) array.
-        lowest: bounds from below, kg m²; a moment between equal bounds is fixed.
-        highest: bounds from above, kg m²; none if not given.
+        moments: I_xx, I_yy, I_zz, each a number or an (N,) array, kg m².
+        lowest: lower bounds, kg m²; equal lower and upper bounds fix a moment.
+        highest: upper bounds, kg m²; unbounded if not given.
+
+    Returns:
+        (3,) or (3, N) moments, kg m².
     """
     found = np.array(np.broadcast_arrays(*moments), dtype=float)
     columns = (-1, *[1] * (found.ndim - 1))
     low = np.reshape(lowest, columns)
     high = np.full_like(low, np.inf) if highest is None else np.reshape(highest, columns)
-    # In each pass a moment reaches its bound, or nothing is left to do.
+    # Each pass either removes the excess or moves another moment to its bound, so three passes suffice.
     for _ in _NAMES:
         largest = found == found.max(axis=0)
         excess = np.maximum(0.0, 2.0 * found.max(axis=0) - found.sum(axis=0))

@@ -13,15 +13,15 @@ CLOCKWISE, ANTICLOCKWISE = -1.0, 1.0
 
 
 class Rotor(NamedTuple):
-    """One rotor; its thrust is along z of B.
+    """Rotor whose thrust is along z of B.
 
     Attributes:
-        x: from the origin of the layout, as y and z; it is the middle of a plus and of an x.
-        y: to the left.
-        z: up.
-        direction: 1 if it turns anticlockwise seen from above, -1 if clockwise.
-        thrust_factor: b, thrust over squared speed.
-        drag_factor: d, torque over squared speed.
+        x: forward coordinate relative to the origin of the layout, which is the middle of a plus or an x.
+        y: coordinate to the left, relative to the same origin.
+        z: upward coordinate, relative to the same origin.
+        direction: 1 for a rotor that turns anticlockwise seen from above, -1 for clockwise.
+        thrust_factor: b, ratio of thrust to squared speed.
+        drag_factor: d, ratio of torque to squared speed.
     """
 
     x: Length

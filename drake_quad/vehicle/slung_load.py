@@ -1,8 +1,8 @@
-"""A load on a cable: a point mass on a rod without mass that hangs at the centre of mass of the vehicle.
+"""Slung load: a point mass on a massless rod that is attached to the centre of mass of the vehicle.
 
-The rod is always taut: it pulls, and would push. The load feels no air. With q the direction of the rod from the
-vehicle to the load, l its length, m and m_L the masses, and F the force on the vehicle without its weight and without
-the rod's,
+The rod replaces a taut cable and can also push. The load has no aerodynamic drag. Let q be the direction of the rod
+from the vehicle to the load, l its length, m and m_L the masses, and F the force on the vehicle without its weight and
+without the force of the rod. Then
 
     m a = F - m g z + T q,    m_L (a + l q̈) = -m_L g z - T q
     T = m_L (m l |q̇|² - F · q) / (m + m_L)
@@ -10,15 +10,15 @@ the rod's,
 
 (Sreenath, Michael and Kumar, "Trajectory generation and control of a quadrotor with a cable-suspended load", ICRA
 2013).
-A step integrates q and q̇ along the axes of W. Ports and states hold how the rod turns from the vertical, by its pitch β
-about Y and then by its roll α about X of W, and the rates of these:
+A time step integrates q and q̇ along the axes of W. Ports and states contain the rotation of the rod from the vertical,
+by its pitch β about Y and then by its roll α about X of W, and the rates of these angles:
 
     q = Rx(α) Ry(β) (0, 0, -1)ᵀ = (-sβ, sα cβ, -cα cβ)ᵀ
     q̇ = β̇ e_β + cβ α̇ e_α,    e_β = (-cβ, -sα sβ, cα sβ)ᵀ,    e_α = (0, cα, sα)ᵀ
     q̈ · e_β = β̈ + sβ cβ α̇²,    q̈ · e_α = cβ α̈ - 2 sβ α̇ β̇
 
-α̇ is infinite where the rod is horizontal along X. A step is exact there, and a continuous state is singular. After a
-step β is between -90° and 90°, and α between -180° and 180°.
+α̇ is infinite if the rod is horizontal along X. A continuous state is singular there, but a time step is not. After a
+time step β is between -90° and 90°, and α between -180° and 180°.
 """
 
 from typing import Annotated, NamedTuple
@@ -42,16 +42,17 @@ class SlungLoad(NamedTuple):
 
 HANGING = Swing(0.0, 0.0, 0.0, 0.0)
 
-# Added to -q · z, it keeps 0 / 0 away where the rod is horizontal along X. It changes no component above 1e-14.
-_LEAST_COMPONENT = 1e-30
+# This offset is added to -q · z to avoid 0 / 0 if the rod is horizontal along X. It is too small to change components
+# above 1e-14.
+_COMPONENT_OFFSET = 1e-30
 
 
 class Rod(NamedTuple):
-    """Direction of the rod and its rate; or the rates of these, per second.
+    """Direction of the rod and its rate, or their time derivatives.
 
     Attributes:
-        direction: q, in W.
-        rate: q̇, in W, 1/s.
+        direction: direction q in W.
+        rate: rate q̇ in W, 1/s.
     """
 
     direction: Vector
@@ -59,7 +60,7 @@ class Rod(NamedTuple):
 
 
 def rod_of(swing: Swing) -> Rod:
-    """Return direction and rate of a rod that swings."""
+    """Return the direction and the rate of the rod for a swing."""
     roll, pitch, roll_rate, pitch_rate = swing
     sin_roll, cos_roll = sin_cos(roll)
     sin_pitch, cos_pitch = sin_cos(pitch)
@@ -71,9 +72,9 @@ def rod_of(swing: Swing) -> Rod:
 
 
 def swing_of(rod: Rod) -> Swing:
-    """Return how a rod swings; the direction may be of any length but 0, and the rate is taken across it."""
+    """Return the swing of a rod; its direction need not have unit length, and the rate is projected across it."""
     (x, y, z), rate = rod
-    down = _LEAST_COMPONENT - z
+    down = _COMPONENT_OFFSET - z
     across = sqrt(y * y + down * down)
     size = sqrt(x * x + across * across)
     sin_roll, cos_roll, sin_pitch, cos_pitch = y / across, down / across, -x / size, across / size
@@ -89,10 +90,10 @@ def pull(force: Vector, rod: Rod, mass: Row, load: SlungLoad) -> Vector:
     """Return T q, the force of the rod on the vehicle in W, N.
 
     Args:
-        force: F in W, N.
-        rod: that carries the load.
-        mass: m of the vehicle, kg.
-        load: its numbers.
+        force: force F in W, N.
+        rod: rod of the load.
+        mass: mass m of the vehicle, kg.
+        load: parameters of the load.
     """
     squared_rate = dot(rod.rate, rod.rate)
     tension = load.mass * (mass * load.length * squared_rate - dot(force, rod.direction)) / (mass + load.mass)
@@ -100,7 +101,7 @@ def pull(force: Vector, rod: Rod, mass: Row, load: SlungLoad) -> Vector:
 
 
 def rod_rates(force: Vector, rod: Rod, mass: Row, load: SlungLoad) -> Rod:
-    """Return q̇ and q̈, 1/s and 1/s²; arguments as for `pull`."""
+    """Return q̇ in 1/s and q̈ in 1/s²; arguments are those of `pull`."""
     q = rod.direction
     inverse = -1.0 / (mass * load.length)
     along = dot(force, q) * inverse + dot(rod.rate, rod.rate)
@@ -108,11 +109,11 @@ def rod_rates(force: Vector, rod: Rod, mass: Row, load: SlungLoad) -> Rod:
 
 
 def swing_rates(swing: Swing, acceleration: Vector) -> Swing:
-    """Return the rates of a swing, per second.
+    """Return the time derivative of a swing.
 
     Args:
-        swing: of the load.
-        acceleration: q̈, in W, 1/s².
+        swing: swing of the load.
+        acceleration: second derivative q̈ of the rod's direction in W, 1/s².
     """
     sin_roll, cos_roll = sin_cos(swing.roll)
     sin_pitch, cos_pitch = sin_cos(swing.pitch)

@@ -1,11 +1,11 @@
-"""What the vehicle does under its inputs: a step over an interval in which they are held, or the slope at an instant.
+"""Time steps of the vehicle with constant inputs, and its time derivative at an instant.
 
-The rotors do not feel the rigid body, and their lag behind a held command has a closed form. So the step takes the
-rotors exactly, at the beginning, the middle and the end of the interval, and integrates the rigid body, with a slung
-load if there is one, under their wrench by the classical fourth-order Runge–Kutta method. The attitude is integrated as
-a quaternion (`drake_quad.vehicle.attitude_kinematics`) and the rod of a slung load as a direction in W
-(`drake_quad.vehicle.slung_load`), so that a step has no singularity. A battery is taken as it is at the beginning of
-the step.
+The rotors do not depend on the rigid body, and their lag behind a constant command has a closed form. A step therefore
+evaluates the rotors exactly at its start, middle and end. It integrates the rigid body, and the slung load if there is
+one, under their wrench by the classical fourth-order Runge–Kutta method. The attitude is integrated as a quaternion
+(`drake_quad.vehicle.attitude_kinematics`) and the rod of a slung load as a direction in W
+(`drake_quad.vehicle.slung_load`), so that a step has no singularity. The state of the battery at the start of the step
+applies to the whole step.
 """
 
 from typing import Any, NamedTuple
@@ -68,21 +68,21 @@ def quadrotor_step(
     time_step: float,
     kinematics: AttitudeKinematics,
 ) -> VehicleState:
-    """The vehicle at the end of a step.
+    """Return the vehicle at the end of a step.
 
     Args:
-        body: at its beginning.
-        rotors: at its beginning.
-        swing: of a slung load at its beginning; None if there is none.
-        charge: drawn from the battery at its beginning; None if there is none.
-        command: rotor speeds, those beyond the rotors' limits are clipped; or throttles.
-        wind: velocity of the air.
-        crashed: a vehicle for which it is not zero stays as it is; None if all fly.
-        parameters: of the vehicle.
-        faults: of the rotors, taken at the middle of the step; None if there are none.
-        effects: on the vehicle; a payload is there or not as it is at the middle of the step.
-        time: at the end of the step, s.
-        time_step: h, s.
+        body: rigid body at the start of the step.
+        rotors: rotors at the start of the step.
+        swing: swing of a slung load at the start of the step; None if there is none.
+        charge: charge drawn from the battery up to the start of the step; None if there is no battery.
+        command: commanded rotor speeds, which are clipped to the rotors' limits, or throttles.
+        wind: velocity of the air in W.
+        crashed: nonzero for a vehicle whose state is frozen; None if all vehicles fly.
+        parameters: parameters of the vehicle.
+        faults: faults of the rotors at the middle of the step; None if there are none.
+        effects: effects on the vehicle; a payload counts if it is attached at the middle of the step.
+        time: time at the end of the step, s.
+        time_step: time step h, s.
         kinematics: `RIGID_KINEMATICS` or `SMALL_ANGLE_KINEMATICS`.
     """
     before = VehicleState(body, rotors, swing, charge)
@@ -111,12 +111,12 @@ def rotor_target(
 
 
 class Moving(NamedTuple):
-    """Quantities that a step integrates, all but the position; or their rates, per second.
+    """Quantities that a step integrates, except for the position, or their time derivatives.
 
     Attributes:
         attitude: coordinates of an `IntegratedAttitude`.
         motion: velocity and body rates.
-        rod: of a slung load; None if there is none.
+        rod: rod of a slung load; None if there is none.
     """
 
     attitude: Any
@@ -125,7 +125,7 @@ class Moving(NamedTuple):
 
 
 def moved(moving: Any, slope: Any, time: Row) -> Any:
-    """Return a row, or a record of rows, after a time (s) with a slope; a part that is None stays None."""
+    """Advance a row, or a record of rows, by a time (s) with constant slope; a part that is None stays None."""
     if moving is None:
         return None
     if not isinstance(moving, tuple):
@@ -144,7 +144,7 @@ def step_of_flight(
     time_step: float,
     kinematics: AttitudeKinematics,
 ) -> VehicleState:
-    """Return the vehicle at the end of a step, for one that has not crashed and whose rotors go to a target."""
+    """Return the end of a step of a vehicle that has not crashed, and whose rotors approach a target speed."""
     body, half = before.body, 0.5 * time_step
     decay = decays(before.rotors, target, half, parameters, effects.spin_down)
     middle = lagging(before.rotors, target, decay)
@@ -216,7 +216,7 @@ def quadrotor_slope(
     time: Row,
     kinematics: AttitudeKinematics,
 ) -> VehicleState:
-    """The time derivative of rigid body and rotors; arguments as for `quadrotor_step`."""
+    """Return the time derivative of rigid body and rotors; arguments are those of `quadrotor_step`."""
     body = state.body
     target = rotor_target(state, command, parameters, faults, effects, time)
     rotors = turning(state.rotors, target, parameters, effects)

@@ -36,11 +36,11 @@ def digest(drawing: str) -> str:
 
 
 def svg(drawing: str) -> str:
-    """Renders a drawing as SVG, with the drawing's digest in a comment.
+    """Render a drawing as SVG, with the drawing's digest in a comment.
 
     Raises:
         InputError: Graphviz is not installed.
-        RuntimeError: Graphviz cannot draw it.
+        RuntimeError: Graphviz fails to render the drawing.
     """
     if shutil.which("dot") is None:
         raise InputError(

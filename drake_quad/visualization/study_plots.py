@@ -67,12 +67,12 @@ def plot_distribution(studies: Mapping[str, Study], name: str = "rmse") -> Figur
 
 
 def draw_distribution(axes: Axes, studies: Mapping[str, Study], name: str) -> None:
-    """Draws what `plot_distribution` shows into axes.
+    """Draw the plot of `plot_distribution` into given axes.
 
     Args:
-        axes: to draw into.
-        studies: by controller.
-        name: of the metric.
+        axes: axes to draw into.
+        studies: studies by the name of the controller.
+        name: name of the metric.
     """
     for (controller, study), (color, style) in zip(studies.items(), cycle(_LINES), strict=False):
         values = np.sort(with_crashes(study.metrics, name))
@@ -158,11 +158,11 @@ def _upper_quantile(values: np.ndarray) -> Interval:
 
 
 def plot_influences(study: Study, name: str = "rmse") -> Figure:
-    """Plots a tornado: the mean of a metric where a drawn number is in its least tenth, and in its largest tenth.
+    """Plot a tornado chart of the mean of a metric in the lowest and the highest tenth of each drawn number.
 
     Args:
-        study: whose scenario has distributions.
-        name: of the metric; or "crashed", for the share of crashes.
+        study: study of a scenario with distributions.
+        name: name of the metric, or "crashed" for the share of crashes.
     """
     found = influences(study, name)
     with styled():

@@ -21,9 +21,9 @@ L, _, _ = control.dlqe(PLANT.A, PLANT.B, PLANT.C, np.diag((0.1 * COMMAND) ** 2),
 
 
 class Lqr(LeafSystem):
-    """A regulator of the error in hover, whose state a Kalman filter estimates: a column for each vehicle.
+    """Linear-quadratic regulator for hover with a Kalman filter, whose state has a column for each vehicle.
 
-    The plant is that of a yaw of zero, so the reference must look along X.
+    The plant is linearised at zero yaw, so the yaw of the reference must be zero.
     """
 
     def __init__(self, num_vehicles: int = 1) -> None:

@@ -48,4 +48,4 @@ if __name__ == "__main__":  # worker processes import this file
     print(f"crashes in low wind: {windy.crashed.sum()} of 200")
     if windy.crashed.sum() < 199:
         of_others = mean_interval(windy.rmse[~windy.crashed])
-        print(f"RMSE there of the others: {of_others.text(unit='cm', size=0.01)}")
+        print(f"RMSE in low wind without crashes: {of_others.text(unit='cm', size=0.01)}")

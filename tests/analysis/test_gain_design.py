@@ -579,7 +579,7 @@ def pid_design():
 @pytest.mark.slow
 @pytest.mark.parametrize("integration", ["forward_euler", "backward_euler"])
 def test_a_pid_is_designed_as_it_flies(integration, pid_design):
-    """The poles of its loops are multipliers of the whole diagram with these gains."""
+    """The poles of the designed loops are multipliers of the whole diagram with these gains."""
     scenario, design = pid_design if integration == "forward_euler" else designed_pid(integration)
     found = closed_loop(as_believed(with_gains(scenario, design.gains()))).system.poles()
     for axis in ("x", "y", "z"):
@@ -618,8 +618,8 @@ def test_a_loop_with_phase_to_spare_pays_for_its_integral_with_no_more_than_the_
 
 
 @pytest.mark.parametrize(("integration", "own"), [("forward_euler", 0.0), ("backward_euler", 0.02)])
-def test_the_integral_is_the_sum_of_the_values(integration, own):
-    """h / (z - 1) times the value by forward Euler, h z / (z - 1) by backward Euler, and all else as it was."""
+def test_the_integral_is_the_discrete_sum_of_the_measured_value(integration, own):
+    """The integral is h / (z - 1) times the value by forward Euler and h z / (z - 1) by backward Euler."""
     plant = SampledSystem(
         np.array([[0.9, 0.1], [-0.2, 0.8]]),
         np.array([[0.3], [0.5]]),

@@ -103,7 +103,7 @@ def test_model_predictive_control_has_the_margins_of_its_regulator(laboratory, m
 
 
 @pytest.mark.parametrize("controller", CONTROLLERS)
-def test_a_search_sees_the_margins_that_are_reported(laboratory, margins_of, controller):
+def test_fast_margins_equal_the_reported_margins(laboratory, margins_of, controller):
     fast = fast_link_margins(laboratory(controller))
     exact = [*margins_of(controller).values()]
     np.testing.assert_allclose(fast.sensitivity, [margins.sensitivity for margins in exact], rtol=2e-5)
@@ -132,9 +132,9 @@ def test_flights_diverge_at_the_delay_that_the_margins_tell_within_a_tick(labora
 def test_flights_diverge_at_the_gain_that_the_margins_tell_within_two_percent(
     laboratory, margins_of, controller, signal, side
 ):
-    """A vehicle with so much less moment of inertia than is believed answers so much more.
+    """A vehicle whose moment of inertia is smaller than believed by a factor responds more strongly by this factor.
 
-    No rigid body has such moments, which a scenario that is loaded may not have.
+    No rigid body has such moments of inertia, and no loaded scenario may have them.
     """
     sign = 1.0 if side == "gain" else -1.0
     limit = 10.0 ** (sign * getattr(margins_of(controller)[signal], side) / 20.0)

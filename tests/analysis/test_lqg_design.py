@@ -20,6 +20,7 @@ from drake_quad.analysis.lqg_design import (
     middle_of,
     plants_of,
     predicted,
+    snap_limit,
     vertical_truth,
 )
 from drake_quad.assembly.lqg import lateral_loop, lqg_timing, vertical_loop
@@ -126,6 +127,22 @@ def test_conditions_are_the_scenario_s(diagrams):
     assert 5.0 < bad_day.bias < 14.0
 
 
+@pytest.mark.slow
+def test_a_command_may_be_as_large_as_the_torque_that_it_holds_twice():
+    """A centre of mass that is r off turns a vehicle by m g r / I, a Crazyflie five times as fast as the paper's."""
+    limits, turning, largest = Limits(), {}, {}
+    for name in ("bad_day:crazyflie", "robustness"):
+        scenario = load_scenario(name)
+        found, vehicle = conditions_of(scenario), middle_of(scenario).vehicle
+        levers = Batch.draw(scenario, range(32)).varying["vehicle.centre_of_mass.0"]
+        turning[name] = vehicle.mass * vehicle.gravity**2 * np.sqrt(np.mean(levers**2)) / vehicle.inertia[0]
+        # A turn of 1 rad/s² is a snap of g. Rotors that differ by half a per cent turn it, too.
+        assert 0.6 * found.bias < turning[name] < 1.2 * found.bias
+        largest[name] = snap_limit(limits, found)
+    assert largest["robustness"] == limits.snap
+    assert largest["bad_day:crazyflie"] > 1.8 * turning["bad_day:crazyflie"] > limits.snap
+
+
 def test_the_delays_that_may_be_believed_are_the_mean_of_the_plants_and_the_tick_after(diagrams):
     # Frames late by 10 ms at most, and 1 to 3 ticks of 20 ms: 2.3 ticks in the mean of the middle and the corners.
     bad_day = load_scenario(f"{diagrams}/robustness.yaml")
@@ -142,6 +159,8 @@ def test_a_design_flies_within_its_limits(diagrams, monkeypatch):
     design = design_lqg(scenario, Limits(sensitivity=2.2, delay=0.05))
     assert all(np.isfinite(each.error) for each in (*design.lateral, *design.vertical))
     assert design.control.yaw is None
+    # The estimate along z sets the thrust, and with it the tilt, so it must not believe in more than there is.
+    assert design.control.vertical.second.deviation == pytest.approx(design.conditions.vertical.deviation, rel=1e-3)
     assert design.control.max_tilt == 1.2
     designed = scenario.model_copy(update={"control": design.control})
     margins = [each for each in link_margins(middle_of(designed)).values() if each is not None]

@@ -189,8 +189,8 @@ def test_a_pole_may_leave_through_minus_one():
 
 
 @pytest.mark.parametrize(("k_p", "k_d"), CASES)
-def test_crossover_bandwidth_and_peaks_are_where_elimination_finds_them(k_p, k_d):
-    """L by elimination at each frequency, whose roots and maxima SciPy finds."""
+def test_crossover_bandwidth_and_peaks_match_direct_evaluation(k_p, k_d):
+    """Evaluate L by elimination at each frequency, and find its crossings and maxima with SciPy."""
     loop, found = loop_of(k_p, k_d), margins(loop_of(k_p, k_d))
 
     def L(frequency):
@@ -212,11 +212,15 @@ def test_crossover_bandwidth_and_peaks_are_where_elimination_finds_them(k_p, k_d
 
 
 def second_order(frequency, damping):
-    """A PD around a sampled double integrator with closed-loop poles of a frequency (rad/s) and damping; and a pole."""
+    """Return a loop of a PD controller and a sampled double integrator, and one of its closed-loop poles.
+
+    The closed-loop poles have the given frequency (rad/s) and damping ratio.
+    """
     pole = np.exp((-damping + 1j * np.sqrt(1.0 - damping**2)) * frequency * PERIOD)
     trace, determinant = 2.0 * pole.real, abs(pole) ** 2
-    A, B = np.array([[1.0, PERIOD], [0.0, 1.0]]), np.array([[0.5 * PERIOD**2], [PERIOD]])
-    # Of A - B C the trace is 2 - k_p h² / 2 - k_d h, and the determinant 1 + k_p h² / 2 - k_d h.
+    A = np.array([[1.0, PERIOD], [0.0, 1.0]])
+    B = np.array([[0.5 * PERIOD**2], [PERIOD]])
+    # The trace of A - B C is 2 - k_p h² / 2 - k_d h, and its determinant is 1 + k_p h² / 2 - k_d h.
     k_p = (1.0 - trace + determinant) / PERIOD**2
     k_d = (3.0 - trace - determinant) / (2.0 * PERIOD)
     return SampledSystem(A, B, np.array([[k_p, k_d]]), np.zeros((1, 1)), PERIOD, ("x", "v"), ("u",), ("y",)), pole
@@ -224,10 +228,10 @@ def second_order(frequency, damping):
 
 @pytest.mark.parametrize("damping", [0.8, 0.3, 0.1])
 @pytest.mark.parametrize("frequency", [3.0, 20.3, 111.0])
-def test_peaks_of_a_second_order_loop_are_those_worked_out_by_hand(frequency, damping):
-    """S = (z - 1)² / (z² - t z + d), so that |S|² is a quotient of quadratics of x = cos ω.
+def test_peaks_of_a_second_order_loop_match_the_closed_form(frequency, damping):
+    """The sensitivity S is (z - 1)² / (z² - t z + d), so |S|² is a quotient of quadratics in x = cos ω.
 
-    It is largest at an end of [-1, 1] or at a root of its derivative; likewise |S - 1/2|².
+    It is largest at an end of [-1, 1] or at a root of its derivative. The same holds for |S - 1/2|².
     """
     loop, pole = second_order(frequency, damping)
 
@@ -236,7 +240,8 @@ def test_peaks_of_a_second_order_loop_are_those_worked_out_by_hand(frequency, da
         return np.poly1d([4.0 * first * third, 2.0 * second * (first + third), middle])
 
     def peak(numerator, denominator):
-        N, D = squared(*numerator), squared(*denominator)
+        N = squared(*numerator)
+        D = squared(*denominator)
         roots = (N.deriv() * D - N * D.deriv()).roots
         places = [-1.0, 1.0, *(root.real for root in roots if abs(root.imag) < 1e-9 and abs(root.real) < 1.0)]
         return max(np.sqrt(N(x) / D(x)) for x in places)
@@ -249,7 +254,7 @@ def test_peaks_of_a_second_order_loop_are_those_worked_out_by_hand(frequency, da
 
 @pytest.mark.parametrize("damping", [1e-2, 1e-4, 1e-6])
 @pytest.mark.parametrize("frequency", [3.0, 20.3, 111.0])
-def test_a_peak_that_is_narrower_than_the_steps_of_the_grid_is_found(frequency, damping):
+def test_a_peak_narrower_than_the_grid_spacing_is_found(frequency, damping):
     loop, pole = second_order(frequency, damping)
 
     def lost(turn):
@@ -260,7 +265,7 @@ def test_a_peak_that_is_narrower_than_the_steps_of_the_grid_is_found(frequency, 
     best = scipy.optimize.minimize_scalar(
         lost, bounds=(middle - reach, middle + reach), options={"xatol": 1e-6 * reach}
     )
-    # Rounding moves a pole by about 1e-15, and so changes the height of its peak.
+    # Rounding moves a pole by about 1e-15, which changes the height of its peak.
     assert margins(loop).sensitivity == pytest.approx(-best.fun, rel=max(1e-8, 1e-14 / reach))
 
 
@@ -326,7 +331,7 @@ def test_a_pole_may_leave_through_one_or_minus_one():
         # L(1) = 2 gain, L(-1) = -gain / 1.5.
         limits = [-1.0 / limit for limit in (2.0 * gain, -gain / 1.5) if limit < 0.0]
         assert 10.0 ** (found.gain / 20.0) == pytest.approx(min(limits), rel=1e-12)
-        # |S| is largest at half the sampling rate or at standstill.
+        # |S| is largest at half the sampling rate or at zero frequency.
         assert found.sensitivity == pytest.approx(max(1.5 / (1.5 - gain), 0.5 / (0.5 + gain)), rel=1e-8)
         assert is_stable(loop, 0.999 * min(limits))
         assert not is_stable(loop, 1.001 * min(limits))

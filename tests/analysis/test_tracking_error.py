@@ -1,4 +1,4 @@
-"""The position error that is predicted in hover, beside other flights and the linear model."""
+"""The position error that is predicted in hover, compared with other flights and with the linear model."""
 
 from pathlib import Path
 
@@ -14,8 +14,8 @@ from drake_quad.flight.simulation import simulate_samples
 
 CONTROLLERS = Path(__file__).parent.parent.parent / "diagrams" / "controllers"
 DESIGNED = CONTROLLERS / "designed" / "laboratory.yaml"
-# Controllers that neither learn, so that their error settles, nor solve programmes, which takes long.
-SETTLING = [
+# The error of a learning controller does not settle, and model predictive control is slow to simulate.
+SETTLING_CONTROLLERS = [
     f"designed/laboratory.yaml:{name}"
     for name, design in designs_in(DESIGNED).items()
     if not design["control"].get("network") and design["control"].get("kind") != "mpc"
@@ -28,7 +28,7 @@ def in_laboratory(layer, *overrides):
 
 
 def hovering(layer, start, end):
-    """Return a scenario of `laboratory:nominal` that hovers, and counts its error from `start` to `end`, s."""
+    """Return `laboratory:nominal` with a hover whose error counts from `start` to `end`, s."""
     route = f"route={{kind: hover, position: [0, 0, 1], duration: {end}}}"
     return in_laboratory(layer, route, f"metrics.start={start}", "seed=7")
 
@@ -46,9 +46,9 @@ def root_mean_square(metrics):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("layer", [*SETTLING, "lqg.yaml:lqg_low_wind", "lqg.yaml:lqg_robustness"])
-def test_other_flights_stray_as_far_as_predicted(layer):
-    """On each axis within a tenth, later in the flight and with other random numbers."""
+@pytest.mark.parametrize("layer", [*SETTLING_CONTROLLERS, "lqg.yaml:lqg_low_wind", "lqg.yaml:lqg_robustness"])
+def test_other_flights_have_the_predicted_error(layer):
+    """The error on each axis agrees to a tenth, later in the flight and with other random numbers."""
     error = hover_error(in_laboratory(layer))
     fleet = StudyFleet(hovering(layer, 40, 80), 128)
     np.testing.assert_allclose(root_mean_square(fleet.fly(range(128))), values(error), rtol=0.1)
@@ -56,14 +56,14 @@ def test_other_flights_stray_as_far_as_predicted(layer):
 
 
 @pytest.mark.slow
-def test_the_error_of_a_controller_that_learns_is_predicted_for_the_same_seconds():
+def test_the_error_of_a_learning_controller_is_predicted_for_the_same_time_span():
     error = hover_error(in_laboratory("designed/laboratory.yaml:pd_t2fnn"))
     fleet = StudyFleet(hovering("designed/laboratory.yaml:pd_t2fnn", SETTLING_TIME, HOVER_TIME), 192)
     np.testing.assert_allclose(root_mean_square(fleet.fly(range(192))), values(error), rtol=0.1)
 
 
 @pytest.mark.slow
-def test_model_predictive_control_hovers_as_its_regulator_whose_error_is_predicted():
+def test_model_predictive_control_has_the_hover_error_of_its_regulator():
     flown = [
         StudyFleet(hovering(f"designed/laboratory.yaml:{name}", 2.0, 8.0), 8).fly(range(8)) for name in ("mpc", "lqg")
     ]
@@ -71,12 +71,12 @@ def test_model_predictive_control_hovers_as_its_regulator_whose_error_is_predict
 
 
 @pytest.mark.slow
-def test_is_the_root_mean_square_of_recorded_positions():
+def test_the_hover_error_is_the_root_mean_square_of_recorded_position_errors():
     layer = "designed/laboratory.yaml:lqg"
     error = hover_error(in_laboratory(layer), seed=7)
     flights = simulate_samples(hovering(layer, 0, HOVER_TIME), range(error.num_hovers), compiled=True)
-    beside = np.array([[flight.record("state")[i] - (0, 0, 1)[i] for i in range(3)] for flight in flights])
-    late = beside[:, :, flights[0].time >= SETTLING_TIME]
+    offset = np.array([[flight.record("state")[i] - (0, 0, 1)[i] for i in range(3)] for flight in flights])
+    late = offset[:, :, flights[0].time >= SETTLING_TIME]
     np.testing.assert_allclose(values(error), np.sqrt(np.mean(late**2, axis=(0, 2))), rtol=1e-9)
     assert error.rms.value == pytest.approx(np.sqrt(np.sum(values(error) ** 2)))
     assert error.rms.low < error.rms.value < error.rms.high
@@ -84,7 +84,7 @@ def test_is_the_root_mean_square_of_recorded_positions():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["pd", "indi", "l1"])
-def test_in_the_limit_of_small_noise_it_is_that_of_the_linear_model(name):
+def test_the_hover_error_in_small_noise_matches_the_linear_model(name):
     small = [
         "laboratory.motion_capture.position_noise=1e-5",
         "laboratory.motion_capture.attitude_noise=4e-5",
@@ -92,14 +92,15 @@ def test_in_the_limit_of_small_noise_it_is_that_of_the_linear_model(name):
     ]
     scenario = in_laboratory(f"designed/laboratory.yaml:{name}", *small)
     error, linear = hover_error(scenario), linear_hover_error(scenario)
-    # Half-widths of 95 % intervals are two standard errors.
+    # The half-width of a 95 % interval is two standard errors.
     assert np.all(np.abs(values(error) - np.hypot(*linear)) < 2.0 * half_widths(error))
 
 
 @pytest.mark.slow
-def test_the_shipped_noise_is_beyond_the_linear_model():
-    """Products of noises push the vehicle about and lengthen the thrust, and lost packets kick it."""
-    layer, lossless = "designed/laboratory.yaml:indi", "laboratory.command_link.loss_rate=0"
+def test_the_linear_model_underestimates_the_error_in_the_shipped_noise():
+    """Products of noise terms disturb the vehicle and lengthen the thrust vector; lost packets disturb it further."""
+    layer = "designed/laboratory.yaml:indi"
+    lossless = "laboratory.command_link.loss_rate=0"
     error, linear = hover_error(in_laboratory(layer, lossless)), linear_hover_error(in_laboratory(layer))
     x, y, z = values(error) / np.hypot(*linear)
     assert min(x, y) > 1.4
@@ -108,32 +109,32 @@ def test_the_shipped_noise_is_beyond_the_linear_model():
 
 
 @pytest.mark.slow
-def test_depends_neither_on_a_study_s_seed_nor_on_whether_the_vehicle_steps():
+def test_the_hover_error_depends_neither_on_the_seed_nor_on_the_time_step():
     layer = "designed/laboratory.yaml:pid"
     assert hover_error(in_laboratory(layer, "seed=3", "vehicle.time_step=0")) == hover_error(in_laboratory(layer))
 
 
 @pytest.mark.slow
-def test_silence_leaves_what_steady_wind_does():
+def test_the_hover_error_without_noise_is_the_offset_in_steady_wind():
     silent = ["laboratory.motion_capture.position_noise=0", "laboratory.motion_capture.attitude_noise=0"]
     wind = "laboratory.wind=[{kind: steady, velocity: [1, -0.5, 0]}]"
     scenario = in_laboratory("designed/laboratory.yaml:pd", *silent, wind)
     error = hover_error(scenario)
     np.testing.assert_allclose(values(error), np.abs(linear_hover_error(scenario).offset), rtol=1e-4, atol=1e-7)
-    # Lost packets differ from hover to hover; without noise they only change how it settles.
+    # Lost packets differ between hovers. Without noise they change only how the vehicle settles.
     np.testing.assert_allclose(half_widths(error), 0.0, atol=1e-8)
     assert error.num_hovers == 64
 
 
 @pytest.mark.slow
-def test_hovers_that_crash_have_no_error():
+def test_crashing_hovers_are_refused():
     scenario = load_scenario("laboratory:nominal", ["laboratory.command_link.delay_ticks=9"])
     with pytest.raises(InputError, match=r"64 of 64 hovers of nominal crash, the first after \d+\.\d s"):
         hover_error(scenario)
 
 
 @pytest.mark.slow
-def test_a_plan_allows_for_the_believed_vehicle_where_fans_blow_most():
+def test_the_believed_error_is_that_of_the_nominal_vehicle_in_the_strongest_jets():
     def error(*overrides):
         return believed_tracking_error(load_scenario("laboratory:low_wind", overrides, layers=layer)).rms
 
@@ -142,7 +143,7 @@ def test_a_plan_allows_for_the_believed_vehicle_where_fans_blow_most():
     assert error("vehicle.mass={uniform: {min: 0.6, max: 0.7}}", "vehicle.centre_of_mass=[0.01, 0.0]") == predicted
     still = error("laboratory.wind=[]")
     assert still.high < 0.4 * predicted.value
-    # At (0, 0, 1) their jets are hardly felt.
+    # The jets of the fans are hardly felt at (0, 0, 1).
     hover = hover_error(load_scenario("laboratory:low_wind", layers=layer)).rms
     assert hover.high < 0.9 * predicted.value
 

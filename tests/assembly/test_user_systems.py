@@ -69,27 +69,30 @@ def test_what_is_no_system_or_for_fewer_vehicles_is_refused(diagrams):
         simulate(scenario, control=WithPorts(SEEN, {"wrench": 4}), position_controller=WithPorts(SEEN, COMMAND))
 
 
-def no_number():
+def make_without_arguments():
     return WithPorts(SEEN, COMMAND)
 
 
-def two_numbers(num_vehicles, gain):
+def make_with_gain(num_vehicles, gain):
     return WithPorts(SEEN, COMMAND)
 
 
-def nothing(num_vehicles):
+def make_nothing(num_vehicles):
     pass
 
 
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (no_number, r"position_controller must be a function of the number of vehicles .*, but is no_number\(\)$"),
-        (two_numbers, r"position_controller must be a function .*, but is two_numbers\(num_vehicles, gain\)$"),
-        (nothing, r"position_controller must be a function .*, but nothing\(num_vehicles\) returns nothing$"),
+        (
+            make_without_arguments,
+            r"position_controller must be a function of the number of vehicles .*, but is make_without_arguments\(\)$",
+        ),
+        (make_with_gain, r"position_controller must be a function .*, but is make_with_gain\(num_vehicles, gain\)$"),
+        (make_nothing, r"position_controller must be a function .*, but make_nothing\(num_vehicles\) returns nothing$"),
     ],
 )
-def test_a_function_that_makes_no_system_is_refused_with_its_signature(diagrams, make, words):
+def test_a_function_that_returns_no_system_is_refused_with_its_signature(diagrams, make, words):
     scenario = load_scenario(diagrams / "hover.yaml", ["duration=0.1"])
     with pytest.raises(InputError, match=words):
         run_monte_carlo(scenario, 2, position_controller=make, num_workers=1)
@@ -98,14 +101,14 @@ def test_a_function_that_makes_no_system_is_refused_with_its_signature(diagrams,
 
 
 class Misspelt(FleetSystem):
-    """A controller whose ports have names that are no signals."""
+    """A controller whose ports can be given names of signals that do not exist."""
 
     def declare(self, *, seen="measurement", commanded="acceleration_command"):
         reads = self.parameter("gains", lambda numbers: Acceleration(0.0, 0.0, 0.0)), self.input(seen)
         self.output(commanded, lambda gains, m: gains, *reads)
 
 
-def test_a_misspelt_name_in_a_system_is_answered_with_those_that_are_close():
+def test_a_misspelt_name_in_a_system_is_refused_with_close_matches():
     system = fleet_system(float)(Misspelt)
     with pytest.raises(InputError, match=r"^there is no signal called 'measurment'; did you mean measurement\?$"):
         system(seen="measurment")

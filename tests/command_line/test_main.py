@@ -150,7 +150,7 @@ def test_an_interruption_while_a_command_loads_something_is_told_in_a_sentence(m
     assert (result.returncode, result.stdout, result.stderr) == (1, "", "interrupted: nothing was written\n")
 
 
-WARNED = """
+PROGRAM_WITH_WARNINGS = """
 import warnings
 from drake_quad.command_line.running import run
 from drake_quad.errors import InputWarning
@@ -159,8 +159,10 @@ run(lambda: (warnings.warn("rock.obj: is large", InputWarning), warnings.warn("o
 
 
 @pytest.mark.slow
-def test_what_should_be_known_of_an_input_is_a_remark():
-    result = subprocess.run([sys.executable, "-c", WARNED], capture_output=True, text=True, timeout=120, check=True)
+def test_an_input_warning_is_printed_as_a_remark():
+    result = subprocess.run(
+        [sys.executable, "-c", PROGRAM_WITH_WARNINGS], capture_output=True, text=True, timeout=120, check=True
+    )
     first, *others = result.stderr.splitlines()
     assert first == "remark: rock.obj: is large"
     assert "RuntimeWarning: of another kind" in others[0]

@@ -1,4 +1,4 @@
-"""Whatever goes wrong, a command ends with a sentence and a status, and prints on whatever there is."""
+"""A failing command prints one sentence and exits with a status, on any output stream."""
 
 import io
 import os
@@ -15,7 +15,7 @@ from drake_quad import InputError
 
 
 def status_of(words, error):
-    """The status with which a process ends that prints words and then raises an error, if one is given."""
+    """Return the exit status of a process that prints words and then raises an error, if one is given."""
 
     def command():
         print(words)
@@ -41,24 +41,24 @@ def status_of(words, error):
         (SystemExit(), None, ""),
     ],
 )
-def test_what_fails_ends_in_a_sentence_and_a_status(error, status, sentence, capsys):
+def test_a_failure_ends_in_a_sentence_and_a_status(error, status, sentence, capsys):
     assert status_of("before", error) == status
     assert capsys.readouterr() == ("before\n", sentence)
 
 
-def test_what_does_not_fail_goes_on(capsys):
+def test_a_command_that_succeeds_does_not_exit(capsys):
     with orderly_exit():
         print("done")
     assert capsys.readouterr() == ("done\n", "")
 
 
-def test_an_error_that_is_no_person_s_is_shown_in_full():
+def test_an_unexpected_error_keeps_its_traceback():
     with pytest.raises(ZeroDivisionError), orderly_exit():
         1 // 0  # noqa: B018
 
 
 @pytest.mark.parametrize("encoding", ["latin-1", "ascii", "cp1252"])
-def test_characters_that_a_terminal_lacks_are_escaped(encoding, monkeypatch):
+def test_characters_that_the_encoding_lacks_are_escaped(encoding, monkeypatch):
     written = {name: io.TextIOWrapper(io.BytesIO(), encoding=encoding) for name in ("stdout", "stderr")}
     for name, stream in written.items():
         monkeypatch.setattr(sys, name, stream)
@@ -68,7 +68,7 @@ def test_characters_that_a_terminal_lacks_are_escaped(encoding, monkeypatch):
 
 
 def test_without_a_standard_output_nothing_is_printed_and_nothing_fails(monkeypatch):
-    """As after `>&-`. What is written straight to it goes nowhere."""
+    """A process that is started with `>&-` has no standard output; text that is written to it is discarded."""
     monkeypatch.setattr(sys, "stdout", None)
     with orderly_exit():
         print("lost")
@@ -84,15 +84,15 @@ def test_without_a_standard_output_nothing_is_printed_and_nothing_fails(monkeypa
         (InputError("the route is empty"), 2, "error: the route is empty\n"),
     ],
 )
-def test_a_full_device_is_a_failure(error, status, words, monkeypatch, capsys):
+def test_output_to_a_full_device_fails(error, status, words, monkeypatch, capsys):
     with Path("/dev/full").open("w", encoding="utf-8") as full:
         monkeypatch.setattr(sys, "stdout", full)
         assert (status_of("a table", error), capsys.readouterr().err) == (status, words)
 
 
-def test_a_sentence_that_cannot_be_written_changes_no_status(monkeypatch):
+def test_a_message_that_cannot_be_written_does_not_change_the_status(monkeypatch):
     statuses = []
-    # Closing it fails, too.
+    # Closing the file fails, too.
     with suppress(OSError), Path("/dev/full").open("w", buffering=1, encoding="utf-8") as full:
         monkeypatch.setattr(sys, "stderr", full)
         statuses.append(status_of("before", InputError("the route is empty")))

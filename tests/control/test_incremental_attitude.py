@@ -65,14 +65,16 @@ def test_without_a_disturbance_it_is_the_pd():
     assert incremental_torque(memory, measurement, *wanted, NUMBERS, H) == expected
 
 
-def test_the_torque_is_that_of_its_equation():
-    """I (α_c - d) + ω_r × I ω_r with d = H (ω̇ - α); the gyroscopic torque is in no model."""
-    rng, bandwidth = np.random.default_rng(2), NUMBERS.law.bandwidth
+def test_the_torque_follows_the_equation_of_incremental_control():
+    """The torque is I (α_c - d) + ω_r × I ω_r with d = H (ω̇ - α). The model has no gyroscopic torque."""
+    rng = np.random.default_rng(2)
+    bandwidth = NUMBERS.law.bandwidth
     lag = np.array([[0.0, 1.0], [-(bandwidth**2), -np.sqrt(2.0) * bandwidth]]), np.array([[0.0], [bandwidth**2]])
     A, B, *_ = scipy.signal.cont2discrete((*lag, np.array([[1.0, 0.0]]), np.zeros((1, 1))), H)
     filtered, modelled, before = np.zeros((2, 3)), np.zeros(3), np.zeros(3)
-    gained = np.zeros(3)  # of the modelled body rates in the last tick
-    memory, following = (NUMBERS.law.at_rest(0.0),) * 3, (Command(0.0, 0.0),) * 3
+    rate_increment = np.zeros(3)  # change of the modelled body rates in the last tick
+    memory = (NUMBERS.law.at_rest(0.0),) * 3
+    following = (Command(0.0, 0.0),) * 3
     for _ in range(40):
         angles, rates, attitude, wanted_rates, feed_forward = rng.normal(size=(5, 3)) * [
             [0.2],
@@ -81,7 +83,7 @@ def test_the_torque_is_that_of_its_equation():
             [1.0],
             [3.0],
         ]
-        filtered = A @ filtered + B * (rates - before - gained) / H
+        filtered = A @ filtered + B * (rates - before - rate_increment) / H
         disturbance = filtered[0]
         wanted = GAINS.k_p * (attitude - angles) + GAINS.k_d * (wanted_rates - rates) + feed_forward
         expected = INERTIA * (wanted - disturbance) + np.cross(wanted_rates, INERTIA * wanted_rates)
@@ -90,7 +92,9 @@ def test_the_torque_is_that_of_its_equation():
         found = incremental_torque(memory, measurement, *asked, NUMBERS, H)
         np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12)
         memory, following = next_incremental_memory(memory, following, (), measurement, *asked, NUMBERS, H)
-        # The model: α' = (α_c - d - α) / lag, solved over a tick.
-        command, decay = wanted - disturbance, np.exp(-H / LAG)
-        gained = H * command + LAG * (1.0 - decay) * (modelled - command)
-        modelled, before = command + decay * (modelled - command), rates
+        # The model α' = (α_c - d - α) / lag is solved over a tick.
+        command = wanted - disturbance
+        decay = np.exp(-H / LAG)
+        rate_increment = H * command + LAG * (1.0 - decay) * (modelled - command)
+        modelled = command + decay * (modelled - command)
+        before = rates

@@ -48,13 +48,16 @@ def test_the_correction_is_minus_the_sum_of_the_errors():
     np.testing.assert_allclose(found[1:], -sums, atol=1e-14)
 
 
-def test_by_backward_euler_the_correction_has_the_error_of_its_own_tick():
-    """Within the same limit, and with the same state from tick to tick as by forward Euler."""
-    limit, errors = 0.05, np.random.default_rng(2).normal(size=(30, 3))
+def test_backward_euler_includes_the_error_of_the_current_tick():
+    """The limit, and the state from tick to tick, are the same as with forward Euler."""
+    limit = 0.05
+    errors = np.random.default_rng(2).normal(size=(30, 3))
     numbers = IntegralGains(PerAxis(*K_I), limit)
     system = IntegralCorrection(period=H, integration="backward_euler", numbers=numbers)
     simulator = Simulator(system)
-    context, held, limited = simulator.get_mutable_context(), np.zeros(3), 0
+    context = simulator.get_mutable_context()
+    held = np.zeros(3)
+    limited = 0
     for tick, error in enumerate(errors):
         if tick:
             simulator.AdvanceTo(tick * H)

@@ -1,4 +1,4 @@
-"""Geometric control against the published law and against the Crazyflie's firmware, both written anew in NumPy.
+"""Geometric control against the published law and the Crazyflie's firmware, both implemented anew in NumPy.
 
 The law is that of T. Lee, M. Leok and N. H. McClamroch, "Geometric tracking control of a quadrotor UAV on SE(3)",
 CDC 2010, with Z up. The firmware's is `controller_lee.c` of bitcraze/crazyflie-firmware at 2a18fc2.
@@ -18,12 +18,14 @@ from drake_quad.control.geometric import geometric_law
 from drake_quad.control.thrust_vectoring import ThrustLimits, VectoringNumbers, vectored_thrust
 from drake_quad.signals import Acceleration, AngularAcceleration, Jerk, Reference, State
 
-G, MASS = 9.81, 0.0325
+G = 9.81  # m/s²
+MASS = 0.0325  # kg
 INERTIA = np.array([16.571710e-6, 16.655602e-6, 29.261652e-6])
-# No limit is reached, so that the law is the published one.
+# These limits are never reached, so the law is the published one.
 BELIEVED = VectoringNumbers(MASS, G, ThrustLimits(1e3, 1e-6, 1e3))
 GAINS = AttitudeNumbers(PerAngle(420.0, 430.0, 270.0), PerAngle(70.0, 69.0, 68.0), *INERTIA)
-K_P, K_D = np.array(GAINS.k_p), np.array(GAINS.k_d)
+K_P = np.array(GAINS.k_p)
+K_D = np.array(GAINS.k_d)
 
 
 def rotation_of(roll, pitch, yaw):
@@ -31,13 +33,13 @@ def rotation_of(roll, pitch, yaw):
 
 
 def rotation_error(R, R_d):
-    """½ (R_dᵀ R - Rᵀ R_d)^∨."""
+    """Return ½ (R_dᵀ R - Rᵀ R_d)^∨."""
     skew = 0.5 * (R_d.T @ R - R.T @ R_d)
     return np.array([skew[2, 1], skew[0, 2], skew[1, 0]])
 
 
 def commanded_rotation(force, yaw):
-    """R_c = [b_2c x b_3c, b_2c, b_3c] with b_3c along the force and b_2c ∝ b_3c x (cos ψ, sin ψ, 0)."""
+    """Return R_c = [b_2c x b_3c, b_2c, b_3c] with b_3c along the force and b_2c ∝ b_3c x (cos ψ, sin ψ, 0)."""
     b_3 = force / np.linalg.norm(force)
     b_2 = np.cross(b_3, [math.cos(yaw), math.sin(yaw), 0.0])
     b_2 /= np.linalg.norm(b_2)
@@ -45,13 +47,13 @@ def commanded_rotation(force, yaw):
 
 
 def rates_of(rotation, h=1e-6):
-    """Ω of Ṙ = R Ω̂ at time zero, by differences of a rotation over time."""
+    """Return Ω of Ṙ = R Ω̂ at time zero, by differences of a rotation over time."""
     slope = rotation(0.0).T @ (rotation(h) - rotation(-h)) / (2.0 * h)
     return np.array([slope[2, 1], slope[0, 2], slope[1, 0]])
 
 
 def draw(rng):
-    """A measured state, a reference, a commanded acceleration and a jerk, of a vehicle that flies fast."""
+    """Draw a measured state, a reference, a commanded acceleration and a jerk of a vehicle that flies fast."""
     attitude = [*rng.uniform(-1.2, 1.2, 2), rng.uniform(-3.0, 3.0)]
     measurement = State(*rng.normal(size=3), *attitude, *rng.normal(size=3), *rng.normal(0.0, 3.0, 3))
     reference = Reference(*rng.normal(size=9), rng.uniform(-3.0, 3.0), rng.uniform(-2.0, 2.0))
@@ -64,11 +66,12 @@ def vectored(drawn, sequence):
 
 
 @pytest.mark.parametrize("seed", range(50))
-def test_thrust_attitude_rates_and_torque_are_those_of_the_paper(seed):
-    """Whatever the attitude, the heading and how fast it turns."""
+def test_thrust_attitude_rates_and_torque_match_the_paper(seed):
+    """The law is the same at any attitude, heading and yaw rate."""
     drawn = measurement, reference, command, jerk = draw(np.random.default_rng(seed))
     force = MASS * (np.add(command, [0.0, 0.0, G]))
-    R, Omega = rotation_of(*measurement[3:6]), np.array(measurement[9:12])
+    R = rotation_of(*measurement[3:6])
+    Omega = np.array(measurement[9:12])
     found = vectored(drawn, "zxy")
     assert found.thrust.thrust == pytest.approx(max(force @ R[:, 2], 1e-6), abs=1e-13)
     R_c = commanded_rotation(force, reference.yaw)
@@ -85,21 +88,21 @@ def test_thrust_attitude_rates_and_torque_are_those_of_the_paper(seed):
     torque = -INERTIA * (K_P * rotation_error(R, R_c) + K_D * e_Omega + carried) + np.cross(Omega, INERTIA * Omega)
     commanded = found.attitude_command, found.body_rate_command, AngularAcceleration(*turning)
     np.testing.assert_allclose(geometric_law(measurement, *commanded, GAINS), torque, atol=1e-11)
-    # The firmware has no J (ω x ω_r).
+    # The firmware omits the term J (ω x ω_r).
     without = torque + INERTIA * np.cross(Omega, R.T @ R_c @ Omega_c)
     np.testing.assert_allclose(geometric_law(measurement, *commanded, GAINS, False), without, atol=1e-11)
 
 
 def heading_between(one, other):
-    """The angle about their common z axis between two attitudes, rad."""
+    """Return the angle between two attitudes about their common z axis, rad."""
     turn = rotation_of(*one).T @ rotation_of(*other)
     np.testing.assert_allclose(turn[:, 2], [0.0, 0.0, 1.0], atol=1e-13)
     return math.atan2(turn[1, 0], turn[0, 0])
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_the_two_conventions_have_the_same_thrust_and_another_heading(seed):
-    """By about the product of the tilts: 48 mrad at 2 m/s² forward and 3 m/s² to the right."""
+def test_the_two_euler_sequences_give_the_same_thrust_and_different_headings(seed):
+    """The headings differ by about the product of the tilts: 48 mrad at 2 m/s² forward and 3 m/s² to the right."""
     rng = np.random.default_rng(seed)
     measurement, reference, _, jerk = draw(rng)
     turn = scipy.spatial.transform.Rotation.from_euler("Z", reference.yaw)
@@ -126,7 +129,7 @@ class Firmware:
         self.i_error_pos, self.i_error_att = np.zeros(3), np.zeros(3)
 
     def __call__(self, state, reference):
-        """Thrust and torque; jerk and yaw rate are zero."""
+        """Return thrust and torque (4,) for zero jerk and yaw rate."""
         pos_e, vel_e = reference[0:3] - state[0:3], reference[3:6] - state[6:9]
         self.i_error_pos = self.i_error_pos + self.dt * pos_e
         acc_d = np.add(reference[6:9], [0.0, 0.0, G])
@@ -141,7 +144,7 @@ class Firmware:
 
 
 def flown(**overrides):
-    """A flight at 500 Hz around an ellipse under a Lee controller, as in crazyswarm2.yaml, along a heading."""
+    """Simulate a flight at 500 Hz around an ellipse under a Lee controller, as in crazyswarm2.yaml, at constant yaw."""
     asked = {
         "control.position.feed_forward": "acceleration",
         "route": {
@@ -155,10 +158,10 @@ def flown(**overrides):
         },
         "duration": 1.2,
         "vehicle.centre_of_mass": [0.0004, -0.0003],
-        # With rotors as slow as those of the data sheet the loop swings up.
+        # The loop oscillates and diverges with rotors as slow as those of the data sheet.
         "vehicle.rotor_time_constant": 0.01,
         "vehicle.rotor_time_constant_down": None,
-        # Of other propellers, as log145 shows them.
+        # This thrust factor is that of the propellers of log145.
         "vehicle.thrust_factor": 2.8e-8,
         "crash.position_error": 10.0,
         "control.thrust_vectoring": {"max_tilt": 1.2, "min_thrust": 0.05, "max_thrust": 4.0},
@@ -168,8 +171,9 @@ def flown(**overrides):
 
 
 def commanded_by_firmware(flight):
-    """The (ticks, 4) wrenches that the firmware commands at the measurements and references of a flight."""
-    control, believed = flight.scenario.control, flight.scenario.nominal
+    """Return the (ticks, 4) wrenches that the firmware commands at the measurements and references of a flight."""
+    control = flight.scenario.control
+    believed = flight.scenario.nominal
     inertia = np.array(believed.inertia)
     own = (getattr(control.attitude, name) for name in ("k_p", "k_d", "k_i"))
     gains = [np.array(getattr(control.position, name)) for name in ("k_p", "k_d", "k_i")]
@@ -180,7 +184,7 @@ def commanded_by_firmware(flight):
 
 @pytest.mark.slow
 def test_the_shipped_scenarios_fly_under_the_law_of_the_firmware():
-    """Tick by tick over a flight without jerk fed forward: both integrals, and the heading of a vehicle that leans."""
+    """Compare every tick of a flight without jerk feed-forward, including both integrals and large tilts."""
     flight = flown()
     assert not flight.metrics.crashed
     assert np.abs(flight["state"][:, 3:5]).max(axis=0).min() > 0.3
@@ -197,34 +201,34 @@ def test_the_shipped_scenarios_fly_under_the_law_of_the_firmware():
         ("control.position.integration", "forward_euler", 0),
     ],
 )
-def test_without_its_options_it_is_another_law(field, value, part):
+def test_each_option_of_the_firmware_changes_the_law(field, value, part):
     flight = flown(**{field: value})
     off = np.abs(flight["wrench"] - commanded_by_firmware(flight)).max(axis=0)
     assert off[part] > 1e-5
 
 
 @pytest.mark.parametrize("log", ["08", "100", "145", "180"])
-def test_flights_of_the_firmware_commanded_a_level_y_axis_and_not_the_yaw_of_the_reference(root, log):
-    """The yaw of the reference is zero, so y_d is perpendicular to X; rounding in the logs is half a milliradian."""
+def test_logged_firmware_commands_have_a_level_y_axis_and_not_the_yaw_of_the_reference(root, log):
+    """The reference yaw is zero, so y_d is perpendicular to X. The logs are rounded to half a milliradian."""
     command = read_log(root / f"tests/data/crazyflie/crazyswarm2/log{log}.xz").attitude_command
     y_d = BodyAxes.of(*command.T).y
     assert np.abs(y_d.x).max() < 6e-4 < 4e-3 < np.abs(command[:, 2]).max()
 
 
-def test_flights_of_the_firmware_had_no_transport_term(root):
-    """About z, where it is largest, the torque of log100 is that of the firmware's law, and not with J (ω x ω_r)."""
+def test_logged_firmware_torques_have_no_transport_term(root):
+    """The yaw torque of log100 follows the firmware's law without J (ω x ω_r), a term that is largest about z."""
     record = read_log(root / "tests/data/crazyflie/crazyswarm2/log100.xz")
-    # KR, Kw and KI of its file, see tests/identification/test_crazyswarm2.py.
+    # KR, Kw and KI are those of the firmware's source file; see tests/identification/test_crazyswarm2.py.
     KR, Kw, KI = 0.008, 0.002, 0.024
     attitudes = zip(record.attitude, record.attitude_command, strict=True)
     error = np.array([rotation_error(rotation_of(*own), rotation_of(*commanded))[2] for own, commanded in attitudes])
     omega, omega_r = record.body_rates, record.body_rate_command
-    held = np.cumsum(error * np.gradient(record.time))
+    error_integral = np.cumsum(error * np.gradient(record.time))
     gyroscopic = np.cross(omega, INERTIA * omega)[:, 2]
-    torque = -KR * error - Kw * (omega - omega_r)[:, 2] - KI * held + gyroscopic
+    torque = -KR * error - Kw * (omega - omega_r)[:, 2] - KI * error_integral + gyroscopic
     transport = (INERTIA * np.cross(omega, omega_r))[:, 2]
     logged = record.torque_command[:, 2]
-    # What the integral held before the log began is a constant.
+    # The integral before the start of the log is unknown but constant, so it does not change the variance.
     without, with_it = (np.var(logged - each) / np.var(logged) for each in (torque, torque - transport))
     assert without < 0.003
     assert with_it > 0.02

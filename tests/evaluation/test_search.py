@@ -1,4 +1,4 @@
-"""The search for gains, on errors that are known in closed form instead of flown."""
+"""The search for gains, on errors that are known in closed form and need no flights."""
 
 import itertools
 
@@ -24,16 +24,18 @@ def laboratory(diagrams):
 
 @pytest.fixture
 def flown(monkeypatch):
-    """Installs an error and a time of a crash, functions of a candidate's numbers and the sample, in place of flights.
+    """Return a function that replaces flights by an error and a crash time, given a candidate's numbers and a sample.
 
-    Returns what is flown: for each fleet its scenario and how many vehicles it has, and the samples of each flight.
+    This function returns a record of the flights: the scenario and the number of vehicles of each fleet, and the
+    samples and varied numbers of each flight.
     """
     kept = {"fleets": [], "samples": [], "varying": []}
 
     def install(error, crash=lambda numbers, sample, scenario: np.inf):
         class Fleet:
             def __init__(self, scenario, count, **_):
-                self.scenario, self.duration = scenario, DURATION
+                self.scenario = scenario
+                self.duration = DURATION
                 kept["fleets"].append((scenario, count))
 
             def fly_batch(self, batch):
@@ -56,12 +58,12 @@ def flown(monkeypatch):
 
 
 def logs(numbers):
-    """Logarithms of k_P and k_D of a candidate, over those that are best without a limit: 4 and 2."""
+    """Return the logarithms of a candidate's k_P and k_D, relative to the unconstrained optimum of 4 and 2."""
     return np.log(numbers["control.position.k_p.0"] / 4.0), np.log(numbers["control.position.k_d.0"] / 2.0)
 
 
 def bowl(numbers, *_):
-    """An error of which the least is 0.1 m; both numbers matter together."""
+    """Return an error with a minimum of 0.1 m, in which the two gains interact."""
     p, d = logs(numbers)
     return 0.1 * np.exp(p * p + d * d - p * d)
 
@@ -78,15 +80,15 @@ def test_the_least_error_is_found(laboratory, flown):
 
 
 def test_the_least_error_within_a_limit_is_found(laboratory, flown):
-    """With k_P at its limit of 2, the best k_D is 2 √(2 / 4): on a line through the bowl."""
+    """With k_P at its limit of 2, the best k_D is 2 √(2 / 4), on a line through the bowl."""
     flown(bowl)
     found = tune([laboratory], [K_P, K_D], lambda s: np.array([2.0 / s.control.position.k_p[0], 9.0]), budget=BUDGET)
     assert found.numbers == pytest.approx((2.0, np.sqrt(2.0)), rel=0.02)
     assert 1.0 <= found.share < 1.02
 
 
-def test_a_limit_that_jumps_is_kept(laboratory, flown):
-    """An unstable loop has one share of the limit, none, whatever the stable ones have."""
+def test_a_discontinuous_limit_is_respected(laboratory, flown):
+    """An unstable loop has a single share of the limit, zero, whereas a stable loop has two."""
     flown(bowl)
 
     def shares(scenario):
@@ -99,7 +101,7 @@ def test_a_limit_that_jumps_is_kept(laboratory, flown):
 
 
 def test_the_lowest_of_many_valleys_is_found(laboratory, flown):
-    """A search from one point would end in the valley around it: there are five along each axis."""
+    """There are five valleys along each axis, so a search from one point would end in the nearest of them."""
 
     def valleys(numbers, *_):
         p, d = logs(numbers)
@@ -110,8 +112,8 @@ def test_the_lowest_of_many_valleys_is_found(laboratory, flown):
     assert found.numbers == pytest.approx((4.0, 2.0), rel=0.02)
 
 
-def test_rounds_draw_nearer_to_the_best_and_never_out_of_range(laboratory, flown):
-    """The mean of the candidates moves to the best numbers, and their spread falls, round after round."""
+def test_rounds_converge_to_the_optimum_and_stay_in_range(laboratory, flown):
+    """The mean of the candidates moves to the best numbers, and their spread falls from round to round."""
     kept = flown(bowl)
     budget = Budget(rounds=6, candidates=64, samples=1, steps=1)
     tune([laboratory], [K_P, K_D], None, budget=budget)
@@ -132,7 +134,7 @@ def test_rounds_draw_nearer_to_the_best_and_never_out_of_range(laboratory, flown
 
 
 def test_candidates_fly_every_training_sample_in_every_laboratory(laboratory, flown):
-    """Errors are means over samples and laboratories, of which each flies its share."""
+    """Errors are means over samples and laboratories, and each laboratory flies its share of the samples."""
     other = laboratory.model_copy(update={"name": "other"})
 
     def error(numbers, sample, scenario):
@@ -140,7 +142,7 @@ def test_candidates_fly_every_training_sample_in_every_laboratory(laboratory, fl
 
     kept = flown(error)
     found = tune([laboratory, other], [K_P], None, budget=Budget(1, 8, 6, 1, 1), first_sample=5)
-    # Samples 5 to 7 in each of two laboratories.
+    # Each of the two laboratories flies samples 5 to 7.
     assert set(kept["samples"]) == {(5, 6, 7) * 8, (5, 6, 7)}
     assert found.error == pytest.approx(np.mean([0.6, 0.7, 0.8]) * 2.0)
     assert {count for _, count in kept["fleets"]} == {24, 3}
@@ -150,8 +152,8 @@ def test_candidates_fly_every_training_sample_in_every_laboratory(laboratory, fl
     assert set(kept["samples"]) == {(0,) * 4, (0,)}
 
 
-def test_a_crash_is_charged_with_one_to_two_metres(laboratory, flown):
-    """Of four samples two crash, after 1 s and 3 s of 4 s. Their errors until then do not count."""
+def test_a_crash_counts_as_an_error_of_one_to_two_metres(laboratory, flown):
+    """Two of four samples crash, after 1 s and 3 s of 4 s. Their errors before the crash do not count."""
 
     def crash(numbers, sample, scenario):
         return {0: 1.0, 2: 3.0}.get(sample, np.inf)
@@ -161,8 +163,8 @@ def test_a_crash_is_charged_with_one_to_two_metres(laboratory, flown):
     assert found.error == pytest.approx((1.75 + 0.1 + 1.25 + 0.3) / 4.0)
 
 
-def test_flights_with_late_frames_count_by_their_crashes_alone(laboratory, flown):
-    """Frames that come 30 ms later are 3 frames of 10 ms. Late flights of a second laboratory crash, too."""
+def test_only_crashes_count_in_flights_with_late_frames(laboratory, flown):
+    """A delay of 30 ms is 3 frames of 10 ms. Late flights crash in the second laboratory only."""
     own = laboratory.laboratory.motion_capture.latency_frames
     other = laboratory.model_copy(update={"name": "other"})
 
@@ -177,7 +179,7 @@ def test_flights_with_late_frames_count_by_their_crashes_alone(laboratory, flown
     assert tune([laboratory, other], [K_P], None, budget=Budget(1, 4, 2, 1, 1)).error == pytest.approx(0.2)
 
 
-def test_the_vertical_number_waits_in_the_middle_of_its_range(laboratory, flown):
+def test_the_vertical_gain_stays_in_the_middle_of_its_range_at_first(laboratory, flown):
     kept = flown(lambda numbers, *_: bowl(numbers) if K_P.paths[0] in numbers else 1.0)
     scenarios = []
     budget = Budget(rounds=9, candidates=16, samples=1, steps=1)
@@ -190,34 +192,35 @@ def test_the_vertical_number_waits_in_the_middle_of_its_range(laboratory, flown)
     assert scenarios[0][2] == pytest.approx(np.sqrt(20.0))
     assert scenarios[0][0] == scenarios[0][1]
     rounds = [set(each) for each in kept["varying"] if len(next(iter(each.values()))) == 16]
-    # Two thirds of the rounds are for the two lateral numbers.
+    # Two thirds of the rounds vary the two lateral gains.
     assert rounds == [{*K_P.paths, *K_D.paths}] * 6 + [{*HEIGHT.paths}] * 3
 
 
-def test_the_limit_is_looked_at_for_the_best_of_each_round(laboratory, flown):
-    """Four times as often in the first round; then at every step of the three local searches."""
-    kept, looked = flown(bowl), []
+def test_the_limit_is_checked_for_the_best_candidates_of_each_round(laboratory, flown):
+    """The first round checks four times as many; the three local searches check it at every step."""
+    kept = flown(bowl)
+    checked = []
     done = []
     budget = Budget(rounds=3, candidates=32, samples=1, checks=4, steps=5)
 
     def shares(scenario):
-        looked.append((len(kept["varying"]), scenario.control.position.k_p[0]))
+        checked.append((len(kept["varying"]), scenario.control.position.k_p[0]))
         return np.array([9.0])
 
-    tune([laboratory], [K_P, K_D], shares, budget=budget, progress=lambda: done.append(len(looked)))
+    tune([laboratory], [K_P, K_D], shares, budget=budget, progress=lambda: done.append(len(checked)))
     assert done[:3] == [16, 20, 24]
     assert len(done) == 3 + 3
     assert all(1 <= step <= 6 for step in np.diff(done[2:]))
-    # In the first round, the best without a limit: those of least error.
+    # The first round checks the candidates of least error, whether or not they meet the limit.
     first = kept["varying"][0]
     columns = {path: first[path] for path in (K_P.paths[0], K_D.paths[0])}
     errors = bowl(columns)
     best = np.sort(columns[K_P.paths[0]][np.argsort(errors)[:16]])
-    np.testing.assert_allclose(np.sort([gain for _, gain in looked[:16]]), best)
+    np.testing.assert_allclose(np.sort([gain for _, gain in checked[:16]]), best)
 
 
-def test_numbers_of_before_are_a_candidate(laboratory, flown):
-    """Where the search looks nowhere near them; those out of range are brought to its ends."""
+def test_previous_gains_are_a_candidate(laboratory, flown):
+    """They count although the search draws no candidate near them; gains out of range are clipped to it."""
     flown(lambda numbers, *_: 0.1 if abs(np.log(numbers[K_P.paths[0]] / 6.789)) < 1e-6 else 1.0)
     budget = Budget(1, 4, 1, 1, 1)
     assert tune([laboratory], [K_P, K_D], None, budget=budget).error == 1.0
@@ -227,7 +230,7 @@ def test_numbers_of_before_are_a_candidate(laboratory, flown):
     flown(lambda numbers, *_: 1.0 / numbers[K_P.paths[0]])
     found = tune([laboratory], [K_P], None, budget=budget, before=(99.0,))
     assert found.numbers == pytest.approx((12.0,))
-    # What breaks the limit is not preferred for its error.
+    # A candidate that violates the limit is not preferred for its small error.
     flown(lambda numbers, *_: 0.1 if abs(np.log(numbers[K_P.paths[0]] / 6.789)) < 1e-6 else 1.0)
     found = tune(
         [laboratory], [K_P], lambda s: np.array([5.0 / s.control.position.k_p[0]]), budget=budget, before=(6.789,)
@@ -235,7 +238,7 @@ def test_numbers_of_before_are_a_candidate(laboratory, flown):
     assert found.error == 1.0
 
 
-def test_of_what_keeps_the_limit_the_least_error_is_better_and_else_what_meets_more_of_it():
+def test_candidates_within_the_limit_rank_by_error_and_the_others_by_share():
     tuned = [
         tuning.Tuned((), error, share)
         for error, share in ((0.3, 1.0), (0.2, 7.0), (0.1, 0.9), (0.05, 0.5), (0.06, 0.5))
@@ -246,31 +249,31 @@ def test_of_what_keeps_the_limit_the_least_error_is_better_and_else_what_meets_m
         assert tuning._better(tuned[second], tuned[first]) is tuned[first]
 
 
-def test_what_is_told_to_break_the_limit_is_penalised():
-    """Shares whose logarithms are linear are told exactly, so that penalties are known in closed form."""
+def test_predicted_violations_of_the_limit_are_penalised():
+    """The logarithms of the shares are linear and so predicted exactly, which gives the penalties in closed form."""
     random = np.random.default_rng(5)
     slope = np.array([0.4, -0.3])
     known = tuning._Known(2)
     points = random.uniform(size=(12, 2))
     for number, point in enumerate(points):
         if number == 3:
-            # Three points do not make a plane and one more.
+            # Nothing is predicted from three points, which only just determine a plane.
             assert not known.penalties(points, 0.0).any()
         known.add(point, np.exp(np.array([slope @ point - 0.05, 0.1])))
     asked = random.uniform(size=(40, 2))
-    told = np.minimum(asked @ slope - 0.05, 0.1)
+    predicted = np.minimum(asked @ slope - 0.05, 0.1)
     away = np.linalg.norm(asked[:, None] - points, axis=2).min(axis=1)
     for doubt in (0.0, 0.3):
-        expected = 4.0 * np.maximum(0.002 - told - doubt * away, 0.0)
+        expected = 4.0 * np.maximum(0.002 - predicted - doubt * away, 0.0)
         np.testing.assert_allclose(known.penalties(asked, doubt), expected, atol=2e-3)
         assert (expected > 0.01).sum() > 5
-    # Far from the limit shares need not be known: from a fifth to one and a half of it.
+    # Shares far from the limit need no accuracy, so they are clipped to between a fifth and one and a half of it.
     np.testing.assert_allclose(tuning._near_limit(np.array([0.01, 0.5, 9.0]), 3), np.log([0.2, 0.5, 1.5]))
     np.testing.assert_allclose(tuning._near_limit(np.zeros(1), 3), np.log([0.2] * 3))
 
 
-def test_the_delay_that_is_stood_is_the_longest_without_a_crash(laboratory, flown):
-    """Flights crash from 40 ms on in one of two laboratories, in one of the four training samples of each."""
+def test_the_tolerated_delay_is_the_longest_without_a_crash(laboratory, flown):
+    """Flights crash from 40 ms on, in one of two laboratories and one of its four training samples."""
     own = laboratory.laboratory.motion_capture.latency_frames
     other = laboratory.model_copy(update={"name": "other"})
 

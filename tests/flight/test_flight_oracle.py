@@ -352,8 +352,9 @@ def test_rotors_that_are_too_weak_give_up_all_parts_of_the_wrench(flown, name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("priority", PRIORITIES)
-def test_rotors_that_are_too_weak_meet_both_their_limits(flown, priority):
+def test_rotors_that_are_too_weak_reach_both_speed_limits(flown, priority):
     flight = flown(f"rotors that are too weak for all parts of the wrench, {priority} first")
-    command, vehicle = flight["rotor_speed_command"], flight.scenario.vehicle
+    command = flight["rotor_speed_command"]
+    vehicle = flight.scenario.vehicle
     assert (command.min(axis=0) < vehicle.min_rotor_speed).all()
     assert (command.max(axis=0) > vehicle.max_rotor_speed).all()

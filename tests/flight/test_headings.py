@@ -1,7 +1,7 @@
-"""Flights at other headings: turned about Z together with its reference, a flight is the same flight.
+"""Flights at other headings: a flight that is rotated about Z together with its reference is the same flight.
 
-In an ideal laboratory nothing but gravity has a direction. A controller that heeds the reference's yaw therefore flies
-at every heading alike.
+In an ideal laboratory only gravity has a direction. A controller that follows the reference yaw therefore flies alike
+at every heading.
 """
 
 import numpy as np
@@ -22,8 +22,8 @@ IDEAL_ONBOARD = {
 STILL_NEURAL_FLY = {"metrics.start": 0.0, "laboratory": {"wind": [], "motion_capture": NOISELESS}}
 
 
-def place_of(controller):
-    """Return what a controller of the library is laid over: a scenario, layers before it, and overrides."""
+def base_of(controller):
+    """Return the scenario, the preceding layers and the overrides that a controller of the library is laid over."""
     file, _, name = controller.partition(":")
     if name == "lqg_neural_fly":
         return "neural_fly:still", [], STILL_NEURAL_FLY
@@ -37,7 +37,7 @@ def place_of(controller):
 
 
 def shipped_controllers():
-    """Return the controllers of the library, without the same kinds designed anew for other laboratories."""
+    """Return the controllers of the library, without variants that are designed for other laboratories."""
     found = [name for name in shipped_scenarios() if name.startswith(("controllers/", "gains/"))]
     # lee.yaml has no gains. Its law is tested with that of geometric attitude control.
     designed, laboratory = "controllers/designed/", "controllers/designed/laboratory:"
@@ -45,8 +45,8 @@ def shipped_controllers():
 
 
 def flown(controller, turn, duration=0.8):
-    """Return the states of a flight that is turned about Z; the reference's velocity jumps when it begins."""
-    scenario, layers, overrides = place_of(controller)
+    """Return the states (ticks, 12) of a flight rotated about Z that begins with a jump of the reference velocity."""
+    scenario, layers, overrides = base_of(controller)
     route = {
         "kind": "lissajous",
         "centre": [0.0, 0.0, 1.0],
@@ -62,7 +62,7 @@ def flown(controller, turn, duration=0.8):
 
 
 def turned(states, angle):
-    """Return states (ticks, 12) turned about Z."""
+    """Return states (ticks, 12) rotated about Z by an angle, rad."""
     found = states.copy()
     for x, y in ((0, 1), (6, 7)):
         found[:, x] = np.cos(angle) * states[:, x] - np.sin(angle) * states[:, y]
@@ -73,8 +73,8 @@ def turned(states, angle):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("controller", shipped_controllers())
-def test_a_shipped_controller_flies_at_the_opposite_heading_alike(controller):
-    """A turn by half a circle, since gains on X and Y may differ and networks act on each axis by itself."""
+def test_a_shipped_controller_flies_alike_at_the_opposite_heading(controller):
+    """The rotation is half a turn because gains on X and Y may differ and networks act on each axis separately."""
     expected = flown(controller, 0.0)
     assert np.abs(expected[:, 0]).max() > 0.003
     np.testing.assert_allclose(flown(controller, np.pi), turned(expected, np.pi), rtol=0.0, atol=1e-9)
@@ -95,7 +95,7 @@ def test_a_shipped_controller_flies_at_the_opposite_heading_alike(controller):
         "gains/onboard",
     ],
 )
-def test_a_controller_whose_gains_on_x_and_y_are_alike_flies_at_every_heading_alike(controller):
+def test_a_controller_with_equal_gains_on_x_and_y_flies_alike_at_every_heading(controller):
     expected = flown(controller, 0.0)
     for angle in (-1.0, 0.5 * np.pi, 12.0):
         np.testing.assert_allclose(flown(controller, angle), turned(expected, angle), rtol=0.0, atol=1e-9)

@@ -1,4 +1,4 @@
-"""A number that is not finite ends a flight at its tick, and is named with the system, the port and the time."""
+"""A non-finite number ends a flight at its tick, and the report names the system, the port and the time."""
 
 import re
 import warnings
@@ -13,22 +13,23 @@ from drake_quad.framework import TIME, FleetSystem, fleet_system
 from drake_quad.framework.elementary import where
 from drake_quad.signals import Acceleration, Wrench
 
-# From when on a system of the user's returns what is no number, s: a tick of the control.
-SINCE = 0.3
-SIZES = {"acceleration_command": 3, "wrench": 4, "attitude_target": 7, "wind": 3}
+# s, the control tick from which on the user's system returns a non-finite number.
+FAILURE_TIME = 0.3
+NUM_ROWS = {"acceleration_command": 3, "wrench": 4, "attitude_target": 7, "wind": 3}
 
 
 class Broken(LeafSystem):
-    """A system in plain Python that holds the vehicle in hover until its second number is none."""
+    """A system in plain Python that holds the vehicle in hover until its second output becomes non-finite."""
 
     def __init__(self, signal, value=np.nan, num_vehicles=1, weight=0.68 * 9.81):
         super().__init__()
-        n, rows = num_vehicles, SIZES[signal]
+        n = num_vehicles
+        rows = NUM_ROWS[signal]
 
         def show(context, output):
             values = np.zeros((rows, n))
             values[0] = weight if signal in ("wrench", "attitude_target") else 0.0
-            values[1] = value if context.get_time() >= SINCE else 0.0
+            values[1] = value if context.get_time() >= FAILURE_TIME else 0.0
             output.SetFromVector(values.ravel())
 
         if signal != "wind":
@@ -39,18 +40,18 @@ class Broken(LeafSystem):
 
 @fleet_system(float)
 class BrokenFormula(FleetSystem):
-    """The same as a formula, which is compiled."""
+    """A controller with the same behaviour, written as a formula, which is compiled."""
 
     def declare(self, *, wrench=False):
         reads = self.input("measurement"), self.input("reference"), TIME
         if wrench:
-            self.output("wrench", lambda m, r, time: Wrench(0.68 * 9.81, none_from(time), 0.0, 0.0), *reads)
+            self.output("wrench", lambda m, r, time: Wrench(0.68 * 9.81, nan_from(time), 0.0, 0.0), *reads)
         else:
-            self.output("acceleration_command", lambda m, r, time: Acceleration(0.0, none_from(time), 0.0), *reads)
+            self.output("acceleration_command", lambda m, r, time: Acceleration(0.0, nan_from(time), 0.0), *reads)
 
 
-def none_from(time):
-    return where(time >= SINCE - 1e-9, float("nan"), 0.0)
+def nan_from(time):
+    return where(time >= FAILURE_TIME - 1e-9, float("nan"), 0.0)
 
 
 CASES = [
@@ -65,11 +66,11 @@ CASES = [
 @pytest.mark.parametrize("compiled", [False, True])
 @pytest.mark.parametrize(("value", "word"), [(np.nan, "nan"), (np.inf, "infinite")])
 @pytest.mark.parametrize(("spec", "place", "signal", "row"), CASES)
-def test_a_number_of_a_user_that_is_none_is_named(spec, place, signal, row, value, word, compiled):
+def test_a_non_finite_number_of_a_user_system_is_named(spec, place, signal, row, value, word, compiled):
     scenario = load_scenario(spec, ["route={kind: hover, position: [0, 0, 1], duration: 0.6}"])
     flight = simulate(scenario, **{place: Broken(signal, value)}, compiled=compiled)
-    # The wind blows on a state that the monitor sees at its next tick.
-    crash_time = SINCE if signal != "wind" else SINCE + 0.02
+    # The monitor sees the effect of the wind on the state at the next tick.
+    crash_time = FAILURE_TIME if signal != "wind" else FAILURE_TIME + 0.02
     assert flight.metrics.crash_time == pytest.approx(crash_time)
     assert flight.cause == f"{place} returned {word} in {row} of `{signal}` at {crash_time:.2f} s"
     assert f"crashed at {crash_time:.2f} s, since {flight.cause}" in repr(flight)
@@ -79,17 +80,17 @@ def test_a_number_of_a_user_that_is_none_is_named(spec, place, signal, row, valu
 
 @pytest.mark.slow
 @pytest.mark.parametrize("wrench", [False, True])
-def test_formulas_are_named_alike(wrench):
+def test_interpreted_and_compiled_formulas_report_the_same_cause(wrench):
     scenario = load_scenario("hover", ["duration=0.6"])
     place = "control" if wrench else "position_controller"
     flights = [simulate(scenario, **{place: BrokenFormula(wrench=wrench)}, compiled=each) for each in (False, True)]
     causes = {flight.cause for flight in flights}
     assert len(causes) == 1
-    assert re.fullmatch(rf"{place} returned nan in \w+ of `\w+` at {SINCE:.2f} s", causes.pop())
+    assert re.fullmatch(rf"{place} returned nan in \w+ of `\w+` at {FAILURE_TIME:.2f} s", causes.pop())
 
 
 @pytest.mark.slow
-def test_what_was_no_number_is_read_back_with_the_flight(tmp_path):
+def test_the_cause_of_a_crash_survives_a_round_trip_through_files(tmp_path):
     scenario = load_scenario("hover", ["duration=0.6"])
     flight = simulate(scenario, position_controller=Broken("acceleration_command"))
     flight.save(tmp_path)
@@ -98,8 +99,8 @@ def test_what_was_no_number_is_read_back_with_the_flight(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_vehicle_that_diverges_or_falls_has_no_such_cause():
-    """Without damping it leaves its place, with a gain of 1e9 it turns over; both are results."""
+def test_a_vehicle_that_diverges_or_turns_over_has_no_such_cause():
+    """Without damping it leaves its place, and with a gain of 1e9 it turns over; both are valid results."""
     pushed = ["vehicle.centre_of_mass=[0.01, 0]", "duration=20"]
     for gains in ("{k_p: [2, 2, 2], k_d: [0, 0, 0]}", "{k_p: [1e9, 1e9, 1], k_d: [1, 1, 1]}"):
         scenario = load_scenario("hover", [*pushed, f"control.position={gains}"])
@@ -118,14 +119,14 @@ def sound(num_vehicles):
 
 
 @pytest.mark.slow
-def test_a_study_says_so_and_counts_crashes():
+def test_a_study_warns_of_non_finite_numbers_and_counts_crashes():
     scenario = load_scenario("hover", ["duration=0.6"])
-    words = r"^sample 0: position_controller returned nan in y of `acceleration_command` at 0.30 s; flights that end so"
-    # Forked workers would warn of the threads of other tests.
+    words = r"^sample 0: position_controller returned nan in y of `acceleration_command` at 0.30 s; flights with such"
+    # Forked workers would warn about the threads of other tests.
     thread = ThreadPoolExecutor(1)
     with pytest.warns(UserWarning, match=words):
         study = run_monte_carlo(scenario, 2, executor=thread, position_controller=broken)
-    assert study.metrics.crash_time == pytest.approx([SINCE, SINCE])
+    assert study.metrics.crash_time == pytest.approx([FAILURE_TIME, FAILURE_TIME])
     assert np.isfinite(np.array(study.metrics)).all()
     with warnings.catch_warnings():
         warnings.simplefilter("error")

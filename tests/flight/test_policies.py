@@ -194,31 +194,31 @@ def test_the_foundation_policy_flies_the_vehicles_of_the_library(scenario, layer
     assert flight.metrics.rmse < most
 
 
-# In hover RAPTOR settles beside the yaw that it is told, by 0.4 to 10 mrad, depending on the vehicle.
-YAW_OFFSET = 0.015
+# rad. RAPTOR settles in hover 0.4 to 10 mrad from the commanded yaw, depending on the vehicle.
+MAX_YAW_OFFSET = 0.015
 
 
 @pytest.mark.parametrize("yaw", [-np.pi / 2, 0.0, np.pi / 2, np.pi, 12.0])
-def test_the_foundation_policy_looks_where_the_reference_does(yaw):
-    """On a plus, whose rotors are not where those of the training were: its axes are turned for it."""
+def test_the_foundation_policy_follows_the_reference_yaw(yaw):
+    """The axes of the plus are rotated, because its rotors are not where those of the training vehicles were."""
     hover = load_scenario("hover", {"route.yaw": yaw, "duration": 4.0}, layers=["controllers/raptor:raptor_plus"])
     flight = simulate(hover, compiled=True)
     assert not flight.metrics.crashed
     assert flight.metrics.rmse < 0.03
-    assert flight.record("state").yaw[-1] == pytest.approx(yaw, abs=YAW_OFFSET)
+    assert flight.record("state").yaw[-1] == pytest.approx(yaw, abs=MAX_YAW_OFFSET)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("layers", [["raptor_plus"], ["vehicles/crazyflie", "raptor"]], ids=["plus", "x"])
-def test_the_foundation_policy_looks_along_the_path(layers):
+def test_the_foundation_policy_follows_a_yaw_along_the_path(layers):
     layers[-1] = f"controllers/raptor:{layers[-1]}"
     flight = simulate(load_scenario("figure_eight", {"route.heading": "along_path"}, layers=layers), compiled=True)
     assert not flight.metrics.crashed
     off = flight.record("state").yaw - flight.record("reference").yaw
-    # The policy does not see that the yaw turns, by more than half a turn each way.
+    # The policy does not observe the yaw rate, and the yaw turns by more than half a turn each way.
     assert np.ptp(flight.record("reference").yaw) > np.pi
     assert np.abs(off).max() < 0.3
-    assert abs(off[-1]) < YAW_OFFSET
+    assert abs(off[-1]) < MAX_YAW_OFFSET
 
 
 def test_a_policy_of_the_user_s_own_needs_a_place():

@@ -12,12 +12,12 @@ from drake_quad.flight.simulation import simulate_samples
 
 # RMS errors of measured positions over six laps, cm (O'Connell et al., Science Robotics 7(66), eabm6597, 2022).
 FLOWN = {"still": 11.9, "wind_4": 10.7, "wind_8": 16.3, "wind_12": 23.9, "wind_8_sine": 31.2}
-SETTLED = 4.0 * math.pi  # s, the first two laps do not count
+SETTLING_TIME = 4.0 * math.pi  # s, duration of the first two laps, which do not count
 
 
 def measured_rmse(flight):
     """Return the RMS error of the positions that the cameras measure, cm."""
-    error = (flight["measurement"] - np.pad(flight["reference"], ((0, 0), (0, 1))))[flight.time >= SETTLED, :3]
+    error = (flight["measurement"] - np.pad(flight["reference"], ((0, 0), (0, 1))))[flight.time >= SETTLING_TIME, :3]
     return 100.0 * math.sqrt(np.mean(np.sum(error**2, axis=1)))
 
 
@@ -35,7 +35,7 @@ def row_of_page(root, name):
 
 @pytest.mark.slow
 def test_the_vehicle_of_neural_fly_flies_here_as_it_flew_there(diagrams, root):
-    """Within 20 % in all winds, measured positions beside measured ones, and as the page of real flights says."""
+    """Measured positions agree to 20 % with the flown ones in all winds, and match the page of real flights."""
     found = {name: predicted(diagrams, name) for name in FLOWN}
     assert found == pytest.approx(FLOWN, rel=0.2)
     assert row_of_page(root, "flown") == [*FLOWN.values()]
@@ -58,7 +58,7 @@ def test_with_drag_from_all_sides_and_the_thrust_that_is_believed_it_does_not(di
 
 
 @pytest.mark.slow
-def test_with_noise_and_turbulence_it_still_does(diagrams, root):
+def test_errors_with_noise_and_turbulence_agree_with_the_flown_ones(diagrams, root):
     """The mean of 16 samples in the laboratory where controllers are compared; its standard error is below 2 %."""
     found = {}
     for name in FLOWN:
@@ -70,7 +70,7 @@ def test_with_noise_and_turbulence_it_still_does(diagrams, root):
 
 
 @pytest.mark.slow
-def test_the_phase_of_the_wind_decides_how_far_it_strays(diagrams):
+def test_the_error_depends_on_the_phase_of_the_wind(diagrams):
     against, along = (
         predicted(diagrams, "wind_8_sine", f"laboratory.wind.1.phase={phase}") for phase in (1.57, 1.57 + math.pi)
     )
@@ -78,8 +78,8 @@ def test_the_phase_of_the_wind_decides_how_far_it_strays(diagrams):
 
 
 @pytest.mark.slow
-def test_the_sine_of_the_wind_is_found_in_a_log(root, diagrams, tmp_path, monkeypatch):
-    """Whatever the phase of the path is when the log begins."""
+def test_the_amplitude_and_phase_of_the_wind_are_found_in_a_log(root, diagrams, tmp_path, monkeypatch):
+    """The result does not depend on the phase of the path at the start of the log."""
     monkeypatch.syspath_prepend(root / "tests" / "identification")
     from neural_fly_flight import write_flight
 

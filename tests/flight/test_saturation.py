@@ -1,4 +1,4 @@
-"""A vehicle whose rotors cannot give the thrust that is asked for."""
+"""Flights of a vehicle whose rotors cannot give the commanded thrust."""
 
 from typing import get_args
 
@@ -11,9 +11,9 @@ from drake_quad.vehicle.allocation import Priority
 
 
 def overloaded(priority):
-    """Return the flight of a vehicle that weighs more than twice what is believed, its load 0.5 mm off the middle.
+    """Return the flight of a vehicle that weighs more than twice what is believed, with its load 0.5 mm off centre.
 
-    To stay where it is, its controller asks for the largest thrust that it may ask for, more than the rotors can give.
+    To hold its position, its controller commands the largest permitted thrust, which is more than the rotors can give.
     """
     overrides = {
         "vehicle.mass": 1.5,
@@ -27,8 +27,8 @@ def overloaded(priority):
 
 
 @pytest.mark.slow
-def test_an_overloaded_vehicle_sinks_level_where_roll_and_pitch_are_first():
-    """In the end the rotors' torque is that of the load: the thrust, which is off the centre of mass."""
+def test_an_overloaded_vehicle_sinks_level_if_roll_and_pitch_have_priority():
+    """The final torque of the rotors balances the load: it is the thrust times its offset from the centre of mass."""
     flight = overloaded("roll_pitch")
     assert not flight.metrics.crashed
     state, shortfall = flight.record("state"), flight.record("shortfall")
@@ -41,8 +41,8 @@ def test_an_overloaded_vehicle_sinks_level_where_roll_and_pitch_are_first():
 
 
 @pytest.mark.slow
-def test_an_overloaded_vehicle_tips_over_where_thrust_is_first():
-    """All rotors turn at their top speed, which leaves no torque against that of the load."""
+def test_an_overloaded_vehicle_tips_over_if_thrust_has_priority():
+    """All rotors turn at their top speed, which leaves no torque to balance that of the load."""
     flight = overloaded("thrust")
     assert flight.metrics.crashed
     assert np.max(np.abs(flight.record("state").roll)) > np.radians(60.0)
@@ -51,8 +51,8 @@ def test_an_overloaded_vehicle_tips_over_where_thrust_is_first():
 @pytest.mark.slow
 @pytest.mark.parametrize("layout", ["x", "rotors"])
 @pytest.mark.parametrize("priority", get_args(Priority))
-def test_vehicles_saturate_in_a_compiled_fleet_as_they_do_alone(layout, priority):
-    """At an instant some vehicles of a vector saturate, and others do not."""
+def test_vehicles_saturate_alike_in_a_compiled_fleet_and_alone(layout, priority):
+    """At some instants only part of the vehicles in a vector register saturate."""
     rotors = [
         {"position": [0.14, -0.11, 0.02], "turns": "clockwise"},
         {"position": [-0.09, -0.13, 0.01], "turns": "anticlockwise", "thrust_factor": 4.1e-5},

@@ -1,4 +1,4 @@
-"""Machine code from the disk is run only if this user wrote it there, whole and under its own name."""
+"""Machine code is loaded from the disk only if this user wrote it there, whole and under its own name."""
 
 import ctypes
 import os
@@ -12,13 +12,14 @@ import pytest
 from drake_quad.caching import ThreadSafeCache
 from drake_quad.framework import code_cache, machine_code
 
-NAME, OTHER = (f"kernel_{digit * 32}" for digit in "12")
+NAME = f"kernel_{'1' * 32}"
+OTHER_NAME = f"kernel_{'2' * 32}"
 CODE = bytes(range(200))
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """The folder of the cache, which is not there yet; remarks are logged anew."""
+    """Return the folder of the cache, which does not exist yet; remarks are logged anew."""
     code_cache._remark.cache_clear()
     monkeypatch.setenv("DRAKE_QUAD_CACHE", str(tmp_path / "cache"))
     return tmp_path / "cache"
@@ -26,13 +27,13 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.fixture
 def file(folder):
-    """The file of a module that can be read."""
+    """Return the file of a cached module that can be read."""
     code_cache.write(NAME, CODE)
     assert code_cache.read(NAME) == CODE
     return folder / f"{NAME}.o"
 
 
-def test_only_the_user_can_write_to_what_is_written(folder):
+def test_only_the_user_can_write_to_the_cache(folder):
     before = os.umask(0)
     try:
         code_cache.write(NAME, CODE)
@@ -44,13 +45,13 @@ def test_only_the_user_can_write_to_what_is_written(folder):
 
 
 def test_the_file_of_another_module_is_not_read(file):
-    code_cache.write(OTHER, CODE[::-1])
-    file.write_bytes((file.parent / f"{OTHER}.o").read_bytes())
+    code_cache.write(OTHER_NAME, CODE[::-1])
+    file.write_bytes((file.parent / f"{OTHER_NAME}.o").read_bytes())
     assert code_cache.read(NAME) is None
-    assert code_cache.read(OTHER) == CODE[::-1]
+    assert code_cache.read(OTHER_NAME) == CODE[::-1]
 
 
-def test_a_valid_digest_of_nothing_is_not_read(file):
+def test_a_valid_digest_of_empty_code_is_not_read(file):
     file.write_bytes(code_cache._digest(NAME, b""))
     assert code_cache.read(NAME) is None
 
@@ -62,10 +63,10 @@ def test_a_file_that_others_can_write_is_not_read(file, mode):
 
 
 @pytest.mark.parametrize("mode", [0o770, 0o707, 0o777, 0o1777], ids=oct)
-def test_a_folder_that_others_can_write_is_not_used_and_this_is_said_once(file, mode, caplog):
+def test_a_folder_that_others_can_write_is_not_used_and_logged_once(file, mode, caplog):
     file.parent.chmod(mode)
     assert code_cache.read(NAME) is None
-    code_cache.write(OTHER, CODE)
+    code_cache.write(OTHER_NAME, CODE)
     assert [*file.parent.iterdir()] == [file]
     (record,) = caplog.records
     assert record.getMessage().startswith(f"{file.parent} belongs to another user or can be written by others")
@@ -73,40 +74,40 @@ def test_a_folder_that_others_can_write_is_not_used_and_this_is_said_once(file, 
     assert code_cache.read(NAME) == CODE
 
 
-def test_what_belongs_to_another_user_is_not_used(file, monkeypatch):
+def test_files_and_folders_of_another_user_are_not_used(file, monkeypatch):
     monkeypatch.setattr(os, "geteuid", lambda: file.stat().st_uid + 1)
     assert code_cache.read(NAME) is None
-    code_cache.write(OTHER, CODE)
+    code_cache.write(OTHER_NAME, CODE)
     assert [*file.parent.iterdir()] == [file]
-    # A file may be another's though the folder is not.
+    # A file may belong to another user although the folder does not.
     monkeypatch.setattr(code_cache, "_is_ours", lambda folder: True)
     assert code_cache.read(NAME) is None
 
 
-def link(file, elsewhere):
+def replace_with_link(file, elsewhere):
     elsewhere.write_bytes(file.read_bytes())
     file.unlink()
     file.symlink_to(elsewhere)
 
 
-def folder_there(file, _):
+def replace_with_folder(file, _):
     file.unlink()
     file.mkdir()
 
 
-def fifo(file, _):
+def replace_with_fifo(file, _):
     file.unlink()
     os.mkfifo(file, 0o600)
 
 
-def fifo_that_is_held_open(file, _):
-    """By somebody who writes nothing."""
-    fifo(file, _)
+def replace_with_open_fifo(file, _):
+    """Replace a file with a FIFO that is held open by a writer who writes nothing."""
+    replace_with_fifo(file, _)
     return os.fdopen(os.open(file, os.O_RDWR), "rb")
 
 
-@pytest.mark.parametrize("replace", [link, folder_there, fifo, fifo_that_is_held_open])
-def test_what_is_no_regular_file_is_neither_read_nor_waited_for(file, replace, tmp_path):
+@pytest.mark.parametrize("replace", [replace_with_link, replace_with_folder, replace_with_fifo, replace_with_open_fifo])
+def test_only_regular_files_are_read_and_the_others_do_not_block(file, replace, tmp_path):
     found = []
     with replace(file, tmp_path / "elsewhere") or nullcontext():
         thread = threading.Thread(target=lambda: found.append(code_cache.read(NAME)), daemon=True)
@@ -144,7 +145,7 @@ def test_a_relative_path_names_no_folder(variables, expected, monkeypatch):
     assert code_cache.cache_folder() == (None if expected is None else Path(expected))
 
 
-def test_what_was_used_longest_ago_is_deleted_first(folder):
+def test_the_least_recently_used_file_is_deleted_first(folder):
     names = [f"kernel_{number:032x}" for number in range(5)]
     for age, name in zip((500, 400, 300, 200, 100), names, strict=True):
         code_cache.write(name, CODE)
@@ -159,7 +160,7 @@ def test_what_was_used_longest_ago_is_deleted_first(folder):
     assert {*folder.iterdir()} == {mine, *(folder / f"{names[k]}.o" for k in (0, 3, 4))}
 
 
-def test_what_a_process_that_was_ended_left_behind_is_deleted_too(folder):
+def test_a_file_that_a_killed_process_left_behind_is_deleted(folder):
     folder.mkdir(mode=0o700)
     left = folder / f".{NAME}.1234.5678.o"
     left.write_bytes(bytes(10))
@@ -184,11 +185,11 @@ def called(text):
 
 
 def test_an_object_file_without_the_function_is_not_called(folder, monkeypatch):
-    """Its digest is valid; the address that LLVM gives is 0."""
+    """The digest is valid, and LLVM returns address 0 for the function."""
     text = module(4_711)
     code_cache.write(machine_code._name(text), machine_code._compiled(module(1).replace("@kernel(", "@another(")))
     assert called(text) == 4_711
-    # What was compiled instead is kept.
+    # The module that was compiled instead is cached.
     monkeypatch.setattr(machine_code, "_addresses", ThreadSafeCache())
     monkeypatch.setattr(machine_code, "_compiled", None)
     assert called(text) == 4_711
@@ -197,5 +198,5 @@ def test_an_object_file_without_the_function_is_not_called(folder, monkeypatch):
 def test_a_module_is_found_under_its_own_name(folder):
     assert called(module(815)) == 815
     (file,) = folder.iterdir()
-    assert re.fullmatch(code_cache._OUR_NAMES, file.name)
+    assert re.fullmatch(code_cache._CACHE_FILE_NAME, file.name)
     assert file.stem == machine_code._name(module(815))

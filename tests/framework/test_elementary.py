@@ -42,7 +42,7 @@ def test_the_logarithm_of_1_plus_a_little_is_accurate_and_has_derivatives():
         assert one.derivatives()[0] == pytest.approx(1.0 / (1.0 + x), rel=1e-6)
 
 
-def test_the_error_function_has_its_derivatives():
+def test_the_error_function_has_the_right_derivatives():
     numbers = [-2.5, -0.4, 0.0, 1e-20, 0.7, 6.5]
     expected = scipy.special.erf(numbers)
     assert [elementary.erf(x) for x in numbers] == pytest.approx(expected, rel=1e-15)

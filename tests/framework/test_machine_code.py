@@ -252,14 +252,15 @@ def test_a_branch_on_a_row_is_refused_in_a_sentence():
         (lambda x: x.clip(0.0, 1.0), "has no attribute 'clip'; a Symbol is a row"),
     ],
 )
-def test_a_function_that_knows_no_rows_is_refused_with_the_way_out(formula, words):
+def test_a_function_that_does_not_accept_rows_is_refused_with_advice(formula, words):
     with pytest.raises(TypeError, match=f"^formula <lambda>: .*{words}.*compute with rows by .*framework.elementary$"):
         machine(formula, 1.0)
 
 
-def test_numbers_of_numpy_compute_with_rows():
-    """From both sides, as Python's do."""
-    two, x = np.float64(2.0), 3.0
+def test_numpy_scalars_compute_with_rows():
+    """A NumPy scalar may stand on either side of an operator, as a Python number may."""
+    two = np.float64(2.0)
+    x = 3.0
     formulas = [
         lambda x: two + x,
         lambda x: two - x,

@@ -120,7 +120,7 @@ def test_the_front_is_red_and_small_vehicles_are_drawn_larger(vehicle):
 
 
 def test_a_scene_fills_its_frame():
-    """With its labels, and in the middle to a tenth of the frame."""
+    """The scene and its labels fill the frame, and are centred to a tenth of its size."""
     scenario = load_scenario("figure_eight")
     camera = Camera(scenario, plan_route(scenario))
     (frame,) = camera.frames(State(*np.full((12, 1), np.nan)), Reference(*np.full((11, 1), 99.0)))

@@ -98,7 +98,7 @@ def numbers(array):
         (module("GELU", approximate="tanh"), "gelu_tanh", None),
     ],
 )
-def test_parameters_of_activations_are_taken_from_pytorch(given, activation, alpha):
+def test_parameters_of_activations_are_read_from_pytorch(given, activation, alpha):
     linear = module("Linear", weight=numbers(np.eye(2)), bias=None)
     (layer,) = torch_layers([linear, given])
     assert (layer.activation, layer.alpha) == (activation, alpha)

@@ -10,25 +10,26 @@ from drake_quad.gym.rollout import action_source
 
 pytestmark = pytest.mark.slow
 
-# One vehicle flips in a plane, the others pass nearer and less near to a pitch of 90°.
+# rad/s. The first vehicle flips in a plane; the others pass a pitch of 90° at increasing distances.
 YAW_RATES = np.array([0.0, 1e-9, 1e-3, 0.02, 0.05, 0.1, 0.3, 1.0])
-FLIP, TICKS = 6.0, 40
+FLIP_RATE = 6.0  # rad/s
+NUM_TICKS = 40
 TASK = {
     "crash": {"tilt": None, "position_error": 1000.0, "height": -1000.0},
     "laboratory.motion_capture.derivative_bandwidth": 400.0,
-    "duration": 0.02 * TICKS,
+    "duration": 0.02 * NUM_TICKS,
 }
 
 
 def actions():
-    """6 rad/s of pitch for 0.6 s, and none after."""
-    found = np.zeros((TICKS, len(YAW_RATES), 4))
-    found[:30, :, 2], found[:30, :, 3] = FLIP / 10.0, YAW_RATES / 10.0
+    """Return actions (ticks, N, 4) that pitch at 6 rad/s for 0.6 s and then stop."""
+    found = np.zeros((NUM_TICKS, len(YAW_RATES), 4))
+    found[:30, :, 2], found[:30, :, 3] = FLIP_RATE / 10.0, YAW_RATES / 10.0
     return found
 
 
 def flipped(time_step):
-    """The environment, what it returned as observations, and its transitions, of which `state` is a record."""
+    """Return the environment, its observations, and its transitions, each with a record as `state`."""
     steps = []
     envs = QuadrotorVectorEnv(
         "figure_eight",
@@ -45,7 +46,7 @@ def flipped(time_step):
 
 
 def states(steps, name="state"):
-    """(ticks, N, 12)."""
+    """Return a state signal of transitions as (ticks, N, 12)."""
     return np.array([np.array(step.state if name == "state" else step.signals[name]).T for step in steps])
 
 
@@ -54,7 +55,7 @@ def flips():
     return flipped(0.01)
 
 
-def test_a_flip_at_the_default_step_is_that_at_an_eighth_of_it(flips):
+def test_a_flip_at_the_default_step_agrees_with_one_at_an_eighth_of_it(flips):
     _, _, steps = flips
     _, _, finer = flipped(0.00125)
     coarse, fine = states(steps), states(finer)
@@ -63,12 +64,12 @@ def test_a_flip_at_the_default_step_is_that_at_an_eighth_of_it(flips):
         assert degrees_apart(one[:, 3:6], rotations(other[:, 3:6])).max() < 1e-3
 
 
-def test_what_is_seen_of_a_flip_is_the_rotation_and_its_rates(flips):
-    """Through a filter that is fast, within a few hundredths of a rad/s while the rates hardly change."""
+def test_the_observation_of_a_flip_is_its_rotation_and_body_rates(flips):
+    """The filter is fast, so measured and true rates differ little while the rates hardly change."""
     _, seen, steps = flips
     truth, measured = states(steps), states(steps, "measurement")
     frame = states(steps, "measurement")[:, :, 3:6]
-    matrices = rotations(frame.reshape(-1, 3)).as_matrix().reshape(TICKS, -1, 9)
+    matrices = rotations(frame.reshape(-1, 3)).as_matrix().reshape(NUM_TICKS, -1, 9)
     np.testing.assert_allclose(seen[:, :, :9], matrices, atol=1e-6)
     np.testing.assert_allclose(seen[:, :, 9:12], measured[:, :, 9:12], atol=1e-6)
     steady = slice(22, 30)
@@ -77,7 +78,7 @@ def test_what_is_seen_of_a_flip_is_the_rotation_and_its_rates(flips):
     np.testing.assert_allclose(measured[steady, :, 9:12], truth[steady, :, 9:12], atol=0.12)
 
 
-def test_the_same_flip_in_the_diagram_as_it_is_wired(flips):
+def test_the_environment_and_the_diagram_give_the_same_flip(flips):
     envs, _, steps = flips
     for vehicle in (0, 4):
         source = action_source(actions()[:, vehicle], 0.02)

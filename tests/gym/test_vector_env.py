@@ -143,13 +143,13 @@ def test_episodes_without_a_seed_begin_with_one_of_chance():
     seeds = [envs.episode(i).seed for i in range(3)]
     assert seeds[1] == 5
     assert len(set(seeds)) == 3
-    # Chance is as wide as that one seldom meets the same seed twice.
-    chances = set()
+    # Random seeds have so wide a range that the same seed is hardly ever drawn twice.
+    drawn_seeds = set()
     for _ in range(12):
         envs.has_begun = False
         envs.reset()
-        chances.add(envs.episode(0).seed)
-    assert len(chances) == 12
+        drawn_seeds.add(envs.episode(0).seed)
+    assert len(drawn_seeds) == 12
     # A generator that was seeded before gives the same chance.
     again = envs_of(3)
     again.np_random = np.random.default_rng(3)
@@ -228,8 +228,8 @@ def test_a_flight_is_cut_off_at_its_end_and_goes_no_further():
 
 
 @pytest.mark.parametrize("mode", AutoresetMode)
-def test_a_flight_that_ends_in_its_last_tick_has_ended_and_is_not_cut_off(mode):
-    """A truncation is an end for a reason outside of the task, so a step is never both."""
+def test_a_flight_that_terminates_in_its_last_tick_is_not_truncated(mode):
+    """A truncation is an end for a reason outside the task, so a step never terminates and truncates."""
 
     def high(step):
         return (step.time > 0.09) & (np.arange(3) == 1)
@@ -243,14 +243,14 @@ def test_a_flight_that_ends_in_its_last_tick_has_ended_and_is_not_cut_off(mode):
     assert truncations.tolist() == [True, False, True]
 
 
-def test_attitude_control_and_the_limits_of_thrust_vectoring_stay():
+def test_an_environment_keeps_attitude_control_and_the_limits_of_thrust_vectoring():
     tilted = {"control.thrust_vectoring.max_tilt": 0.3, "control.attitude.k_p": [5.0, 6.0, 7.0]}
     scenario = load_scenario("figure_eight", tilted)
     control = QuadrotorVectorEnv(scenario).scenario.control
     assert control.thrust_vectoring == scenario.control.thrust_vectoring
     assert control.attitude == scenario.control.attitude
     assert control.action.kind == "acceleration"
-    # Rotor speeds leave nothing to control.
+    # Rotor-speed actions need no attitude controller.
     assert QuadrotorVectorEnv(scenario, action="rotor_speeds").scenario.control.attitude is None
 
 
@@ -279,8 +279,8 @@ def test_environments_are_registered_and_wrapped():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("action", [{"kind": "acceleration", "frame": "reference_heading"}, "attitude", "rates"])
-def test_seen_from_the_heading_of_the_reference_every_heading_is_the_same_task(action):
-    """A policy that learns at one heading meets at another what it knows: the same observations and rewards."""
+def test_observed_along_the_reference_heading_every_heading_is_the_same_task(action):
+    """A policy that learns at one heading finds the same observations and rewards at another heading."""
     seen = {"signals": ["position_error", "velocity_error", "rotation", "body_rates", "action"]}
     steps = []
     for yaw in (0.0, 2.0):

@@ -54,7 +54,7 @@ def names_of(path):
 
 
 def test_estimates_are_written_with_units_and_intervals():
-    """Student's quantile of 12 degrees of freedom is 2.1788."""
+    """Student's 97.5 % quantile of 12 degrees of freedom is 2.1788."""
     told = str(estimates(not_seen={"linear_drag": "it did not move"}))
     assert told.splitlines() == [
         "mass: 0.03300 kg [0.03256, 0.03344]",
@@ -69,7 +69,7 @@ def test_units_and_limits_are_those_of_the_language(vehicles, name):
     kind, path = kind_of(name), scenario_path(name)
     scenario = vehicles[name.startswith(("autopilot.natural", "autopilot.damping"))]
     number_at(scenario, path)
-    if path.startswith("vehicle.inertia"):  # of a body that is so small about all axes
+    if path.startswith("vehicle.inertia"):  # the three moments of inertia of a rigid body limit each other
         scenario = scenario.model_copy(
             update={"vehicle": scenario.vehicle.model_copy(update={"inertia": (kind.least,) * 3})}
         )

@@ -150,14 +150,14 @@ def test_flown_and_predicted_fly_side_by_side_by_the_clock_of_the_log(uncertain,
     np.testing.assert_array_equal(log["state"][:, :3], flown.position[: len(log.time)])
     np.testing.assert_array_equal(log["state"][:, 3:6], flown.attitude[: len(log.time)])
     assert (log.time[0], predicted.time[0]) == (0.0, pytest.approx(0.0, abs=1e-9))
-    # Both are measured, the reference is the same, and the one that is simulated is the typical sample.
+    # The predicted flight is the typical sample. Both flights show measured states and the same reference.
     flight = simulate(found.scenario, sample=found.typical_sample(), compiled=True)
     np.testing.assert_array_equal(predicted["state"], flight["measurement"][flight.time >= REST])
     np.testing.assert_allclose(log["reference"][:, :3], flown.reference_position[: len(log.time)], atol=1e-3)
 
 
-def test_what_is_not_logged_of_the_state_is_shown_at_rest_and_level(uncertain, flown):
-    """And rotors that are logged turn as they did."""
+def test_states_that_are_not_logged_are_shown_at_rest_and_level(uncertain, flown):
+    """Logged rotor speeds are shown unchanged."""
     bare = replace(flown, attitude=None, body_rates=None)
     found = compare_with_log(bare, uncertain, samples=1, rest=REST)
     state = side_by_side(found)["flown"]["state"]

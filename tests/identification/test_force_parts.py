@@ -1,4 +1,4 @@
-"""The parts of an identification by forces, against plain least squares and the vehicle's own motion."""
+"""The steps of an identification by forces, compared with plain least squares and the vehicle's own motion."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ def vehicle():
 
 
 def record(seconds=20.0, *, name="log", **changes):
-    """A flight that swings in all that it does."""
+    """Return a flight whose motion, force and thrust are sinusoids."""
     time = PERIOD * np.arange(round(seconds / PERIOD))
 
     def swings(size, rate):
@@ -41,22 +41,22 @@ def record(seconds=20.0, *, name="log", **changes):
 
 
 def turned(log, rows):
-    """Rows of W in B."""
+    """Return world-frame rows (N, 3) along the axes of the body."""
     return Rotation.from_euler("ZYX", log.attitude[:, ::-1]).inv().apply(rows)
 
 
-def test_air_and_force_are_along_the_axes_of_the_body(vehicle):
+def test_air_velocity_and_force_are_along_the_axes_of_the_body(vehicle):
     log = record()
     motion = forces._motion(log, vehicle)
     np.testing.assert_allclose(motion.air, turned(log, log.wind - log.velocity), atol=1e-12)
     np.testing.assert_allclose(motion.speed, np.linalg.norm(log.wind - log.velocity, axis=1))
-    # The curve that the autopilot believes goes through zero, with 14.27 N at full throttle.
+    # The thrust curve that the autopilot believes goes through zero and gives 14.27 N at full throttle.
     np.testing.assert_allclose(motion.commanded, 4.0 * FULL * log.thrust_share)
     expected = turned(log, log.residual_force) + motion.commanded[:, None] * [0.0, 0.0, 1.0]
     np.testing.assert_allclose(motion.force, expected, atol=1e-12)
 
 
-def test_without_a_residual_force_it_is_mass_times_acceleration_and_weight(vehicle):
+def test_the_force_without_a_logged_residual_is_mass_times_acceleration_plus_weight(vehicle):
     log = record(residual_force=None)
     motion = forces._motion(log, vehicle)
     mass, gravity = vehicle.vehicle.mass, vehicle.vehicle.gravity
@@ -68,14 +68,14 @@ def test_without_a_residual_force_it_is_mass_times_acceleration_and_weight(vehic
     np.testing.assert_allclose(motion.force[inside], expected[inside], atol=2e-3 * mass * gravity)
 
 
-def test_without_a_wind_in_the_log_that_of_the_scenario_blows(vehicle):
+def test_a_log_without_wind_uses_the_wind_of_the_scenario(vehicle):
     windy = load_scenario(f"{DIAGRAM}:still", ["laboratory.wind=[{kind: steady, velocity: [3.0, 0.0, -0.5]}]"])
     log = record(wind=None)
     np.testing.assert_allclose(forces._motion(log, windy).air, turned(log, [3.0, 0.0, -0.5] - log.velocity), atol=1e-12)
 
 
-def test_the_thrust_is_what_the_log_says_in_some_order(vehicle):
-    """Measured speeds of rotors, then commands of thrust, of shares of hover and of rotors."""
+def test_the_thrust_is_taken_from_the_preferred_signal_of_the_log(vehicle):
+    """Measured rotor speeds come first, then commands of thrust, of shares of hover thrust, and of motors."""
     log = record(thrust_share=None)
     speeds = np.tile([300.0, 310.0, 320.0, 330.0], (len(log.time), 1))
     factor = vehicle.nominal.thrust_factor
@@ -98,8 +98,8 @@ def test_the_thrust_is_what_the_log_says_in_some_order(vehicle):
         forces._commanded(log, vehicle)
 
 
-def test_stretches_stand_one_after_another_in_the_air(vehicle):
-    """Against a look at every sample: half a second after the beginning, with what the filter needs on both sides."""
+def test_stretches_follow_one_another_in_the_air(vehicle):
+    """Compare with a search sample by sample, which starts after 0.5 s and keeps the filter's margin on both sides."""
     log = record(25.0)
     resting = replace(log, thrust_share=np.where((log.time > 9.0) & (log.time < 9.4), 0.0, log.thrust_share))
     gapped = resting.part((log.time < 16.0) | (log.time > 17.0))
@@ -107,7 +107,9 @@ def test_stretches_stand_one_after_another_in_the_air(vehicle):
     assert stretches.length == 150
     width = 5
     for number, one in enumerate(stretches.records):
-        flying, sample, starts = airborne(one), 25, []
+        flying = airborne(one)
+        sample = 25
+        starts = []
         while sample + 150 + width <= len(one.time):
             around = slice(sample - width, sample + 150 + width)
             good = flying[around].all() and np.diff(one.time[around]).max() < 0.1
@@ -116,7 +118,7 @@ def test_stretches_stand_one_after_another_in_the_air(vehicle):
         assert stretches.starts[stretches.log == number].tolist() == starts
     assert stretches.unseen.any()
     assert not stretches.unseen.all()
-    # A box of 0.1 s smooths without a shift.
+    # A box filter of 0.1 s smooths without a shift.
     smooth = stretches.of([one.velocity[:, 0] for one in stretches.records])
     for window, (number, start) in enumerate(zip(stretches.log, stretches.starts, strict=True)):
         one = stretches.records[number].velocity[:, 0]
@@ -130,19 +132,20 @@ def test_stretches_stand_one_after_another_in_the_air(vehicle):
 
 
 @pytest.mark.parametrize(("delay", "lag"), [(0.0, 0.0), (0.03, 0.08), (0.05, 0.3)])
-def test_a_thrust_follows_its_command_as_a_lag_of_first_order(delay, lag):
-    """Against the same on a clock a hundred times as fast."""
+def test_a_thrust_follows_its_command_with_a_delay_and_a_first_order_lag(delay, lag):
+    """Compare with the same response on a clock a hundred times as fast."""
     time = np.arange(0.0, 2.0, 0.02)
     command = np.where(time < 0.5, 3.0, 5.0) + np.where(time > 1.2, -1.0, 0.0)
     found = forces._followed(time, command, delay, lag)
     fine = np.arange(0.0, 2.0, 2e-4)
     late = command[np.clip(np.searchsorted(time, fine - delay + 1e-9, side="right") - 1, 0, None)]
-    level, expected = command[0], np.empty(len(fine))
+    level = command[0]
+    expected = np.empty(len(fine))
     for i, value in enumerate(late):
         expected[i] = level
         level = value if lag == 0.0 else level + (1.0 - np.exp(-2e-4 / lag)) * (value - level)
     if lag == 0.0:
-        # The mean over the sample before.
+        # Without a lag, the thrust is the mean over the previous sample period.
         means = np.array([late[(fine > t - 0.02) & (fine <= t)].mean() if t > 0.0 else 3.0 for t in time])
         np.testing.assert_allclose(found, means, atol=0.03)
     else:
@@ -151,7 +154,7 @@ def test_a_thrust_follows_its_command_as_a_lag_of_first_order(delay, lag):
 
 @pytest.fixture(scope="module")
 def made():
-    """Stretches of two unknown numbers and a trim, in noise that hangs together within a stretch."""
+    """Return stretches with two unknown parameters and a trim, in noise that is correlated within a stretch."""
     random = np.random.default_rng(4)
     stretches = forces._Stretches([record(14.0, name=str(i)) for i in range(4)], 0.3, 1.0)
     count = (len(stretches.starts), stretches.length)
@@ -164,7 +167,7 @@ def made():
     return stretches, columns, rows, true, rows @ true + noise
 
 
-def test_numbers_are_those_of_least_squares_on_what_was_not_held_out(made):
+def test_parameters_are_least_squares_estimates_on_the_training_data(made):
     stretches, columns, rows, true, force = made
     fit = forces._fit(columns, forces._Target("x", force, 0.0 * force), stretches)
     seen = ~stretches.unseen
@@ -177,7 +180,7 @@ def test_numbers_are_those_of_least_squares_on_what_was_not_held_out(made):
     spread = fit.of(forces._TRIM, "N")
     assert (spread.value, spread.deviation) == pytest.approx((fit.values[2], np.sqrt(fit.covariance[2, 2])))
     assert spread.unit == "N"
-    # What a number explains beside what is believed of it, on what was held out.
+    # A parameter's explained share is its gain over the believed value, on the held-out data.
     late = stretches.unseen
     rest = force[late] - rows[late] @ fit.values
     for i, name in enumerate(fit.names):
@@ -186,8 +189,8 @@ def test_numbers_are_those_of_least_squares_on_what_was_not_held_out(made):
         assert fit.explained[name] == Explained(pytest.approx(min(worth, 1.0)), "residual force x")
 
 
-def test_deviations_are_those_of_stretches_or_of_whole_logs(made):
-    """By how the scores of stretches scatter; each is corrected for how far it moves the fit itself (CR2)."""
+def test_deviations_follow_from_the_scatter_of_stretches_or_of_whole_logs(made):
+    """The scores of stretches are corrected for their own influence on the fit (CR2)."""
     stretches, columns, rows, _, force = made
     fit = forces._fit(columns, forces._Target("x", force, 0.0 * force), stretches)
     seen = ~stretches.unseen
@@ -218,14 +221,14 @@ def test_deviations_are_those_of_stretches_or_of_whole_logs(made):
     np.testing.assert_array_equal(fit.freedom, np.where(wider, 3.0, seen.sum() - 1.0))
 
 
-def test_numbers_that_nothing_excites_stay_as_believed_and_those_below_zero_are_held(made):
+def test_unexcited_parameters_stay_as_believed_and_negative_ones_are_set_to_zero(made):
     stretches, columns, rows, true, force = made
     still = [columns[0], columns[1]._replace(values=1e-6 * columns[1].values, scale=0.1), columns[2]]
     target = forces._Target("x", rows[..., [0, 2]] @ true[[0, 2]] + 0.1 * np.sin(rows[..., 1]), 0.0 * force)
     fit = forces._fit([each._replace(scale=1.0) if each is not still[1] else each for each in still], target, stretches)
     assert list(fit.not_seen) == ["body_drag.quadratic[0]"]
     assert fit.values[1] == 0.1
-    # A drag that would push is none, and the rest is fitted without it.
+    # A negative drag is set to zero, and the other parameters are fitted without it.
     shoved = force - 0.6 * rows[..., 1]
     pushing = forces._fit(
         [each._replace(scale=1.0) for each in columns], forces._Target("x", shoved, 0.0 * force), stretches
@@ -238,7 +241,7 @@ def test_numbers_that_nothing_excites_stay_as_believed_and_those_below_zero_are_
     np.testing.assert_allclose(pushing.values[[0, 2]], expected, atol=1e-3)
 
 
-def test_shares_are_of_the_variance_around_the_mean():
+def test_explained_shares_refer_to_the_variance_around_the_mean():
     measured = np.array([[1.0, 3.0], [5.0, 7.0]])
     predicted = measured - np.array([[0.5, -0.5], [1.0, 1.0]])
     chosen = np.array([True, False])
@@ -247,7 +250,7 @@ def test_shares_are_of_the_variance_around_the_mean():
 
 
 def test_the_curve_of_a_rotor_follows_from_level_and_slope(vehicle):
-    """All rotors together make a K0 + 4 K1 u; the level is shared by the four of them."""
+    """The level is a force of all four rotors together, and the slope scales their believed curve."""
     stretches = forces._Stretches([record(20.0)], 0.0, 3.0)
     names = (forces._LEVEL, forces._SLOPE)
     covariance = np.array([[0.04, 0.003], [0.003, 0.01]])
@@ -260,12 +263,12 @@ def test_the_curve_of_a_rotor_follows_from_level_and_slope(vehicle):
     np.testing.assert_allclose(estimates.covariance, rows @ covariance @ rows.T)
     np.testing.assert_array_equal(estimates.degrees_of_freedom, [7.0, 7.0])
     assert [source.log for source in estimates.sources_of(0)] == ["log"]
-    untold = fit._replace(names=(forces._TRIM,), values=np.ones(1), covariance=np.eye(1), freedom=np.ones(1))
-    with pytest.raises(InputError, match="the logs tell nothing of drag and lift"):
-        forces._estimates([untold], load_scenario("laboratory:low_wind"), stretches)
+    unexcited = fit._replace(names=(forces._TRIM,), values=np.ones(1), covariance=np.eye(1), freedom=np.ones(1))
+    with pytest.raises(InputError, match="drag and lift"):
+        forces._estimates([unexcited], load_scenario("laboratory:low_wind"), stretches)
 
 
-def test_outputs_are_what_there_is_beside_weight_and_commanded_thrust(vehicle):
+def test_outputs_exclude_weight_and_commanded_thrust(vehicle):
     log = record(25.0)
     stretches = forces._Stretches([log], 0.4, 3.0)
     motion = forces._motion(log, vehicle)
@@ -285,13 +288,13 @@ def test_outputs_are_what_there_is_beside_weight_and_commanded_thrust(vehicle):
         left = output.measured - output.predicted
         for share, chosen in ((output.share, stretches.unseen), (output.share_fitted, ~stretches.unseen)):
             assert share == pytest.approx(1.0 - np.mean(left[chosen] ** 2) / np.var(output.measured[chosen]))
-        # White noise has twice its variance in differences.
+        # Differencing white noise doubles its variance.
         assert output.deviation == pytest.approx(np.std(np.diff(left, axis=1)) / np.sqrt(2.0))
         assert (output.name, output.unit) == (f"residual force {'xyz'[axis]}", "N")
 
 
-def test_drag_of_a_short_flight_is_that_of_least_squares_by_blocks(vehicle):
-    """Of force on air and a constant, after a filter of 0.1 s; along an axis that was not flown, that of the other."""
+def test_drag_of_a_short_flight_is_a_least_squares_estimate_with_block_deviations(vehicle):
+    """Regress filtered force (0.1 s) on air velocity and a constant. An axis at rest has the drag of the other axis."""
     log = record(6.0, wind=np.zeros((300, 3)))
     found = forces.linear_drag(log, vehicle)
     motion = forces._motion(log, vehicle)
@@ -317,7 +320,7 @@ def test_drag_of_a_short_flight_is_that_of_least_squares_by_blocks(vehicle):
         forces.linear_drag(record(0.6), vehicle)
 
 
-def test_logs_that_tell_forces_have_a_thrust_and_what_it_acts_on():
+def test_a_log_determines_forces_if_it_has_a_thrust_and_the_resulting_motion():
     assert forces.tells_forces(record())
     assert forces.tells_forces(record(thrust_share=None, thrust_command=np.ones(1000)))
     for name in ("residual_force", "velocity", "attitude", "thrust_share"):

@@ -1,4 +1,4 @@
-"""By what a vehicle is identified, and how parts of an identification become one."""
+"""The choice of an identification method, and the merging of partial identifications."""
 
 from types import SimpleNamespace
 
@@ -18,7 +18,7 @@ PERIOD = 0.02
 
 
 def record(seconds, *names, **signals):
-    """A log in the air, with some signals that stay."""
+    """Return an airborne log with constant signals."""
     count = round(seconds / PERIOD)
     widths = {"specific_force": 3, "body_rates": 3, "attitude": 3, "position": 3, "residual_force": 3, "velocity": 3}
     values = {name: np.zeros((count, widths[name])) for name in names}
@@ -33,13 +33,13 @@ def rotors(root):
 
 @pytest.fixture(scope="module")
 def attitudes(root):
-    """Behind an autopilot whose attitude responds as a whole."""
+    """Return a scenario with an autopilot whose attitude responds as a whole."""
     return load_scenario(root / "diagrams" / "neural_fly.yaml:still")
 
 
 @pytest.fixture
 def chosen(monkeypatch):
-    """Which way is taken, with which scenario and which share of the flight held out."""
+    """Return a function that gives the chosen method, its scenario and the held-out share of the flight."""
     calls = []
 
     def instead(name):
@@ -65,19 +65,34 @@ INERTIAL = ("specific_force", "body_rates")
 POSES = ("position", "attitude")
 
 
-def test_prediction_errors_are_used_where_there_is_an_accelerometer_or_half_a_minute_of_poses(chosen, rotors):
+def test_prediction_errors_are_used_with_an_accelerometer_or_half_a_minute_of_poses(chosen, rotors):
     assert chosen([record(5.0, *INERTIAL)], rotors)[0] == "prediction errors"
     assert chosen([record(31.0, *POSES)], rotors)[0] == "prediction errors"
     assert chosen([record(16.0, *POSES)] * 2, rotors)[0] == "prediction errors"
     assert chosen([record(29.0, *POSES)], rotors)[0] == "poses"
     assert chosen([record(31.0, "position", "velocity")], rotors)[0] == "poses"
     assert chosen([record(31.0, "attitude")], rotors)[0] == "poses"
-    # One log without them is enough.
+    # A single log without an accelerometer or a gyroscope rules prediction errors out.
     assert chosen([record(5.0, *INERTIAL), record(5.0, "body_rates")], rotors)[0] == "poses"
     assert chosen([record(5.0, *INERTIAL), record(5.0, "specific_force")], rotors)[0] == "poses"
 
 
-def test_behind_an_autopilot_forces_are_used_where_all_logs_have_them(chosen, attitudes):
+@pytest.mark.slow
+@pytest.mark.parametrize("seconds", [10.0, 35.0], ids=["multiple shooting", "prediction errors"])
+def test_a_flight_without_motion_identifies_only_the_thrust(rotors, seconds):
+    """No estimate is divided by a variance of zero: a NumPy warning fails the test."""
+    vehicle = rotors.vehicle
+    speed = np.sqrt(0.25 * vehicle.mass * vehicle.gravity / vehicle.thrust_factor)
+    commands = np.full((round(seconds / PERIOD), 4), speed)
+    still = record(seconds, *POSES, "body_rates", "velocity", rotor_speed_command=commands)
+    found = identify([still], rotors)
+    told = dict(zip(found.estimates.names, found.estimates.values, strict=True))
+    assert told["thrust_factor"] == pytest.approx(vehicle.thrust_factor, rel=1e-3)
+    assert {"inertia[0]", "inertia[1]", "rotor_time_constant"} <= {*found.estimates.not_seen}
+    assert np.isfinite(found.estimates.intervals()).all()
+
+
+def test_forces_are_used_behind_an_autopilot_if_all_logs_have_them(chosen, attitudes):
     whole = ("residual_force", "attitude", "velocity", "position")
     commands = {"attitude_command": np.zeros((500, 3)), "thrust_share": np.full(500, 0.5)}
     with_forces = record(10.0, *whole, wind=np.zeros((500, 3)), **commands)
@@ -87,13 +102,13 @@ def test_behind_an_autopilot_forces_are_used_where_all_logs_have_them(chosen, at
     assert chosen([record(40.0, *POSES)], attitudes)[0] == "poses"
 
 
-def test_a_third_of_the_time_in_the_air_is_held_out_if_not_said_otherwise(chosen, rotors, attitudes):
+def test_a_third_of_the_airborne_time_is_held_out_by_default(chosen, rotors, attitudes):
     assert chosen([record(5.0, *INERTIAL)], rotors)[2] == pytest.approx(1.0 / 3.0)
     assert chosen([record(5.0, *INERTIAL)], rotors, held_out_share=0.2)[2] == 0.2
     assert chosen([record(5.0, *POSES)], attitudes, held_out_share=0.2)[2] == 0.2
 
 
-def test_throttles_make_motors_that_take_them(chosen, rotors):
+def test_a_log_of_throttles_gives_the_vehicle_throttle_motors(chosen, rotors):
     throttles = record(5.0, *INERTIAL, motor_command=np.full((250, 4), 0.5))
     assert chosen([record(5.0, *INERTIAL), throttles], rotors)[1].vehicle.motors.kind == "throttle"
     assert chosen([record(5.0, *INERTIAL)], rotors)[1] is rotors
@@ -109,8 +124,8 @@ def estimates(names, deviations, *, freedom=9.0, **options):
     return Estimates(names, values, np.diag(np.square(deviations)), freedom, Source("m", names[0]), **options)
 
 
-def test_attitude_and_forces_are_one_identification(monkeypatch, attitudes):
-    """With the delay of the attitude, whose deviation the forces know, and no correlation between both."""
+def test_identifications_of_attitude_and_forces_are_merged(monkeypatch, attitudes):
+    """The forces take into account the deviation of the attitude's delay, and both parts are uncorrelated."""
     turning = estimates(
         ("autopilot.damping[0]",),
         [0.1],
@@ -157,14 +172,14 @@ def test_attitude_and_forces_are_one_identification(monkeypatch, attitudes):
     assert found.vehicle.laboratory.autopilot.damping[0] == pytest.approx(1.0)
 
 
-def test_windows_of_a_forecast_stand_one_after_another():
-    """As outputs in the units of their signals; all of them were held out."""
+def test_windows_of_a_forecast_are_listed_one_after_another():
+    """The outputs have the units of their signals, and all of them are held out."""
     random = np.random.default_rng(1)
     time = PERIOD * np.arange(5)
     measured, predicted = random.normal(size=(2, 5, 3, 4))
     names = ("position x", "roll", "specific force along z")
-    told = Forecast(names, time, measured, predicted, np.array([0.9, 0.8, 0.7]))
-    outputs = module._series(told, np.array([1e-3, 2e-3, 3e-3]), "a log")
+    forecast = Forecast(names, time, measured, predicted, np.array([0.9, 0.8, 0.7]))
+    outputs = module._series(forecast, np.array([1e-3, 2e-3, 3e-3]), "a log")
     assert [output.name for output in outputs] == list(names)
     assert [output.unit for output in outputs] == ["m", "rad", "m/s²"]
     for i, output in enumerate(outputs):
@@ -174,14 +189,14 @@ def test_windows_of_a_forecast_stand_one_after_another():
         np.testing.assert_allclose(output.residual, (measured - predicted)[:, i].T)
         assert output.held_out.all()
         assert output.log.tolist() == ["a log"] * 4
-        assert (output.share, output.deviation) == (told.explained[i], 1e-3 * (i + 1))
+        assert (output.share, output.deviation) == (forecast.explained[i], 1e-3 * (i + 1))
         assert np.isnan(output.share_fitted)
-    (rate,) = module._series(told._replace(names=("body rate q",)), np.ones(1), "a log")
+    (rate,) = module._series(forecast._replace(names=("body rate q",)), np.ones(1), "a log")
     assert rate.unit == "rad/s"
 
 
-def test_a_delay_goes_into_the_link_of_the_vehicle(monkeypatch, rotors):
-    """In ticks of the link, beyond what the laboratory has of delay with none of them."""
+def test_a_delay_is_added_to_the_link_of_the_vehicle(monkeypatch, rotors):
+    """The delay is in ticks of the link, beyond the delay that the laboratory has with zero ticks."""
     found = estimates(("thrust_factor",), [1e-7])
     result = SimpleNamespace(
         estimates=found,
@@ -202,13 +217,15 @@ def test_a_delay_goes_into_the_link_of_the_vehicle(monkeypatch, rotors):
     assert own.vehicle.laboratory == rotors.laboratory
 
 
-def test_equations_without_a_solution_are_told_in_a_sentence(monkeypatch):
-    """A gyroscope that shows 10⁸ rad/s now and then leaves such equations."""
+def test_equations_without_a_solution_are_refused_in_one_sentence(monkeypatch):
+    """Such equations arise if a gyroscope now and then shows 10⁸ rad/s."""
 
     def fail(*_, **__):
         np.linalg.cholesky(np.zeros((2, 2)))
 
     monkeypatch.setattr(module, "identify_from_poses", fail)
     nothing = FlightRecord("log", np.array([0.0, 0.1]))
-    with pytest.raises(InputError, match=r"^the logs cannot be fitted \(Matrix is not positive definite\): they hold"):
+    with pytest.raises(
+        InputError, match=r"^the logs cannot be fitted \(Matrix is not positive definite\): their values are not"
+    ):
         identify([nothing], load_scenario("hover"))

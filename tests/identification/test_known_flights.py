@@ -1,4 +1,4 @@
-"""Flights of known vehicles, by which identification is checked."""
+"""Simulated flights of known vehicles, which are used to check identification."""
 
 import math
 
@@ -16,7 +16,7 @@ from drake_quad.scenario.paths import distributions_in
 
 
 @pytest.mark.parametrize("kind", KNOWN)
-def test_a_known_vehicle_wanders_evenly_in_time_and_never_comes_back(kind, diagrams):
+def test_a_known_vehicle_wanders_evenly_in_time_and_never_returns(kind, diagrams):
     known = KNOWN[kind]
     scenario = middle_of(known.flown(diagrams))
     plan = plan_route(scenario)
@@ -24,7 +24,7 @@ def test_a_known_vehicle_wanders_evenly_in_time_and_never_comes_back(kind, diagr
     np.testing.assert_allclose(plan.path.times, times, atol=1e-9)
     places = evaluate(plan.path, times).T
     yaws = evaluate(plan.yaw, times)[0]
-    # Around a point at a height of 1.5 m, within these distances; with a yaw on both sides.
+    # Positions stay within these distances of a point at a height of 1.5 m, and yaws have both signs.
     for values, centre, size in (
         (*[places[:, 0]], 0.0, 1.2),
         (places[:, 1], 0.0, 1.2),
@@ -51,7 +51,7 @@ def test_waypoints_are_whole_millimetres_and_times_whole_microseconds():
 
 
 @pytest.mark.parametrize("kind", KNOWN)
-def test_the_log_of_a_flight_is_what_a_laboratory_has(kind, diagrams):
+def test_the_log_of_a_flight_has_the_signals_of_a_laboratory(kind, diagrams):
     flight = simulate(middle_of(KNOWN[kind].flown(diagrams, ["duration=0.5"])), compiled=True)
     record = record_of(flight)
     seen = flight["measurement"]
@@ -68,14 +68,14 @@ def test_the_log_of_a_flight_is_what_a_laboratory_has(kind, diagrams):
     else:
         target = flight.record("attitude_target")
         np.testing.assert_array_equal(record.attitude_command, np.transpose(target[1:4]))
-        # Four rotors of 14.27 N at full throttle.
+        # Each of the four rotors gives 14.27 N at full throttle.
         np.testing.assert_allclose(record.thrust_share, target[0] / 57.08)
         assert record.rotor_speed_command is None
 
 
 @pytest.mark.slow
-def test_what_is_identified_stands_beside_what_flew(diagrams, monkeypatch):
-    """Each sample with its own numbers."""
+def test_identified_values_are_paired_with_the_true_ones(diagrams, monkeypatch):
+    """Each sample has its own true values."""
     kept = []
 
     class Found:
@@ -85,8 +85,10 @@ def test_what_is_identified_stands_beside_what_flew(diagrams, monkeypatch):
             self.estimates = Estimates()
 
     class Estimates:
-        names, values = ("thrust_factor", "inertia[1]"), np.array([4e-5, 0.007])
-        deviations, degrees_of_freedom = np.array([1e-6, 1e-4]), np.array([9.0, 8.0])
+        names = ("thrust_factor", "inertia[1]")
+        values = np.array([4e-5, 0.007])
+        deviations = np.array([1e-6, 1e-4])
+        degrees_of_freedom = np.array([9.0, 8.0])
 
     monkeypatch.setattr(known_flights.rotor_identification, "identify", lambda records, *_, **__: Found(records[0]))
     found = check_batch(Task("rotors", diagrams, ["duration=0.3"], [4, 7]))
@@ -98,7 +100,7 @@ def test_what_is_identified_stands_beside_what_flew(diagrams, monkeypatch):
             Checked("thrust_factor", number_of(flown, "thrust_factor"), 4e-5, 1e-6, 9.0),
             Checked("inertia[1]", number_of(flown, "inertia[1]"), 0.007, 1e-4, 8.0),
         ]
-        # Cameras show the vehicle a frame of 10 ms late, and the command of a row was held over the 20 ms before.
+        # Cameras deliver the state one frame of 10 ms late, and the command of a row was held over the 20 ms before.
         frames = flown.laboratory.motion_capture.latency_frames
         assert rows[2].name == known_flights.rotor_identification.DELAY
         assert math.isclose(rows[2].true, 0.01 * (1 + frames) - 0.02)

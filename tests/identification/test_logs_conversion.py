@@ -135,8 +135,8 @@ def test_rows_with_commands_beyond_what_can_be_sent_are_damaged(unit, scale, lea
             np.testing.assert_allclose(found.sampled, [6.9, 7.9, 9.9])
             assert len(found.columns["a"]) == 3
             (note,) = notes
-            assert note.startswith("2 of 5 samples are left out: their motor commands are none that can be sent, up to")
-            assert f" {abs(command):.3g} times the full one, first at 2 s; the log is damaged" in note
+            assert note.startswith("2 of 5 samples are left out: their motor commands are out of range, up to")
+            assert f" {abs(command):.3g} times the full command, first at 2 s; the log is damaged" in note
         else:
             assert (found is table, notes) == (True, [])
     bare = Table("other", np.arange(3.0), {"a": np.full(3, 9e9)})

@@ -1,4 +1,4 @@
-"""Everything whole is read of a log that is cut or padded, and a remark counts the other bytes."""
+"""Every whole record of a cut or padded log is read, and a remark counts the other bytes."""
 
 import lzma
 import random
@@ -12,15 +12,15 @@ from written_logs import DATA, crazyflie_log, ulog
 from drake_quad import InputError
 from drake_quad.identification.logs.reading import read_log
 
-FILLS = [b"\0", b"\xff"]
-SAMPLES = 40
+FILL_BYTES = [b"\0", b"\xff"]
+NUM_SAMPLES = 40
 GYRO = [(f"gyro.{axis}", "f") for axis in "xyz"]
-# Two event types, one of which has the id that 0xff would be.
+# One of the two event types has the id that a fill with 0xff looks like.
 CRAZYFLIE = crazyflie_log(
     [(0xFFFF, "fixedFrequency", GYRO), (0, "other", [("foo.bar", "h")])],
     [
         each
-        for i in range(SAMPLES)
+        for i in range(NUM_SAMPLES)
         for each in ((0xFFFF, 1000 * (i + 1), (i, 2.0, 3.0)), (0, 1000 * (i + 1), (1,)))[: 1 + i % 2]
     ],
 )
@@ -28,13 +28,13 @@ ULOG = ulog(
     {
         "vehicle_angular_velocity": (
             [("uint64_t", "timestamp_sample"), ("float[3]", "xyz")],
-            [(1_000_000 + 4000 * i, 1_000_000 + 4000 * i, float(i), 0.2, 0.3) for i in range(SAMPLES)],
+            [(1_000_000 + 4000 * i, 1_000_000 + 4000 * i, float(i), 0.2, 0.3) for i in range(NUM_SAMPLES)],
         )
     }
 )
-TABLE = ("time,gyro.x (°/s),rate\n" + "".join(f"{0.01 * (i + 1):.2f},ä,{i}.25\n" for i in range(SAMPLES))).encode()
+TABLE = ("time,gyro.x (°/s),rate\n" + "".join(f"{0.01 * (i + 1):.2f},ä,{i}.25\n" for i in range(NUM_SAMPLES))).encode()
 MAPPING = "time: {column: time}\nsignals: {body_rates: {columns: [rate, rate, rate]}}"
-# Each with the place of its first record, and the most bytes of one.
+# Each entry holds a log, the position of its first record and the size of its largest record, in bytes.
 LOGS = {
     "crazyflie": (CRAZYFLIE, CRAZYFLIE.index(b"foo.bar(h)\0") + 11, 34),
     "ulog": (ULOG, ULOG.rindex(b"vehicle_angular_velocity") + 24, 33),
@@ -59,10 +59,10 @@ def unread(record):
     return [remark for remark in record.remarks if "not read: " in remark and "the last " in remark]
 
 
-@pytest.mark.parametrize("fill", FILLS)
+@pytest.mark.parametrize("fill", FILL_BYTES)
 @pytest.mark.parametrize("count", [1, 2, 3, 8, 40, 5_000, 400_000])
 @pytest.mark.parametrize("name", LOGS)
-def test_a_whole_log_is_read_whatever_a_loss_of_power_has_left_behind_it(read, name, count, fill):
+def test_a_whole_log_is_read_although_a_loss_of_power_padded_it(read, name, count, fill):
     data, *_ = LOGS[name]
     whole, padded = read(data), read(data + count * fill)
     assert not unread(whole)
@@ -75,7 +75,7 @@ def test_a_whole_log_is_read_whatever_a_loss_of_power_has_left_behind_it(read, n
 
 
 @pytest.mark.parametrize("name", LOGS)
-def test_garbage_behind_a_whole_log_is_left_out(read, name):
+def test_garbage_after_a_whole_log_is_left_out(read, name):
     data, *_ = LOGS[name]
     whole, padded = read(data), read(data + b"\x80\x81\x82" + random.Random(1).randbytes(500))
     np.testing.assert_array_equal(padded.body_rates, whole.body_rates)
@@ -83,13 +83,13 @@ def test_garbage_behind_a_whole_log_is_left_out(read, name):
     assert "503 bytes" in remark or f"from byte {len(data):,} on" in remark
 
 
-@pytest.mark.parametrize("fill", [b"", *FILLS])
+@pytest.mark.parametrize("fill", [b"", *FILL_BYTES])
 @pytest.mark.parametrize("name", LOGS)
 def test_a_cut_log_is_read_to_its_last_whole_record(read, name, fill):
-    """What is read begins the whole log, however it is cut; at most one record is taken for cut though it is whole."""
+    """The record is a prefix of the whole log, and at most one whole record is lost to the cut."""
     data, first, longest = LOGS[name]
     whole = read(data)
-    # By steps that reach all parts of a record.
+    # Steps of 53 bytes reach all parts of a record.
     for place in range(first + 3 * longest, len(data) - 1, 53):
         cut = read(data[:place] + 300 * fill)
         samples = len(cut.time)
@@ -111,9 +111,9 @@ def test_a_cut_log_is_read_to_its_last_whole_record(read, name, fill):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fill", FILLS)
+@pytest.mark.parametrize("fill", FILL_BYTES)
 @pytest.mark.parametrize("file", ["px4/sample_px4_events.ulg.xz", "crazyflie/crazyswarm2/log100.xz"])
-def test_real_logs_with_a_tail(read, file, fill):
+def test_real_logs_are_read_when_padded_and_when_cut(read, file, fill):
     data = lzma.decompress((DATA / file).read_bytes())
     whole, padded = read(data), read(data + 1_000_000 * fill)
     for signal, values in whole.signals():
@@ -130,22 +130,22 @@ def test_real_logs_with_a_tail(read, file, fill):
             np.testing.assert_array_equal(cut.body_rates, whole.body_rates[:samples])
 
 
-def test_a_ulog_that_pyulog_cannot_read_to_its_end_is_read_as_far_as_it_can(read):
+def test_a_ulog_is_read_as_far_as_pyulog_can_read_it(read):
     whole, damaged = read(ULOG), read(ULOG + bytes(40_000) + b"\1")
     np.testing.assert_array_equal(damaged.body_rates, whole.body_rates)
     assert any(f"damaged from byte {len(ULOG):,} on" in remark for remark in damaged.remarks)
-    assert unread(damaged) == ["the last 40,001 bytes are not read: pyulog cannot read on from there"]
+    assert unread(damaged) == ["the last 40,001 bytes are not read: pyulog cannot continue there"]
 
 
-def test_damage_is_said_once(read):
+def test_damage_is_reported_once(read):
     record = read(ULOG + 20 * b"\1\0\0" + b"\1")
     assert [remark for remark in record.remarks if "damaged" in remark] == [
-        f"the log is damaged from byte {len(ULOG):,} on; read what pyulog finds whole"
+        f"the log is damaged from byte {len(ULOG):,} on; only complete messages that pyulog finds are read"
     ]
 
 
 def test_a_checksum_that_looks_like_a_record_ends_a_log(read):
-    """The tail goes on as if the checksum were the id of an event type and its time."""
+    """The fill continues as if the checksum were the id of an event type and its time."""
     log = crazyflie_log([(0xFFFF, "fixedFrequency", GYRO)], [(0xFFFF, 1000 * i, (i, 2.0, 3.0)) for i in range(3)])
     before = zlib.crc32(log[:-8])
     values = (struct.pack("<f", value) for value in range(1_000_000))
@@ -156,7 +156,7 @@ def test_a_checksum_that_looks_like_a_record_ends_a_log(read):
     assert padded.remarks[0] == "the last 300 bytes are not read: all 0xff, as after a loss of power"
 
 
-def test_the_wrong_checksum_of_a_damaged_log_is_no_record_that_is_lost(read):
+def test_the_wrong_checksum_of_a_damaged_log_is_not_a_lost_record(read):
     damaged = bytearray(CRAZYFLIE)
     damaged[-30] ^= 1
     record = read(bytes(damaged))
@@ -167,6 +167,6 @@ def test_the_wrong_checksum_of_a_damaged_log_is_no_record_that_is_lost(read):
 @pytest.mark.parametrize(
     "data", [b"PK\x03\x04\x14\0" + bytes(30), b"\x89PNG\r\n\x1a\n" + bytes(30), bytes(30)], ids=["zip", "png", "zeros"]
 )
-def test_what_is_no_text_is_no_log(read, data):
+def test_a_binary_file_of_another_kind_is_refused(read, data):
     with pytest.raises(InputError, match="is none of the logs that can be read: a Crazyflie's, which begins with"):
         read(data)

@@ -110,7 +110,7 @@ def test_signals_that_are_zero_throughout_are_doubted():
         signals = dict.fromkeys(names, place) | {name: nothing}
         assert next(doubts(signals, time)).startswith(f"{name} is zero throughout")
     both = {"velocity": nothing, "attitude": nothing, "thrust_share": nothing}
-    assert list(doubts(both, time)) == ["velocity and attitude are zero throughout: nothing may have measured it"]
+    assert list(doubts(both, time)) == ["velocity and attitude are zero throughout: they may not have been measured"]
 
 
 @pytest.mark.parametrize(("height", "said"), [(0.24, True), (0.26, False), (-0.24, True), (-0.26, False)])
@@ -133,7 +133,7 @@ def test_a_reference_is_out_of_reach_beyond_two_metres_and_all_of_the_flight(mov
     if said:
         reach = max(2.0, moves)
         assert found[0].startswith(
-            f"reference_position is up to {away:.3g} m from a vehicle that moves by {reach:.3g} m, first at 1.5 s:"
+            f"reference_position is up to {away:.3g} m away from a vehicle that moves by {reach:.3g} m, first at 1.5 s:"
         )
 
 

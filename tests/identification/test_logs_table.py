@@ -330,7 +330,7 @@ def test_vehicles_of_shipped_mappings_are_there():
         load_undesigned(vehicle)
 
 
-FLIGHT = """
+FLIGHT_MAPPING = """
 time: {column: t, unit: s}
 signals:
   position: {columns: [x, y, z]}
@@ -342,64 +342,62 @@ FIELDS = ("x", "y", "z", "qw", "qx", "qy", "qz", "m1", "m2", "m3", "m4", "rx", "
 
 
 def flown(write, **changed):
-    """The record of 2 s at 100 Hz in which a vehicle moves along x, with other numbers in some columns."""
+    """Return a record of 2 s at 100 Hz in which a vehicle moves along x, with some columns replaced."""
     t = 0.01 * np.arange(200)
     columns = {name: np.zeros(200) for name in FIELDS} | {"x": t, "z": 1.0 + 0 * t, "qw": 1.0 + 0 * t, "rx": t + 0.1}
     columns |= {f"m{i}": 40_000.0 + 0 * t for i in range(1, 5)} | {"rz": 1.0 + 0 * t, "qz": 0.01 + 0 * t}
     columns |= {name: np.broadcast_to(values(t), t.shape) for name, values in changed.items()}
     rows = np.column_stack([t, *columns.values()]).tolist()
     lines = [",".join(["t", *columns]), *(",".join(map(repr, row)) for row in rows)]
-    return read_log(write("log.csv", "\n".join([*lines, ""])), write("m.yaml", FLIGHT))
+    return read_log(write("log.csv", "\n".join([*lines, ""])), write("m.yaml", FLIGHT_MAPPING))
 
 
-DOUBTS = ("left out", "jumps", "zero", "may not have flown", "reference_position is up to")
+DOUBTFUL_REMARKS = ("left out", "jumps", "zero", "may not have flown", "reference_position is up to")
 
 
-def test_a_sound_flight_raises_no_doubt(write):
+def test_a_sound_flight_has_no_doubtful_remark(write):
     record = flown(write)
     assert len(record.time) == 200
-    assert not any(said(record, words) for words in DOUBTS)
+    assert not any(said(record, words) for words in DOUBTFUL_REMARKS)
 
 
-def test_rows_with_commands_that_nothing_sends_are_left_out(write):
-    """As in a log that was continued by extrapolation: what is beside such a command is no better."""
+def test_rows_with_impossible_motor_commands_are_left_out(write):
+    """Such rows occur in logs that were continued by extrapolation, and none of their columns can be trusted."""
     record = flown(write, m2=lambda t: np.where(t > 1.5, 1_252_581.0, 40_000.0))
     assert record.time[-1] == pytest.approx(1.5)
-    assert said(
-        record, "49 of 200 samples are left out: their motor commands are none that can be sent, up to 19.1 times"
-    )
+    assert said(record, "49 of 200 samples are left out: their motor commands are out of range, up to 19.1 times")
     assert said(record, "first at 1.51 s; the log is damaged there")
     below = flown(write, m2=lambda t: np.where(t > 1.5, -300.0, 40_000.0))
     assert len(below.time) == 151
     assert len(flown(write, m2=lambda t: np.where(t > 1.5, 65_535.0, 0.0)).time) == 200
 
 
-def test_a_jump_of_the_position_is_remarked_and_a_manoeuvre_is_not(write):
+def test_a_jump_of_the_position_is_reported_and_a_manoeuvre_is_not(write):
     record = flown(write, x=lambda t: t + 0.4 * (t > 1.0), rx=lambda t: t)
     assert said(
-        record, "position jumps once, at most by 0.4 m at 1.01 s: its estimator was reset, or the log is damaged"
+        record, "position jumps once, at most by 0.4 m at 1.01 s: the estimator was reset, or the log is damaged"
     )
     hard = flown(write, x=lambda t: 0.5 * np.sin(10.0 * t), rx=lambda t: 0.0 * t)
     slow = flown(write, x=lambda t: 5.0 * np.floor(5.0 * t) / 5.0, rx=lambda t: 5.0 * t)
     assert not any(said(each, "jumps") for each in (hard, slow))
 
 
-def test_attitudes_of_zeros_are_none(write):
-    """In a part of the samples, or in all: then there is no attitude, and a sentence says so."""
+def test_quaternions_of_zeros_are_missing_attitudes(write):
+    """A remark counts the samples without an attitude; if too few samples have one, the log has no attitude."""
     part = flown(write, qw=lambda t: 1.0 * (t > 0.5), qz=lambda t: 0.01 * (t > 0.5))
     assert said(part, "attitude is no number in 51 of 200 samples")
     assert np.isfinite(part.attitude).all()
     none = flown(write, qw=lambda t: 0.0 * t, qz=lambda t: 0.0 * t)
     assert none.attitude is None
     assert said(none, "attitude is left out: qw to qz is a quaternion of length 1 in less than two samples")
-    assert said(flown(write, qz=lambda t: 0.0 * t), "attitude is zero throughout: nothing may have measured it")
+    assert said(flown(write, qz=lambda t: 0.0 * t), "attitude is zero throughout: it may not have been measured")
 
 
-def test_a_vehicle_that_stays_on_the_ground_is_remarked(write):
+def test_a_vehicle_that_stays_on_the_ground_is_reported(write):
     record = flown(write, z=lambda t: 0.1 + 0.05 * np.sin(t))
     assert said(record, "the height stays between 0.1 and 0.15 m: the vehicle may not have flown")
 
 
-def test_a_reference_out_of_reach_is_remarked(write):
+def test_a_reference_out_of_reach_is_reported(write):
     record = flown(write, rx=lambda t: np.where(t > 1.0, -17.0, t))
-    assert said(record, "reference_position is up to 19 m from a vehicle that moves by 2 m, first at 1.01 s")
+    assert said(record, "reference_position is up to 19 m away from a vehicle that moves by 2 m, first at 1.01 s")

@@ -224,8 +224,8 @@ def test_rotors_are_where_the_parameters_say(read):
     assert said(odd, "assumed, those of its quad-x")
 
 
-def test_dropouts_are_remarked():
-    """Durations are in ms."""
+def test_dropouts_are_reported():
+    """A ULog gives the durations of dropouts in milliseconds."""
     logged = SimpleNamespace(dropouts=[SimpleNamespace(duration=each) for each in (20, 500, 30)])
     assert _dropouts(logged) == ["3 dropouts of the logger, 0.55 s in all, the longest of 0.5 s"]
     (one,) = _dropouts(SimpleNamespace(dropouts=[SimpleNamespace(duration=40)]))
@@ -233,12 +233,12 @@ def test_dropouts_are_remarked():
     assert _dropouts(SimpleNamespace(dropouts=[])) == []
 
 
-MOVING = {"vehicle_angular_velocity": (XYZ, rows(4000, lambda t: (t, 0.0, 0.0), sampled=0))}
-STATUS = [("uint8_t", "vehicle_type"), ("bool", "is_vtol"), ("uint8_t", "system_type"), ("bool", "failsafe")]
+TURNING_VEHICLE = {"vehicle_angular_velocity": (XYZ, rows(4000, lambda t: (t, 0.0, 0.0), sampled=0))}
+STATUS_FIELDS = [("uint8_t", "vehicle_type"), ("bool", "is_vtol"), ("uint8_t", "system_type"), ("bool", "failsafe")]
 
 
 def status(*values):
-    return {"vehicle_status": (STATUS, rows(100_000, lambda t: values))}
+    return {"vehicle_status": (STATUS_FIELDS, rows(100_000, lambda t: values))}
 
 
 @pytest.mark.parametrize(
@@ -247,16 +247,16 @@ def status(*values):
         ({}, {"MAV_TYPE": 13}, "a hexarotor, by the parameter MAV_TYPE, 13"),
         ({}, {"MAV_TYPE": 22, "CA_ROTOR_COUNT": 4}, "a VTOL, by the parameter MAV_TYPE, 22"),
         ({}, {"MAV_TYPE": 2, "CA_AIRFRAME": 1}, "an aeroplane, by the parameter CA_AIRFRAME, 1"),
-        ({}, {"MAV_TYPE": 2, "CA_ROTOR_COUNT": 6}, "a vehicle of 6 rotors, by the parameter CA_ROTOR_COUNT"),
+        ({}, {"MAV_TYPE": 2, "CA_ROTOR_COUNT": 6}, "a vehicle with 6 rotors, by the parameter CA_ROTOR_COUNT"),
         (status(1, False, 14, False), {}, "an octorotor, by vehicle_status.system_type, 14"),
         (status(2, False, 0, False), {}, "an aeroplane, by vehicle_status.vehicle_type, 2"),
         (status(1, True, 0, False), {}, "a VTOL, by vehicle_status.is_vtol"),
     ],
 )
-def test_a_log_of_another_vehicle_is_refused_or_with_a_mapping_remarked(read, topics, parameters, words):
-    data = ulog({**MOVING, **topics}, parameters=parameters)
+def test_a_log_of_another_vehicle_is_refused_or_with_a_mapping_reported(read, topics, parameters, words):
+    data = ulog({**TURNING_VEHICLE, **topics}, parameters=parameters)
     with pytest.raises(
-        InputError, match=rf"log.ulg: is the log of {words}.*, and not of a quadrotor; a mapping of your"
+        InputError, match=rf"log.ulg: is the log of {words}.*, and not of a quadrotor; give a mapping to read it anyway"
     ):
         read(data)
     assert said(read(data, "px4"), f"the log is of {words}")
@@ -271,17 +271,17 @@ def test_a_log_of_another_vehicle_is_refused_or_with_a_mapping_remarked(read, to
         (status(1, False, 2, False), {"MAV_TYPE": 2}),
     ],
 )
-def test_a_log_of_a_quadrotor_is_read_without_a_word(read, topics, parameters):
-    assert not said(read(ulog({**MOVING, **topics}, parameters=parameters)), "the log is of")
+def test_a_log_of_a_quadrotor_is_read_without_a_remark(read, topics, parameters):
+    assert not said(read(ulog({**TURNING_VEHICLE, **topics}, parameters=parameters)), "the log is of")
 
 
-OUTPUTS = ([("float[8]", "output")], rows(10_000, lambda t: (1075.0, 1512.5, 1950.0, 900.0, *[0.0] * 4)))
+PULSE_WIDTHS = ([("float[8]", "output")], rows(10_000, lambda t: (1075.0, 1512.5, 1950.0, 900.0, *[0.0] * 4)))
 
 
 @pytest.mark.parametrize(
     ("parameters", "shares", "words"),
     [
-        ({}, (0.075, 0.0, 0.5125, 0.95), "1000 to 2000 µs, assumed, which no parameter says"),
+        ({}, (0.075, 0.0, 0.5125, 0.95), "1000 to 2000 µs, assumed, since no parameter in the log says so"),
         ({"PWM_MIN": 1075, "PWM_MAX": 1950}, (0.0, 0.0, 0.5, 1.0), "1075 to 1950 µs, by PWM_MAIN_MIN"),
         ({"PWM_MAIN_MIN": 1075, "PWM_MAIN_MAX": 1950}, (0.0, 0.0, 0.5, 1.0), "1075 to 1950 µs, by"),
         (
@@ -293,40 +293,49 @@ OUTPUTS = ([("float[8]", "output")], rows(10_000, lambda t: (1075.0, 1512.5, 195
             # Motor 1 is at output 3, and motor 3 at output 1.
             {**{f"PWM_MAIN_FUNC{i}": 100 + motor for i, motor in ((3, 1), (2, 2), (1, 3), (4, 4))}, "PWM_MIN": 1000},
             (0.95, 0.0, 0.5125, 0.075),
-            "motors 1 to 4 are at its outputs 3, 2, 1, 4",
+            "motors 1 to 4 are on its outputs 3, 2, 1, 4",
         ),
     ],
 )
-def test_pulses_are_shares_of_what_the_parameters_say(read, parameters, shares, words):
-    """Of our rotors: front right, back right, back left, front left, which are PX4's 1, 4, 2 and 3."""
-    record = read(ulog({**MOVING, "actuator_outputs": OUTPUTS}, parameters=parameters))
+def test_pulse_widths_are_scaled_by_the_limits_in_the_parameters(read, parameters, shares, words):
+    """Our order is front right, back right, back left and front left, which are PX4's rotors 1, 4, 2 and 3."""
+    record = read(ulog({**TURNING_VEHICLE, "actuator_outputs": PULSE_WIDTHS}, parameters=parameters))
     np.testing.assert_allclose(record.motor_command[-1], shares, atol=1e-6)
     assert said(record, words)
 
 
-def test_what_the_log_calls_invalid_is_no_measurement(read):
+def test_equal_pulse_limits_are_refused(read):
+    log = ulog(
+        {**TURNING_VEHICLE, "actuator_outputs": PULSE_WIDTHS}, parameters={"PWM_MAIN_MIN2": 1500, "PWM_MAIN_MAX2": 1500}
+    )
+    with pytest.raises(InputError, match="the pulses of motor 2 go from 1500 to 1500 µs"):
+        read(log)
+
+
+def test_samples_that_the_log_marks_as_invalid_are_missing(read):
     fields = [
         *LOCAL,
         *(("bool", name) for name in ("xy_valid", "z_valid", "v_xy_valid", "v_z_valid", "dead_reckoning")),
     ]
-    local = rows(10_000, lambda t: (*[0.0] * 6, False, True, t > 0.205, True, False) if t < 0.395 else LATER)
+    local = rows(10_000, lambda t: (*[0.0] * 6, False, True, t > 0.205, True, False) if t < 0.395 else LATER_ROW)
     record = read(ulog({"vehicle_local_position": (fields, local)}))
     assert said(record, "position is no number in 40 of 101 samples")
     assert said(record, "velocity is no number in 21 of 101 samples")
     np.testing.assert_allclose(record.position[0], [1.0, -2.0, 3.0], atol=1e-6)
-    assert said(record, "the position is by dead reckoning in 60.40% of its samples, first at 0.4 s of the log")
+    assert said(record, "the position comes from dead reckoning in 60.40% of its samples, first at 0.4 s of the log")
 
 
-LATER = (1.0, 2.0, -3.0, 0.1, 0.2, -0.3, True, True, True, True, True)
+LATER_ROW = (1.0, 2.0, -3.0, 0.1, 0.2, -0.3, True, True, True, True, True)
 
 
-def test_resets_and_faults_of_the_estimator_and_failsafes_are_remarked(read):
+def test_resets_and_faults_of_the_estimator_and_failsafes_are_reported(read):
     local = [*LOCAL, ("uint8_t", "xy_reset_counter"), ("float[2]", "delta_xy"), ("uint8_t", "vz_reset_counter")]
     local += [("float", "delta_vz")]
 
     def moved(t):
         first, second = t > 0.295, t > 0.695
-        count, delta = (254 + first + second) % 256, (0.3, 0.4 * second)
+        count = (254 + first + second) % 256
+        delta = (0.3, 0.4 * second)
         return t + 0.3 * first + 0.5 * second, 0.0, -2.0, 0.0, 0.0, 0.0, count, *delta, t > 0.5, 1e-4
 
     turned = [("float[4]", "q"), ("uint8_t", "quat_reset_counter"), ("float[4]", "delta_q_reset")]
@@ -351,18 +360,18 @@ def test_resets_and_faults_of_the_estimator_and_failsafes_are_remarked(read):
     record = read(data)
     assert said(record, "the estimator resets its position 2 times, at most by 0.5 m, first at 0.3 s of the log")
     assert said(record, "the estimator resets its attitude once, at most by 0.1 rad, first at 0.5 s of the log")
-    assert not said(record, "resets its climb")  # by 0.1 mm/s
+    assert not said(record, "resets its climb")  # the reset is 0.1 mm/s, too small to matter
     assert said(record, "estimator_status has numerical faults in 18.18% of its samples, first at 0.9 s of the log")
     assert not said(record, "rejects")
     assert said(record, "PX4 is in failsafe from 0.2 to 0.4 s, 1 to 1 s of the log")
     assert said(record, "the log ends in flight")
     assert said(record, "position jumps 2 times, at most by 0.5 m at 0.7 s")
-    assert not said(record, "vehicle_land_detected")  # which is no signal that could be read
+    assert not said(record, "vehicle_land_detected")  # it has no signal that could be read
 
 
 @pytest.mark.parametrize("bytes_left", [1, 7, 20])
-def test_a_log_that_is_cut_is_remarked(read, bytes_left):
-    whole = ulog(MOVING)
+def test_a_log_that_is_cut_is_reported(read, bytes_left):
+    whole = ulog(TURNING_VEHICLE)
     last = 3 + 2 + 8 + 8 + 12
     assert not said(read(whole), "the log is cut")
     assert said(read(whole[: len(whole) - last + bytes_left]), "no whole message, so the log is cut")

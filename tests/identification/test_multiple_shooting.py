@@ -141,6 +141,21 @@ def test_numbers_that_few_blocks_tell_have_few_degrees_of_freedom():
     assert 2.0 < freedom[1] < 4.5
 
 
+def test_a_number_that_no_block_tells_keeps_its_belief():
+    """It is as unsure as before, its degrees of freedom are the fewest, and the others are as without it."""
+
+    def sure(residuals, count):
+        ones = np.ones(count)
+        own = Problem(residuals, ones, np.ones(STATES), 0.0 * ones, 10.0 * ones, -np.inf * ones)
+        return uncertainty(own, fit(own, 0.0 * ones, np.zeros((WINDOWS, STATES)), iterations=3), np.arange(WINDOWS))
+
+    own, without = sure(lambda p, s: linear(p[:, :-1], s), PARAMETERS + 1), sure(linear, PARAMETERS)
+    assert own.covariance[-1, -1] == pytest.approx(100.0)
+    assert own.degrees_of_freedom[-1] == own.degrees_of_freedom.min()
+    np.testing.assert_allclose(own.covariance[:-1, :-1], without.covariance, rtol=1e-9)
+    np.testing.assert_allclose(own.degrees_of_freedom[:-1], without.degrees_of_freedom, rtol=1e-9)
+
+
 def test_noise_and_straying_are_told_apart():
     times = np.linspace(0.0, 1.0, 51)
     shape = straying(times)

@@ -143,8 +143,8 @@ def test_thrust_and_torque_go_through_the_allocation_of_the_firmware(flight, rec
 
 
 @pytest.mark.parametrize(("priority", "given"), [("roll_pitch", 0.1), ("thrust", 0.0)])
-def test_the_firmware_gives_up_what_its_priority_says(root, record, priority, given):
-    """A thrust beyond what the rotors can give, with a roll torque beside it."""
+def test_the_firmware_gives_up_the_part_without_priority(root, record, priority, given):
+    """The command is a thrust beyond the rotors' limits together with a roll torque."""
     number = len(record.time)
     thrust, torque = np.full(number, 100.0), np.tile([0.1, 0.0, 0.0], (number, 1))
     wrench_alone = replace(record, rotor_speed_command=None, thrust_command=thrust, torque_command=torque)
@@ -156,8 +156,8 @@ def test_the_firmware_gives_up_what_its_priority_says(root, record, priority, gi
     assert speeds.max() == pytest.approx(believed.max_rotor_speed)
 
 
-def test_throttles_need_the_motors_of_the_vehicle_that_the_firmware_knows(responding, record):
-    """Its thrust is shared out among motors whose curve is believed."""
+def test_throttles_need_the_motors_that_the_firmware_believes(responding, record):
+    """The thrust is divided among motors with the believed thrust curve."""
     thrust = replace(record, rotor_speed_command=None, attitude_command=np.zeros((len(record.time), 3)))
     vehicle = responding[0].scenario
     commands = commands_of(thrust, vehicle, vehicle)
@@ -169,7 +169,7 @@ def test_throttles_need_the_motors_of_the_vehicle_that_the_firmware_knows(respon
     np.testing.assert_allclose(total[inside], record.thrust_command[inside], rtol=1e-9)
     assert inside.any()
     nominal = vehicle.nominal.model_copy(update={"motors": SpeedMotors(kind="speed")})
-    with pytest.raises(InputError, match=f"{vehicle.name} has no nominal.motors, which make throttles of thrusts"):
+    with pytest.raises(InputError, match=f"{vehicle.name} has no nominal.motors; add them, since throttles follow"):
         commands_of(thrust, vehicle, vehicle.model_copy(update={"nominal": nominal}))
 
 

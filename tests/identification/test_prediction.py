@@ -112,7 +112,16 @@ def test_intervals_are_those_of_blocks():
     assert single.rmse("position", "one", 0.5).high == math.inf
 
 
-def test_predictions_of_logs_are_joined_in_what_all_of_them_have():
+def test_a_model_without_errors_is_better_than_all_others():
+    errors = np.stack([np.zeros(6), np.arange(1.0, 7.0)])[:, None]
+    given = Predictions(("exact", "other"), (0.5,), np.array(["a"] * 6), np.arange(6.0), {"position": errors})
+    assert given.rmse("position", "exact", 0.5) == (0.0, 0.0, 0.0)
+    assert given.better("position", "exact", "other", 0.5) == (1.0, 1.0, 1.0)
+    assert np.isnan(given.better("position", "other", "exact", 0.5)).all()
+    assert np.isnan(given.better("position", "exact", "exact", 0.5)).all()
+
+
+def test_joined_predictions_have_the_quantities_that_all_logs_have():
     def part(name, count, *quantities):
         numbers = np.arange(2.0 * 3.0 * count).reshape(2, 3, count)
         return Predictions(
@@ -132,8 +141,8 @@ def test_predictions_of_logs_are_joined_in_what_all_of_them_have():
     assert (both.vehicles, both.horizons) == (("one", "other"), (0.1, 0.5, 1.0))
 
 
-def test_blocks_are_as_long_as_the_horizon_and_of_one_log():
-    """Of errors that are the same within two seconds of a log, an interval is that of as many blocks."""
+def test_blocks_are_as_long_as_the_horizon_and_lie_within_one_log():
+    """Errors that are constant over two seconds have the interval of independent blocks of two seconds."""
     sizes = np.array([1.0, 2.0, 1.5, 0.5, 1.0, 3.0])
     time = np.concatenate([np.arange(0.0, 8.0, 0.1), np.arange(0.0, 4.0, 0.1)])
     log = np.array(["a"] * 80 + ["b"] * 40)
@@ -148,8 +157,8 @@ def test_blocks_are_as_long_as_the_horizon_and_of_one_log():
     assert np.isnan(empty.better("position", "one", "one", 2.0)).all()
 
 
-def test_a_vehicle_is_better_by_the_same_starts():
-    """The interval is of the differences of squares over their means, start by start."""
+def test_vehicles_are_compared_over_the_same_starts():
+    """The interval is that of the differences of squares, each over their mean, start by start."""
     random = np.random.default_rng(4)
     own, others = random.uniform(1.0, 2.0, (2, 12))
     given = Predictions(
@@ -162,14 +171,16 @@ def test_a_vehicle_is_better_by_the_same_starts():
     assert better == pytest.approx((1.0 - ratio, 1.0 - ratio * math.exp(reach), 1.0 - ratio * math.exp(-reach)))
 
 
-def test_errors_are_distances_and_the_angle_between_attitudes():
-    """Of a vehicle that stays where it is and is turned, beside one that is elsewhere."""
+def test_errors_are_distances_and_angles_between_attitudes():
+    """The predicted vehicle is displaced and rotated from a vehicle that rests at another attitude."""
     one, other = np.array([[0.3, -0.2, 3.0]]), np.array([[0.1, 0.4, -3.0]])
     first, second = (RollPitchYaw(*each[0]).ToRotationMatrix() for each in (one, other))
     expected = (first.inverse() @ second).ToAngleAxis().angle()
     np.testing.assert_allclose(_angle_between(one, other), abs(expected))
     flown = np.zeros((11, 1, 12))
-    flown[10, 0, :3], flown[10, 0, 3:6], flown[10, 0, 6:9] = [1.0, 2.0, 2.0], one[0], [0.0, 3.0, 4.0]
+    flown[10, 0, :3] = [1.0, 2.0, 2.0]
+    flown[10, 0, 3:6] = one[0]
+    flown[10, 0, 6:9] = [0.0, 3.0, 4.0]
     count = 30
     log = FlightRecord(
         "log",

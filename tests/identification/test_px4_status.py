@@ -68,7 +68,7 @@ def test_types_of_vehicles_have_the_numbers_that_are_published():
     assert other_vehicle({}, {"is_vtol": np.array([0, 0, 1])}) == "a VTOL, by vehicle_status.is_vtol"
     assert other_vehicle({}, {"is_vtol": np.zeros(3)}) == ""
     for rotors in range(9):
-        expected = "" if rotors in (0, 4) else f"a vehicle of {rotors} rotors, by the parameter CA_ROTOR_COUNT"
+        expected = "" if rotors in (0, 4) else f"a vehicle with {rotors} rotors, by the parameter CA_ROTOR_COUNT"
         assert other_vehicle({"CA_ROTOR_COUNT": rotors}, None) == expected
 
 
@@ -106,7 +106,7 @@ def test_each_counter_of_resets_has_its_size_and_unit(topic, counter, fields, si
         times = "once" if count == 1 else "2 times"
         assert said == [
             f"the estimator resets its {what} {times}, at most by {max(jump for _, jump in large):.2g} {unit}, first at"
-            f" {1.0 + 0.1 * large[0][0]:.4g} s of the log; what is estimated jumps there"
+            f" {1.0 + 0.1 * large[0][0]:.4g} s of the log; the estimate jumps there"
         ]
     # Without the size of a reset nothing is said.
     assert remarks(**{topic: {f"{counter}_reset_counter": np.arange(20)}}) == []
@@ -116,7 +116,7 @@ def test_failsafes_faults_and_dead_reckoning_are_told_by_their_times():
     rows = np.arange(20)
     assert remarks(vehicle_status={"failsafe": np.isin(rows, [0, 1, 5, 18, 19])}) == [
         "PX4 is in failsafe from 1 to 1.1 s, 1.5 to 1.5 s, 2.8 to 2.9 s of the log: it does not follow its reference"
-        " there"
+        " then"
     ]
     assert remarks(vehicle_status={"failsafe": np.zeros(20, dtype=bool)}) == []
     for field, what in (
@@ -128,7 +128,7 @@ def test_failsafes_faults_and_dead_reckoning_are_told_by_their_times():
         ]
     reckoned = {"dead_reckoning": rows < 10, "xy_valid": rows >= 5}
     assert remarks(vehicle_local_position=reckoned) == [
-        "the position is by dead reckoning in 25.00% of its samples, first at 1.5 s of the log"
+        "the position comes from dead reckoning in 25.00% of its samples, first at 1.5 s of the log"
     ]
 
 
@@ -161,16 +161,15 @@ def test_pulses_of_motors_come_from_any_of_sixteen_outputs():
     parameters = {"PWM_MAIN_FUNC16": 101, "PWM_MAIN_FUNC1": 102, "PWM_MAIN_FUNC9": 103, "PWM_MAIN_FUNC5": 104}
     found, remarks = with_pulses_of_motors(data, parameters)
     np.testing.assert_allclose([found[f"output[{i}]"][0] for i in range(4)], [1750.0, 1000.0, 1400.0, 1200.0])
-    assert remarks[0] == ("motors are off and full at pulses of 1000 to 2000 µs, assumed, which no parameter says")
-    assert remarks[1] == "PX4's motors 1 to 4 are at its outputs 16, 1, 9, 5, by PWM_MAIN_FUNC1 and so on"
+    whole = "the range of the motors, from off to full throttle, is"
+    assert remarks[0] == f"{whole} 1000 to 2000 µs, assumed, since no parameter in the log says so"
+    assert remarks[1] == "PX4's motors 1 to 4 are on its outputs 16, 1, 9, 5, by PWM_MAIN_FUNC1 and so on"
     # A limit of 0 µs is one, and one below stands for the next.
     limits = {"PWM_MAIN_MIN2": 0, "PWM_MAIN_MIN": -1, "PWM_MIN": 900, "PWM_MAX": 1900}
     found, remarks = with_pulses_of_motors(data, limits)
     expected = [1000.0 + 1000.0 * (1000.0 - 900.0) / 1000.0, 1000.0 + 1000.0 * 1050.0 / 1900.0]
     np.testing.assert_allclose([found[f"output[{i}]"][0] for i in range(2)], expected)
-    assert remarks == [
-        "motors are off and full at pulses of 900 to 1900, 0 to 1900 µs, by PWM_MAIN_MIN, PWM_MAIN_MAX and the like"
-    ]
+    assert remarks == [f"{whole} 900 to 1900, 0 to 1900 µs, by PWM_MAIN_MIN, PWM_MAIN_MAX and the like"]
     # Without one of the outputs nothing is known.
     few = {name: values for name, values in data.items() if name != "output[2]"}
     assert with_pulses_of_motors(few, {}) == (few, [])

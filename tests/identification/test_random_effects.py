@@ -37,6 +37,29 @@ def stretches_of(estimates: np.ndarray, variances: np.ndarray) -> Stretches:
     return Stretches(information, nothing, estimates[:, None], variances[:, None], 50.0, 1.0)
 
 
+def test_a_number_that_no_stretch_tells_does_not_vary() -> None:
+    rng = np.random.default_rng(5)
+    told = evidence(rng, deviation=0.5)
+    nothing = np.zeros(2)
+    both = told._replace(
+        names=(*told.names, "none"),
+        values=np.append(told.values, 3.0),
+        scales=np.append(told.scales, 1.0),
+        information=np.pad(told.information, [(0, 0), (0, 1), (0, 1)]),
+        scores=np.pad(told.scores, [(0, 0), (0, 1)]),
+    )
+    found, known = variation_of(both), variation_of(told)
+    assert found is not None
+    assert known is not None
+    np.testing.assert_allclose(found.covariance[:2, :2], known.covariance, rtol=1e-9)
+    np.testing.assert_array_equal(found.covariance[2], [*nothing, 0.0])
+    # If the jackknife finds no variance, the variance of the mean is zero, too.
+    of_both = jackknife(both.information, both.scores)
+    mean = of_the_mean(of_both, both, found)
+    assert np.isfinite(mean.covariance).all()
+    assert mean.covariance[2, 2] == 0.0
+
+
 def test_a_stretch_is_fitted_by_itself() -> None:
     """Of a linear model one step is exact: each stretch is fitted again."""
     rng = np.random.default_rng(3)
@@ -57,14 +80,16 @@ def test_a_stretch_is_fitted_by_itself() -> None:
 
 @pytest.mark.parametrize("windows", [20, 23, 37])
 @pytest.mark.parametrize("noise", [0.2, 3.0])
-def test_errors_are_as_large_as_windows_of_one_stretch_differ(windows, noise) -> None:
-    """Of one number that each window tells alike, scores of a stretch differ by their sample variance.
+def test_errors_follow_from_the_scatter_of_windows_within_a_stretch(windows, noise) -> None:
+    """If all windows are equally informative, their scores scatter by the sample variance within a stretch.
 
-    If model and noise are right, that is the information of a window, and the error of a stretch of n windows has the
-    variance 1 / (n h). Where scores differ by more, on average over all windows, it is as many times larger.
+    If model and noise are right, this variance is the information h of a window, and the error of a stretch of n
+    windows has the variance 1 / (n h). If the scores scatter more, on average over all windows, the variance of the
+    error is larger by the same factor.
     """
     rng = np.random.default_rng(11)
-    scores, h = noise * rng.normal(size=(windows, 1)), 1.7
+    scores = noise * rng.normal(size=(windows, 1))
+    h = 1.7
     stretches = Stretches.of(
         Evidence(("drag",), np.zeros(1), np.full(1, 1e6), np.full((windows, 1, 1), h), scores, 5.0)
     )
@@ -78,7 +103,7 @@ def test_errors_are_as_large_as_windows_of_one_stretch_differ(windows, noise) ->
     assert stretches.seconds == pytest.approx(0.5)
 
 
-def test_with_one_window_in_a_stretch_the_model_s_errors_are_believed() -> None:
+def test_errors_are_those_of_the_model_with_one_window_in_a_stretch() -> None:
     own = evidence(np.random.default_rng(12), deviation=3.0, windows=STRETCHES, samples=40)
     stretches = Stretches.of(own._replace(scales=np.full(2, 0.3)))
     believed = np.linalg.inv(own.information + np.eye(2) / 0.09)
@@ -86,8 +111,8 @@ def test_with_one_window_in_a_stretch_the_model_s_errors_are_believed() -> None:
     assert stretches.degrees_of_freedom == np.inf
 
 
-def test_a_number_varies_if_chance_would_make_it_so_in_less_than_one_of_ten_cases() -> None:
-    """By χ² where errors are known, and by F where they are estimated, from as few degrees of freedom as these."""
+def test_a_number_varies_if_its_scatter_is_significant_at_ten_per_cent() -> None:
+    """The test is χ² if errors are known, and F if they are estimated with few degrees of freedom."""
     unit = np.array([-1.5, 1.5, -1.0, 1.0, -0.5, 0.5, -2.0, 2.0, -0.2, 0.2])
     unit *= np.sqrt(9.0 / np.sum(unit**2))
     for freedom, critical in ((np.inf, chi2.isf(0.1, 9) / 9.0), (10.0, f.isf(0.1, 9, 10)), (50.0, f.isf(0.1, 9, 50))):
@@ -99,7 +124,7 @@ def test_a_number_varies_if_chance_would_make_it_so_in_less_than_one_of_ten_case
 
 
 def test_numbers_that_vary_together_are_correlated() -> None:
-    """Two numbers of which one is the other twice, and one that has nothing to do with them."""
+    """The second number is -2 times the first, and the third is independent of both."""
     rng = np.random.default_rng(13)
     one, other = rng.normal(size=(2, 400))
     estimates = 5.0 + np.stack([one, -2.0 * one, other], axis=1)
@@ -108,7 +133,7 @@ def test_numbers_that_vary_together_are_correlated() -> None:
     found = own.correlation(np.array([1.0, 4.0, 1.0]))
     np.testing.assert_allclose(found[:2, :2], [[1.0, -1.0], [-1.0, 1.0]])
     assert found[0, 2] == pytest.approx(np.corrcoef(one, other)[0, 1], rel=1e-3)
-    # Stretches that are told badly count less: here only the first ten count.
+    # Stretches with large errors count less: here only the first ten count.
     variances[10:] = 1e9
     assert own.correlation(np.ones(3))[0, 2] == pytest.approx(np.corrcoef(one[:10], other[:10])[0, 1], rel=1e-3)
     # The variation has these correlations and the standard deviations of its numbers.
@@ -122,7 +147,7 @@ def test_numbers_that_vary_together_are_correlated() -> None:
     assert varied.seconds == 8.0
 
 
-def test_parts_of_a_variation() -> None:
+def test_a_variation_can_be_reduced_and_extended() -> None:
     whole = Variation(np.arange(9.0).reshape(3, 3), 9.0, 8.0)
     part = whole.part([2, 0])
     np.testing.assert_array_equal(part.covariance, [[8.0, 6.0], [2.0, 0.0]])

@@ -1,4 +1,4 @@
-"""The parts of an identification behind an autopilot: what is sought, windows, first states and what is explained."""
+"""The steps of an identification with an autopilot: candidates, windows, first states and explained shares."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -26,7 +26,7 @@ MISALIGNED = "laboratory.motion_capture.misalignment"
 
 
 def record(seconds=20.0, *, name="log", period=PERIOD, **changes):
-    """A flight whose signals swing, each in its own way, without any noise."""
+    """Return a flight without noise, whose signals are different sinusoids."""
     time = period * np.arange(round(seconds / period))
 
     def swings(size, rate, columns=3):
@@ -48,7 +48,7 @@ def scenario():
     return guessed()
 
 
-def test_outputs_are_positions_or_velocities_attitudes_and_where_rotors_are_commanded_rates():
+def test_outputs_depend_on_the_logged_signals_and_on_the_kind_of_command():
     whole = record()
     names = [output.name for output in response._outputs([whole], True)]
     assert names == ["position x", "position y", "position z", "roll", "pitch", "yaw"]
@@ -59,14 +59,14 @@ def test_outputs_are_positions_or_velocities_attitudes_and_where_rotors_are_comm
         *("roll", "pitch", "yaw"),
         *(f"body rate {axis}" for axis in "pqr"),
     ]
-    # Rows are those of the state: position, attitude, velocity, rates.
+    # The rows are those of the state: position, attitude, velocity and body rates.
     assert [(output.signal, output.column, output.row) for output in outputs] == [
         *(("velocity", i, 6 + i) for i in range(3)),
         *(("attitude", i, 3 + i) for i in range(3)),
         *(("body_rates", i, 9 + i) for i in range(3)),
     ]
     assert [output.row for output in response._outputs([whole], True)] == [0, 1, 2, 3, 4, 5]
-    # Behind an autopilot nothing makes angles stray.
+    # An autopilot keeps the errors of angles from growing.
     assert [output.strays for output in response._outputs([whole], True)][3:] == [0.0] * 3
     assert min(output.strays for output in outputs) > 0.0
     for missing in ("attitude", "body_rates"):
@@ -77,7 +77,7 @@ def test_outputs_are_positions_or_velocities_attitudes_and_where_rotors_are_comm
         response._outputs([record(position=None, velocity=None)], True)
 
 
-def test_what_is_sought_depends_on_how_the_thrust_is_commanded(scenario):
+def test_candidates_depend_on_how_the_thrust_is_commanded(scenario):
     throttles = response._candidates(scenario)
     assert {"motors.curve[0]", "motors.curve[1]"} <= {*throttles}
     assert "thrust_factor" not in throttles
@@ -98,13 +98,18 @@ def test_what_is_sought_depends_on_how_the_thrust_is_commanded(scenario):
     assert "inertia[2]" not in rigid
     assert "thrust_factor" in response._rigid_candidates(speeds)
     assert {name for name in rigid if name.startswith(MISALIGNED)} == {f"{MISALIGNED}[{i}]" for i in range(2)}
+    # A force that is zero acts nowhere.
+    pressure = "body_drag.centre_of_pressure[2]"
+    with_drag = load_scenario("laboratory:low_wind", ["vehicle.body_drag={linear: [0.05, 0.05, 0.05]}"])
+    assert pressure not in response._rigid_candidates(speeds)
+    assert pressure in response._rigid_candidates(with_drag)
     for name in {*throttles, *rigid}:
         assert number_of(scenario, name) is not None
         assert response._scale(scenario, name) >= 0.0
 
 
-def test_how_far_numbers_may_be_off_goes_with_the_vehicle(scenario):
-    """With its mass, its weight and the tick of its link; of others, with what is believed."""
+def test_scales_of_candidates_follow_the_vehicle(scenario):
+    """They follow the mass, the weight and the tick of the link, or the believed value."""
     mass, gravity = scenario.vehicle.mass, scenario.vehicle.gravity
     assert response._scale(scenario, "motors.curve[1]") == pytest.approx(0.25 * mass * gravity)
     assert response._scale(scenario, "body_drag.linear[0]") == pytest.approx(0.3 * mass)
@@ -116,7 +121,7 @@ def test_how_far_numbers_may_be_off_goes_with_the_vehicle(scenario):
         assert response._scale(heavy, name) == pytest.approx(2.0 * response._scale(scenario, name))
 
 
-def test_what_must_be_positive_has_a_limit(scenario):
+def test_positive_parameters_have_a_lower_limit(scenario):
     assert response._least("autopilot.natural_frequency[0]", 10.0) == pytest.approx(0.2)
     assert response._least("inertia[1]", 0.01) == pytest.approx(2e-4)
     assert response._least("rotor_time_constant", 0.05) == 2e-3
@@ -124,8 +129,8 @@ def test_what_must_be_positive_has_a_limit(scenario):
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3])
-def test_windows_stand_one_after_another_in_the_air_and_not_over_gaps(scenario, share):
-    """Against a look at every sample. Commands of the first 0.4 s, and after a gap, are not known."""
+def test_windows_are_consecutive_airborne_and_without_gaps(scenario, share):
+    """Compare with a search sample by sample. Commands of the first 0.4 s, and after a gap, are unknown."""
     first = record(12.0, name="first")
     kept = (first.time < 5.0) | (first.time > 5.5)
     thrust = np.where((first.time > 8.0) & (first.time < 8.3), 0.0, first.thrust_share)
@@ -135,11 +140,12 @@ def test_windows_stand_one_after_another_in_the_air_and_not_over_gaps(scenario, 
     assert windows.every == 1
     for place, log in enumerate(windows.records):
         flying = response.airborne(log)
-        told = 20
-        starts, sample = [], told
+        warm_up = 20
+        starts = []
+        sample = warm_up
         while sample + 50 < len(log.time):
             whole = flying[sample : sample + 51].all()
-            steady = np.diff(log.time[sample - told : sample + 51]).max() < 0.1
+            steady = np.diff(log.time[sample - warm_up : sample + 51]).max() < 0.1
             starts += [sample] if whole and steady else []
             sample += 50 if whole and steady else 1
         own = windows.places == place
@@ -158,7 +164,7 @@ def test_windows_stand_one_after_another_in_the_air_and_not_over_gaps(scenario, 
         np.testing.assert_array_equal(windows.times()[window], log.time[start + steps])
 
 
-def test_angles_of_windows_go_on_over_a_turn(scenario):
+def test_angles_of_windows_are_unwrapped(scenario):
     turning = record(4.0)
     yaw = np.linspace(0.0, 12.0, len(turning.time))
     wrapped = np.column_stack([0.0 * yaw, 0.0 * yaw, (yaw + np.pi) % (2.0 * np.pi) - np.pi])
@@ -167,8 +173,8 @@ def test_angles_of_windows_go_on_over_a_turn(scenario):
     np.testing.assert_allclose(np.diff(measured, axis=1), yaw[1] - yaw[0])
 
 
-def test_fast_logs_are_compared_at_some_samples(scenario):
-    """20 ms apart in long windows, and a fiftieth of the window in short ones."""
+def test_fast_logs_are_compared_at_a_subset_of_samples(scenario):
+    """Samples are 20 ms apart in long windows, and a fiftieth of the window in short ones."""
     windows = response._cut([record(12.0, period=0.005)], scenario, 0.0, 2.0)
     assert (windows.every, windows.length) == (4, 400)
     assert windows.times().shape[1] == 101
@@ -176,8 +182,8 @@ def test_fast_logs_are_compared_at_some_samples(scenario):
     assert (windows.every, windows.length) == (4, 200)
 
 
-def test_windows_are_flown_by_the_loops_of_their_logs(scenario):
-    """Each from its state, and as if it were flown alone."""
+def test_windows_are_simulated_with_the_commands_of_their_logs(scenario):
+    """Each window starts from its own state, and its result is the same as if it were simulated alone."""
     windows = response._cut([record(3.0), record(4.0, attitude_command=np.zeros((200, 3)))], scenario, 0.0, 1.0)
     random = np.random.default_rng(2)
     bodies = 0.1 * random.normal(size=(2, len(windows.starts), 12))
@@ -190,8 +196,8 @@ def test_windows_are_flown_by_the_loops_of_their_logs(scenario):
     assert len({*windows.places.tolist()}) == 2
 
 
-def test_first_states_are_those_of_straight_lines(scenario):
-    """Exact for signals that rise evenly, in the first tenth of a second and more."""
+def test_first_states_are_fitted_by_straight_lines(scenario):
+    """They are exact for linear signals, and use the first tenth of a second and a little more."""
     base = record(6.0)
     slopes = np.array([[0.3, -0.2, 0.5], [0.1, 0.04, -0.2]])
     line = {"position": 1.0 + np.outer(base.time, slopes[0]), "attitude": 0.2 + np.outer(base.time, slopes[1])}
@@ -203,7 +209,7 @@ def test_first_states_are_those_of_straight_lines(scenario):
     np.testing.assert_allclose(states[:, 3:6], 0.2 + begins * slopes[1])
     np.testing.assert_allclose(states[:, 6:9], np.tile(slopes[0], (len(begins), 1)))
     np.testing.assert_allclose(states[:, 9:], np.tile(slopes[1], (len(begins), 1)))
-    # What comes later does not count.
+    # Later samples do not count.
     size = {"position": 3.0, "attitude": 0.3}
     bent = {name: values + np.where(base.time % 1.0 > 0.95, size[name], 0.0)[:, None] for name, values in line.items()}
     later = response._cut([replace(base, **bent)], scenario, 0.0, 1.0)
@@ -211,8 +217,8 @@ def test_first_states_are_those_of_straight_lines(scenario):
     np.testing.assert_allclose(model.first_states(later)[same], states[same])
 
 
-def test_a_tilt_of_the_markers_turns_what_is_measured(scenario):
-    """Of a vehicle that is level, the tilt itself is measured."""
+def test_a_tilt_of_the_markers_rotates_the_measured_attitude(scenario):
+    """The tilt itself is measured if the vehicle is level."""
     windows = response._cut([record(3.0, attitude_command=np.zeros((150, 3)))], scenario, 0.0, 1.0)
     names = (f"{MISALIGNED}[0]", f"{MISALIGNED}[1]")
     model = response._Model.of(scenario, response._outputs(windows.records, True), names)
@@ -229,8 +235,8 @@ def test_a_tilt_of_the_markers_turns_what_is_measured(scenario):
     )
 
 
-def test_angles_whose_commands_vary_less_than_their_noise_are_not_sought(scenario):
-    """By the root mean square within windows, in the angle of each."""
+def test_responses_of_angles_whose_commands_vary_less_than_the_noise_are_no_candidates(scenario):
+    """The variation of each angle is its root mean square within windows."""
     base = record(8.0)
     command = np.stack([0.05 * np.sin(7.0 * base.time), 3.0 + 0.004 * np.sin(7.0 * base.time), 0.0 * base.time], axis=1)
     windows = response._cut([replace(base, attitude_command=command)], scenario, 0.0, 1.0)
@@ -254,13 +260,13 @@ def test_angles_whose_commands_vary_less_than_their_noise_are_not_sought(scenari
     assert response._excited(model, windows, louder, rest, np.ones(1), {})[0] == rest
 
 
-def test_numbers_that_stay_too_unsure_are_not_told():
+def test_numbers_with_too_large_an_uncertainty_are_not_identified():
     found = response._untold(("a", "b"), np.array([0.51, 0.49]), np.array([1.0, 1.0]))
     assert list(found) == ["a"]
     assert found["a"].endswith("would be 0.51, where it may well be off by 1")
 
 
-def test_numbers_that_are_held_at_zero_are_said_with_their_intervals(scenario):
+def test_numbers_that_are_held_at_zero_are_reported_with_their_intervals(scenario):
     period = scenario.laboratory.command_link.period
     names = ("body_drag.linear[0]", DELAY, "inertia[0]")
     said = response._below_remarks(
@@ -284,13 +290,13 @@ def test_remarks_count_windows_and_logs(scenario):
     assert len(response._remarks(windows, ("body_drag.centre_of_pressure[2]",))) == 2
 
 
-def test_blocks_are_of_as_many_windows_and_not_too_many():
+def test_blocks_have_equally_many_windows_and_are_at_most_thirty():
     for count, together in ((5, 1), (30, 1), (31, 2), (61, 3)):
         blocks = response._blocks(SimpleNamespace(starts=np.arange(count)))
         np.testing.assert_array_equal(blocks, np.arange(count) // together)
 
 
-def test_what_varies_is_what_a_straight_line_leaves():
+def test_variations_are_residuals_of_a_straight_line():
     random = np.random.default_rng(3)
     times = 5.0 + np.sort(random.uniform(size=(4, 30)), axis=1)
     values = random.normal(size=(4, 30))
@@ -298,7 +304,7 @@ def test_what_varies_is_what_a_straight_line_leaves():
     np.testing.assert_allclose(response._varying(values, times), expected, atol=1e-9)
 
 
-def test_noises_are_alike_to_a_tenth_of_what_strays_and_a_twentieth_of_what_is_white():
+def test_noises_are_alike_if_drift_agrees_to_a_tenth_and_white_noise_to_a_twentieth():
     one = Noise(1.0, 2.0)
     for other, alike in (
         (Noise(1.0, 2.0), True),
@@ -314,7 +320,7 @@ def test_noises_are_alike_to_a_tenth_of_what_strays_and_a_twentieth_of_what_is_w
 
 @pytest.fixture(scope="module")
 def left(scenario):
-    """Windows of which a third is held out, and what a vehicle leaves of them: 0.1 of what varies, and noise."""
+    """Return a model, windows of which a third is held out, and residuals of 0.1 of the variation plus noise."""
     windows = response._cut([record(12.0, name="log")], scenario, 0.34, 1.0)
     outputs = response._outputs(windows.records, True)
     model = response._Model.of(scenario, outputs, ("rotor_time_constant", "body_drag.linear[0]"))
@@ -330,13 +336,13 @@ def detrended(values, times):
     return np.array([v - np.polyval(np.polyfit(t, v, 1), t) for t, v in zip(times, values, strict=True)])
 
 
-def test_series_hold_what_was_measured_and_the_share_of_it_that_is_explained(left):
+def test_series_hold_the_measurements_and_their_explained_share(left):
     model, windows, rest = left
     noises = [Noise(0.1 * i, 0.0) for i in range(6)]
     series = response._series(model, windows, rest, noises)
     for o, (fitted, output) in enumerate(zip(series, model.outputs, strict=True)):
         np.testing.assert_array_equal(fitted.measured, windows.measured(output.signal, output.column))
-        # What is left is predicted minus measured.
+        # The residuals of the model are predicted minus measured.
         np.testing.assert_allclose(fitted.residual, -rest.residuals[:, o])
         assert (fitted.name, fitted.unit, fitted.deviation) == (output.name, output.unit, 0.1 * o)
         assert fitted.log.tolist() == ["log"] * len(windows.starts)
@@ -347,10 +353,11 @@ def test_series_hold_what_was_measured_and_the_share_of_it_that_is_explained(lef
             assert 0.9 < share < 1.0
 
 
-def test_what_a_number_explains_is_what_would_be_left_more_with_what_is_believed(left):
-    """On windows that were held out, of the output where that is most."""
+def test_a_number_explains_the_growth_of_residuals_at_its_believed_value(left):
+    """The share is that of held-out windows, and of the output where it is largest."""
     model, windows, rest = left
-    names, values = ("rotor_time_constant", "body_drag.linear[0]"), np.array([0.3, 0.35])
+    names = ("rotor_time_constant", "body_drag.linear[0]")
+    values = np.array([0.3, 0.35])
     found = response._explained(model, windows, names, rest, values, model.outputs)
     chosen = windows.unseen
     for i, name in enumerate(names):
@@ -364,20 +371,20 @@ def test_what_a_number_explains_is_what_would_be_left_more_with_what_is_believed
         best = int(np.argmax(shares))
         assert found[name].share == pytest.approx(shares[best])
         assert found[name].output == model.outputs[best].name
-    # Where the whole model explains next to nothing, none of its numbers does.
+    # If the whole model explains next to nothing, no number explains anything.
     poor = rest._replace(residuals=12.0 * rest.residuals)
     assert response._explained(model, windows, names, poor, values, model.outputs) == {}
-    # Without windows that were held out, on all.
+    # All windows count if none is held out.
     seen = replace(windows, unseen=np.zeros(len(windows.starts), dtype=bool))
     assert response._explained(model, seen, names, rest, values, model.outputs)[names[0]].share > 0.0
 
 
-def test_of_nothing_that_varies_nothing_is_explained():
+def test_the_explained_share_of_a_constant_is_undefined():
     assert np.isnan(response._share(np.zeros(4), np.ones(4)))
     assert response._share(np.array([3.0, 4.0]), np.array([0.0, 1.0])) == pytest.approx(1.0 - 1.0 / 25.0)
 
 
-def test_the_way_of_identifying_follows_from_what_is_logged(monkeypatch, scenario):
+def test_the_task_of_an_identification_follows_from_the_logged_signals(monkeypatch, scenario):
     kept = []
 
     def identified(records, flown, task, share, own):
@@ -406,10 +413,10 @@ def test_the_way_of_identifying_follows_from_what_is_logged(monkeypatch, scenari
     speeds = load_scenario("laboratory:low_wind")
     _, task, _, _ = asked(response.identify_from_poses, record(), base=speeds)
     assert task.names == response._rigid_candidates(speeds)
-    # Throttles make motors that take them.
+    # A log of throttles gives the vehicle throttle motors.
     throttled = record(motor_command=np.full((1000, 4), 0.5))
     assert asked(response.identify_from_poses, throttled, base=speeds)[0].vehicle.motors.kind == "throttle"
-    # Without attitude and rates the vehicle is taken for level.
+    # Without attitudes and body rates, the vehicle is taken to be level.
     flown, task, _, own = asked(response.identify_from_poses, record(attitude=None, body_rates=None), base=speeds)
     assert task.names[0] == "motors.curve[2]"
     assert flown.laboratory.autopilot.kind == "response"

@@ -1,4 +1,4 @@
-"""The parts of an identification by prediction errors: what is sought, what is told, and what is said of the rest."""
+"""The steps of an identification by prediction errors: outputs, candidates, limits and remarks."""
 
 from types import SimpleNamespace
 
@@ -34,8 +34,8 @@ IMU = {"body_rates": (3, 0.1), "specific_force": (3, 1.0)}
 POSES = {"position": (3, 0.1), "attitude": (3, 0.0)}
 
 
-def test_outputs_are_what_was_measured_and_not_what_was_made_of_it():
-    """Velocities are left out, and so are rates beside attitudes, unless there is an accelerometer."""
+def test_outputs_are_measured_and_not_derived_signals():
+    """Velocities are left out. Body rates are left out if there are attitudes, unless there is an accelerometer."""
 
     def outputs(*logs):
         return [output.signal for output in rotors._outputs([record(**log) for log in logs])][::3]
@@ -45,7 +45,7 @@ def test_outputs_are_what_was_measured_and_not_what_was_made_of_it():
     assert outputs(IMU) == ["body_rates", FORCE]
     assert outputs(POSES | {"body_rates": (3, 0.0), "velocity": (3, 0.0)}) == ["position", "attitude"]
     assert outputs({"position": (3, 0.0), "body_rates": (3, 0.0)}) == ["position", "body_rates"]
-    # What one of the logs lacks is no output.
+    # A signal that one of the logs lacks is no output.
     assert outputs(POSES | IMU, IMU) == ["body_rates", FORCE]
     assert [output.column for output in rotors._outputs([record(**POSES)])] == [0, 1, 2, 0, 1, 2]
     for log in ({"position": (3, 0.0)}, {"velocity": (3, 0.0)}):
@@ -53,8 +53,8 @@ def test_outputs_are_what_was_measured_and_not_what_was_made_of_it():
             outputs(log)
 
 
-def test_commands_of_thrust_and_torque_go_through_the_allocation_that_is_believed(scenario):
-    """Rotors that turn as they are told give the thrust and the torque again."""
+def test_commands_of_thrust_and_torque_go_through_the_believed_allocation(scenario):
+    """The allocated rotor speeds give the commanded thrust again."""
     wrench = np.array([[6.0, 0.02, -0.01, 0.005]] * 5)
     log = FlightRecord("log", 0.01 * np.arange(5), thrust_command=wrench[:, 0], torque_command=wrench[:, 1:])
     speeds = rotors._commanded(log, scenario, "rotor_speed_command").rotor_speed_command
@@ -67,15 +67,13 @@ def test_commands_of_thrust_and_torque_go_through_the_allocation_that_is_believe
     np.testing.assert_allclose(np.sum(k_0 + k_1 * shares + k_2 * shares**2, axis=1), 6.0)
     own = record(5, rotor_speed_command=(4, 200.0))
     assert rotors._commanded(own, scenario, "rotor_speed_command") is own
-    with pytest.raises(
-        InputError, match="lacks motor_command, or thrust_command with torque_command; its motors are told speeds"
-    ):
+    with pytest.raises(InputError, match="lacks motor_command, or thrust_command with torque_command; its motors"):
         rotors._commanded(own, scenario, "motor_command")
     with pytest.raises(InputError, match=r"lacks rotor_speed_command, or thrust_command with torque_command$"):
         rotors._commanded(record(5, **POSES), scenario, "rotor_speed_command")
 
 
-def test_fast_logs_are_taken_together_to_eight_milliseconds():
+def test_fast_logs_are_resampled_to_at_most_eight_milliseconds():
     for period, step in ((0.02, 1), (0.01, 1), (0.004, 2), (0.002, 4), (0.001, 8)):
         again = rotors._resampled(record(400, period, **POSES))
         assert again.period == pytest.approx(step * period)
@@ -85,30 +83,32 @@ def names_of(vehicle, *signals):
     return {each.name: each for each in rotors._sought(vehicle, {*signals})}
 
 
-def test_what_is_sought_is_what_the_vehicle_has_and_the_outputs_tell(scenario):
+def test_candidates_are_parameters_of_the_vehicle_that_the_outputs_determine(scenario):
     vehicle = scenario.vehicle
-    told = names_of(vehicle, "position", "attitude")
-    assert {"thrust_factor", "rotor_time_constant", "inertia[2]", "centre_of_mass[1]", "linear_drag", DELAY} <= {*told}
-    assert "rotor_inertia" not in told or vehicle.reaction_torque
-    assert ("rotor_time_constant_down" in told) == (vehicle.rotor_time_constant_down is not None)
-    # Positions alone tell no inertia, and attitudes alone no drag.
+    candidates = names_of(vehicle, "position", "attitude")
+    assert {"thrust_factor", "rotor_time_constant", "inertia[2]", "centre_of_mass[1]", "linear_drag", DELAY} <= {
+        *candidates
+    }
+    assert "rotor_inertia" not in candidates or vehicle.reaction_torque
+    assert ("rotor_time_constant_down" in candidates) == (vehicle.rotor_time_constant_down is not None)
+    # Positions alone do not determine inertia, and attitudes alone do not determine drag.
     assert not any("inertia" in name or "centre" in name for name in names_of(vehicle, "position"))
     assert "linear_drag" not in names_of(vehicle, "attitude")
     still = vehicle.model_copy(update={"linear_drag": 0.0})
     assert "linear_drag" not in names_of(still, "position", "attitude")
-    inertia = told["inertia[1]"]
+    inertia = candidates["inertia[1]"]
     value = vehicle.inertia[1]
     assert (inertia.scale, inertia.least, inertia.most) == pytest.approx((value, 0.02 * value, 50.0 * value))
-    drag = told["linear_drag"]
+    drag = candidates["linear_drag"]
     assert (drag.scale, drag.least, drag.most) == pytest.approx((vehicle.linear_drag, 0.0, 1e3 * vehicle.linear_drag))
     arm = vehicle.arm_length if vehicle.layout.length is None else 0.5 * vehicle.layout.length
-    centre = told["centre_of_mass[0]"]
+    centre = candidates["centre_of_mass[0]"]
     assert (centre.scale, centre.least, centre.most) == pytest.approx((0.2 * arm, -arm, arm))
-    delay = told[DELAY]
+    delay = candidates[DELAY]
     assert (delay.scale, delay.least, delay.most) == pytest.approx((0.01, -0.045, 0.045))
 
 
-def test_effects_of_the_vehicle_are_sought_where_they_are_told():
+def test_effects_of_the_vehicle_are_candidates_if_the_outputs_determine_them():
     overrides = [
         "vehicle.body_drag={linear: [0.3, 0.0, 0.2], centre_of_pressure: [0, 0, 0.01]}",
         "vehicle.rotor_aerodynamics={climb: 0.4}",
@@ -118,10 +118,10 @@ def test_effects_of_the_vehicle_are_sought_where_they_are_told():
     ]
     vehicle = with_throttles(load_scenario("laboratory:low_wind", overrides)).vehicle
     vehicle = vehicle.model_copy(update={"motors": vehicle.motors.model_copy(update={"curve": (0.5, -1.0, 9.0)})})
-    told = names_of(vehicle, "position", "attitude", FORCE)
-    assert {f"motors.curve[{i}]" for i in range(3)} <= {*told}
-    assert "thrust_factor" not in told
-    assert {name for name in told if name.startswith("body_drag.linear")} == {
+    candidates = names_of(vehicle, "position", "attitude", FORCE)
+    assert {f"motors.curve[{i}]" for i in range(3)} <= {*candidates}
+    assert "thrust_factor" not in candidates
+    assert {name for name in candidates if name.startswith("body_drag.linear")} == {
         "body_drag.linear[0]",
         "body_drag.linear[2]",
     }
@@ -130,13 +130,15 @@ def test_effects_of_the_vehicle_are_sought_where_they_are_told():
         "rotor_aerodynamics.climb",
         "rotor_inertia",
         "rotor_time_constant_down",
-    } <= {*told}
-    curve = told["motors.curve[1]"]
+    } <= {*candidates}
+    curve = candidates["motors.curve[1]"]
     assert (curve.scale, curve.least, curve.most) == pytest.approx((8.5, -85.0, 85.0))
-    assert (told["body_drag.linear[2]"].scale, told["body_drag.linear[2]"].most) == pytest.approx((0.2, 200.0))
-    climb = told["rotor_aerodynamics.climb"]
+    assert (candidates["body_drag.linear[2]"].scale, candidates["body_drag.linear[2]"].most) == pytest.approx(
+        (0.2, 200.0)
+    )
+    climb = candidates["rotor_aerodynamics.climb"]
     assert (climb.scale, climb.least, climb.most) == pytest.approx((0.4, -400.0, 400.0))
-    # The centre of pressure is told by an accelerometer that turns, and drag by positions.
+    # A turning accelerometer determines the centre of pressure, and positions determine drag.
     assert "body_drag.centre_of_pressure[2]" not in names_of(vehicle, "position", "attitude")
     assert not any(name.startswith("body_drag.linear") for name in names_of(vehicle, "body_rates", FORCE))
     assert "body_drag.centre_of_pressure[2]" in names_of(vehicle, "body_rates", FORCE)
@@ -151,7 +153,7 @@ def problem(scenario, signals=POSES, *, count=3000, period=0.01):
     ("signals", "count", "horizon", "length"),
     [
         (POSES, 6000, False, 2.5),
-        # A sixteenth of a shorter flight, so that there are as many blocks, but a second at least.
+        # Windows of a shorter flight are a sixteenth of it, which keeps the number of blocks, and at least a second.
         (POSES, 3200, False, 2.0),
         (POSES, 1200, False, 1.0),
         (POSES, 6000, True, 0.5),
@@ -159,7 +161,7 @@ def problem(scenario, signals=POSES, *, count=3000, period=0.01):
         (IMU, 6000, True, 0.1),
     ],
 )
-def test_windows_are_as_long_as_outputs_and_flights_ask_for(scenario, signals, count, horizon, length):
+def test_the_length_of_windows_follows_from_outputs_and_flight_time(scenario, signals, count, horizon, length):
     own = problem(scenario, signals, count=count)
     flying = [np.ones(count, dtype=bool)]
     predictor = own.predictor(
@@ -179,7 +181,7 @@ def test_too_few_windows_are_refused(scenario):
         own.predictor(rotors._sought(scenario.vehicle, {"position", "attitude"}), [np.ones(300, dtype=bool)])
 
 
-def test_a_search_begins_with_the_vehicle_and_half_a_sample_of_delay(scenario):
+def test_a_search_starts_from_the_vehicle_and_half_a_sample_of_delay(scenario):
     own = problem(scenario)
     sought = rotors._sought(scenario.vehicle, {"position", "attitude"})
     values = dict(zip([each.name for each in sought], own.values(sought), strict=True))
@@ -192,12 +194,12 @@ def test_a_search_begins_with_the_vehicle_and_half_a_sample_of_delay(scenario):
     np.testing.assert_array_equal(choice.most, [each.most for each in sought])
 
 
-def test_blocks_are_of_some_seconds_and_as_many_as_make_an_interval():
+def test_blocks_last_some_seconds_and_are_enough_for_an_interval():
     def blocks(windows, seconds):
         made = SimpleNamespace(windows=range(windows), sizes=Cut(round(seconds / 0.01), 0, 0), period=0.01)
         return rotors._blocks(made)
 
-    # 100 s in blocks of 4 s; 20 s in 15 of them; eight windows in eight.
+    # 100 s make blocks of 4 s, 20 s make 15 blocks, and eight windows make eight blocks.
     assert len(np.unique(blocks(100, 1.0))) == 25
     assert len(np.unique(blocks(20, 1.0))) == 15
     assert blocks(8, 1.0).tolist() == list(range(8))
@@ -208,8 +210,8 @@ def sought(*names, scale=1.0, least=-9.0, most=9.0):
     return [rotors._Sought(name, scale, least, most) for name in names]
 
 
-def test_numbers_at_a_limit_or_with_too_wide_an_interval_or_of_one_stretch_are_not_told():
-    """Of a positive number, an interval is too wide that is wider than the number itself."""
+def test_numbers_at_a_limit_or_with_a_wide_interval_or_from_one_stretch_are_not_identified():
+    """The interval of a positive number is too wide if it is wider than the number itself."""
     given = [
         *sought("low", "high"),
         *sought("wide"),
@@ -230,8 +232,8 @@ def test_numbers_at_a_limit_or_with_too_wide_an_interval_or_of_one_stretch_are_n
     assert found["lone"] == "hardly more than one stretch of the flights tells it, as 1"
 
 
-def test_drag_that_is_less_than_what_disturbs_is_not_told():
-    """What disturbs is the mass times the noise of a force, and drag that of the speed that was flown, over 0.1 s."""
+def test_drag_below_the_disturbance_is_not_identified():
+    """The disturbance is the mass times the noise of a force; drag is that at the flown speed, taken over 0.1 s."""
     time = 0.02 * np.arange(200)
     place = np.stack([0.5 * np.sin(2.0 * time), 0.1 * np.sin(2.0 * time), 0.0 * time], axis=1)[:, :, None]
     outputs = [Output("attitude", 0), *(Output("position", i) for i in range(3))]
@@ -257,8 +259,8 @@ def test_drag_that_is_less_than_what_disturbs_is_not_told():
     assert rotors._swamped(vehicle, without, given, fitted) == {}
 
 
-def test_a_number_is_explained_by_the_output_that_tells_it_best():
-    told = Forecast(
+def test_a_number_is_explained_by_its_most_informative_output():
+    forecast = Forecast(
         ("position x", "roll", "body rate q", "position z"),
         np.empty(0),
         np.empty(0),
@@ -266,7 +268,7 @@ def test_a_number_is_explained_by_the_output_that_tells_it_best():
         np.array([0.1, 0.2, 0.3, 0.4]),
     )
     names = ["inertia[0]", "inertia[1]", "centre_of_mass[0]", "linear_drag", "thrust_factor", "inertia[2]"]
-    assert rotors._explained(names, told) == {
+    assert rotors._explained(names, forecast) == {
         "inertia[0]": Explained(0.2, "roll"),
         "inertia[1]": Explained(0.3, "body rate q"),
         "centre_of_mass[0]": Explained(0.3, "body rate q"),
@@ -275,7 +277,7 @@ def test_a_number_is_explained_by_the_output_that_tells_it_best():
     }
 
 
-def test_what_no_flight_tells_is_said(scenario):
+def test_numbers_that_no_flight_determines_are_reported_with_a_reason(scenario):
     vehicle = scenario.vehicle.model_copy(update={"quadratic_drag": 0.02})
     why = rotors._not_seen(vehicle, ["linear_drag", "thrust_factor"], {"position", "attitude"})
     assert {"mass", "drag_factor", "inertia[0]", "rotor_time_constant", "quadratic_drag"} <= {*why}
@@ -297,7 +299,7 @@ def test_what_no_flight_tells_is_said(scenario):
     )
 
 
-def test_remarks_say_how_much_was_flown_and_what_two_lags_are_in_the_mean():
+def test_remarks_give_the_flight_time_and_the_mean_of_two_lags():
     predictor = SimpleNamespace(
         windows=range(12), sizes=Cut(250, 50, 40), inputs=SimpleNamespace(period=0.005), split=2, period=0.01
     )
@@ -310,13 +312,13 @@ def test_remarks_say_how_much_was_flown_and_what_two_lags_are_in_the_mean():
     assert len(rotors._remarks(predictor, fitted, names[:2])) == 1
 
 
-def test_a_number_is_told_if_all_blocks_but_the_best_tell_it(monkeypatch):
-    """By the information at the start: 1.96 deviations are less than what the number may be off by."""
+def test_a_number_is_identified_if_all_blocks_but_the_best_determine_it(monkeypatch):
+    """The information at the start must give 1.96 standard deviations below the scale of the number."""
     random = np.random.default_rng(6)
     windows, samples = 20, 30
     sizes = np.array([1.0, 0.02, 1.0, 1.0])
     slopes = random.normal(size=(windows, samples, 4)) * sizes
-    # One block alone tells the third number well.
+    # A single block determines the third number well.
     slopes[1:, :, 2] *= 1e-3
     given = [
         rotors._Sought(name, scale, -9.0, 9.0) for name, scale in (("a", 1.0), ("b", 1.0), ("c", 1.0), ("d", 0.02))

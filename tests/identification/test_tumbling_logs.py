@@ -1,4 +1,4 @@
-"""Vehicles driven by the commands of logs, as they turn over."""
+"""Tumbling vehicles that are driven by logged commands."""
 
 import numpy as np
 import pytest
@@ -12,20 +12,21 @@ from drake_quad.identification.fitting.predictor import Noise, Output, Predictor
 from drake_quad.identification.fitting.windows import Cut, Window
 from drake_quad.identification.logs.record import FlightRecord
 
-PERIOD, SECONDS = 0.01, 1.0
+PERIOD = 0.01  # s
+DURATION = 1.0  # s
 COMMAND = np.array([196.0, 203.0, 199.0, 201.0])
 
 
 @pytest.fixture(scope="module")
 def scenario(diagrams):
-    """A vehicle with an inertia of three different numbers, and drag."""
+    """Return a scenario whose vehicle has three different moments of inertia, and drag."""
     overrides = ["vehicle.inertia=[0.0066, 0.0079, 0.0121]", "vehicle.linear_drag=0.1", "vehicle.quadratic_drag=0.02"]
     return load_scenario(diagrams / "figure_eight.yaml", overrides)
 
 
 @pytest.fixture(scope="module")
 def tumbles():
-    """Twelve, whose rotors turn as they are commanded, in still air."""
+    """Return twelve tumbles in still air, whose rotors turn as commanded."""
     found = random_tumbles(12, seed=8)
     alike = np.tile(COMMAND, (12, 1))
     return found._replace(speeds=alike, commands=alike, winds=np.zeros((12, 3)))
@@ -33,48 +34,52 @@ def tumbles():
 
 @pytest.fixture(scope="module")
 def record():
-    """Rotors of constant speed."""
+    """Return a log of constant rotor speeds."""
     time = PERIOD * np.arange(400)
     return FlightRecord("tumbling", time, rotor_speed_command=np.tile(COMMAND, (400, 1)))
 
 
 @pytest.fixture(scope="module")
 def end(scenario, tumbles):
-    """Positions and rotations after a second."""
-    position, rotation, *_ = flown(vehicle_parameters(scenario.vehicle), tumbles, SECONDS)
+    """Return the positions and rotations after a second."""
+    position, rotation, *_ = flown(vehicle_parameters(scenario.vehicle), tumbles, DURATION)
     return position, rotation
 
 
-def test_an_open_loop_turns_over(scenario, tumbles, record, end):
-    starts = Starts(np.full(12, 200), round(SECONDS / PERIOD))
+def test_an_open_loop_follows_a_tumbling_vehicle(scenario, tumbles, record, end):
+    starts = Starts(np.full(12, 200), round(DURATION / PERIOD))
     states = OpenLoop(scenario, record).fly(starts, tumbles.states[None], every=starts.length)[-1, 0]
     assert degrees_apart(states[:, 3:6], end[1]).max() < 1e-3
     np.testing.assert_allclose(states[:, :3], end[0], atol=1e-5)
 
 
-def test_the_model_of_a_predictor_turns_over(scenario, tumbles, record, end):
+def test_the_model_of_a_predictor_follows_a_tumbling_vehicle(scenario, tumbles, record, end):
     vehicle = Vehicle(scenario.vehicle, [("mass",)], "rotor_speed_command", kind="world")
     sizes = Cut(length=150, settle=0, warm_up=10)
     inputs = Inputs.of([record], vehicle.signal, [Window(0, 200)] * 12, sizes, split=1, longest=0.02)
     model = Flown(vehicle, np.array([[scenario.vehicle.mass]]), inputs, sizes.warm_up)
     state = np.zeros((BODY + PUSH, 1, 12))
     state[:BODY, 0] = tumbles.states.T
-    for _ in range(round(SECONDS / PERIOD)):
+    for _ in range(round(DURATION / PERIOD)):
         model.step(state)
     found = state[:BODY, 0].T
     assert degrees_apart(found[:, 3:6], end[1]).max() < 1e-3
     np.testing.assert_allclose(found[:, :3], end[0], atol=1e-5)
 
 
-def test_a_predictor_foresees_a_vehicle_that_rolls_over(diagrams):
-    """Level thrust and 3 rad/s of roll, which is 180° at a sample to the bit: half of what is around it wraps."""
+def test_a_predictor_follows_a_vehicle_that_rolls_over(diagrams):
+    """The vehicle rolls at 3 rad/s under constant thrust.
+
+    At one sample its roll is 180° to the bit, so half of the perturbed angles around it wrap.
+    """
     scenario = load_scenario(diagrams / "figure_eight.yaml")
     vehicle = Vehicle(scenario.vehicle, [("mass",)], "rotor_speed_command", kind="world")
     time = PERIOD * np.arange(200)
     roll = np.pi - 3.0 * (time - time[100])
-    mass, command = scenario.vehicle.mass, np.full((200, 4), 200.0)
+    mass = scenario.vehicle.mass
+    command = np.full((200, 4), 200.0)
     thrust = 4.0 * scenario.vehicle.thrust_factor * 200.0**2 / mass
-    # Twice the integral of the thrust's direction, (0, -sin, cos), and of the weight.
+    # The position is twice the integral of the thrust, along (0, -sin, cos), and of the weight.
     across, up = thrust * np.array([np.sin(roll) / 9.0, -np.cos(roll) / 9.0])
     position = np.column_stack([0.0 * time, across, up - 0.5 * scenario.vehicle.gravity * time**2])
     attitude = np.column_stack([np.arctan2(np.sin(roll), np.cos(roll)), 0.0 * time, 0.0 * time])

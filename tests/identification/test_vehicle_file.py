@@ -325,8 +325,8 @@ def test_what_a_base_draws_is_still_drawn(base, tmp_path):
 
 
 @pytest.mark.parametrize("distributions", [True, False])
-def test_an_inertia_that_no_body_has_is_written_as_the_nearest_and_said(base, tmp_path, distributions):
-    """I_xx and I_yy are found too small for the I_zz of the base, by more than it is rounded to."""
+def test_an_impossible_inertia_is_written_as_the_nearest_possible_one_with_a_remark(base, tmp_path, distributions):
+    """The estimates of I_xx and I_yy are too small for the I_zz of the base, by more than rounding."""
     found = {"inertia[0]": (1.3e-5, 1e-6), "inertia[1]": (1.2e-5, 1e-6)}
     path = write_vehicle(tmp_path / "new.yaml", "new", estimates_of(found), base=base, distributions=distributions)
     excess = 2.98e-5 - 2.5e-5
@@ -335,7 +335,7 @@ def test_an_inertia_that_no_body_has_is_written_as_the_nearest_and_said(base, tm
     np.testing.assert_allclose(vehicle.nominal.inertia, expected, rtol=1e-4)
     written = [each.normal.mean if isinstance(each, Normal) else each for each in vehicle.vehicle.inertia]
     np.testing.assert_allclose(written, expected, rtol=1e-4)
-    assert "can have: of what was found, I_zz, 2.98e-05, is larger than I_xx + I_yy" in text_of(path)
+    assert "nearest rigid body: in the estimate, I_zz, 2.98e-05, is larger than I_xx + I_yy" in text_of(path)
     moments = np.array([Batch.draw(vehicle, [i]).scenario_of(0).vehicle.inertia for i in range(20)])
     assert (2.0 * moments.max(axis=1) <= (1.0 + 1e-5) * moments.sum(axis=1)).all()
 

@@ -79,8 +79,8 @@ def test_the_last_third_of_the_flight_is_held_out() -> None:
     assert np.flatnonzero(held_out(flying, 1.0 / 3.0)).tolist() == list(range(500, 700))
 
 
-def test_angles_that_wrap_do_so_in_a_coarser_record() -> None:
-    """A vehicle that turns steadily: between 180° and -180° there is no mean of 0°."""
+def test_angles_wrap_in_a_coarser_record() -> None:
+    """The vehicle turns steadily; the mean of angles on both sides of ±180° is not 0°."""
     yaw = 0.7 * PERIOD * np.arange(2000.0)
     angles = np.column_stack([np.zeros(2000), np.zeros(2000), np.arctan2(np.sin(yaw), np.cos(yaw))])
     few = coarser(record(attitude=angles), 4)
@@ -90,8 +90,8 @@ def test_angles_that_wrap_do_so_in_a_coarser_record() -> None:
     assert np.abs(few.attitude).max() <= np.pi
 
 
-def test_a_second_around_a_steep_pitch_is_left_out_and_said() -> None:
-    """Roll and yaw next to 90° of pitch are noise."""
+def test_a_second_around_a_steep_pitch_is_left_out_and_reported() -> None:
+    """Roll and yaw are noise near a pitch of 90°."""
     angles = np.zeros((2000, 3))
     angles[1000:1020, 1] = np.radians(-80.0)
     steep = record(attitude=angles)

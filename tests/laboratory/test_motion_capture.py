@@ -138,8 +138,8 @@ def test_steps_of_the_attitude_are_turned_at_the_frame_in_their_middle():
 @pytest.mark.parametrize(
     "turning", [(0.0, 6.0, 0.0), (0.0, 6.0, 0.05), (1.0, -5.0, 0.4), (8.0, 0.0, 0.0), (3.0, 4.0, 7.0)]
 )
-def test_body_rates_of_a_body_that_turns_over(turning, misaligned):
-    """Constant rates, through pitches of ±90° and rolls of ±180°, whose angles jump; markers turn with the body."""
+def test_body_rates_are_right_for_a_body_that_turns_over(turning, misaligned):
+    """Constant rates lead through pitches of ±90° and rolls of ±180°, where angles jump; markers turn with the body."""
     times = H * np.arange(210)
     begun = scipy.spatial.transform.Rotation.from_euler("ZYX", [0.4, 0.0, 0.0])
     turned = begun * scipy.spatial.transform.Rotation.from_rotvec(np.outer(times, turning))
@@ -156,8 +156,8 @@ def test_body_rates_of_a_body_that_turns_over(turning, misaligned):
     np.testing.assert_allclose(frames[9:12, 0, 4:], np.tile(expected[:, None], frames.shape[2] - 4), atol=0.02)
 
 
-def test_a_frame_of_markers_that_point_straight_up_is_a_number():
-    """Rounding makes the sine of their pitch a little larger than 1."""
+def test_a_frame_of_markers_that_point_straight_up_is_finite():
+    """Rounding makes the sine of their pitch slightly larger than 1."""
     rng = np.random.default_rng(7)
     for _ in range(200):
         misalignment = Attitude(*rng.uniform(-0.3, 0.3, 3))

@@ -243,10 +243,10 @@ def _changes_of_call(
         return
     for swapped in _swapped(arguments):
         yield "order", ast.Call(function, swapped, keywords)
-    telling = [keyword for keyword in keywords if keyword.arg not in _GUARDS | _APPEARANCE]
+    significant = [keyword for keyword in keywords if keyword.arg not in _GUARDS | _APPEARANCE]
     others = [keyword for keyword in keywords if keyword.arg in _GUARDS | _APPEARANCE]
-    for values in _swapped([keyword.value for keyword in telling]):
-        exchanged = [ast.keyword(keyword.arg, value) for keyword, value in zip(telling, values, strict=True)]
+    for values in _swapped([keyword.value for keyword in significant]):
+        exchanged = [ast.keyword(keyword.arg, value) for keyword, value in zip(significant, values, strict=True)]
         yield "order", ast.Call(function, arguments, exchanged + others)
 
 

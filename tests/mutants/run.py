@@ -142,8 +142,8 @@ def worth_running(tests: dict[str, Test], file: str, mutant: Mutant, seconds: fl
 
     Args:
         tests: record of each test.
-        file: the file that the mutant changes.
-        mutant: the change.
+        file: path of the source that the mutant changes.
+        mutant: one change of that source.
         seconds: CPU time that the tests may take together, s. Tests that would exceed it are left out.
     """
     folder = Path(file).parent.relative_to("drake_quad")

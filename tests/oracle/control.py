@@ -174,7 +174,7 @@ class IncrementalTurning:
 
 
 class Integral:
-    """i⁺ = i + h k_I e, within a limit; the correction, which is subtracted, is -i, or -i⁺ by backward Euler."""
+    """Integral i⁺ = i + h k_I e within a limit; the output, which is added, is -i, or -i⁺ by backward Euler."""
 
     def __init__(self, numbers, h):
         self.numbers, self.h, self.i = numbers, h, np.zeros(3)
@@ -481,7 +481,7 @@ def flat(roll, pitch, yaw, thrust, jerk, snap, psi_dot, psi_ddot):
 
 
 def square_axes(force, yaw):
-    """The axes of a body, as columns, whose z_B is along a force and whose y_B is perpendicular to the heading."""
+    """Return the axes of a body, as columns, with z_B along a force and y_B perpendicular to the heading."""
     z_B = force / np.linalg.norm(force)
     y_B = np.cross(z_B, [math.cos(yaw), math.sin(yaw), 0.0])
     y_B = y_B / np.linalg.norm(y_B)
@@ -489,15 +489,19 @@ def square_axes(force, yaw):
 
 
 def angles_near(axes, yaw):
-    """Roll, pitch and yaw of eq (1), the yaw within half a turn of another."""
+    """Return roll, pitch and yaw of eq (1), with the yaw within half a turn of another yaw."""
     yaw_there, pitch, roll = scipy.spatial.transform.Rotation.from_matrix(axes).as_euler("ZYX")
     return np.array([roll, pitch, yaw + math.remainder(yaw_there - yaw, math.tau)])
 
 
 def square_flat(axes, yaw, thrust, jerk, snap, psi_dot, psi_ddot):
-    """As `flat`, of a body whose y_B stays perpendicular to the heading x_C: y_B·x_C = 0, differentiated twice."""
+    """Return body rates and angular accelerations, as `flat` does, of a body with y_B perpendicular to the heading x_C.
+
+    They follow from y_B·x_C = 0, differentiated twice.
+    """
     x_B, y_B, z_B = axes.T
-    x_C, y_C = np.array([math.cos(yaw), math.sin(yaw), 0.0]), np.array([-math.sin(yaw), math.cos(yaw), 0.0])
+    x_C = np.array([math.cos(yaw), math.sin(yaw), 0.0])
+    y_C = np.array([-math.sin(yaw), math.cos(yaw), 0.0])
     F_dot = z_B @ jerk
     p, q = -y_B @ jerk / thrust, x_B @ jerk / thrust
     r = (p * (z_B @ x_C) + psi_dot * (y_B @ y_C)) / (x_B @ x_C)

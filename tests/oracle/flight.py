@@ -25,15 +25,15 @@ def reference_at(trajectory, times):
 
 
 def fly(scenario, plan):
-    """Flies a scenario of numbers, whose vehicle steps, from hover at the reference's first point.
+    """Fly a scenario of numbers, whose vehicle steps, from hover at the reference's first point.
 
     At an instant the vehicle takes its step first, under what was held until then. Then all that samples does so at
     once: the control reads the frame before, an autopilot hears what the link let out before, and the vehicle's next
     step takes what link and autopilot let out now.
 
     Args:
-        scenario: of numbers.
-        plan: of its route.
+        scenario: scenario without distributions.
+        plan: plan of its route.
 
     Returns:
         The (ticks, rows) signals at the ticks of the control, by name, until the end or a crash, and the metrics.
@@ -58,7 +58,9 @@ def fly(scenario, plan):
     wind = Wind(laboratory.wind, h, seed, sample)
     air = wind.sample(0, state[0:3])
 
-    controller, referee, rows = Controller(scenario, plan.leg_times, duration, state[0:3]), Referee(scenario), []
+    controller = Controller(scenario, plan.leg_times, duration, state[0:3])
+    referee = Referee(scenario)
+    rows = []
     for k in range(ticks * steps_a_tick + 1):
         heard = vehicle.target = link.out
         if k > 0:

@@ -103,8 +103,8 @@ class Cameras(Line):
             return
         h = numbers.period
         a = math.exp(-numbers.derivative_bandwidth * h)
-        # Differences over two frames: those of small angles turned at the frame in their middle by (2), others as the
-        # vector of the rotation.
+        # Steps are differences over two frames. Small changes of angles become rates by (2) at the frame in the middle;
+        # large changes are the rotation vector between the two frames.
         steps = pose - self.before
         if np.abs(steps[3:6]).max() > 0.05:
             turn = rotation(*self.before[3:6]).T @ rotation(*pose[3:6])

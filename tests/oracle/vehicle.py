@@ -63,7 +63,7 @@ def euler_to_body(roll, pitch):
 
 
 def turned_by(quaternion):
-    """The rotation by a unit quaternion, 3 x 3: Euler's and Rodrigues' formula."""
+    """Return the rotation matrix (3 x 3) of a unit quaternion by the Euler-Rodrigues formula."""
     w, (x, y, z) = quaternion[0], quaternion[1:]
     S = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.eye(3) + 2.0 * w * S + 2.0 * S @ S
@@ -105,7 +105,7 @@ class Vehicle:
         return np.sqrt(np.linalg.solve(np.array(columns).T, [weight, 0.0, 0.0, 0.0]))
 
     def accelerations(self, R, velocity, rates, speeds, wind):
-        """(3): how velocity and body rates change."""
+        """Return the rates of change (6,) of velocity and body rates."""
         numbers = self.numbers
         thrust, torque = self.wrench(speeds)
         airspeed = wind - velocity
@@ -118,19 +118,22 @@ class Vehicle:
         return np.concatenate([acceleration, self.inverse_inertia @ (torque - np.cross(rates, momentum))])
 
     def slope(self, turn, velocity, rates, speeds, wind):
-        """How the attitude, which is that at the beginning of a step and a quaternion, velocity and rates change."""
+        """Return the rates of change of attitude, velocity and body rates.
+
+        The attitude is a unit quaternion, relative to the attitude at the beginning of the step.
+        """
         w, v = turn[0], turn[1:]
         turning = 0.5 * np.append(-v @ rates, w * rates + np.cross(v, rates))
         accelerations = self.accelerations(self.begun @ turned_by(turn), velocity, rates, speeds, wind)
         return np.concatenate([turning, accelerations])
 
     def begin(self, angles):
-        """Begins a step at an attitude; returns what is integrated of it."""
+        """Begin a step at an attitude, and return the attitude variables that are integrated."""
         self.begun = rotation(*angles)
         return np.array([1.0, 0.0, 0.0, 0.0])
 
     def angles(self, turn, yaw):
-        """Roll, pitch and yaw, which goes on from what it was."""
+        """Return roll, pitch and yaw, where the yaw continues from the yaw before."""
         R = self.begun @ turned_by(turn)
         change = math.remainder(math.atan2(R[1, 0], R[0, 0]) - yaw, math.tau)
         return np.array([math.atan2(R[2, 1], R[2, 2]), -math.asin(R[2, 0]), yaw + change])
@@ -176,18 +179,18 @@ class Vehicle:
 
 
 class WithSmallAngles(Vehicle):
-    """Its body rates are the rates of its angles, as in (3)."""
+    """A vehicle whose body rates are the rates of its angles, as in (3)."""
 
     def slope(self, angles, velocity, rates, speeds, wind):
-        """How angles, velocity and rates change."""
+        """Return the rates of change of angles, velocity and body rates."""
         return np.concatenate([rates, self.accelerations(rotation(*angles), velocity, rates, speeds, wind)])
 
     def begin(self, angles):
-        """The angles are integrated."""
+        """Return the angles, which are integrated themselves."""
         return angles
 
     def angles(self, angles, yaw):
-        """They are what was integrated."""
+        """Return the angles as they were integrated."""
         return angles
 
 
@@ -239,7 +242,7 @@ def allocate(wrench, believed, priority):
 
 
 def _corners(normals, places):
-    """The points in which three of some planes normal · x = place meet."""
+    """Return the points in which three of some planes normal · x = place meet."""
     threes = np.array(list(combinations(range(len(places)), 3)))
     matrices = normals[threes]
     meet = np.abs(np.linalg.det(matrices)) > 1e-12
@@ -247,7 +250,7 @@ def _corners(normals, places):
 
 
 def _least(rows):
-    """The number of the row whose first entry is the least; of several such rows, that with the least second, ..."""
+    """Return the index of the lexicographically least row, where entries within 1e-12 are equal."""
     left = np.arange(len(rows))
     for column in rows.T:
         left = left[column[left] <= column[left].min() + 1e-12]

@@ -82,8 +82,8 @@ def test_a_file_has_the_columns_of_crazyswarm2_and_can_be_read_as_it_does(tmp_pa
 
 
 @pytest.mark.parametrize("turns", [[0, 1, 1, 1, 1], [0, -1, 2, 0, -3], [1, 1, 1, 1, 1]])
-def test_pieces_whose_yaws_are_whole_turns_apart_are_one_heading(turns):
-    """Other programs write a yaw between -π and π."""
+def test_pieces_whose_yaws_differ_by_whole_turns_have_one_heading(turns):
+    """Other programs write yaw angles between -π and π."""
     rows = pieces_of(PLAN)
     rows[:, COLUMNS.index("yaw^0")] += 2.0 * np.pi * np.array(turns)
     again = plan_of_pieces(rows)

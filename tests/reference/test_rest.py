@@ -1,3 +1,5 @@
+"""Rest before and after a route, and braking after a route that ends in motion."""
+
 import math
 
 import numpy as np
@@ -85,7 +87,7 @@ def test_braking_from_steady_motion_is_the_motion_of_least_snap():
     steady = hermite_path(np.array([0.0, 2.0]), np.array([[[0.0], [1.5]], [[3.0], [1.5]]]))
     path = with_rest(steady, orders=4, acceleration=0.7)
     duration = path.durations[2]
-    # The only quintic from v to 0 whose first two derivatives are zero at both ends.
+    # The speed is the only quintic from v to 0 whose first two derivatives are zero at both ends.
     s = np.linspace(0.0, 1.0, 20)
     np.testing.assert_allclose(
         evaluate(path, 2.0 + duration * s, 1)[0], 1.5 * (1 - 10 * s**3 + 15 * s**4 - 6 * s**5), atol=1e-9
@@ -96,7 +98,7 @@ def test_braking_from_steady_motion_is_the_motion_of_least_snap():
 
 def test_a_path_that_ends_at_rest_is_not_braked():
     assert not planned(ROUTES["figure eight"]).brakes
-    assert not planned(ROUTES["circle"]).brakes  # although its yaw ends with an acceleration
+    assert not planned(ROUTES["circle"]).brakes  # its yaw ends with an acceleration, which does not count
     assert moves_at_end(planned(ROUTES["Lissajous"]).path, 4)
     assert not moves_at_end(planned(ROUTES["Lissajous"]).yaw, 2)
 

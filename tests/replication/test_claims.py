@@ -110,9 +110,9 @@ def named(wind, controller):
 
 
 def fieller(values, baseline):
-    """The ratio of means of what is finite, and where a t-test of a - R b gives way.
+    """Return the ratio of means of finite values, and the limits where a t-test of a - R b becomes significant.
 
-    There (mean a - R mean b)² is t² / n times the variance of a - R b.
+    At the limits (mean a - R mean b)² is t² / n times the variance of a - R b.
     """
     a, b = np.stack([values, baseline])[:, np.isfinite(values) & np.isfinite(baseline)]
     (var_a, cov), (_, var_b) = scipy.stats.t.ppf(0.975, len(a) - 1) ** 2 / len(a) * np.cov(a, b)
@@ -122,12 +122,12 @@ def fieller(values, baseline):
 
 
 def less(values, baseline):
-    """By what share a mean is smaller than another."""
+    """Return the share by which a mean is smaller than another."""
     return opposite(fieller(values, baseline), 1.0)
 
 
 def over(found, wind, name, other, metric="rmse", other_wind=None):
-    """The ratio of the means of two cells."""
+    """Return the ratio of the means of two cells."""
     return fieller(
         *(getattr(found.cells[Cell(*cell)].metrics, metric) for cell in ((wind, name), (other_wind or wind, other)))
     )
@@ -211,7 +211,7 @@ def test_type_2_beside_type_1(found):
     assert against.verdict == "holds"
     narrow, wide = (rows_at(found.noise, "noise", name, len(NOISE)) for name in ("pd_t2fnn", "pd_t2fnn_wide"))
     larger = [opposite(less(*pair)) for pair in zip(wide, narrow, strict=True)]
-    # To first order w₀ / n₀ - w / n changes with the four means as their weights say.
+    # To first order, the change of w₀ / n₀ - w / n is the sum of the changes of the four means with these weights.
     four = np.stack([wide[0], narrow[0], wide[-1], narrow[-1]])
     four = four[:, np.isfinite(four).all(axis=0)]
     w_0, n_0, w, n = four.mean(axis=1)

@@ -1,4 +1,4 @@
-"""Angles are in radians: what was surely written in degrees is refused with its value in radians."""
+"""Angles are in radians: an angle that was surely written in degrees is refused with its value in radians."""
 
 import math
 import re
@@ -20,21 +20,21 @@ def models(kind=Model):
         yield from models(each)
 
 
-# Yaws of a trajectory that turns many times; those of waypoints are looked at one after another.
-UNLIMITED = {("YawKnot", "yaw"), ("Waypoint", "yaw")}
+# Yaws of a trajectory may turn many times. Yaws of waypoints are checked one after another.
+UNLIMITED_ANGLES = {("YawKnot", "yaw"), ("Waypoint", "yaw")}
 ANGLES = sorted(
     {
         (model.__name__, name): field
         for model in models()
         for name, field in model.model_fields.items()
-        if re.search(r"\(rad\)", field.description or "") and (model.__name__, name) not in UNLIMITED
+        if re.search(r"\(rad\)", field.description or "") and (model.__name__, name) not in UNLIMITED_ANGLES
     }.items(),
     key=lambda each: each[0],
 )
 
 
 @pytest.mark.parametrize("field", [field for _, field in ANGLES], ids=[".".join(name) for name, _ in ANGLES])
-def test_every_angle_of_the_language_is_questioned_where_it_is_in_degrees(field):
+def test_every_angle_of_the_language_is_refused_in_degrees(field):
     adapter = TypeAdapter(field.rebuild_annotation())
     for degrees in (90.0, [10.0, 20.0, -150.0]):
         with pytest.raises(ValidationError) as caught:
@@ -73,7 +73,7 @@ def test_the_value_in_radians_is_given(diagrams, override, words):
         "laboratory.wind=[{kind: steady, speed: 1, heading: -6.3}]",
     ],
 )
-def test_angles_that_are_meant_in_radians_are_taken(diagrams, override):
+def test_angles_in_radians_are_accepted(diagrams, override):
     load_scenario(diagrams / "hover.yaml", [override])
 
 
@@ -82,7 +82,7 @@ def through(*yaws):
     return {"route": {"kind": "waypoints", "heading": "waypoints", "waypoints": waypoints, "times": "heuristic"}}
 
 
-def test_yaws_of_waypoints_may_go_on_turn_after_turn(diagrams):
+def test_yaws_of_waypoints_may_add_up_to_several_turns(diagrams):
     yaws = [1.0 + math.pi / 2.0 * i for i in range(20)]
     mission = load_mission(diagrams / "hover.yaml", through(*yaws))
     plan = plan_route(mission)
@@ -95,8 +95,8 @@ def test_yaws_of_waypoints_in_degrees_are_refused(diagrams, yaws, which):
         load_mission(diagrams / "hover.yaml", through(*yaws))
 
 
-def test_trajectories_may_turn_as_often_as_they_like(diagrams):
-    """By knots, by pieces, and along a circle."""
+def test_trajectories_may_turn_any_number_of_times(diagrams):
+    """The trajectories are given by knots, by pieces and by a circle."""
     knots = [{"time": 0.0, "position": [0.0, 0.0, 1.0]}, {"time": 60.0, "position": [1.0, 0.0, 1.0]}]
     yaw_knots = [{"time": 0.0, "yaw": 100.0, "yaw_rate": 1.0}, {"time": 60.0, "yaw": 160.0, "yaw_rate": 1.0}]
     load_mission(diagrams / "hover.yaml", {"route": {"kind": "trajectory", "knots": knots, "yaw_knots": yaw_knots}})

@@ -100,12 +100,12 @@ def test_a_sample_may_have_a_route_of_its_own(study):
     assert 1.2 < min(radii) < max(radii) < 1.4
 
 
-BELL = "{normal: {mean: 0.007, standard_deviation: 0.002, min: 0.001}}"
+NORMAL_MOMENT = "{normal: {mean: 0.007, standard_deviation: 0.002, min: 0.001}}"
 
 
-def test_moments_of_inertia_are_drawn_as_those_of_a_rigid_body(study):
-    """The nearest to what is drawn; a body that was drawn is what it was."""
-    scenario = study(f"vehicle.inertia=[{BELL}, {BELL}, {{uniform: {{min: 0.008, max: 0.016}}}}]")
+def test_drawn_moments_of_inertia_are_those_of_a_rigid_body(study):
+    """Impossible moments are replaced by the nearest possible ones, and possible moments stay as they are drawn."""
+    scenario = study(f"vehicle.inertia=[{NORMAL_MOMENT}, {NORMAL_MOMENT}, {{uniform: {{min: 0.008, max: 0.016}}}}]")
     batch = Batch.draw(scenario, range(2000))
     fields = [f"vehicle.inertia.{axis}" for axis in range(3)]
     found = np.array([batch.varying[field] for field in fields])
@@ -124,9 +124,9 @@ def test_moments_of_inertia_are_drawn_as_those_of_a_rigid_body(study):
         Scenario.model_validate(alone.model_dump(mode="json"))
 
 
-def test_a_moment_that_is_a_number_stays_and_the_others_follow(study):
-    """Also those of a payload, and in the middle of all distributions."""
-    scenario = study(f"vehicle.inertia=[{BELL}, 0.007, 0.012]")
+def test_a_fixed_moment_of_inertia_stays_and_the_others_are_adjusted(study):
+    """The same holds for the moments of a payload, and for the middle of all distributions."""
+    scenario = study(f"vehicle.inertia=[{NORMAL_MOMENT}, 0.007, 0.012]")
     found = Batch.draw(scenario, range(500)).varying
     assert [*found] == ["vehicle.inertia.0"]
     assert found["vehicle.inertia.0"].min() == pytest.approx(0.005)

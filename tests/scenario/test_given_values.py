@@ -60,8 +60,8 @@ def test_parts_of_other_scenarios_are_values(load, diagrams):
 
 
 @pytest.mark.slow
-def test_every_value_that_is_shipped_can_be_given_as_a_mapping(load):
-    """A mapping says what the same text says, whether it is given field by field or as a whole."""
+def test_every_shipped_value_can_be_given_as_a_mapping(load):
+    """A mapping means the same as the corresponding text, both field by field and as a whole."""
     nothing = Tree({}, Mark("", 0))
     scenarios = [Library().find(name)[1].plain() for name in shipped_scenarios()]
     for plain in (*scenarios, {"route": ROUTE}, load({"route": ROUTE}).model_dump(mode="json")):
@@ -73,8 +73,8 @@ CORRIDOR = {"half_spaces": [{"normal": [1.0, -1.0, 0.0], "point": [0.5, 0.0, 0.0
 ROUTE = {"kind": "waypoints", "waypoints": [[0.0, 0.0, 1.0], [1.0, 1.0, 1.0]], "corridors": [CORRIDOR]}
 
 
-def test_the_normal_of_a_half_space_is_no_normal_distribution(load):
-    """The names of distributions are names of other fields, too."""
+def test_the_normal_of_a_half_space_is_not_a_normal_distribution(load):
+    """The names of distributions are also the names of other fields."""
     found = load({"route": ROUTE})
     assert found == load("route=" + json.dumps(ROUTE))
     assert found.route.corridors[0].half_spaces[0].normal == (1.0, -1.0, 0.0)
@@ -96,7 +96,7 @@ def test_the_normal_of_a_half_space_is_no_normal_distribution(load):
         ({"choice": 3.0}, r"vehicle.mass.choice is 3.0, but must be a list"),
     ],
 )
-def test_flaws_of_distributions_are_at_their_place(load, given, words):
+def test_errors_in_distributions_name_the_field(load, given, words):
     with pytest.raises(InputError, match=f"^override vehicle.mass: {words}"):
         load({"vehicle.mass": given})
 

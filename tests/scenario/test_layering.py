@@ -1,4 +1,4 @@
-"""Scenarios laid over each other: nothing is left of a vehicle, a control or a route that another one replaces."""
+"""Layered scenarios: a vehicle, a control or a route leaves nothing behind when another one replaces it."""
 
 import itertools
 
@@ -33,7 +33,7 @@ x500:
 
 @pytest.fixture
 def load(tmp_path):
-    """Loads a scenario whose `extends` is a list, beside further scenarios of the same file."""
+    """Return a function that loads a scenario with a list of layers, from a file with further scenarios."""
 
     def loader(*layers, own="", beside="", overrides=(), undesigned=False):
         path = tmp_path / "mixed.yaml"
@@ -44,13 +44,13 @@ def load(tmp_path):
 
 
 def airframe(scenario):
-    """What describes the vehicle, without what belongs to its flight."""
+    """Return the fields that describe the vehicle, without those of its flight."""
     vehicle = scenario.vehicle.model_dump(exclude={"time_step", "attitude_kinematics"})
     return scenario.nominal.model_dump(), vehicle
 
 
 @pytest.mark.parametrize(("first", "second"), [*itertools.permutations(VEHICLES, 2)])
-def test_nothing_of_a_vehicle_is_left_under_another_one(load, first, second):
+def test_a_vehicle_replaces_another_one_completely(load, first, second):
     assert airframe(load(first, second, undesigned=True)) == airframe(load(second, undesigned=True))
 
 
@@ -67,13 +67,13 @@ def test_a_laboratory_describes_no_airframe(load, laboratory, vehicle):
 
 
 @pytest.mark.parametrize("vehicle", VEHICLES)
-def test_a_bad_day_is_the_same_over_a_vehicle_and_under_it(load, vehicle):
+def test_a_bad_day_is_the_same_above_and_below_a_vehicle(load, vehicle):
     over, under = load(vehicle, "robustness", undesigned=True), load("robustness", vehicle, undesigned=True)
     assert over.vehicle.model_dump() == under.vehicle.model_dump()
     assert over.nominal == under.nominal
 
 
-def test_relative_distributions_are_in_proportion_to_the_vehicle(load):
+def test_relative_distributions_scale_with_the_vehicle(load):
     paper, mine = load_scenario("robustness"), load("x500", "robustness", beside=X500)
     shares = np.linspace(0.01, 0.99, 9)
     arm = 0.5 * 0.348 * np.sqrt(2.0)
@@ -92,7 +92,7 @@ def test_relative_distributions_are_in_proportion_to_the_vehicle(load):
     assert tuple(mine.vehicle.body_drag.linear[2].extremes()) == pytest.approx((0.16, 0.24))
 
 
-def test_the_paper_s_vehicle_has_the_very_numbers_that_robustness_states():
+def test_the_paper_s_vehicle_has_exactly_the_distributions_of_robustness():
     vehicle = load_scenario("robustness").vehicle
     assert (vehicle.mass.normal.mean, vehicle.mass.normal.standard_deviation) == (0.68, 0.01)
     assert (vehicle.mass.normal.min, vehicle.mass.normal.max) == (0.64, 0.72)
@@ -102,7 +102,7 @@ def test_the_paper_s_vehicle_has_the_very_numbers_that_robustness_states():
     assert tuple(vehicle.rotor_time_constant.extremes()) == (0.03, 0.08)
 
 
-def test_what_a_vehicle_does_not_have_has_no_distribution(load):
+def test_effects_that_a_vehicle_lacks_have_no_distribution(load):
     racer = load("vehicles/racer", "robustness", undesigned=True).vehicle
     assert racer.body_drag is None
     assert racer.rotor_time_constant_down is None
@@ -122,7 +122,7 @@ def test_a_number_over_a_relative_distribution_replaces_it(load):
     assert load_scenario("robustness", ["vehicle.mass=0.7"]).vehicle.mass == 0.7
 
 
-def test_the_flight_s_own_fields_stay_when_the_vehicle_is_replaced(load):
+def test_fields_of_the_flight_stay_when_the_vehicle_is_replaced(load):
     beside = X500 + (
         "flight: {extends: onboard, vehicle: {payload: {mass: 0.1, position: [0, 0, -0.1], time: 2.0, event: dropped}},"
         " nominal: {gravity: 3.7}}\n"
@@ -144,16 +144,16 @@ def test_fields_of_a_vehicle_change_it_and_leave_the_rest(load):
     assert (mixed.nominal.mass, mixed.vehicle.mass, mixed.vehicle.rotor_time_constant) == (0.75, 0.8, 0.033)
 
 
-def test_the_default_vehicle_flies_where_no_other_is_described(load):
+def test_the_default_vehicle_flies_if_no_other_is_described(load):
     assert load("laboratory:nominal").vehicle.linear_drag == 0.1
     assert load("laboratory:nominal", own="  nominal: {mass: 0.7}\n").nominal.mass == 0.7
     assert load("figure_eight").vehicle.linear_drag == 0.0
 
 
 @pytest.mark.parametrize("without", ["thrust_factor", "drag_factor", "rotor_inertia", "min_rotor_speed", "layout"])
-def test_half_a_description_is_refused(load, without):
+def test_an_incomplete_vehicle_is_refused(load, without):
     lines = [line for line in X500.splitlines() if without not in line]
-    with pytest.raises(InputError, match=rf"nominal describes a vehicle .* not by its {without}"):
+    with pytest.raises(InputError, match=rf"nominal has a mass and an inertia, but not {without}"):
         load("x500", "robustness", beside="\n".join(lines) + "\n")
 
 
@@ -166,13 +166,13 @@ CONTROLLERS = [
 
 
 @pytest.mark.parametrize("controller", CONTROLLERS)
-def test_nothing_of_a_control_is_left_under_another_one(load, controller):
+def test_a_control_replaces_another_one_completely(load, controller):
     alone = load("figure_eight", controller).control
     for base in ("robustness", "controllers/paper:pd_t2fnn", "controllers/mpc:mpc"):
         assert load("figure_eight", base, controller).control == alone
 
 
-def test_a_control_without_a_kind_changes_the_one_beneath(load):
+def test_a_control_without_a_kind_changes_the_one_below(load):
     mixed = load("robustness", own="  control: {position: {k_p: [1.0, 1.0, 6.0]}}\n")
     assert mixed.control.position.k_p == (1.0, 1.0, 6.0)
     assert mixed.control.network is not None
@@ -187,7 +187,7 @@ def test_window_and_duration_go_with_their_route(load):
     assert (kept.metrics.start, kept.duration) == (load_scenario("vehicles/neural_fly:still").metrics.start, 70.0)
 
 
-def test_the_limits_of_a_place_are_not_left_in_another_one(load):
+def test_the_limits_of_a_laboratory_do_not_apply_in_another_one(load):
     assert load_scenario("outdoor").crash.position_error == 20.0
     indoor = load("outdoor", "laboratory:nominal")
     assert indoor.crash.position_error == 5.0
@@ -211,7 +211,7 @@ def test_the_limits_of_a_place_are_not_left_in_another_one(load):
         ("vehicle.rotor_aerodynamics={climb: -0.2}", ""),
     ],
 )
-def test_relative_distributions_that_make_no_sense_are_refused(field, message):
+def test_invalid_relative_distributions_are_refused(field, message):
     if not message:
         climbing = [field, "vehicle.rotor_aerodynamics.climb={relative: {uniform: {min: 0.8, max: 1.2}}}"]
         with pytest.raises(InputError, match="a negative number has no relative distribution"):
@@ -221,18 +221,18 @@ def test_relative_distributions_that_make_no_sense_are_refused(field, message):
         load_scenario("figure_eight", [field])
 
 
-def test_a_flight_says_when_its_controllers_believe_in_another_vehicle():
+def test_a_flight_reports_that_its_controllers_believe_in_another_vehicle():
     (remark,) = flight_remarks(load_scenario("figure_eight", {"nominal.mass": 2.0, "vehicle.mass": 0.68}))
-    assert "mass 0.68 (believed 2) kg" in remark
+    assert "mass 0.68 kg (nominal 2)" in remark
     assert "inertia" not in remark
     assert flight_remarks(load_scenario("figure_eight", {"vehicle.mass": 0.8})) == ()
     wide = {"vehicle.mass": {"normal": {"mean": 0.9, "standard_deviation": 0.1, "min": 0.2}}}
     assert flight_remarks(load_scenario("figure_eight", wide)) == ()
     wide["vehicle.mass"]["normal"]["standard_deviation"] = 0.03
-    assert "mass 0.9 (believed 0.68) kg" in flight_remarks(load_scenario("figure_eight", wide))[0]
+    assert "mass 0.9 kg (nominal 0.68)" in flight_remarks(load_scenario("figure_eight", wide))[0]
 
 
-def test_a_layout_with_distances_leaves_no_arm_length_beneath(load):
+def test_a_layout_with_distances_replaces_the_arm_length_below(load):
     layout = "{kind: x, length: 0.3, width: 0.2}"
     assert load("laboratory:nominal", own=f"  nominal: {{layout: {layout}}}\n").nominal.layout.length == 0.3
     assert load_scenario("laboratory:nominal", [f"nominal.layout={layout}"]).vehicle.layout.width == 0.2

@@ -440,8 +440,8 @@ def test_a_vehicle_that_leaves_all_numbers_behind_has_crashed_and_keeps_none_of_
     assert all(np.isfinite(values).all() for values in flight.signals.values())
 
 
-def test_a_continuous_state_that_passes_90_degrees_of_pitch_closely_is_told(write):
-    """Its angles swing by half a turn within 20 µs there, and a flight does not go on with angles that are wrong."""
+def test_a_continuous_state_that_passes_close_to_90_degrees_of_pitch_is_refused(write):
+    """Its angles change by half a turn within 20 µs there, and a flight must not continue with wrong angles."""
     turns_over = ["vehicle.time_step=0", "crash={tilt: null, position_error: 100, height: -100}", "duration=0.2"]
 
     def flips(simulator):
@@ -452,7 +452,7 @@ def test_a_continuous_state_that_passes_90_degrees_of_pitch_closely_is_told(writ
         vehicle.set_state(context, "continuous", state._replace(body=body))
 
     with pytest.raises(
-        InputError, match="moves too fast .*, such as roll and yaw at a pitch of 90 degrees; give it a step"
+        InputError, match="moves too fast .*, as for roll and yaw at a pitch of 90 degrees; set vehicle.time_step"
     ):
         simulate(load_scenario(write(SMALL), turns_over), prepare=flips)
 

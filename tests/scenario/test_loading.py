@@ -608,7 +608,7 @@ def test_a_vehicle_alone_has_no_control(diagrams):
     ],
 )
 def test_an_item_of_a_list_can_be_given_alone(diagrams, written, asked, path, found):
-    """Items that are not given are those of the file or, where it says nothing, of the default."""
+    """The other items keep the value of the file or, if it has none, of the default."""
     assert value_at(load_scenario(diagrams / "hover.yaml", [*written, *asked]), path) == found
 
 
@@ -626,20 +626,26 @@ def test_an_item_of_a_list_can_be_given_alone(diagrams, written, asked, path, fo
         (["vehicle.motors={kind: throttle, curve: {'1': 3}}"], "an item alone can be given where the others have"),
     ],
 )
-def test_an_item_that_no_list_has_is_refused(diagrams, overrides, words):
+def test_an_item_that_a_list_does_not_have_is_refused(diagrams, overrides, words):
     with pytest.raises(InputError, match=words):
         load_scenario(diagrams / "hover.yaml", overrides)
 
 
-NO_BODY = "I_zz, 0.03, is larger than I_xx + I_yy, 0.014 kg m²"
+IMPOSSIBLE_INERTIA = "I_zz, 0.03, is larger than I_xx + I_yy, 0.014 kg m²"
 
 
 @pytest.mark.parametrize(
     ("override", "words"),
     [
-        ("vehicle.inertia=[0.007, 0.007, 0.03]", f"vehicle.inertia is .* must be that of a rigid body: {NO_BODY}"),
-        ("nominal.inertia=[0.007, 0.007, 0.03]", f"nominal.inertia is .* must be that of a rigid body: {NO_BODY}"),
-        ("vehicle.inertia.2=0.03", f"vehicle.inertia is .*{NO_BODY}"),
+        (
+            "vehicle.inertia=[0.007, 0.007, 0.03]",
+            f"vehicle.inertia is .* must be that of a rigid body: {IMPOSSIBLE_INERTIA}",
+        ),
+        (
+            "nominal.inertia=[0.007, 0.007, 0.03]",
+            f"nominal.inertia is .* must be that of a rigid body: {IMPOSSIBLE_INERTIA}",
+        ),
+        ("vehicle.inertia.2=0.03", f"vehicle.inertia is .*{IMPOSSIBLE_INERTIA}"),
         (
             "vehicle.inertia=[{uniform: {min: 0.003, max: 0.004}}, 0.002, {choice: [0.007, 0.008]}]",
             "must be that of a rigid body: whatever is drawn, I_zz, 0.007, is larger than I_xx + I_yy, 0.006",
@@ -650,7 +656,7 @@ NO_BODY = "I_zz, 0.03, is larger than I_xx + I_yy, 0.014 kg m²"
         ),
     ],
 )
-def test_moments_of_inertia_that_no_body_has_are_refused(diagrams, override, words):
+def test_impossible_moments_of_inertia_are_refused(diagrams, override, words):
     with pytest.raises(InputError, match=words.replace("+", r"\+")):
         load_scenario(diagrams / "hover.yaml", [override])
 
@@ -663,7 +669,7 @@ def test_moments_of_inertia_that_no_body_has_are_refused(diagrams, override, wor
         "[{normal: {mean: 0.001, standard_deviation: 0.001, min: 0.0001}}, 0.007, 0.012]",
     ],
 )
-def test_moments_of_inertia_that_a_body_may_have_are_taken(diagrams, inertia):
+def test_possible_moments_of_inertia_are_accepted(diagrams, inertia):
     load_scenario(diagrams / "hover.yaml", [f"vehicle.inertia={inertia}"])
 
 
@@ -676,7 +682,7 @@ def test_moments_of_inertia_that_a_body_may_have_are_taken(diagrams, inertia):
         ("space: {obstacles: {rock: {kind: hull, points: FILE}}}", "space.obstacles.rock.points"),
     ],
 )
-def test_a_file_that_is_missing_is_missing_in_a_line_of_the_scenario(tmp_path, field, path):
+def test_a_missing_file_is_reported_with_the_line_of_the_scenario(tmp_path, field, path):
     (tmp_path / "mine.yaml").write_text(f"a:\n  {field.replace('FILE', 'gone.xyz')}\n")
     with pytest.raises(InputError) as error:
         load_scenario(tmp_path / "mine.yaml")

@@ -75,7 +75,7 @@ def test_a_horizon_is_one_of_ticks_and_looks_along_the_plan():
         np.testing.assert_allclose(seen.before, before, atol=1e-9)
 
 
-def test_beyond_the_plan_the_horizon_sees_rest():
+def test_the_horizon_beyond_the_plan_contains_rest():
     structure, plan = structure_of(load("control.horizon=0.25"))
     last = structure["preview"][-1]
     np.testing.assert_allclose(last.reference[:3], plan.waypoints[-1], atol=1e-9)

@@ -175,7 +175,7 @@ FLAWS = {
     ),
     "a limit of words": ({**ARRAYS, "limit": np.array("much")}, "has limit of type <U4, which is none of numbers"),
     "two limits": ({**ARRAYS, "limit": np.ones(2)}, "has limit of 2 numbers, but it must be one number"),
-    "an alpha of none": ({**ARRAYS, "alpha_0": np.array(0.2)}, "alpha .*must be left out with the activation tanh"),
+    "an alpha for tanh": ({**ARRAYS, "alpha_0": np.array(0.2)}, "alpha .*must be left out with the activation tanh"),
     "two alphas": (
         {**ARRAYS, "activation_0": np.array("elu"), "alpha_0": np.ones(2)},
         "has alpha_0 of 2 numbers, but it must be one number",
@@ -352,6 +352,23 @@ def layers_of(*, first=("seen", "hidden"), activation=(("Tanh", ["hidden"], ["ac
     return [begin, *between, helper.make_node("Gemm", ["active", "V", "C"], [last], transB=1)]
 
 
+def approximated_gelu(power, coefficient):
+    """Two layers, and between them four times GELU of a half, spelled out with names of constants."""
+    return layers_of(
+        activation=[
+            ("Mul", ["hidden", "half"], ["u"]),
+            ("Pow", ["u", power], ["raised"]),
+            ("Mul", ["raised", coefficient], ["little"]),
+            ("Add", ["u", "little"], ["more"]),
+            ("Mul", ["more", "root_of_2_over_pi"], ["inner"]),
+            ("Tanh", ["inner"], ["a"]),
+            ("Add", ["a", "one"], ["b"]),
+            ("Mul", ["b", "two"], ["c"]),
+            ("Mul", ["c", "u"], ["active"]),
+        ]
+    )
+
+
 NODE = helper.make_node
 MORE = {
     "W": W,
@@ -363,6 +380,9 @@ MORE = {
     "minus": np.array(-1.0),
     "half": np.array(0.5),
     "root_of_2": np.array(np.sqrt(2.0)),
+    "root_of_2_over_pi": np.array(np.sqrt(2.0 / np.pi)),
+    "cube": np.array(0.044715),
+    "three": np.array(3.0),
     "spread": np.array([0.3, 0.5, 0.7]),
     "U": RNG.normal(size=(6, 6)),
     "D": RNG.normal(size=6),
@@ -389,13 +409,13 @@ MORE = {
             NODE("Add", ["B", "product"], ["hidden"]),
             *layers_of()[1:],
         ],
-        # Activations with a parameter, and the two of GELU.
+        # LeakyRelu and Elu have a parameter, and Gelu has two forms.
         layers_of(activation=[NODE("LeakyRelu", ["hidden"], ["active"], alpha=0.3)]),
         layers_of(activation=[("LeakyRelu", ["hidden"], ["active"])]),
         layers_of(activation=[NODE("Elu", ["hidden"], ["active"], alpha=0.5)]),
         layers_of(activation=[("Gelu", ["hidden"], ["active"])]),
         layers_of(activation=[NODE("Gelu", ["hidden"], ["active"], approximate="tanh")]),
-        # GELU as PyTorch writes it in older opsets, and as others do.
+        # PyTorch writes GELU as arithmetic in older opsets, and so do other exporters.
         layers_of(
             activation=[
                 ("Div", ["hidden", "root_of_2"], ["a"]),
@@ -415,7 +435,30 @@ MORE = {
                 ("Mul", ["e", "z"], ["active"]),
             ]
         ),
-        # Arithmetic behind an activation: before another layer, at the end, before another activation, behind a limit.
+        # The approximation of GELU as PyTorch exports it, with a node Pow, and with the constants in other places.
+        layers_of(
+            activation=[
+                ("Mul", ["hidden", "hidden"], ["square"]),
+                ("Mul", ["hidden", "square"], ["third"]),
+                ("Mul", ["cube", "third"], ["little"]),
+                ("Add", ["hidden", "little"], ["more"]),
+                ("Mul", ["root_of_2_over_pi", "more"], ["inner"]),
+                ("Tanh", ["inner"], ["a"]),
+                ("Add", ["one", "a"], ["b"]),
+                ("Mul", ["hidden", "b"], ["c"]),
+                ("Mul", ["half", "c"], ["active"]),
+            ]
+        ),
+        approximated_gelu("three", "cube"),
+        # SiLU of a multiple, which is also used for GELU.
+        layers_of(
+            activation=[
+                ("Div", ["hidden", "half"], ["u"]),
+                ("Sigmoid", ["u"], ["a"]),
+                ("Mul", ["hidden", "a"], ["active"]),
+            ]
+        ),
+        # Arithmetic follows an activation before a layer, at the end or before an activation, or it follows a limit.
         layers_of(
             activation=[("Tanh", ["hidden"], ["a"]), ("Mul", ["a", "two"], ["b"]), ("Sub", ["half", "b"], ["active"])]
         ),
@@ -450,11 +493,14 @@ def test_only_what_the_action_needs_is_read_of_onnx(of_onnx, nodes):
     [
         (
             layers_of(activation=[("Tanh", ["hidden"], ["a"]), ("Add", ["a", "hidden"], ["active"])]),
-            "has branches that meet in a node Add",
+            "has branches that meet in a node Add.*; export activations as nodes, with opset 20 or later",
         ),
+        # The power or the coefficient differs from that of the approximation of GELU.
+        (approximated_gelu("two", "cube"), "has branches that meet in a node Mul"),
+        (approximated_gelu("three", "half"), "has branches that meet in a node Mul"),
         (
             layers_of(activation=[NODE("Gelu", ["hidden"], ["active"], approximate="erf")]),
-            "has a Gelu with an approximation b'erf', not none or tanh",
+            "has a Gelu with an approximation b'erf'; it must be none or tanh",
         ),
         (
             layers_of(activation=[("Tanh", ["hidden"], ["a"]), ("Mul", ["a", "D"], ["active"])]),
@@ -508,7 +554,7 @@ def test_a_graph_of_onnx_that_runs_in_a_circle_is_refused(of_onnx):
         of_onnx(nodes, {})
 
 
-def test_onnx_is_whole(tmp_path):
+def test_an_onnx_file_with_numbers_in_another_file_is_refused(tmp_path):
     model = model_of(layers_of(), MORE)
     onnx.save(model, tmp_path / "net.onnx", save_as_external_data=True, location="net.onnx.data", size_threshold=0)
     (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.onnx"), encoding="utf-8")
@@ -519,7 +565,7 @@ def test_onnx_is_whole(tmp_path):
 @pytest.mark.parametrize(
     ("names", "taken"), [(("done", "value"), 0), (("value", "done"), 0), (("value", "Actions"), 1)]
 )
-def test_of_several_outputs_the_action_is_taken_or_the_first(tmp_path, names, taken):
+def test_the_output_called_actions_is_taken_or_else_the_first_one(tmp_path, names, taken):
     model = model_of([*layers_of(last=names[0]), NODE("Tanh", [names[0]], [names[1]])], MORE)
     del model.graph.output[:]
     for name in names:
@@ -531,10 +577,16 @@ def test_of_several_outputs_the_action_is_taken_or_the_first(tmp_path, names, ta
         found = output(load_scenario(tmp_path / "mine.yaml"))
     expected = onnx.reference.ReferenceEvaluator(model).run(None, {"seen": INPUTS[None].astype(np.float32)})
     np.testing.assert_allclose(found, expected[taken][0], rtol=2e-5)
+    # Either is taken if it is named, without a warning.
+    for name, numbers in zip(names, expected, strict=True):
+        (tmp_path / "mine.yaml").write_text(POLICY.format(file=f"net.onnx:{name}"), encoding="utf-8")
+        np.testing.assert_allclose(output(load_scenario(tmp_path / "mine.yaml")), numbers[0], rtol=2e-5)
+    with pytest.raises(InputError, match=f"net.onnx: has no output 'none'; it has {names[0]}, {names[1]}$"):
+        load_scenario(tmp_path / "mine.yaml", [f"control.policy={tmp_path / 'net.onnx:none'}"])
 
 
 def test_a_clip_of_older_opsets_has_its_bounds_as_attributes(tmp_path):
-    """With opset 10, for observations and, at the end, for actions."""
+    """Opset 10 has them, and they may limit the observations and, at the end, the actions."""
     clip = NODE("Clip", ["seen"], ["within"], min=-0.5, max=0.5)
     nodes = [
         clip,
@@ -556,7 +608,7 @@ def test_a_clip_of_older_opsets_has_its_bounds_as_attributes(tmp_path):
 
 
 def test_operators_of_another_library_are_refused(tmp_path):
-    """What onnxruntime's optimiser writes has names of ONNX, and may mean something else."""
+    """The optimiser of onnxruntime writes operators with the names of ONNX and possibly another meaning."""
     model = model_of(layers_of(activation=[NODE("Gelu", ["hidden"], ["active"], domain="com.microsoft")]), MORE)
     model.opset_import.append(helper.make_opsetid("com.microsoft", 1))
     onnx.save(model, tmp_path / "net.onnx")
@@ -566,7 +618,7 @@ def test_operators_of_another_library_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize("version", [2147483647, 0, 10_000])
-def test_an_opset_that_nobody_knows_is_refused(tmp_path, version):
+def test_an_unknown_opset_is_refused(tmp_path, version):
     model = model_of(layers_of(), MORE)
     model.opset_import[0].version = version
     onnx.save(model, tmp_path / "net.onnx")

@@ -136,7 +136,7 @@ def test_fields_of_obstacles_have_paths(folder):
         ("walls=3", "space.walls is unknown"),
     ],
 )
-def test_what_is_wrong_is_said_with_its_place(folder, monkeypatch, override, words):
+def test_an_error_is_reported_with_its_place(folder, monkeypatch, override, words):
     monkeypatch.chdir(folder)
     (folder / "rock.ply").touch()
     with pytest.raises(InputError, match="space|obj|ply") as error:
@@ -151,7 +151,7 @@ def test_what_is_wrong_is_said_with_its_place(folder, monkeypatch, override, wor
         (b"", "at least 4 points"),
         (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\n", "in a plane"),
         (b"v nan 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\n", "finite"),
-        (b"<?xml version='1.0'?>\n<robot name='x500'>", "describes a robot (URDF) and is not a mesh: name the mesh"),
+        (b"<?xml version='1.0'?>\n<robot name='x500'>", "describes a robot (URDF) and is not a mesh: give the mesh"),
         (b"<?xml version='1.0'?><!-- x --><sdf version='1.9'>", "describes a model or world (SDFormat) and is not a"),
         (b"<?xml version='1.0'?>\n<COLLADA xmlns='x'>", "is a Collada mesh and cannot be read: convert it to .obj"),
         (b"glTF\x02\x00", "is a glTF mesh and cannot be read"),
@@ -165,7 +165,7 @@ def test_a_mesh_that_is_none_is_refused(folder, data, words):
     assert words in str(error.value)
 
 
-def test_a_comment_may_name_other_kinds(folder):
+def test_a_comment_in_a_mesh_may_name_other_formats(folder):
     mesh = (folder / "rock.obj").read_bytes()
     (folder / "rock.obj").write_bytes(b"# from glTF, of <robot>, in short supply\n" + mesh)
     assert load_scenario(folder / "rooms.yaml:room").space.obstacles["rock"].points
@@ -174,7 +174,10 @@ def test_a_comment_may_name_other_kinds(folder):
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("drone.urdf", "describes a robot (URDF) and is not a mesh: name the mesh that its <collision> names, or give"),
+        (
+            "drone.urdf",
+            "describes a robot (URDF) and is not a mesh: give the mesh, box, cylinder or sphere of its <collision>",
+        ),
         ("drone.sdf", "describes a model or world (SDFormat) and is not a mesh"),
         ("world.world", "describes a model or world (SDFormat)"),
         ("drone.DAE", "is a Collada mesh and cannot be read: convert it to .obj or .stl, with Blender or MeshLab"),
@@ -183,7 +186,7 @@ def test_a_comment_may_name_other_kinds(folder):
         ("drone.txt", "is not a mesh that can be read: its name must end in .obj or .stl"),
     ],
 )
-def test_other_files_are_called_by_their_names(folder, name, words):
+def test_files_of_other_formats_are_refused_with_their_names(folder, name, words):
     (folder / name).write_bytes(b"anything")
     (folder / "rooms.yaml").write_text(ROOM.replace("rock.obj", name))
     with pytest.raises(InputError) as error:
@@ -195,10 +198,11 @@ PRISM = [[float(np.cos(i)), float(np.sin(i)), float(i % 2)] for i in range(200)]
 
 
 def test_a_mesh_of_many_corners_is_replaced_by_a_hull_around_it(folder):
-    """From a file or as points, with a warning that says by how much it grows; what is saved is what was loaded."""
+    """The mesh is a file or a list of points, and a warning states the growth. A saved hull equals the loaded one."""
     (folder / "rock.obj").write_text("".join("v {} {} {}\n".format(*corner) for corner in PRISM))
     with pytest.warns(
-        InputWarning, match=r"rock.obj: its convex hull of 200 corners is replaced by one of 100 around it"
+        InputWarning,
+        match=r"rock.obj: its convex hull with 200 corners is replaced by a hull with 100 corners around it",
     ):
         rock = load_scenario(folder / "rooms.yaml:room").space.obstacles["rock"]
     assert len(rock.points) == 100
@@ -206,7 +210,7 @@ def test_a_mesh_of_many_corners_is_replaced_by_a_hull_around_it(folder):
     assert solid.distances(placed(PRISM, centre=rock.centre, rotation=rock.rotation, scale=rock.scale)).max() <= 0.0
     again = {"kind": "hull", "points": rock.points, "centre": (3.0, 3.0, 0.0), "scale": 0.5, "rotation": rock.rotation}
     assert load_scenario("figure_eight", {"space.obstacles.rock": again}).space.obstacles["rock"] == rock
-    with pytest.warns(InputWarning, match=r"^of an obstacle its convex hull of 200 corners is replaced"):
+    with pytest.warns(InputWarning, match=r"^obstacle of kind hull: its convex hull with 200 corners is replaced"):
         same = load_scenario("figure_eight", {"space.obstacles.rock": {**again, "points": PRISM}})
     assert same.space.obstacles["rock"] == rock
 

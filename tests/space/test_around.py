@@ -1,4 +1,4 @@
-"""From obstacles to corridors: which ways are planned, and which of them is taken."""
+"""Planning around obstacles: the possible ways, their corridors, and the choice between them."""
 
 import math
 
@@ -21,7 +21,8 @@ from drake_quad.space.shapes import Ball, Cuboid
 from drake_quad.space.space import Obstacle, Space
 
 LIMITS = Limits(speed=2.0, acceleration=2.0)
-BEGIN, END = Box.point([0.5, 1.0, 1.0]), Box.point([3.5, 1.0, 1.0])
+BEGIN = Box.point([0.5, 1.0, 1.0])
+END = Box.point([3.5, 1.0, 1.0])
 BOUNDS = Box([0.0, 0.0, 0.0], [4.0, 2.0, 2.0])
 
 
@@ -43,7 +44,7 @@ def test_bounds_hold_in_every_corridor_and_change_nothing_else():
     assert straight_on(problem).waypoints.tolist() == [0, 1, 2]
 
 
-def test_what_lies_outside_the_bounds_is_refused():
+def test_corridors_and_waypoints_outside_the_bounds_are_refused():
     outside = Box([0.0, 2.5, 0.0], [4.0, 3.0, 2.0])
     beside = Box.point([3.5, 2.6, 1.0])
     with pytest.raises(InputError, match="corridor of segment 1 lies outside the bounds of the space, the box from"):
@@ -55,7 +56,7 @@ def test_what_lies_outside_the_bounds_is_refused():
 def test_a_waypoint_must_keep_the_clearance():
     space = space_of(Ball((3.5, 1.0, 1.5), radius=0.3), Ball((0.0, 0.0, 9.0)), radius=0.19)
     check_places(space, PathProblem([BEGIN, END]))
-    # Places that are not points are passed where they are free.
+    # A place that is not a point is passed where it is free.
     check_places(space, PathProblem([BEGIN, Box([3.4, 1.0, 1.3], [3.6, 1.0, 1.7])]))
     near = space_of(Ball((0.0, 0.0, 9.0)), Ball((3.5, 1.0, 1.5), radius=0.3), radius=0.21)
     with pytest.raises(
@@ -64,7 +65,7 @@ def test_a_waypoint_must_keep_the_clearance():
         check_places(near, PathProblem([BEGIN, END]))
 
 
-def test_a_passage_becomes_corridors_and_the_given_waypoints_keep_what_they_ask_for():
+def test_a_passage_becomes_corridors_and_the_given_waypoints_keep_their_derivatives():
     regions = Boxes(([0, 0, 0], [2, 1, 1]), ([1.5, 0, 0], [4, 1, 1]), ([3, 0, 0], [4, 3, 1]))
     first, middle, last = Box.point([0.2, 0.5, 0.5]), Box.point([3.2, 0.5, 0.5]), Box.point([3.5, 2.5, 0.5])
     derivatives = np.full((3, 3, 3), np.nan)
@@ -77,7 +78,7 @@ def test_a_passage_becomes_corridors_and_the_given_waypoints_keep_what_they_ask_
     np.testing.assert_array_equal(way.problem.derivatives[way.waypoints], derivatives)
     assert np.isnan(way.problem.derivatives[[1, 3]]).all()
     assert way.problem.limits == LIMITS
-    # Corners of each corridor and of each handover.
+    # Each corridor and each handover is a box, given by two of its corners.
     boxes = ([0, 0, 0], [2, 1, 1]), ([1.5, 0, 0], [4, 1, 1]), ([2.5, 0, 0], [4, 1, 0.8]), ([3, 0, 0], [4, 3, 0.8])
     handovers = ([1.5, 0, 0], [2, 1, 1]), ([3, 0, 0], [4, 1, 0.8])
     for found, (low, high) in zip(
@@ -89,12 +90,12 @@ def test_a_passage_becomes_corridors_and_the_given_waypoints_keep_what_they_ask_
 
 
 def detour(*corners):
-    """A way over some points between the first and the last waypoint."""
+    """Return a way through some points between the first and the last waypoint."""
     places = [BEGIN, *map(Box.point, corners), END]
     return WayAround(PathProblem(places, limits=LIMITS), np.array([0, len(places) - 1]))
 
 
-# Straight on takes the shortest time and needs the least snap; the others lead farther and farther aside.
+# The straight way takes the shortest time and the least snap. The other ways lead 0.4 m to 1 m to the side.
 DETOURS = [detour([2.0, 1.0 + aside, 1.0]) for aside in (0.5, 1.0, 0.4, 0.6, 0.9)] + [detour()]
 TIMINGS = {
     "heuristic": (Heuristic(), LIMITS),
@@ -113,15 +114,15 @@ def test_the_best_of_all_ways_is_taken(monkeypatch, timing, limits):
     path, way = plan_around(space_of(), BOUNDS, PathProblem([BEGIN, END], limits=limits), timing)
     assert way is ways[-1]
     assert path.duration == plan_path(way.problem, timing).duration
-    # Without the best, the next one is taken, wherever it stands.
+    # Without the best way, the next one is taken, whatever its position in the list.
     for order in ([3, 1, 2, 4, 0], [2, 0, 1, 4], [1, 4, 2], [0, 2]):
         some = [ways[i] for i in order]
         monkeypatch.setattr(around, "_ways_around", lambda *_, some=some: some)
         assert plan_around(space_of(), BOUNDS, PathProblem([BEGIN, END], limits=limits), timing)[1] is ways[2]
 
 
-def test_ways_that_cannot_be_planned_are_passed_over(monkeypatch):
-    """Three metres in four seconds take more than 0.1 m/s²."""
+def test_ways_that_cannot_be_planned_are_skipped(monkeypatch):
+    """Three metres in four seconds need more than 0.1 m/s²."""
     straight, aside = DETOURS[-1], DETOURS[0]
     slow = WayAround(PathProblem([BEGIN, END], limits=Limits(acceleration=0.1)), np.array([0, 1]))
     monkeypatch.setattr(around, "_ways_around", lambda *_: [slow, aside, straight])
@@ -131,13 +132,13 @@ def test_ways_that_cannot_be_planned_are_passed_over(monkeypatch):
         plan_around(space_of(), BOUNDS, straight.problem, LeastSnap(4.0))
 
 
-def test_between_given_times_the_rest_is_passed_by_length():
-    """As if a polyline were flown at one speed, each piece of which counts a millimetre more."""
+def test_waypoints_between_given_times_are_timed_by_length():
+    """The times are those of a polyline at constant speed, each piece of which counts a millimetre more."""
     corners = [[0.5, 1.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.5, 1.0], [3.0, 1.5, 1.0], [3.5, 1.5, 1.0], [3.5, 1.0, 1.0]]
     way = WayAround(PathProblem([Box.point(corner) for corner in corners]), np.array([0, 2, 5]))
     found = around._timing_of(way, GivenTimes((1.0, 3.0, 6.0)))
     np.testing.assert_allclose(found.times, [1.0, 2.0, 3.0, 3.0 + 3.0 * 2.001 / 3.003, 6.0 - 3.0 * 0.501 / 3.003, 6.0])
-    # Two waypoints on one point are passed one after the other.
+    # Two waypoints at the same point are passed one after the other.
     twice = WayAround(PathProblem([BEGIN, END, END]), np.array([0, 2]))
     times = around._timing_of(twice, GivenTimes((0.0, 1.0))).times
     assert times[1] < times[2] == 1.0
@@ -153,7 +154,7 @@ GATES = {
 @pytest.mark.slow
 @pytest.mark.parametrize("gate", GATES.values(), ids=GATES)
 def test_a_gate_is_passed_where_it_is_free(gate):
-    """A wall closes all of it but 20 cm for the centre of mass, on the left."""
+    """A wall closes all of the gate except 20 cm for the centre of mass, on the left."""
     space = space_of(Cuboid((2.0, 0.65, 1.0), size=(0.2, 1.4, 3.0)))
     problem = PathProblem([BEGIN, gate, END], limits=LIMITS)
     path, way = plan_around(space, BOUNDS, problem, Heuristic())
@@ -173,16 +174,32 @@ def test_a_gate_without_room_is_refused(gate):
         )
 
 
-def test_a_gate_whose_room_is_hardly_any_is_said_to_have_hardly_any():
-    """Between two spheres, 2 mm are free, and 21 points along 1 m are 5 cm apart."""
+@pytest.mark.slow
+@pytest.mark.parametrize("centres", [(1.0,), (1.0, 0.8)], ids=["one gate", "two gates"])
+def test_a_gate_that_a_wall_divides_is_passed_on_one_side_of_it(centres):
+    """The shortest ways to and from the gate end on different sides of the wall, so the path goes round its end."""
+    space = space_of(Cuboid((2.0, 0.9, 1.0), size=(0.1, 2.6, 4.0)), radius=0.1)
+    bounds = Box([0.0, 0.0, 0.3], [4.0, 3.0, 1.7])
+    gates = [Sphere(np.array([2.0, centre, 1.0]), 0.75) for centre in centres]
+    path, way = plan_around(space, bounds, PathProblem([BEGIN, *gates, END], limits=LIMITS), Heuristic())
+    points = evaluate(path, np.linspace(path.times[0], path.times[-1], 5000)).T
+    assert space.nearest(points)[0].min() >= 0.1
+    for gate, passed in zip(gates, path.waypoints[way.waypoints[1:-1]], strict=True):
+        assert np.linalg.norm(passed - gate.centre) <= gate.radius + 1e-6
+    # The wall ends at y = 2.2 m.
+    assert points[:, 1].max() > 2.3
+
+
+def test_a_gate_with_next_to_no_room_is_refused_as_such():
+    """Two spheres leave 2 mm between them, and 21 points along 1 m are 5 cm apart."""
     gate = Box([2.0, 0.5, 1.0], [2.0, 1.5, 1.0])
     balls = [Ball((2.0, 1.025 + side * (0.201 + 2.0), 1.0), radius=2.0) for side in (-1.0, 1.0)]
     with pytest.raises(InputError, match="leaves next to no room at 0.2 m"):
         plan_around(space_of(*balls), BOUNDS, PathProblem([BEGIN, gate, END]), Heuristic())
 
 
-class Watched(Regions):
-    """Keeps all that are made, and around which points each is grown although a region holds them already."""
+class RecordingRegions(Regions):
+    """Regions that record every instance, every seed, and the seeds that a region held already."""
 
     made = []  # noqa: RUF012
 
@@ -199,14 +216,14 @@ class Watched(Regions):
 
 
 @pytest.mark.slow
-def test_a_passage_is_chosen_among_regions_that_cover_what_is_free(monkeypatch):
-    """And of the waypoints, those are the seed of a region that none holds."""
-    monkeypatch.setattr(around, "Regions", Watched)
+def test_a_passage_is_chosen_among_regions_that_cover_the_free_space(monkeypatch):
+    """A waypoint is the seed of a region only if no region holds it yet."""
+    monkeypatch.setattr(around, "Regions", RecordingRegions)
     room = random_room(1)
     beside = room.places[1] + [-0.02, 0.0, 0.0]
     problem = PathProblem([Box.point(place) for place in (*room.places, beside)], limits=LIMITS)
     plan_around(room.space, room.bounds, problem, Heuristic())
-    (regions,) = Watched.made
+    (regions,) = RecordingRegions.made
     low, high = room.bounds.low, room.bounds.high
     points = np.random.default_rng(0).uniform(low, high, (5000, 3))
     free = points[room.space.nearest(points)[0] >= room.space.clearance + 1e-3]
@@ -215,8 +232,8 @@ def test_a_passage_is_chosen_among_regions_that_cover_what_is_free(monkeypatch):
     assert not any((seed == place).all() for seed in regions.again for place in (*room.places, beside))
 
 
-def test_ways_of_a_leg_keep_to_its_corridor_and_those_of_others_do_not(monkeypatch):
-    """From both of its ends; without a corridor the ways from a place are measured once for both of its legs."""
+def test_ways_of_a_leg_keep_to_its_corridor_and_those_of_other_legs_do_not(monkeypatch):
+    """The ways start from both ends of a leg. Without a corridor, the ways from a place serve both of its legs."""
     asked = []
 
     def lengths_from(grid, places, clearance, inside=None):
@@ -239,7 +256,7 @@ def test_ways_of_a_leg_keep_to_its_corridor_and_those_of_others_do_not(monkeypat
 
 
 def test_snap_grows_with_the_seventh_power_of_the_speed():
-    """Hence ways are compared by their snap at one duration."""
+    """This is why ways are compared by their snap at one duration."""
     path = plan_path(PathProblem([BEGIN, END], limits=LIMITS), Heuristic())
     slower = plan_path(PathProblem([BEGIN, END]), GivenTimes((0.0, 2.0 * path.duration)))
     assert math.isclose(snap_cost(path).sum(), 2.0**7 * snap_cost(slower).sum(), rel_tol=1e-6)

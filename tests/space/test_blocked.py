@@ -1,4 +1,4 @@
-"""Refusals: which waypoints have no way between them, and which obstacles close it."""
+"""Refusals name the waypoints that have no way between them, and the obstacles that close it."""
 
 import pytest
 
@@ -11,16 +11,18 @@ from drake_quad.space.space import Obstacle, Space
 # A room of 2 m by 1 m by 1 m; its bounds leave out the clearance of 0.1 m.
 BOUNDS = Box([0.1, 0.1, 0.1], [1.9, 0.9, 0.9])
 CLEARANCE = r"at 0\.1 m from obstacles"
-LEFT, MIDDLE, RIGHT = (Box.point([x, 0.5, 0.5]) for x in (0.3, 1.0, 1.7))
+LEFT = Box.point([0.3, 0.5, 0.5])
+MIDDLE = Box.point([1.0, 0.5, 0.5])
+RIGHT = Box.point([1.7, 0.5, 0.5])
 
 
 def wall(x, low=0.0, high=1.0):
-    """A wall across the room at x, from one side to another (m), as high as the room."""
+    """Return a wall across the room at x, between the given sides (m) and as high as the room."""
     return Cuboid((x, 0.5 * (low + high), 0.5), size=(0.06, high - low, 1.0))
 
 
 def explained(walls, places=(LEFT, RIGHT), corridors=None, bounds=BOUNDS):
-    """What is said of a room with some walls, by their names."""
+    """Return the explanation for a room with some named walls."""
     space = Space(tuple(Obstacle(name, shape) for name, shape in walls.items()), radius=0.07, margin=0.03)
     return explain(space, bounds, PathProblem(places, corridors=corridors))
 
@@ -47,23 +49,23 @@ WALLS = {
 
 @pytest.mark.parametrize(("walls", "expected"), WALLS.values(), ids=WALLS)
 def test_the_smallest_sets_of_obstacles_that_close_the_way_are_named(walls, expected):
-    """All sets of one or of two; of larger sets, one."""
+    """All sets of one or of two obstacles are named, but only one larger set."""
     said = explained(walls)
     assert said.startswith("there is no way from waypoint 0 to waypoint 1 at 0.1 m from obstacles (radius 0.07 + ")
     assert expected in said
 
 
-def test_sets_are_preferred_that_leave_a_way_for_certain():
-    """Without the first wall, a gap is left of 5 cm for the centre of mass: one step of the grid is not certain."""
+def test_sets_that_certainly_leave_a_way_are_preferred():
+    """Without the first wall, a gap of 5 cm is left for the centre of mass. One step of the grid is not certain."""
     sides = {"left": wall(1.3, high=0.375), "right": wall(1.3, low=0.625)}
     said = explained({"a": wall(0.7), **sides})
     assert said.endswith("without a and left, or without a and right, there would be one")
-    # With 30 cm it is.
+    # A gap of 30 cm is certain.
     sides = {"left": wall(1.3, high=0.25), "right": wall(1.3, low=0.75)}
     assert explained({"a": wall(0.7), **sides}).endswith("without a, there would be one")
 
 
-def test_in_a_corridor_between_the_points_of_the_grid_there_may_be_a_way():
+def test_a_corridor_between_the_points_of_the_grid_may_have_a_way():
     """A corridor 2 cm wide holds no point of the grid."""
     for low, would in ((0.51, "may"), (0.49, "would")):
         corridor = Box([0.0, low, 0.0], [2.0, low + 0.02, 1.0])
@@ -71,13 +73,13 @@ def test_in_a_corridor_between_the_points_of_the_grid_there_may_be_a_way():
         assert said.endswith(f"without a, there {would} be one")
 
 
-def test_a_gap_too_narrow_for_any_grid_is_named_by_its_width():
-    """Its way is 1 mm wide, and the diagonal of the cells of the finest grid is 2 cm √3, which is 3.5 cm."""
+def test_a_gap_too_narrow_for_any_grid_is_reported_with_its_width():
+    """The way is 1 mm wide, and the diagonal of the cells of the finest grid is 2 cm √3, which is 3.5 cm."""
     gap = {"left": wall(1.0, high=0.3995), "right": wall(1.0, low=0.6005)}
     said = explained(gap)
     assert said.startswith("no way was found at 0.1 m from obstacles (radius 0.07 + margin 0.03); there may be one")
     assert said.endswith("through gaps that leave the centre of mass less than 0.035 m")
-    # Walls that leave 1 mm less than the clearance are not always told from those that leave more, but 5 cm less are.
+    # Gaps that are 1 mm too narrow are not always recognised as closed, but gaps that are 5 cm too narrow are.
     assert "there is no way" in explained({"left": wall(1.0, high=0.425), "right": wall(1.0, low=0.575)})
 
 
@@ -89,7 +91,7 @@ def test_the_leg_that_is_closed_is_named():
 
 
 def test_legs_that_are_open_one_by_one_may_be_closed_together():
-    """A wall cuts the waypoint between them in two: one leg leads to one part, and the next from the other part."""
+    """A wall cuts the waypoint between them in two: one leg ends in one part, and the next begins in the other part."""
     gate = Box([0.9, 0.2, 0.5], [1.1, 0.8, 0.5])
     across = Cuboid((1.0, 0.5, 0.5), size=(2.0, 0.06, 1.0))
     below, above = Box.point([0.3, 0.2, 0.5]), Box.point([1.7, 0.8, 0.5])
@@ -99,7 +101,7 @@ def test_legs_that_are_open_one_by_one_may_be_closed_together():
     assert "no way was found" in explained({"a": across}, (below, gate, Box.point([1.7, 0.2, 0.5])))
 
 
-def test_a_corridor_is_named_only_where_it_is():
+def test_a_corridor_is_named_only_for_its_own_segment():
     """The wall leaves a way on the right, and the corridor is on the left."""
     walls = {"a": wall(1.0, high=0.5)}
     corridor = Box([0.0, 0.0, 0.0], [2.0, 0.5, 1.0])
@@ -113,7 +115,7 @@ def test_a_corridor_is_named_only_where_it_is():
 
 
 def test_corridors_that_are_closed_together_are_both_named():
-    """The middle waypoint is reached on one side of a wall only, and left on the other only."""
+    """The middle waypoint can be reached on one side of a wall only, and left on the other side only."""
     across = Cuboid((1.0, 0.5, 0.5), size=(1.0, 0.06, 1.0))
     gate = Box([1.0, 0.2, 0.5], [1.0, 0.8, 0.5])
     lower, upper = Box([0.0, 0.0, 0.0], [2.0, 0.5, 1.0]), Box([0.0, 0.5, 0.0], [2.0, 1.0, 1.0])
@@ -124,7 +126,7 @@ def test_corridors_that_are_closed_together_are_both_named():
 
 
 def test_bounds_alone_may_close_the_way():
-    """The corridor is cut in two by the bounds of a lower room, whatever stands in it."""
+    """The bounds end before the second waypoint, whatever stands in the room."""
     said = explained({"a": wall(1.0)}, (LEFT, RIGHT), bounds=Box([0.1, 0.1, 0.1], [1.2, 0.9, 0.9]))
     assert said.startswith("there is no way from waypoint 0 to waypoint 1 at 0.1 m from obstacles")
     assert said.endswith("within the bounds of the space")

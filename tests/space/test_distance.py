@@ -35,17 +35,17 @@ def test_without_obstacles_there_is_no_approach():
 
 
 def rest_to_rest(length, duration):
-    """A straight path along X that begins and ends at rest; it is fastest half way."""
+    """Return a straight path along X that begins and ends at rest, and is fastest half-way."""
     return minimum_snap(np.array([[0.0, 0.0, 0.0], [length, 0.0, 0.0]]), np.array([3.0, 3.0 + duration]))
 
 
 @pytest.mark.parametrize("share", [0.1, 0.3, 0.5, 0.7, 0.9])
 def test_an_obstacle_at_the_end_of_a_piece_is_not_missed(share):
-    """Where a path is fastest, a point at the end of a piece is farthest from the piece's middle.
+    """The end of a piece is farthest from the middle of the piece where the path is fastest.
 
-    The path is first cut into pieces between multiples of 1/32 of its duration, and its middle is the end of two of
-    them. A small ball stands there. Another ball stands beside another piece, and is nearer to the middle of that piece
-    than the first ball is to the middle of any.
+    The path is first cut at the multiples of 1/32 of its duration, so its middle is the end of two pieces. One small
+    ball is there. Another ball is near another piece, and closer to the middle of this piece than the first ball is to
+    the middle of any piece.
     """
     path = rest_to_rest(8.0, 4.0)
     speed = evaluate(path, [5.0], 1)[0, 0]
@@ -60,8 +60,8 @@ def test_an_obstacle_at_the_end_of_a_piece_is_not_missed(share):
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_of_many_small_obstacles_the_nearest_is_found(seed):
-    """The nearest of 60 balls at random places around a path of random corners, each of random duration."""
+def test_the_nearest_of_many_small_obstacles_is_found(seed):
+    """The 60 balls are at random places around a path with random corners and durations."""
     random = np.random.default_rng([3, seed])
     path = minimum_snap(random.uniform(-5.0, 5.0, (4, 3)), np.cumsum([0.0, *random.uniform(0.3, 2.0, 3)]))
     places = evaluate(path, random.uniform(path.times[0], path.times[-1], 60)).T + random.normal(size=(60, 3)) * 0.3
@@ -74,7 +74,7 @@ def test_of_many_small_obstacles_the_nearest_is_found(seed):
     assert found.obstacle == str(number)
 
 
-def test_an_approach_is_told_in_a_line():
+def test_an_approach_is_printed_in_one_line():
     approach = Approach(-0.2, 1.234, np.array([0.5, -1.25, 2.0]), "pillar")
     assert str(approach) == "0 m from pillar at 1.23 s, (0.5, -1.25, 2) m"
     assert str(approach._replace(distance=0.1234)).startswith("0.123 m from pillar")

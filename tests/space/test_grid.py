@@ -1,4 +1,4 @@
-"""Grids: their points, the ways over them and the rooms that they tell apart."""
+"""Grids: their points, the ways over them, and their connected rooms."""
 
 import itertools
 
@@ -15,18 +15,18 @@ from drake_quad.space.shapes import Cuboid
 from drake_quad.space.space import Obstacle, Space
 
 EMPTY = Space((), radius=0.1)
-# A grid whose steps differ from axis to axis.
+# The steps of this grid differ from axis to axis.
 UNEVEN = Box([0.3, -1.0, 2.0], [1.31, 0.02, 2.73])
 
 
 def wall_at(x, thickness, **clearance):
-    """A wall across the unit cube, normal to X and centred at x."""
+    """Return a space with a wall across the unit cube, normal to X and centred at x."""
     wall = Cuboid((x, 0.5, 0.5), size=(thickness, 3.0, 3.0))
     return Space((Obstacle("wall", wall),), **clearance)
 
 
 def indices(grid):
-    """(n, 3) position of each point of a grid in its rows."""
+    """Return the (n, 3) indices of the points of a grid along its axes."""
     return np.stack(np.unravel_index(np.arange(len(grid.points)), grid.shape), axis=-1)
 
 
@@ -75,9 +75,9 @@ def test_each_pair_of_neighbours_is_found_once():
 
 
 def over_steps(grid, start):
-    """(n,) length of the shortest way from one point to each, over the steps in 26 directions.
+    """Return the (n,) lengths of the shortest ways from one point to each, over the steps in 26 directions.
 
-    It takes as many steps as possible over three axes, then over two, then along one.
+    A shortest way takes as many steps as possible over three axes, then over two, then along one.
     """
     counts = np.abs(indices(grid) - indices(grid)[start])
     order = np.argsort(-counts, axis=1)
@@ -89,7 +89,7 @@ def over_steps(grid, start):
 
 @pytest.mark.parametrize("most", [400, 3000])
 def test_without_obstacles_a_way_has_the_length_of_its_steps(most):
-    """A place leads to every point within 1.8 spacings, and each of these leads on over steps."""
+    """A place leads to every point within 1.8 spacings, and each of these leads to the others over steps."""
     grid = Grid.of(EMPTY, UNEVEN, most=most, finest=0.02)
     place = grid.points[len(grid.points) // 3] + 0.3 * grid.steps
     lengths, before = grid.lengths_from(place[None], 0.1)
@@ -104,8 +104,13 @@ def test_without_obstacles_a_way_has_the_length_of_its_steps(most):
 
 
 def tunnel(room):
-    """A grid along a straight tunnel with a square section, whose middle row has so much room (m), and this row."""
-    clearance, spacing = 0.2, 0.1
+    """Return a grid along a straight tunnel with a square section, and the indices of its middle row.
+
+    Args:
+        room: distance of the middle row from the walls beyond the clearance, m.
+    """
+    clearance = 0.2
+    spacing = 0.1
     aside = clearance + room + 0.5
     solids = [Cuboid((0.5, sign * aside, 0.0), size=(3.0, 1.0, 3.0)) for sign in (-1.0, 1.0)]
     solids += [Cuboid((0.5, 0.0, sign * aside), size=(3.0, 3.0, 1.0)) for sign in (-1.0, 1.0)]
@@ -116,8 +121,8 @@ def tunnel(room):
 
 
 @pytest.mark.parametrize(("room", "factor"), [(1e-9, 2.0), (0.025, 1.8), (0.05, 1.0 + 0.1 / 0.15)])
-def test_a_way_without_room_counts_twice_and_less_the_more_room_there_is(room, factor):
-    """Only the middle row is free, so that every step of the way has the same room."""
+def test_the_cost_of_a_way_falls_from_twice_its_length_as_its_room_grows(room, factor):
+    """Only the middle row is free, so every step of the way has the same room."""
     grid, row = tunnel(room)
     clearance = grid.space.clearance
     assert (grid.nearest >= clearance).sum() == len(row) == 11
@@ -127,8 +132,8 @@ def test_a_way_without_room_counts_twice_and_less_the_more_room_there_is(room, f
     np.testing.assert_allclose(np.diff(lengths[row[1:]]), 0.1 * factor, rtol=1e-6)
 
 
-def test_of_the_two_ends_of_a_step_the_one_with_less_room_counts():
-    """The way leads straight away from a wall, so that its steps have more and more room."""
+def test_the_cost_of_a_step_follows_the_end_with_less_room():
+    """The way leads straight away from a wall, so the room grows from step to step."""
     space = wall_at(-0.31, 0.2, radius=0.2)
     grid = Grid.of(space, Box([0.0, 0.0, 0.0], [1.0, 0.0, 0.0]), most=100, finest=0.1)
     expected = 0.1 * (1.0 + 0.1 / (0.1 + 0.01 + 0.1 * np.arange(10)))
@@ -139,17 +144,18 @@ def test_of_the_two_ends_of_a_step_the_one_with_less_room_counts():
 
 
 @pytest.mark.parametrize("offset", np.linspace(0.001, 0.049, 13))
-def test_no_way_leads_through_a_thin_wall_wherever_it_stands_between_the_points(offset):
+def test_no_way_leads_through_a_thin_wall_at_any_place_between_the_points(offset):
     """The wall is 1 cm thick, the points are 5 cm apart, and the clearance is 1 cm.
 
-    For some offsets, neighbours on both sides of the wall keep the clearance, and only a look between them shows it.
+    For some offsets, neighbours on both sides of the wall keep the clearance, and only a check between them finds it.
     """
     x = 0.45 + offset
     space = wall_at(x, 0.01, radius=0.01)
     grid = Grid.of(space, Box([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]), most=10_000, finest=0.05)
     places = np.array([[[0.1, 0.5, 0.5]], [[0.9, 0.5, 0.5]]])
     lengths, before = grid.lengths_from(places[0], space.clearance)
-    free, ahead = grid.nearest >= space.clearance, grid.points[:, 0] < x
+    free = grid.nearest >= space.clearance
+    ahead = grid.points[:, 0] < x
     across = any((free[one] & free[other] & (ahead[one] != ahead[other])).any() for one, other in grid.neighbours())
     assert across == (0.015 < offset < 0.035)
     assert np.isfinite(lengths[free & ahead]).all()
@@ -157,8 +163,8 @@ def test_no_way_leads_through_a_thin_wall_wherever_it_stands_between_the_points(
     assert grid.way(lengths, before, *places) is None
 
 
-def test_where_the_clearance_is_small_a_step_past_an_edge_is_still_free():
-    """A step whose ends are near a solid is free if its middle is: here past the edge of a thin wall."""
+def test_a_step_past_an_edge_is_free_if_the_clearance_is_small():
+    """A step whose ends are near a solid is free if its middle is free. Here it passes the edge of a thin wall."""
     space = Space((Obstacle("wall", Cuboid((0.5, 0.175, 0.5), size=(0.01, 0.55, 3.0))),), radius=0.02)
     grid = Grid.of(space, Box([0.0, 0.0, 0.5], [1.0, 1.0, 0.5]), most=10_000, finest=0.05)
     places = np.array([[[0.1, 0.1, 0.5]], [[0.9, 0.1, 0.5]]])
@@ -178,13 +184,13 @@ def test_a_way_begins_and_ends_at_the_places_that_make_it_shortest():
     np.testing.assert_array_equal(way[[0, -1]], [begins[1], ends[1]])
     length = np.linalg.norm(np.diff(way, axis=0), axis=1).sum()
     assert 0.39 - 1e-9 <= length < 0.42
-    # Neither end leads farther than to a point next to it.
+    # Either end leads only to a point next to it.
     hops = np.linalg.norm(np.diff(way, axis=0), axis=1)
     assert (hops <= 1.8 * grid.spacing + 1e-9).all()
 
 
 def test_a_way_ends_over_the_point_that_makes_it_shortest_and_begins_at_the_nearest_place():
-    """Its last point is as near to the first places, and the end to it, as no other near the end together."""
+    """No other point near the end has a smaller sum of its length from the first places and its distance to the end."""
     room = random_room(6)
     grid = Grid.of(room.space, room.bounds, most=20_000, finest=0.08)
     reached = grid.points[np.isfinite(grid.lengths_from(room.places[:1], room.space.clearance)[0])]
@@ -215,7 +221,7 @@ def test_a_place_leads_only_to_points_that_are_free_and_near():
     assert grid.way(lengths, before, beside, inside) is None
 
 
-def test_rooms_are_what_is_connected():
+def test_rooms_are_connected_components():
     random = np.random.default_rng(3)
     grid = Grid.of(EMPTY, Box([0.0, 0.0, 0.0], [0.7, 0.5, 0.6]), most=1000, finest=0.1)
     free = random.uniform(size=len(grid.points)) < 0.12
@@ -248,7 +254,7 @@ PLACES = {
 def test_points_near_a_place_are_those_within_a_distance(place, distance):
     points = np.random.default_rng(4).uniform(-0.4, 1.0, (3000, 3))
     if isinstance(place, Polytope):
-        # Next to the edges, where planes that are moved outward meet, some more points count.
+        # Some more points count next to the edges, where planes that are moved outward meet.
         region = HPolyhedron(place.normals, place.offsets)
         away = np.array([0.0 if region.PointInSet(p) else np.nan for p in points])
         beyond = (points @ place.normals.T - place.offsets).max(axis=1)

@@ -1,4 +1,4 @@
-"""Chains of regions and passages through them, beside all that there are in small mazes of boxes."""
+"""Chains of regions and passages through them, compared with all that exist in small mazes of boxes."""
 
 import itertools
 
@@ -12,12 +12,12 @@ from drake_quad.space.passage import chain, find_passage, other_passages, worth_
 from drake_quad.space.regions import Regions
 from drake_quad.space.space import Space
 
-# What one handover from region to region costs, m.
+# m, the cost of one handover from region to region.
 HANDOVER = 0.1
 
 
 class Boxes(Regions):
-    """Given boxes instead of regions that are grown; only a box around a seed is ever added."""
+    """Given boxes in place of grown regions; growing only adds a box around a seed."""
 
     def __init__(self, *boxes):
         super().__init__(Space((), radius=0.1), Box([-99.0] * 3, [99.0] * 3))
@@ -29,7 +29,7 @@ class Boxes(Regions):
 
 
 def shortest_polyline(regions, legs, places, corridors):
-    """The length of the shortest polyline with a straight piece in each region of each leg, m, or None."""
+    """Return the length (m) of the shortest polyline with a straight piece in each region of each leg, or None."""
     program = MathematicalProgram()
     corners = [program.NewContinuousVariables(3) for _ in range(sum(map(len, legs)) + 1)]
     numbers = [number for leg in legs for number in leg]
@@ -60,7 +60,7 @@ def shortest_polyline(regions, legs, places, corridors):
 
 
 def costs_of_all(regions, places, corridors, longest=4):
-    """What each possible passage costs: the length of its polyline and its handovers, m."""
+    """Return the cost of each possible passage, m: the length of its polyline and its handovers."""
     orders = [order for count in range(1, longest + 1) for order in itertools.permutations(range(len(regions)), count)]
     chains = [order for order in orders if all(regions.common(i, j) for i, j in itertools.pairwise(order))]
     possible = [
@@ -71,19 +71,20 @@ def costs_of_all(regions, places, corridors, longest=4):
     for legs in itertools.product(*possible):
         length = shortest_polyline(regions, legs, places, corridors)
         if length is not None:
-            # From a place into a region, from region to region, and to the next place.
+            # A leg has a handover from its place into a region, from region to region, and to the next place.
             costs[legs] = length + HANDOVER * sum(len(leg) + 1 for leg in legs)
     return costs
 
 
-# Four boxes around a pillar: one on each side, which overlap in the corners.
+# Four boxes, one on each side of a pillar, overlap in the corners.
 AROUND = (
     ([0, 0, 0], [4, 1, 1]),
     ([0, 3, 0], [4, 4, 1]),
     ([0, 0, 0], [1, 4, 1]),
     ([3, 0, 0], [4, 4, 1]),
 )
-BEGIN, END = Box.point([0.5, 2.1, 0.5]), Box.point([3.5, 2.3, 0.5])
+BEGIN = Box.point([0.5, 2.1, 0.5])
+END = Box.point([3.5, 2.3, 0.5])
 MAZES = {
     "around a pillar": (AROUND, [BEGIN, END], [None]),
     "the other way around it": (AROUND, [Box.point([0.5, 1.8, 0.5]), Box.point([3.5, 1.9, 0.5])], [None]),
@@ -104,7 +105,7 @@ MAZES = {
         [Box.point([0.5, 0.5, 0.9]), Box.point([2.6, 0.5, 0.9])],
         [None],
     ),
-    # One handover costs more than the detour over the top, of 8 cm.
+    # The detour over the top is 8 cm longer, which is less than the cost of a handover.
     "a detour that saves a handover": (
         (
             ([0, 0, 0], [0.8, 1, 1]),
@@ -129,8 +130,8 @@ def test_no_passage_is_cheaper_than_the_one_that_is_found(boxes, places, corrido
     assert costs[found] == pytest.approx(min(costs.values()), abs=1e-5)
 
 
-def test_only_candidates_are_flown_through():
-    """Without the box at the bottom the way leads over the top, though it is longer; without both there is none."""
+def test_a_passage_uses_only_candidates():
+    """Without the box at the bottom the way leads over the top, which is longer; without both there is no way."""
     regions = Boxes(*AROUND)
     assert find_passage(regions, [[0, 1, 2, 3]], [BEGIN, Box.point([3.5, 1.3, 0.5])], [None]) == ((2, 0, 3),)
     assert find_passage(regions, [[3, 1, 2]], [BEGIN, Box.point([3.5, 1.3, 0.5])], [None]) == ((2, 1, 3),)
@@ -138,7 +139,7 @@ def test_only_candidates_are_flown_through():
 
 
 def test_regions_that_hardly_overlap_do_not_lead_to_each_other():
-    """What they have in common must hold a ball of 1 mm; where a corridor cuts it, the rest must."""
+    """Two regions must share a ball of 1 mm, and so must the part of them inside a corridor."""
     for overlap, leads in ((0.0015, False), (0.0025, True)):
         regions = Boxes(([0, 0, 0], [1 + overlap, 1, 1]), ([1, 0, 0], [2, 1, 1]))
         places = [Box.point([0.5, 0.5, 0.5]), Box.point([1.5, 0.5, 0.5])]
@@ -165,12 +166,12 @@ def test_other_passages_can_be_flown(places):
     assert set(found) <= set(costs_of_all(regions, places, corridors))
 
 
-def test_other_passages_are_different_where_lengths_are_alike_and_the_same_where_they_are_not():
-    """Both ways around a square are of the same length; where the place is at one side, one of them is not."""
+def test_other_passages_differ_only_if_their_lengths_are_similar():
+    """Both ways around a square have the same length. If one of them becomes longer, only the other is found."""
     regions = Boxes(*AROUND)
     middle = [np.array([[0.5, 2.0, 0.5]]), np.array([[3.5, 2.0, 0.5]])]
     assert set(other_passages(regions, middle, [None], count=12)) == {((2, 0, 3),), ((2, 1, 3),)}
-    # The same box twice as far from the centre of the bottom box: 40 m there, 5 m along the top.
+    # The centre of the bottom box is so far away that the way over it has 40 m, and the way along the top has 5 m.
     far = Boxes(([0, -40, 0], [4, 1, 1]), *AROUND[1:])
     assert other_passages(far, middle, [None], count=12) == [((2, 1, 3),)]
     assert other_passages(far, middle, [Box([0, 0, 0], [4, 2.5, 1])], count=12) == [((2, 0, 3),)]
@@ -178,7 +179,7 @@ def test_other_passages_are_different_where_lengths_are_alike_and_the_same_where
 
 
 def test_the_way_from_a_place_to_the_centre_of_its_region_counts():
-    """Two large boxes hold both ends. The nearest of the end's points to each centre decides between them."""
+    """Two large boxes hold both ends. The point of the end that is nearest to each centre decides between them."""
     regions = Boxes(([0, 0, 0], [4, 1, 1]), ([-50, -1, -50], [50, 99, 50]))
     ends = [np.array([[0.5, 0.5, 0.5]]), np.array([[2.0, 0.5, 0.5], [3.5, 0.5, 0.5]])]
     assert other_passages(regions, ends, [None], count=12) == [((0,),)]
@@ -187,7 +188,7 @@ def test_the_way_from_a_place_to_the_centre_of_its_region_counts():
     assert {leg[-1] for (leg,) in other_passages(regions, ends, [None], count=12)} == {1}
 
 
-def test_a_chain_follows_the_box_that_goes_on_longest():
+def test_a_chain_follows_the_box_that_continues_longest():
     regions = Boxes(
         ([0, 0, 0], [1.2, 1, 1]), ([0, 0, 0], [2.2, 1, 1]), ([2, 0, 0], [4, 1, 1]), ([1.5, 0, 0], [2.5, 1, 1])
     )
@@ -198,7 +199,7 @@ def test_a_chain_follows_the_box_that_goes_on_longest():
 
 
 def test_a_chain_grows_regions_where_it_has_none():
-    """Between two boxes, 0.8 m apart."""
+    """The two boxes are 0.8 m apart."""
     regions = Boxes(([0, 0, 0], [1, 1, 1]), ([1.8, 0, 0], [3, 1, 1]))
     way = np.array(
         [[0.5, 0.5, 0.5], [0.9, 0.5, 0.5], [1.3, 0.5, 0.5], [1.7, 0.5, 0.5], [1.9, 0.5, 0.5], [2.5, 0.5, 0.5]]
@@ -212,7 +213,7 @@ def test_a_chain_grows_regions_where_it_has_none():
     assert regions.holding(way, found).any(axis=0).all()
 
 
-def test_regions_worth_a_look_are_those_of_the_chain_then_those_of_the_shortest_ways():
+def test_candidates_are_the_regions_of_the_chain_and_then_those_of_the_shortest_ways():
     boxes = [([i, 0, 0], [i + 1.0, 1, 1]) for i in range(12)]
     regions = Boxes(*boxes)
     points = np.column_stack([np.arange(24) / 2 + 0.25, np.full(24, 0.5), np.full(24, 0.5)])
@@ -222,7 +223,7 @@ def test_regions_worth_a_look_are_those_of_the_chain_then_those_of_the_shortest_
     chosen = worth_a_look(regions, [5, 3, 5], points, lengths)
     others = sorted(set(shortest) - {3, 5}, key=shortest.get)
     assert chosen == [5, 3, *others[:6]]
-    # No way leads over the points of the others.
+    # No way leads over the points of the other boxes.
     lengths[4:] = np.inf
     assert sorted(worth_a_look(regions, [5, 3], points, lengths)) == [0, 1, 3, 5]
     assert worth_a_look(regions, list(range(12)), points, lengths) == list(range(12))

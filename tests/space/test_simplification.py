@@ -1,4 +1,4 @@
-"""Hulls of few corners around hulls of many: they hold them, and are not much larger."""
+"""Simplified convex hulls hold the original hulls, and are not much larger."""
 
 import math
 
@@ -11,7 +11,7 @@ from drake_quad.space import simplification
 from drake_quad.space.shapes import hull_of
 from drake_quad.space.simplification import MAX_GROWTH, surrounding
 
-MOST = 100
+MAX_CORNERS = 100
 
 
 def sphere(count, seed=0):
@@ -20,7 +20,12 @@ def sphere(count, seed=0):
 
 
 def drone(corners_per_disc, more=0):
-    """A frame with four guards around its rotors, whose hull has eight corners for each of so many, and a dome."""
+    """Return points of a frame with four rotor guards and a dome.
+
+    Args:
+        corners_per_disc: number of points on the arc of each guard; each adds eight corners to the hull.
+        more: number of corners of the dome.
+    """
     places = [(x, y) for x in (-0.12, 0.12) for y in (-0.12, 0.12)]
     arc = np.linspace(0.0, 0.5 * math.pi, corners_per_disc)
     points = [
@@ -56,31 +61,31 @@ MESHES = {
 @pytest.mark.slow
 @pytest.mark.parametrize(("points", "most_growth"), MESHES.values(), ids=MESHES)
 def test_a_hull_of_few_corners_holds_all_points_and_grows_by_little(points, most_growth):
-    found = surrounding(points, MOST)
+    found = surrounding(points, MAX_CORNERS)
     original, simple = hull_of(points), hull_of(found.corners)
     size = np.ptp(points, axis=0).max()
-    assert (len(found.corners), found.replaced) == (MOST, len(original.corners))
+    assert (len(found.corners), found.replaced) == (MAX_CORNERS, len(original.corners))
     assert found.is_simpler
-    # No point is outside, at whatever size.
+    # No point is outside, whatever the size of the mesh.
     assert simple.distances(points).max() <= 0.0
     normals, offsets = np.array(simple.normals), np.array(simple.offsets)
     assert (points @ normals.T - offsets).max() <= 0.0
-    # The growth is the largest distance of any point of the new hull from the old one, which is at a corner.
+    # The growth is the largest distance of the new hull from the old one, which occurs at a corner.
     assert found.growth == pytest.approx(original.distances(found.corners).max(), rel=1e-9)
     assert found.growth <= most_growth * size <= MAX_GROWTH * size
-    weights = np.random.default_rng(0).dirichlet(np.full(MOST, 0.1), 200)
+    weights = np.random.default_rng(0).dirichlet(np.full(MAX_CORNERS, 0.1), 200)
     assert original.distances(weights @ found.corners).max() <= found.growth * (1.0 + 1e-9)
 
 
-def test_the_drones_have_as_many_corners_as_real_ones():
+def test_the_meshes_of_drones_have_as_many_corners_as_real_ones():
     for name, count in (("drone of 104 corners", 104), ("drone of 213 corners", 213)):
         assert len(hull_of(MESHES[name][0]).corners) == count
 
 
 @pytest.mark.slow
-def test_the_growth_is_a_distance_to_the_set_that_drake_takes():
+def test_the_growth_is_a_distance_to_drake_s_convex_set():
     points = sphere(130, 7) * [1.0, 0.5, 0.2]
-    found = surrounding(points, MOST)
+    found = surrounding(points, MAX_CORNERS)
     corner = max(found.corners, key=lambda corner: hull_of(points).distances([corner]).item())
     program = MathematicalProgram()
     x = program.NewContinuousVariables(3)
@@ -90,27 +95,27 @@ def test_the_growth_is_a_distance_to_the_set_that_drake_takes():
     assert found.growth == pytest.approx(np.linalg.norm(corner - nearest), rel=1e-5)
 
 
-def test_a_hull_of_few_corners_stays_as_it_is():
+def test_a_hull_of_few_corners_is_unchanged():
     points = np.vstack([sphere(60), 0.1 * sphere(200, 1)])
-    found = surrounding(points, MOST)
+    found = surrounding(points, MAX_CORNERS)
     assert (found.growth, found.is_simpler) == (0.0, False)
     np.testing.assert_array_equal(found.corners, hull_of(points).corners)
 
 
 def test_a_hull_that_would_grow_too_much_is_refused():
     with pytest.raises(
-        InputError, match=r"has 300 corners, and one of 8 corners around it would be larger by \d+ % of"
+        InputError, match=r"has 300 corners, and a hull with 8 corners around it would be larger by \d+ % of"
     ):
         surrounding(sphere(300), 8)
     with pytest.raises(InputError, match="in a plane"):
-        surrounding(sphere(300) * [1.0, 1.0, 0.0], MOST)
+        surrounding(sphere(300) * [1.0, 1.0, 0.0], MAX_CORNERS)
 
 
-def test_what_replaced_what_is_said():
-    found = surrounding(drone(13), MOST)
+def test_a_replacement_is_described_in_a_sentence():
+    found = surrounding(drone(13), MAX_CORNERS)
     share = 100.0 * found.growth / 0.37
     assert str(found) == (
-        f"its convex hull of 104 corners is replaced by one of 100 around it, which is larger by at most"
+        f"its convex hull with 104 corners is replaced by a hull with 100 corners around it, which is larger by at most"
         f" {found.growth:.3g}, {share:.2g} % of its size"
     )
 
@@ -158,7 +163,7 @@ def test_how_far_points_are_outside_of_corners_that_span_a_plane_a_line_or_a_poi
 @pytest.mark.parametrize("scale", [1e-3, 1e3])
 def test_a_hull_of_few_corners_grows_with_its_size(scale):
     points = sphere(120)
-    found, larger = surrounding(points, MOST), surrounding(scale * points, MOST)
+    found, larger = surrounding(points, MAX_CORNERS), surrounding(scale * points, MAX_CORNERS)
     assert larger.growth == pytest.approx(scale * found.growth, rel=1e-6)
     assert larger.size == pytest.approx(scale * np.ptp(points, axis=0).max())
     assert str(larger).endswith("% of its size")

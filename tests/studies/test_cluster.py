@@ -200,7 +200,7 @@ def test_a_cluster_that_is_not_there_is_named(unreachable):
 
 
 class Future:
-    """A future of Dask's that has one status after another, each for a look of the crew."""
+    """A future of Dask's that has one status after another, one for each query of the crew."""
 
     def __init__(self, *statuses):
         self.statuses = [*statuses]
@@ -221,7 +221,8 @@ class Future:
 class Client:
     """A client of Dask's whose scheduler answers."""
 
-    status, scheduler = "running", SimpleNamespace(ncores=None)
+    status = "running"
+    scheduler = SimpleNamespace(ncores=None)
 
     def __init__(self, future, workers):
         self.future, self.workers = future, workers
@@ -239,13 +240,13 @@ def crew_with(future, workers):
     return crew
 
 
-def test_a_result_that_died_with_its_worker_is_waited_for():
+def test_a_result_that_is_lost_with_its_worker_is_awaited_again():
     crew = crew_with(Future("pending", "lost", "lost", "pending", "finished"), {"worker": 1})
     (outcome,) = crew.finished()
     assert outcome.result == "rows"
 
 
-def test_when_all_workers_are_gone_the_scheduler_is_not(monkeypatch):
+def test_a_scheduler_that_has_lost_all_workers_is_reported(monkeypatch):
     for name in ("_BETWEEN_QUESTIONS", "_LONGEST_WITHOUT_WORKERS"):
         monkeypatch.setattr(cluster_module, name, 0.0)
     crew = crew_with(Future("pending", "lost"), {})
@@ -255,7 +256,7 @@ def test_when_all_workers_are_gone_the_scheduler_is_not(monkeypatch):
         crew.finished()
 
 
-def test_a_client_that_cancels_its_futures_has_lost_its_scheduler():
+def test_cancelled_futures_mean_that_the_scheduler_is_gone():
     with pytest.raises(ConnectionError, match="^the Dask scheduler at tcp://somewhere:1 is gone$"):
         crew_with(Future("pending", "cancelled"), {"worker": 1}).finished()
 

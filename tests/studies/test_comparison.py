@@ -15,7 +15,7 @@ def metrics(rmse, crash_time):
     return Metrics(*[np.array(rmse)] * (len(Metrics._fields) - 1), np.array(crash_time))
 
 
-def test_a_share_is_the_ratio_of_the_means_of_samples_on_which_neither_crashed():
+def test_a_share_is_the_ratio_of_means_over_samples_in_which_neither_crashed():
     ours = metrics([1.0, 3.0, 5.0, 7.0, 9.0], [math.inf, 2.0, math.inf, 2.0, math.inf])
     baseline = metrics([2.0, 2.0, 2.0, 2.0, 0.0], [math.inf, math.inf, 3.0, 3.0, math.inf])
     found, reverse = compare(ours, baseline), compare(baseline, ours)

@@ -476,9 +476,10 @@ def test_every_worker_has_as_many_batches_of_a_thousand_at_most(count, num_worke
     assert [min(size, count - first) for first in range(0, count, size)] == sizes
 
 
-def test_a_study_takes_memory_for_what_is_flown_and_not_for_what_is_to_be_flown(tmp_path):
-    """Two thousand million samples would take 250 GB."""
-    count, seen = 2_000_000_000, []
+def test_a_study_takes_memory_only_for_samples_that_have_flown(tmp_path):
+    """Rows for two thousand million samples would take 250 GB."""
+    count = 2_000_000_000
+    seen = []
 
     def stop(done, total):
         seen.append(total)
@@ -498,7 +499,7 @@ def test_a_study_takes_memory_for_what_is_flown_and_not_for_what_is_to_be_flown(
     assert read_study(tmp_path).samples.tolist() == [0, 1, 2, 3]
 
 
-def test_without_memory_a_study_says_what_is_saved(monkeypatch, tmp_path):
+def test_a_study_that_runs_out_of_memory_reports_what_is_saved(monkeypatch, tmp_path):
     def full(*_):
         raise MemoryError
 

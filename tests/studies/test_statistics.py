@@ -217,7 +217,7 @@ def test_influences_are_of_flights_that_went_to_the_end():
     assert [each.low for each in crashes if each.path == "mass"] == [share_interval(0, 2)]
 
 
-def test_a_share_is_the_ratio_of_means_also_where_a_baseline_is_zero():
+def test_a_share_is_the_ratio_of_means_even_if_a_baseline_is_zero():
     found = compare_studies(study([1.0, 1.0, 3.0, 2.0]), study([0.0, 2.0, 2.0, 2.0]))
     assert found.share.value == pytest.approx(7.0 / 6.0)
     assert (found.num_pairs, found.difference.value, found.better.value) == (4, 0.25, 0.25)

@@ -66,7 +66,7 @@ def random_layout(rng):
 
 
 def best_wrench(wrench, rotors, priority):
-    """Return the best wrench of rotors between 60 and 300 rad/s, and which of share, thrust and yaw torque are cut.
+    """Return the best wrench of rotors between 60 and 300 rad/s, and flags for cuts of share, thrust and yaw torque.
 
     There is one linear programme for each part of the wrench, in the order of the priority. Unknowns are the share of
     roll and pitch torque, the thrust, the share of yaw torque, and the distance of the thrust from the commanded one.
@@ -78,7 +78,7 @@ def best_wrench(wrench, rotors, priority):
     rows = np.vstack([squares, -squares, [0.0, 1.0, 0.0, -1.0], [0.0, -1.0, 0.0, -1.0]])
     limits = np.array([*[1.0] * 4, *[-((60.0 / 300.0) ** 2)] * 4, wrench.thrust, -wrench.thrust])
     bounds = [(0.0, 1.0), (None, None), (0.0, 1.0), (0.0, None)]
-    rounding = 1e-9  # of what an earlier programme has fixed, as exact as the solver is
+    rounding = 1e-9  # tolerance on the results of earlier programmes, as exact as the solver is
 
     def best(objective, bounds):
         options = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
@@ -101,7 +101,7 @@ def best_wrench(wrench, rotors, priority):
 
 
 def demand_on(rotors, rng):
-    """Return a wrench that the rotors can give, or one that is a little or much beyond that."""
+    """Return a random wrench that the rotors can give, or one that is a little or much beyond that."""
     x, y, _, turns, b, d = np.array(rotors).T
     given = np.array([b, y * b, -x * b, -turns * d]) @ rng.uniform(60.0**2, 300.0**2, 4)
     spread = rng.choice([0.0, 0.5, 5.0])
@@ -112,8 +112,10 @@ def demand_on(rotors, rng):
 @both_orders
 @pytest.mark.parametrize("shape", [Rotors.plus, Rotors.x, random_layout])
 def test_each_part_of_a_wrench_is_the_best_that_the_parts_before_it_allow(shape, priority):
-    """Against linear programmes, for a plus, an x or h of any length and width, and any four rotors."""
-    rng, paired, cut = np.random.default_rng(5), shape is not random_layout, np.zeros(3)
+    """Compare with linear programmes for a plus, an x or h of any length and width, and any four rotors."""
+    rng = np.random.default_rng(5)
+    paired = shape is not random_layout
+    cut = np.zeros(3)
     for _ in range(120):
         length, width = rng.uniform(0.1, 0.6, 2)
         rotors = shape(length=length, width=width) if paired else random_layout(rng)
@@ -126,7 +128,7 @@ def test_each_part_of_a_wrench_is_the_best_that_the_parts_before_it_allow(shape,
             action = rotor_action(speeds, QuadrotorParameters(rotors=rotors)).wrench
             np.testing.assert_allclose(action, given_up, rtol=0.0, atol=1e-9)
         cut += parts
-    assert (cut > 10).all(), "something of each kind must be given up for this to mean anything"
+    assert (cut > 10).all(), "each part of the wrench must be cut in several samples"
 
 
 @pytest.mark.slow
@@ -134,7 +136,7 @@ def test_each_part_of_a_wrench_is_the_best_that_the_parts_before_it_allow(shape,
 @both_orders
 @pytest.mark.parametrize(
     "wrench",
-    # Room for so much yaw that roll or pitch, at 40 % and at 60 % of the way up, could go further than both its rotors.
+    # Yaw torque moves the two rotors of roll or pitch from 40 % or 60 % of their range to its middle and beyond.
     [
         Wrench(0.6 * BOTTOM_THRUST + 0.4 * TOP_THRUST, 0.0, 2.0, 0.5),
         Wrench(0.4 * BOTTOM_THRUST + 0.6 * TOP_THRUST, 0.0, -2.0, -0.5),
@@ -159,8 +161,8 @@ def test_the_priority_changes_no_bit_of_a_wrench_that_fits(allocate, rotor_speed
 
 @both_forms
 @pytest.mark.parametrize("thrust", [0.0, BOTTOM_THRUST, TOP_THRUST, 2.0 * TOP_THRUST])
-def test_a_large_roll_torque_takes_the_thrust_half_way_between_the_limits(allocate, thrust):
-    """Thrust is raised from idle and lowered from full thrust."""
+def test_a_large_roll_torque_moves_the_thrust_half_way_between_the_limits(allocate, thrust):
+    """The thrust is raised from idle, and lowered from full thrust."""
     speeds, shortfall = allocate(Wrench(thrust, 9.0, 0.0, 0.0), ROTORS)
     middle = 0.5 * (60.0**2 + 300.0**2)
     np.testing.assert_allclose(np.square(speeds), [middle, 60.0**2, middle, 300.0**2], rtol=1e-12)
@@ -170,8 +172,8 @@ def test_a_large_roll_torque_takes_the_thrust_half_way_between_the_limits(alloca
 
 @both_forms
 @pytest.mark.parametrize(("thrust", "share"), [(0.0, 0.0), (2.0 * TOP_THRUST, 1.0)])
-def test_yaw_torque_serves_the_thrust_where_roll_torque_takes_all_of_two_rotors(allocate, thrust, share):
-    """The other two rotors are free to give thrust, and yaw torque with it, if that is in the commanded direction."""
+def test_yaw_torque_serves_the_thrust_if_roll_torque_takes_all_of_two_rotors(allocate, thrust, share):
+    """The other two rotors are free to give thrust, and with it yaw torque if it has the commanded direction."""
     commanded = 4.0 * 8.5e-7 * 1000.0  # 1000 rad²/s² of each rotor
     speeds, shortfall = allocate(Wrench(thrust, 9.0, 0.0, commanded), ROTORS)
     level = 0.5 * (60.0**2 + 300.0**2) + share * 2000.0
@@ -187,7 +189,7 @@ def test_yaw_torque_serves_the_thrust_where_roll_torque_takes_all_of_two_rotors(
     direction=st.sampled_from([-1.0, 1.0]),
     priority=st.sampled_from(get_args(Priority)),
 )
-def test_pairs_are_allocated_as_any_rotors_are(wrench, shape, length, width, direction, priority):
+def test_pairs_are_allocated_like_any_rotors(wrench, shape, length, width, direction, priority):
     rotors = shape(length=length, width=width, rotor_1_direction=direction)
     model = RotorModel.of(QuadrotorParameters(rotors=rotors))
     speeds, shortfall = allocate(wrench, model, priority)
@@ -284,7 +286,7 @@ def test_no_rounding_takes_a_rotor_below_its_limit(allocate, priority):
 
 
 def test_no_rounding_takes_any_rotor_above_its_limit():
-    """Of rotors anywhere, whose coefficients are less exact than those of pairs."""
+    """The coefficients of rotors at any place are less exact than those of pairs."""
     rng = np.random.default_rng(3)
     for _ in range(300):
         speeds, _ = allocate(Wrench(*rng.normal(size=4) * [10.0, 3.0, 3.0, 0.3]), ROTORS)

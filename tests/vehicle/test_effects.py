@@ -93,7 +93,7 @@ def assert_close(actual, expected, tolerance=1e-12):
 
 
 def anywhere(parameters):
-    """Return a vehicle whose rotors are anywhere: their mean is not the origin, from which centre_of_mass counts."""
+    """Return a vehicle with rotors anywhere: their mean is not the origin, to which centre_of_mass refers."""
     places = (0.16, -0.02, 0.03), (-0.01, -0.15, 0.0), (-0.12, 0.03, 0.01), (0.04, 0.18, 0.04)
     rotors = zip(parameters.rotors, places, strict=True)
     return parameters._replace(rotors=Rotors._make(rotor._replace(x=x, y=y, z=z) for rotor, (x, y, z) in rotors))

@@ -1,4 +1,4 @@
-"""Moments of inertia of clouds of masses, and the nearest ones where no cloud has them."""
+"""Moments of inertia of clouds of masses, and the nearest possible moments to impossible ones."""
 
 import numpy as np
 import pytest
@@ -9,16 +9,16 @@ from drake_quad.vehicle.rigid_body import inertia_flaw, nearest_rigid
 
 @pytest.fixture(scope="module")
 def clouds():
-    """(500, 3) moments of inertia of random bodies about their axes: some flat, some rods."""
+    """Return (500, 3) moments of inertia of random bodies about their axes; some bodies are flat and some are rods."""
     rng = np.random.default_rng(0)
     places = rng.normal(size=(500, 20, 3)) * rng.choice([0.0, 0.1, 1.0], size=(500, 1, 3))
     squares = (places - places.mean(axis=1, keepdims=True)) ** 2
     return (squares.sum(axis=(1, 2))[:, None] - squares.sum(axis=1)) * 0.05
 
 
-def test_every_body_is_rigid(clouds):
+def test_moments_of_inertia_of_any_body_are_possible(clouds):
     assert all(inertia_flaw(moments) == "" for moments in clouds.tolist())
-    # Flat bodies and rods are so up to rounding.
+    # The moments of flat bodies and rods are possible up to rounding.
     np.testing.assert_allclose(nearest_rigid(clouds.T).T, clouds, atol=1e-14)
 
 
@@ -32,7 +32,7 @@ def test_rounding_of_data_sheets_is_allowed_and_no_more():
 
 @pytest.mark.slow
 def test_the_nearest_moments_are_those_of_a_quadratic_programme():
-    """Within bounds, some of which leave a moment no room."""
+    """The bounds are such that some of them leave a moment no room."""
     rng = np.random.default_rng(1)
     apart = np.array([[1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]])
     for _ in range(100):
@@ -60,9 +60,11 @@ def test_the_nearest_moments_are_those_of_a_quadratic_programme():
         np.testing.assert_allclose(found, expected, atol=1e-5 * moments.max())
 
 
-def test_samples_of_a_fleet_are_as_alone():
+def test_samples_of_a_fleet_have_the_same_moments_as_alone():
     rng = np.random.default_rng(2)
-    moments, low, high = rng.lognormal(size=(3, 50)), np.zeros(3), np.array([2.0, 3.0, np.inf])
+    moments = rng.lognormal(size=(3, 50))
+    low = np.zeros(3)
+    high = np.array([2.0, 3.0, np.inf])
     together = nearest_rigid(moments, low, high)
     for i in range(50):
         np.testing.assert_array_equal(together[:, i], nearest_rigid(moments[:, i], low, high))

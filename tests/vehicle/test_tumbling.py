@@ -1,4 +1,4 @@
-"""Vehicles that turn over, through a pitch of 90° and past it, against integrations without its singularity."""
+"""Vehicles that turn over, through a pitch of 90° and past it, against integrations without this singularity."""
 
 import itertools
 import math
@@ -9,7 +9,7 @@ from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, InitializeAutoDif
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator, Simulator_
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
-from tumbling import degrees_apart, flown, random_tumbles, rotations
+from tumbling import Tumbles, degrees_apart, flown, random_tumbles, rotations
 
 from drake_quad.axes import BodyAxes, Vector
 from drake_quad.compilation import compile_diagram, compiled_part
@@ -26,11 +26,11 @@ from drake_quad.vehicle.responding import (
 )
 from drake_quad.vehicle.slung_load import SlungLoad, rod_of, swing_of
 
-STEPS = (0.01, 0.005, 0.0025, 0.00125)
+TIME_STEPS = (0.01, 0.005, 0.0025, 0.00125)
 
 
 def stepped(parameters, tumbles, time_step, duration, load=None, swings=None):
-    """(N, 12) states and (N, 4) swings of a fleet at the end of its tumbles."""
+    """Return the (N, 12) states and (N, 4) swings of a fleet at the end of its tumbles."""
     effects = Effects(slung_load=load)
     vehicle = Quadrotor(
         num_vehicles=tumbles.count,
@@ -55,11 +55,11 @@ def stepped(parameters, tumbles, time_step, duration, load=None, swings=None):
 
 @pytest.mark.slow
 def test_random_tumbles_are_integrated_with_fourth_order(asymmetric_vehicle):
-    """Two seconds at up to 10 rad/s, from and through pitches of ±90°: far below 0.1° at the default step."""
+    """Two seconds at up to 10 rad/s lead through pitches of ±90°. At the default step, errors are far below 0.1°."""
     tumbles = random_tumbles(40, seed=0)
     position, rotation, velocity, rates, *_ = flown(asymmetric_vehicle, tumbles, 2.0)
     errors = []
-    for step in STEPS:
+    for step in TIME_STEPS:
         states, _ = stepped(asymmetric_vehicle, tumbles, step, 2.0)
         errors.append(degrees_apart(states[:, 3:6], rotation).max())
         assert np.abs(states[:, 4]).max() <= 0.5 * np.pi
@@ -71,24 +71,30 @@ def test_random_tumbles_are_integrated_with_fourth_order(asymmetric_vehicle):
     np.testing.assert_allclose(states[:, 9:12], rates, atol=1e-7)
 
 
-@pytest.mark.parametrize("yaw_rate", [0.0, 1e-12, 1e-9, 1e-6, 1e-4, 0.01, 0.02, 0.05, 0.1, 0.3])
-def test_a_flip_is_the_same_rotation_however_near_it_passes_to_90_degrees(yaw_rate):
-    """6 rad/s of pitch for 0.6 s, whose angles of roll and yaw jump by 180° on the way."""
-    parameters = QuadrotorParameters(rotor_inertia=0.0)
-    tumbles = random_tumbles(1, seed=0)
+FLIP_PARAMETERS = QuadrotorParameters(rotor_inertia=0.0)
+
+
+def flip_at(yaw_rate):
+    """Return a lone hovering vehicle that pitches at 6 rad/s and turns at a yaw rate, rad/s."""
     states = np.zeros((1, 12))
     states[0, 10:] = 6.0, yaw_rate
     hover = np.full((1, 4), 200.0)
-    flip = tumbles._replace(states=states, speeds=hover, commands=hover, winds=np.zeros((1, 3)))
-    end, _ = stepped(parameters, flip, 0.01, 0.6)
-    _, rotation, *_ = flown(parameters, flip, 0.6)
+    return Tumbles(states, speeds=hover, commands=hover, winds=np.zeros((1, 3)))
+
+
+@pytest.mark.parametrize("yaw_rate", [0.0, 1e-12, 1e-9, 1e-6, 1e-4, 0.01, 0.02, 0.05, 0.1, 0.3])
+def test_a_flip_is_the_same_rotation_however_close_it_passes_to_90_degrees(yaw_rate):
+    """A pitch rate of 6 rad/s for 0.6 s lets roll and yaw jump by 180° on the way."""
+    flip = flip_at(yaw_rate)
+    end, _ = stepped(FLIP_PARAMETERS, flip, 0.01, 0.6)
+    _, rotation, *_ = flown(FLIP_PARAMETERS, flip, 0.6)
     assert degrees_apart(end[:, 3:6], rotation) < 1e-5
-    assert np.cos(end[0, 3]) < -0.9, "it must have turned over for this to mean anything"
+    assert np.cos(end[0, 3]) < -0.9, "the vehicle must have turned over"
 
 
 @pytest.mark.slow
 def test_torque_free_tumbles_keep_energy_and_angular_momentum(asymmetric_vehicle):
-    """Rotors that stand still: both are kept to fourth order."""
+    """The rotors stand still, and both quantities are kept to fourth order."""
     parameters = asymmetric_vehicle._replace(min_rotor_speed=0.0, linear_drag=0.0, quadratic_drag=0.0)
     tumbles = random_tumbles(20, seed=1, rates=(5.0, 10.0))
     tumbles = tumbles._replace(speeds=np.zeros((20, 4)), commands=np.zeros((20, 4)))
@@ -100,7 +106,7 @@ def test_torque_free_tumbles_keep_energy_and_angular_momentum(asymmetric_vehicle
 
     energy, momentum = kept(tumbles.states)
     errors = []
-    for step in STEPS[:3]:
+    for step in TIME_STEPS[:3]:
         energy_after, momentum_after = kept(stepped(parameters, tumbles, step, 2.0)[0])
         lost = np.linalg.norm(momentum_after - momentum, axis=1) / np.linalg.norm(momentum, axis=1)
         errors.append(lost.max())
@@ -110,8 +116,8 @@ def test_torque_free_tumbles_keep_energy_and_angular_momentum(asymmetric_vehicle
     assert errors[1] / errors[2] > 12.0
 
 
-def test_angles_give_back_any_rotation():
-    """To rounding, from a pitch of nothing to ±90° to the last bit, and exactly there."""
+def test_angles_reproduce_any_rotation():
+    """They do so to rounding at any distance from a pitch of ±90°, and exactly there."""
     rng = np.random.default_rng(2)
     for distance in [0.0, *10.0 ** np.arange(-17.0, 0.0)]:
         for sign in (-1.0, 1.0):
@@ -124,7 +130,7 @@ def test_angles_give_back_any_rotation():
 
 
 def test_yaw_counts_whole_turns_and_does_not_drift():
-    """Eight turns at 4 rad/s; and a vehicle that leans and does not turn keeps roll and yaw to the bit."""
+    """One vehicle makes eight turns at 4 rad/s. The other leans, does not turn, and keeps roll and yaw to the bit."""
     parameters = QuadrotorParameters(rotor_inertia=0.0, min_rotor_speed=0.0)
     tumbles = random_tumbles(2, seed=0)
     still = np.zeros((2, 4))
@@ -138,8 +144,8 @@ def test_yaw_counts_whole_turns_and_does_not_drift():
     assert end[1, 4] == pytest.approx(0.4, abs=1e-13)
 
 
-def test_the_linear_model_of_a_step_in_hover_is_that_of_the_method(asymmetric_vehicle):
-    """I + hA + (hA)²/2 + (hA)³/6 + (hA)⁴/24, as of any coordinates of the attitude: the rotors' block apart."""
+def test_the_linear_model_of_a_step_in_hover_is_that_of_the_runge_kutta_method(asymmetric_vehicle):
+    """It is I + hA + (hA)²/2 + (hA)³/6 + (hA)⁴/24 in any coordinates of the attitude, apart from the rotors' block."""
     numbers = QuadrotorNumbers(asymmetric_vehicle)
     continuous, stepping = Quadrotor(time_step=0.0, numbers=numbers), Quadrotor(numbers=numbers)
     A = jacobian(continuous, lambda system, context: system.EvalTimeDerivatives(context).CopyToVector())[:12, :12]
@@ -157,7 +163,7 @@ def test_the_linear_model_of_a_step_in_hover_is_that_of_the_method(asymmetric_ve
 
 
 def jacobian(vehicle, function):
-    """The derivative of a function of a vehicle in hover by its state, by AutoDiffXd."""
+    """Return the derivative of a function of a vehicle in hover with respect to its state, by AutoDiffXd."""
     hover = vehicle.CreateDefaultContext()
     values = [vehicle.GetOutputPort(name).Eval(hover) for name in ("state", "rotor_speed")]
     state = InitializeAutoDiff(np.concatenate(values))[:, 0]
@@ -172,29 +178,24 @@ def jacobian(vehicle, function):
     return ExtractGradient(function(converted, context))
 
 
-def test_derivatives_are_numbers_where_the_nose_points_straight_up():
-    """Those of roll and yaw are not defined there; all else is."""
+def test_derivatives_are_finite_where_the_nose_points_straight_up():
+    """The derivatives of roll and yaw are not defined there, but all others are."""
     angles = InitializeAutoDiff(np.array([0.3, -0.5 * math.pi, 0.7]))[:, 0]
     gradient = ExtractGradient(np.array(BodyAxes.of(*angles).angles()))
     assert np.isfinite(gradient).all()
     assert gradient[0].any()
 
 
-@pytest.mark.parametrize("integrator", ["default", "as flights have it"])
+@pytest.mark.parametrize("integrator", ["default", "of a flight"])
 @pytest.mark.parametrize("yaw_rate", [0.0, 1e-9, 1e-6, 1e-3, 0.1])
-def test_a_continuous_state_turns_over_rightly_or_its_integrator_refuses(integrator, yaw_rate):
-    """With error control, roll and yaw that swing by half a turn take as many steps as they need, or none."""
-    parameters = QuadrotorParameters(rotor_inertia=0.0)
-    tumbles = random_tumbles(1, seed=0)
-    states = np.zeros((1, 12))
-    states[0, 10:] = 6.0, yaw_rate
-    hover = np.full((1, 4), 200.0)
-    flip = tumbles._replace(states=states, speeds=hover, commands=hover, winds=np.zeros((1, 3)))
-    vehicle = Quadrotor(time_step=0.0, numbers=QuadrotorNumbers(parameters))
+def test_a_continuous_state_turns_over_correctly_or_its_integrator_refuses(integrator, yaw_rate):
+    """An integrator with error control takes the steps that half-turns of roll and yaw need, or it refuses."""
+    flip = flip_at(yaw_rate)
+    vehicle = Quadrotor(time_step=0.0, numbers=QuadrotorNumbers(FLIP_PARAMETERS))
     simulator = Simulator(vehicle)
     context = simulator.get_mutable_context()
-    context.SetContinuousState(np.concatenate([states[0], hover[0]]))
-    vehicle.GetInputPort("rotor_speed_command").FixValue(context, hover[0])
+    context.SetContinuousState(np.concatenate([flip.states[0], flip.speeds[0]]))
+    vehicle.GetInputPort("rotor_speed_command").FixValue(context, flip.commands[0])
     if integrator != "default":
         ResetIntegratorFromFlags(simulator, "runge_kutta5", 0.1).set_target_accuracy(1e-8)
         simulator.get_mutable_integrator().set_requested_minimum_step_size(1e-5)
@@ -206,12 +207,12 @@ def test_a_continuous_state_turns_over_rightly_or_its_integrator_refuses(integra
         assert "smaller than minimum allowed" in str(error)
         return
     end = vehicle.GetOutputPort("state").Eval(context)[None, :]
-    _, rotation, *_ = flown(parameters, flip, 0.6)
+    _, rotation, *_ = flown(FLIP_PARAMETERS, flip, 0.6)
     assert degrees_apart(end[:, 3:6], rotation) < 1e-3
 
 
-def test_a_compiled_vehicle_tumbles_as_one_that_is_wired(asymmetric_vehicle):
-    """To the bit, alone and in a fleet, also where the angles of a lane jump and those of others do not."""
+def test_a_compiled_vehicle_tumbles_like_an_interpreted_one(asymmetric_vehicle):
+    """They agree to the bit, alone and in a fleet, even if angles jump in some lanes of a vector and not in others."""
     tumbles = random_tumbles(11, seed=3)
     wired, _ = stepped(asymmetric_vehicle, tumbles, 0.01, 1.0)
     builder = DiagramBuilder()
@@ -239,8 +240,8 @@ def test_a_compiled_vehicle_tumbles_as_one_that_is_wired(asymmetric_vehicle):
         np.testing.assert_array_equal(alone[0], wired[i])
 
 
-def test_a_vehicle_that_responds_turns_as_its_body_rates_say():
-    """Its lags take the pitch past 90°: the rates by eq (2), integrated as a rotation, lead to the same attitude."""
+def test_the_attitude_of_a_responding_vehicle_is_the_integral_of_its_body_rates():
+    """The response takes the pitch past 90°. Body rates by eq (2), integrated as a rotation, give the same attitude."""
     response = AttitudeResponse(NaturalFrequencies(6.8, 6.1, 3.0), DampingRatios(0.45, 1.0, 1.4))
     vehicle = RespondingQuadrotor(
         time_step=1e-3, numbers=RespondingNumbers(QuadrotorNumbers(QuadrotorParameters()), response)
@@ -267,8 +268,8 @@ LOAD = SlungLoad(mass=0.17, length=0.8)
 
 
 @pytest.mark.slow
-def test_a_load_swings_all_around_a_tumbling_vehicle_with_fourth_order(asymmetric_vehicle):
-    """Two masses and a rod of constant length in W; a rod horizontal along X, where α̇ is infinite, and one near it."""
+def test_a_load_around_a_tumbling_vehicle_is_integrated_with_fourth_order(asymmetric_vehicle):
+    """The reference has two masses and a rod of constant length. Some rods start along X, where α̇ is infinite."""
     tumbles = random_tumbles(20, seed=4, rates=(2.0, 6.0))
     rng = np.random.default_rng(5)
     swings = np.column_stack([rng.uniform(-3.0, 3.0, (20, 2)), rng.uniform(-4.0, 4.0, (20, 2))])
@@ -280,7 +281,7 @@ def test_a_load_swings_all_around_a_tumbling_vehicle_with_fourth_order(asymmetri
     directions, rates = (load_position - position) / LOAD.length, (load_velocity - velocity) / LOAD.length
     assert np.abs(directions[:, 0]).max() > 0.9
     errors = []
-    for step in STEPS[:3]:
+    for step in TIME_STEPS[:3]:
         states, swings_after = stepped(asymmetric_vehicle, tumbles, step, 1.0, LOAD, swings)
         found = [rod_of(swing) for swing in swings_after]
         errors.append(np.abs(np.array([rod.direction for rod in found]) - directions).max())
@@ -292,8 +293,8 @@ def test_a_load_swings_all_around_a_tumbling_vehicle_with_fourth_order(asymmetri
     assert errors[1] / errors[2] > 12.0
 
 
-def test_a_swing_gives_back_any_rod():
-    """Direction and rate to rounding of the largest, also next to horizontal along X."""
+def test_a_swing_reproduces_any_rod():
+    """Direction and rate agree to rounding of the largest number, even for a rod that is nearly along X."""
     rng = np.random.default_rng(6)
     for distance in 10.0 ** np.arange(-8.0, 1.0):
         direction = np.array([rng.choice([-1.0, 1.0]), *(distance * rng.normal(size=2))])

@@ -1,4 +1,4 @@
-"""Plots of designs, maps of gains, plans and sensitivities show the numbers that they are made of."""
+"""Plots of designs, maps of gains, plans and sensitivities show the right numbers."""
 
 import math
 
@@ -30,7 +30,7 @@ def design():
 
 
 def response_of(loop, frequency):
-    """L at frequencies, by transfer matrices of the plant and the gains, rad/s."""
+    """Return L at frequencies (rad/s), from the transfer matrices of the plant and the gains."""
     plant = loop.plant
     found = []
     for w in frequency:
@@ -45,7 +45,9 @@ def test_bode_plots_have_gain_phase_and_margins(design):
     figure = design_plots.plot_bode(design)
     grid = np.array(figure.axes).reshape(2, 2)
     for column, (name, title) in enumerate((("pitch", "attitude (pitch)"), ("x", "position (x)"))):
-        upper, lower, loop = grid[0, column], grid[1, column], design.all_loops[name]
+        upper = grid[0, column]
+        lower = grid[1, column]
+        loop = design.all_loops[name]
         assert upper.get_title() == title
         frequency, gain = upper.lines[0].get_xydata()[::40].T
         expected = response_of(loop, frequency)
@@ -60,9 +62,10 @@ def test_bode_plots_have_gain_phase_and_margins(design):
         (crossover, again), (bottom, top) = lower.lines[2].get_xydata().T
         assert crossover == again == margins.crossover
         assert (bottom, top - bottom) == pytest.approx((-180.0, margins.phase), abs=0.5)
-        turn, ends = upper.lines[2].get_xdata()[0], upper.lines[2].get_ydata()
+        turn = upper.lines[2].get_xdata()[0]
+        ends = upper.lines[2].get_ydata()
         np.testing.assert_allclose(ends, [-margins.gain, 0.0])
-        # There the phase is -180 degrees, and the gain as far below 0 dB.
+        # The phase is -180 degrees there, and the gain is as far below 0 dB.
         at = response_of(loop, [turn])[0]
         assert at.real == pytest.approx(-(10.0 ** (-margins.gain / 20.0)), rel=0.03)
         assert abs(at.imag) < 0.05 * abs(at)
@@ -74,7 +77,7 @@ def test_bode_plots_have_gain_phase_and_margins(design):
         assert lower.get_xlim()[1] == pytest.approx(math.pi / loop.plant.period)
 
 
-def test_the_disk_of_a_nyquist_plot_is_what_the_loop_stays_outside_of(design):
+def test_the_loop_of_a_nyquist_plot_stays_outside_the_disk_and_touches_it(design):
     for axes, name in zip(design_plots.plot_nyquist(design).axes, ("pitch", "x"), strict=True):
         loop = design.all_loops[name]
         named = [text.get_text() for text in axes.get_legend().get_texts()]
@@ -99,7 +102,8 @@ def test_the_disk_of_a_nyquist_plot_is_what_the_loop_stays_outside_of(design):
 
 def test_poles_of_a_root_locus_are_those_of_the_closed_loop(design):
     loop = design.loops["x"]
-    plant, row = loop.plant, np.array([loop.gains])
+    plant = loop.plant
+    row = np.array([loop.gains])
     figure = design_plots.plot_root_locus(design)
     (axes,) = figure.axes
     named = [text.get_text() for text in figure.legends[0].get_texts()]
@@ -107,7 +111,7 @@ def test_poles_of_a_root_locus_are_those_of_the_closed_loop(design):
     assert len(named) == 3
 
     def poles(factor):
-        """In continuous time; those of delays have none there."""
+        """Return the poles in continuous time, without those of delays, which have no counterpart."""
         found = np.linalg.eigvals(plant.A - factor * plant.B @ row @ plant.C)
         return np.log(found[np.abs(found) > 1e-6].astype(complex)) / plant.period
 
@@ -128,7 +132,7 @@ def test_poles_of_a_root_locus_are_those_of_the_closed_loop(design):
     for factor in (0.0, 0.5, 3.0, 29.0):
         for pole in poles(factor):
             assert np.abs(cloud - pole).min() < 0.02 * (1.0 + abs(pole))
-    # Rays of damping ratios, up to the edge of the drawing.
+    # The rays of damping ratios reach the edge of the plot.
     rays = [line.get_xydata() for line in axes.lines if len(line.get_xdata()) == 5]
     for ray, damping in zip(rays, (0.3, 0.5, 0.7), strict=True):
         for x, y in (ray[1], ray[4]):
@@ -141,7 +145,7 @@ def test_poles_of_a_root_locus_are_those_of_the_closed_loop(design):
 
 
 @pytest.mark.slow
-def test_steps_of_diagram_and_linear_model_settle_where_they_lead():
+def test_steps_of_diagram_and_linear_model_settle_at_their_size():
     loop = closed_loop(load_scenario("laboratory:nominal"))
     for axes, (row, size) in zip(
         design_plots.plot_steps(loop).axes, (("x", 0.5), ("z", 0.5), ("yaw", 0.5)), strict=True
@@ -154,7 +158,7 @@ def test_steps_of_diagram_and_linear_model_settle_where_they_lead():
             assert line.get_ydata()[-1] == pytest.approx(size, rel=0.1)
         np.testing.assert_allclose(diagram.get_ydata(), model.get_ydata(), atol=0.12 * size)
         assert axes.get_ylim()[1] >= 1.06 * size
-    # Until the slowest pole has decayed to less than a hundredth, but four seconds at least and a minute at most.
+    # The plot ends when the slowest pole has decayed to less than a hundredth, after four seconds to a minute.
     slowest = -math.log(np.abs(loop.system.poles()).max()) / loop.system.period
     assert diagram.get_xdata()[-1] == pytest.approx(min(max(5.0 / slowest, 4.0), 60.0), abs=0.05)
 
@@ -165,7 +169,7 @@ def metrics_of(rmse, crashed):
 
 @pytest.fixture(scope="module")
 def panels():
-    """Gains of which those with k_D below k_P / 4 are not stable, and those at the end crash."""
+    """Return panels and their numbers; gains with k_D below k_P / 4 are unstable, and the largest gains crash."""
     first, second = np.linspace(1.0, 5.0, 9), np.linspace(0.5, 3.5, 13)
     k_p, k_d = np.meshgrid(first, second, indexing="ij")
     size = 1.0 + 0.1 * (0.25 * k_p - k_d)
@@ -228,12 +232,12 @@ def test_lines_of_a_map_are_the_edge_of_stability_and_levels_of_damping_and_dela
             assert 0.5 / (k_p + k_d) == pytest.approx(level, rel=0.05)
     labels = [text.get_text() for text in axes.texts]
     assert {"ζ 0.4", "80 ms"} <= set(labels)
-    # Where everything is stable there is no edge.
+    # A map has no edge if everything is stable.
     stable = [found[0]._replace(linear=found[0].linear._replace(size=np.full((9, 13), 0.9)))]
     assert len([each for each in drawn_map(stable, first, second).axes[0].collections if hasattr(each, "levels")]) == 2
 
 
-def test_labels_of_a_map_stand_on_their_lines_and_apart(panels):
+def test_labels_of_a_map_are_on_their_lines_and_apart(panels):
     found, first, second, *_ = panels
     figure = drawn_map(found[:1], first, second)
     figure.draw_without_rendering()
@@ -253,7 +257,7 @@ def test_labels_of_a_map_stand_on_their_lines_and_apart(panels):
     assert scipy.spatial.distance.pdist(places).min() > 20.0
 
 
-def test_errors_of_a_map_that_are_all_alike_or_next_to_nothing_have_a_scale(panels):
+def test_errors_of_a_map_that_are_equal_or_next_to_zero_have_a_scale(panels):
     found, first, second, *_ = panels
     zero = [found[0]._replace(flown=metrics_of(np.zeros((9, 13)), np.zeros((9, 13), dtype=bool)))]
     image = drawn_map(zero, first, second).axes[0].images[0]
@@ -267,11 +271,12 @@ def test_errors_of_a_map_that_are_all_alike_or_next_to_nothing_have_a_scale(pane
 
 
 def test_a_tornado_of_sensitivities_is_in_per_cent_per_per_cent():
-    fields, values = ("a", "b", "c", "d"), np.array([2.0, 0.5, 0.0, 4.0])
+    fields = ("a", "b", "c", "d")
+    values = np.array([2.0, 0.5, 0.0, 4.0])
     gradients = {"rmse": np.array([0.1, -2.0, 7.0, np.nan]), "effort_x": np.zeros(4)}
     found = Sensitivities(fields, values, {"rmse": 0.4, "effort_x": 0.0}, np.inf, gradients)
     (axes,) = plot_sensitivities(found, "rmse").axes
-    # The largest stands at the top; a field that is zero and a metric with a kink have no bar.
+    # The largest bar is at the top. A field that is zero and a metric with a kink have no bar.
     assert [label.get_text() for label in axes.get_yticklabels()] == ["a", "b"]
     assert [bar.get_width() for bar in axes.patches] == pytest.approx([0.5, -2.5])
     assert [bar.get_y() + 0.5 * bar.get_height() for bar in axes.patches] == pytest.approx([0.0, 1.0])
@@ -292,7 +297,7 @@ def planned():
 
 @pytest.fixture(scope="module")
 def drawn_plan(planned):
-    """A plan without regions, and a limit on the speed that it is far from."""
+    """Return the axes of a plan without regions, whose speed is far below its limit."""
     return plan_plots.plot_plan(*planned, limits=Limits(speed=9.0)).axes
 
 
@@ -309,7 +314,7 @@ def test_a_plan_is_seen_from_three_sides(planned, drawn_plan):
         assert (axes.get_xlabel(), axes.get_ylabel()) == (f"{'XYZ'[i]} (m)", f"{'XYZ'[j]} (m)")
         assert axes.get_aspect() == 1.0
         assert bool(axes.texts) == (j == 1)
-    # Waypoints that lie on each other have one label with all of their numbers.
+    # Waypoints at the same place have one label with all of their numbers.
     shown = sorted(int(number) for text in views[0].texts for number in text.get_text().split(", "))
     assert shown == list(range(len(plan.waypoints)))
     for text in views[0].texts:
@@ -348,11 +353,13 @@ def test_profiles_of_a_plan_are_norms_of_its_derivatives(planned, drawn_plan):
 
 
 @pytest.mark.slow
-def test_regions_and_waypoints_of_a_plan_are_drawn_where_they_are(planned):
-    """Of the waypoints, those of the route alone."""
+def test_regions_and_waypoints_of_a_plan_are_drawn_at_their_places(planned):
+    """Only the waypoints of the route are drawn."""
     plan, parameters = planned
-    box, ball = Box([1.0, 2.0, 0.5], [1.5, 2.6, 1.0]), Sphere([0.3, 0.4, 1.2], 0.25)
-    corridor, half = Box([-2.0, -3.0, 0.0], [3.0, 4.0, 2.5]), Polytope([[1.0, 0.0, 0.0]], [2.0])
+    box = Box([1.0, 2.0, 0.5], [1.5, 2.6, 1.0])
+    ball = Sphere([0.3, 0.4, 1.2], 0.25)
+    corridor = Box([-2.0, -3.0, 0.0], [3.0, 4.0, 2.5])
+    half = Polytope([[1.0, 0.0, 0.0]], [2.0])
     figure = plan_plots.plot_plan(
         plan,
         parameters,
@@ -362,7 +369,7 @@ def test_regions_and_waypoints_of_a_plan_are_drawn_where_they_are(planned):
     )
     np.testing.assert_allclose(figure.axes[0].lines[1].get_xydata(), plan.waypoints[[0, 2, 5], :2])
     for axes, (i, j) in zip(figure.axes[:3], ((0, 1), (0, 2), (1, 2)), strict=True):
-        # A corridor of two segments is drawn once, and a point not at all.
+        # A corridor of two segments is drawn once, and a point is not drawn.
         first, second, third, fourth = axes.patches
         for patch, region in ((first, corridor), (third, box)):
             assert patch.get_xy() == (region.low[i], region.low[j])

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from figure_content import curve, legends
 from matplotlib.colors import to_hex
 
 from drake_quad import load_scenario, simulate
@@ -25,28 +26,16 @@ WIND = (
 
 @pytest.fixture(scope="module")
 def flight():
-    """A windy flight of three seconds past a pillar."""
+    """Return a windy flight of three seconds past a pillar."""
     pillar = "space={obstacles: {pillar: {kind: cylinder, centre: [0.4, 2.5, 1.0], radius: 0.2, height: 2.0}}}"
     return simulate(load_scenario("laboratory:low_wind", ["duration=3", pillar]))
 
 
 @pytest.fixture(scope="module")
 def crash():
-    """A flight that a wind blows away."""
+    """Return a flight that a wind blows away."""
     wind = ["vehicle.linear_drag=0.3", "laboratory.wind=[{kind: steady, velocity: [6, 0, 0]}]"]
     return simulate(load_scenario("hover", ["duration=3", "crash.position_error=0.5", *wind]))
-
-
-def curve(axes, label):
-    """The data of the curve of a name."""
-    (found,) = [line for line in axes.lines if line.get_label() == label]
-    return found.get_xydata().T
-
-
-def legends(figure):
-    """The texts of all legends of a figure, in order."""
-    found = [*figure.legends, *(axes.get_legend() for axes in figure.axes)]
-    return [text.get_text() for legend in found if legend is not None for text in legend.get_texts()]
 
 
 def test_the_position_error_is_reference_minus_flown_in_centimetres(flight):
@@ -76,7 +65,7 @@ def test_attitude_is_in_degrees_beside_its_command(flight):
         wanted = np.degrees(getattr(flight.record("attitude_command"), angle))
         np.testing.assert_allclose(curve(axes, "commanded"), [flight.time, wanted])
         assert axes.get_ylabel() == f"{angle} (°)"
-    # Of a yaw that hardly changes, at least two degrees are shown.
+    # The axis of a yaw that hardly changes spans at least two degrees.
     low, high = rows[2].get_ylim()
     yaw = np.degrees(flight.record("state").yaw)
     assert high - low >= 2.0 - 1e-9
@@ -85,7 +74,7 @@ def test_attitude_is_in_degrees_beside_its_command(flight):
     assert (rows[0].get_ylim()[0] < roll.min()) & (roll.max() < rows[0].get_ylim()[1])
 
 
-def test_an_attitude_that_stays_is_in_the_middle():
+def test_a_constant_attitude_is_in_the_middle_of_its_axis():
     flight = simulate(load_scenario("hover", ["duration=0.2"]))
     for axes, angle in zip(plots.plot_attitude(flight).axes, ("roll", "pitch", "yaw"), strict=True):
         still = np.degrees(getattr(flight.record("state"), angle))
@@ -94,7 +83,7 @@ def test_an_attitude_that_stays_is_in_the_middle():
         assert 0.5 * (low + high) == pytest.approx(still.mean(), abs=0.1)
 
 
-def test_rotor_speeds_are_shown_close_and_between_their_limits(flight):
+def test_rotor_speeds_are_shown_close_up_and_between_their_limits(flight):
     figure = plots.plot_rotors(flight)
     assert legends(figure) == [f"rotor {i}" for i in range(1, 5)]
     close, whole = figure.axes
@@ -129,7 +118,7 @@ def test_a_path_is_shown_in_space_and_from_above(flight):
     flown, wanted = (np.array(line.get_data_3d()) for line in space.lines)
     np.testing.assert_array_equal(flown, [state.x, state.y, state.z])
     np.testing.assert_array_equal(wanted, [reference.x, reference.y, reference.z])
-    # The start is marked, and the pillar beside the path, which is in view.
+    # The start is marked, and the pillar beside the path is in view.
     start = np.array(space.collections[0]._offsets3d)[:, 0]
     np.testing.assert_array_equal(start, flown[:, 0])
     limits = np.array([space.get_xlim(), space.get_ylim(), space.get_zlim()])
@@ -161,7 +150,7 @@ def test_the_view_of_a_hover_is_half_a_metre_wide():
         assert 0.5 <= np.ptp(limits) < 2.0
 
 
-def test_a_crash_is_marked_where_it_is(crash):
+def test_a_crash_is_marked_at_its_place(crash):
     assert crash.metrics.crashed
     _, plane = plots.plot_path(crash).axes
     state = crash.record("state")
@@ -171,7 +160,7 @@ def test_a_crash_is_marked_where_it_is(crash):
     assert len(alone.lines) == 3
 
 
-def test_a_flight_at_a_glance_has_all_of_its_parts(flight, crash):
+def test_the_overview_of_a_flight_has_all_of_its_parts(flight, crash):
     figure, axes = plot_flight(flight)
     named = ["flown", "reference", "start", "X", "Y", "Z", *(f"rotor {i}" for i in range(1, 5))]
     assert sorted(legends(figure)) == sorted(named)
@@ -187,7 +176,7 @@ def test_a_flight_at_a_glance_has_all_of_its_parts(flight, crash):
 
 
 @pytest.mark.slow
-def test_all_plots_that_a_flight_has_are_saved(flight, monkeypatch):
+def test_the_plots_that_a_flight_has_are_saved(flight, monkeypatch):
     """A flight without wind has no plot of wind, and one without a network none of learning."""
     monkeypatch.setattr(plots, "save_figures", lambda figures, folder, vector: [*figures])
     always = ["path", "errors", "attitude", "rotors"]
@@ -210,7 +199,7 @@ def plan():
     return plan_route(load_scenario("figure_eight"))
 
 
-def test_a_leg_is_marked_in_its_middle_on_its_right(plan):
+def test_a_leg_is_marked_to_the_right_of_its_middle(plan):
     marks = leg_marks(plan)
     ends = [*plan.leg_times, plan.path.times[-1]]
     assert [mark.number for mark in marks] == list(range(1, len(ends)))
@@ -219,7 +208,7 @@ def test_a_leg_is_marked_in_its_middle_on_its_right(plan):
         np.testing.assert_allclose(mark.place, plan.derivative(0).value(middle)[:, 0])
         v_x, v_y, _ = plan.derivative(1).value(middle)[:, 0]
         if np.any(mark.beside):
-            # To the right of where it flies, at a right angle, and of length one.
+            # The mark is to the right of the direction of flight, at a right angle, and of length one.
             assert mark.beside @ [v_x, v_y] == pytest.approx(0.0, abs=1e-9)
             assert v_x * mark.beside[1] - v_y * mark.beside[0] < 0.0
             assert np.linalg.norm(mark.beside) == pytest.approx(1.0)
@@ -229,7 +218,7 @@ def test_a_leg_is_marked_in_its_middle_on_its_right(plan):
     assert leg_marks(plan_route(load_scenario("hover"))) == []
 
 
-def test_numbers_of_legs_stand_beside_the_path_and_over_time(plan):
+def test_numbers_of_legs_are_beside_the_path_and_along_the_time_axis(plan):
     figure = new_figure(4.0, 3.0)
     above, time = figure.subplots(2, 1)
     number_legs(above, plan, distance=7.0)
@@ -274,12 +263,12 @@ def test_the_wind_at_the_vehicle_is_shown_over_time(windy):
 
 
 def middles(mesh):
-    """Coordinates of the middles of a mesh's cells, across and up the page: (rows, columns) each, m."""
+    """Return the centres of a mesh's cells, across and up the page: (rows, columns) each, m."""
     return np.moveaxis(0.5 * (mesh.get_coordinates()[:-1, :-1] + mesh.get_coordinates()[1:, 1:]), -1, 0)
 
 
 def mean_speed(flight, x, y, z):
-    """The speed of steady wind and fans at places, m/s."""
+    """Return the speed of steady wind and fans at places, m/s."""
     rows = np.broadcast_arrays(x, y, z)
     still = np.zeros_like(rows[0])
     velocity = [still + part for part in (0.3, -0.2, 0.1)]
@@ -291,13 +280,13 @@ def mean_speed(flight, x, y, z):
 
 @pytest.mark.slow
 def test_maps_show_the_mean_wind_in_a_level_and_an_upright_plane(windy):
-    """The fan blows along its axis; far from it there is the steady wind alone."""
+    """The fan blows along its axis, and far from it there is only the steady wind."""
     above, side, *_ = plot_wind(windy).axes
     reference, state = windy.record("reference"), windy.record("state")
     long, short = ("y", "x") if np.ptp(above.get_xlim()) and above.get_xlabel() == "Y (m)" else ("x", "y")
     assert above.get_ylabel() == f"{short.upper()} (m)"
     assert (side.get_xlabel(), side.get_ylabel()) == (f"{long.upper()} (m)", "Z (m)")
-    # The planes lead through the outlet of the fan.
+    # The planes pass through the outlet of the fan.
     assert above.get_title(loc="left") == "From above: wind at Z = 1.1 m"
     level = {"x": -2.0, "y": 0.3}[short]
     assert side.get_title(loc="left") == f"From the side: wind at {short.upper()} = {level:.1f} m".replace("-", "−")
@@ -309,14 +298,14 @@ def test_maps_show_the_mean_wind_in_a_level_and_an_upright_plane(windy):
         assert (mesh.norm.vmin, mesh.norm.vmax) == (0.0, max(tops))
         np.testing.assert_array_equal(curve(axes, "reference"), [getattr(reference, long), getattr(reference, up)])
         np.testing.assert_array_equal(curve(axes, "flown"), [getattr(state, long), getattr(state, up)])
-        # The map holds the path, the fan and a margin, but nothing below the ground.
+        # The map contains the path, the fan and a margin, but nothing below the ground.
         corners = mesh.get_coordinates()
         for place, axis in ((0, long), (1, up)):
             ends = [*getattr(state, axis), *getattr(reference, axis), {"x": -2.0, "y": 0.3, "z": 1.1}[axis]]
             low = max(min(ends) - 0.7, 0.0) if axis == "z" else min(ends) - 0.7
             assert corners[..., place].min() == pytest.approx(low, abs=0.02)
             assert corners[..., place].max() == pytest.approx(max(ends) + 0.7, abs=0.03)
-    # The longer side lies across the page.
+    # The longer side of the map is across the page.
     corners = above.collections[0].get_coordinates()
     assert np.ptp(corners[..., 0]) >= np.ptp(corners[..., 1])
 
@@ -334,7 +323,7 @@ def test_a_fan_is_a_bar_across_its_direction(windy):
 
 
 def test_arrows_have_the_direction_of_the_wind(windy):
-    """Each arrow is the velocity at its place, of which the longest reaches to the next one."""
+    """Each arrow is the velocity at its place. The longest arrow reaches to the next one."""
     above, *_ = plot_wind(windy).axes
     arrows, mesh = above.collections[1], above.collections[0]
     speeds = np.hypot(arrows.U, arrows.V)
@@ -342,7 +331,7 @@ def test_arrows_have_the_direction_of_the_wind(windy):
     at = dict(zip(above.get_xlabel()[0].lower() + above.get_ylabel()[0].lower(), (arrows.X, arrows.Y), strict=True))
     whole = np.hypot(speeds, 0.1)
     np.testing.assert_allclose(whole, mean_speed(windy, z=1.1, **at))
-    # Where there is next to no wind there is no arrow; elsewhere they stand evenly.
+    # Places with next to no wind have no arrow. The other arrows are evenly spaced.
     assert whole.min() > 0.03 * mesh.get_array().max()
     assert len(np.unique(arrows.X)) == pytest.approx(30, abs=1)
     assert speeds.max() / arrows.scale == pytest.approx(spacing, rel=0.15)

@@ -107,8 +107,8 @@ def test_predictions_are_drawn_in_units_for_the_eye():
     np.testing.assert_allclose(drawn, expected)
 
 
-def test_windows_around_those_that_are_held_out_are_drawn(identification):
-    """Five before and five from where they begin on, of the first log alone."""
+def test_windows_around_the_first_held_out_one_are_drawn(identification):
+    """Five windows before the first held-out one and five from there on are drawn, of the first log alone."""
     output = identification.outputs[0]
     log = np.array(["a"] * 10 + ["b"] * 2)
     two = output._replace(log=log, held_out=np.arange(12) >= 9)
@@ -123,7 +123,7 @@ def test_windows_around_those_that_are_held_out_are_drawn(identification):
     assert len(measured) == len(predicted) == len(windows)
     assert [line.get_label() for line in left.lines[:2]] == ["measured", "predicted"]
     assert left.get_xlabel() == "time (s) in a"
-    # If none is held out, the last ones.
+    # If no window is held out, the last windows are drawn.
     none = Identification(
         identification.estimates, identification.vehicle, (two._replace(held_out=np.zeros(12, bool)),)
     )
@@ -136,13 +136,13 @@ def test_windows_around_those_that_are_held_out_are_drawn(identification):
     ("share", "fitted", "words"),
     [(0.5, 0.9, "explained 50.0 %"), (np.nan, 0.9, "explained 90.0 %"), (-3.0, 0.9, "nothing explained")],
 )
-def test_the_share_that_is_explained_is_that_of_windows_that_were_held_out(identification, share, fitted, words):
+def test_the_explained_share_is_that_of_held_out_windows(identification, share, fitted, words):
     output = identification.outputs[0]._replace(share=share, share_fitted=fitted)
     _, right = plots.plot_fit(Identification(identification.estimates, identification.vehicle, (output,))).axes
     assert right.get_title(loc="right") == words
 
 
-def test_residuals_have_the_autocorrelation_and_the_spectrum_that_numpy_and_scipy_find(identification):
+def test_residuals_have_the_autocorrelation_and_the_spectrum_of_numpy_and_scipy(identification):
     output = identification.outputs[0]
     coloured = np.cumsum(output.residual, axis=1)
     figure = plots.plot_residuals(
@@ -163,7 +163,7 @@ def test_residuals_have_the_autocorrelation_and_the_spectrum_that_numpy_and_scip
         coloured, 1.0 / 0.04, window=np.hanning(26), detrend=False, scaling="density", return_onesided=True
     )
     np.testing.assert_allclose(frequency, expected[0][1:])
-    # The last frequency is there once only.
+    # A one-sided spectrum doubles every frequency but the last one.
     np.testing.assert_allclose(density[:-1], expected[1].mean(axis=0)[1:-1] / np.mean(coloured**2))
     span = left.patches[0].get_y(), left.patches[0].get_y() + left.patches[0].get_height()
     assert span == pytest.approx((-1.96 / np.sqrt(coloured.size), 1.96 / np.sqrt(coloured.size)))
@@ -177,14 +177,14 @@ def test_a_fit_without_any_error_has_no_spectrum(identification):
     np.testing.assert_array_equal(right.lines[0].get_ydata(), 0.0)
 
 
-def test_many_outputs_are_told_apart_by_colour_and_style(identification):
+def test_many_outputs_differ_in_colour_or_style(identification):
     outputs = tuple(identification.outputs[0]._replace(name=str(i)) for i in range(14))
     left, _ = plots.plot_residuals(Identification(identification.estimates, identification.vehicle, outputs)).axes
     looks = [(line.get_color(), line.get_linestyle()) for line in left.lines]
     assert len(set(looks)) == 14
 
 
-def test_the_thrust_shows_hover_and_what_was_flown(identification):
+def test_the_plot_of_thrust_shows_hover_and_the_flown_range(identification):
     commands = np.concatenate([np.linspace(0.3, 0.6, 100), [0.99]])
     (axes,) = plots.plot_thrust(identification, commands).axes
     vehicle = identification.vehicle.vehicle
@@ -206,7 +206,7 @@ def test_correlations_are_shaded_in_their_places(identification):
     axes = plots.plot_correlations(estimates).axes[0]
     np.testing.assert_allclose(axes.images[0].get_array(), estimates.correlation)
     assert axes.images[0].get_clim() == (-1.0, 1.0)
-    # What is less than 5 % is not written.
+    # Correlations of less than 5 % are not written.
     assert {(text.get_position(), text.get_text()) for text in axes.texts} == {((3, 0), "0.5"), ((0, 3), "0.5")}
     assert {text.get_color() for text in axes.texts} == {"black"}
     assert [label.get_text() for label in axes.get_yticklabels()] == [
@@ -214,7 +214,7 @@ def test_correlations_are_shaded_in_their_places(identification):
     ]
 
 
-def test_errors_of_predictions_have_their_intervals_and_stand_beside_each_other():
+def test_errors_of_predictions_have_their_intervals_and_are_side_by_side():
     errors = RNG.uniform(0.01, 0.02, size=(2, 2, 20))
     given = Predictions(
         ("one", "other"), (0.1, 0.5), np.array(["a"] * 20), np.arange(20.0), {"attitude": errors, "velocity": errors}
@@ -234,14 +234,14 @@ def test_errors_of_predictions_have_their_intervals_and_stand_beside_each_other(
                 np.testing.assert_allclose(segment[:, 1], [factor * each.low, factor * each.high])
     assert first.get_ylabel() == "RMS error of attitude (°)"
     assert second.get_ylabel() == "RMS error of velocity (m/s)"
-    # Without position and attitude, the first two of what there is.
+    # Without position and attitude, the first two of the other quantities are drawn.
     (only,) = plots.plot_predictions(replace(given, errors={"velocity": errors})).axes
     assert only.get_ylabel() == "RMS error of velocity (m/s)"
 
 
 @pytest.fixture(scope="module")
 def compared():
-    """A second of a log with a gap, and twenty predictions of which one crashes half way."""
+    """Return a comparison of a second of a log with a gap and twenty predictions, one of which crashes half-way."""
     time = np.concatenate([np.arange(40) * 0.01, 0.9 + np.arange(40) * 0.01])
     target = np.stack([time, 2.0 * time, 1.0 + 0.0 * time], axis=1)
     flown = 0.02 * np.stack([np.sin(9.0 * time), np.cos(9.0 * time), time], axis=1)
@@ -250,7 +250,7 @@ def compared():
     return Comparison(None, None, None, None, time, target, flown, predicted)
 
 
-def test_a_log_is_drawn_beside_the_band_of_its_predictions(compared):
+def test_a_log_is_drawn_over_the_band_of_its_predictions(compared):
     figure = plot_log_comparison(compared)
     named = [text.get_text() for text in figure.legends[0].get_texts()]
     assert named == ["reference", "95 % of the predictions", "predicted", "flown"]
@@ -258,7 +258,7 @@ def test_a_log_is_drawn_beside_the_band_of_its_predictions(compared):
     assert [axes.get_xlabel() for axes in grid[:, 0]] == ["", "", "time of the log (s)"]
     for i, (place, error) in enumerate(grid):
         reference, middle, flown = (line.get_xydata().T for line in place.lines)
-        # Where the log has a gap, lines are broken.
+        # Lines are broken where the log has a gap.
         assert np.flatnonzero(np.isnan(flown[0])).tolist() == [40]
         kept = np.arange(81) != 40
         np.testing.assert_array_equal(reference[:, kept], [compared.time, compared.target[:, i]])

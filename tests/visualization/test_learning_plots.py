@@ -1,4 +1,4 @@
-"""Plots of a network show what it commands, its weights and what it adds to the command."""
+"""Plots of a network show its commands, its weights and its correction of the command."""
 
 import itertools
 
@@ -18,11 +18,11 @@ def flight():
 
 
 def elliptic(u, a):
-    """The membership of a set around 0 of width 1 (Kayacan and Maslim 2016, eq. 16)."""
+    """Return the membership of a set around 0 of width 1 (Kayacan and Maslim 2016, eq. 16)."""
     return np.where(np.abs(u) < 1.0, np.maximum(1.0 - np.abs(u) ** a, 0.0) ** (1.0 / a), 0.0)
 
 
-def test_memberships_are_those_of_the_formula():
+def test_memberships_match_the_formula():
     figure = plots.plot_memberships([(1.0, 1.0), (1.6, 0.4)])
     for axes, (a1, a2) in zip(figure.axes, ((1.0, 1.0), (1.6, 0.4)), strict=True):
         upper, lower = axes.lines
@@ -36,7 +36,7 @@ def test_memberships_are_those_of_the_formula():
     assert len(plots.plot_memberships().axes) == 4
 
 
-def test_exponents_of_ones_own_have_a_panel(flight):
+def test_the_exponents_of_the_network_have_a_panel(flight):
     sets = antecedents(flight.scenario.control.network)
     titles = [axes.get_title() for axes in plots.plot_own_memberships(flight).axes]
     own = f"a1 = {sets.a1:g}, a2 = {sets.a2:g}"
@@ -45,7 +45,7 @@ def test_exponents_of_ones_own_have_a_panel(flight):
     assert titles[0] == "a1 = 1, a2 = 1"
 
 
-def test_learning_is_shown_axis_by_axis(flight):
+def test_learning_is_shown_for_each_axis(flight):
     figure = plots.plot_learning(flight)
     network = flight.scenario.control.network
     names = sorted(network.axes)
@@ -60,7 +60,7 @@ def test_learning_is_shown_axis_by_axis(flight):
         assert len(learned.lines) == weights.shape[2] == 9
         for line in learned.lines:
             (rule,) = [i for i in range(9) if np.array_equal(weights[:, column, i], line.get_ydata())]
-            # Rules go through the sets of the rate first.
+            # The set of the rate varies fastest in the order of the rules.
             error, rate = divmod(rule, 3)
             assert line.get_label() == f"{(-1, 0, 1)[error]:g}, {(-1, 0, 1)[rate]:g}"
             assert to_hex(line.get_color()) == plots._COLORS[error].lower()
@@ -79,8 +79,8 @@ def test_a_law_without_a_covariance_has_no_row_for_its_trace():
         assert len(plots.plot_learning(flight).axes) == rows * len(flight.scenario.control.network.axes)
 
 
-def answer(sets, weights, error, rate):
-    """What a network of triangular or elliptic sets says: the mean of both firings, rule by rule."""
+def network_output(sets, weights, error, rate):
+    """Return the output of a network of triangular or elliptic sets: the mean of both firings, rule by rule."""
     found = []
     for a in (sets.a1, sets.a2):
         strengths = []
@@ -97,7 +97,7 @@ def answer(sets, weights, error, rate):
     )
 
 
-def test_surfaces_show_what_the_network_adds_before_and_after(flight):
+def test_surfaces_show_the_correction_before_and_after_the_flight(flight):
     figure = plots.plot_surfaces(flight)
     sets = antecedents(flight.scenario.control.network)
     names = sorted(flight.scenario.control.network.axes)
@@ -113,7 +113,7 @@ def test_surfaces_show_what_the_network_adds_before_and_after(flight):
             assert error.min() == pytest.approx(-1.05 / sets.inputs[0].scale)
             assert rate.max() == pytest.approx(1.05 / sets.inputs[1].scale)
             inside = (np.abs(error * sets.inputs[0].scale) < 0.95) & (np.abs(rate * sets.inputs[1].scale) < 0.95)
-            expected = -answer(sets, weights[tick, names.index(axis)], error, rate)
+            expected = -network_output(sets, weights[tick, names.index(axis)], error, rate)
             shown = np.asarray(mesh.get_array()).reshape(error.shape)
             np.testing.assert_allclose(shown[inside], expected[inside], atol=1e-6 + 1e-3 * top)
             assert (mesh.norm.vmin, mesh.norm.vmax) == pytest.approx((-max(top, 1e-9), max(top, 1e-9)))
@@ -123,14 +123,14 @@ def test_surfaces_show_what_the_network_adds_before_and_after(flight):
             np.testing.assert_array_equal(met[1], getattr(flight.record("error_rate"), axis))
 
 
-def test_a_secant_gain_is_the_change_of_the_answer_over_the_error(flight):
+def test_a_secant_gain_is_the_change_of_the_output_over_the_error(flight):
     sets: Antecedents = antecedents(flight.scenario.control.network)
     weights = np.random.default_rng(2).normal(size=9)
     errors = (0.002, 0.03)
     own, triangles = plots.secant_gains(sets, weights, errors)
     for found, each in ((own, sets), (triangles, sets._replace(a1=1.0, a2=1.0))):
-        at_rest = answer(each, weights, np.zeros(1), np.zeros(1))
-        expected = [(answer(each, weights, np.array([e]), np.zeros(1)) - at_rest)[0] / e for e in errors]
+        at_rest = network_output(each, weights, np.zeros(1), np.zeros(1))
+        expected = [(network_output(each, weights, np.array([e]), np.zeros(1)) - at_rest)[0] / e for e in errors]
         np.testing.assert_allclose(found, expected, rtol=1e-6)
     figure = plots.plot_secant_gains(flight)
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["the network", "the same with triangles"]

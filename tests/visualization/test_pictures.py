@@ -60,8 +60,8 @@ def test_a_label_gives_way():
 
 
 @pytest.mark.parametrize("direction", AROUND)
-def test_a_label_stands_in_a_direction_from_its_point(direction):
-    """By its own edge or its middle, so that its distance is that of its nearest corner."""
+def test_a_label_is_placed_in_a_direction_from_its_point(direction):
+    """Its nearest edge or its middle is aligned, so that its distance is that of its nearest corner."""
     figure = new_figure(4.0, 3.0)
     axes = figure.subplots()
     axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
@@ -79,7 +79,7 @@ def test_a_label_stands_in_a_direction_from_its_point(direction):
             assert 3.0 < apart * points < 8.0
 
 
-def test_a_label_without_a_free_place_stands_where_it_crosses_least():
+def test_a_label_without_a_free_place_is_placed_where_it_crosses_least():
     figure = new_figure(4.0, 3.0)
     axes = figure.subplots()
     axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
@@ -180,8 +180,9 @@ def test_rotors_that_turn_alike_are_told_apart(flight):
     rotors = [line for line in close.lines if line.get_label().startswith("rotor")]
     assert [line.is_dashed() for line in rotors] == [False, True, True, True]
     figure.draw_without_rendering()
-    box, inside = close.get_legend().get_window_extent(figure.canvas.get_renderer()), close.get_window_extent()
-    # Right above the axes, at their right end.
+    box = close.get_legend().get_window_extent(figure.canvas.get_renderer())
+    inside = close.get_window_extent()
+    # The legend is right above the axes, at their right end.
     assert 0.0 <= box.y0 - inside.y1 < 15.0
     assert abs(box.x1 - inside.x1) < 15.0
 

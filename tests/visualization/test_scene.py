@@ -1,4 +1,4 @@
-"""Scenes of replays, as calls of Meshcat: what is drawn, where it is and when it moves."""
+"""Scenes of replays, as calls of Meshcat: drawn objects, their poses and their motion."""
 
 import json
 from dataclasses import replace
@@ -40,7 +40,7 @@ from drake_quad.visualization.style import AXES
 
 
 class Animation:
-    """Keeps the keyframes of an animation, by path and by what moves."""
+    """An animation that keeps its keyframes, by path and by property."""
 
     def __init__(self, rate):
         self.rate, self.transforms, self.properties = rate, {}, {}
@@ -59,7 +59,7 @@ class Animation:
 
 
 class Scene:
-    """Takes the calls that Meshcat would take, and keeps what is drawn by its path."""
+    """A stand-in for Meshcat that keeps what is drawn, by its path."""
 
     def __init__(self):
         self.objects, self.colors, self.poses, self.properties = {}, {}, {}, {}
@@ -102,12 +102,12 @@ class Scene:
         self.published = True
 
 
-X = Rotors.x(length=0.2, width=0.3)
-FRAME = Frame(X, (np.zeros(3),) * 4)
+X_LAYOUT = Rotors.x(length=0.2, width=0.3)
+FRAME = Frame(X_LAYOUT, (np.zeros(3),) * 4)
 
 
 def ends(box, pose):
-    """The middles of the two short sides of a box, m."""
+    """Return the middles of the two short sides of a box, m."""
     half = 0.5 * box.width()
     return np.array([pose @ np.array([sign * half, 0.0, 0.0]) for sign in (-1.0, 1.0)])
 
@@ -115,9 +115,9 @@ def ends(box, pose):
 def test_each_part_of_a_quadrotor_is_where_it_belongs():
     scene = Scene()
     draw_quadrotor(scene, "/v", FRAME, "black")
-    size = shrunk(X)
+    size = shrunk(X_LAYOUT)
     assert size == pytest.approx(min(np.hypot(0.1, 0.15) / 0.17, 1.0))
-    for number, rotor in enumerate(X, start=1):
+    for number, rotor in enumerate(X_LAYOUT, start=1):
         foot = np.array([rotor.x, rotor.y, rotor.z])
         middle, tip = ends(scene.objects[f"/v/arm_{number}"], scene.poses[f"/v/arm_{number}"])
         np.testing.assert_allclose([middle, tip], [np.zeros(3), foot], atol=1e-9)
@@ -133,22 +133,22 @@ def test_each_part_of_a_quadrotor_is_where_it_belongs():
         # Propellers do not touch, and none is longer than 8 inches.
         assert disc.radius() == pytest.approx(min(0.1, 0.48 * 0.2))
         shades = [scene.colors[f"/v/rotor_{number}/blades"], scene.colors["/v/rotor_1/blades"]]
-        assert (shades[0] == shades[1]) == (rotor.direction == X[0].direction)
-    # The two in front are marked.
+        assert (shades[0] == shades[1]) == (rotor.direction == X_LAYOUT[0].direction)
+    # The two rotors in front are marked.
     assert {path for path in scene.objects if "nose" in path} == {"/v/nose_1", "/v/nose_4"}
-    np.testing.assert_allclose(scene.poses["/v/nose_4"].translation(), [X[3].x, X[3].y, X[3].z])
+    np.testing.assert_allclose(scene.poses["/v/nose_4"].translation(), [X_LAYOUT[3].x, X_LAYOUT[3].y, X_LAYOUT[3].z])
     assert scene.colors["/v/arm_1"] == scene.colors["/v/arm_4"] != scene.colors["/v/arm_2"]
     assert scene.objects["/v/hub"].radius() == pytest.approx(0.45 * disc.radius())
 
 
 def test_poses_of_rotors_turn_about_their_axes():
     angles = np.array([0.1, -0.2, 0.3, 2.0])
-    for pose, angle, rotor in zip(rotor_poses(X, angles), angles, X, strict=True):
+    for pose, angle, rotor in zip(rotor_poses(X_LAYOUT, angles), angles, X_LAYOUT, strict=True):
         np.testing.assert_allclose(pose.rotation().matrix()[:2, 0], [np.cos(angle), np.sin(angle)])
         np.testing.assert_allclose(pose.translation()[:2], [rotor.x, rotor.y])
     speeds = RotorSpeed(100.0, 200.0, 300.0, 400.0)
     np.testing.assert_allclose(
-        turned_by(X, speeds, 0.02), 0.1 * 0.02 * np.array(speeds) * [rotor.direction for rotor in X]
+        turned_by(X_LAYOUT, speeds, 0.02), 0.1 * 0.02 * np.array(speeds) * [rotor.direction for rotor in X_LAYOUT]
     )
 
 
@@ -156,12 +156,13 @@ def test_a_simple_quadrotor_has_bars_to_its_rotors_and_a_disc_on_each():
     mesh = quadrotor_mesh(FRAME)
     corners = np.array(mesh.vertices())
     triangles = np.array([[part.vertex(i) for i in range(3)] for part in mesh.triangles()])
-    # Each triangle is there twice, once from either side.
+    # Each triangle occurs twice, once for either side.
     assert len(triangles) % 2 == 0
     np.testing.assert_array_equal(triangles[0::2], triangles[1::2, ::-1])
     assert triangles.max() == len(corners) - 1
-    height, radius = 0.035 * shrunk(X), 0.48 * 0.2
-    for rotor in X:
+    height = 0.035 * shrunk(X_LAYOUT)
+    radius = 0.48 * 0.2
+    for rotor in X_LAYOUT:
         place = np.array([rotor.x, rotor.y, rotor.z + height])
         away = np.linalg.norm(corners - place, axis=1)
         assert np.isclose(away, 0.0, atol=1e-9).sum() == 1
@@ -173,11 +174,11 @@ def test_a_simple_quadrotor_has_bars_to_its_rotors_and_a_disc_on_each():
     discs = np.isclose(a[:, 2], height) & np.isclose(b[:, 2], height) & np.isclose(c[:, 2], height)
     expected = 4 * 2 * 0.5 * 10 * radius**2 * np.sin(2.0 * np.pi / 10)
     assert areas[discs].sum() == pytest.approx(expected)
-    # Bars from the middle to the feet of the rotors, closed all around: their outward triangles enclose their volume.
+    # The bars lead from the middle to the rotors and are closed, so their outward triangles enclose their volume.
     bars = triangles[~discs][0::2]
     a, b, c = (corners[bars[:, i]] for i in range(3))
     enclosed = np.sum(np.cross(a, b) * c) / 6.0
-    half = 0.009 * shrunk(X)
+    half = 0.009 * shrunk(X_LAYOUT)
     assert abs(enclosed) == pytest.approx(4.0 * 4.0 * half**2 * np.hypot(0.1, 0.15), rel=0.35)
 
 
@@ -192,7 +193,7 @@ def test_a_fan_blows_from_its_outlet_along_its_direction():
     np.testing.assert_allclose(pose.rotation().matrix()[:, 2], JET.direction)
     housing = scene.objects["/fan/housing"]
     assert housing.radius() == 0.4
-    # Its front is the outlet.
+    # The front of the housing is the outlet.
     assert scene.poses["/fan/housing"].translation()[2] + 0.5 * housing.length() == pytest.approx(0.0)
     corners = np.array(scene.objects["/fan/jet"].vertices())
     radii = np.hypot(corners[:, 0], corners[:, 1])
@@ -217,7 +218,7 @@ def test_a_fan_blows_from_its_outlet_along_its_direction():
         (Ball((1.0, 2.0, 3.0), radius=0.7), Sphere, {"radius": 0.7}),
     ],
 )
-def test_solids_are_drawn_as_they_are(shape, kind, sizes):
+def test_solids_are_drawn_with_their_sizes_and_poses(shape, kind, sizes):
     scene = Scene()
     draw_solid(scene, "/solid", shape)
     assert isinstance(scene.objects["/solid"], kind)
@@ -230,7 +231,8 @@ def test_solids_are_drawn_as_they_are(shape, kind, sizes):
 
 
 def test_a_hull_is_drawn_by_its_triangles():
-    scene, hull = Scene(), hull_of(np.random.default_rng(1).normal(size=(12, 3)))
+    scene = Scene()
+    hull = hull_of(np.random.default_rng(1).normal(size=(12, 3)))
     draw_solid(scene, "/solid", hull)
     vertices, faces = scene.meshes["/solid"]
     np.testing.assert_allclose(vertices.T[faces.T], hull.triangles())
@@ -241,7 +243,7 @@ def test_the_arrow_of_the_wind_points_along_it():
     draw_arrow(scene, "/arrow")
     corners = np.array(scene.objects["/arrow"].vertices())
     assert corners[:, 0].max() == 1.0
-    # A shaft, and the rim of its tip, which is wider.
+    # The arrow has a shaft and a tip with a wider rim.
     rim = corners[np.isclose(corners[:, 0], 0.78)]
     np.testing.assert_allclose(np.hypot(*rim[:, 1:].T), np.full(8, 0.045))
     shaft = corners[corners[:, 0] < 0.01]
@@ -269,14 +271,15 @@ def test_a_tube_follows_its_points():
     area = 0.5 * np.linalg.norm(np.cross(corners[1] - corners[0], corners[2] - corners[0]), axis=1).sum()
     length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
     assert area == pytest.approx(3.0 * np.sqrt(3.0) * 0.05 * length, rel=0.02)
-    # Also where it goes straight up, and where it stands still.
+    # A tube may also go straight up or stand still.
     up, _ = tube(np.column_stack([np.zeros(5), np.zeros(5), np.arange(5.0)]), 0.05)
     np.testing.assert_allclose(np.hypot(*up[:2]), 0.05)
     assert np.isfinite(tube(np.zeros((5, 3)), 0.05)[0]).all()
 
 
-def test_a_trail_has_a_colour_or_those_of_its_errors():
-    scene, points = Scene(), np.column_stack([np.arange(4.0), np.zeros(4), np.zeros(4)])
+def test_a_trail_has_one_colour_or_the_colours_of_its_errors():
+    scene = Scene()
+    points = np.column_stack([np.arange(4.0), np.zeros(4), np.zeros(4)])
     draw_trail_piece(scene, "/a", points, "#FF0000", 0.5)
     assert (scene.colors["/a"].r(), scene.colors["/a"].g(), scene.colors["/a"].a()) == (1.0, 0.0, 0.7)
     np.testing.assert_allclose(np.hypot(*scene.meshes["/a"][0][1:]), 0.5 * 0.018)
@@ -301,12 +304,13 @@ def test_the_room_has_a_floor_edges_and_a_grid():
     room = draw_surroundings(scene, windy, flight.plan, flown)
     path = reference_points(flight.plan)
     margin = 4.0 * Frame.of(scenario.vehicle).reach
-    # What is flown counts up to three metres from the path.
+    # Flown positions count up to three metres from the path.
     low = np.minimum(path.min(axis=0), [0.0, 1.0, 1.0]) - margin
     high = np.maximum(path.max(axis=0), [0.5, path[0, 1] + 3.0, 1.2]) + margin
     np.testing.assert_allclose(room.low, [-4.0, low[1], 0.0])
     np.testing.assert_allclose(room.high, high)
-    floor, size = scene.objects["/floor"], high - room.low
+    floor = scene.objects["/floor"]
+    size = high - room.low
     assert (floor.width(), floor.depth()) == pytest.approx((size[0], size[1]))
     np.testing.assert_allclose(scene.poses["/floor"].translation()[:2], 0.5 * (room.low + high)[:2])
     starts, stops = np.moveaxis(scene.lines["/room/edges"], 2, 1)
@@ -326,11 +330,11 @@ def test_the_room_has_a_floor_edges_and_a_grid():
         np.testing.assert_allclose(start, begin)
         i = "xyz".index(axis)
         np.testing.assert_allclose(stop, np.where(np.arange(3) == i, high, begin))
-    # The fan blows as far as the path goes, and a margin beyond.
+    # The jet of the fan reaches as far as the path and a margin beyond it.
     corners = np.array(scene.objects["/fan_1/jet"].vertices())
     assert corners[:, 2].max() == pytest.approx(max((path[:, 0] + 4.0).max() + margin, 1.0))
     np.testing.assert_allclose(scene.lines["/reference_path"].T, path, atol=1e-12)
-    # The camera looks from above and from the side at what is seen.
+    # The camera looks at the scene from above and from the side.
     place, target = scene.camera
     middle = 0.5 * (room.seen.min(axis=0) + room.seen.max(axis=0))
     np.testing.assert_allclose(target[:2], middle[:2])
@@ -344,7 +348,7 @@ def test_the_room_has_a_floor_edges_and_a_grid():
 
 @pytest.fixture(scope="module")
 def flights():
-    """Two flights of one reference in a steady wind, of which the second ends earlier."""
+    """Return two flights of one reference: one in steady wind, and one that ends earlier."""
     wind = "laboratory.wind=[{kind: steady, velocity: [1.0, 0.5, 0.2]}]"
     return {
         "first one": simulate(load_scenario("figure_eight", ["duration=1.3", wind])),
@@ -352,7 +356,7 @@ def flights():
     }
 
 
-def test_a_replay_moves_what_moves_thirty_times_a_second(flights):
+def test_a_replay_moves_its_objects_thirty_times_a_second(flights):
     scene = Scene()
     draw_replay(scene, flights)
     moved = scene.animation.transforms
@@ -361,18 +365,18 @@ def test_a_replay_moves_what_moves_thirty_times_a_second(flights):
         frames = moved[path]
         assert sorted(frames) == [*range(own + 1), *([last] if own < last else [])]
         for frame, pose in frames.items():
-            # The tick that was last at the time of a frame, or the last of all.
+            # A frame shows the last tick up to its time.
             tick = np.flatnonzero(flight.time <= min(frame / 30.0, flight.time[-1]) + 1e-9)[-1]
             np.testing.assert_allclose(
                 pose.GetAsMatrix4(), pose_of(State(*flight["state"][tick])).GetAsMatrix4(), atol=1e-12
             )
-        # Rotors turn on from frame to frame.
+        # Rotors keep turning from frame to frame.
         turned = [moved[f"{path}/rotor_1"][frame].rotation().matrix()[:2, 0] for frame in range(3)]
         np.testing.assert_allclose(turned[0], [1.0, 0.0])
         rotor = Frame.of(flight.scenario.vehicle).rotors[0]
         angle = 0.1 / 30.0 * rotor.direction * flight["rotor_speed"][0, 0]
         np.testing.assert_allclose(turned[1], [np.cos(angle), np.sin(angle)])
-    # Only a flight in a wind that no fan makes has an arrow.
+    # Only a flight in a wind that is not of fans has an arrow.
     arrow = moved["/first_one_wind"]
     assert "/other_wind" not in moved
     assert {"/first_one_wind/arrow", "/reference/point"} <= {*scene.objects}
@@ -380,7 +384,7 @@ def test_a_replay_moves_what_moves_thirty_times_a_second(flights):
     pose, scale = wind_arrow(Wind(*wind), State(*state))
     np.testing.assert_allclose(arrow[0].GetAsMatrix4(), pose.GetAsMatrix4())
     assert scene.animation.properties["/first_one_wind/arrow", "scale"][0] == scale
-    # The point of the reference is that of the longer flight.
+    # The point shows the reference of the longer flight.
     reference = places(flights["first one"].record("reference"))
     np.testing.assert_allclose(moved["/reference"][last].translation(), reference[-1], atol=0.05)
     np.testing.assert_allclose(moved["/reference"][0].translation(), reference[0])
@@ -410,7 +414,8 @@ def test_a_trail_appears_piece_by_piece(flights):
 
 
 def test_the_trail_of_a_lone_flight_has_the_colours_of_its_errors(flights):
-    scene, flight = Scene(), flights["first one"]
+    scene = Scene()
+    flight = flights["first one"]
     draw_replay(scene, {"alone": flight})
     colors = scene.colors["/alone_trail/3"].T[::3]
     ticks = np.searchsorted(flight.time, np.linspace(0.75, 1.0, 5) - 1e-9)
@@ -447,10 +452,10 @@ def test_a_swarm_shows_its_crashes_in_red(flights, monkeypatch, tmp_path):
     assert 'max="1.300"' in text
 
 
-def test_a_story_tells_errors_and_speeds_over_time(flights):
-    """In centimetres and m/s, every 50 ms, with three digits."""
+def test_a_story_contains_errors_and_speeds_over_time(flights):
+    """Errors are in centimetres and speeds in m/s, every 50 ms and with three digits."""
     room = Room(np.array([-1.0, -2.0, 0.0]), np.array([3.0, 2.0, 1.5]), 0.5, np.zeros((1, 3)), {"post": np.ones(3)})
-    told = json.loads(
+    content = json.loads(
         story(
             {name: [flight] for name, flight in flights.items()},
             {"first one": "#1", "other": "#2"},
@@ -458,9 +463,9 @@ def test_a_story_tells_errors_and_speeds_over_time(flights):
             room,
         )
     )
-    assert told["duration"] == pytest.approx(1.3)
-    assert told["step"] == 0.05
-    for curve, (name, flight) in zip(told["curves"], flights.items(), strict=True):
+    assert content["duration"] == pytest.approx(1.3)
+    assert content["step"] == 0.05
+    for curve, (name, flight) in zip(content["curves"], flights.items(), strict=True):
         assert (curve["name"], curve["color"]) == (name, {"first one": "#1", "other": "#2"}[name])
         assert len(curve["error"]) == 27
         state = flight.record("state")
@@ -474,10 +479,10 @@ def test_a_story_tells_errors_and_speeds_over_time(flights):
             assert fast == pytest.approx(speed[tick], rel=5e-3, abs=1e-9)
         assert "low" not in curve
     size = Frame.of(flights["other"].scenario.vehicle).reach
-    assert told["vehicles"] == [
+    assert content["vehicles"] == [
         {"name": n, "path": p, "size": pytest.approx(size)} for n, p in (("first one", "/a"), ("other", "/b"))
     ]
-    marks = told["marks"]
+    marks = content["marks"]
     out = 0.04 * 4.0
     assert [(mark["text"], mark["color"], mark["at"]) for mark in marks[:3]] == [
         ("X (m)", AXES["x"], [pytest.approx(3.0), pytest.approx(-2.0 - out), 0.0]),
@@ -487,23 +492,24 @@ def test_a_story_tells_errors_and_speeds_over_time(flights):
     numbers = [mark["text"] for mark in marks if mark["color"] == AXES["x"]][1:]
     assert numbers == [f"{value:g}".replace("-", "−") for value in np.arange(-1.0, 3.1, 0.5)]
     assert marks[-1] == {"at": [1.0, 1.0, 1.0], "text": "post", "color": "#555555"}
-    assert told["frame"] == [[0.0, 0.0, 0.0], *(mark["at"] for mark in marks)]
+    assert content["frame"] == [[0.0, 0.0, 0.0], *(mark["at"] for mark in marks)]
 
 
-def test_a_live_view_draws_a_frame_each_thirtieth_of_a_second():
+def test_a_live_view_draws_thirty_frames_per_second():
     scenario = load_scenario("figure_eight", ["duration=0.6", "laboratory.wind=[{kind: steady, velocity: [1, 0, 0]}]"])
     plan = simulate(scenario).plan
-    scene, poses = Scene(), []
+    scene = Scene()
+    poses = []
 
-    class Watched(Scene):
+    class RecordingScene(Scene):
         def SetTransform(self, path, transform):
             super().SetTransform(path, transform)
             if path == "/vehicle":
                 poses.append(transform.translation())
 
-    scene = Watched()
+    scene = RecordingScene()
     flight = simulate(scenario, prepare=lambda simulator: LiveView(scene, scenario, plan).watch(simulator, 0.0))
-    # Steps of 10 ms come nearest with 40 ms.
+    # With steps of 10 ms, the nearest interval between frames is 40 ms.
     assert len(poses) == 16
     way = places(flight.record("state"))
     np.testing.assert_allclose(poses[-1], way[-1], atol=0.03)

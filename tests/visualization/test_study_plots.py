@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from figure_content import curve, legends
 
 from drake_quad import InputError, load_scenario
 from drake_quad.laboratory.metrics import Metrics
@@ -13,11 +14,12 @@ from drake_quad.visualization.comparison_plots import plot_comparison
 from drake_quad.visualization.overview import plot_study
 
 COUNT = 200
-MASS, DELAY = "vehicle.mass", "laboratory.motion_capture.latency_frames"
+MASS = "vehicle.mass"
+DELAY = "laboratory.motion_capture.latency_frames"
 
 
 def study(seed=0, crashes=30, count=COUNT):
-    """Samples of which the heaviest crash, and whose errors grow with the mass."""
+    """Return a study whose heaviest samples crash, and whose errors grow with the mass."""
     rng = np.random.default_rng(seed)
     mass, delay = rng.uniform(0.5, 0.9, count), rng.integers(0, 2, count).astype(float)
     errors = 0.05 + 0.1 * (mass - 0.5) + 0.01 * rng.uniform(size=count)
@@ -31,19 +33,8 @@ def no_crash(seed=0, count=COUNT):
     return study(seed, 0, count)
 
 
-def curve(axes, label):
-    (found,) = [line for line in axes.lines if line.get_label() == label]
-    return found.get_xydata().T
-
-
-def legends(figure):
-    """The texts of all legends of a figure, in order."""
-    found = [*figure.legends, *(axes.get_legend() for axes in figure.axes)]
-    return [text.get_text() for legend in found if legend is not None for text in legend.get_texts()]
-
-
 def test_a_distribution_is_the_share_of_samples_up_to_a_value():
-    """Crashed samples count as worse than any; the bands are those of Massart's inequality."""
+    """Crashed samples count as worse than any other. The bands are those of Massart's inequality."""
     some, none = study(), no_crash(1)
     figure = plots.plot_distribution({"one": some, "other": none})
     assert legends(figure) == ["one (15.0 % crashed)", "other"]
@@ -74,8 +65,8 @@ def test_titles_count_samples():
     assert axes.get_title(loc="left").startswith("50 samples and 200 samples;")
 
 
-def test_estimates_settle_with_the_number_of_samples():
-    """The mean of those that do not crash, from the tenth on, and the share of those that do."""
+def test_estimates_converge_with_the_number_of_samples():
+    """They are the mean of samples that do not crash, from the tenth on, and the share of crashes."""
     found = study()
     figure = plots.plot_convergence({"one": found})
     assert legends(figure) == ["one"]
@@ -99,13 +90,13 @@ def test_estimates_settle_with_the_number_of_samples():
         assert axes.xaxis.get_major_formatter()(2000.0) == "2,000"
 
 
-def test_without_crashes_the_quantile_settles():
+def test_the_convergence_of_a_quantile_is_shown_without_crashes():
     found = no_crash()
     left, right = plots.plot_convergence({"one": found}, "peak_error").axes
     stops, values = curve(right, "one")
     expected = [statistics.quantile_interval(found.metrics.peak_error[: int(n)], 0.95) for n in stops]
     np.testing.assert_allclose(values, [each.value for each in expected])
-    # Of a few samples no interval holds the quantile.
+    # No interval holds the quantile of a few samples.
     known = np.isfinite([each.high for each in expected])
     corners = right.collections[0].get_paths()[-1].vertices
     assert corners[:, 1].max() == pytest.approx(max(each.high for each in expected if np.isfinite(each.high)))
@@ -143,7 +134,7 @@ def test_a_tornado_has_the_means_of_the_tenths(name):
         assert axes.texts[place].get_text().startswith(each.correlation.text(signed=True))
         assert axes.texts[place].xy == (1.01, place)
     assert axes.lines[-1].get_xdata()[0] == pytest.approx(middle)
-    # The field that matters most stands at the top.
+    # The field with the largest influence is at the top.
     low, high = axes.get_ylim()
     assert (low, high) == (1.5, -0.5)
     assert [label.get_text() for label in axes.get_yticklabels()] == ["mass (kg)", "cameras: latency frames"]
@@ -173,8 +164,8 @@ def test_a_tornado_shows_sixteen_fields_at_most():
     assert len(axes.get_yticks()) == 16
 
 
-def test_the_probability_of_a_crash_is_that_of_bins(monkeypatch):
-    """A point at the median of each bin, its interval upright and the bin across."""
+def test_the_probability_of_a_crash_is_shown_in_bins(monkeypatch):
+    """Each point is at the median of its bin, with its interval upright and its bin across."""
     found = study()
     (axes,) = plots.plot_crash_probability(found, MASS, num_bins=8).axes
     levels = statistics.crash_levels(found, MASS, num_bins=8)
@@ -191,15 +182,15 @@ def test_the_probability_of_a_crash_is_that_of_bins(monkeypatch):
     assert points.get_label() == f"robustness: {statistics.crash_probability(found.metrics).percent()} of 200 samples"
     assert [line for line in axes.lines if len(line.get_xdata()) == 2][-1].get_ydata()[0] == 0.15
     assert axes.get_xlabel() == "mass (kg)"
-    # If not said otherwise, over what has most to do with crashes.
+    # The default is the field with the largest influence on crashes.
     assert plots.plot_crash_probability(found).axes[0].get_xlabel() == "mass (kg)"
     none = Study(found.scenario, 10.0, found.samples, {}, found.metrics)
     with pytest.raises(InputError, match="no number is drawn"):
         plots.plot_crash_probability(none)
 
 
-def test_controllers_with_the_same_numbers_stand_beside_each_other():
-    """Three points of print apart, around the number itself; whole numbers have whole ticks."""
+def test_controllers_with_the_same_numbers_are_drawn_side_by_side():
+    """They are three points of print apart, around the number itself. Whole numbers have whole ticks."""
     found = {name: study(seed) for seed, name in enumerate(("a", "b", "c"))}
     figure = plots.plot_crash_probability(found, DELAY)
     (axes,) = figure.axes
@@ -230,7 +221,7 @@ def test_labels_of_metrics_have_units(name, label):
     assert plots.metric_label(name) == label
 
 
-def test_studies_at_a_glance_have_their_means_and_crashes():
+def test_the_overview_of_studies_has_their_means_and_crashes():
     found = {"one": study(), "other": study(3, 5, 80)}
     _, axes = plot_study(found, "peak_error")
     means = [statistics.mean_interval(each.metrics.peak_error[~each.metrics.crashed]) for each in found.values()]
@@ -251,7 +242,7 @@ def test_studies_at_a_glance_have_their_means_and_crashes():
 
 
 def test_controllers_are_compared_by_all_of_their_samples():
-    """Each sample that did not crash in centimetres around the row of its controller, and their mean."""
+    """Samples that did not crash are in centimetres around the row of their controller, together with their mean."""
     found = {"calm": {"a": study().metrics, "b": no_crash(1, 50).metrics}, "wind": {"a": study(2, COUNT).metrics}}
     found["wind"]["b"] = study(4, 3, 40).metrics
     first, second = plot_comparison(found).axes

@@ -1,19 +1,20 @@
-"""What a linear-quadratic-Gaussian controller believes of the way from its command to the position.
+"""Models from the command to the position for a linear-quadratic-Gaussian controller.
 
-Along X and Y the specific thrust s, a horizontal acceleration, moves the vehicle, and the attitude moves s. Without an
-autopilot the command u is a snap, which torques give after the lag T of the rotors; with one it is an acceleration,
-that is an angle times g, which the attitude follows as a lag of second order, or does once the rotors do what the loops
-on board ask for:
+Along X and Y the horizontal specific thrust s moves the vehicle, and the attitude changes s. Without an autopilot the
+command u is a snap, which the torques produce after the lag T of the rotors. With an autopilot the command is an
+acceleration, an angle times g. The attitude follows it as a second-order lag, or its angular acceleration follows that
+of the on-board loops with the lag of the rotors:
 
     p' = v    v' = s + d₁ + d₂    s' = j    without: j' = a + δ,  a' = (u - a) / T
                                             with:    j' = b + δ,  b = ω² (u - s) - 2 ζ ω j
                                             or:      j' = a + δ,  a' = (b - a) / T
 
-Along Z it is the thrust itself: p' = v, v' = s + d₁ + d₂, s' = (u - s) / T with an acceleration s beside gravity.
+Along Z the thrust acts directly: p' = v, v' = s + d₁ + d₂, s' = (u - s) / T, where s is the acceleration in excess of
+gravity.
 
-The disturbing acceleration is the sum of two coloured noises: d₁ of first order, white noise behind 1 / (1 + T₁ s),
-and d₂ of second order, white noise behind the critically damped lag 1 / (1 + T₂ s)². The bias δ of what turns the
-vehicle is one of first order:
+The disturbing acceleration is the sum of two coloured noises: d₁ of first order, white noise filtered by
+1 / (1 + T₁ s), and d₂ of second order, white noise filtered by the critically damped lag 1 / (1 + T₂ s)². The bias δ of
+the angular motion is coloured noise of first order:
 
     d₁' = -d₁ / T₁ + w₁    d₂' = e    e' = -d₂ / T₂² - 2 e / T₂ + w₂    δ' = -δ / T_δ + w_δ
 
@@ -86,11 +87,11 @@ class VerticalChain(NamedTuple):
 
 
 class Noise(NamedTuple):
-    """A coloured noise.
+    """Coloured noise, which is white noise filtered by 1 / (1 + T s), or by 1 / (1 + T s)² for second order.
 
     Attributes:
-        deviation: standard deviation, m/s² of a disturbance; of the bias that of what it is added to.
-        time: T of the lag 1 / (1 + T s), or 1 / (1 + T s)² for second order, behind which it is white noise, s.
+        deviation: standard deviation, m/s² for a disturbance, and m/s⁴ for the bias.
+        time: time constant T, s.
     """
 
     deviation: float
@@ -98,13 +99,13 @@ class Noise(NamedTuple):
 
 
 class Disturbances(NamedTuple):
-    """What is believed to act on an axis.
+    """Modelled disturbances of an axis.
 
     Attributes:
-        first: of first order, an acceleration.
-        second: of second order, critically damped, an acceleration.
-        bias: of what turns the vehicle, m/s⁴; None along Z.
-        command_noise: spectral density of white noise on the command, its unit times √s.
+        first: disturbing acceleration of first order.
+        second: disturbing acceleration of second order, critically damped.
+        bias: bias of the angular motion, m/s⁴; None along Z.
+        command_noise: spectral density of white noise on the command, in the unit of the command times √s.
     """
 
     first: Noise

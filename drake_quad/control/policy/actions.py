@@ -45,7 +45,7 @@ class ThrustRange(NamedTuple):
 
 
 class AccelerationScale(NamedTuple):
-    """Accelerations that actions of 1 command, along the axes of the frame of the action."""
+    """Accelerations that an action of 1 commands along each axis of the frame of the action."""
 
     x: AccelerationW
     y: AccelerationW
@@ -120,12 +120,12 @@ def commanded_acceleration(
     """Return the acceleration in W that an action commands along the axes of a frame.
 
     Args:
-        action: three rows.
-        measurement: state of the vehicle; None with the frame `world`.
-        reference: to follow; None with the frame `world`.
-        scale: accelerations of actions of 1.
-        frame: along whose axes the rows are.
-        turn: angle about Z by which the axes are turned further, rad.
+        action: three rows, one for each axis of the frame.
+        measurement: measured state of the vehicle; None with the frame `world`.
+        reference: reference that the vehicle follows; None with the frame `world`.
+        scale: accelerations that an action of 1 commands.
+        frame: name of the frame.
+        turn: additional rotation of the frame about Z, rad.
     """
     along = Vector._make(within(row) * most for row, most in zip(action, scale, strict=True))
     if measurement is None or reference is None:

@@ -34,7 +34,7 @@ def _declared(system: FleetSystem, kind: ActionKind) -> tuple[Input, Parameter]:
 
 @fleet_system(float, AutoDiffXd)
 class AccelerationActuation(FleetSystem):
-    """The acceleration in W that an action commands along the axes of a frame.
+    """Conversion of an action along the axes of a frame to a commanded acceleration in W.
 
     .. pydrake_system::
 
@@ -46,17 +46,17 @@ class AccelerationActuation(FleetSystem):
         output_ports:
         - acceleration_command
 
-    `measurement` and `reference` are there unless the frame is `world`.
+    The ports `measurement` and `reference` do not exist with the frame `world`.
 
     Args:
         num_vehicles: N.
-        frame: a frame of `drake_quad.control.policy.frames`.
-        turn: angle about Z by which the axes of `heading` and `reference_heading` are turned further, rad.
-        numbers: accelerations of actions of 1.
+        frame: name of a frame of `drake_quad.control.policy.frames`.
+        turn: additional rotation of `heading` and `reference_heading` about Z, rad.
+        numbers: accelerations that an action of 1 commands.
     """
 
     def declare(self, *, frame: LevelFrame = "world", turn: float = 0.0, numbers: AccelerationScale) -> None:
-        """Declares the system."""
+        """Declare ports and parameters."""
         action, scale = _declared(self, "acceleration")
         heads = (None, None) if frame == "world" else (self.input("measurement"), self.input("reference"))
         self.output("acceleration_command", commanded_acceleration, action, *heads, scale, frame, turn)

@@ -1,11 +1,11 @@
-"""Frames with a vertical z in which a policy sees and acts.
+"""Coordinate frames with a vertical z axis for the observations and actions of a policy.
 
     world                W
-    heading              W turned about Z by the vehicle's yaw, so that x points where the vehicle looks
-    reference_heading    W turned about Z by the reference's yaw, so that x points where the vehicle should look
+    heading              W rotated about Z by the vehicle's yaw: x is the heading of the vehicle
+    reference_heading    W rotated about Z by the reference's yaw: x is the heading of the reference
 
-A policy that was trained to look along X does not know what to do at another yaw of the reference, unless it sees and
-acts in `reference_heading`: there nothing changes when vehicle and reference are turned together about Z.
+A policy that was trained with the reference at yaw 0 does not generalise to another yaw, unless its observations and
+actions are in `reference_heading`: they do not change when vehicle and reference are rotated together about Z.
 """
 
 from typing import Literal
@@ -23,7 +23,7 @@ def level_axes(frame: LevelFrame, yaw: Angle, reference_yaw: Angle, turn: Angle)
         frame: name of the frame.
         yaw: yaw of the vehicle, rad.
         reference_yaw: yaw of the reference, rad.
-        turn: angle about Z by which `heading` and `reference_heading` are turned further, rad.
+        turn: additional rotation of `heading` and `reference_heading` about Z, rad.
     """
     match frame:
         case "world":

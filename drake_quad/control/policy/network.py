@@ -19,7 +19,10 @@ from drake_quad.framework.symbols import Matrix
 from drake_quad.signals import Row
 
 Activation = Literal["identity", "relu", "tanh", "sigmoid", "elu", "silu", "leaky_relu", "gelu", "gelu_tanh"]
-_ROOT_OF_HALF, _ROOT_OF_2_OVER_PI = math.sqrt(0.5), math.sqrt(2.0 / math.pi)
+_ROOT_OF_HALF = math.sqrt(0.5)
+_ROOT_OF_2_OVER_PI = math.sqrt(2.0 / math.pi)
+GELU_CUBE = 0.044715
+"""Coefficient of the third power in the approximation of GELU (Hendrycks and Gimpel, 2016)."""
 
 
 def identity(x: Row) -> Row:
@@ -38,24 +41,24 @@ def sigmoid(x: Row) -> Row:
 
 
 def elu(x: Row, alpha: float = 1.0) -> Row:
-    """X, or α (exp x - 1) if it is negative."""
+    """Return x for x >= 0, and α (exp x - 1) for x < 0."""
     below = exp(minimum(x, 0.0)) - 1.0
     return where(x > 0.0, x, below if alpha == 1.0 else alpha * below)
 
 
 def leaky_relu(x: Row, alpha: float = 0.01) -> Row:
-    """X, or α x if it is negative."""
+    """Return x for x >= 0, and α x for x < 0."""
     return where(x > 0.0, x, alpha * x)
 
 
 def gelu(x: Row) -> Row:
-    """X times the probability that a standard normal variable is smaller (Hendrycks and Gimpel, 2016)."""
+    """Return x times the probability that a standard normal variable is below x (Hendrycks and Gimpel, 2016)."""
     return 0.5 * x * (1.0 + erf(_ROOT_OF_HALF * x))
 
 
 def gelu_tanh(x: Row) -> Row:
-    """The approximation of `gelu` by a hyperbolic tangent, by the same authors."""
-    return 0.5 * x * (1.0 + tanh(_ROOT_OF_2_OVER_PI * (x + 0.044715 * x * x * x)))
+    """Return the approximation of `gelu` by a hyperbolic tangent, from the same authors."""
+    return 0.5 * x * (1.0 + tanh(_ROOT_OF_2_OVER_PI * (x + GELU_CUBE * x * x * x)))
 
 
 def silu(x: Row) -> Row:
@@ -77,16 +80,16 @@ ACTIVATIONS: dict[Activation, Callable[..., Row]] = {
 """The functions of activations, by name."""
 
 WITH_ALPHA: tuple[Activation, ...] = ("elu", "leaky_relu")
-"""The activations that have a parameter α."""
+"""Activations with a parameter α."""
 
 
 class Dense(NamedTuple):
-    """A layer of neurons.
+    """Dense layer of a network.
 
     Attributes:
-        matrix: W and b.
-        activation: σ.
-        alpha: parameter α of the activation; its default if it is None.
+        matrix: weights W and biases b.
+        activation: name of the activation σ.
+        alpha: parameter α of the activation; None for its default.
     """
 
     matrix: Matrix
@@ -95,7 +98,7 @@ class Dense(NamedTuple):
 
     @property
     def formula(self) -> Callable[[Row], Row]:
-        """The function σ."""
+        """Return the function σ."""
         formula = ACTIVATIONS[self.activation]
         return formula if self.alpha is None else partial(formula, alpha=self.alpha)
 
@@ -156,12 +159,12 @@ class Step(NamedTuple):
 
 
 def passed(network: Network, inputs: Sequence[Row], memory: Sequence[Sequence[Row]]) -> Step:
-    """What a network makes of an input.
+    """Evaluate a network for one input.
 
     Args:
-        network: of constants.
-        inputs: rows.
-        memory: of each recurrent layer, until now.
+        network: network of constants.
+        inputs: rows of the input.
+        memory: present memory of each recurrent layer.
     """
     rows = _prepared(network, inputs)
     remembered: list[tuple[Row, ...]] = []

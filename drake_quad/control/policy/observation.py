@@ -1,4 +1,4 @@
-"""Observations of a policy: rows of named signals, of the present tick and of the ticks before.
+"""Observations of a policy: rows of named signals at the present tick and at earlier ticks.
 
 Vectors are expressed along the axes of a frame of `drake_quad.control.policy.frames`, or along those of B (`body`).
 """
@@ -159,13 +159,13 @@ SIGNALS_SEEN = {
 
 
 class ObservationSpec(NamedTuple):
-    """Which observation a policy gets.
+    """Specification of an observation.
 
     Attributes:
-        signals: names of `SIGNALS_SEEN`, in the order of the rows.
-        frame: in which vectors are seen.
-        history: ticks that are seen, with the present one.
-        turn: angle about z from x_B to the policy's front, rad. The axes of all frames but W are turned by it, too.
+        signals: names from `SIGNALS_SEEN`, in the order of the rows.
+        frame: frame along whose axes vectors are expressed.
+        history: number of ticks in the observation, including the present one.
+        turn: rotation about z from x_B to the front of the policy, rad; it also rotates all frames except W.
     """
 
     signals: tuple[str, ...]
@@ -204,18 +204,19 @@ def observed(
     clearance: Callable[[Row, Row, Row], Row] | None,
     spec: ObservationSpec,
 ) -> tuple[Row, ...]:
-    """What is seen at a tick.
+    """Return the rows of an observation at one tick.
 
     Args:
-        state: of the vehicle, measured or true.
-        reference: to follow.
-        ahead: where the reference will be, X, Y and Z of one time after another.
-        rotor_speed: None if nothing looks at it.
-        wind: None if nothing looks at it.
-        action: the last one.
-        numbers: of the vehicle.
-        clearance: a function of X, Y and Z that says how far obstacles are, m; None if nothing looks at it.
-        spec: what is seen.
+        state: measured or true state of the vehicle.
+        reference: reference that the vehicle follows.
+        ahead: future positions of the reference, X, Y and Z of one time after another.
+        rotor_speed: rotor speeds; None if the observation does not contain them.
+        wind: velocity of the air; None if the observation does not contain it.
+        action: last action.
+        numbers: parameters of the vehicle.
+        clearance: function of X, Y and Z that returns the distance to the nearest obstacle, m; None if the observation
+            does not contain it.
+        spec: specification of the observation.
     """
     state, attitude = _with_own_axes(state, spec)
     if spec.frame == "body":

@@ -11,8 +11,8 @@ D. F. McCaffrey, Survey Methodology 28, 2002, which does not come out too small 
 Where each block ends in the state that the next begins with, what one has too much the next has too little: half of the
 products of neighbours is added (Bartlett's weights with one lag: W. K. Newey and K. D. West, Econometrica 55, 1987).
 
-A parameter that only a few of the blocks tell has as few degrees of freedom: with c_b the diagonal of H⁻¹ H_b H⁻¹,
-(Σ c_b)² / Σ c_b² - 1.
+A parameter that only a few of the blocks tell has as few degrees of freedom: with c_b the diagonal of H⁻¹ H_b H⁻¹, it
+is the effective number of blocks, (Σ c_b)² / Σ c_b², less one.
 
 Where a fit has other covariances of blocks, the sandwich CR2 of the same source is the choice, whose mean is right if
 the model is: `bias_reduced`.
@@ -87,13 +87,41 @@ def jackknife(information: np.ndarray, scores: np.ndarray, *, adjoining: bool = 
     whole = information.sum(axis=0)
     moves = (inverted(whole - information, whole) @ scores[:, :, None])[:, :, 0]
     inverse = inverted(whole, whole)
-    shares = np.einsum("ij,bjk,ki->bi", inverse, information, inverse)
-    freedom = shares.sum(axis=0) ** 2 / np.maximum((shares**2).sum(axis=0), np.finfo(float).tiny) - 1.0
+    freedom = effective_blocks(information, inverse) - 1.0
     squares = moves.T @ moves
     if adjoining:
         neighbours = moves[:-1].T @ moves[1:]
         squares += 0.5 * (neighbours + neighbours.T)
     return Uncertainty((number - 1) / number * squares, np.maximum(freedom, 1.0), inverse)
+
+
+def effective_blocks(information: np.ndarray, inverse: np.ndarray) -> np.ndarray:
+    """Return the effective number of blocks (p,) that determine each parameter, between 1 and B.
+
+    It is (Σ c_b)² / Σ c_b², with c_b the diagonal of H⁻¹ H_b H⁻¹. It is 1 for a parameter on which no block depends:
+    such a parameter keeps its prior, and the caller reports it as not identified.
+
+    Args:
+        information: (B, p, p) of blocks, H_b.
+        inverse: (p, p) H⁻¹.
+    """
+    shares = np.einsum("ij,bjk,ki->bi", inverse, information, inverse)
+    largest = shares.max(axis=0)
+    # Relative to the largest, so that the squares of small numbers do not underflow.
+    relative = np.where(largest > 0.0, shares / np.where(largest > 0.0, largest, 1.0), 1.0 / len(shares))
+    number = relative.sum(axis=0) ** 2 / (relative**2).sum(axis=0)
+    return np.where(largest > 0.0, number, 1.0)
+
+
+def explained_share(left: np.ndarray | float, whole: np.ndarray | float) -> np.ndarray:
+    """Return the share of a sum of squares that a model explains, 1 - left / whole; NaN where nothing varies.
+
+    Args:
+        left: sums of the squares that the model leaves, of any shape.
+        whole: sums of the squares without it, of the same shape.
+    """
+    whole = np.asarray(whole, dtype=float)
+    return np.where(whole > 0.0, 1.0 - left / np.where(whole > 0.0, whole, 1.0), np.nan)
 
 
 def inverted(information: np.ndarray, whole: np.ndarray) -> np.ndarray:

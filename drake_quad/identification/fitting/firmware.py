@@ -1,4 +1,4 @@
-"""The allocation on board of a vehicle whose log has thrust and torque in place of rotor commands."""
+"""Reconstruction of rotor commands for logs that contain thrust and torque commands instead."""
 
 import numpy as np
 
@@ -12,19 +12,19 @@ from drake_quad.vehicle.motors import ThrottleModel, allocate_throttle
 
 
 def allocated_commands(thrust: np.ndarray, torque: np.ndarray, believed: Scenario, *, throttles: bool) -> np.ndarray:
-    """Return the rotor commands that the firmware makes of a logged wrench.
+    """Return the rotor commands that the firmware allocates for a logged wrench.
 
     Args:
-        thrust: (n,) commanded, N.
-        torque: (n, 3) commanded, N m.
-        believed: a scenario with the `nominal` vehicle and the priority of the firmware's allocation.
-        throttles: whether the motors take throttles; else they take rotor speeds.
+        thrust: (n,) commanded thrust, N.
+        torque: (n, 3) commanded torque, N m.
+        believed: scenario with the `nominal` vehicle and the priority of the firmware's allocation.
+        throttles: True if the motors are commanded by throttle, False if they are commanded by rotor speed.
 
     Returns:
-        (n, 4) throttles, or rotor speeds in rad/s.
+        (n, 4) throttle commands, or rotor speed commands in rad/s.
 
     Raises:
-        InputError: the motors take throttles, and `believed` has no thrust curve.
+        InputError: throttle commands are requested, and `believed` has no thrust curve.
     """
     wrench = Wrench(thrust, *torque.T)  # type: ignore[arg-type]
     parameters, priority = nominal_parameters(believed), believed.laboratory.allocation.priority
@@ -34,7 +34,9 @@ def allocated_commands(thrust: np.ndarray, torque: np.ndarray, believed: Scenari
     else:
         curve = thrust_curve(believed.nominal.motors)
         if curve is None:
-            raise InputError(f"{believed.name} has no nominal.motors, which make throttles of thrusts")
+            raise InputError(
+                f"{believed.name} has no nominal.motors; add them, since throttles follow from their thrust curve"
+            )
         model = ThrottleModel.of(parameters, curve)
         rows = allocate_throttle(wrench, model, priority).throttle_command  # type: ignore[assignment]
     return np.stack([np.broadcast_to(row, thrust.shape) for row in rows], axis=1)

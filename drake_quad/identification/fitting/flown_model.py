@@ -98,9 +98,9 @@ def step(
     numbers: Numbers,
     kind: DisturbanceKind,
 ) -> Step:
-    """The vehicle at the end of a step from time 0 on, in which a disturbance holds.
+    """Return the vehicle at the end of a step from time 0 on, during which a disturbance is constant.
 
-    A payload that is dropped later is there in every step.
+    A payload that is dropped later is present in every step.
     """
     (h,) = span
     parameters, effects = numbers
@@ -146,7 +146,7 @@ def felt(
     numbers: Numbers,
     kind: DisturbanceKind,
 ) -> SpecificForce:
-    """What an accelerometer at the centre of mass feels."""
+    """Return the specific force that an accelerometer at the centre of mass measures, m/s²."""
     parameters, effects = numbers
     turned = turning(rotors, _target(rotors, command, numbers), parameters, effects)
     axes = BodyAxes.of(body.roll, body.pitch, body.yaw)

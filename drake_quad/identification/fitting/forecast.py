@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drake_quad.identification.fitting.evidence import explained_share
 from drake_quad.identification.fitting.flown_model import ROWS
 from drake_quad.identification.fitting.predictor import FORCE, Noise, Predictor
 from drake_quad.identification.fitting.windows import within_half_a_turn
@@ -37,7 +38,7 @@ class Forecast(NamedTuple):
 
 
 def forecast(predictor: Predictor, parameters: np.ndarray, noise: Noise) -> Forecast:
-    """What the model of a predictor tells over the length of its windows, for (p,) parameters."""
+    """Return the forecast of a predictor's model over the length of its windows, for parameters (p,)."""
     gains = predictor.gains(parameters, noise)
     held = gains._replace(gain=np.where(predictor.counted[:, None, None, None], 0.0, gains.gain))
     kept = np.flatnonzero(predictor.counted)
@@ -57,7 +58,7 @@ def forecast(predictor: Predictor, parameters: np.ndarray, noise: Noise) -> Fore
             off[:, i] = within_half_a_turn(off[:, i])
     missed = np.sum((measured - predicted) ** 2, axis=(0, 2))
     names = tuple(named(signal, column) for signal, column in predictor.outputs)
-    return Forecast(names, time, measured, predicted, 1.0 - missed / np.sum(off**2, axis=(0, 2)))
+    return Forecast(names, time, measured, predicted, explained_share(missed, np.sum(off**2, axis=(0, 2))))
 
 
 def named(signal: str, column: int) -> str:

@@ -30,7 +30,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.identification.fitting.evidence import Evidence, Uncertainty, bias_reduced, of_blocks
+from drake_quad.identification.fitting.evidence import Evidence, Uncertainty, bias_reduced, effective_blocks, of_blocks
 
 # Step of a difference, of the scale of a number.
 _STEP = 1e-5
@@ -205,7 +205,6 @@ def uncertainty(problem: Problem, fitted: Fit, blocks: np.ndarray) -> Uncertaint
     information = of_blocks(np.swapaxes(J, 1, 2) @ J, which)
     sandwich = bias_reduced(information, of_blocks(scores, which), inverse, least=_FOLLOWED)
     larger = np.sqrt(np.maximum(1.0, np.diag(sandwich) / np.diag(inverse))) * problem.scales
-    shares = np.einsum("ij,bjk,ki->bi", inverse, information, inverse)
-    freedom = np.minimum(2.0 * shares.sum(axis=0) ** 2 / (shares**2).sum(axis=0), len(shares) - 1.0)
+    freedom = np.minimum(2.0 * effective_blocks(information, inverse), len(information) - 1.0)
     model = inverse * np.outer(problem.scales, problem.scales)
     return Uncertainty(inverse * np.outer(larger, larger), freedom, model)

@@ -99,7 +99,10 @@ def _target(command: RotorSpeed | Throttle, numbers: _Numbers | _RespondingNumbe
 def _rigid_step(
     body: State, rotors: RotorSpeed, command: RotorSpeed | Throttle, wind: Wind, span: _Span, numbers: _Numbers
 ) -> _Step:
-    """The vehicle at the end of a step from time 0 on: a payload that is dropped later is there in every step."""
+    """Return the vehicle at the end of a step from time 0 on.
+
+    A payload that is dropped later is present in every step.
+    """
     (h,) = span
     before, target = VehicleState(body, rotors), _target(command, numbers)
     after = step_of_flight(before, target, wind, numbers.parameters, numbers.effects, h, h, RIGID_KINEMATICS)
@@ -137,19 +140,20 @@ class Commands(NamedTuple):
 
 
 def commands_of(record: FlightRecord, vehicle: Scenario, believed: Scenario) -> Commands:
-    """The commands of a log as a vehicle takes them.
+    """Return the commands of a log in the form that a vehicle takes as input.
 
-    Rotors or motors if they are logged; else thrust and torque, or thrust alone behind an autopilot, as the allocation
-    of the firmware makes rotor speeds or throttles of them. Where the autopilot logs the share of full thrust at which
-    it takes the vehicle to hover, a share of thrust is one of the weight: a battery that fades bends no thrust curve.
+    The commands are those of the rotors or motors if they are logged. Otherwise the firmware's allocation converts the
+    logged thrust and torque, or the thrust alone behind an autopilot, to rotor speeds or throttles. If the autopilot
+    logs its estimate of the hover thrust as a share of full thrust, commanded shares are converted to multiples of the
+    weight. A battery that discharges then does not distort the thrust curve.
 
     Args:
-        record: of the flight.
-        vehicle: that is driven; with a response of its attitude it follows attitude commands.
-        believed: whose `nominal` vehicle the firmware's allocation knows.
+        record: record of the flight.
+        vehicle: scenario of the vehicle that takes the commands; with an attitude response it takes attitude commands.
+        believed: scenario whose `nominal` vehicle the firmware's allocation uses.
 
     Raises:
-        InputError: the log has no commands that drive this vehicle, or a share of hover that is zero or less.
+        InputError: if the log does not contain commands for this vehicle, or its hover thrust is not positive.
     """
     responds = isinstance(vehicle.laboratory.autopilot, ResponseOfScenario)
     throttles = vehicle.vehicle.motors.kind == "throttle"

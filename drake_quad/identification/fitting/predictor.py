@@ -24,7 +24,7 @@ from drake_quad.identification.fitting.windows import Cut, Window, within_half_a
 from drake_quad.identification.logs.record import FlightRecord
 
 FORCE = "specific_force"
-# Rows of the state.
+# Roll, pitch and yaw among the rows of the state.
 _ATTITUDE = slice(ROWS["attitude"], ROWS["attitude"] + 3)
 # Steps of the differences that linearise the filter, in the unit of each row of the state.
 _STEPS = np.repeat([1e-4, 1e-5, 1e-4, 1e-4, 1e-3, 1e-2], 3)
@@ -108,16 +108,16 @@ class Beginnings(NamedTuple):
 
 
 class Predictor:
-    """Predicts what is measured in windows of records.
+    """Predictor of the measurements in windows of records.
 
     Args:
-        vehicle: the model.
-        records: that the windows are of.
-        windows: W of them.
-        sizes: of the windows.
-        outputs: m columns of the records.
-        split: steps of the model to a sample.
-        longest: delay that is possible, s.
+        vehicle: model of the vehicle.
+        records: records that contain the windows.
+        windows: W windows of the records.
+        sizes: sizes of the windows.
+        outputs: m columns of the records that are predicted.
+        split: number of model steps per sample.
+        longest: largest possible delay, s.
     """
 
     def __init__(
@@ -212,20 +212,20 @@ class Predictor:
         self.beginnings = Beginnings(state, slope, parameters, covariance, self._follows)
 
     def _predicted(self, flown: Flown, state: np.ndarray) -> np.ndarray:
-        """(m, K, W) outputs."""
+        """Return the predicted outputs (m, K, W)."""
         force = flown.felt(state) if any(signal == FORCE for signal, _ in self.outputs) else np.empty(0)
         return np.stack(
             [state[ROWS[signal] + column] if signal != FORCE else force[column] for signal, column in self.outputs]
         )
 
-    def _apart(self, predicted: np.ndarray) -> np.ndarray:
-        """Return (m, K - 1, W) how far (m, K, W) outputs are from the first of K."""
-        apart = predicted[:, 1:] - predicted[:, :1]
-        apart[self._angles] = within_half_a_turn(apart[self._angles])
-        return apart
+    def _differences(self, predicted: np.ndarray) -> np.ndarray:
+        """Return the differences (m, K - 1, W) of outputs (m, K, W) from the first of the K predictions."""
+        differences = predicted[:, 1:] - predicted[:, :1]
+        differences[self._angles] = within_half_a_turn(differences[self._angles])
+        return differences
 
     def _errors(self, j: int, predicted: np.ndarray) -> np.ndarray:
-        """(m, K, W) what was not foreseen at a measurement."""
+        """Return the prediction errors (m, K, W) of measurement j, measured minus predicted."""
         errors = self.measured[j][:, None, :] - predicted
         errors[self._angles] = within_half_a_turn(errors[self._angles])
         return errors
@@ -240,7 +240,7 @@ class Predictor:
         return pushed[self.free]
 
     def gains(self, parameters: np.ndarray, noise: Noise) -> Gains:
-        """The filter around the predictions of (p,) parameters."""
+        """Return the gains of the filter for the predictions with parameters (p,)."""
         n, free = len(self.free), self.free
         steps = _STEPS[free]
         flown, state = self._fly(np.tile(parameters, (1 + n, 1)))
@@ -254,7 +254,7 @@ class Predictor:
             state[:, 1:] = state[:, :1]
             state[free, 1 + np.arange(n)] += steps[:, None]
             predicted = self._predicted(flown, state)
-            output = (self._apart(predicted) / steps[:, None]).transpose(2, 0, 1)
+            output = (self._differences(predicted) / steps[:, None]).transpose(2, 0, 1)
             errors = self._errors(j, predicted[:, :1])[:, 0]
             update = _updated(covariance, output, variances)
             gain = update.gain.transpose(1, 2, 0)

@@ -137,12 +137,16 @@ class Stretches(NamedTuple):
         return np.asarray(scipy.stats.f.sf(excess / (count - 1), count - 1, self.degrees_of_freedom))
 
     def correlation(self, between: np.ndarray) -> np.ndarray:
-        """(p, p) of what stretches are off by, for (p,) d²."""
+        """Return the (p, p) correlation of the deviations of stretches, for (p,) d².
+
+        A parameter that is the same in all stretches is correlated with no other.
+        """
         weights = 1.0 / (self.variances + between)
         off = (self.estimates - np.sum(weights * self.estimates, axis=0) / np.sum(weights, axis=0)) * np.sqrt(weights)
         products = off.T @ off
         sizes = np.sqrt(np.diag(products))
-        return np.asarray(products / np.outer(sizes, sizes))
+        units = np.outer(sizes, sizes)
+        return np.where(units > 0.0, products / np.where(units > 0.0, units, 1.0), np.eye(len(sizes)))
 
 
 def _excess(estimates: np.ndarray, variances: np.ndarray, between: np.ndarray | float) -> np.ndarray:
@@ -174,7 +178,9 @@ def of_the_mean(uncertainty: Uncertainty, evidence: Evidence, variation: Variati
     if variation is None:
         return uncertainty
     long = Stretches.of(evidence).mean()
-    ratio = np.diag(long.covariance) / np.diag(uncertainty.covariance)
+    own = np.diag(uncertainty.covariance)
+    # The jackknife gives no variance to a parameter that a single block tells; one degree of freedom says so.
+    ratio = np.where(own > 0.0, np.diag(long.covariance) / np.where(own > 0.0, own, 1.0), 1.0)
     wider = (np.diag(variation.covariance) > 0.0) & (ratio > 1.0)
     sizes = np.where(wider, np.sqrt(np.maximum(ratio, 1.0)), 1.0)
     return Uncertainty(

@@ -14,6 +14,9 @@ import numpy as np
 
 # Of b² over a², times the mean of K's eigenvalues.
 _LOGARITHMS = (-15.0, 15.0)
+# In m, m/s, rad and rad/s: far below any sensor. A simulated flight without noise would otherwise have none, and the
+# information about its parameters would be infinite.
+_MIN_WHITE_NOISE = 1e-5
 
 
 class Shape(NamedTuple):
@@ -56,7 +59,7 @@ def still(shape: Shape) -> Shape:
 
 
 def noise_of(residuals: np.ndarray, shape: Shape) -> Noise:
-    """The noise under which residuals are most likely.
+    """Return the noise under which residuals are most likely, with white noise of at least `_MIN_WHITE_NOISE`.
 
     Args:
         residuals: (W, T), each window with its initial state fitted.
@@ -64,7 +67,7 @@ def noise_of(residuals: np.ndarray, shape: Shape) -> Noise:
     """
     squares = np.mean((residuals @ shape.vectors) ** 2, axis=0)
     if not shape.values.any():
-        return Noise(float(np.sqrt(np.mean(squares))), 0.0)
+        return Noise(max(_MIN_WHITE_NOISE, float(np.sqrt(np.mean(squares)))), 0.0)
     relative = shape.values / np.mean(shape.values)
     logarithms = np.linspace(*_LOGARITHMS, 400)
     growing = 1.0 + np.exp(logarithms)[:, None] * relative
@@ -73,4 +76,4 @@ def noise_of(residuals: np.ndarray, shape: Shape) -> Noise:
     unlikelihood = len(squares) * np.log(likeliest + 1e-300) + np.sum(np.log(growing), axis=1)
     best = int(np.argmin(unlikelihood))
     white, ratio = float(np.sqrt(likeliest[best])), float(np.exp(logarithms[best]))
-    return Noise(white, white * float(np.sqrt(ratio / np.mean(shape.values))))
+    return Noise(max(_MIN_WHITE_NOISE, white), white * float(np.sqrt(ratio / np.mean(shape.values))))

@@ -25,8 +25,8 @@ _COLLISION = 2.0 * 9.81
 # What is left out before a collision and after a gap that ends a landing, s: a vehicle on its way into a crash, and
 # rotors in the wash of the ground.
 _MARGIN = 1.0
-# Pitch near 90° at which roll and yaw are mostly noise, rad: 75° quadruples it.
-_STEEP = np.radians(75.0)
+# Largest pitch of usable samples, rad. At 75° the noise of roll and yaw is four times that in level flight.
+_MAX_PITCH = np.radians(75.0)
 # Of the median command of the flight, below which rotors do not carry.
 _IDLE = 0.5
 # Of the median period, by which that of a log of the same rate is another at most.
@@ -82,11 +82,11 @@ def pieces(record: FlightRecord) -> np.ndarray:
 
 
 def airborne(record: FlightRecord) -> np.ndarray:
-    """Return (n,) True where the vehicle is in the air and its roll and yaw mean something, as far as the record tells.
+    """Return a mask (n,) of the samples in which the vehicle is airborne and its attitude is usable.
 
-    In the air commands are, in the mean over a second, at least half of their median; the second after they begin to be
-    and the one before they cease to be are left out, and so are those around a collision, and around a pitch of more
-    than 75°, where roll and yaw are mostly noise.
+    The vehicle counts as airborne while the mean of its commands over one second is at least half of their median. The
+    first and the last second of each flight are excluded. So are samples within a second of a collision, or of a pitch
+    beyond 75°, where roll and yaw are mostly noise.
     """
     command = _effort(record)
     flying = np.ones(len(record.time), dtype=bool)
@@ -101,7 +101,7 @@ def airborne(record: FlightRecord) -> np.ndarray:
 
 
 def steep_remarks(records: Sequence[FlightRecord]) -> list[str]:
-    """Return a sentence on each record whose nose points nearly straight up or down."""
+    """Return a sentence on each record with a pitch near ±90°."""
     return [
         f"the log {shown(record.name)} pitches beyond 75 degrees for {np.sum(_steep(record)) * record.period:.2g} s,"
         f" which are left out with {_MARGIN:g} s around them: roll and yaw are mostly noise there"
@@ -111,9 +111,14 @@ def steep_remarks(records: Sequence[FlightRecord]) -> list[str]:
 
 
 def coarser(record: FlightRecord, step: int) -> FlightRecord:
-    """A record with one sample in so many: commands in the mean until the next, all else in the mean around it.
+    """Return a record with a longer period, in which each sample is the mean of several original samples.
 
-    A mean over half a step to both sides keeps an instant in its middle, and vibration out.
+    Commands are averaged from one new sample to the next. Measurements are averaged over half a new period on both
+    sides, which removes vibration without a delay.
+
+    Args:
+        record: original record.
+        step: number of original periods in a new period.
     """
     if step == 1:
         return record
@@ -154,10 +159,10 @@ def _effort(record: FlightRecord) -> np.ndarray | None:
 
 
 def _steep(record: FlightRecord) -> np.ndarray:
-    """Return (n,) True where the pitch is near 90°."""
+    """Return a mask (n,) of the samples with a pitch near ±90°."""
     if record.attitude is None:
         return np.zeros(len(record.time), dtype=bool)
-    return np.asarray(np.abs(record.attitude[:, 1]) > _STEEP)
+    return np.asarray(np.abs(record.attitude[:, 1]) > _MAX_PITCH)
 
 
 def _near(found: np.ndarray, samples: int) -> np.ndarray:
@@ -195,7 +200,7 @@ def cut(records: Sequence[FlightRecord], flying: Sequence[np.ndarray], sizes: Cu
 
 
 def within_half_a_turn(angles: np.ndarray) -> np.ndarray:
-    """Return the same angles between -π and π, rad."""
+    """Wrap angles to the interval from -π to π, rad."""
     return np.asarray(angles - 2.0 * np.pi * np.rint(angles / (2.0 * np.pi)))
 
 

@@ -122,25 +122,25 @@ def compare_with_log(
     start: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Comparison:
-    """Flies the reference of a log under a scenario's control, and compares what becomes of it with what was flown.
+    """Simulate the reference of a log under a scenario's control, and compare the simulation with the logged flight.
 
-    The simulated vehicle hovers at the first point of the reference, for `rest`, and then flies with the log's clock.
-    Both are compared from the moment on which the log's reference has begun to move (1 cm), so that what came before
-    the log, as a take-off, does not count; where it never moves, over all of the log. Positions are those that are
-    measured, here as there: what a log holds is what the controller knew.
+    The simulated vehicle hovers at the first point of the reference for `rest` and then follows the log's clock. The
+    comparison begins when the reference of the log has moved by 1 cm, so that a take-off before the log does not count.
+    If the reference never moves, it covers the whole log. Both errors are those of measured positions, since a log
+    contains no true positions.
 
     Args:
-        record: of the log, with position and reference position.
-        scenario: whose route gives way to the reference of the log; where it has distributions, each sample draws its
-            own vehicle, and sample i of any scenario of the same seed has the same wind and noise.
-        samples: number of flights.
-        rest: before the log, s.
-        start: from when on errors count, s of the log.
-        progress: called with the flights flown and to fly.
+        record: record of the log, with position and reference position.
+        scenario: scenario whose route is replaced by the reference of the log. If it has distributions, each sample
+            draws its own vehicle. Sample i has the same wind and noise for all scenarios with the same seed.
+        samples: number of simulated flights.
+        rest: duration of the hover before the log, s.
+        start: time of the log from which errors count, s.
+        progress: function that is called with the number of simulated flights and their total number.
 
     Raises:
-        InputError: the log lacks a position, its reference cannot be flown, nothing is left to compare, or the vehicle
-            has no time step.
+        InputError: if the log has no position, its reference cannot be flown, there is nothing to compare, or the
+            vehicle has no time step.
     """
     if scenario.vehicle.time_step == 0.0:
         raise InputError("vehicle.time_step is 0; flights are compared with a log only with a time step")
@@ -165,10 +165,10 @@ def on_route(scenario: Scenario, reference: LoggedReference) -> Scenario:
 
 
 def side_by_side(comparison: Comparison) -> dict[str, Flight]:
-    """Return the flight of the log and the typical prediction as two flights of one reference, for a replay.
+    """Return the logged flight and the typical prediction as two flights of the same reference, for a replay.
 
-    The states of both are those that were measured. Where the log has no speeds of the rotors, they turn as in the
-    prediction. A prediction that crashes before the log begins is left out.
+    The states of both are measured states. If the log contains no rotor speeds, those of the prediction are shown. A
+    prediction that crashes before the start of the log is left out.
     """
     record, start = comparison.record, comparison.reference.start
     flight = simulate(comparison.scenario, sample=comparison.typical_sample(), plan=comparison.plan, compiled=True)

@@ -58,7 +58,7 @@ def velocity_estimate(record: FlightRecord) -> VelocityEstimate:
     inside = (record.time > record.time[0] + _BEGINNING) & (record.time < record.time[-1] - _MEAN)
     after, before = record.time[inside] + 0.5 * _MEAN, record.time[inside] - 0.5 * _MEAN
     blocks = np.floor(record.time / _BLOCK).astype(int)[inside]
-    if len(np.unique(blocks)) < _FEWEST:
+    if len(np.unique(blocks)) < _FEWEST or len(blocks) <= 2 * _steps(record):
         raise InputError(f"{record.name}: is too short to tell how an estimator sees velocity")
     shares, drifts, times = [], [], []
     for axis in range(3):
@@ -73,7 +73,7 @@ def velocity_estimate(record: FlightRecord) -> VelocityEstimate:
         if true.std() > _FLOWN:
             share = _share(true, off, blocks)
         rest = off - share.value * true
-        noise = (1.0 + share.value) ** 2 * _noise(position[:, axis] - gone, record, (before, after))
+        noise = (1.0 + share.value) ** 2 * _noise((position[:, axis] - gone)[inside], record, (before, after))
         shares.append(share)
         drifts.append(float(np.sqrt(max(0.0, rest.var() - noise))))
         times.append(_correlation_time(rest, noise) * record.period)
@@ -93,18 +93,30 @@ def _share(true: np.ndarray, off: np.ndarray, blocks: np.ndarray) -> Spread:
     return Spread(share, float(np.sqrt(count / (count - 1) * np.sum(left**2))) / whole, "1")
 
 
-def _noise(gone: np.ndarray, record: FlightRecord, ends: tuple[np.ndarray, np.ndarray]) -> float:
-    """Variance of means of a derivative, between these ends, by the white noise of what is differentiated."""
-    step = max(1, round(_STEP / record.period))
-    variance = float(np.mean((gone[2 * step :] - 2.0 * gone[step:-step] + gone[: -2 * step]) ** 2)) / 6.0
-    between = [np.interp(end, record.time, np.arange(len(gone))) % 1.0 for end in ends]
+def _steps(record: FlightRecord) -> int:
+    """Return the number of samples over which the velocity error hardly changes."""
+    return max(1, round(_STEP / record.period))
+
+
+def _noise(left: np.ndarray, record: FlightRecord, ends: tuple[np.ndarray, np.ndarray]) -> float:
+    """Return the variance that white noise of a signal adds to means of the signal's derivative.
+
+    Args:
+        left: (n,) consecutive samples of the signal, at the times of the means only: a jump while the estimator still
+            settles is not noise.
+        record: record that contains the samples.
+        ends: end and start of each mean, two arrays (n,) of times, s.
+    """
+    step = _steps(record)
+    variance = float(np.mean((left[2 * step :] - 2.0 * left[step:-step] + left[: -2 * step]) ** 2)) / 6.0
+    between = [np.interp(end, record.time, np.arange(len(record.time))) % 1.0 for end in ends]
     return variance / _MEAN**2 * float(sum(np.mean(share**2 + (1.0 - share) ** 2) for share in between))
 
 
 def _correlation_time(rest: np.ndarray, noise: float) -> int:
-    """Samples after which the autocorrelation, without that of noise, has fallen to 1/e."""
+    """Return the number of samples after which the autocorrelation, without that of noise, has fallen to 1/e."""
     off = rest - rest.mean()
-    # By Fourier transforms, since the sums themselves take seconds for a log of minutes.
+    # Direct summation would take seconds for a log of several minutes, so the correlation uses Fourier transforms.
     correlation = scipy.signal.correlate(off, off, method="fft")[len(off) - 1 :]
     left = max(0.0, correlation[0] - len(off) * noise)
     return max(1, int(np.argmax(correlation < left / np.e)) or len(off))

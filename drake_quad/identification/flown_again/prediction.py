@@ -68,21 +68,28 @@ class Predictions:
     errors: dict[str, np.ndarray]
 
     def rmse(self, quantity: str, vehicle: str, horizon: float) -> Interval:
-        """RMS error of a vehicle at a horizon, with its 95 % interval; NaN if nothing was predicted so far."""
+        """Return a vehicle's RMS error at a horizon with its 95 % interval; NaN if nothing was predicted so far."""
         own, blocks = self._squares(quantity, horizon, vehicle)
         if not len(blocks):
             return Interval(math.nan, math.nan, math.nan)
         mean = float(np.mean(own))
+        if mean == 0.0:
+            return Interval(0.0, 0.0, 0.0)
         reach = 0.5 * _reach(_totals(own / mean - 1.0, blocks) / len(own))
         value = math.sqrt(mean)
         return Interval(value, value * math.exp(-reach), value * math.exp(reach))
 
     def better(self, quantity: str, vehicle: str, other: str, horizon: float) -> Interval:
-        """Share by which a vehicle's RMS error is smaller than that of another, by the same starts."""
+        """Return the share by which a vehicle's RMS error is smaller than that of another, from the same starts.
+
+        It is NaN if nothing was predicted so far, or if the other vehicle is exact.
+        """
         own, blocks = self._squares(quantity, horizon, vehicle)
         others, _ = self._squares(quantity, horizon, other)
-        if not len(blocks):
+        if not others.any():
             return Interval(math.nan, math.nan, math.nan)
+        if not own.any():
+            return Interval(1.0, 1.0, 1.0)
         difference = own / np.mean(own) - others / np.mean(others)
         reach = 0.5 * _reach(_totals(difference, blocks) / len(own))
         ratio = math.sqrt(float(np.mean(own) / np.mean(others)))
@@ -200,7 +207,7 @@ def _reached(record: FlightRecord, starts: np.ndarray, steps: int) -> np.ndarray
 def _begun(
     loop: OpenLoop, record: FlightRecord, measured: Sequence[str], starts: np.ndarray, past: int, level: bool
 ) -> np.ndarray:
-    """(S, 12) states at the starts, fitted to what was measured before."""
+    """Return the states (S, 12) at the starts, fitted to the measurements before them."""
     before = Starts(starts - past, past)
     at = before.samples[:, None] + np.arange(past + 1)
     values = {name: _continuous(record, name)[at] for name in measured}
@@ -230,7 +237,7 @@ def _begun(
 
 
 def _difference(name: str, predicted: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return predicted minus measured values, angles within half a turn."""
+    """Return predicted minus measured values, with differences of angles wrapped to [-π, π]."""
     return within_half_a_turn(predicted - values) if name == "attitude" else predicted - values
 
 

@@ -26,9 +26,10 @@ _HALF_TURN = np.array([1.0, -1.0, -1.0])
 _QUATERNION_TURN = np.array([1.0, 1.0, -1.0, -1.0])
 # A quaternion that is so much shorter or longer than 1 is none: many logs begin with zeros.
 _UNIT_LENGTH = 0.5, 2.0
-# Shares of the full command of a motor that nothing sends, beside rounding: 16 bits hold no more, and other commands,
-# whose range a log need not say, are not so far beyond it.
-_COMMANDS, _COMMANDS_OF_16_BITS = (-0.5, 1.5), (-1e-3, 1.001)
+# Plausible range of a motor command, relative to the full command. It is wide since a log need not state the range.
+_COMMAND_RANGE = (-0.5, 1.5)
+# Range of a command that was logged with 16 bits, with a tolerance for rounding.
+_COMMAND_RANGE_16_BITS = (-1e-3, 1.001)
 # A signal that is there for a smaller share of the time is left out.
 _LEAST_COVERAGE = 0.5
 # More than any unit has in flight: it is no number.
@@ -113,21 +114,21 @@ def record_of(
     remarks: Iterable[str] = (),
     names: Iterable[str] = (),
 ) -> FlightRecord:
-    """Makes a record of what a mapping finds in the tables of a log.
+    """Convert the tables of a log to a record.
 
-    The clock is that of the fastest table which has a signal. On it measurements of the other tables lie on lines
-    between their samples, and commands hold; before the first sample of a signal there is no record.
+    The record has the clock of the fastest table with a signal. Measurements of other tables are interpolated linearly,
+    and commands are held. The record begins when all its signals have a sample.
 
     Args:
-        tables: of the log.
-        mapping: which columns are which signals.
-        name: of the log.
-        mark: what errors call it.
-        remarks: on what was found before.
-        names: of further columns that the log has.
+        tables: tables of the log.
+        mapping: mapping from columns to signals.
+        name: name of the log.
+        mark: name of the log in error messages.
+        remarks: remarks on the log from reading it.
+        names: names of further columns in the log.
 
     Raises:
-        InputError: it has no signal, or less than two samples of all.
+        InputError: if the log has no signal, or it has fewer than two samples of all signals.
     """
     notes: list[str] = []
     tables = [_without_damage(table, mapping, notes) for table in tables]
@@ -190,35 +191,35 @@ def record_of(
 
 
 def _without_damage(table: Table, mapping: Mapping, notes: list[str]) -> Table:
-    """The table without the rows whose motor commands are none that can be sent, and a note on these."""
+    """Return the table without the rows whose motor commands are out of range, and add a remark on them to `notes`."""
     known = [
         each for each in mapping.signals.get("motor_command", ()) if all(name in table.columns for name in each.names)
     ]
     if not known or not len(table.time):
         return table
-    with np.errstate(all="ignore"):  # what is damaged may hold any number
+    with np.errstate(all="ignore"):  # damaged rows may contain any number
         commands = _values("motor_command", known[0], table)
-        least, most = _COMMANDS_OF_16_BITS if known[0].unit == "uint16" else _COMMANDS
+        least, most = _COMMAND_RANGE_16_BITS if known[0].unit == "uint16" else _COMMAND_RANGE
         wrong = ((commands < least) | (commands > most)).any(axis=1)
     if not wrong.any():
         return table
     largest, first = float(np.nanmax(np.abs(commands[wrong]))), table.time[np.argmax(wrong)] - table.time[0]
     notes.append(
-        f"{wrong.sum():,} of {len(wrong):,} samples are left out: their motor commands are none that can be sent, up to"
-        f" {largest:.3g} times the full one, first at {first:.4g} s; the log is damaged there"
+        f"{wrong.sum():,} of {len(wrong):,} samples are left out: their motor commands are out of range, up to"
+        f" {largest:.3g} times the full command, first at {first:.4g} s; the log is damaged there"
     )
     columns = {name: values[~wrong] for name, values in table.columns.items()}
     return Table(table.name, table.time[~wrong], columns, None if table.sampled is None else table.sampled[~wrong])
 
 
 def _channels(signal: str, mapping: Mapping, tables: Sequence[Table], clocks: _Clocks) -> Iterator[_Channel]:
-    """The signal as each of its sources has it, the first choice first."""
+    """Yield the channels of a signal from each of its sources, in the order of preference."""
     for source in mapping.signals[signal]:
         for table in tables:
             if not all(each in table.columns for each in source.names) or len(table.time) < 2:
                 continue
             clock, numbers = clocks.of(table, signal)
-            with np.errstate(all="ignore"):  # what is damaged may hold any number
+            with np.errstate(all="ignore"):  # damaged rows may contain any number
                 values = _values(signal, source, table)[numbers]
             if signal == "motor_command":
                 values = np.clip(values, 0.0, 1.0)
@@ -365,7 +366,7 @@ def _missing_remarks(channels: Sequence[_Channel]) -> Iterator[str]:
 
 
 def _why_not(signal: str, mapping: Mapping, available: set[str]) -> Iterator[str]:
-    """A sentence if a signal is left out of which a part is logged, or nothing but what is no number."""
+    """Yield a sentence if a signal is left out because it is logged incompletely, or because all its values are NaN."""
     for source in mapping.signals[signal]:
         missing = [each for each in source.names if each not in available]
         if not missing:

@@ -136,7 +136,7 @@ def _kind(header: _Header, log: LogFile, name: str, clock: str) -> _Kind:
 
 
 def _places(log: LogFile, start: int, kinds: dict[int, _Kind]) -> tuple[dict[int, list[int]], list[str]]:
-    """Where the records of each event type begin, by its id, and remarks on what is lost."""
+    """Return the offsets of the records of each event type, by its id, and remarks on lost data."""
     data, sizes = log.data, {identity: kind.layout.itemsize for identity, kind in kinds.items()}
     if int.from_bytes(data[-_CHECKSUM:], "little") == zlib.crc32(memoryview(data)[:-_CHECKSUM]):
         records = _chain(memoryview(data)[:-_CHECKSUM], start, sizes)
@@ -150,7 +150,7 @@ def _places(log: LogFile, start: int, kinds: dict[int, _Kind]) -> tuple[dict[int
         else:
             del records[count:]
             end = _end_of(records, start, sizes) + _CHECKSUM
-            remarks = [log.unread(end, "they stand behind the log and its checksum")]
+            remarks = [log.unread(end, "they follow the checksum at the end of the log")]
     places: dict[int, list[int]] = {identity: [] for identity in kinds}
     for identity, place in records:
         places[identity].append(place)
@@ -158,7 +158,7 @@ def _places(log: LogFile, start: int, kinds: dict[int, _Kind]) -> tuple[dict[int
 
 
 def _chain(data: memoryview, start: int, sizes: Mapping[int, int]) -> list[tuple[int, int]]:
-    """The id and the place of each record from a place on, until no whole one follows."""
+    """Return the id and the offset of each record from an offset on, up to the first incomplete or unknown record."""
     records, place, last = [], start, len(data) - 2
     while place <= last:
         identity = data[place] | data[place + 1] << 8
@@ -173,7 +173,7 @@ def _chain(data: memoryview, start: int, sizes: Mapping[int, int]) -> list[tuple
 def _count_before_checksum(
     data: bytes, records: Sequence[tuple[int, int]], start: int, sizes: Mapping[int, int]
 ) -> int | None:
-    """How many records lie before the place at which the checksum of all before stands; None if there is none."""
+    """Return the number of records before the first valid checksum of all preceding data; None if there is none."""
     checksum, view = zlib.crc32(memoryview(data)[:start]), memoryview(data)
     for count, place in enumerate([*(place for _, place in records), _end_of(records, start, sizes)]):
         checksum = zlib.crc32(view[start:place], checksum)
@@ -184,24 +184,24 @@ def _count_before_checksum(
 
 
 def _end_of(records: Sequence[tuple[int, int]], start: int, sizes: Mapping[int, int]) -> int:
-    """The place of the byte behind the last record."""
+    """Return the offset of the first byte after the last record."""
     identity, place = records[-1] if records else (None, start)
     return place + (0 if identity is None else sizes[identity])
 
 
 def _cut(log: LogFile, records: list[tuple[int, int]], start: int, sizes: Mapping[int, int]) -> list[str]:
-    """Removes the records of a cut log that reach into the zeros or 0xff behind it; remarks on what is not read."""
+    """Remove the records of a cut log that reach into its trailing zeros or 0xff, and return remarks on unread data."""
     end = _end_of(records, start, sizes)
     if end < len(log.data) or (records and log.written <= records[-1][1]):
         while records and _end_of(records, start, sizes) > log.written:
             records.pop()
     end = _end_of(records, start, sizes)
-    # A log that is damaged further ahead ends in its checksum.
+    # A log that is damaged only earlier still ends with its checksum, so all its bytes are read.
     return _unread(log, end, sizes) if len(log.data) - end not in (0, _CHECKSUM) else []
 
 
 def _unread(log: LogFile, end: int, sizes: Mapping[int, int]) -> list[str]:
-    """A remark on bytes that no whole record begins with."""
+    """Return a remark on the bytes after the last complete record."""
     identity = int.from_bytes(log.data[end : end + 2], "little")
     is_known = identity in sizes or len(log.data) - end <= _CHECKSUM
     return [log.unread(end, "no whole record" if is_known else f"{identity} is the id of no event type")]

@@ -1,6 +1,6 @@
-"""What a ULog says of itself: which vehicle it is of, how far it goes, and what its estimator went through.
+"""Status information in a ULog: vehicle type, estimator resets and faults, failsafes, and the ranges of the motors.
 
-The numbers of vehicle types are those of MAVLink's MAV_TYPE and of PX4's parameter CA_AIRFRAME.
+The codes of vehicle types are those of MAVLink's MAV_TYPE and of PX4's parameter CA_AIRFRAME.
 """
 
 from collections.abc import Iterator, Mapping
@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drake_quad.errors import listed
+from drake_quad.errors import InputError, listed
 
-# Topics that are read for this alone.
+# Topics that contain no signals, only status information.
 STATUS_TOPICS = ("vehicle_status", "vehicle_land_detected", "estimator_status")
 _QUADROTOR = 2
-_TYPES = {
+_MAV_TYPES = {
     1: "an aeroplane",
     3: "a coaxial helicopter",
     4: "a helicopter",
@@ -38,21 +38,21 @@ _AIRFRAMES = {
     **dict.fromkeys((10, 11, 12), "a helicopter"),
     14: "a spacecraft",
 }
-# `vehicle_type` of `vehicle_status`: 0 is unknown, 1 a rotary wing.
-_WINGS = {2: "an aeroplane", 3: "a ground rover", 4: "an airship"}
-_ARMED = 2  # of `arming_state`
+# Values of `vehicle_status.vehicle_type` other than 0, which is unknown, and 1, which is a rotary wing.
+_VEHICLE_TYPES = {2: "an aeroplane", 3: "a ground rover", 4: "an airship"}
+_ARMED = 2  # value of `arming_state` of an armed vehicle
 
 
 class _Reset(NamedTuple):
-    """A counter of resets of the estimator.
+    """Counter of the estimator's resets of one quantity.
 
     Attributes:
-        topic: that has it.
-        counter: its field.
-        what: is reset.
-        fields: by how much.
-        factor: that makes the unit of their length.
-        unit: of it.
+        topic: name of the topic that contains the counter.
+        counter: name of the counter's field.
+        what: name of the quantity that is reset.
+        fields: names of the fields with the components of the last change.
+        factor: conversion factor from the norm of these fields to `unit`.
+        unit: unit in which the change is reported.
     """
 
     topic: str
@@ -69,21 +69,20 @@ _RESETS = (
     _Reset("vehicle_local_position", "z_reset_counter", "height", ("delta_z",), 1.0, "m"),
     _Reset("vehicle_local_position", "vxy_reset_counter", "velocity", ("delta_vxy[0]", "delta_vxy[1]"), 1.0, "m/s"),
     _Reset("vehicle_local_position", "vz_reset_counter", "climb", ("delta_vz",), 1.0, "m/s"),
-    # The vector part of a small turn's quaternion is half of its angle.
+    # The vector part of the quaternion of a small rotation is half of the rotation angle.
     _Reset("vehicle_attitude", "quat_reset_counter", "attitude", _VECTOR_PART, 2.0, "rad"),
 )
-_SMALL_RESET = 0.01  # m, m/s or rad; estimators reset by less when they begin
-# Fields of `vehicle_local_position` that say whether others of it hold.
+_MIN_RESET = 0.01  # m, m/s or rad; estimators make smaller resets when they start
+# Fields that each flag of `vehicle_local_position` declares valid or invalid.
 _VALIDITY = {
     "xy_valid": ("x", "y"),
     "z_valid": ("z",),
     "v_xy_valid": ("vx", "vy"),
     "v_z_valid": ("vz",),
 }
-# Where PX4 has pulses of servos for full range, µs, unless its parameters say otherwise.
-_DEFAULT_PULSES = 1000.0, 2000.0
-_MOTOR_FUNCTION = 101  # of PWM_MAIN_FUNC1 and so on: motor 1
-_MOTORS = 4
+_DEFAULT_PULSES = 1000.0, 2000.0  # µs, range of motor pulses in PX4 unless its parameters change it
+_MOTOR_FUNCTION = 101  # value of PWM_MAIN_FUNC1 to PWM_MAIN_FUNC16 for motor 1; motor 2 has 102
+_NUM_MOTORS = 4
 _MICROSECOND = 1e-6
 
 _Parameters = Mapping[str, Any]
@@ -91,15 +90,18 @@ _Data = Mapping[str, np.ndarray]
 
 
 def other_vehicle(parameters: _Parameters, status: _Data | None) -> str:
-    """Return what a log is of, if that is no quadrotor, and how it says so; empty if it is one or does not say.
+    """Return the type of the logged vehicle if it is not a quadrotor, with the field that states the type.
 
     Args:
-        parameters: of the log.
-        status: the topic `vehicle_status`, if it was logged.
+        parameters: parameters of PX4 in the log.
+        status: data of the topic `vehicle_status`; None if it was not logged.
+
+    Returns:
+        A phrase; empty if the vehicle is a quadrotor, or if the log does not state its type.
     """
-    types = [("the parameter MAV_TYPE", parameters.get("MAV_TYPE"), _TYPES)]
+    types = [("the parameter MAV_TYPE", parameters.get("MAV_TYPE"), _MAV_TYPES)]
     types += [("the parameter CA_AIRFRAME", parameters.get("CA_AIRFRAME"), _AIRFRAMES)]
-    for field, names in (("system_type", _TYPES), ("vehicle_type", _WINGS)):
+    for field, names in (("system_type", _MAV_TYPES), ("vehicle_type", _VEHICLE_TYPES)):
         values = () if status is None else np.unique(status.get(field, ())).tolist()
         types += [(f"vehicle_status.{field}", value, names) for value in values]
     for where, value, names in types:
@@ -108,17 +110,17 @@ def other_vehicle(parameters: _Parameters, status: _Data | None) -> str:
     if status is not None and np.any(status.get("is_vtol", 0)):
         return "a VTOL, by vehicle_status.is_vtol"
     rotors = parameters.get("CA_ROTOR_COUNT", 0)
-    if rotors not in (0, _MOTORS):
-        return f"a vehicle of {rotors} rotors, by the parameter CA_ROTOR_COUNT"
+    if rotors not in (0, _NUM_MOTORS):
+        return f"a vehicle with {rotors} rotors, by the parameter CA_ROTOR_COUNT"
     return ""
 
 
 def status_remarks(topics: Mapping[str, _Data], start: int) -> Iterator[str]:
-    """Yield sentences on resets and faults of the estimator, on failsafes, and on a flight that does not end.
+    """Yield sentences on resets and faults of the estimator, on failsafes, and on a log that ends in flight.
 
     Args:
-        topics: those that were logged, by name.
-        start: of the times in the sentences, µs.
+        topics: data of the logged topics, by name.
+        start: timestamp that counts as 0 s in the sentences, µs.
     """
 
     def seconds(data: _Data, row: int) -> float:
@@ -130,12 +132,12 @@ def status_remarks(topics: Mapping[str, _Data], start: int) -> Iterator[str]:
             continue
         rows = 1 + np.flatnonzero(np.diff(data[reset.counter].astype(int)))
         sizes = reset.factor * np.linalg.norm([data[field][rows] for field in reset.fields], axis=0)
-        rows, sizes = rows[sizes >= _SMALL_RESET], sizes[sizes >= _SMALL_RESET]
+        rows, sizes = rows[sizes >= _MIN_RESET], sizes[sizes >= _MIN_RESET]
         if len(rows):
             times = "once" if len(rows) == 1 else f"{len(rows)} times"
             yield (
                 f"the estimator resets its {reset.what} {times}, at most by {sizes.max():.2g} {reset.unit}, first at"
-                f" {seconds(data, rows[0]):.4g} s of the log; what is estimated jumps there"
+                f" {seconds(data, rows[0]):.4g} s of the log; the estimate jumps there"
             )
     yield from _failsafes(topics.get("vehicle_status", {}), seconds)
     estimator = topics.get("estimator_status", {})
@@ -152,7 +154,10 @@ def status_remarks(topics: Mapping[str, _Data], start: int) -> Iterator[str]:
         rows = np.flatnonzero(local["dead_reckoning"].astype(bool) & local["xy_valid"].astype(bool))
         if len(rows):
             share, first = len(rows) / len(local["timestamp"]), seconds(local, rows[0])
-            yield f"the position is by dead reckoning in {share:.2%} of its samples, first at {first:.4g} s of the log"
+            yield (
+                f"the position comes from dead reckoning in {share:.2%} of its samples, first at {first:.4g} s of the"
+                " log"
+            )
     yield from _end(topics)
 
 
@@ -161,7 +166,7 @@ def _failsafes(status: _Data, seconds: Any) -> Iterator[str]:
     begins, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0) - 1
     if len(begins):
         spans = [f"{seconds(status, a):.4g} to {seconds(status, b):.4g} s" for a, b in zip(begins, ends, strict=True)]
-        yield f"PX4 is in failsafe from {listed(spans, 3)} of the log: it does not follow its reference there"
+        yield f"PX4 is in failsafe from {listed(spans, 3)} of the log: it does not follow its reference then"
 
 
 def _end(topics: Mapping[str, _Data]) -> Iterator[str]:
@@ -172,7 +177,7 @@ def _end(topics: Mapping[str, _Data]) -> Iterator[str]:
 
 
 def with_invalid_left_out(topic: str, data: _Data) -> dict[str, np.ndarray]:
-    """Return the fields of a topic with NaN in the place of what the topic itself calls invalid."""
+    """Return the fields of a topic with NaN in place of the samples that the topic declares invalid."""
     found = dict(data)
     if topic == "vehicle_local_position":
         for validity, fields in _VALIDITY.items():
@@ -183,15 +188,21 @@ def with_invalid_left_out(topic: str, data: _Data) -> dict[str, np.ndarray]:
 
 
 def with_pulses_of_motors(data: _Data, parameters: _Parameters) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Return the topic `actuator_outputs` with the pulses of the motors first and from 1000 to 2000 µs, and remarks.
+    """Return `actuator_outputs` with the motors in its first four outputs and their pulses scaled to 1000 to 2000 µs.
 
     Args:
-        data: of the topic.
-        parameters: of the log, with the channel of each motor and the pulses for nothing and for all.
+        data: data of the topic `actuator_outputs`.
+        parameters: parameters of PX4 in the log, which assign channels and pulse ranges to the motors.
+
+    Returns:
+        The topic with these outputs, and remarks on the channels and pulse ranges.
+
+    Raises:
+        InputError: if the longest pulse of a motor is not longer than its shortest one.
     """
     channels = [
         next((i for i in range(1, 17) if parameters.get(f"PWM_MAIN_FUNC{i}") == _MOTOR_FUNCTION + motor), motor + 1)
-        for motor in range(_MOTORS)
+        for motor in range(_NUM_MOTORS)
     ]
     names = [f"output[{channel - 1}]" for channel in channels]
     if not all(name in data for name in names):
@@ -199,23 +210,31 @@ def with_pulses_of_motors(data: _Data, parameters: _Parameters) -> tuple[dict[st
     found, ranges = dict(data), []
     for motor, (name, channel) in enumerate(zip(names, channels, strict=True)):
         low, high = (_limit(parameters, end, channel, default) for end, default in zip(("MIN", "MAX"), _DEFAULT_PULSES))
+        if not low < high:
+            raise InputError(
+                f"the parameters say that the pulses of motor {motor + 1} go from {low:g} to {high:g} µs (PWM_MAIN_MIN,"
+                " PWM_MAIN_MAX), which is no range"
+            )
         ranges.append((low, high))
         least, most = _DEFAULT_PULSES
         found[f"output[{motor}]"] = least + (data[name].astype(float) - low) * (most - least) / (high - low)
     remarks = []
     known = any(name.startswith(("PWM_MIN", "PWM_MAX", "PWM_MAIN_M")) for name in parameters)
     spans = listed(list(dict.fromkeys(f"{low:g} to {high:g}" for low, high in ranges)))
-    source = "by PWM_MAIN_MIN, PWM_MAIN_MAX and the like" if known else "assumed, which no parameter says"
-    remarks.append(f"motors are off and full at pulses of {spans} µs, {source}")
-    if channels != [*range(1, _MOTORS + 1)]:
+    source = "by PWM_MAIN_MIN, PWM_MAIN_MAX and the like" if known else "assumed, since no parameter in the log says so"
+    remarks.append(f"the range of the motors, from off to full throttle, is {spans} µs, {source}")
+    if channels != [*range(1, _NUM_MOTORS + 1)]:
         remarks.append(
-            f"PX4's motors 1 to 4 are at its outputs {', '.join(map(str, channels))}, by PWM_MAIN_FUNC1 and so on"
+            f"PX4's motors 1 to 4 are on its outputs {', '.join(map(str, channels))}, by PWM_MAIN_FUNC1 and so on"
         )
     return found, remarks
 
 
 def _limit(parameters: _Parameters, end: str, channel: int, default: float) -> float:
-    """The pulse of a channel at an end of its range, µs; a parameter below 0 stands for the next."""
+    """Return the pulse at the end "MIN" or "MAX" of a channel's range, µs.
+
+    A parameter that is missing or negative defers to the next, more general one, and in the end to `default`.
+    """
     for name in (f"PWM_MAIN_{end}{channel}", f"PWM_MAIN_{end}", f"PWM_{end}"):
         value = parameters.get(name, -1)
         if value >= 0:

@@ -11,19 +11,20 @@ from drake_quad.identification.logs.table import read_table_file
 
 
 def read_log(path: str | Path, mapping: str | Path | None = None) -> FlightRecord:
-    """Reads a flight log: a Crazyflie's, PX4's ULog, or CSV, as it is or compressed by gzip or xz.
+    """Read a flight log of a Crazyflie, a PX4 ULog, or a CSV file, uncompressed or compressed with gzip or xz.
 
-    What of a log is cut or damaged is left out, and the record's remarks say so, and which columns were read.
+    Truncated or damaged parts of a log are skipped. The remarks of the record list them, and the columns that were
+    read.
 
     Args:
-        path: of the file.
-        mapping: which columns are which signals: a YAML file in the language of
-            `drake_quad.identification.logs.mapping`, or the name of a shipped mapping. If it is not given, a
-            Crazyflie's log is read by `crazyflie`, a ULog by `px4`, and CSV by the shipped one that fits.
+        path: path of the file.
+        mapping: mapping from columns to signals, given by a YAML file (`drake_quad.identification.logs.mapping`) or by
+            the name of a shipped mapping. The default is `crazyflie` for a Crazyflie's log, `px4` for a ULog, and the
+            shipped mapping that fits best for CSV.
 
     Raises:
-        InputError: there is no such file, it is none of these logs, or it holds nothing that is whole and known; or it
-            is PX4's of another vehicle than a quadrotor, and no mapping is given.
+        InputError: if the file does not exist, has another format, or contains no complete signal; or it is a PX4 log
+            of a vehicle that is not a quadrotor, and no mapping is given.
     """
     given = None if mapping is None else load_mapping(mapping)
     log = read_file(Path(path))

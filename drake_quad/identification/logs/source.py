@@ -18,12 +18,12 @@ _CHUNK = 1 << 20
 
 
 class LogFile(NamedTuple):
-    """What was read of a log.
+    """Content of a log file.
 
     Attributes:
-        path: of the file.
-        data: unpacked.
-        remarks: sentences on what is lost.
+        path: path of the file.
+        data: decompressed bytes of the file.
+        remarks: sentences on lost data.
     """
 
     path: Path
@@ -37,19 +37,19 @@ class LogFile(NamedTuple):
 
     @property
     def written(self) -> int:
-        """Number of bytes before the run of zeros, or of the byte 0xff, with which the data end.
+        """Number of bytes before the trailing zeros or trailing bytes 0xff.
 
-        After a loss of power a file may end in such a run, since its length was set before its content was written.
+        After a loss of power a file may end with such bytes, because its length is set before its content is written.
         """
         last = self.data[-1:]
         return len(self.data.rstrip(last)) if last in (b"\0", b"\xff") else len(self.data)
 
     def unread(self, end: int, reason: str) -> str:
-        """Return a sentence on the bytes from `end` on, which are not read.
+        """Return a sentence on the unread bytes at the end of the file.
 
         Args:
             end: number of bytes that are read.
-            reason: why the others are not, or what they are, if they are not only zeros or only 0xff.
+            reason: reason why the other bytes are not read, unless they are all zeros or all 0xff.
         """
         rest = set(self.data[end:])
         if rest in ({0}, {255}):

@@ -40,14 +40,14 @@ class TableFile(NamedTuple):
 
 
 def read_table_file(log: LogFile, given: tuple[str, Mapping] | None) -> TableFile:
-    """Reads the columns that a mapping chooses.
+    """Read the columns of a CSV file that a mapping selects.
 
     Args:
-        log: the file.
-        given: name and mapping; if none is, the shipped one that knows most of the columns.
+        log: content of the file.
+        given: name and mapping; if None, the shipped mapping that knows most of the columns.
 
     Raises:
-        InputError: it is no text, no mapping fits, or a cell is no number.
+        InputError: if the file is not text, no mapping fits, or a cell is not a number.
     """
     text, cut = _text(log)
     name, mapping, names = _fitting(log, text, given)
@@ -69,7 +69,7 @@ def read_table_file(log: LogFile, given: tuple[str, Mapping] | None) -> TableFil
 
 
 def _text(log: LogFile) -> tuple[str, list[str]]:
-    """The lines before the first byte that is no text, and a remark on what follows them, if anything does."""
+    """Return the lines before the first byte that is not text, and a remark on the rest of the file, if any."""
     data = log.data
     if len(data) > MOST_BYTES:
         raise InputError(f"{log.mark}: is too large: a CSV file may have {MOST_BYTES:,} bytes")
@@ -164,7 +164,7 @@ def _rows(log: LogFile, text: str, delimiter: str) -> tuple[list[str], list[list
 
 
 def _numbers(log: LogFile, name: str, cells: Sequence[str], lines: Sequence[int], width: int | None) -> np.ndarray:
-    """(rows,) of a column of numbers, or (rows, width) of one of vectors; NaN where a cell is empty."""
+    """Return a column of numbers (rows,), or of vectors (rows, width); empty cells become NaN."""
     try:
         if width is None:
             return np.array([float_in(cell) if cell else np.nan for cell in cells])

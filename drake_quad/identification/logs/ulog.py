@@ -59,19 +59,19 @@ class ULogTables(NamedTuple):
 
 
 def ulog_tables(log: LogFile, mapping: Mapping, *, any_vehicle: bool = False) -> ULogTables:
-    """Reads the topics that a mapping knows, of their first instance.
+    """Read the first instance of the topics that a mapping knows.
 
-    Fields are named as in `vehicle_attitude.q[0]`. What was measured is timed by `timestamp_sample` where the log has
-    it, and by `timestamp` otherwise. Positions and velocities that the log calls invalid are NaN, and pulses of motors
-    are from 1000 to 2000 µs, whatever the parameters have for the two.
+    Fields are named as in `vehicle_attitude.q[0]`. The time of a measurement is its `timestamp_sample` if the log has
+    it, and its `timestamp` otherwise. Positions and velocities that the log declares invalid become NaN. Motor pulses
+    are scaled from the range in the parameters to 1000 to 2000 µs.
 
     Args:
-        log: the file.
-        mapping: of the topics' fields.
-        any_vehicle: whether a log of something else than a quadrotor is read, with a remark; else it is refused.
+        log: content of the file.
+        mapping: mapping from fields of topics to signals.
+        any_vehicle: True to accept a log of another vehicle than a quadrotor with a remark, False to reject it.
 
     Raises:
-        InputError: pyulog is not installed, or cannot read the log, or it is not that of a quadrotor.
+        InputError: pyulog is not installed or cannot read the log, or the log is not that of a quadrotor.
     """
     topics = {name.partition(".")[0] for name in mapping.names}
     chain = _chain_of(log)
@@ -82,15 +82,15 @@ def ulog_tables(log: LogFile, mapping: Mapping, *, any_vehicle: bool = False) ->
         read = _read(log, log.data[: chain.end], topics) if chain.goes_on else None
         if read is None or not read.data_list:
             raise
-        remarks.append(log.unread(chain.end, "pyulog cannot read on from there"))
+        remarks.append(log.unread(chain.end, "pyulog cannot continue there"))
     else:
         if read.file_corruption and not chain.goes_on:
-            remarks.append("the log is damaged; read what pyulog finds whole")
+            remarks.append("the log is damaged; only the complete messages that pyulog finds are read")
     first = {topic.name: topic.data for topic in read.data_list if topic.multi_id == 0 and "timestamp" in topic.data}
     parameters = read.initial_parameters
     other = other_vehicle(parameters, first.get("vehicle_status"))
     if other and not any_vehicle:
-        raise InputError(f"{log.mark}: is the log of {other}, and not of a quadrotor; a mapping of your own reads it")
+        raise InputError(f"{log.mark}: is the log of {other}, and not of a quadrotor; give a mapping to read it anyway")
     mapped = {name: data for name, data in first.items() if name in topics}
     if not mapped:
         raise InputError(f"{log.mark}: is a ULog without any of the topics {', '.join(sorted(topics))}")
@@ -99,8 +99,11 @@ def ulog_tables(log: LogFile, mapping: Mapping, *, any_vehicle: bool = False) ->
     tables = []
     for name, data in mapped.items():
         if name == "actuator_outputs":
-            mapped_data, said = with_pulses_of_motors(data, parameters)
-            remarks += said if "actuator_motors" not in mapped else ()  # which is read in its place
+            try:
+                mapped_data, said = with_pulses_of_motors(data, parameters)
+            except InputError as error:
+                raise InputError(f"{log.mark}: {error}") from None
+            remarks += said if "actuator_motors" not in mapped else ()  # that topic takes precedence over the pulses
         else:
             mapped_data = with_invalid_left_out(name, data)
         tables.append(_table(name, mapped_data, start))
@@ -108,12 +111,12 @@ def ulog_tables(log: LogFile, mapping: Mapping, *, any_vehicle: bool = False) ->
 
 
 class _Chain(NamedTuple):
-    """The messages that follow one another from the beginning of a log.
+    """Contiguous messages at the start of a log.
 
     Attributes:
-        end: the place of the byte behind the last of them.
-        goes_on: whether something follows that may hold further messages.
-        remarks: on what follows.
+        end: offset of the first byte after the last message.
+        goes_on: True if the data after `end` may contain further messages.
+        remarks: remarks on the data after `end`.
     """
 
     end: int
@@ -122,10 +125,10 @@ class _Chain(NamedTuple):
 
 
 def _chain_of(log: LogFile) -> _Chain:
-    """Find the end of the whole messages of a log.
+    """Find the end of the contiguous complete messages of a log.
 
-    A log that was cut may go on with zeros or 0xff. A message that reaches into these does not count, since its end may
-    be missing.
+    A truncated log may end with zeros or 0xff. A message that reaches into these bytes does not count, since its end
+    may be missing.
     """
     data, written = log.data, log.written
     place = end = _HEADER_SIZE
@@ -142,12 +145,14 @@ def _chain_of(log: LogFile) -> _Chain:
     if place + 3 > written or known:
         return _Chain(end, goes_on=False, remarks=[log.unread(end, "no whole message, so the log is cut")])
     return _Chain(
-        place, goes_on=True, remarks=[f"the log is damaged from byte {place:,} on; read what pyulog finds whole"]
+        place,
+        goes_on=True,
+        remarks=[f"the log is damaged from byte {place:,} on; only complete messages that pyulog finds are read"],
     )
 
 
 def _read(log: LogFile, data: bytes, topics: set[str]) -> Any:
-    """Have pyulog read some topics.
+    """Read some topics with pyulog.
 
     Raises:
         InputError: pyulog is not installed, or cannot read the data.
@@ -157,7 +162,7 @@ def _read(log: LogFile, data: bytes, topics: set[str]) -> Any:
     except ImportError:
         raise InputError(f"{log.mark}: a ULog is read by pyulog: pip install 'drake_quad[ulog]'") from None
     try:
-        # What it prints is said in remarks.
+        # The output of pyulog is hidden, since remarks contain the same information.
         with without_prints():
             _check_fields(ULog(_Bounded(data), parse_header_only=True).message_formats)
             return ULog(_Bounded(data), sorted(topics.union(STATUS_TOPICS)))
@@ -197,7 +202,10 @@ def _check_fields(formats: dict[str, Any]) -> None:
 
 
 def _table(topic: str, data: collections.abc.Mapping[str, np.ndarray], start: int) -> Table:
-    """A topic, timed from a start in µs: from 1970 on a microsecond would be lost."""
+    """Return a topic with times relative to a start in µs.
+
+    Times since 1970 in seconds would not resolve a microsecond in double precision.
+    """
 
     def seconds(stamps: np.ndarray) -> np.ndarray:
         return (stamps.astype(np.uint64) - np.uint64(start)).view(np.int64) * _SECOND
@@ -211,7 +219,7 @@ def _table(topic: str, data: collections.abc.Mapping[str, np.ndarray], start: in
 
 
 def _dropouts(read: Any) -> list[str]:
-    """A sentence on the dropouts of the logger, if there are any."""
+    """Return a sentence on the dropouts of the logger, if there are any."""
     lengths = np.array([dropout.duration for dropout in read.dropouts]) * 1e-3
     if not len(lengths):
         return []

@@ -226,7 +226,7 @@ class Estimates:
             object.__setattr__(self, name, value)
 
     def __str__(self) -> str:
-        """A line for each number, with unit and 95 % interval, and one for each that the log does not tell."""
+        """Return a line for each parameter with its unit and 95 % interval, and one for each not identified."""
         rows = zip(self.names, self.values, self.intervals(), self.units, strict=True)
         told = [
             f"{name}: {Interval(value, *ends).text(unit='' if unit == '1' else unit)}"

@@ -125,7 +125,7 @@ def _relative(base: str | Path, folder: Path) -> str:
 def _fields(
     name: str, estimates: Estimates, base: Scenario, distributions: bool, given: Sequence[str]
 ) -> dict[str, Any]:
-    """The mappings of the scenario, with an entry at each leaf."""
+    """Return the mappings of the scenario, with an entry at each leaf."""
     prefix = re.sub(r"\W", "_", name, flags=re.ASCII)[:50]
     written = _values(estimates, f"v_{prefix}" if prefix[0].isdecimal() else prefix, distributions)
     comments = {each: _comment(estimates, each, written[each]) for each in estimates.names}
@@ -230,7 +230,7 @@ def _limits(name: str, mean: float, deviation: float) -> dict[str, float]:
 
 
 def _comment(estimates: Estimates, name: str, written: Any) -> str:
-    """What is known of an estimate: unit, intervals, what it explains, where it is from."""
+    """Return a comment on an estimate with its unit, intervals, explained variance and source."""
     place = estimates.names.index(name)
     unit = "" if kind_of(name).unit == "1" else kind_of(name).unit
     value = float(estimates.values[place])
@@ -300,7 +300,7 @@ def _believed(path: str, estimates: Estimates, base: Scenario) -> Any:
 
 
 def _rigid(path: str, items: list[_Entry]) -> list[_Entry]:
-    """Return, of moments of inertia, the nearest that a rigid body can have; other lists as they are."""
+    """Return moments of inertia that are adjusted to those of a rigid body; other lists are returned unchanged."""
     known = all(isinstance(item.value, float) or "normal" in item.value for item in items)
     if path != "inertia" or not known:
         return items
@@ -308,7 +308,7 @@ def _rigid(path: str, items: list[_Entry]) -> list[_Entry]:
     flaw = inertia_flaw(found)
     if not flaw:
         return items
-    why = f"the nearest that a rigid body can have: of what was found, {flaw}"
+    why = f"adjusted to the nearest rigid body: in the estimate, {flaw}"
     return [
         _Entry(_moved(item.value, float(there - here)), "; ".join(filter(None, [item.comment, why])))
         for item, here, there in zip(items, found, nearest_rigid(found), strict=True)
@@ -316,7 +316,7 @@ def _rigid(path: str, items: list[_Entry]) -> list[_Entry]:
 
 
 def _moved(value: Any, step: float) -> Any:
-    """Return a number, or a normal distribution, that is moved by a step."""
+    """Return a number, or a normal distribution, that is shifted by a step."""
     if isinstance(value, dict):
         return {"normal": {**value["normal"], "mean": _significant(value["normal"]["mean"] + step)}}
     return _significant(value + step)

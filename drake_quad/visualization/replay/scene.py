@@ -58,8 +58,8 @@ class Room(NamedTuple):
 
 
 def local_meshcat() -> Meshcat:
-    """Starts a Meshcat server that only this machine can reach, with an empty scene."""
-    with without_drake_remarks():  # a page that is only written needs no address
+    """Start a Meshcat server that only this machine can reach, with an empty scene."""
+    with without_drake_remarks():  # the address is irrelevant if the page is only written to a file
         meshcat = Meshcat(MeshcatParams(host="127.0.0.1", show_stats_plot=False))
     for name in ("/Axes", "/Grid"):
         meshcat.SetProperty(name, "visible", False)
@@ -133,7 +133,7 @@ def look_at(meshcat: Meshcat, path: np.ndarray) -> None:
 
 
 def reference_points(plan: Plan) -> np.ndarray:
-    """Return (n, 3) points along the path of the reference, m."""
+    """Return points (n, 3) along the path of the reference, m."""
     start, end = plan.path.times[[0, -1]]
     times = np.linspace(start, end, max(int(20.0 * plan.duration), 2))
     points: np.ndarray = plan.derivative(0).vector_values(times).T

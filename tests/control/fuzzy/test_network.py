@@ -220,8 +220,8 @@ def test_on_which_axes_is_a_choice(scenario_with):
     )
 
 
-def test_weights_are_listed_axis_by_axis_and_the_set_of_the_last_input_changes_first():
-    """On each axis one rule fires alone, where the error is at one centre and its rate at another."""
+def test_weights_are_ordered_by_axis_and_the_set_of_the_last_input_varies_fastest():
+    """A single rule fires on each axis, where the error is at one centre and its rate at another."""
     sets = FuzzySets(1.0, (-1.0, 0.0, 1.0), (1.0, 1.0, 1.0))
     antecedents = Antecedents(1.0, 1.0, 0.5, (sets, sets))
     (x, y) = (firing_strengths(inputs, antecedents) for inputs in ((-1.0, 1.0), (0.0, -1.0)))

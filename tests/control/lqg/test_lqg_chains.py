@@ -1,4 +1,4 @@
-"""The models of linear-quadratic-Gaussian control are those that its page writes down."""
+"""The models of linear-quadratic-Gaussian control match the equations on their page."""
 
 import re
 from pathlib import Path
@@ -18,27 +18,28 @@ from drake_quad.control.lqg.chains import (
 )
 
 PAGE = Path(__file__).parents[3] / "docs" / "reference" / "controllers_lqg.md"
-LAG, ANSWER = 0.043, Answer(9.1, 0.72)
+LAG = 0.043  # s
+AUTOPILOT_RESPONSE = Answer(9.1, 0.72)
 LATERAL = Disturbances(Noise(0.31, 2.3), Noise(0.27, 0.6), Noise(4.1, 1.7), 0.0)
 VERTICAL = LATERAL._replace(bias=None)
 MODELS = {
     "torques": torque_model(LAG, LATERAL),
-    "autopilot": attitude_model(ANSWER, LATERAL),
-    "autopilot and `lag`": lagging_attitude_model(ANSWER, LAG, LATERAL),
+    "autopilot": attitude_model(AUTOPILOT_RESPONSE, LATERAL),
+    "autopilot and `lag`": lagging_attitude_model(AUTOPILOT_RESPONSE, LAG, LATERAL),
     "height": vertical_model(LAG, VERTICAL),
 }
-NAMES = {
+FIELD_NAMES = {
     "p": "position", "v": "velocity", "s": "thrust", "j": "jerk", "a": "snap",
     "d_1": "first", "d_2": "second", "e": "second_rate", "δ": "bias",
 }  # fmt: skip
-NUMBERS = {
-    "T": LAG, "ω": ANSWER.natural_frequency, "ζ": ANSWER.damping,
+SYMBOL_VALUES = {
+    "T": LAG, "ω": AUTOPILOT_RESPONSE.natural_frequency, "ζ": AUTOPILOT_RESPONSE.damping,
     "T_1": LATERAL.first.time, "T_2": LATERAL.second.time, "T_δ": LATERAL.bias.time,
 }  # fmt: skip
 
 
 def page_equations():
-    """Return the right sides of the page's equations as Python, by the name of the chain and that of the state."""
+    """Return the right-hand sides of the page's equations as Python, keyed by chain and state."""
     page = PAGE.read_text(encoding="utf-8")
     equations = {}
     for line in re.findall(r"^    (\S.*' = .*)$", page[: page.index("The attitude makes")], re.MULTILINE):
@@ -50,36 +51,37 @@ def page_equations():
 
 
 def python_of(text):
-    """Return a formula of the page as Python: names without subscripts, and products with their sign."""
+    """Return a formula of the page as Python, with names for subscripts and explicit products."""
     for written, name in (("₁", "_1"), ("₂", "_2"), ("²", " ** 2")):
         text = text.replace(written, name)
     return re.sub(r"(?<=[\w)]) (?=[\w(])", " * ", text)
 
 
 @pytest.mark.parametrize("chain", MODELS)
-def test_a_model_is_what_the_page_writes(chain):
-    """Each side is linear in states and command, so that its value for a one is an entry of A or B."""
-    model, equations = MODELS[chain], page_equations()
+def test_a_model_matches_the_equations_on_the_page(chain):
+    """Each side is linear in states and command, so its value at a unit vector is an entry of A or B."""
+    model = MODELS[chain]
+    equations = page_equations()
     rows = equations[chain] | equations["noises"]
-    fields = [name for name, field in NAMES.items() if field in model.kind._fields]
+    fields = [name for name, field in FIELD_NAMES.items() if field in model.kind._fields]
     unknowns = [*fields, "u"]
     for state in fields:
-        names = dict.fromkeys((*NAMES, "u", "w_1", "w_2", "w_δ"), 0.0) | NUMBERS
+        names = dict.fromkeys((*FIELD_NAMES, "u", "w_1", "w_2", "w_δ"), 0.0) | SYMBOL_VALUES
         found = [eval(rows[state], {}, names | {unknown: 1.0}) for unknown in unknowns]
-        place = model.kind._fields.index(NAMES[state])
-        order = [model.kind._fields.index(NAMES[name]) for name in fields]
+        place = model.kind._fields.index(FIELD_NAMES[state])
+        order = [model.kind._fields.index(FIELD_NAMES[name]) for name in fields]
         np.testing.assert_allclose(found, [*model.A[place, order], model.B[place, 0]], rtol=1e-12, err_msg=state)
         disturbed = "w" in rows[state]
         assert disturbed == (model.Q[place, place] > 0.0), state
 
 
-def test_noises_have_their_deviations_and_the_second_is_critically_damped():
+def test_disturbances_have_the_given_deviations_and_the_second_is_critically_damped():
     model = MODELS["torques"]
     places = [model.kind._fields.index(name) for name in ("first", "second", "second_rate", "bias")]
     block = np.ix_(places, places)
     covariance = scipy.linalg.solve_continuous_lyapunov(model.A[block], -model.Q[block])
     deviations = np.sqrt(np.diag(covariance))[[0, 1, 3]]
     np.testing.assert_allclose(deviations, [noise.deviation for noise in LATERAL[:3]], rtol=1e-12)
-    # Both poles of the second are at -1 / T: critical damping.
+    # Both poles of the second disturbance are at -1 / T, which is critical damping.
     characteristic = np.poly(model.A[np.ix_(places[1:3], places[1:3])])
     np.testing.assert_allclose(characteristic, np.poly([-1.0 / 0.6] * 2), rtol=1e-12)

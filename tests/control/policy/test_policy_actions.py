@@ -36,7 +36,7 @@ def test_an_acceleration_is_scaled_axis_by_axis():
 
 @pytest.mark.parametrize("turn", [0.0, 0.6])
 @pytest.mark.parametrize(("frame", "yaw"), [("heading", 1.1), ("reference_heading", REFERENCE.yaw)])
-def test_an_acceleration_along_the_axes_of_a_heading_is_turned_into_the_world(frame, yaw, turn):
+def test_an_acceleration_along_a_heading_is_rotated_into_the_world_frame(frame, yaw, turn):
     measured = State(*[0.0] * 3, 0.3, -0.2, 1.1, *[0.0] * 6)
     found = commanded_acceleration((0.5, -0.25, 1.0), measured, REFERENCE, SCALE, frame, turn)
     expected = RotationMatrix.MakeZRotation(yaw + turn) @ np.array([2.5, -1.0, 3.0])

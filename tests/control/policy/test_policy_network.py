@@ -41,14 +41,14 @@ def test_activations(activation):
     np.testing.assert_allclose(ACTIVATIONS[activation](x), found, rtol=1e-12, atol=1e-15)
 
 
-def test_gelu_is_near_its_approximation():
-    """By 5e-4, as its authors have it."""
+def test_gelu_is_close_to_its_approximation():
+    """The two differ by at most 5e-4, as the authors of GELU state."""
     x = np.linspace(-6.0, 6.0, 401)
     np.testing.assert_allclose(ACTIVATIONS["gelu_tanh"](x), ACTIVATIONS["gelu"](x), atol=5e-4)
 
 
 @pytest.mark.parametrize(("activation", "alpha"), [("elu", 0.7), ("leaky_relu", 0.2), ("leaky_relu", -0.1)])
-def test_some_activations_have_a_parameter(activation, alpha):
+def test_elu_and_leaky_relu_have_a_parameter(activation, alpha):
     x = np.linspace(-3.0, 3.0, 13)
     expected = np.where(x > 0.0, x, alpha * (np.expm1(x) if activation == "elu" else x))
     neurons = Dense(Matrix(np.eye(1), np.zeros(1)), activation, alpha)
@@ -57,8 +57,8 @@ def test_some_activations_have_a_parameter(activation, alpha):
 
 
 @pytest.mark.parametrize("activation", ACTIVATIONS)
-def test_activations_are_compiled_and_differentiated(activation):
-    """As numbers, to rounding; and by central differences."""
+def test_compiled_activations_and_their_derivatives_are_correct(activation):
+    """Compare compiled values with NumPy to rounding, and derivatives with central differences."""
     x = np.linspace(-4.0, 4.05, 60)
     alpha = 0.3 if activation in WITH_ALPHA else None
     network = Network((Dense(Matrix(np.eye(1), np.zeros(1)), activation, alpha),), 1)

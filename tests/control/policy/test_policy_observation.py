@@ -1,4 +1,4 @@
-"""Observations of a policy, against Drake's rotations."""
+"""Observations of a policy, compared with Drake's rotations."""
 
 from typing import get_args
 
@@ -74,8 +74,8 @@ def test_the_rotation_is_that_of_the_body_row_by_row(turn):
 
 
 @pytest.mark.parametrize("angle", [-1.5, 0.4, np.pi, 40.0])
-def test_in_the_heading_of_the_reference_a_turn_of_everything_about_z_changes_nothing(angle):
-    """The policy cannot tell one heading from another, so what flies at one flies at all."""
+def test_observations_along_the_reference_heading_are_invariant_under_rotation_about_z(angle):
+    """The policy cannot tell one heading from another, so a policy that flies at one heading flies at all of them."""
 
     def turned(x, y):
         return np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y
@@ -87,7 +87,8 @@ def test_in_the_heading_of_the_reference_a_turn_of_everything_about_z_changes_no
     wind = Wind(*turned(WIND.x, WIND.y), WIND.z)
     ahead = tuple(np.concatenate([(*turned(*AHEAD[k : k + 2]), AHEAD[k + 2]) for k in (0, 3)]).tolist())
     names = tuple([name for name in SIGNALS_SEEN if name not in ("position", "attitude", "clearance")])
-    spec, numbers = ObservationSpec(names, "reference_heading", 1, 0.6), ObservationNumbers(200.0, ACTION)
+    spec = ObservationSpec(names, "reference_heading", 1, 0.6)
+    numbers = ObservationNumbers(200.0, ACTION)
     rows = [
         observed(*given, ROTORS, blowing, ACTION, numbers, None, spec)
         for given, blowing in (((STATE, REFERENCE, AHEAD), WIND), ((state, reference, ahead), wind))

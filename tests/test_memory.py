@@ -1,0 +1,47 @@
+"""Fleets that do not fit into memory are refused before anything is drawn or built."""
+
+import pytest
+
+from drake_quad import InputError, build_tracking_diagram, load_scenario, memory, run_monte_carlo
+from drake_quad.flight.fleet import StudyFleet
+from drake_quad.flight.simulation import simulate_samples
+from drake_quad.gym import QuadrotorVectorEnv
+
+BILLION = 10**9
+FLEETS = [
+    ("num_envs", lambda scenario: QuadrotorVectorEnv(scenario, num_envs=BILLION)),
+    ("num_vehicles", lambda scenario: StudyFleet(scenario, BILLION)),
+    ("num_vehicles", lambda scenario: build_tracking_diagram(scenario, BILLION)),
+    ("the number of samples", lambda scenario: simulate_samples(scenario, range(BILLION))),
+    ("batch", lambda scenario: run_monte_carlo(scenario, BILLION, batch_size=BILLION)),
+]
+
+
+@pytest.mark.parametrize(("name", "fly"), FLEETS)
+def test_a_fleet_that_does_not_fit_into_memory_is_refused(name, fly):
+    words = r" is 1,000,000,000, but a fleet of this size needs at least 8,000 GB of memory, and [\d.,]+ GB are available"
+    with pytest.raises(InputError, match=name + words):
+        fly(load_scenario("figure_eight"))
+
+
+@pytest.mark.slow
+def test_a_batch_is_no_larger_than_the_study(monkeypatch):
+    monkeypatch.setattr(memory, "available_memory", lambda: 10**9)
+    study = run_monte_carlo(load_scenario("hover", ["route.duration=0.1"]), 2, num_workers=1, batch_size=BILLION)
+    assert len(study.metrics.crashed) == 2
+
+
+@pytest.mark.parametrize(("limit", "available"), [("max", 3e9), ("2000000\n", 2e6), (None, 3e9)])
+def test_the_least_of_what_the_machine_and_the_container_have_is_available(tmp_path, monkeypatch, limit, available):
+    info = tmp_path / "meminfo"
+    info.write_text("MemTotal:       9000000 kB\nMemAvailable:    2929687 kB\nBuffers: 0 kB\n", encoding="utf-8")
+    monkeypatch.setattr(memory, "_MEMORY_INFO", info)
+    monkeypatch.setattr(memory, "_CONTAINER_LIMIT", tmp_path / "memory.max")
+    if limit is not None:
+        (tmp_path / "memory.max").write_text(limit, encoding="utf-8")
+    assert memory.available_memory() == pytest.approx(available, rel=1e-6)
+
+
+def test_a_system_that_does_not_tell_refuses_nothing(monkeypatch):
+    monkeypatch.setattr(memory, "available_memory", lambda: None)
+    memory.check_fleet_fits(BILLION, "num_envs")

@@ -1,0 +1,13 @@
+"""Curves and legends of figures, for tests of what a figure shows."""
+
+
+def curve(axes, label):
+    """Return the data (2, N) of the curve with a label."""
+    (found,) = [line for line in axes.lines if line.get_label() == label]
+    return found.get_xydata().T
+
+
+def legends(figure):
+    """Return the texts of all legends of a figure, in order."""
+    found = [*figure.legends, *(axes.get_legend() for axes in figure.axes)]
+    return [text.get_text() for legend in found if legend is not None for text in legend.get_texts()]
