@@ -171,7 +171,10 @@ def _ways(space: Space, bounds: Box, problem: PathProblem, grid: Grid, places: S
 
 
 def _pieces(space: Space, points: np.ndarray) -> list[np.ndarray]:
-    """Split the free points (k, 3) of a place, m, into pieces in which free straight lines join the first to all others."""
+    """Split the free points (k, 3) of a place, m, into pieces.
+
+    In each piece, a free straight line joins the first point to any other.
+    """
     pieces: list[np.ndarray] = []
     shares = np.linspace(0.0, 1.0, _POINTS)[:, np.newaxis, np.newaxis]
     while len(points) and len(pieces) < _MAX_PIECES:
