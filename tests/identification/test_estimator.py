@@ -138,7 +138,7 @@ def test_the_first_half_second_of_a_log_is_left_out():
 
 
 def test_a_share_is_the_slope_of_means_and_its_deviation_that_of_blocks():
-    """By hand: over means of 0.1 s, half a second after the beginning, by blocks of half a second."""
+    """The test repeats the estimate by hand: means over 0.1 s, from half a second on, in blocks of half a second."""
     log = made(12.0, speed=0.7)
     # Along y the vehicle goes back and forth less than 0.15 m/s, and along z a little more.
     amplitude = np.sqrt(2.0) * np.array([0.0, 0.13, 0.17])
@@ -169,7 +169,7 @@ def test_a_share_is_the_slope_of_means_and_its_deviation_that_of_blocks():
 
 
 def test_white_noise_of_a_place_makes_that_of_its_mean_velocity():
-    """Of independent errors an end between two samples has (1 - s)² + s² of the variance, where s is its share."""
+    """An end that lies the share s of a step behind a sample has (1 - s)² + s² times the variance of a sample."""
     random = np.random.default_rng(9)
     time = 0.01 * np.arange(200_000)
     log = FlightRecord("log", time, position=np.zeros((len(time), 3)))

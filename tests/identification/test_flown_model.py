@@ -152,7 +152,7 @@ def test_rotors_begin_at_rest_and_then_follow_the_commands_of_the_warm_up(scenar
 
 @pytest.mark.parametrize("delay", [-0.013, 0.0, 0.004, 0.01, 0.0175])
 def test_a_command_that_comes_late_by_a_part_of_a_sample_is_a_mean_of_two(scenario, delay):
-    """Of commands that rise evenly it is the one that was given a delay ago."""
+    """If commands rise evenly, this mean is the command that was given one delay ago."""
     time = PERIOD * np.arange(200)
     ramp = np.tile((150.0 + 10.0 * time)[:, None], 4)
     log = FlightRecord("log", time, rotor_speed_command=ramp)

@@ -416,7 +416,7 @@ def test_numbers_may_be_off_by_shares_of_the_mass_and_the_weight(vehicle, column
 
 @pytest.mark.parametrize(("speed", "told"), [(0.19, False), (0.21, True)])
 def test_along_an_axis_in_which_the_air_hardly_moves_drag_is_believed(vehicle, speed, told):
-    """By the standard deviation of its speed, m/s: then only the trim is fitted, beside what drag is believed to do."""
+    """The standard deviation of the speed decides. Below the limit only the trim is fitted, with the believed drag."""
     time = PERIOD * np.arange(1000)
     sway = np.sqrt(2.0) * speed * np.sin(2.0 * np.pi * time / 3.0)
     log = record(
@@ -443,7 +443,7 @@ def test_along_an_axis_in_which_the_air_hardly_moves_drag_is_believed(vehicle, s
 
 
 def test_deviations_of_the_thrust_have_what_half_a_sample_and_the_delay_may_change(monkeypatch, vehicle):
-    """Where within a sample a command begins, and where a force is measured, is anywhere: √(2/12) of a sample."""
+    """A command begins anywhere within a sample, and so does a measurement: together √(2/12) of a sample."""
     stretches = forces._Stretches([record(20.0)], 0.0, 3.0)
     begun = forces.delay_of(vehicle)
     asked = []

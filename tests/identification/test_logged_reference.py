@@ -163,7 +163,7 @@ def test_a_fit_is_least_squares_through_values_and_slopes_over_knots_that_go_on_
 
 
 def test_a_value_that_is_held_for_a_short_while_counts_once_in_its_middle():
-    """What stays for more than 50 ms stands still, and each of its samples counts."""
+    """A value that stays for more than 50 ms stands still, and each of its samples counts."""
     time = 0.01 * np.arange(17)
     values = np.array([0, 0, 0, 1, 2, 2, 2, 2, 2, 2, 3, 3, 3, 3, 3, 3, 3], dtype=float)
     sent, kept = reference._sent(time, [values[:, None]])

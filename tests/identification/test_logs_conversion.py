@@ -144,7 +144,7 @@ def test_rows_with_commands_beyond_what_can_be_sent_are_damaged(unit, scale, lea
 
 
 def test_columns_that_no_signal_reads_are_told_in_groups():
-    """By what stands before the first dot or bracket; of a group that is read, up to six names."""
+    """A group is what precedes the first dot or bracket. Up to six names of a group that is read are listed."""
     used = {"imu.x", "imu.y"}
     few, many = ({f"imu.more{i}" for i in range(count)} for count in (6, 7))
     (said,) = conversion._unread(used | few | {"baro.asl", "baro.temp", "lone.x"}, used)

@@ -308,7 +308,7 @@ def test_a_start_is_the_state_that_flies_to_what_was_measured_before_it(record, 
 
 
 def test_a_start_of_a_level_vehicle_has_the_velocity_of_its_places(record, scenario):
-    """Of a vehicle that rises and drifts, level all along, without noise: only places are measured."""
+    """A level vehicle rises and drifts, and only its places are measured, without noise."""
     level = level_vehicle(scenario)
     commands = with_level_commands(FlightRecord("log", record.time, rotor_speed_command=record.rotor_speed_command))
     loop = OpenLoop(level, commands)

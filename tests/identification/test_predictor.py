@@ -171,7 +171,7 @@ def test_gains_are_those_of_a_kalman_filter_along_its_own_predictions(scenario, 
 @pytest.mark.parametrize("outputs", [POSE, IMU], ids=["pose", "imu"])
 @pytest.mark.parametrize("split", [1, 2])
 def test_errors_with_the_gains_of_a_filter_are_its_own(scenario, log, values, outputs, split):
-    """And those of other parameters change evenly with them."""
+    """Other parameters have other errors."""
     predictor, noise = made(scenario, log, outputs, split=split), noise_of(outputs)
     gains = predictor.gains(values, noise)
     more = values * [1.001, 1.0]

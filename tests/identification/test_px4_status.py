@@ -1,4 +1,4 @@
-"""What a ULog says of its vehicle and its estimator, by the numbers that MAVLink and PX4 publish."""
+"""Remarks on the vehicle and the estimator of a ULog, against the codes that MAVLink and PX4 publish."""
 
 import numpy as np
 import pytest
@@ -76,7 +76,7 @@ STAMPS = {"timestamp": 5_000_000 + 100_000 * np.arange(20)}
 
 
 def remarks(**topics):
-    """What is said of topics of 20 rows, 0.1 s apart, in a log that begins 1 s before them."""
+    """Return the remarks on topics of 20 rows, 0.1 s apart, in a log that begins 1 s before them."""
     return list(status_remarks({name: STAMPS | data for name, data in topics.items()}, 4_000_000))
 
 

@@ -461,7 +461,7 @@ def test_deviations_of_numbers_that_vary_from_stretch_to_stretch_are_those_of_th
 
 
 def test_what_is_left_changes_with_a_number_while_initial_states_follow(scenario):
-    """Of a flight that the vehicle itself made, against fits of the initial states with another number."""
+    """The vehicle itself made the flight. Its initial states are fitted again with a number that differs a little."""
     logged = record(8.0)
     loop = OpenLoop(scenario, logged, delay=float(delay_of(scenario)))
     flown = loop.fly(Starts(np.array([0]), len(logged.time) - 1), np.zeros((1, 1, 12)))[:, 0, 0]

@@ -344,7 +344,7 @@ def test_a_delay_has_an_interval():
 
 @pytest.mark.parametrize("share", [0.0, 0.25])
 def test_what_is_held_out_is_forecast_and_the_rest_is_fitted_before_all_is(monkeypatch, scenario, share):
-    """Of windows in the air only the last ones are held out, and the fit to the rest begins the one to all."""
+    """The last samples in the air are held out, and the fit to the rest is where the fit to all samples begins."""
     used, fits = [], []
     log = record(2000, rotor_speed_command=(4, 200.0), **POSES)
     noise = rotors._first_noise(rotors._outputs([log]))
@@ -404,7 +404,7 @@ def test_limits_of_a_thrust_curve_are_around_zero_whatever_its_sign(scenario):
 
 
 COVARIANCE = 1e-2 * np.array([[4.0, 0.1, 0.2, 0.3], [0.1, 5.0, 0.4, 0.5], [0.2, 0.4, 6.0, 0.6], [0.3, 0.5, 0.6, 7.0]])
-# Of the logarithms of the noise of six outputs and of twelve numbers of the disturbance.
+# Covariance of the logarithms of the noise: six outputs, and twelve numbers of the disturbance.
 APART = np.diag(np.arange(1.0, 19.0)) + 0.5
 
 
@@ -449,7 +449,7 @@ def test_what_was_identified_is_the_numbers_that_are_told_and_the_noise_of_the_c
     np.testing.assert_array_equal(estimates.values, [1.0, 3.0, 2.0, 3.0])
     np.testing.assert_allclose(estimates.covariance[:2, :2], COVARIANCE[np.ix_([0, 3], [0, 3])])
     np.testing.assert_array_equal(estimates.covariance[:2, 2:], 0.0)
-    # Of the logarithms of noise, times its size.
+    # The covariance is that of the logarithms, times the noise of both.
     np.testing.assert_allclose(
         estimates.covariance[2:, 2:], [[APART[0, 0] * 4.0, APART[0, 3] * 6.0], [APART[3, 0] * 6.0, APART[3, 3] * 9.0]]
     )

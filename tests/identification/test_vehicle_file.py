@@ -410,7 +410,7 @@ def test_what_was_given_is_put_where_it_belongs_unless_it_was_identified():
 )
 @pytest.mark.parametrize("drawn", [False, True])
 def test_a_number_beyond_its_limit_is_written_as_the_limit_which_is_said(value, written, said, drawn):
-    """Where it is beyond by more than its standard deviation."""
+    """The comment says so if the number is beyond the limit by more than its standard deviation."""
     estimates = Estimates(("linear_drag",), np.array([value]), np.array([[0.05**2]]), 30.0, Source("m", "log"))
     number = vehicle_file._values(estimates, "v", drawn)["linear_drag"]
     assert (number["normal"]["mean"] if drawn else number) == written

@@ -214,7 +214,7 @@ def test_a_record_of_the_same_rate_is_the_same_and_a_coarser_one_covers_whole_st
         few = coarser(whole, step)
         assert len(few.time) == (103 - step) // step
         assert few.time[0] == whole.time[step // 2]
-    # Of an odd step all samples count alike, and of an even one the outer two count half.
+    # All samples of an odd step have the same weight; the outer two of an even step have half of it.
     force = np.zeros((103, 3))
     force[50] = 1.0
     for step, expected in ((2, [0.25, 0.25]), (3, [1.0 / 3.0]), (4, [0.25]), (5, [0.2])):
