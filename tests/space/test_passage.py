@@ -260,3 +260,13 @@ def test_without_chance_other_passages_are_the_shortest_from_centre_to_centre(mo
         legs.append(best if np.isfinite(costs[best]) else ())
     expected = [tuple(legs)] if all(legs) else []
     assert other_passages(regions, ends, [None, None], count=2) == expected
+
+
+def test_a_leg_starts_in_a_region_that_has_its_place_inside_of_the_corridor():
+    """The upper box has a part of the place, and of the corridor, but no part of both."""
+    regions = Boxes(([0, 2, 0], [4, 3, 1]), ([0, 0, 0], [4, 2.2, 1]))
+    gate, end = Box([0.5, 0.2, 0.5], [0.5, 2.9, 0.5]), Box.point([3.5, 2.4, 0.5])
+    # Its upper face rises from y = 1 m at x = 0 to 3 m at x = 4 m.
+    rising = Polytope([[-0.5, 1.0, 0.0]], [1.0]).intersection(Polytope.from_box(Box([0, 0, 0], [4, 4, 1])))
+    assert find_passage(regions, [[0, 1]], [gate, end], [rising]) == ((1, 0),)
+    assert find_passage(regions, [[0, 1]], [gate, end], [None]) == ((0,),)

@@ -210,3 +210,17 @@ def test_a_hull_is_the_same_far_from_the_origin(away):
     far = hull_of(np.array(hull.corners) + away)
     assert len(far.corners) == len(hull.corners)
     np.testing.assert_allclose(far.distances(points + away), hull.distances(points), atol=1e-6)
+
+
+def test_points_of_any_plane_have_no_hull():
+    flat = POINTS * [1.0, 1.0, 0.0]
+    for points in (flat + np.array([0.0, 0.0, 1.0]), placed(flat, centre=CENTRE, rotation=ROTATION)):
+        with pytest.raises(InputError, match="the 30 points of a hull are in a plane"):
+            hull_of(points)
+
+
+def test_points_that_are_placed_keep_their_size_unless_a_scale_is_given():
+    corners = SHAPES["cuboid"].corners()
+    np.testing.assert_array_equal(placed(corners), corners)
+    np.testing.assert_allclose(placed(corners, scale=3.0), 3.0 * corners)
+    np.testing.assert_allclose(placed(corners, centre=CENTRE), corners + CENTRE)
