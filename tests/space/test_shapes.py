@@ -224,3 +224,15 @@ def test_points_that_are_placed_keep_their_size_unless_a_scale_is_given():
     np.testing.assert_array_equal(placed(corners), corners)
     np.testing.assert_allclose(placed(corners, scale=3.0), 3.0 * corners)
     np.testing.assert_allclose(placed(corners, centre=CENTRE), corners + CENTRE)
+
+
+@pytest.mark.parametrize("wrong", [0.0, -1.0, math.inf, math.nan])
+def test_every_size_of_a_solid_must_be_positive_and_finite(wrong):
+    for make, words in (
+        (lambda: Ball(CENTRE, radius=wrong), "radius"),
+        (lambda: Cylinder(CENTRE, radius=wrong), "radius"),
+        (lambda: Cylinder(CENTRE, height=wrong), "height"),
+        *((lambda i=i: Cuboid(CENTRE, size=tuple(np.where(np.arange(3) == i, wrong, 1.0))), "size") for i in range(3)),
+    ):
+        with pytest.raises(InputError, match=f"the {words} of a solid is {wrong:g} m, but must be positive and finite"):
+            make()
