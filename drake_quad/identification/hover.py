@@ -43,7 +43,7 @@ class Noise(NamedTuple):
 def white_noise(record: FlightRecord) -> list[Noise]:
     """The white noise of each signal that is measured."""
     flying = airborne(record)
-    around = min(round(_LANDING / record.period), len(flying) // 2)
+    around = min(round(_LANDING / record.period), (len(flying) - 1) // 2)
     resting = np.convolve(flying, np.ones(2 * around + 1), "same") < 0.5
     found = []
     for signal, unit in _MEASURED.items():

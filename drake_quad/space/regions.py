@@ -26,6 +26,8 @@ _ROUNDS, _GAIN = 4, 0.05
 # Regions are grown until so much of the free points is covered.
 _COVERED = 0.95
 _MOST_REGIONS = 40
+# A point on a face lies in its region by floating point, m.
+_ROUNDING = 1e-9
 
 
 class Regions:
@@ -59,7 +61,7 @@ class Regions:
             lengths = np.linalg.norm(region.A(), axis=1)
             normals, offsets = region.A() / lengths[:, np.newaxis], region.b() / lengths - self._distance
             # The seed's ball may have been left by rounds after the first.
-            if (normals @ seed <= offsets).all():
+            if (normals @ seed <= offsets + _ROUNDING).all():
                 break
         reduced = HPolyhedron(normals, offsets).ReduceInequalities()
         self._found.append(Polytope(reduced.A(), reduced.b()))
@@ -82,7 +84,7 @@ class Regions:
     def holding(self, points: np.ndarray, numbers: Iterable[int] | None = None) -> np.ndarray:
         """(regions, n) which regions hold which of the points (n, 3); all regions unless numbers are given."""
         chosen = self._found if numbers is None else [self._found[number] for number in numbers]
-        rows = [(points @ region.normals.T <= region.offsets).all(axis=1) for region in chosen]
+        rows = [(points @ region.normals.T <= region.offsets + _ROUNDING).all(axis=1) for region in chosen]
         return np.array(rows, dtype=bool).reshape(len(chosen), len(points))
 
     def common(self, one: int, other: int) -> Polytope | None:

@@ -5,6 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from drake_quad.errors import InputError
+from drake_quad.identification.flown_again import estimator
 from drake_quad.identification.flown_again.estimator import _share, velocity_estimate
 from drake_quad.identification.force_identification import linear_drag
 from drake_quad.identification.logs.record import FlightRecord
@@ -134,3 +135,61 @@ def test_the_first_half_second_of_a_log_is_left_out():
         settled = velocity_estimate(FlightRecord("settles", record.time, **signals))
         np.testing.assert_allclose(settled.drift, whole.drift, rtol=1e-6)
         np.testing.assert_allclose([s.value for s in settled.share], [s.value for s in whole.share], rtol=1e-9)
+
+
+def test_a_share_is_the_slope_of_means_and_its_deviation_that_of_blocks():
+    """The test repeats the estimate by hand: means over 0.1 s, from half a second on, in blocks of half a second."""
+    log = made(12.0, speed=0.7)
+    # Along y the vehicle goes back and forth less than 0.15 m/s, and along z a little more.
+    amplitude = np.sqrt(2.0) * np.array([0.0, 0.13, 0.17])
+    place, speed = (np.outer(each, amplitude) for each in (-np.cos(log.time), np.sin(log.time)))
+    log = FlightRecord("made", log.time, position=log.position + place, velocity=log.velocity + 0.98 * speed)
+    found = velocity_estimate(log)
+    chosen = log.time[(log.time > 0.5) & (log.time < log.time[-1] - 0.1)]
+    # Samples on the edge of a block are in the one that begins.
+    blocks = np.floor(chosen / 0.5)
+    for axis, share in ((0, found.share[0]), (2, found.share[2])):
+        integral = np.concatenate(
+            [[0.0], np.cumsum(0.5 * (log.velocity[1:, axis] + log.velocity[:-1, axis]) * np.diff(log.time))]
+        )
+        true, seen = (
+            (np.interp(chosen + 0.05, log.time, each) - np.interp(chosen - 0.05, log.time, each)) / 0.1
+            for each in (log.position[:, axis], integral)
+        )
+        slope = np.sum(true * (seen - true)) / np.sum(true**2)
+        assert share.value == pytest.approx(slope)
+        left = true * (seen - true - slope * true)
+        sums = np.array([left[blocks == block].sum() for block in np.unique(blocks)])
+        count = len(sums)
+        assert share.deviation == pytest.approx(np.sqrt(count / (count - 1) * np.sum(sums**2)) / np.sum(true**2))
+        # Without noise of the position the rest is all that scatters.
+        assert found.drift[axis] == pytest.approx(np.std(seen - true - slope * true), rel=0.02)
+    assert found.share[1].value == 0.0
+    assert found.share[1].deviation == pytest.approx(0.5 * (found.share[0].deviation + found.share[2].deviation))
+
+
+def test_white_noise_of_a_place_makes_that_of_its_mean_velocity():
+    """An end that lies the share s of a step behind a sample has (1 - s)² + s² times the variance of a sample."""
+    random = np.random.default_rng(9)
+    time = 0.01 * np.arange(200_000)
+    log = FlightRecord("log", time, position=np.zeros((len(time), 3)))
+    noise = 2e-3 * random.normal(size=len(time))
+    for share, factor in ((0.0, 1.0), (0.5, 0.5), (0.25, 0.625)):
+        ends = tuple(np.arange(10.0, 20.0, 0.01) + 0.01 * share + offset for offset in (0.1, 0.0))
+        found = estimator._noise(noise, log, ends)
+        assert found == pytest.approx(2.0 * factor * (2e-3 / 0.1) ** 2, rel=0.02)
+    # What rises evenly has none.
+    assert estimator._noise(3.0 * time, log, ends) == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.3, 2.0])
+def test_a_rest_is_correlated_until_its_autocorrelation_is_a_share_of_that_without_noise(noise):
+    random = np.random.default_rng(10)
+    rest = lfilter([1.0], [1.0, -0.95], random.normal(size=3000)) + 5.0
+    off = rest - rest.mean()
+    sums = np.array([off[: len(off) - lag] @ off[lag:] for lag in range(len(off))])
+    left = sums[0] - noise * len(off)
+    assert estimator._correlation_time(rest, noise) == np.flatnonzero(sums < left / np.e)[0]
+    # White noise alone is not correlated, and what is the same throughout always is.
+    assert estimator._correlation_time(random.normal(size=500), 0.0) == 1
+    assert estimator._correlation_time(np.ones(50), 0.0) == 50

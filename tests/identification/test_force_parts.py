@@ -12,6 +12,7 @@ from drake_quad.identification import force_identification as forces
 from drake_quad.identification.fitting.windows import airborne
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import Explained
+from drake_quad.identification.results.vehicle_numbers import number_of
 from drake_quad.scenario import load_undesigned
 
 PERIOD = 0.02
@@ -336,3 +337,133 @@ def test_a_trim_is_a_tilt_of_the_weight(vehicle):
         assert (force.unit, tilt.unit) == ("N", "rad")
     nobody = [record(40.0, wind=None), record(40.0, name="other", wind=None)]
     assert forces.identify_forces(nobody, vehicle).remarks[0].startswith("no log says how the air moved")
+
+
+@pytest.fixture
+def columns_of(monkeypatch):
+    """The columns and the force that are fitted along an axis."""
+    kept = []
+
+    def fit(columns, target, stretches):
+        kept.append((columns, target))
+        raise StopIteration
+
+    monkeypatch.setattr(forces, "_fit", fit)
+
+    def asked(function, *arguments):
+        with pytest.raises(StopIteration):
+            function(*arguments)
+        return kept.pop()
+
+    return asked
+
+
+def test_numbers_may_be_off_by_shares_of_the_mass_and_the_weight(vehicle, columns_of):
+    """Drag is linear and quadratic in the air's velocity, and lift in that across the rotors."""
+    log = record(20.0)
+    stretches, motion = forces._Stretches([log], 0.0, 3.0), forces._motion(log, vehicle)
+    mass, weight = vehicle.vehicle.mass, vehicle.vehicle.mass * vehicle.vehicle.gravity
+    ones = np.ones(len(log.time))
+
+    def check(columns, expected):
+        assert [column.name for column in columns] == [name for name, *_ in expected]
+        for column, (name, values, scale) in zip(columns, expected, strict=True):
+            np.testing.assert_allclose(column.values, stretches.of([values]), atol=1e-12)
+            assert column.scale == pytest.approx(scale)
+            own = {forces._TRIM: 0.0, forces._LEVEL: 0.0, forces._SLOPE: 1.0}
+            assert column.believed == (own[name] if name in own else number_of(vehicle, name))
+
+    for axis in range(2):
+        columns, target = columns_of(forces._across, stretches, [motion], vehicle, axis)
+        air = motion.air[:, axis]
+        check(
+            columns,
+            [
+                (f"body_drag.linear[{axis}]", air, 0.3 * mass),
+                (f"body_drag.quadratic[{axis}]", motion.speed * air, 0.05 * mass),
+                (forces._TRIM, ones, 0.2 * weight),
+            ],
+        )
+        assert target.axis == "xy"[axis]
+        np.testing.assert_allclose(target.force, stretches.of([motion.force[:, axis]]))
+        np.testing.assert_array_equal(target.thrust, 0.0)
+    delay, lag = 0.03, 0.1
+    columns, target = columns_of(forces._along_after, stretches, [motion], vehicle, delay, lag)
+    across = motion.air[:, 0] ** 2 + motion.air[:, 1] ** 2
+    check(
+        columns,
+        [
+            ("body_drag.quadratic[2]", motion.speed * motion.air[:, 2], 0.05 * mass),
+            ("rotor_aerodynamics.climb", motion.air[:, 2], 0.3 * mass),
+            ("rotor_aerodynamics.lift", across, 0.05 * mass),
+            (forces._LEVEL, ones, weight),
+            (forces._SLOPE, forces._followed(log.time, motion.commanded, delay, lag), 0.5),
+        ],
+    )
+    assert target.axis == "z"
+    np.testing.assert_allclose(target.force, stretches.of([motion.force[:, 2]]))
+    np.testing.assert_allclose(target.thrust, stretches.of([motion.commanded]))
+    # Where speeds of rotors are measured, their thrust has no delay and no lag.
+    turning = replace(log, rotor_speed=np.full((len(log.time), 4), 300.0))
+    turned = forces._Stretches([turning], 0.0, 3.0)
+    columns, _ = columns_of(forces._along_after, turned, [motion], vehicle, delay)
+    np.testing.assert_allclose(columns[-1].values, turned.of([motion.commanded]))
+    assert (columns[-1].believed, columns[-1].scale) == (1.0, 0.5)
+    # The same is believed of the slope where the lag is sought.
+    columns, _ = columns_of(forces._along_after, stretches, [motion], vehicle, delay)
+    assert (columns[-1].name, columns[-1].believed, columns[-1].scale) == (forces._SLOPE, 1.0, 0.5)
+
+
+@pytest.mark.parametrize(("speed", "told"), [(0.19, False), (0.21, True)])
+def test_along_an_axis_in_which_the_air_hardly_moves_drag_is_believed(vehicle, speed, told):
+    """The standard deviation of the speed decides. Below the limit only the trim is fitted, with the believed drag."""
+    time = PERIOD * np.arange(1000)
+    sway = np.sqrt(2.0) * speed * np.sin(2.0 * np.pi * time / 3.0)
+    log = record(
+        20.0,
+        attitude=np.zeros((1000, 3)),
+        velocity=np.column_stack([sway, 0.0 * sway, 0.0 * sway]),
+        wind=np.zeros((1000, 3)),
+        residual_force=np.column_stack([0.4 - 0.3 * sway, 0.0 * sway, 0.0 * sway]),
+    )
+    stretches, motion = forces._Stretches([log], 0.0, 3.0), forces._motion(log, vehicle)
+    fit = forces._across(stretches, [motion], vehicle, 0)
+    drag = [number_of(vehicle, f"body_drag.{kind}[0]") for kind in ("linear", "quadratic")]
+    if told:
+        assert fit.names == ("body_drag.linear[0]", "body_drag.quadratic[0]", forces._TRIM)
+        return
+    assert fit.names == (forces._TRIM,)
+    assert {*fit.not_seen} == {"body_drag.linear[0]", "body_drag.quadratic[0]"}
+    assert fit.not_seen["body_drag.linear[0]"].startswith(f"the air along x of the body moves by {speed:.2g} m/s")
+    air = motion.air[:, 0]
+    believed = stretches.of([drag[0] * air + drag[1] * motion.speed * air])
+    rest = stretches.of([motion.force[:, 0]]) - believed
+    np.testing.assert_allclose(fit.values, rest.mean(), atol=1e-6)
+    np.testing.assert_allclose(fit.predicted, believed + fit.values[0])
+
+
+def test_deviations_of_the_thrust_have_what_half_a_sample_and_the_delay_may_change(monkeypatch, vehicle):
+    """A command begins anywhere within a sample, and so does a measurement: together √(2/12) of a sample."""
+    stretches = forces._Stretches([record(20.0)], 0.0, 3.0)
+    begun = forces.delay_of(vehicle)
+    asked = []
+
+    def along_after(stretches, motions, scenario, delay, lag=None):
+        asked.append((delay, lag))
+        values = np.array([1.0, 2.0]) + (delay - begun) * np.array([3.0, -5.0])
+        why = {forces._LAG: "hardly moves"} if lag is None and untold else {}
+        return forces._Fit((forces._SLOPE, forces._LAG), values, np.eye(2) * 1e-4, np.ones(2), np.zeros(1), why, (), {})
+
+    monkeypatch.setattr(forces, "_along_after", along_after)
+    step = PERIOD * np.sqrt(2.0 / 12.0)
+    for untold in (False, True):
+        asked.clear()
+        fit = forces._along(stretches, [], vehicle, 0.01)
+        change = np.array([3.0, -5.0]) * np.hypot(step, 0.01)
+        np.testing.assert_allclose(fit.covariance, np.eye(2) * 1e-4 + np.outer(change, change))
+        np.testing.assert_array_equal(fit.values, [1.0, 2.0])
+        own = number_of(vehicle, "rotor_time_constant")
+        expected = [(begun, None), (begun + step, None)] + ([(begun, own), (begun + step, own)] if untold else [])
+        np.testing.assert_allclose([delay for delay, _ in asked], [delay for delay, _ in expected])
+        assert [lag for _, lag in asked] == [lag for _, lag in expected]
+        assert fit.not_seen == ({forces._LAG: "hardly moves"} if untold else {})

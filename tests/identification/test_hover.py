@@ -63,3 +63,103 @@ def test_the_attitude_is_behind_its_command(record):
     assert delay_by_correlation(record) == pytest.approx(0.12, abs=0.03)
     bare = FlightRecord("bare", TIME, attitude=record.attitude)
     assert delay_by_correlation(bare) is None
+
+
+def hovering(seconds=20.0, **signals):
+    """A log that hovers all the time, at 100 Hz."""
+    time = 0.01 * np.arange(round(100.0 * seconds))
+    nothing = np.zeros((len(time), 3))
+    usual = {"velocity": nothing, "attitude": nothing, "body_rates": nothing, "thrust_command": np.ones(len(time))}
+    return FlightRecord("hovering", time, **(usual | signals))
+
+
+def test_noise_is_told_of_what_is_far_from_take_off_and_landing_only():
+    """Within 2 s of flight a vehicle is not at rest."""
+    random = np.random.default_rng(2)
+    time = 0.01 * np.arange(3000)
+    commanded = np.where((time > 8.0) & (time < 20.0), 0.5, 0.0)
+    logged = FlightRecord("log", time, thrust_command=commanded, position=np.zeros((3000, 3)))
+    (noise,) = white_noise(logged)
+    np.testing.assert_array_equal([noise.at_rest, noise.in_flight], np.zeros((2, 3)))
+    # In the air from 9 s to 19 s; next to that nothing counts.
+    loud = np.where(((time > 7.2) & (time < 8.8)) | ((time > 19.2) & (time < 20.8)), 1.0, 1e-3)
+    position = loud[:, None] * random.normal(size=(3000, 3)) * [1.0, 2.0, 3.0]
+    (noise,) = white_noise(FlightRecord("log", time, thrust_command=commanded, position=position))
+    np.testing.assert_allclose(noise.at_rest, [1e-3, 2e-3, 3e-3], rtol=0.1)
+    np.testing.assert_allclose(noise.in_flight, [1e-3, 2e-3, 3e-3], rtol=0.1)
+
+
+def test_noise_is_not_told_across_a_gap_nor_by_few_samples():
+    """Differences of third order need four samples in a row."""
+    random = np.random.default_rng(3)
+    whole = hovering(position=1e-3 * random.normal(size=(2000, 3)))
+    jumping = whole.position + np.where(whole.time > 10.0, 5.0, 0.0)[:, None]
+    late = whole.time + np.where(whole.time > 10.0, 0.02, 0.0)
+    (noise,) = (each for each in white_noise(FlightRecord("gap", late, position=jumping)) if each.signal == "position")
+    np.testing.assert_allclose(noise.in_flight, 1e-3, rtol=0.1)
+    # 33 samples have 30 such differences, and 32 have too few.
+    for count, told in ((33, True), (32, False)):
+        (noise,) = white_noise(FlightRecord("short", whole.time[:count], position=whole.position[:count]))
+        assert np.isfinite(noise.in_flight).all() == told
+        assert np.isnan(noise.at_rest).all()
+
+
+def test_angles_that_wrap_have_no_noise():
+    yaw = 0.7 * 0.01 * np.arange(2000.0)
+    wrapped = np.column_stack([0.0 * yaw, 0.0 * yaw, np.arctan2(np.sin(yaw), np.cos(yaw))])
+    noise = {each.signal: each for each in white_noise(hovering(attitude=wrapped))}
+    np.testing.assert_allclose(noise["attitude"].in_flight, 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("signal", "limit"), [("velocity", 0.15), ("body_rates", 0.5)], ids=["speed", "turning"])
+def test_trim_is_of_what_is_slower_than_its_limits(signal, limit):
+    """The vehicle leans while it moves faster than the limit, which is not hover."""
+    moving = np.arange(2000) >= 1200
+    roll = np.where(moving, 0.3, 0.1)
+    attitude = np.column_stack([roll, 0.0 * roll, 0.0 * roll])
+    # The length of this vector counts.
+    direction = np.array([2.0, 1.0, 2.0]) / 3.0
+    for speed, expected in ((1.01 * limit, 0.1), (0.99 * limit, 0.1 + 0.4 * 0.2)):
+        logged = hovering(**{signal: np.where(moving, speed, 0.0)[:, None] * direction, "attitude": attitude})
+        assert trim(logged)["mean roll"].value == pytest.approx(expected)
+
+
+def test_the_deviation_of_trim_is_that_of_blocks_of_half_a_second():
+    random = np.random.default_rng(4)
+    torque = random.normal(size=(2000, 3))
+    logged = hovering(torque_command=torque)
+    found = trim(logged)
+    means = torque.reshape(40, 50, 3).mean(axis=1)
+    for i, axis in enumerate("xyz"):
+        spread = found[f"mean torque about {axis}"]
+        assert spread.value == pytest.approx(torque[:, i].mean())
+        assert spread.deviation == pytest.approx(np.std(means[:, i], ddof=1) / np.sqrt(40))
+        assert (spread.unit, spread.degrees_of_freedom) == ("N m", 39.0)
+    assert (found["mean roll"].unit, found["mean thrust"].unit) == ("rad", "N")
+    assert {*found} == {"mean roll", "mean pitch", "mean thrust", *(f"mean torque about {axis}" for axis in "xyz")}
+    # What is not commanded has no mean.
+    bare = hovering(thrust_command=None)
+    assert {*trim(bare)} == {"mean roll", "mean pitch"}
+    # A second of hover is enough, and less is not.
+    assert trim(hovering(1.0))
+    assert not trim(hovering(0.99))
+    for signal in ("velocity", "attitude", "body_rates"):
+        assert trim(hovering(**{signal: None})) == {}
+
+
+@pytest.mark.parametrize("lag", [0, 7, 29])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_the_delay_is_that_of_the_angle_that_answers_best(lag, axis):
+    """Up to 0.3 s, of roll or pitch, in the longest piece of the log."""
+    random = np.random.default_rng(5)
+    command = np.zeros((2000, 3))
+    command[:, axis] = np.cumsum(random.normal(size=2000))
+    attitude = np.zeros_like(command)
+    attitude[lag:, axis] = command[: 2000 - lag, axis]
+    time = 0.01 * np.arange(2000) + np.where(np.arange(2000) > 500, 1.0, 0.0)
+    # The shorter piece before the gap has another delay.
+    attitude[:500] = np.roll(command[:500], 3, axis=0)
+    logged = FlightRecord("log", time, attitude=attitude, attitude_command=command)
+    assert delay_by_correlation(logged) == pytest.approx(0.01 * lag)
+    bare = FlightRecord("bare", time, attitude_command=command)
+    assert delay_by_correlation(bare) is None

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError
+from drake_quad.identification.flown_again import reference
 from drake_quad.identification.flown_again.reference import logged_reference
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.reference.minimum_snap import minimum_snap
@@ -138,3 +139,36 @@ def test_a_reference_that_jumps_is_refused_with_the_place():
 def test_a_log_without_a_reference_is_refused():
     with pytest.raises(InputError, match="lacks reference_position; it has nothing"):
         logged_reference(FlightRecord("a", np.array([0.0, 1.0])))
+
+
+@pytest.mark.parametrize("orders", [2, 4])
+def test_a_fit_is_least_squares_through_values_and_slopes_over_knots_that_go_on_smoothly(orders):
+    """Against the least sum of squares of all derivatives at all knots at once."""
+    random = np.random.default_rng(2)
+    time = np.sort(random.uniform(0.0, 2.0, 120))
+    samples = [random.normal(size=(120, 2)), random.normal(size=(120, 2))]
+    found = reference._fitted(time, samples, end=2.0, spacing=0.6, orders=orders)
+    # As few knots as are no farther apart than asked for.
+    np.testing.assert_allclose(found.times, np.linspace(0.0, 2.0, 5))
+    columns = []
+    for knot in range(5):
+        for order in range(orders):
+            unit = np.zeros((5, orders, 1))
+            unit[knot, order] = 1.0
+            path = hermite_path(found.times, unit)
+            columns.append(np.concatenate([evaluate(path, time, each)[0] for each in (0, 1)]))
+    _, least, *_ = np.linalg.lstsq(np.array(columns).T, np.vstack(samples), rcond=None)
+    left = [np.sum((evaluate(found, time, each).T - samples[each]) ** 2, axis=0) for each in (0, 1)]
+    np.testing.assert_allclose(left[0] + left[1], least, rtol=1e-3)
+
+
+def test_a_value_that_is_held_for_a_short_while_counts_once_in_its_middle():
+    """A value that stays for more than 50 ms stands still, and each of its samples counts."""
+    time = 0.01 * np.arange(17)
+    values = np.array([0, 0, 0, 1, 2, 2, 2, 2, 2, 2, 3, 3, 3, 3, 3, 3, 3], dtype=float)
+    sent, kept = reference._sent(time, [values[:, None]])
+    expected = [(0.01, 0.0), (0.03, 1.0), (0.065, 2.0), *((0.01 * k, 3.0) for k in range(10, 17))]
+    np.testing.assert_allclose(np.column_stack([sent, kept[:, 0]]), expected)
+    # A velocity that changes beside a position that does not makes another sample.
+    sent, place, speed = reference._sent(time[:3], [np.zeros((3, 1)), np.array([[0.0], [0.0], [1.0]])])
+    np.testing.assert_allclose(np.column_stack([sent, place[:, 0], speed[:, 0]]), [(0.005, 0, 0), (0.02, 0, 1)])

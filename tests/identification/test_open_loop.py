@@ -8,7 +8,15 @@ import pytest
 from drake_quad import InputError, load_scenario, simulate
 from drake_quad.assembly.planning import nominal_parameters
 from drake_quad.framework.elementary import sin_cos
-from drake_quad.identification.fitting.open_loop import OpenLoop, Starts, commands_of, delay_of
+from drake_quad.identification.fitting.open_loop import (
+    OpenLoop,
+    Starts,
+    commands_of,
+    delay_of,
+    level_vehicle,
+    thrust_by_share,
+    with_level_commands,
+)
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.vehicle_numbers import number_of, with_numbers
 from drake_quad.kinematics import small_rotation
@@ -184,3 +192,113 @@ def test_a_number_of_an_effect_that_is_off_is_zero(flight):
     assert number_of(flight.scenario, "rotor_aerodynamics.climb") == 0.0
     assert number_of(flight.scenario, "body_drag.linear[1]") == 0.2
     assert with_numbers(flight.scenario, {"rotor_aerodynamics.climb": 0.1}).vehicle.rotor_aerodynamics.climb == 0.1
+
+
+def test_a_payload_is_there_from_the_beginning_whenever_it_is_dropped(root, record):
+    """Windows of a log have no clock of their own: the vehicle is as at the beginning of a flight.
+
+    Level at rest, it falls with the weight of both, and drag that is nothing yet.
+    """
+    dropped = "vehicle.payload={{mass: 0.2, position: [0.0, 0.0, -0.05], time: {}, event: dropped}}"
+    starts, states = Starts(np.array([60, 100]), 1), np.zeros((1, 2, 12))
+    soon, late, never = (
+        OpenLoop(load_scenario(root / "diagrams" / "laboratory.yaml:low_wind", overrides), record).fly(starts, states)
+        for overrides in ([dropped.format(0.5)], [dropped.format(99.0)], [])
+    )
+    np.testing.assert_array_equal(soon, late)
+    # The thrust is the same, and its acceleration goes with one over the mass.
+    mass, gravity = number_of(load_scenario("laboratory:low_wind"), "mass"), 9.81
+    with_payload, alone = (after[-1, 0, :, 8] / record.period + gravity for after in (soon, never))
+    np.testing.assert_allclose(with_payload * (mass + 0.2), alone * mass, rtol=1e-2)
+
+
+def test_the_thrust_of_a_share_is_that_of_the_share_of_hover(responding, record):
+    flight, log = responding
+    shares = np.linspace(0.1, 0.9, len(log.time))
+    hover = np.full(len(log.time), 0.45)
+    scenario = flight.scenario
+    weight = scenario.nominal.mass * scenario.nominal.gravity
+    told = replace(log, thrust_share=shares, hover_share=hover)
+    np.testing.assert_allclose(thrust_by_share(told, weight), weight * shares / 0.45)
+    throttles = commands_of(told, scenario, scenario).rotors
+    k_0, k_1, k_2 = scenario.nominal.motors.curve
+    total = np.sum(k_0 + k_1 * throttles + k_2 * throttles**2, axis=1)
+    inside = (throttles < 1.0 - 1e-6).all(axis=1)
+    np.testing.assert_allclose(total[inside], (weight * shares / 0.45)[inside])
+    assert inside.sum() > 10
+    # Without a share of hover, a share of thrust is a throttle.
+    throttles = commands_of(replace(told, hover_share=None), scenario, scenario).rotors
+    np.testing.assert_array_equal(throttles, np.tile(shares[:, None], 4))
+    # Motor commands come first.
+    motors = np.tile([0.1, 0.2, 0.3, 0.4], (len(log.time), 1))
+    np.testing.assert_array_equal(commands_of(replace(told, motor_command=motors), scenario, scenario).rotors, motors)
+
+
+def test_a_torque_behind_an_autopilot_does_not_turn_the_vehicle(responding, record):
+    flight, _ = responding
+    scenario = flight.scenario
+    number = len(record.time)
+    told = replace(record, rotor_speed_command=None, attitude_command=np.zeros((number, 3)))
+    torque = np.tile([0.1, 0.2, 0.05], (number, 1))
+    one, other = (commands_of(replace(told, torque_command=each), scenario, scenario).rotors for each in (None, torque))
+    np.testing.assert_array_equal(one, other)
+
+
+def test_a_vehicle_that_is_taken_for_level_stays_level(flight, record):
+    """Whatever its rotors do, and wherever it leaned before, it levels off without swinging over."""
+    level = level_vehicle(flight.scenario)
+    log = with_level_commands(record)
+    np.testing.assert_array_equal(log.attitude_command, np.zeros((len(record.time), 3)))
+    starts = Starts(np.array([60]), 100)
+    body = np.zeros((1, 1, 12))
+    body[..., 3:6] = 0.2
+    angles = OpenLoop(level, log).fly(starts, body)[:, 0, 0, 3:6]
+    assert (np.diff(angles, axis=0) <= 1e-12).all()
+    assert (angles >= -1e-12).all()
+    np.testing.assert_allclose(angles[-1], 0.0, atol=1e-6)
+
+
+def test_commands_before_a_log_are_as_at_its_first_sample_and_integrals_are_exact(flight):
+    """Means over steps of commands that hold until the next sample, for any delay, on an uneven clock."""
+    random = np.random.default_rng(6)
+    time = np.cumsum(random.uniform(0.005, 0.03, 60))
+    speeds = random.uniform(150.0, 250.0, (60, 4))
+    loop = OpenLoop(flight.scenario, FlightRecord("log", time, rotor_speed_command=speeds))
+    period = loop._record.period
+    ends = np.append(time, time[-1] + period)
+    fine = np.linspace(ends[10] - 0.5 * period, ends[12], 20_001)
+    held = speeds[np.clip(np.searchsorted(ends, fine, side="right") - 1, 0, 59)]
+    expected = np.trapezoid(held, fine, axis=0)
+    found = loop._integrated(fine[-1:]) - loop._integrated(fine[:1])
+    np.testing.assert_allclose(found[0], expected, rtol=1e-3)
+    # Before the log, and behind its end.
+    first = loop._integrated(time[:1]) - loop._integrated(time[:1] - 0.4)
+    np.testing.assert_allclose(first[0], 0.4 * speeds[0])
+    behind = loop._integrated(ends[-1:] + 0.3) - loop._integrated(ends[-1:])
+    np.testing.assert_allclose(behind[0], 0.3 * speeds[-1])
+    # Steps in two parts have the lengths of their samples, and the means of the commands.
+    steps = loop._steps(np.array([20, 57]), np.arange(5), 2, np.array([0.0, 0.004]))
+    assert steps.commands.shape == (5, 2, 4, 2, 2)
+    for w, start in enumerate((20, 57)):
+        for k in range(5):
+            sample = min(start + k, 59)
+            length = (ends[sample + 1] - ends[sample]) / 2.0
+            assert steps.lengths[k, w] == pytest.approx(length)
+            for part in range(2):
+                for d, delay in enumerate((0.0, 0.004)):
+                    ends_of_part = ends[sample] + length * np.array([part, part + 1]) - delay
+                    low, high = loop._integrated(ends_of_part)
+                    np.testing.assert_allclose(steps.commands[k, part, :, d, w], (high - low) / length)
+            np.testing.assert_allclose(steps.commands[k, 0, :, 0, w], speeds[sample])
+
+
+def test_motors_that_take_throttles_are_only_spoken_of_where_these_are_logged(flight, record):
+    without = replace(record, rotor_speed_command=None, torque_command=None)
+    with pytest.raises(InputError, match=r"or thrust_command and torque_command, and has thrust_command, wind$"):
+        OpenLoop(flight.scenario, without)
+
+
+def test_an_autopilot_needs_a_thrust_and_no_torque(responding):
+    flight, log = responding
+    with pytest.raises(InputError, match=r"it needs motor_command, or thrust_command, and has attitude_command, wind$"):
+        OpenLoop(flight.scenario, replace(log, thrust_share=None))

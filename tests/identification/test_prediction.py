@@ -1,13 +1,33 @@
 """Open-loop prediction: what a vehicle that is right, and one that is wrong, are off by."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from pydrake.math import RollPitchYaw
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.identification.flown_again.prediction import Predictions, _angle_between, _errors, joined, predict
+from drake_quad.identification.fitting.open_loop import (
+    OpenLoop,
+    Starts,
+    delay_of,
+    level_vehicle,
+    with_level_commands,
+)
+from drake_quad.identification.fitting.windows import airborne, held_out
+from drake_quad.identification.flown_again.prediction import (
+    Predictions,
+    _angle_between,
+    _begun,
+    _continuous,
+    _difference,
+    _errors,
+    _reached,
+    _starts,
+    joined,
+    predict,
+)
 from drake_quad.identification.identify import identify
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
@@ -224,3 +244,97 @@ def test_a_flight_without_attitude_tells_its_height(root):
     predictions = predict(second, {"identified": found.vehicle, "data sheet": base}, believed=base)
     assert set(predictions.errors) == {"height", "climb"}
     assert predictions.better("height", "identified", "data sheet", 0.5).low > 0.8
+
+
+@pytest.mark.parametrize("share", [1.0, 0.4])
+@pytest.mark.parametrize("period", [0.02, 0.004])
+def test_starts_are_where_past_and_nearest_horizon_are_in_the_air_without_a_gap(share, period):
+    """Against a look at every sample: 0.1 s apart, with known commands of 0.4 s before and 0.15 s in the air."""
+    time = period * np.arange(round(20.0 / period))
+    thrust = np.where((time > 2.0) & (time < 18.0) & ~((time > 9.0) & (time < 10.0)), 0.5, 0.0)
+    gapped = (time < 13.0) | (time > 13.3)
+    log = FlightRecord("log", time, thrust_command=thrust, position=np.zeros((len(time), 3))).part(gapped)
+    flying = airborne(log)
+    late = held_out(flying, share) if share < 1.0 else flying
+    past, last, known = (round(seconds / period) for seconds in (0.15, 0.3, 0.4))
+    expected = [
+        k
+        for k in range(known, len(log.time) - last, round(0.1 / period))
+        if late[k]
+        and flying[k - past : k + last + 1].all()
+        and np.diff(log.time[k - known : k + last + 1]).max() < 2.0 * period
+    ]
+    found = _starts(log, past, (0.5, 0.3), share)
+    assert found.tolist() == expected
+    assert len(expected) > 20
+
+
+def test_a_flight_goes_on_as_far_as_it_is_in_the_air_without_a_gap():
+    time = 0.01 * np.arange(3000) + np.where(np.arange(3000) > 1500, 0.2, 0.0)
+    thrust = np.where((np.arange(3000) > 100) & (np.arange(3000) < 2700), 0.5, 0.0)
+    log = FlightRecord("log", time, thrust_command=thrust)
+    flying = airborne(log)
+    starts = np.arange(2950)
+    for steps in (1, 30, 100):
+        found = _reached(log, starts, steps)
+        expected = [
+            k + steps < 3000 and flying[k : k + steps + 1].all() and not k <= 1500 < k + steps for k in starts.tolist()
+        ]
+        assert found.tolist() == expected
+
+
+@pytest.mark.parametrize("signals", [("position", "attitude"), ("velocity", "attitude", "body_rates")])
+def test_a_start_is_the_state_that_flies_to_what_was_measured_before_it(record, scenario, signals):
+    """Without noise the state itself is found, of which positions and attitudes tell velocities and rates."""
+    measured = record.part(slice(0, 200))
+    measured = FlightRecord(
+        "log",
+        measured.time,
+        rotor_speed_command=measured.rotor_speed_command,
+        wind=measured.wind,
+        **{name: getattr(measured, name) for name in signals},
+    )
+    loop = OpenLoop(scenario, measured, delay=float(delay_of(scenario)))
+    starts, past = np.array([60, 90, 130]), 8
+    states = _begun(loop, measured, list(signals), starts, past, False)
+    for name, columns in (
+        ("position", slice(0, 3)),
+        ("attitude", slice(3, 6)),
+        ("velocity", slice(6, 9)),
+        ("body_rates", slice(9, 12)),
+    ):
+        if name != "position" or name in signals:
+            np.testing.assert_allclose(states[:, columns], getattr(record, name)[starts], atol=0.03, rtol=0.03)
+
+
+def test_a_start_of_a_level_vehicle_has_the_velocity_of_its_places(record, scenario):
+    """A level vehicle rises and drifts, and only its places are measured, without noise."""
+    level = level_vehicle(scenario)
+    commands = with_level_commands(FlightRecord("log", record.time, rotor_speed_command=record.rotor_speed_command))
+    loop = OpenLoop(level, commands)
+    begun = np.zeros((1, 1, 12))
+    begun[..., [0, 1, 2, 6, 7, 8]] = [0.3, -0.2, 1.0, 0.5, -0.4, 0.7]
+    flown = loop.fly(Starts(np.array([50]), 100), begun)[:, 0, 0]
+    position = np.zeros((len(record.time), 3))
+    position[50:151] = flown[:, :3]
+    starts = np.array([70, 120])
+    states = _begun(loop, replace(commands, position=position), ["position"], starts, 8, True)
+    np.testing.assert_allclose(states, flown[starts - 50], atol=1e-4)
+
+
+def test_only_angles_differ_by_half_a_turn_at_most():
+    predicted, values = np.array([[7.0, -4.0, 0.1]]), np.zeros((1, 3))
+    np.testing.assert_allclose(
+        _difference("attitude", predicted, values), [[7.0 - 2.0 * np.pi, 2.0 * np.pi - 4.0, 0.1]]
+    )
+    for name in ("position", "velocity", "body_rates"):
+        np.testing.assert_array_equal(_difference(name, predicted, values), predicted)
+
+
+def test_angles_that_wrap_go_on_and_other_signals_stay():
+    yaw = 0.7 * np.arange(30.0)
+    rows = np.column_stack([0.0 * yaw, 0.0 * yaw, np.arctan2(np.sin(yaw), np.cos(yaw))])
+    log = FlightRecord("log", 0.01 * np.arange(30), attitude=rows, position=rows, body_rates=rows)
+    np.testing.assert_allclose(_continuous(log, "attitude")[:, 2], yaw, atol=1e-9)
+    np.testing.assert_array_equal(_continuous(log, "position"), rows)
+    np.testing.assert_array_equal(_continuous(log, "body_rates"), rows)

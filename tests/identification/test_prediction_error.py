@@ -89,3 +89,25 @@ def test_score_and_information_are_those_of_normal_errors() -> None:
     assert found == pytest.approx(-150 * np.log(deviation) - 0.5 * squares.sum())
     assert score[0] == pytest.approx((squares - 1.0).sum(), rel=1e-3)
     assert information[0, 0] == pytest.approx(300.0, rel=1e-3)
+
+
+@pytest.mark.parametrize(("windows", "parts"), [(7, 9), (30, 2), (60, 1), (90, 1)])
+def test_few_windows_are_taken_apart_into_sixty_parts_in_the_order_of_flight(windows: int, parts: int) -> None:
+    """Samples of several outputs stay together, and all parts together say what the windows say."""
+    fitted, _, _ = line_fit(windows, 24, seed=1)
+    fitted = fitted._replace(noise=Noise(np.ones(2), np.ones(6), np.ones(6)))
+    found = fitted.evidence(["a", "b"], np.array([1.0, 2.0]), 30.0)
+    assert len(found.scores) == windows * parts
+    pieces = [
+        (rows, errors)
+        for window, own in zip(fitted.slopes, fitted.errors, strict=True)
+        for rows, errors in zip(
+            np.array_split(window.reshape(12, 2, 2), parts), np.array_split(own.reshape(12, 2), parts), strict=True
+        )
+    ]
+    for part, (rows, errors) in enumerate(pieces):
+        np.testing.assert_allclose(found.information[part], np.einsum("kmp,kmq->pq", rows, rows))
+        np.testing.assert_allclose(found.scores[part], np.einsum("kmp,km->p", rows, errors))
+    assert (found.names, found.seconds) == (("a", "b"), 30.0)
+    np.testing.assert_array_equal(found.values, fitted.parameters)
+    np.testing.assert_array_equal(found.scales, [1.0, 2.0])

@@ -6,13 +6,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from neural_fly_flight import guessed
+from scipy.stats import t
 
 from drake_quad import InputError, load_scenario
 from drake_quad.identification import response_identification as response
-from drake_quad.identification.fitting.open_loop import DELAY
+from drake_quad.identification.fitting.evidence import Evidence, Uncertainty
+from drake_quad.identification.fitting.multiple_shooting import Problem
+from drake_quad.identification.fitting.open_loop import DELAY, OpenLoop, Starts, delay_of
+from drake_quad.identification.fitting.random_effects import of_the_mean, variation_of
 from drake_quad.identification.fitting.whitening import Noise
 from drake_quad.identification.fitting.windows import held_out
+from drake_quad.identification.identified import Spread
 from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.results.estimates import Explained
 from drake_quad.identification.results.vehicle_numbers import number_of
 
 PERIOD = 0.02
@@ -420,3 +426,134 @@ def test_the_task_of_an_identification_follows_from_the_logged_signals(monkeypat
 def test_too_few_windows_are_refused(scenario):
     with pytest.raises(InputError, match="there are 4 stretches of 3 s to be fitted, too few: it takes 5"):
         response.identify_from_poses([record(13.0)], scenario, held_out_share=0.0)
+
+
+@pytest.mark.parametrize("windows", [8, pytest.param(60, marks=pytest.mark.slow)])
+def test_deviations_of_numbers_that_vary_from_stretch_to_stretch_are_those_of_the_mean(windows):
+    """Numbers that are held keep theirs, and nothing is known of how they vary."""
+    random = np.random.default_rng(7)
+    root = random.normal(size=(windows, 2, 2))
+    information = 50.0 * (np.eye(2) + 0.1 * root @ root.swapaxes(1, 2))
+    # The first number is another one in each tenth of the flight.
+    own = 3.0 * np.repeat(random.normal(size=10), -(-windows // 10))[:windows]
+    scores = random.normal(size=(windows, 2)) * 7.0 - information[:, :, 0] * own[:, None]
+    parts = Evidence(("a", "c"), np.zeros(2), np.ones(2), information, scores - scores.mean(axis=0), 30.0)
+    variance = np.array([[4.0, 0.5, 0.1], [0.5, 9.0, 0.2], [0.1, 0.2, 1.0]]) * 1e-3
+    freedom, free = np.array([20.0, 21.0, 22.0]), np.array([0, 2])
+    wider, degrees, found = response._of_stretches(variance, freedom, parts, free)
+    if windows < 20:
+        assert found is None
+        np.testing.assert_array_equal(wider, variance)
+        np.testing.assert_array_equal(degrees, freedom)
+        return
+    among = np.ix_(free, free)
+    varied = variation_of(parts)
+    mean = of_the_mean(Uncertainty(variance[among], freedom[free], variance[among]), parts, varied)
+    assert mean.covariance[0, 0] > 2.0 * variance[0, 0]
+    np.testing.assert_allclose(wider[among], mean.covariance)
+    assert wider[1, 1] == variance[1, 1]
+    np.testing.assert_allclose(
+        wider[0, 1] / np.sqrt(wider[0, 0] * wider[1, 1]), variance[0, 1] / np.sqrt(variance[0, 0] * variance[1, 1])
+    )
+    np.testing.assert_array_equal(degrees, [mean.degrees_of_freedom[0], 21.0, mean.degrees_of_freedom[1]])
+    np.testing.assert_array_equal(found.covariance[among], varied.covariance)
+    assert np.isnan(found.covariance[1, 1])
+
+
+def test_what_is_left_changes_with_a_number_while_initial_states_follow(scenario):
+    """The vehicle itself made the flight. Its initial states are fitted again with a number that differs a little."""
+    logged = record(8.0)
+    loop = OpenLoop(scenario, logged, delay=float(delay_of(scenario)))
+    flown = loop.fly(Starts(np.array([0]), len(logged.time) - 1), np.zeros((1, 1, 12)))[:, 0, 0]
+    logged = replace(logged, position=flown[:, :3], attitude=flown[:, 3:6])
+    windows = response._cut([logged], scenario, 0.3, 1.0)
+    names = ("body_drag.linear[0]", "autopilot.natural_frequency[1]")
+    model = response._Model.of(scenario, response._outputs(windows.records, True), names)
+    parameters = np.array([model.believed[name] for name in names])
+
+    def left(values):
+        return response._refitted(model, windows, names, SimpleNamespace(parameters=values))
+
+    own = left(parameters)
+    assert own.residuals.shape == (len(windows.starts), 6, 51)
+    assert own.slopes.shape == (*own.residuals.shape, 2)
+    for i, name in enumerate(names):
+        step = 1e-2 * model.scales[name] * np.eye(2)[i]
+        change = (left(parameters + step).residuals - left(parameters - step).residuals) / (2.0 * step[i])
+        size = np.abs(change).max()
+        assert size > 0.0
+        np.testing.assert_allclose(own.slopes[..., i], change, atol=0.05 * size)
+
+
+@pytest.fixture
+def fits(monkeypatch):
+    """Fits with known results: drag comes out below zero, and the damping is not told."""
+    kept = SimpleNamespace(calls=[])
+    names = ("body_drag.linear[0]", DELAY, "rotor_time_constant", "autopilot.damping[0]")
+    scales = np.array([0.8, 1.5, 0.04, 0.5])
+    problem = Problem(None, scales, None, np.array([0.3, 1.0, 0.05, 0.7]), 4.0 * scales, np.full(4, -np.inf))
+    first = SimpleNamespace(parameters=np.array([-0.5, 1.4, 0.06, 0.9]), states="states")
+    variance = np.diag(np.square([0.1, 0.2, 0.004, 0.26]))
+
+    def fit(held, start, states, **options):
+        kept.calls.append((held, start, states))
+        return SimpleNamespace(parameters=np.array([1e-9, 1.6, 0.07, 0.7]), states="again")
+
+    def told(model, windows, sought, not_seen):
+        kept.seen, kept.sought = windows, sought
+        not_seen["autopilot.damping[1]"] = "the command of pitch does not vary"
+        return names, first, problem, [Noise(0.1 * i, 0.0) for i in range(6)]
+
+    everything = Evidence(names, first.parameters, scales, np.ones((3, 4, 4)), np.ones((3, 4)), 9.0)
+    monkeypatch.setattr(response, "fit", fit)
+    monkeypatch.setattr(response, "_told", told)
+    monkeypatch.setattr(response, "uncertainty", lambda *_: Uncertainty(variance, np.full(4, 12.0), variance))
+    monkeypatch.setattr(response, "_evidence", lambda model, windows, *_: everything)
+    monkeypatch.setattr(
+        response, "_of_stretches", lambda variance, freedom, parts, free: (4.0 * variance, freedom, None)
+    )
+    monkeypatch.setattr(response, "_refitted", lambda *_: "left")
+    monkeypatch.setattr(response, "_explained", lambda *_: {name: Explained(0.4, "roll") for name in names})
+    monkeypatch.setattr(response, "_series", lambda *_: ("series",))
+    monkeypatch.setattr(response, "hold_out", lambda parts: {"of": parts.names})
+    kept.scales = scales
+    return kept
+
+
+def test_what_is_not_told_or_below_zero_is_held_and_the_rest_is_fitted_with_it(fits, scenario):
+    found = response.identify_from_poses([record(40.0)], scenario, held_out_share=0.3)
+    assert not fits.seen.unseen.any()
+    assert fits.sought == response._candidates(scenario)
+    ((held, start, states),) = fits.calls
+    # Drag at zero, and the damping as it was believed.
+    fixed = np.array([True, False, False, True])
+    target = np.array([0.0, 1.0, 0.05, 0.7])
+    np.testing.assert_array_equal(held.believed, target)
+    np.testing.assert_allclose(held.beliefs, np.where(fixed, 1e-6 * fits.scales, 4.0 * fits.scales))
+    np.testing.assert_array_equal(start, [0.0, 1.4, 0.06, 0.7])
+    assert states == "states"
+    estimates = found.estimates
+    assert estimates.names == ("body_drag.linear[0]", DELAY, "rotor_time_constant")
+    np.testing.assert_array_equal(estimates.values, [0.0, 1.6, 0.07])
+    np.testing.assert_allclose(estimates.deviations, [0.2, 0.4, 0.008])
+    assert {*estimates.not_seen} == {"autopilot.damping[0]", "autopilot.damping[1]"}
+    assert "would be 0.26, where it may well be off by 0.5" in estimates.not_seen["autopilot.damping[0]"]
+    assert {*estimates.explained} == {*estimates.names}
+    assert found.held_out == {"of": (DELAY, "rotor_time_constant")}
+
+
+def test_an_identification_has_the_delay_in_seconds_the_noise_and_what_was_held_at_zero(fits, scenario):
+    found = response.identify_from_poses([record(40.0)], scenario, held_out_share=0.3)
+    period = scenario.laboratory.command_link.period
+    delay = Spread(float(delay_of(scenario, 1.6)), pytest.approx(0.4 * period), "s", 12.0)
+    assert found.delay == delay
+    assert found.further["white noise of pitch"].value == pytest.approx(0.4)
+    assert found.further["white noise of pitch"].unit == "rad"
+    assert len(found.further) == 6
+    assert found.outputs == ("series",)
+    assert found.vehicle.vehicle.rotor_time_constant == 0.07
+    assert found.vehicle.vehicle.body_drag.linear[0] == 0.0
+    (held,) = (remark for remark in found.remarks if "is held at zero" in remark)
+    # With the interval that it would have had.
+    reach = t.ppf(0.975, 12.0) * 0.1
+    assert held.startswith(f"body_drag.linear[0] came out at -0.50 ± {reach:.2f} ")

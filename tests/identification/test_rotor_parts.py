@@ -8,7 +8,7 @@ from scipy.stats import norm, t
 
 from drake_quad import InputError, load_scenario
 from drake_quad.identification import rotor_identification as rotors
-from drake_quad.identification.fitting.evidence import Uncertainty
+from drake_quad.identification.fitting.evidence import Evidence, Uncertainty
 from drake_quad.identification.fitting.flown_model import DELAY
 from drake_quad.identification.fitting.forecast import Forecast
 from drake_quad.identification.fitting.predictor import FORCE, Noise, Output
@@ -340,3 +340,148 @@ def test_a_number_is_identified_if_all_blocks_but_the_best_determine_it(monkeypa
 def test_a_delay_has_an_interval():
     delay = rotors.Delay(0.02, 0.003, 9.0)
     assert delay.interval == pytest.approx((0.02 - 0.003 * t.ppf(0.975, 9), 0.02 + 0.003 * t.ppf(0.975, 9)))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.25])
+def test_what_is_held_out_is_forecast_and_the_rest_is_fitted_before_all_is(monkeypatch, scenario, share):
+    """The last samples in the air are held out, and the fit to the rest is where the fit to all samples begins."""
+    used, fits = [], []
+    log = record(2000, rotor_speed_command=(4, 200.0), **POSES)
+    noise = rotors._first_noise(rotors._outputs([log]))
+
+    def predictor(problem, sought, flying, *, horizon=False):
+        used.append((flying[0], horizon, [each.name for each in sought]))
+        return f"predictor {len(used)}"
+
+    def fit(predictor, choice, begun):
+        fits.append((predictor, choice.start, begun))
+        covariance = Uncertainty(np.eye(1), np.ones(1), np.eye(1))
+        return SimpleNamespace(
+            parameters=choice.start + 1.0, noise=f"noise of {predictor}", covariance=lambda blocks: covariance
+        )
+
+    monkeypatch.setattr(rotors._Problem, "predictor", predictor)
+    monkeypatch.setattr(rotors, "_told", lambda predictor, sought, start, noise: sought[:2])
+    monkeypatch.setattr(rotors, "fit", fit)
+    monkeypatch.setattr(rotors, "forecast", lambda *arguments: arguments)
+    monkeypatch.setattr(rotors, "_blocks", lambda predictor: None)
+    monkeypatch.setattr(rotors, "_identified", lambda *arguments: arguments)
+    *_, shown = rotors.identify([log], scenario, share=share)
+    flying = rotors.airborne(log)
+    late = np.cumsum(flying) > (1.0 - share) * flying.sum()
+    every, spared = flying, flying & late
+    if share == 0.0:
+        assert shown is None
+        expected = [(every, False), (every, False)]
+        ((predictor_of_all, start, begun),) = fits
+    else:
+        expected = [(every & ~spared, False), (every & ~spared, False), (spared, True), (every, False)]
+        (rest, first, begun_first), (predictor_of_all, start, begun) = fits
+        assert rest == "predictor 2"
+        np.testing.assert_array_equal(begun_first.measured, noise.measured)
+        np.testing.assert_array_equal(start, first + 1.0)
+        assert begun == "noise of predictor 2"
+        told, parameters, its_noise = shown
+        assert (told, its_noise) == ("predictor 3", "noise of predictor 2")
+        np.testing.assert_array_equal(parameters, first + 1.0)
+    assert predictor_of_all == f"predictor {len(used)}"
+    assert len(used) == len(expected)
+    for (own, horizon, _), (parts, ahead) in zip(used, expected, strict=True):
+        np.testing.assert_array_equal(own, parts)
+        assert horizon == ahead
+    # All that may be told is looked at first, and then only what is.
+    assert [len(names) == 2 for *_, names in used] == [False, *[True] * (len(used) - 1)]
+
+
+def test_limits_of_a_thrust_curve_are_around_zero_whatever_its_sign(scenario):
+    vehicle = with_throttles(scenario).vehicle
+    for sign in (1.0, -1.0):
+        curve = (0.1 * sign, 0.2 * sign, 0.5 * sign)
+        own = vehicle.model_copy(update={"motors": vehicle.motors.model_copy(update={"curve": curve})})
+        for i in range(3):
+            limits = names_of(own, "position", "attitude")[f"motors.curve[{i}]"]
+            assert (limits.scale, limits.least, limits.most) == pytest.approx((0.8, -8.0, 8.0))
+
+
+COVARIANCE = 1e-2 * np.array([[4.0, 0.1, 0.2, 0.3], [0.1, 5.0, 0.4, 0.5], [0.2, 0.4, 6.0, 0.6], [0.3, 0.5, 0.6, 7.0]])
+# Covariance of the logarithms of the noise: six outputs, and twelve numbers of the disturbance.
+APART = np.diag(np.arange(1.0, 19.0)) + 0.5
+
+
+@pytest.fixture
+def fit(monkeypatch):
+    """A fit of four numbers, the delay among them, of which wind swamps one; as arguments of what makes a result."""
+    given = sought("thrust_factor", "inertia[0]", DELAY, "inertia[1]")
+    outputs = [Output(name, column) for name in ("position", "attitude") for column in range(3)]
+    uncertainty = Uncertainty(COVARIANCE, np.array([11.0, 12.0, 13.0, 14.0]), np.eye(4))
+    noise = Noise(np.array([2.0, 2.0, 2.0, 3.0, 3.0, 3.0]), np.full(6, 0.3), np.ones(6))
+    windows, errors = 8, np.zeros((8, 50))
+    evidence = Evidence(("a",), np.zeros(1), np.ones(1), np.ones((8, 1, 1)), np.zeros((8, 1)), 2.0)
+
+    def tell(names, scales, seconds):
+        assert (list(names), scales.tolist(), seconds) == ([each.name for each in given], [1.0] * 4, 20.0)
+        return evidence
+
+    fitted = SimpleNamespace(
+        parameters=np.array([1.0, 2.0, 0.01, 3.0]), noise=noise, errors=errors, rounds=2, evidence=tell
+    )
+    predictor = SimpleNamespace(
+        windows=range(windows),
+        sizes=Cut(250, 50, 40),
+        inputs=SimpleNamespace(period=0.01),
+        split=1,
+        period=0.01,
+        outputs=outputs,
+    )
+    monkeypatch.setattr(rotors, "noise_covariance", lambda *_: APART)
+    monkeypatch.setattr(rotors, "_swamped", lambda *_: {"inertia[0]": "wind"})
+    monkeypatch.setattr(rotors, "_wide", lambda *_: {})
+    return predictor, given, fitted, uncertainty
+
+
+def test_what_was_identified_is_the_numbers_that_are_told_and_the_noise_of_the_cameras(fit, scenario):
+    """The delay stands by itself, and numbers that are not told are left out with the reason."""
+    told = Forecast(("roll", "pitch", "position z"), np.empty(0), np.empty(0), np.empty(0), np.array([0.1, 0.2, 0.3]))
+    found = rotors._identified([record(**POSES)], scenario.vehicle, *fit, told)
+    estimates = found.estimates
+    cameras = [f"laboratory.motion_capture.{name}_noise" for name in ("position", "attitude")]
+    assert list(estimates.names) == ["thrust_factor", "inertia[1]", *cameras]
+    np.testing.assert_array_equal(estimates.values, [1.0, 3.0, 2.0, 3.0])
+    np.testing.assert_allclose(estimates.covariance[:2, :2], COVARIANCE[np.ix_([0, 3], [0, 3])])
+    np.testing.assert_array_equal(estimates.covariance[:2, 2:], 0.0)
+    # The covariance is that of the logarithms, times the noise of both.
+    np.testing.assert_allclose(
+        estimates.covariance[2:, 2:], [[APART[0, 0] * 4.0, APART[0, 3] * 6.0], [APART[3, 0] * 6.0, APART[3, 3] * 9.0]]
+    )
+    np.testing.assert_array_equal(estimates.degrees_of_freedom, [11.0, 14.0, 400.0, 400.0])
+    assert estimates.explained == {"thrust_factor": Explained(0.3, "position z"), "inertia[1]": Explained(0.2, "pitch")}
+    assert estimates.not_seen["inertia[0]"] == "wind"
+    assert "weigh it" in estimates.not_seen["mass"]
+    assert str(estimates.sources_of(0)[0]) == "prediction errors of attitude and position, log"
+    assert estimates.remarks == ("20.0 s in the air in 8 windows, 2 rounds",)
+    assert found.delay == rotors.Delay(0.01, pytest.approx(np.sqrt(6e-2)), 13.0)
+    _, _, fitted, _ = fit
+    assert (found.noise, found.forecast, found.fitted) == (fitted.noise, told, fitted)
+
+
+def test_without_a_number_that_is_told_there_is_no_result(fit, scenario, monkeypatch):
+    monkeypatch.setattr(rotors, "_wide", lambda *_: {"thrust_factor": "wide", "inertia[1]": "flat"})
+    with pytest.raises(InputError, match=r"tell no number of the vehicle: inertia\[0\]: wind; thrust_factor: wide; in"):
+        rotors._identified([record(**POSES)], scenario.vehicle, *fit, None)
+
+
+def test_an_accelerometer_has_no_noise_of_cameras(fit, scenario):
+    """Without anything that was held out, nothing is explained."""
+    predictor, given, fitted, uncertainty = fit
+    inertial = SimpleNamespace(**{**vars(predictor), "outputs": [Output(FORCE, column) for column in range(3)]})
+    found = rotors._identified([record(**IMU)], scenario.vehicle, inertial, given, fitted, uncertainty, None)
+    assert found.estimates.names == ("thrust_factor", "inertia[1]")
+    assert found.estimates.explained == {}
+    assert str(found.estimates.sources_of(0)[0]) == "prediction errors of specific force, log"
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_limits_of_the_thrust_in_a_climb_are_around_zero_whatever_its_sign(sign):
+    vehicle = load_scenario("laboratory:low_wind", [f"vehicle.rotor_aerodynamics={{climb: {0.4 * sign}}}"]).vehicle
+    climb = names_of(vehicle, "position", "attitude")["rotor_aerodynamics.climb"]
+    assert (climb.scale, climb.least, climb.most) == pytest.approx((0.4, -400.0, 400.0))

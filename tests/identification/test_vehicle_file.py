@@ -1,5 +1,6 @@
 """The file of an identified vehicle: it loads, flies, is drawn from in studies, and says what is known."""
 
+import itertools
 import os
 import re
 
@@ -9,6 +10,7 @@ import scipy
 
 from drake_quad import InputError, load_scenario, run_monte_carlo, simulate
 from drake_quad.identification.fitting.random_effects import Variation
+from drake_quad.identification.results import vehicle_file
 from drake_quad.identification.results.estimates import Estimates, Explained, Source, scenario_path
 from drake_quad.identification.results.vehicle_file import rising_curve, write_vehicle
 from drake_quad.scenario import Batch, distributions_in, load_undesigned
@@ -364,3 +366,53 @@ def test_what_cannot_be_written_leaves_nothing(base, tmp_path, found, options, w
 def test_no_estimates_are_no_vehicle(estimates, base, tmp_path):
     with pytest.raises(InputError, match="no estimate to write"):
         write_vehicle(tmp_path / "none.yaml", "none", estimates.part([]), base=base)
+
+
+def test_comments_stand_in_the_columns_of_what_they_are_about(written):
+    """Mappings and lists are indented by two columns more each, and an item follows its dash after one space."""
+    lines = written.read_text().splitlines()
+    inside = lines[next(i for i, line in enumerate(lines) if not line.startswith("#")) :]
+    kinds = set()
+    for line, following in itertools.pairwise(inside):
+        text = line.lstrip()
+        if text.startswith("#"):
+            assert len(line) - len(text) == len(following) - len(following.lstrip())
+            kinds.add(following.lstrip()[0] if following.lstrip()[0] in "#-" else "key")
+        assert (len(line) - len(text)) % 2 == 0
+        assert not text.startswith("-  ")
+    assert kinds >= {"key", "-"}
+
+
+def test_what_was_given_is_put_where_it_belongs_unless_it_was_identified():
+    found = vehicle_file._Entry(0.5, "identified")
+    tree = {"vehicle": {"mass": found}, "laboratory": {}, "control": {}}
+    for given in (
+        "vehicle.mass=0.7",
+        "vehicle.gravity = 9.8",
+        "laboratory.motion_capture.position_noise=0.001",
+        "laboratory.motion_capture.period=0.01",
+        "control.attitude.fuzzy.gain=[1, 2]",
+    ):
+        vehicle_file._put(tree, given)
+    assert tree["vehicle"]["mass"] is found
+    assert tree["vehicle"]["gravity"].value == 9.8
+    cameras = tree["laboratory"]["motion_capture"]
+    assert {name: entry.value for name, entry in cameras.items()} == {"position_noise": 0.001, "period": 0.01}
+    entry = tree["control"]["attitude"]["fuzzy"]["gain"]
+    assert (entry.value, entry.comment) == ([1, 2], "given, not identified")
+    for wrong in ("route.laps=2", "vehicle=1", "vehicle.inertia.0=1", "vehicle.thrust_factor_error.rotor_2=0.1"):
+        with pytest.raises(InputError, match="cannot be written with a vehicle: allowed are whole fields of vehicle"):
+            vehicle_file._put(tree, wrong)
+
+
+@pytest.mark.parametrize(
+    ("value", "written", "said"), [(-0.3, 0.0, True), (-0.04, 0.0, False), (0.04, 0.04, False), (0.3, 0.3, False)]
+)
+@pytest.mark.parametrize("drawn", [False, True])
+def test_a_number_beyond_its_limit_is_written_as_the_limit_which_is_said(value, written, said, drawn):
+    """The comment says so if the number is beyond the limit by more than its standard deviation."""
+    estimates = Estimates(("linear_drag",), np.array([value]), np.array([[0.05**2]]), 30.0, Source("m", "log"))
+    number = vehicle_file._values(estimates, "v", drawn)["linear_drag"]
+    assert (number["normal"]["mean"] if drawn else number) == written
+    comment = vehicle_file._comment(estimates, "linear_drag", number)
+    assert comment.endswith("; beyond the limit of what there is, which is written") == said

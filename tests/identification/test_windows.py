@@ -3,15 +3,18 @@
 import numpy as np
 import pytest
 
+from drake_quad.errors import InputError
 from drake_quad.identification.fitting.windows import (
     Cut,
     Window,
     airborne,
     coarser,
+    common_period,
     cut,
     held_out,
     pieces,
     steep_remarks,
+    within_half_a_turn,
 )
 from drake_quad.identification.logs.record import FlightRecord
 
@@ -111,3 +114,112 @@ def test_a_coarser_record_has_commands_until_the_next_sample_and_measurements_ar
         np.testing.assert_allclose(few.specific_force[:, 0], samples, atol=1e-9)
         np.testing.assert_allclose(few.motor_command[:, 0], samples + 0.5 * (step - 1), atol=1e-9)
         np.testing.assert_allclose(np.diff(samples), step, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("signal", "columns", "carries", "lies"),
+    [
+        ("motor_command", 4, 0.55, 0.45),
+        ("thrust_command", None, 0.55, 0.45),
+        ("thrust_share", None, 0.55, 0.45),
+        # The thrust of a rotor goes with the square of its speed.
+        ("rotor_speed_command", 4, 0.75, 0.65),
+    ],
+)
+def test_a_vehicle_flies_while_its_thrust_is_half_of_what_is_usual(
+    signal: str, columns: int | None, carries: float, lies: float
+) -> None:
+    """The usual thrust is the median while the rotors work, which they do for a third of this log."""
+    for share, flies in ((carries, True), (lies, False)):
+        command = np.zeros(3000)
+        command[1000:2000] = 400.0
+        command[1200:1500] *= share
+        values = command if columns is None else np.tile(command[:, None], columns)
+        flying = airborne(FlightRecord("log", PERIOD * np.arange(3000), **{signal: values}))
+        assert flying[1300:1400].all() == flies
+        assert flying[1300:1400].any() == flies
+        assert flying[1700:1800].all()
+        assert not flying[:1000].any()
+        assert not flying[2000:].any()
+
+
+def test_motor_commands_say_whether_a_vehicle_flies_before_all_others() -> None:
+    still, hover = np.zeros(2000), np.full(2000, 0.5)
+    four = np.tile(hover[:, None], 4)
+    assert airborne(record(thrust_command=still, rotor_speed_command=0.0 * four)).all()
+    assert not airborne(record(motor_command=0.0 * four, thrust_command=hover, rotor_speed_command=four)).any()
+    speeds = {"motor_command": None, "rotor_speed_command": four, "thrust_command": still}
+    assert airborne(record(**speeds)).all()
+    thrust = {"motor_command": None, "thrust_command": hover, "thrust_share": still}
+    assert airborne(record(**thrust)).all()
+    # Where no command is logged, the whole log is taken for flight.
+    assert airborne(FlightRecord("log", PERIOD * np.arange(50), position=np.zeros((50, 3)))).all()
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_collision_is_twice_the_weight_in_any_direction(axis: int, sign: float) -> None:
+    for size, flies in ((1.98 * 9.81, True), (2.02 * 9.81, False)):
+        force = np.zeros((2000, 3))
+        force[1000, axis] = sign * size
+        assert airborne(record(specific_force=force))[1000] == flies
+
+
+def test_roll_does_not_make_an_attitude_steep() -> None:
+    for column, flies in ((0, True), (1, False), (2, True)):
+        angles = np.zeros((2000, 3))
+        angles[1000, column] = np.radians(76.0)
+        assert airborne(record(attitude=angles))[1000] == flies
+    angles = np.tile([0.0, np.radians(74.0), 0.0], (2000, 1))
+    assert airborne(record(attitude=angles)).all()
+
+
+def test_logs_of_one_rate_differ_by_a_tenth_of_their_period_at_most() -> None:
+    def logs(*periods: float) -> list[FlightRecord]:
+        return [FlightRecord(f"{each:g}", each * np.arange(50), position=np.zeros((50, 3))) for each in periods]
+
+    assert common_period(logs(0.01, 0.0109, 0.0091, 0.01)) == pytest.approx(0.01)
+    for odd in (0.0112, 0.0088):
+        with pytest.raises(
+            InputError, match=f"the log '{odd:g}' has {1.0 / odd:.0f} samples a second, and others 100; identify from"
+        ):
+            common_period(logs(0.01, 0.01, odd))
+
+
+def test_angles_within_half_a_turn_are_the_same_angles() -> None:
+    angles = np.linspace(-20.0, 20.0, 999)
+    found = within_half_a_turn(angles)
+    assert np.abs(found).max() <= np.pi
+    np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * angles), atol=1e-12)
+
+
+def test_windows_of_several_logs_are_those_of_each() -> None:
+    """A window and what settles before it fit to the last sample but one."""
+    sizes = Cut(length=100, settle=50, warm_up=30)
+    logs = [record(2.52), record(2.5), record(1.51)]
+    found = cut(logs, [np.ones(len(each.time), dtype=bool) for each in logs], sizes)
+    assert found == [Window(0, 50), Window(0, 150), Window(1, 50), Window(2, 50)]
+
+
+def test_gaps_are_steps_of_more_than_three_periods() -> None:
+    for step, number in ((2.9, 0), (3.1, 1)):
+        time = PERIOD * np.concatenate([np.arange(10), 9.0 + step + np.arange(10)])
+        assert pieces(FlightRecord("log", time, position=np.zeros((20, 3)))).tolist() == [0] * 10 + [number] * 10
+
+
+def test_a_record_of_the_same_rate_is_the_same_and_a_coarser_one_covers_whole_steps() -> None:
+    whole = record(1.03)
+    assert coarser(whole, 1) is whole
+    for step in (2, 3, 4):
+        few = coarser(whole, step)
+        assert len(few.time) == (103 - step) // step
+        assert few.time[0] == whole.time[step // 2]
+    # All samples of an odd step have the same weight; the outer two of an even step have half of it.
+    force = np.zeros((103, 3))
+    force[50] = 1.0
+    for step, expected in ((2, [0.25, 0.25]), (3, [1.0 / 3.0]), (4, [0.25]), (5, [0.2])):
+        few = coarser(record(1.03, specific_force=force), step)
+        assert few.specific_force is not None
+        values = few.specific_force[:, 0]
+        np.testing.assert_allclose(values[values > 0.0], expected)
+        assert values.sum() * step == pytest.approx(1.0)

@@ -260,3 +260,136 @@ def test_snap_grows_with_the_seventh_power_of_the_speed():
     path = plan_path(PathProblem([BEGIN, END], limits=LIMITS), Heuristic())
     slower = plan_path(PathProblem([BEGIN, END]), GivenTimes((0.0, 2.0 * path.duration)))
     assert math.isclose(snap_cost(path).sum(), 2.0**7 * snap_cost(slower).sum(), rel_tol=1e-6)
+
+
+def test_a_waypoint_keeps_the_slack_of_regions_beyond_the_clearance():
+    """Regions are 10 µm farther from obstacles than the clearance, and a waypoint must lie in one of them."""
+    for beyond, fits in ((2e-5, True), (5e-6, False)):
+        space = space_of(Ball((3.5, 1.0, 1.7 + beyond), radius=0.5))
+        if fits:
+            check_places(space, PathProblem([BEGIN, END]))
+        else:
+            with pytest.raises(InputError, match="waypoint 1"):
+                check_places(space, PathProblem([BEGIN, END]))
+
+
+def test_points_of_a_place_are_a_grid_that_spans_it():
+    """The diagonal is that of a cell: 21 points along each axis have 20 cells between them."""
+    low, high = np.array([1.0, 0.5, 0.2]), np.array([2.0, 2.5, 0.6])
+    box = Box(low, high)
+    for place in (box, Polytope.from_box(box), Sphere(low, 0.3)):
+        points, diagonal = around._points_of(place)
+        ends = (low - 0.3, low + 0.3) if isinstance(place, Sphere) else (low, high)
+        np.testing.assert_allclose([points.min(axis=0), points.max(axis=0)], ends, atol=1e-9)
+        assert len(np.unique(points.round(9), axis=0)) == len(points) == 21**3
+        assert diagonal == pytest.approx(np.linalg.norm((ends[1] - ends[0]) / 20.0))
+    # A flat place has one layer, and a point is alone.
+    assert len(around._points_of(Box(low, [2.0, 2.5, 0.2]))[0]) == 21**2
+    points, diagonal = around._points_of(Box.point(low))
+    assert points.tolist() == [low.tolist()]
+    assert diagonal == 0.0
+
+
+def test_free_points_of_a_place_are_in_it_and_the_nearest_to_its_middle_comes_first():
+    """A ball fills one side of a sphere. What is left is at the clearance, in the sphere and in the bounds."""
+    sphere = Sphere([3.5, 1.0, 1.0], 0.4)
+    space = space_of(Ball((3.5, 1.0, 0.4), radius=0.3))
+    bounds = Box([0.0, 0.0, 0.0], [4.0, 1.2, 2.0])
+    alone, some = around._free_points(PathProblem([BEGIN, sphere]), space, bounds)
+    np.testing.assert_array_equal(alone, np.atleast_2d(BEGIN.centre).repeat(len(alone), axis=0))
+    away = np.linalg.norm(some - sphere.centre, axis=1)
+    assert (np.diff(away) >= 0.0).all()
+    assert 0.35 < away.max() <= 0.4
+    assert is_near(bounds, some).all()
+    assert 1.15 < some[:, 1].max() <= 1.2
+    assert space.nearest(some)[0].min() >= 0.2
+
+
+def test_what_a_straight_way_promises_is_what_it_costs():
+    """Along one straight segment from rest to rest every path of the same duration is the same."""
+    straight = DETOURS[-1]
+    timing = LeastSnap(4.0)
+    for limits in (LIMITS, Limits()):
+        way = WayAround(PathProblem(straight.problem.places, limits=limits), straight.waypoints)
+        expected = snap_cost(plan_path(way.problem, timing)).sum()
+        assert around._promise(way, timing) == pytest.approx(expected, rel=1e-6)
+    assert around._promise(straight, Shortest()) == plan_path(straight.problem, Heuristic()).duration
+
+
+def test_ways_around_a_pillar_differ_and_lead_past_both_of_its_sides():
+    space = space_of(Cuboid((2.0, 1.1, 1.0), size=(0.4, 0.4, 3.0)))
+    ways = around._ways_around(space, BOUNDS, PathProblem([BEGIN, END], limits=LIMITS))
+    corridors = {tuple((*region.offsets, *region.normals.ravel()) for region in way.problem.corridors) for way in ways}
+    assert len(corridors) == len(ways) > 1
+    sides = [np.mean([place.centre[1] for place in way.problem.places[1:-1]]) > 1.1 for way in ways]
+    # The right side is the shorter one.
+    assert not sides[0]
+    assert any(sides)
+
+
+def test_a_way_that_a_coarse_grid_does_not_show_is_found_on_a_finer_one():
+    """A gap leaves the centre of mass 1 cm, between points of the first grid and over one of the second.
+
+    In a room 1 m by 0.6 m by 0.4 m the points are 5 cm apart, then 3 cm.
+    """
+    bounds = Box([0.0, 0.0, 0.0], [1.0, 0.6, 0.4])
+    middle = 0.27
+    sides = (
+        Cuboid((0.5, middle - 0.055 - 0.5, 0.2), size=(0.02, 1.0, 2.0)),
+        Cuboid((0.5, middle + 0.055 + 0.5, 0.2), size=(0.02, 1.0, 2.0)),
+    )
+    space = space_of(*sides, radius=0.05)
+    problem = PathProblem([Box.point([0.2, 0.3, 0.2]), Box.point([0.8, 0.3, 0.2])], limits=LIMITS)
+    for most, finest, leads in ((30_000, 0.05, False), (400_000, 0.03, True)):
+        grid = around.Grid.of(space, bounds, most=most, finest=finest)
+        free = grid.points[grid.nearest >= space.clearance]
+        assert (np.abs(free[:, 0] - 0.5) < 0.03).any() == leads
+    path, _ = plan_around(space, bounds, problem, Heuristic())
+    points = evaluate(path, np.linspace(path.times[0], path.times[-1], 5000)).T
+    assert space.nearest(points)[0].min() >= space.clearance
+
+
+def test_regions_are_chosen_by_ways_that_keep_the_slack_from_begin_to_end(monkeypatch):
+    """The way over a point is no shorter than straight on from the begin to it and from there to the end."""
+    asked = []
+    lengths_from = around.Grid.lengths_from
+
+    def watched(grid, places, clearance, inside=None):
+        asked.append(clearance)
+        return lengths_from(grid, places, clearance, inside)
+
+    def worth_a_look(regions, ways, points, lengths):
+        asked.append((points, lengths))
+        raise StopIteration
+
+    monkeypatch.setattr(around.Grid, "lengths_from", watched)
+    monkeypatch.setattr(around, "worth_a_look", worth_a_look)
+    space = space_of(Ball((2.0, 1.0, 1.0), radius=0.3))
+    with pytest.raises(StopIteration):
+        plan_around(space, BOUNDS, PathProblem([BEGIN, END], limits=LIMITS), Heuristic())
+    *clearances, (points, lengths) = asked
+    assert clearances == [space.clearance + 1e-5] * 2
+    assert space.nearest(points)[0].min() >= space.clearance + 1e-5
+    straight = sum(np.linalg.norm(points - place.centre, axis=1) for place in (BEGIN, END))
+    assert (lengths >= straight - 1e-9).all()
+    assert (lengths <= 2.5 * straight).all()
+
+
+def test_a_place_without_room_is_told_from_one_whose_room_may_lie_between_its_points():
+    """Points of a gate 1 m long are 5 cm apart, so that room may lie within 2.5 cm of one of them."""
+    gate = Box([2.0, 0.5, 1.0], [2.0, 1.5, 1.0])
+    for short, words in ((0.024, "next to no room"), (0.026, "no room")):
+        wall = Cuboid((2.2 - short + 0.1, 1.0, 1.0), size=(0.2, 4.0, 4.0))
+        with pytest.raises(InputError, match=f"waypoint 1, .* leaves {words} at 0.2 m"):
+            around._free_points(PathProblem([BEGIN, gate, END]), space_of(wall), BOUNDS)
+
+
+def test_free_points_keep_the_slack_beyond_the_clearance():
+    for beyond, fits in ((2e-5, True), (5e-6, False)):
+        space = space_of(Ball((3.5, 1.0, 1.7 + beyond), radius=0.5))
+        problem = PathProblem([BEGIN, END])
+        if fits:
+            assert len(around._free_points(problem, space, BOUNDS)) == 2
+        else:
+            with pytest.raises(InputError, match="waypoint 1, .* leaves next to no room"):
+                around._free_points(problem, space, BOUNDS)

@@ -130,3 +130,22 @@ def test_bounds_alone_may_close_the_way():
     said = explained({"a": wall(1.0)}, (LEFT, RIGHT), bounds=Box([0.1, 0.1, 0.1], [1.2, 0.9, 0.9]))
     assert said.startswith("there is no way from waypoint 0 to waypoint 1 at 0.1 m from obstacles")
     assert said.endswith("within the bounds of the space")
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+def test_a_leg_without_a_corridor_may_lead_where_the_corridor_of_its_neighbour_does_not(backwards):
+    """A wall closes the room on the left. One leg stays in a corridor on one side of it, the other leads around it."""
+    corridor = Box([0.0, 0.0, 0.0], [0.7, 0.45, 1.0])
+    places = [Box.point([0.3, 0.3, 0.5]), Box.point([0.5, 0.3, 0.5]), Box.point([1.7, 0.3, 0.5])]
+    corridors = [corridor, None]
+    if backwards:
+        places, corridors = places[::-1], corridors[::-1]
+    said = explained({"a": wall(1.0, high=0.5)}, places, corridors)
+    assert said.startswith("no way was found")
+
+
+def test_one_obstacle_that_closes_the_way_is_named_alone_among_many():
+    """Of ten obstacles only one is in the way; pairs that hold it are not named."""
+    beside = {f"b{i}": Cuboid((0.5 + 0.01 * i, 0.15, 0.15), size=(0.02, 0.02, 0.02)) for i in range(9)}
+    said = explained({**beside, "a": wall(1.0)})
+    assert said.endswith("without a, there would be one")

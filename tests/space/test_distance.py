@@ -78,3 +78,11 @@ def test_an_approach_is_printed_in_one_line():
     approach = Approach(-0.2, 1.234, np.array([0.5, -1.25, 2.0]), "pillar")
     assert str(approach) == "0 m from pillar at 1.23 s, (0.5, -1.25, 2) m"
     assert str(approach._replace(distance=0.1234)).startswith("0.123 m from pillar")
+
+
+def test_a_path_at_rest_is_as_near_as_its_place():
+    """Nothing moves, so that no piece can hold a nearer point than its middle."""
+    path = minimum_snap(np.array([[1.0, 2.0, 3.0]] * 2), np.array([0.0, 2.0]))
+    found = nearest_approach(path, Space((Obstacle("ball", Ball((1.0, 2.0, 4.0), radius=0.25)),), radius=0.1))
+    assert found.distance == pytest.approx(0.75)
+    np.testing.assert_allclose(found.position, [1.0, 2.0, 3.0])

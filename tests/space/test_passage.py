@@ -7,6 +7,7 @@ import pytest
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
 from drake_quad.reference.regions import Box, Polytope, Sphere
+from drake_quad.space import passage
 from drake_quad.space.passage import chain, find_passage, other_passages, worth_a_look
 from drake_quad.space.regions import Regions
 from drake_quad.space.space import Space
@@ -226,3 +227,46 @@ def test_candidates_are_the_regions_of_the_chain_and_then_those_of_the_shortest_
     lengths[4:] = np.inf
     assert sorted(worth_a_look(regions, [5, 3], points, lengths)) == [0, 1, 3, 5]
     assert worth_a_look(regions, list(range(12)), points, lengths) == list(range(12))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_without_chance_other_passages_are_the_shortest_from_centre_to_centre(monkeypatch, seed):
+    """By way of the centre of what neighbours have in common, and at the price of each handover; among all that are."""
+    monkeypatch.setattr(passage, "_SPREAD", 0.0)
+    random = np.random.default_rng([5, seed])
+    low = random.uniform(0.0, 2.0, (6, 3))
+    regions = Boxes(*((begin, begin + size) for begin, size in zip(low, random.uniform(0.8, 2.0, (6, 3)), strict=True)))
+    ends = [regions[number].centre + 0.3 * random.uniform(-1.0, 1.0, (3, 3)) for number in (0, 3, 5)]
+
+    def away(number, points):
+        held = points[regions.holding(points, [number])[0]]
+        return np.linalg.norm(held - regions[number].centre, axis=1).min(initial=np.inf) + HANDOVER
+
+    def between(one, other):
+        common = regions.common(one, other).centre
+        return sum(np.linalg.norm(regions[number].centre - common) for number in (one, other)) + HANDOVER
+
+    legs = []
+    for begin, end in itertools.pairwise(ends):
+        costs = {
+            order: away(order[0], begin)
+            + away(order[-1], end)
+            + sum(between(*pair) for pair in itertools.pairwise(order))
+            for count in range(1, 7)
+            for order in itertools.permutations(range(6), count)
+            if all(regions.common(*pair) is not None for pair in itertools.pairwise(order))
+        }
+        best = min(costs, key=costs.get)
+        legs.append(best if np.isfinite(costs[best]) else ())
+    expected = [tuple(legs)] if all(legs) else []
+    assert other_passages(regions, ends, [None, None], count=2) == expected
+
+
+def test_a_leg_starts_in_a_region_that_has_its_place_inside_of_the_corridor():
+    """The upper box has a part of the place, and of the corridor, but no part of both."""
+    regions = Boxes(([0, 2, 0], [4, 3, 1]), ([0, 0, 0], [4, 2.2, 1]))
+    gate, end = Box([0.5, 0.2, 0.5], [0.5, 2.9, 0.5]), Box.point([3.5, 2.4, 0.5])
+    # Its upper face rises from y = 1 m at x = 0 to 3 m at x = 4 m.
+    rising = Polytope([[-0.5, 1.0, 0.0]], [1.0]).intersection(Polytope.from_box(Box([0, 0, 0], [4, 4, 1])))
+    assert find_passage(regions, [[0, 1]], [gate, end], [rising]) == ((1, 0),)
+    assert find_passage(regions, [[0, 1]], [gate, end], [None]) == ((0,),)

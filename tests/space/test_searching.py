@@ -9,11 +9,12 @@ from test_rooms import plan, walled
 
 from drake_quad.errors import InputError
 from drake_quad.reference.planner import Heuristic
-from drake_quad.reference.regions import Box
+from drake_quad.reference.regions import Box, Polytope
 from drake_quad.space.grid import Grid
 from drake_quad.space.passage import chain, find_passage, worth_a_look
-from drake_quad.space.regions import NARROWEST, Regions
-from drake_quad.space.space import Space
+from drake_quad.space.regions import NARROWEST, SLACK, Regions
+from drake_quad.space.shapes import Cuboid
+from drake_quad.space.space import Obstacle, Space
 
 DOOR = ((2.0, 1.2, 1.0), (0.1, 2.4, 2.0))
 
@@ -103,3 +104,68 @@ def test_all_that_must_go_is_named():
     assert "no way" in said
     assert all(f"wall_{i}" in said for i in range(3))
     assert "wall_3" not in said
+
+
+def test_a_seed_on_the_bounds_lies_in_its_region_despite_rounding():
+    """Faces are moved out and in again by the clearance, which may leave them short of the bounds by a rounding error.
+
+    A region that did not hold its seed would be grown around it again and again.
+    """
+    random = np.random.default_rng(0)
+    for _ in range(20):
+        low = random.uniform(-2.0, 0.0, 3)
+        bounds = Box(low, low + random.uniform(1.0, 3.0, 3))
+        regions = Regions(Space((), radius=random.uniform(0.05, 0.2)), bounds)
+        corners = np.array(list(itertools.product(*zip(bounds.low, bounds.high, strict=True))))
+        regions.cover(corners, np.ones(len(corners)))
+        assert len(regions) == 1
+        assert regions.holding(corners).all()
+
+
+def test_faces_of_a_region_keep_clearance_and_slack_from_a_wall_and_lie_on_the_bounds():
+    space = Space((Obstacle("wall", Cuboid((1.5, 0.0, 0.0), size=(1.0, 9.0, 9.0))),), radius=0.2)
+    bounds = Box([-1.0, -1.1, -1.2], [2.0, 1.3, 1.4])
+    regions = Regions(space, bounds)
+    region = regions[regions.grow(np.array([0.3, 0.0, 0.1]))]
+    axes = np.eye(3)
+    np.testing.assert_allclose([-region.reach(-axis) for axis in axes], bounds.low, atol=1e-6)
+    np.testing.assert_allclose([region.reach(axis) for axis in axes], [1.0 - 0.2 - SLACK, 1.3, 1.4], atol=1e-8)
+
+
+def test_a_seed_lies_in_its_region_wherever_it_is_free():
+    """Rounds of IRIS after the first may leave a seed in a corner between obstacles; then one round is taken."""
+    room = random_room(1)
+    grid = grid_of(room)
+    free = np.flatnonzero(grid.nearest >= room.space.clearance + SLACK)
+    tightest = free[np.argsort(grid.nearest[free])]
+    regions = Regions(room.space, room.bounds)
+    for seed in grid.points[tightest[:8]]:
+        assert regions.holding(seed[None], [regions.grow(seed)]).all()
+
+
+class Spots(Regions):
+    """Regions that hold no more than 10 cm around their seeds."""
+
+    def __init__(self):
+        super().__init__(Space((), radius=0.1), Box([-99.0] * 3, [99.0] * 3))
+        self.seeds = []
+
+    def grow(self, seed):
+        self.seeds.append(seed.tolist())
+        self._found.append(Polytope.from_box(Box(seed - 0.1, seed + 0.1)))
+        return len(self) - 1
+
+
+@pytest.mark.parametrize(("count", "grown"), [(19, 19), (20, 19), (39, 38), (60, 40)])
+def test_most_free_points_are_covered_where_there_is_most_room_first(count, grown):
+    """Of 20 points or more, 5 % may be left, and there are at most 40 regions."""
+    points = np.arange(count)[:, None] * np.ones(3)
+    distances = np.random.default_rng(count).permutation(count).astype(float)
+    regions = Spots()
+    regions.cover(points, distances)
+    assert regions.seeds == points[np.argsort(-distances)][:grown].tolist()
+    # Points that regions hold already are not seeds.
+    again = Spots()
+    again.grow(points[0])
+    again.cover(points, distances)
+    assert again.seeds.count(points[0].tolist()) == 1

@@ -180,3 +180,59 @@ def test_a_space_knows_the_nearest_obstacle():
     assert space.names == ("near", "far")
     distance, number = Space((), 0.2).nearest([[1.0, 0.0, 1.0]])
     assert (distance[0], number[0]) == (math.inf, -1)
+
+
+@pytest.mark.parametrize("make", [Cuboid, Cylinder, Ball])
+@pytest.mark.parametrize(("name", "place"), [("centre", 0), ("rotation", 1)])
+def test_every_solid_refuses_a_pose_that_is_not_three_finite_numbers(make, name, place):
+    for wrong in ((0.0, math.nan, 0.0), (0.0, 1.0), (0.0, 0.0, 0.0, 1.0)):
+        pose = [CENTRE, ROTATION]
+        pose[place] = wrong
+        with pytest.raises(InputError, match=f"the {name} of a solid must be three finite numbers"):
+            make(*pose)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e6])
+@pytest.mark.parametrize("name", ["hull", "tetrahedron", "hull of a box"])
+def test_distances_to_a_hull_are_proportional_to_its_size(name, scale):
+    """The tolerance of the test whether a projection is in a face is relative to the size of the hull."""
+    hull = SHAPES[name]
+    points = around(hull, 300)
+    larger = hull_of(scale * np.array(hull.corners))
+    np.testing.assert_allclose(larger.distances(scale * points), scale * hull.distances(points), atol=1e-9 * scale)
+
+
+@pytest.mark.parametrize("away", [(1e7, 0.0, 0.0), (0.0, 1e7, 0.0), (1e7, 1e7, 1e7)])
+def test_a_hull_is_the_same_far_from_the_origin(away):
+    """Ten thousand kilometres away, floating point has digits for nanometres."""
+    hull = SHAPES["hull"]
+    points = around(hull, 300)
+    far = hull_of(np.array(hull.corners) + away)
+    assert len(far.corners) == len(hull.corners)
+    np.testing.assert_allclose(far.distances(points + away), hull.distances(points), atol=1e-6)
+
+
+def test_points_of_any_plane_have_no_hull():
+    flat = POINTS * [1.0, 1.0, 0.0]
+    for points in (flat + np.array([0.0, 0.0, 1.0]), placed(flat, centre=CENTRE, rotation=ROTATION)):
+        with pytest.raises(InputError, match="the 30 points of a hull are in a plane"):
+            hull_of(points)
+
+
+def test_points_that_are_placed_keep_their_size_unless_a_scale_is_given():
+    corners = SHAPES["cuboid"].corners()
+    np.testing.assert_array_equal(placed(corners), corners)
+    np.testing.assert_allclose(placed(corners, scale=3.0), 3.0 * corners)
+    np.testing.assert_allclose(placed(corners, centre=CENTRE), corners + CENTRE)
+
+
+@pytest.mark.parametrize("wrong", [0.0, -1.0, math.inf, math.nan])
+def test_every_size_of_a_solid_must_be_positive_and_finite(wrong):
+    for make, words in (
+        (lambda: Ball(CENTRE, radius=wrong), "radius"),
+        (lambda: Cylinder(CENTRE, radius=wrong), "radius"),
+        (lambda: Cylinder(CENTRE, height=wrong), "height"),
+        *((lambda i=i: Cuboid(CENTRE, size=tuple(np.where(np.arange(3) == i, wrong, 1.0))), "size") for i in range(3)),
+    ):
+        with pytest.raises(InputError, match=f"the {words} of a solid is {wrong:g} m, but must be positive and finite"):
+            make()

@@ -7,6 +7,7 @@ import pytest
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
 from drake_quad.errors import InputError
+from drake_quad.space import simplification
 from drake_quad.space.shapes import hull_of
 from drake_quad.space.simplification import MAX_GROWTH, surrounding
 
@@ -117,3 +118,52 @@ def test_a_replacement_is_described_in_a_sentence():
         f"its convex hull with 104 corners is replaced by a hull with 100 corners around it, which is larger by at most"
         f" {found.growth:.3g}, {share:.2g} % of its size"
     )
+
+
+@pytest.mark.parametrize("count", [8, 9, 100])
+def test_a_hull_of_just_as_many_corners_as_allowed_stays_as_it_is(count):
+    points = sphere(count)
+    found = surrounding(points, count)
+    assert (found.growth, found.is_simpler, found.replaced) == (0.0, False, count)
+    np.testing.assert_array_equal(found.corners, hull_of(points).corners)
+
+
+def test_directions_are_unit_vectors_that_are_spread_evenly():
+    """If n points share the sphere evenly, each has an area of 4 π / n, and none is far from its neighbours."""
+    for count in (50, 500):
+        directions = simplification._directions(count)
+        np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0)
+        side = math.sqrt(4.0 * math.pi / count)
+        apart = np.linalg.norm(directions[:, None] - directions, axis=2) + 9.0 * np.eye(count)
+        assert apart.min() > 0.7 * side
+        gaps = np.linalg.norm(sphere(2000)[:, None] - directions, axis=2).min(axis=1)
+        assert gaps.max() < side
+
+
+def test_how_far_points_are_outside_of_corners_that_span_a_plane_a_line_or_a_point():
+    """The distance is that to what the corners span, at whatever size and wherever that is."""
+    points = sphere(40, 8)
+    for size in (1e-4, 1.0, 1e4):
+        for count, distances in (
+            (1, np.linalg.norm(points, axis=1)),
+            (2, np.linalg.norm(points[:, 1:], axis=1)),
+            (3, np.abs(points[:, 2])),
+            (4, np.abs(points[:, 2])),
+        ):
+            flat = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 0.5, 0.0], [-0.2, 0.7, 0.0]])[:count]
+            away = size * np.array([2.0, -3.0, 1.0])
+            found = simplification._outside(size * points + away, size * flat + away)
+            np.testing.assert_allclose(found, size * distances, atol=1e-9 * size)
+        solid = np.vstack([flat, [0.3, 0.2, -0.9]])
+        hull = hull_of(solid)
+        expected = (points @ np.array(hull.normals).T - hull.offsets).max(axis=1)
+        np.testing.assert_allclose(simplification._outside(size * points, size * solid), size * expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1e3])
+def test_a_hull_of_few_corners_grows_with_its_size(scale):
+    points = sphere(120)
+    found, larger = surrounding(points, MAX_CORNERS), surrounding(scale * points, MAX_CORNERS)
+    assert larger.growth == pytest.approx(scale * found.growth, rel=1e-6)
+    assert larger.size == pytest.approx(scale * np.ptp(points, axis=0).max())
+    assert str(larger).endswith("% of its size")

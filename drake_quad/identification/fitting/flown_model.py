@@ -98,12 +98,15 @@ def step(
     numbers: Numbers,
     kind: DisturbanceKind,
 ) -> Step:
-    """Return the vehicle at the end of a step, during which a disturbance is constant."""
+    """Return the vehicle at the end of a step from time 0 on, during which a disturbance is constant.
+
+    A payload that is dropped later is present in every step.
+    """
     (h,) = span
     parameters, effects = numbers
     target = _target(rotors, command, numbers)
     before = VehicleState(body, rotors)
-    after = step_of_flight(before, target, _STILL, parameters, effects, 0.0, h, RIGID_KINEMATICS)
+    after = step_of_flight(before, target, _STILL, parameters, effects, h, h, RIGID_KINEMATICS)
     push = Vector(disturbance.x, disturbance.y, disturbance.z)
     if kind == "body":
         push = BodyAxes.of(body.roll, body.pitch, body.yaw).in_world(push)

@@ -99,9 +99,13 @@ def _target(command: RotorSpeed | Throttle, numbers: _Numbers | _RespondingNumbe
 def _rigid_step(
     body: State, rotors: RotorSpeed, command: RotorSpeed | Throttle, wind: Wind, span: _Span, numbers: _Numbers
 ) -> _Step:
-    """Return the vehicle at the end of a step."""
+    """Return the vehicle at the end of a step from time 0 on.
+
+    A payload that is dropped later is present in every step.
+    """
+    (h,) = span
     before, target = VehicleState(body, rotors), _target(command, numbers)
-    after = step_of_flight(before, target, wind, numbers.parameters, numbers.effects, 0.0, span.time, RIGID_KINEMATICS)
+    after = step_of_flight(before, target, wind, numbers.parameters, numbers.effects, h, h, RIGID_KINEMATICS)
     return _Step(after.body, after.rotors)
 
 

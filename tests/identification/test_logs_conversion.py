@@ -1,0 +1,189 @@
+"""From columns to signals on one clock: which clock, which signals, and their values between samples."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from drake_quad.identification.logs import conversion
+from drake_quad.identification.logs.conversion import Table
+from drake_quad.identification.logs.mapping import Mapping
+
+WIDTHS = {"motor_command": 4, "thrust_share": 1, "reference_yaw": 1, "battery_voltage": 1}
+
+
+def channel(signal, begin, end, period, *, known=None, values=None):
+    """A signal on a clock of its own, known at some of its ticks."""
+    clock = begin + period * np.arange(round((end - begin) / period) + 1)
+    rows = np.arange(len(clock)) if known is None else np.flatnonzero(known(clock))
+    if values is None:
+        values = np.repeat(clock[rows][:, None], WIDTHS.get(signal, 3), axis=1)
+    return conversion._Channel(signal, clock, rows, values, "somewhere")
+
+
+def test_commands_hold_and_measurements_do_not():
+    for name in ("motor_command", "thrust_share", "battery_voltage", "torque_command", "reference_position"):
+        assert conversion.is_held(name)
+    for name in ("position", "attitude", "body_rates", "specific_force", "wind", "hover_share"):
+        assert not conversion.is_held(name)
+
+
+@pytest.mark.parametrize(("lasts", "taken"), [(4.9, False), (5.1, True)])
+def test_the_clock_is_the_fastest_that_measures_for_half_of_the_longest_time(lasts, taken):
+    slow, fast = channel("position", 0.0, 10.0, 0.01), channel("body_rates", 2.0, 2.0 + lasts, 0.002)
+    commands = channel("motor_command", 0.0, 10.0, 0.001)
+    for channels in ([slow, fast, commands], [commands, fast, slow]):
+        assert conversion._fastest(channels) is (fast if taken else slow).clock
+    assert conversion._fastest([commands, channel("thrust_share", 0.0, 10.0, 0.01)]) is commands.clock
+    # The step that counts is the median one, whatever the gaps.
+    gapped = slow._replace(clock=np.where(slow.clock > 5.0, slow.clock + 50.0, slow.clock))
+    assert conversion._fastest([gapped, channel("velocity", 0.0, 60.0, 0.02)]) is gapped.clock
+
+
+def test_signals_that_are_there_for_less_than_half_of_the_time_are_left_out():
+    clock = channel("body_rates", 1.0, 11.0, 0.01).clock
+    for begin, end, share in (
+        (1.0, 5.9, 0.49),
+        (1.0, 6.1, 0.51),
+        (6.1, 99.0, 0.49),
+        (5.9, 99.0, 0.51),
+        (12.0, 13.0, 0),
+    ):
+        chosen, remarks = conversion._covering([channel("position", begin, end, 0.1)], clock)
+        assert bool(chosen) == (share > 0.5)
+        assert remarks == ([] if share > 0.5 else [f"position is left out: it is there for {share:.0%} of the log"])
+    # What is commanded once holds to the end, and what changes slowly is as it is at its first or last sample.
+    assert conversion._covering([channel("thrust_share", 1.0, 2.0, 0.1)], clock)[0]
+    assert not conversion._covering([channel("thrust_share", 6.2, 7.0, 0.1)], clock)[0]
+    assert conversion._covering([channel("wind", 10.0, 10.5, 0.1)], clock)[0]
+    # Numbers that are none do not count.
+    for known, share in ((4.4, 0.44), (5.6, 0.56)):
+        half = channel("velocity", 1.0, 11.0, 0.1, known=lambda time, known=known: time < 1.0 + known)
+        full = half._replace(rows=np.append(half.rows[:-1], len(half.clock) - 1))
+        assert bool(conversion._covering([full], clock)[0]) == (share > 0.5)
+
+
+def test_a_record_has_the_ticks_at_which_all_signals_are_there():
+    clock = 0.1 * np.arange(101)
+    late, early = channel("position", 2.05, 12.0, 0.1), channel("velocity", -0.05, 8.55, 0.1)
+    inside, remarks = conversion._common([late, early], clock)
+    np.testing.assert_array_equal(inside, (clock >= 2.05) & (clock <= 8.55 + 1e-9))
+    assert remarks == [
+        "the first 2.05 s are left out: position is not there yet",
+        "the last 1.45 s are left out: velocity has ended",
+    ]
+    # A command that ends holds, and one that begins late is waited for; what changes slowly is not.
+    held, slow = channel("motor_command", 3.0, 4.0, 0.1), channel("battery_voltage", 6.0, 7.0, 0.1)
+    inside, remarks = conversion._common([channel("position", 0.0, 10.0, 0.1), held, slow], clock)
+    np.testing.assert_array_equal(inside, clock >= 3.0)
+    assert remarks == ["the first 3 s are left out: motor_command is not there yet"]
+    assert conversion._common([held], clock)[1] == remarks
+    inside, _ = conversion._common([slow], clock)
+    np.testing.assert_array_equal(inside, clock >= 6.0)
+
+
+def test_measurements_lie_on_lines_and_commands_hold_and_angles_take_the_shorter_way():
+    clock = 0.1 * np.arange(60)
+    inside = (clock > 0.55) & (clock < 5.0)
+    measured = conversion._at(channel("position", 0.03, 5.9, 0.25), clock, inside)
+    np.testing.assert_allclose(measured, np.tile(clock[inside][:, None], 3))
+    held = conversion._at(channel("thrust_share", 0.0, 5.9, 0.25), clock + 1e-9, inside)
+    np.testing.assert_allclose(held, np.floor((clock[inside] + 1e-9) / 0.25) * 0.25)
+    # Before its first sample a command is as it is then.
+    before = conversion._at(channel("thrust_share", 3.0, 5.0, 0.5), clock, inside)
+    np.testing.assert_allclose(before[clock[inside] < 3.0], 3.0)
+    for signal in ("attitude", "attitude_command", "reference_yaw"):
+        turning = channel(signal, 0.0, 6.0, 0.25)
+        yaw = 3.0 * turning.values
+        wrapped = turning._replace(values=np.arctan2(np.sin(yaw), np.cos(yaw)))
+        found = conversion._at(wrapped, clock, inside)
+        assert np.abs(found).max() <= np.pi
+        if not conversion.is_held(signal):
+            expected = np.broadcast_to(3.0 * clock[inside][:, None], found.shape)
+            np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * expected), atol=1e-9)
+    # On its own clock a signal is what it is, but where it is not known everywhere.
+    own = channel("position", 0.0, 5.9, 0.1, values=np.random.default_rng(1).normal(size=(60, 3)))
+    np.testing.assert_array_equal(conversion._at(own, own.clock, inside), own.values[inside])
+    holes = own._replace(rows=np.delete(own.rows, 30), values=np.delete(own.values, 30, axis=0))
+    found = conversion._at(holes, own.clock, inside)
+    expected = own.values.copy()
+    expected[30] = 0.5 * (own.values[29] + own.values[31])
+    np.testing.assert_allclose(found, expected[inside])
+
+
+@pytest.mark.parametrize(
+    ("unit", "scale", "least", "most"),
+    [("1", 1.0, -0.5, 1.5), ("uint16", 65535.0, -1e-3, 1.001), ("%", 100.0, -0.5, 1.5)],
+)
+def test_rows_with_commands_beyond_what_can_be_sent_are_damaged(unit, scale, least, most):
+    source = {"columns": ["a", "b", "c", "d"], "unit": unit}
+    mapping = Mapping(signals={"motor_command": source})
+    width = most - least
+    for command, damaged in (
+        (least + 1e-4 * width, False),
+        (least - 1e-4 * width, True),
+        (most - 1e-4 * width, False),
+        (most + 1e-4 * width, True),
+    ):
+        columns = {name: np.zeros(5) for name in "abcd"}
+        columns["c"][[2, 4]] = command * scale
+        table = Table("motors", 7.0 + np.arange(5.0), columns, 6.9 + np.arange(5.0))
+        notes = []
+        found = conversion._without_damage(table, mapping, notes)
+        if damaged:
+            assert found.time.tolist() == [7.0, 8.0, 10.0]
+            np.testing.assert_allclose(found.sampled, [6.9, 7.9, 9.9])
+            assert len(found.columns["a"]) == 3
+            (note,) = notes
+            assert note.startswith("2 of 5 samples are left out: their motor commands are out of range, up to")
+            assert f" {abs(command):.3g} times the full command, first at 2 s; the log is damaged" in note
+        else:
+            assert (found is table, notes) == (True, [])
+    bare = Table("other", np.arange(3.0), {"a": np.full(3, 9e9)})
+    assert conversion._without_damage(bare, mapping, []) is bare
+
+
+def test_columns_that_no_signal_reads_are_told_in_groups():
+    """A group is what precedes the first dot or bracket. Up to six names of a group that is read are listed."""
+    used = {"imu.x", "imu.y"}
+    few, many = ({f"imu.more{i}" for i in range(count)} for count in (6, 7))
+    (said,) = conversion._unread(used | few | {"baro.asl", "baro.temp", "lone.x"}, used)
+    assert said == f"not read: baro, {', '.join(sorted(few))}, lone.x"
+    (said,) = conversion._unread(used | many | {"esc[0]", "esc[1]"}, used)
+    assert said == "not read: esc, the rest of imu"
+    assert list(conversion._unread(used, used)) == []
+
+
+def test_what_a_signal_lacks_is_said_of_its_first_source_that_is_there_in_part():
+    sources = [{"columns": ["a", "b", "c"]}, {"columns": ["d", "e", "f"]}]
+    mapping = Mapping(signals={"position": sources})
+
+    def why(*available):
+        return list(conversion._why_not("position", mapping, {*available}))
+
+    assert why() == []
+    assert why("a", "b") == ["position is left out: c is not logged"]
+    assert why("f") == ["position is left out: d, e are not logged"]
+    assert why("a", "d", "e", "f") == ["position is left out: b, c are not logged"]
+    assert why("d", "e", "f") == ["position is left out: d to f is a number in less than two samples"]
+    names = conversion._read_names("position", mapping, {"a", "d", "e", "f"})
+    assert names == ("d", "e", "f")
+    assert conversion._read_names("position", mapping, {"a", "b", "c", "d", "e", "f"}) == ("a", "b", "c")
+    assert conversion._read_names("position", mapping, {"a"}) == ()
+
+
+def test_remarks_say_at_which_rates_signals_were():
+    clock = channel("body_rates", 0.0, 1.0, 0.004)
+    slow, held = channel("position", 0.0, 1.0, 0.05), channel("motor_command", 0.0, 1.0, 0.02)
+    assert list(conversion._resampling_remarks([clock, slow, held], clock.clock)) == [
+        "put on the clock on lines between their samples, which has 250 Hz: position (20 Hz)",
+        "held on the clock, which has 250 Hz: motor_command (50 Hz)",
+    ]
+    assert list(conversion._resampling_remarks([clock], clock.clock)) == []
+    holes = slow._replace(rows=slow.rows[3:])
+    assert list(conversion._missing_remarks([clock, holes])) == ["position is no number in 3 of 21 samples"]
+    assert conversion._origin(SimpleNamespace(names=("a", "b", "c"), unit="mm")) == "a to c (mm)"
+    assert conversion._origin(SimpleNamespace(names=("a",), unit=None)) == "a"
+    assert list(conversion._origin_remarks([clock, slow])) == [
+        "read: body_rates from somewhere; position from somewhere"
+    ]

@@ -1,0 +1,169 @@
+"""Units of logs, and the limits at which something in a log is doubted."""
+
+import numpy as np
+import pytest
+import scipy.constants as known
+
+from drake_quad.identification.logs.conversion import Table, _Clocks
+from drake_quad.identification.logs.doubts import doubts, jumps
+from drake_quad.identification.logs.timing import rising, timing_remarks
+from drake_quad.identification.logs.units import QUANTITIES, UNITS
+
+# One unit in SI, and what is nothing in it.
+SCALES = {
+    "ms": known.milli,
+    "us": known.micro,
+    "ns": known.nano,
+    "cm": known.centi,
+    "mm": known.milli,
+    "cm/s": known.centi,
+    "mm/s": known.milli,
+    "km/h": known.kmh,
+    "mm/s²": known.milli,
+    "g": known.g,
+    "mrad": known.milli,
+    "deg": known.degree,
+    "mrad/s": known.milli,
+    "deg/s": known.degree,
+    "rpm": 2.0 * known.pi / known.minute,
+    "%": 0.01,
+    "uint16": 1.0 / (2**16 - 1),
+    "servo us": known.milli,
+    "mN": known.milli,
+    "gf": known.gram * known.g,
+    "mN m": known.milli,
+    "mV": known.milli,
+}
+
+
+def test_units_are_those_of_the_si():
+    for of, units in UNITS.items():
+        for name, unit in units.items():
+            assert unit.scale == pytest.approx(1.0 if name == of else SCALES[name])
+            assert unit.zero == (1000.0 if name == "servo us" else 0.0)
+    assert {quantity.unit for quantity in QUANTITIES.values()} <= {*UNITS}
+
+
+def path(count=400, period=0.01):
+    """A place that moves along a line at 1 m/s."""
+    time = period * np.arange(count)
+    return time, np.column_stack([time, 0.0 * time, 1.0 + 0.0 * time])
+
+
+@pytest.mark.parametrize(
+    ("period", "size", "said"),
+    [
+        # A tenth of a metre at least,
+        (0.01, 0.11, True),
+        (0.01, 0.09, False),
+        # and more than 500 m/s² make in a step.
+        (0.05, 500.0 * 0.05**2 + 0.05, True),
+        (0.05, 500.0 * 0.05**2 - 0.05, False),
+    ],
+)
+@pytest.mark.parametrize("axis", [0, 2])
+def test_a_jump_is_what_no_vehicle_moves_in_a_step(period, size, said, axis):
+    time, place = path(period=period)
+    place[200:, axis] += size
+    found = list(jumps(7.0 + time, place))
+    assert bool(found) == said
+    if said:
+        assert found[0].startswith(f"position jumps once, at most by {size:.2g} m at {time[200]:.4g} s:")
+
+
+def test_the_largest_of_several_jumps_is_told():
+    time, place = path()
+    for row, size in ((100, 0.2), (200, 0.5), (300, -0.3)):
+        place[row:, 1] += size
+    (sentence,) = jumps(time, place)
+    assert sentence.startswith("position jumps 3 times, at most by 0.5 m at 2 s:")
+
+
+def test_a_jump_stands_out_of_noise_by_eight_times():
+    """The step of white noise, less the one beside it, has a median that is known by the noise itself."""
+    random = np.random.default_rng(1)
+    time, place = path(count=4000)
+    noisy = place + 0.05 * random.normal(size=place.shape)
+    steps = np.diff(noisy, axis=0)
+    apart = np.linalg.norm(np.diff(steps, axis=0), axis=1)
+    median = np.median(np.minimum(apart[:-1], apart[1:]))
+    assert not list(jumps(time, noisy))
+    for factor, said in ((6.0, False), (11.0, True)):
+        jumping = noisy.copy()
+        jumping[2000:, 0] += factor * median
+        assert bool(list(jumps(time, jumping))) == said
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_few_places_do_not_jump(count):
+    """A jump has a step on both sides."""
+    time, place = path(count=count)
+    place[2:, 0] += 9.0
+    assert not list(jumps(time, place))
+
+
+def test_signals_that_are_zero_throughout_are_doubted():
+    time, place = path()
+    nothing = np.zeros_like(place)
+    names = ("position", "velocity", "attitude", "body_rates", "specific_force")
+    for name in names:
+        signals = dict.fromkeys(names, place) | {name: nothing}
+        assert next(doubts(signals, time)).startswith(f"{name} is zero throughout")
+    both = {"velocity": nothing, "attitude": nothing, "thrust_share": nothing}
+    assert list(doubts(both, time)) == ["velocity and attitude are zero throughout: they may not have been measured"]
+
+
+@pytest.mark.parametrize(("height", "said"), [(0.24, True), (0.26, False), (-0.24, True), (-0.26, False)])
+def test_a_vehicle_below_a_quarter_of_a_metre_may_not_have_flown(height, said):
+    time, place = path()
+    place[:, 2] = np.linspace(0.0, height, len(time))
+    assert bool(list(doubts({"position": place}, time))) == said
+
+
+@pytest.mark.parametrize(
+    ("moves", "away", "said"), [(1.0, 1.9, False), (1.0, 2.1, True), (3.0, 2.9, False), (3.0, 3.1, True)]
+)
+def test_a_reference_is_out_of_reach_beyond_two_metres_and_all_of_the_flight(moves, away, said):
+    time, place = path()
+    place[:, 0] = np.linspace(0.0, moves, len(time))
+    reference = place.copy()
+    reference[150:, 1] += away
+    found = list(doubts({"position": place, "reference_position": reference}, time))
+    assert bool(found) == said
+    if said:
+        reach = max(2.0, moves)
+        assert found[0].startswith(
+            f"reference_position is up to {away:.3g} m away from a vehicle that moves by {reach:.3g} m, first at 1.5 s:"
+        )
+
+
+@pytest.mark.parametrize(("share", "said"), [(0.045, False), (0.055, True)])
+def test_steps_are_uneven_by_a_twentieth_of_their_median(share, said):
+    time = np.cumsum(1.0 + share * np.where(np.arange(1000) % 2, 1.0, -1.0))
+    median = np.median(np.diff(time))
+    assert bool(list(timing_remarks(time))) == (np.std(np.diff(time)) > 0.05 * median) == said
+
+
+def test_times_that_no_clock_shows_are_no_numbers():
+    for latest, kept in ((9.9e11, True), (1.1e12, False), (-9.9e11, False), (-1.1e12, False)):
+        assert rising(np.array([0.0, 1.0, latest])).kept[2] == kept
+
+
+@pytest.mark.parametrize("name", ["imu", ""])
+def test_what_is_wrong_with_a_clock_is_said_once_and_of_which_table(name):
+    """A command counts from when it was written, and a measurement from when it was sampled."""
+    written, sampled = np.array([0.0, 1.0, 1.0, 2.0]), np.array([0.0, 0.9, 1.0, 0.5])
+    table = Table(name, written, {}, sampled)
+    clocks = _Clocks()
+    time, rows = clocks.of(table, "motor_command")
+    assert (time.tolist(), rows.tolist()) == ([0.0, 1.0, 2.0], [0, 1, 3])
+    beginning = f"{name}: 1 sample left out" if name else "1 sample left out"
+    assert clocks.remarks == [f"{beginning}: they repeat the time of the sample before"]
+    time, rows = clocks.of(table, "body_rates")
+    assert (time.tolist(), rows.tolist()) == ([0.0, 0.9, 1.0], [0, 1, 2])
+    first, second = clocks.remarks
+    assert second.startswith(f"{beginning}: the clock goes back once, at most by 0.5 s")
+    # The same clocks, and another one with the same fault, say nothing more.
+    assert clocks.of(table, "thrust_share")[0] is clocks.of(table, "motor_command")[0]
+    clocks.of(Table(name, written.copy(), {}), "body_rates")
+    assert clocks.remarks == [first, second]

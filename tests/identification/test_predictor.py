@@ -1,0 +1,281 @@
+"""The filter that predicts a log one measurement ahead, against the formulas of a Kalman filter."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drake_quad import load_scenario
+from drake_quad.identification.fitting import prediction_error
+from drake_quad.identification.fitting import predictor as predicting
+from drake_quad.identification.fitting.flown_model import BODY, PUSH
+from drake_quad.identification.fitting.flown_model import Vehicle as Model
+from drake_quad.identification.fitting.predictor import FORCE, Noise, Output, Predictor
+from drake_quad.identification.fitting.windows import Cut, Window
+from drake_quad.identification.logs.record import FlightRecord
+
+PERIOD = 0.01
+SIZES = Cut(length=20, settle=10, warm_up=5)
+POSE = [Output(signal, column) for signal in ("position", "attitude") for column in range(3)]
+IMU = [Output(signal, column) for signal in ("body_rates", FORCE) for column in range(3)]
+
+
+@pytest.fixture(scope="module")
+def scenario():
+    return load_scenario("laboratory:low_wind", ["vehicle.inertia=[0.0066, 0.0079, 0.0121]", "vehicle.linear_drag=0.1"])
+
+
+@pytest.fixture(scope="module")
+def log(scenario):
+    """Two seconds of a vehicle that hovers unevenly, in noise."""
+    random = np.random.default_rng(3)
+    time = PERIOD * np.arange(200)
+    hover = np.sqrt(scenario.vehicle.mass * scenario.vehicle.gravity / (4.0 * scenario.vehicle.thrust_factor))
+
+    def noisy(size, mean):
+        return size * random.normal(size=(200, 3)) + np.array(mean)
+
+    return FlightRecord(
+        "log",
+        time,
+        position=noisy(1e-3, [0.5, -0.2, 1.0]),
+        attitude=noisy(4e-3, [0.02, -0.03, 1.0]),
+        body_rates=noisy(0.02, [0.0, 0.0, 0.0]),
+        specific_force=noisy(0.3, [0.0, 0.0, 9.8]),
+        rotor_speed_command=hover + 5.0 * np.sin(9.0 * time[:, None] + np.arange(4)),
+    )
+
+
+def made(scenario, log, outputs=POSE, windows=(Window(0, 30), Window(0, 50), Window(0, 90)), sizes=SIZES, **options):
+    vehicle = Model(scenario.vehicle, [("mass",), ("linear_drag",)], "rotor_speed_command", kind="world")
+    return Predictor(vehicle, [log], windows, sizes, outputs, **options)
+
+
+@pytest.fixture
+def values(scenario):
+    return np.array([scenario.vehicle.mass, scenario.vehicle.linear_drag])
+
+
+def noise_of(outputs, *, white=1.0, push=1.0, memory=1.0):
+    usual = {"position": 1e-3, "attitude": 4e-3, "body_rates": 0.02, FORCE: 0.3}
+    return Noise(
+        white * np.array([usual[output.signal] for output in outputs]),
+        push * np.array([0.3, 0.35, 0.5, 1.0, 1.1, 0.7]),
+        memory * np.array([0.5, 0.6, 0.7, 0.3, 0.2, 0.4]),
+    )
+
+
+def test_a_measurement_corrects_as_a_kalman_filter_does():
+    random = np.random.default_rng(0)
+    root, output = random.normal(size=(3, 5, 5)), random.normal(size=(3, 2, 5))
+    covariance, variances = root @ root.swapaxes(1, 2), np.diag([0.3, 0.7])
+    found = predicting._updated(covariance, output, variances)
+    for P, H, *update in zip(covariance, output, *found, strict=True):
+        S = H @ P @ H.T + variances
+        K = P @ H.T @ np.linalg.inv(S)
+        rest = np.eye(5) - K @ H
+        for own, expected in zip(update, (K, rest @ P @ rest.T + K @ variances @ K.T, S), strict=False):
+            np.testing.assert_allclose(own, expected, atol=1e-9)
+        whitening = update[3]
+        np.testing.assert_allclose(whitening @ S @ whitening.T, np.eye(2), atol=1e-9)
+        assert whitening[0, 1] == 0.0
+
+
+def test_a_disturbance_keeps_its_variance_while_it_forgets(scenario, log):
+    """From one measurement to the next it fades by exp(-Δ/T), and what is added makes up for that."""
+    noise = noise_of(POSE)
+    for split in (1, 2):
+        predictor = made(scenario, log, split=split)
+        assert predictor.period == pytest.approx(PERIOD)
+        pushes = predictor.pushes(noise)
+        np.testing.assert_array_equal(pushes[:BODY], 0.0)
+        faded = np.exp(-2.0 * PERIOD / noise.memory) * noise.disturbance**2
+        np.testing.assert_allclose(faded + pushes[BODY:], noise.disturbance**2)
+
+
+def test_noise_is_one_number_for_what_is_alike(scenario, log):
+    """For a pose all axes are alike, for rates and forces x and y are."""
+    both = POSE + IMU
+    alike = made(scenario, log, both).alike
+    groups = [
+        *([f"{signal}"] * 3 for signal in ("position", "attitude")),
+        *([f"{what}xy", f"{what}xy", f"{what}z"] for what in ("rates", "felt", "push", "turn", "memory", "forget")),
+    ]
+    names = [name for group in groups for name in group]
+    assert len(alike) == len(names) == 12 + 12
+    np.testing.assert_array_equal(alike[:, None] == alike, [[one == other for other in names] for one in names])
+    values = np.arange(24.0)
+    noise = Noise.of(values)
+    np.testing.assert_array_equal(np.concatenate(noise), values)
+    np.testing.assert_array_equal(noise.force, noise.disturbance[:3])
+
+
+def test_what_decides_nothing_that_is_measured_is_no_state_of_the_filter(scenario, log):
+    """Without positions these are the places; then without attitudes yaw, and without forces velocities and pushes."""
+    rates = [Output("body_rates", column) for column in range(3)]
+    for outputs, left_out in (
+        (POSE, set()),
+        (IMU, {0, 1, 2, 5}),
+        (POSE[3:], {0, 1, 2, 6, 7, 8, 12, 13, 14}),
+        (rates, {0, 1, 2, 5, 6, 7, 8, 12, 13, 14}),
+    ):
+        assert {*made(scenario, log, outputs).free.tolist()} == set(range(BODY + PUSH)) - left_out
+
+
+def test_windows_begin_as_measured_and_at_rest_where_nothing_is(scenario, log, values):
+    predictor = made(scenario, log)
+    state = predictor.beginnings.state
+    for w, start in enumerate((30, 50, 90)):
+        first = start - SIZES.settle
+        np.testing.assert_array_equal(state[:3, w], log.position[first])
+        np.testing.assert_array_equal(state[3:6, w], log.attitude[first])
+        np.testing.assert_array_equal(state[9:12, w], log.body_rates[first])
+        np.testing.assert_array_equal(predictor.measured[:, :3, w], log.position[first : start + SIZES.length])
+        np.testing.assert_array_equal(predictor.measured[:, 3:, w], log.attitude[first : start + SIZES.length])
+    np.testing.assert_array_equal(state[[6, 7, 8, *range(BODY, BODY + PUSH)]], 0.0)
+    np.testing.assert_array_equal(predictor.counted, np.arange(30) >= 10)
+    # What is not known there: a metre, half a radian, 2 m/s and 10 rad/s; and all of the disturbance.
+    noise = noise_of(POSE)
+    first = predictor.gains(values, noise).beginning
+    unknown = np.concatenate([np.repeat([1.0, 0.5, 2.0, 10.0], 3), noise.disturbance])
+    np.testing.assert_allclose(first, np.tile(np.diag(unknown**2), (3, 1, 1)))
+
+
+@pytest.mark.parametrize("outputs", [POSE, IMU], ids=["pose", "imu"])
+def test_gains_are_those_of_a_kalman_filter_along_its_own_predictions(scenario, log, values, outputs):
+    """Its covariance goes through the transition and gains what pushes; the next window begins a settling later."""
+    predictor, noise = made(scenario, log, outputs), noise_of(outputs)
+    gains = predictor.gains(values, noise)
+    R, Q = np.diag(noise.measured**2), np.diag(predictor.pushes(noise))
+    for w in range(3):
+        P = gains.beginning[w]
+        for j in range(30):
+            if j == SIZES.length:
+                np.testing.assert_allclose(gains.handed_on[w], P, rtol=1e-6, atol=1e-9)
+            H, F = gains.output[j, w], gains.transition[j, w]
+            S = H @ P @ H.T + R
+            K = P @ H.T @ np.linalg.inv(S)
+            np.testing.assert_allclose(gains.gain[j, :, :, w], K, rtol=1e-6, atol=1e-8)
+            np.testing.assert_allclose(gains.whitening[j, w] @ S @ gains.whitening[j, w].T, np.eye(6), atol=1e-6)
+            P = F @ (P - K @ H @ P) @ F.T + Q
+    # A disturbance fades in the transition, and a force moves the velocity.
+    own = predictor.free.tolist()
+    place = [own.index(BODY + i) for i in range(PUSH)]
+    np.testing.assert_allclose(
+        gains.transition[:, :, place, place], np.broadcast_to(np.exp(-PERIOD / noise.memory), (30, 3, 6)), rtol=1e-5
+    )
+    speed = [own.index(6 + i) for i in range(3)]
+    np.testing.assert_allclose(gains.transition[:, :, speed, place[:3]], PERIOD, rtol=1e-3)
+
+
+@pytest.mark.parametrize("outputs", [POSE, IMU], ids=["pose", "imu"])
+@pytest.mark.parametrize("split", [1, 2])
+def test_errors_with_the_gains_of_a_filter_are_its_own(scenario, log, values, outputs, split):
+    """Other parameters have other errors."""
+    predictor, noise = made(scenario, log, outputs, split=split), noise_of(outputs)
+    gains = predictor.gains(values, noise)
+    more = values * [1.001, 1.0]
+    errors, _ = predictor.errors(np.stack([values, more, values]), gains, noise)
+    np.testing.assert_allclose(errors[:, :, 0], gains.errors, atol=1e-9)
+    np.testing.assert_array_equal(errors[:, :, 2], errors[:, :, 0])
+    assert np.abs(errors[:, :, 1] - errors[:, :, 0]).max() > 1e-6
+
+
+def test_a_window_goes_on_where_the_one_before_it_ended(scenario, log, values):
+    """Windows at 30 and 50 stand one after another, and the one at 90 does not follow them."""
+    # Rotors that do not change turn alike in all windows.
+    log = replace(log, rotor_speed_command=np.tile(log.rotor_speed_command[50], (200, 1)))
+    predictor, noise = made(scenario, log), noise_of(POSE)
+    gains = predictor.gains(values, noise)
+    _, states = predictor.errors(np.stack([values, values * [1.0, 1.1]]), gains, noise)
+    slopes = np.stack([0.0 * states[:, 0], (states[:, 1] - states[:, 0]) / (0.1 * values[1])], axis=1)
+    before = predictor.beginnings.state.copy()
+    predictor.hand_on(states[:, 0], slopes, values, gains)
+    after = predictor.beginnings
+    np.testing.assert_array_equal(after.known, [False, True, False])
+    np.testing.assert_array_equal(after.state[:, 1], states[:, 0, 0])
+    np.testing.assert_array_equal(after.state[:, [0, 2]], before[:, [0, 2]])
+    np.testing.assert_array_equal(after.slopes[:, :, 1], slopes[:, :, 0])
+    again = predictor.gains(values, noise)
+    np.testing.assert_array_equal(again.beginning[1], gains.handed_on[0])
+    np.testing.assert_array_equal(again.beginning[0], gains.beginning[0])
+    # The whole filter goes on: the second window foresees as if it were one with the first.
+    long = made(scenario, log, windows=[Window(0, 30)])
+    whole = Predictor(long.vehicle, [log], [Window(0, 30)], SIZES._replace(length=40), POSE).gains(values, noise)
+    np.testing.assert_allclose(again.errors[:, :, 1], whole.errors[20:, :, 0], atol=1e-6)
+    # Other parameters begin where the one before would have ended with them, to first order.
+    flown, begun = predictor._fly(values[None] * [1.0, 1.1])
+    np.testing.assert_allclose(begun[:, 0, 1], states[:, 1, 0], atol=1e-9)
+    np.testing.assert_allclose(begun[:, 0, 0], before[:, 0])
+    assert flown.count == 1
+
+
+@pytest.mark.parametrize(("outputs", "left"), [(POSE, 0.01), (IMU, 0.2)], ids=["pose", "imu"])
+def test_what_filters_of_other_noise_do_not_foresee_follows_to_first_order(scenario, log, values, outputs, left):
+    """Against the filter itself with that noise: what is left is a small part of the change."""
+    predictor, noise = made(scenario, log, outputs), noise_of(outputs)
+    gains, chosen = predictor.gains(values, noise), np.array([0, 2])
+    others = [noise, noise_of(outputs, white=1.1), noise_of(outputs, push=1.1), noise_of(outputs, memory=0.9)]
+    errors, spreads = predictor.expected(gains, noise, others, chosen)
+    assert errors.shape == (20, 4, 2, 6)
+    levels = noise.measured
+
+    def told(filtered):
+        whitening = filtered.whitening[10:][:, chosen]
+        covariances = np.linalg.inv(whitening.swapaxes(-1, -2) @ whitening)
+        return filtered.errors[10:][:, :, chosen].transpose(0, 2, 1) / levels, covariances / np.outer(levels, levels)
+
+    for c, other in enumerate(others):
+        found = errors[:, c] / levels, spreads[:, c] / np.outer(levels, levels)
+        for own, begun, expected in zip(found, told(gains), told(predictor.gains(values, other)), strict=True):
+            assert np.linalg.norm(own - expected) <= left * np.linalg.norm(expected - begun) + 1e-6
+
+
+@pytest.mark.slow
+def test_the_likeliest_noise_is_that_with_which_a_log_was_made(scenario, values):
+    """From noise that is off by a factor of two, within what a log of some seconds tells."""
+    random = np.random.default_rng(8)
+    true = Noise(0.7 * noise_of(POSE).measured, np.array([0.5, 0.5, 0.8, 6.0, 6.0, 3.0]), np.full(6, 0.2))
+    hover = np.sqrt(scenario.vehicle.mass * scenario.vehicle.gravity / (4.0 * scenario.vehicle.thrust_factor))
+    still = FlightRecord(
+        "still",
+        PERIOD * np.arange(260),
+        position=np.zeros((260, 3)),
+        attitude=np.zeros((260, 3)),
+        rotor_speed_command=np.full((260, 4), hover),
+    )
+    predictor = made(scenario, still, windows=[Window(0, 55)] * 5, sizes=Cut(length=150, settle=50, warm_up=5))
+    flown, state = predictor._fly(values[None])
+    state[BODY:, 0] = true.disturbance[:, None] * random.normal(size=(PUSH, 5))
+    fades, measured = np.exp(-PERIOD / true.memory), []
+    for _ in range(200):
+        measured.append(predictor._predicted(flown, state)[:, 0])
+        flown.step(state)
+        pushed = true.disturbance * np.sqrt(1.0 - fades**2)
+        state[BODY:, 0] = fades[:, None] * state[BODY:, 0] + pushed[:, None] * random.normal(size=(PUSH, 5))
+    predictor.measured = np.stack(measured) + true.measured[:, None] * random.normal(size=(200, 6, 5))
+    found = Noise(2.0 * true.measured, 0.5 * true.disturbance, true.memory)
+    for _ in range(2):
+        found = prediction_error._noise_of(predictor, predictor.gains(values, found), found)
+    np.testing.assert_allclose(found.measured, true.measured, rtol=0.1)
+    np.testing.assert_allclose(found.disturbance, true.disturbance, rtol=0.4)
+
+
+@pytest.mark.slow
+def test_a_fit_ends_where_whitened_errors_are_least_and_windows_go_on_from_one_another(scenario, log, values):
+    """No parameter that is within its limits changes the sum of squares, and those that would leave them stay there."""
+    predictor, noise = made(scenario, log), noise_of(POSE)
+    choice = prediction_error.Choice(1.2 * values, values, 0.5 * values, 2.0 * values)
+    found = prediction_error.fit(predictor, choice, noise)
+    assert found.slopes.shape == (3, 20 * 6, 2)
+    assert found.errors.shape == (3, 20 * 6)
+    np.testing.assert_array_equal(predictor.beginnings.known, [False, True, False])
+    np.testing.assert_array_equal(predictor.beginnings.parameters, found.parameters)
+    assert found.rounds > 2
+    inside = (found.parameters > 0.501 * values) & (found.parameters < 1.999 * values)
+    slopes = np.einsum("wkp,wk->p", found.slopes, found.errors)
+    deviations = 1.0 / np.sqrt(np.einsum("wkp,wkp->p", found.slopes, found.slopes))
+    assert np.abs(slopes * deviations)[inside].max(initial=0.0) < 0.5
+    # The mass carries the thrust of the log.
+    assert inside[0]
+    assert found.parameters[0] == pytest.approx(values[0], rel=0.2)
