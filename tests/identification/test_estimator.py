@@ -178,7 +178,7 @@ def test_white_noise_of_a_place_makes_that_of_its_mean_velocity():
         ends = tuple(np.arange(10.0, 20.0, 0.01) + 0.01 * share + offset for offset in (0.1, 0.0))
         found = estimator._noise(noise, log, ends)
         assert found == pytest.approx(2.0 * factor * (2e-3 / 0.1) ** 2, rel=0.02)
-    # What rises evenly has none.
+    # A straight line contains no noise.
     assert estimator._noise(3.0 * time, log, ends) == pytest.approx(0.0, abs=1e-12)
 
 

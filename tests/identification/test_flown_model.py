@@ -71,7 +71,7 @@ def test_a_disturbance_adds_constant_accelerations_to_a_step(numbers, kind):
 
 @pytest.mark.parametrize("kind", ["world", "body"])
 def test_what_is_felt_is_the_acceleration_beside_that_of_free_fall(numbers, kind):
-    """In the axes of the body, against the velocity after a very short step."""
+    """The expected value is in body axes, from the change of velocity in a very short step."""
     h = 1e-6
     after = step(STATE, SPEEDS, SPEEDS, PUSHED, Span(h), numbers, kind).body
     acceleration = (np.array(after[6:9]) - np.array(STATE[6:9])) / h
@@ -80,7 +80,7 @@ def test_what_is_felt_is_the_acceleration_beside_that_of_free_fall(numbers, kind
 
 
 def test_rotors_follow_their_commands_with_lags_of_their_own_up_and_down(scenario, numbers):
-    """In one step of any length a lag of first order leaves exp(-h/T) of the difference."""
+    """A first-order lag leaves exp(-h/T) of the difference after a step of any length."""
     vehicle, h = scenario.vehicle, 0.03
     command = RotorSpeed(220.0, 180.0, 240.0, 150.0)
     found = np.array(rotors_after(SPEEDS, command, Span(h), numbers))
@@ -113,12 +113,12 @@ def uneven_record():
 
 @pytest.mark.parametrize("split", [1, 2, 3])
 def test_inputs_are_the_commands_and_steps_of_each_window(split):
-    """Against a look at each step, of which there are several to a sample."""
+    """The expected values are found step by step, with several steps per sample."""
     log = uneven_record()
     windows, sizes = [Window(0, 40), Window(0, 70), Window(0, 199)], Cut(length=6, settle=3, warm_up=2)
     inputs = Inputs.of([log], "rotor_speed_command", windows, sizes, split=split, longest=0.025)
     assert inputs.period == pytest.approx(PERIOD / split)
-    # As many whole steps as the longest delay, and two more.
+    # The margin is the longest delay in whole steps, plus two.
     assert inputs.margin == int(np.ceil(0.025 * split / PERIOD)) + 2
     count = split * (2 + 3 + 6)
     assert inputs.commands.shape == (count + 2 * inputs.margin, 4, 3)

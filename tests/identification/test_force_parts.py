@@ -403,7 +403,7 @@ def test_numbers_may_be_off_by_shares_of_the_mass_and_the_weight(vehicle, column
     assert target.axis == "z"
     np.testing.assert_allclose(target.force, stretches.of([motion.force[:, 2]]))
     np.testing.assert_allclose(target.thrust, stretches.of([motion.commanded]))
-    # Where speeds of rotors are measured, their thrust has no delay and no lag.
+    # The thrust of measured rotor speeds has no delay and no lag.
     turning = replace(log, rotor_speed=np.full((len(log.time), 4), 300.0))
     turned = forces._Stretches([turning], 0.0, 3.0)
     columns, _ = columns_of(forces._along_after, turned, [motion], vehicle, delay)

@@ -137,7 +137,7 @@ def test_the_deviation_of_trim_is_that_of_blocks_of_half_a_second():
         assert (spread.unit, spread.degrees_of_freedom) == ("N m", 39.0)
     assert (found["mean roll"].unit, found["mean thrust"].unit) == ("rad", "N")
     assert {*found} == {"mean roll", "mean pitch", "mean thrust", *(f"mean torque about {axis}" for axis in "xyz")}
-    # What is not commanded has no mean.
+    # A quantity without a command has no mean.
     bare = hovering(thrust_command=None)
     assert {*trim(bare)} == {"mean roll", "mean pitch"}
     # A second of hover is enough, and less is not.

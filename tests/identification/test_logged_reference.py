@@ -143,12 +143,12 @@ def test_a_log_without_a_reference_is_refused():
 
 @pytest.mark.parametrize("orders", [2, 4])
 def test_a_fit_is_least_squares_through_values_and_slopes_over_knots_that_go_on_smoothly(orders):
-    """Against the least sum of squares of all derivatives at all knots at once."""
+    """The expected fit is a least-squares solution for all derivatives at all knots at once."""
     random = np.random.default_rng(2)
     time = np.sort(random.uniform(0.0, 2.0, 120))
     samples = [random.normal(size=(120, 2)), random.normal(size=(120, 2))]
     found = reference._fitted(time, samples, end=2.0, spacing=0.6, orders=orders)
-    # As few knots as are no farther apart than asked for.
+    # The number of knots is the smallest with at most the given spacing.
     np.testing.assert_allclose(found.times, np.linspace(0.0, 2.0, 5))
     columns = []
     for knot in range(5):

@@ -1,4 +1,4 @@
-"""From columns to signals on one clock: which clock, which signals, and their values between samples."""
+"""Conversion of columns to signals on one clock: choice of the clock, choice of signals, interpolation."""
 
 from types import SimpleNamespace
 
@@ -52,11 +52,11 @@ def test_signals_that_are_there_for_less_than_half_of_the_time_are_left_out():
         chosen, remarks = conversion._covering([channel("position", begin, end, 0.1)], clock)
         assert bool(chosen) == (share > 0.5)
         assert remarks == ([] if share > 0.5 else [f"position is left out: it is there for {share:.0%} of the log"])
-    # What is commanded once holds to the end, and what changes slowly is as it is at its first or last sample.
+    # A command holds until the end, and a slow signal keeps its first and last value outside its samples.
     assert conversion._covering([channel("thrust_share", 1.0, 2.0, 0.1)], clock)[0]
     assert not conversion._covering([channel("thrust_share", 6.2, 7.0, 0.1)], clock)[0]
     assert conversion._covering([channel("wind", 10.0, 10.5, 0.1)], clock)[0]
-    # Numbers that are none do not count.
+    # NaN values do not count.
     for known, share in ((4.4, 0.44), (5.6, 0.56)):
         half = channel("velocity", 1.0, 11.0, 0.1, known=lambda time, known=known: time < 1.0 + known)
         full = half._replace(rows=np.append(half.rows[:-1], len(half.clock) - 1))

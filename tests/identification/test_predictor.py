@@ -82,7 +82,7 @@ def test_a_measurement_corrects_as_a_kalman_filter_does():
 
 
 def test_a_disturbance_keeps_its_variance_while_it_forgets(scenario, log):
-    """From one measurement to the next it fades by exp(-Δ/T), and what is added makes up for that."""
+    """It fades by exp(-Δ/T) between two measurements, and the added noise restores its variance."""
     noise = noise_of(POSE)
     for split in (1, 2):
         predictor = made(scenario, log, split=split)
@@ -134,7 +134,7 @@ def test_windows_begin_as_measured_and_at_rest_where_nothing_is(scenario, log, v
         np.testing.assert_array_equal(predictor.measured[:, 3:, w], log.attitude[first : start + SIZES.length])
     np.testing.assert_array_equal(state[[6, 7, 8, *range(BODY, BODY + PUSH)]], 0.0)
     np.testing.assert_array_equal(predictor.counted, np.arange(30) >= 10)
-    # What is not known there: a metre, half a radian, 2 m/s and 10 rad/s; and all of the disturbance.
+    # Initial standard deviations are 1 m, 0.5 rad, 2 m/s, 10 rad/s, and those of the disturbance.
     noise = noise_of(POSE)
     first = predictor.gains(values, noise).beginning
     unknown = np.concatenate([np.repeat([1.0, 0.5, 2.0, 10.0], 3), noise.disturbance])
@@ -233,7 +233,7 @@ def test_what_filters_of_other_noise_do_not_foresee_follows_to_first_order(scena
 
 @pytest.mark.slow
 def test_the_likeliest_noise_is_that_with_which_a_log_was_made(scenario, values):
-    """From noise that is off by a factor of two, within what a log of some seconds tells."""
+    """The search starts with noise that is wrong by a factor of two; a log of some seconds limits the accuracy."""
     random = np.random.default_rng(8)
     true = Noise(0.7 * noise_of(POSE).measured, np.array([0.5, 0.5, 0.8, 6.0, 6.0, 3.0]), np.full(6, 0.2))
     hover = np.sqrt(scenario.vehicle.mass * scenario.vehicle.gravity / (4.0 * scenario.vehicle.thrust_factor))

@@ -152,7 +152,7 @@ def test_motor_commands_say_whether_a_vehicle_flies_before_all_others() -> None:
     assert airborne(record(**speeds)).all()
     thrust = {"motor_command": None, "thrust_command": hover, "thrust_share": still}
     assert airborne(record(**thrust)).all()
-    # Where no command is logged, the whole log is taken for flight.
+    # Without a logged command, the whole log counts as flight.
     assert airborne(FlightRecord("log", PERIOD * np.arange(50), position=np.zeros((50, 3)))).all()
 
 

@@ -145,7 +145,7 @@ def test_a_leg_without_a_corridor_may_lead_where_the_corridor_of_its_neighbour_d
 
 
 def test_one_obstacle_that_closes_the_way_is_named_alone_among_many():
-    """Of ten obstacles only one is in the way; pairs that hold it are not named."""
+    """Only one of ten obstacles is in the way; pairs with this obstacle are not named."""
     beside = {f"b{i}": Cuboid((0.5 + 0.01 * i, 0.15, 0.15), size=(0.02, 0.02, 0.02)) for i in range(9)}
     said = explained({**beside, "a": wall(1.0)})
     assert said.endswith("without a, there would be one")

@@ -158,7 +158,7 @@ class Spots(Regions):
 
 @pytest.mark.parametrize(("count", "grown"), [(19, 19), (20, 19), (39, 38), (60, 40)])
 def test_most_free_points_are_covered_where_there_is_most_room_first(count, grown):
-    """Of 20 points or more, 5 % may be left, and there are at most 40 regions."""
+    """At most 5 % of 20 points or more stay uncovered, and there are at most 40 regions."""
     points = np.arange(count)[:, None] * np.ones(3)
     distances = np.random.default_rng(count).permutation(count).astype(float)
     regions = Spots()
