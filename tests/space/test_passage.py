@@ -231,7 +231,7 @@ def test_candidates_are_the_regions_of_the_chain_and_then_those_of_the_shortest_
 
 @pytest.mark.parametrize("seed", range(6))
 def test_without_chance_other_passages_are_the_shortest_from_centre_to_centre(monkeypatch, seed):
-    """The length runs through the centre of each intersection, and every handover has a cost; all passages are compared."""
+    """The way runs through the centre of each intersection, each handover has a cost, and all passages are compared."""
     monkeypatch.setattr(passage, "_SPREAD", 0.0)
     random = np.random.default_rng([5, seed])
     low = random.uniform(0.0, 2.0, (6, 3))
