@@ -52,8 +52,10 @@ from drake_quad.vehicle.inverse_dynamics import RotorDemand, rotor_demand
 from drake_quad.vehicle.motors import mean_thrust_factor, speeds_of_throttles
 from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters
 
-# Number of times at which the rotors are checked along a braking piece, a polynomial of degree 6.
+# Number of times at which a braking piece, a polynomial of degree 6, is checked.
 _NUM_BRAKING_SAMPLES = 200
+# Distance by which a position may lie outside a box, m. Planners end paths on the faces of boxes, to about 1e-6 m.
+_BOX_TOLERANCE = 1e-4
 # Cache of the plans around obstacles, by the text of the scenario.
 _MAX_OBSTACLE_PLANS = 16
 _obstacle_plans: "ThreadSafeCache[Planned]" = ThreadSafeCache(_MAX_OBSTACLE_PLANS)
@@ -382,18 +384,39 @@ def goes_on_in_motion(scenario: Scenario, plan: Plan) -> bool:
 
 
 def _check_braking(scenario: Scenario, plan: Plan) -> None:
-    """Raise InputError if the braking at the end of a plan exceeds the rotors' limits or touches an obstacle."""
+    """Raise InputError if the vehicle cannot fly the braking at the end of a plan, or must not fly where it leads."""
     end, demand = float(plan.path.times[-1]), "end the route at rest, or leave duration out"
-    braking = PolynomialPath(plan.flown_path.times[-3:-1], plan.flown_path.coefficients[-2:-1])
+    times = np.linspace(end, plan.rest_time, _NUM_BRAKING_SAMPLES)
     try:
-        _check_rotors(plan, scenario, np.linspace(end, plan.rest_time, _NUM_BRAKING_SAMPLES))
-        if scenario.space is not None and moves_at_end(plan.path, PATH_ORDERS):
-            _check_obstacles(braking, space_to_plan_in(scenario))
+        _check_rotors(plan, scenario, times)
+        if moves_at_end(plan.path, PATH_ORDERS):
+            _check_room(evaluate(plan.flown_path, times), scenario)
+            if scenario.space is not None:
+                braking = PolynomialPath(plan.flown_path.times[-3:-1], plan.flown_path.coefficients[-2:-1])
+                _check_obstacles(braking, space_to_plan_in(scenario))
     except InputError as error:
         raise InputError(
             f"duration is {scenario.duration:g} s, but the route ends in motion at {end:.2f} s, and the braking after"
             f" it cannot be flown ({error}); {demand}"
         ) from None
+
+
+def _check_room(positions: np.ndarray, scenario: Scenario) -> None:
+    """Raise InputError if positions (3, n), m, leave the boxes that contain the plan, or are below `crash.height`."""
+    boxes = {
+        "space.bounds": None if scenario.space is None else scenario.space.bounds,
+        "route.space": getattr(scenario.route, "space", None),
+    }
+    for name, region in boxes.items():
+        box = None if region is None else region.box()
+        beyond = (
+            0.0 if box is None else float(np.max([box.low - positions.min(axis=1), positions.max(axis=1) - box.high]))
+        )
+        if beyond > _BOX_TOLERANCE:
+            raise InputError(f"it leaves {name} by {beyond:.2f} m")
+    lowest = float(positions[2].min())
+    if lowest < scenario.crash.height:
+        raise InputError(f"it descends to {lowest:.2f} m, and crash.height is {scenario.crash.height:g} m")
 
 
 def window_end(scenario: Scenario, plan: Plan) -> float:

@@ -170,6 +170,30 @@ def test_braking_into_an_obstacle_is_refused():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("name", ["space.bounds", "route.space"])
+def test_braking_out_of_the_bounds_of_a_path_is_refused(name):
+    room = {"min": [-1.0, -1.0, 0.0], "max": [2.2, 1.0, 2.0]}
+    route = {"kind": "waypoints", "waypoints": [[0, 0, 1], {"point": [2, 0, 1], "velocity": [1, 0, 0]}]}
+    obstacles = {"wall": {"kind": "box", "centre": [9, 0, 1], "size": [0.1, 2, 2]}}
+    overrides = {"duration": 15.0, "route": route, "space": {"obstacles": obstacles}}
+    part, field = name.split(".")
+    overrides[part] = {**overrides[part], field: room}
+    scenario = load_scenario("figure_eight", overrides)
+    with pytest.raises(InputError, match=f"ends in motion at .* cannot be flown \\(it leaves {name} by 1.21 m\\)"):
+        flight_duration(scenario, plan_route(scenario))
+
+
+def test_braking_below_the_crash_height_is_refused():
+    """The pieces end at a height of 0.2 m with a descent of 0.9 m/s."""
+    pieces = [{"duration": 2.0, "x": [0], "y": [0], "z": [2, -0.9], "yaw": [0]}]
+    overrides = {"duration": 15.0, "route": {"kind": "trajectory", "pieces": pieces}, "crash": {"height": 0.0}}
+    scenario = load_scenario("figure_eight", overrides)
+    plan = plan_route(scenario)
+    lowest = plan.flown_path.waypoints[-1, 2]
+    with pytest.raises(InputError, match=f"it descends to {lowest:.2f} m, and crash.height is 0 m"):
+        flight_duration(scenario, plan)
+
+
 def test_metrics_of_laps_do_not_count_the_rest_after_them():
     laps = {"route.laps": 2, "metrics.first_lap": 2}
     flown = simulate(load_scenario("figure_eight", laps), compiled=True).metrics
