@@ -12,15 +12,18 @@ from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.scenario import Scenario
 from drake_quad.scenario.description import unit_at
 from drake_quad.scenario.distributions import Distribution
-from drake_quad.scenario.layouts import arm_length_of
+from drake_quad.scenario.layouts import arm_length_of, rotors_of
 from drake_quad.scenario.paths import distributions_in
 
 # A field of the flown vehicle is reported if it differs from the nominal one by more than both limits: a relative
 # difference larger than the error of any scale or data sheet, and a multiple of the flown value's standard deviation.
 _MIN_RELATIVE_DIFFERENCE = 0.2
+# The same limit for an offset of the centre of mass, relative to the arm length. At this offset, hover takes 10 % more
+# thrust from a rotor on one side, and 10 % less from one on the other side.
+_MIN_RELATIVE_OFFSET = 0.1
 _MIN_STANDARD_DEVIATIONS = 5.0
 # The rotors' speed limits are not compared: they depend on how the rotors are driven.
-_COMPARED_FIELDS = ("mass", "inertia.0", "inertia.1", "inertia.2", "thrust_factor")
+_COMPARED_FIELDS = ("mass", "inertia.0", "inertia.1", "inertia.2", "thrust_factor", "drag_factor", "gravity")
 # Probability that a normal variable is more than one standard deviation below its mean.
 _LOWER_SIGMA_PROBABILITY = 0.5 * math.erfc(math.sqrt(0.5))
 
@@ -46,12 +49,40 @@ def _mixed_vehicles(scenario: Scenario) -> list[str]:
         if abs(_median(flown) - believed)
         > max(_MIN_RELATIVE_DIFFERENCE * believed, _MIN_STANDARD_DEVIATIONS * _deviation(flown))
     ]
+    found += _rotor_differences(scenario)
     if not found:
         return []
     return [
         f"`vehicle` differs strongly from `nominal`, for which its controllers compute: {', '.join(found)}; check that"
         " both describe the same vehicle"
     ]
+
+
+def _rotor_differences(scenario: Scenario) -> list[str]:
+    """Return the differences in the places and directions of the rotors, and of the centre of mass among them."""
+    vehicle, nominal = scenario.vehicle, scenario.nominal
+    arm = arm_length_of(nominal)
+    found = [
+        f"centre_of_mass.{i} {_median(each):.4g} m (nominal 0)"
+        for i, each in enumerate(vehicle.centre_of_mass)
+        if abs(_median(each)) > max(_MIN_RELATIVE_OFFSET * arm, _MIN_STANDARD_DEVIATIONS * _deviation(each))
+    ]
+    if distributions_in(vehicle.layout):
+        return found
+    if isinstance(vehicle.arm_length, Distribution):
+        vehicle = vehicle.model_copy(update={"arm_length": _median(vehicle.arm_length)})
+    # The size of the vehicle is compared by itself, so places are compared as multiples of the arm length.
+    scale = arm / arm_length_of(vehicle)
+    pairs = [*enumerate(zip(rotors_of(vehicle), rotors_of(nominal), strict=True), start=1)]
+    turned = [str(i) for i, (flown, believed) in pairs if flown.direction != believed.direction]
+    if turned:
+        found.append(f"direction of rotor {', '.join(turned)}")
+    for i, (flown, believed) in pairs:
+        if math.hypot(scale * flown.x - believed.x, scale * flown.y - believed.y) > _MIN_RELATIVE_DIFFERENCE * arm:
+            places = (f"({rotor.x:.3g}, {rotor.y:.3g}) m" for rotor in (flown, believed))
+            found.append(f"rotor {i} at {next(places)} (nominal {next(places)})")
+            break
+    return found
 
 
 def _airframes(scenario: Scenario) -> Iterator[tuple[str, float, Any, str]]:

@@ -238,3 +238,24 @@ def test_a_layout_with_distances_replaces_the_arm_length_below(load):
     assert load_scenario("laboratory:nominal", [f"nominal.layout={layout}"]).vehicle.layout.width == 0.2
     with pytest.raises(InputError, match=r"arm_length is 0\.17, but must be 0\.1803"):
         load("laboratory:nominal", own=f"  nominal: {{layout: {layout}, arm_length: 0.17}}\n")
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"vehicle.layout": {"kind": "plus", "rotor_1_turns": "anticlockwise"}}, "direction of rotor 1, 2, 3, 4;"),
+        ({"vehicle.layout": {"kind": "x"}}, "rotor 1 at (0.12, -0.12) m (nominal (0.17, 0) m);"),
+        ({"vehicle.gravity": 3.71}, "gravity 3.71 m/s² (nominal 9.81);"),
+        ({"vehicle.drag_factor": 8.5e-6}, "drag_factor 8.5e-06 N m s² (nominal 8.5e-07);"),
+        ({"vehicle.centre_of_mass": [0.0, 0.03]}, "centre_of_mass.1 0.03 m (nominal 0);"),
+    ],
+)
+def test_every_part_of_the_airframe_that_differs_strongly_is_remarked(change, words):
+    (remark,) = flight_remarks(load_scenario("figure_eight", change))
+    assert f"compute: {words}" in remark
+
+
+def test_a_vehicle_of_another_size_has_its_rotors_in_the_same_places():
+    """Places of rotors are compared relative to the arm length, which has a remark of its own."""
+    (remark,) = flight_remarks(load_scenario("figure_eight", {"vehicle.arm_length": 0.25}))
+    assert "compute: arm length 0.25 m (nominal 0.17);" in remark
