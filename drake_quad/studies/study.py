@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
+from drake_quad.assembly.remarks import flight_remarks
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError, listed
 from drake_quad.extras import needed
@@ -85,11 +86,16 @@ class Study:
         )
 
     def __repr__(self) -> str:
-        """A line of text."""
+        """Return a one-line description."""
         crashed, flown = int(self.metrics.crashed.sum()), len(self.samples)
         failed = f", {len(self.failures)} not flown" if self.failures else ""
         numbers = listed([*self.parameters]) or "nothing"
         return f"<Study of {self.scenario.name}: {flown} samples, {crashed} crashed{failed}; drawn are {numbers}>"
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Remarks to read before using the results of the study, see `flight_remarks`."""
+        return flight_remarks(self.scenario)
 
     @property
     def flight_time(self) -> np.ndarray:

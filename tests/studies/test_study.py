@@ -107,3 +107,10 @@ def test_a_record_that_is_not_there_is_told(tmp_path):
 def test_a_study_that_says_no_more_has_no_failures_and_was_not_flown_now(two_masses):
     study = Study(two_masses, 0.1, np.array([0]), {}, metrics_of([math.inf]))
     assert (study.failures, study.flown_time, study.misfits) == ({}, 0.0, ())
+
+
+def test_a_study_has_the_remark_on_its_vehicle():
+    scenario = load_scenario("hover", {"vehicle.mass": {"uniform": {"min": 1.0, "max": 1.2}}})
+    study = Study(scenario, 1.0, np.arange(2), {}, metrics_of([math.inf, 0.5]))
+    (remark,) = study.remarks
+    assert "compute: mass 1.1 kg (nominal 0.68)" in remark
