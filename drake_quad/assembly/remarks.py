@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from drake_quad.assembly.planning import goes_on_in_motion, plan_route
-from drake_quad.reference.plan import Plan
+from drake_quad.reference.plan import YAW_ORDERS, Plan
 from drake_quad.reference.polynomial_path import evaluate
+from drake_quad.reference.rest import moves_at_end
 from drake_quad.scenario import Scenario
 from drake_quad.scenario.description import unit_at
 from drake_quad.scenario.distributions import Distribution
@@ -115,9 +116,11 @@ def _braking(scenario: Scenario, plan: Plan | None) -> list[str]:
     if not goes_on_in_motion(scenario, plan):
         return []
     end = float(plan.path.times[-1])
-    speed = float(np.linalg.norm(evaluate(plan.path, [end], 1)))
+    motion = f"{np.linalg.norm(evaluate(plan.path, [end], 1)):.2f} m/s"
+    if moves_at_end(plan.yaw, YAW_ORDERS):
+        motion += f", {evaluate(plan.yaw, [end], 1).item():.2f} rad/s of yaw"
     distance = float(np.linalg.norm(plan.flown_path.waypoints[-1] - plan.path.waypoints[-1]))
     return [
-        f"the route ends in motion ({speed:.2f} m/s) at {end:.2f} s, before the end of the flight; the reference then"
+        f"the route ends in motion ({motion}) at {end:.2f} s, before the end of the flight; the reference then"
         f" brakes and comes to rest at {plan.rest_time:.2f} s, {distance:.2f} m beyond the end of the route"
     ]

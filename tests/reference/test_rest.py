@@ -136,6 +136,14 @@ def test_a_flight_beyond_a_route_that_ends_in_motion_brakes_and_says_so():
     assert flight_remarks(load_scenario("figure_eight", {"route": route})) == ()
 
 
+def test_the_remark_on_braking_states_a_yaw_rate():
+    yaw_knots = [{"time": 0, "yaw": 0}, {"time": 4, "yaw": 3.0, "yaw_rate": 2.0}]
+    knots = [{"time": 0, "position": [0, 0, 1]}, {"time": 4, "position": [2, 0, 1]}]
+    route = {"kind": "trajectory", "knots": knots, "yaw_knots": yaw_knots}
+    (remark,) = flight_remarks(load_scenario("figure_eight", {"route": route, "duration": 15.0}))
+    assert "ends in motion (0.00 m/s, 2.00 rad/s of yaw)" in remark
+
+
 def test_braking_that_the_rotors_cannot_fly_is_refused():
     """Rotors that give 1.05 of the weight can fly a descent that gets faster and faster, but they cannot stop it."""
     knots = [
