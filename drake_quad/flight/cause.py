@@ -41,7 +41,8 @@ def not_a_number(time: np.ndarray, signals: Mapping[str, np.ndarray], own: Mappi
     row = int(np.argmin(np.isfinite(values)))
     value = "nan" if math.isnan(values[row]) else "infinite"
     whose = next((place for place in own if name in _signals_of(place)), None)
-    place = f"{row_names(name, len(values))[row]} of `{name}`"
+    row_name = row_names(name, len(values))[row]
+    place = f"{f'row {row_name}' if row_name.isdecimal() else row_name} of `{name}`"
     said = f"{whose} returned {value} in {place}" if whose else f"{place} was {value}"
     return f"{said} at {time[first]:.2f} s"
 

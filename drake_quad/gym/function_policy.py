@@ -26,7 +26,8 @@ class FunctionPolicy(LeafSystem):
 
     Raises:
         InputError: if the control of the scenario is not a policy. During a flight: the actions have the wrong shape,
-            are not real numbers, are not finite, or exceed 1,000,000 in size.
+            are not real numbers, or are finite but exceed 1,000,000 in size. An action that is NaN or infinite ends the
+            flight of its vehicle instead, see `Flight.cause`.
     """
 
     def __init__(self, scenario: Scenario, function: Callable[[np.ndarray], Any], num_vehicles: int = 1) -> None:
@@ -43,9 +44,10 @@ class FunctionPolicy(LeafSystem):
         observation = self.get_input_port().Eval(context).reshape(-1, self._n).T
         found = self._function(single_precision(observation))
         actions = real_numbers(found)
-        if actions is None or actions.shape != (self._n, self._rows) or not (np.abs(actions) <= MAX_ACTION).all():
+        is_too_large = actions is not None and (np.abs(actions[np.isfinite(actions)]) > MAX_ACTION).any()
+        if actions is None or actions.shape != (self._n, self._rows) or is_too_large:
             raise InputError(
-                f"the policy must return ({self._n}, {self._rows}) finite numbers of at most {MAX_ACTION:,.0f} in size,"
-                f" but returned {shown(found)}"
+                f"the policy must return ({self._n}, {self._rows}) numbers of at most {MAX_ACTION:,.0f} in size, but"
+                f" returned {shown(found)} at {context.get_time():.2f} s"
             )
         output.SetFromVector(actions.T.ravel())

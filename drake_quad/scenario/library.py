@@ -13,6 +13,7 @@ from drake_quad.scenario.mesh_file import mesh_points
 from drake_quad.scenario.piece_table import is_piece_table, parse_piece_table
 from drake_quad.scenario.policy_file import policy_network
 from drake_quad.scenario.reading import read_text
+from drake_quad.scenario.robot_files import robot_instead_of_scenario
 from drake_quad.scenario.shipped import shipped_file, unknown
 from drake_quad.scenario.waypoint_table import name_of, parse_waypoint_table
 
@@ -167,6 +168,8 @@ def _base(spec: Tree, path: Path, document: Tree) -> tuple[Path, str | None]:
     file, name = split_spec(spec.value)
     if file.endswith(_SUFFIXES):
         return path.parent / file, name
+    if file not in document.value and (flaw := robot_instead_of_scenario(file)):
+        raise InputError(f"{spec.mark}: extends {shown(file)}, which {flaw}")
     of_this = ":" not in file and "/" not in file
     if of_this and file in document.value:
         return path, file
@@ -190,9 +193,11 @@ def located(spec: str) -> tuple[Path, str | None]:
     """The path of a file, and the name in it if one is given, of what is in the working directory or is shipped.
 
     Raises:
-        InputError: it has no suffix, and is neither a file nor shipped.
+        InputError: it has no suffix, and is neither a file nor shipped; or it describes a robot in another format.
     """
     file, name = split_spec(spec)
+    if flaw := robot_instead_of_scenario(file):
+        raise InputError(f"{Mark(file, 0)}: {flaw}")
     if file.endswith(_SUFFIXES) or os.path.isfile(file):  # noqa: PTH113 - Path.is_file raises where a name is too long
         return Path(file), name
     found = _shipped(file)

@@ -21,12 +21,14 @@ from drake_quad.scenario.marked_tree import Mark, Tree
 from drake_quad.scenario.models import Mission, Nominal, Scenario, Vehicle
 from drake_quad.scenario.named_files import with_named_files
 from drake_quad.scenario.paths import is_item, joined, steps_of
-from drake_quad.scenario.relative import refuse_elsewhere, with_absolute_distributions
+from drake_quad.scenario.relative import refuse_dropped, refuse_elsewhere, with_absolute_distributions
 
 # Names of forms that stand in no file: an attitude controller without a kind is a PD.
 _TAGS = ("number", "pd", *DISTRIBUTIONS)
 # Characters of an override, or of the path of a field, that a message shows; the longest path has seventy.
 _MOST_OF_A_PATH = 80
+# Types of validation errors in models that lack a field.
+_MISSING = ("missing", "distances")
 _Valid = TypeVar("_Valid", bound=Model)
 
 
@@ -199,7 +201,26 @@ def _without_relatives(tree: Tree) -> Tree:
         believed = Nominal() if nominal is None else Nominal.model_validate(nominal.plain())
     except ValidationError:
         return tree
-    return with_absolute_distributions(tree, believed, Vehicle())
+    absolute, dropped = with_absolute_distributions(tree, believed, Vehicle())
+    if dropped:
+        _refuse_needed(dropped, absolute)
+    return absolute
+
+
+def _refuse_needed(dropped: Mapping[str, Tree], tree: Tree) -> None:
+    """Raise InputError if a vehicle cannot do without one of the relative distributions that were removed from it."""
+    data = tree.value["vehicle"].plain()
+    try:
+        Vehicle.model_validate(data)
+    except ValidationError as error:
+        problems = error.errors(include_url=False)
+    else:
+        return
+    for problem in problems:
+        missing = ".".join(map(str, ("vehicle", *_real_path(problem, data))))
+        for path, distribution in dropped.items():
+            if problem["type"] in _MISSING and f"{path}.".startswith(f"{missing}."):
+                refuse_dropped(distribution, path)
 
 
 def validated(model: type[_Valid], tree: Tree) -> _Valid:

@@ -10,19 +10,19 @@ from drake_quad.errors import InputError, InputWarning
 from drake_quad.scenario.limits import MOST_CORNERS
 from drake_quad.scenario.marked_tree import Mark, Tree
 from drake_quad.scenario.reading import opened
+from drake_quad.scenario.robot_files import ROBOT_KINDS
 from drake_quad.space.simplification import surrounding
 from drake_quad.written_numbers import float_in
 
 _MOST_BYTES = 50_000_000
 # A binary .stl: 80 bytes and a count, then 12 numbers and 2 bytes for each triangle.
 _HEAD = 84
-_ROBOT = "describes a {} and is not a mesh: give the mesh, box, cylinder or sphere of its <collision> element instead"
+_ROBOT = "describes a {} and is not a mesh: give the mesh, box, cylinder or sphere of its collision element instead"
 _CONVERTED = "is a {} and cannot be read: convert it to .obj or .stl, with Blender or MeshLab"
 # Error messages for common other formats, by file suffix, by the first bytes of the file, and by an XML element near
 # its start.
 _SUFFIXES = {
-    **dict.fromkeys((".urdf", ".xacro"), _ROBOT.format("robot (URDF)")),
-    **dict.fromkeys((".sdf", ".world"), _ROBOT.format("model or world (SDFormat)")),
+    **{suffix: _ROBOT.format(kind) for suffix, kind in ROBOT_KINDS.items()},
     ".dae": _CONVERTED.format("Collada mesh"),
     **dict.fromkeys((".gltf", ".glb"), _CONVERTED.format("glTF mesh")),
     ".ply": _CONVERTED.format("PLY mesh"),

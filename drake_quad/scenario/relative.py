@@ -14,10 +14,13 @@ from drake_quad.errors import InputError, listed, shown
 from drake_quad.scenario.distributions import DISTRIBUTIONS
 from drake_quad.scenario.layouts import arm_length_of
 from drake_quad.scenario.marked_tree import Tree
+from drake_quad.scenario.paths import is_item, joined
 
 RELATIVE = "relative"
 # Key of the value that a relative distribution is laid on. It contains a space, so that no path can name it.
 _BASE_VALUE = "value beneath"
+# Key of an item that stands for the item of the value that its list is laid on.
+_PLACEHOLDER = "item beneath"
 _REFERENCE_VALUE = "to"
 # Fields that are dimensionless shares, so that they have no nominal value and are not scaled.
 _SHARE_FIELDS = ("thrust_factor_error", "battery_sag")
@@ -35,6 +38,19 @@ def are_relative(tree: Tree) -> bool:
     return isinstance(tree.value, list) and any(map(is_relative, tree.value))
 
 
+def _has_relative(tree: Tree) -> bool:
+    """Return whether a tree is or contains a relative distribution."""
+    if is_relative(tree):
+        return True
+    parts = tree.value.values() if isinstance(tree.value, dict) else tree.value
+    return isinstance(tree.value, dict | list) and any(map(_has_relative, parts))
+
+
+def _is_placeholder(tree: Tree) -> bool:
+    """Return whether a tree stands for the item of the value that a list is laid on."""
+    return isinstance(tree.value, dict) and _PLACEHOLDER in tree.value
+
+
 def laid_on_value(beneath: Tree, distribution: Tree) -> Tree:
     """Return a relative distribution together with the value that it is laid on, a number or a distribution."""
     if is_relative(beneath):
@@ -45,21 +61,32 @@ def laid_on_value(beneath: Tree, distribution: Tree) -> Tree:
 
 
 def laid_on_values(beneath: Tree, distributions: Tree) -> Tree:
-    """Return a list in which each relative distribution is stored with the item that it is laid on."""
+    """Return a list in which each relative distribution is stored with the item that it is laid on.
+
+    A placeholder of `relative_part` is replaced by the item that it is laid on.
+    """
     if not isinstance(beneath.value, list) or len(beneath.value) != len(distributions.value):
         return distributions
     pairs = zip(beneath.value, distributions.value, strict=True)
-    return distributions._replace(value=[laid_on_value(old, new) if is_relative(new) else new for old, new in pairs])
+    return distributions._replace(value=[_laid_on_item(old, new) for old, new in pairs])
+
+
+def _laid_on_item(beneath: Tree, item: Tree) -> Tree:
+    if _is_placeholder(item):
+        return beneath
+    return laid_on_value(beneath, item) if is_relative(item) else item
 
 
 def relative_part(tree: Tree) -> Tree | None:
-    """Return the relative distributions of a tree, without the values that they are laid on; None if it has none."""
+    """Return the relative distributions of a tree, without the values that they are laid on; None if it has none.
+
+    In a list, placeholders replace the other items.
+    """
     if is_relative(tree):
         return tree._replace(value={RELATIVE: tree.value[RELATIVE]})
     if are_relative(tree):
-        if not all(map(is_relative, tree.value)):
-            return None
-        return tree._replace(value=[relative_part(item) for item in tree.value])
+        placeholder = Tree({_PLACEHOLDER: Tree(None, tree.mark)}, tree.mark)
+        return tree._replace(value=[relative_part(item) if is_relative(item) else placeholder for item in tree.value])
     if not isinstance(tree.value, dict):
         return None
     parts = {key: relative_part(part) for key, part in tree.value.items()}
@@ -67,7 +94,7 @@ def relative_part(tree: Tree) -> Tree | None:
     return tree._replace(value=kept) if kept else None
 
 
-def with_absolute_distributions(tree: Tree, nominal: Any, defaults: Any) -> Tree:
+def with_absolute_distributions(tree: Tree, nominal: Any, defaults: Any) -> tuple[Tree, dict[str, Tree]]:
     """Return a scenario in which ordinary distributions replace the relative distributions of `vehicle`.
 
     A field that is zero or that the vehicle does not have, such as body drag, gets no distribution.
@@ -77,11 +104,17 @@ def with_absolute_distributions(tree: Tree, nominal: Any, defaults: Any) -> Tree
         nominal: `Nominal` of the scenario, with the values of fields that `vehicle` leaves out.
         defaults: `Vehicle` with the defaults of all other fields.
 
+    Returns:
+        The scenario, and the relative distributions that it no longer contains, by path, since the vehicle has no value
+        to which they could apply.
+
     Raises:
-        InputError: a relative field is not a distribution, or it applies to a negative number.
+        InputError: a relative field is not a distribution, it applies to a negative number, or it is one of several
+            items of a list and has no value to apply to.
     """
     vehicle = tree.value.get("vehicle")
-    if vehicle is not None and isinstance(vehicle.value, dict) and relative_part(vehicle) is not None:
+    dropped: dict[str, Tree] = {}
+    if vehicle is not None and isinstance(vehicle.value, dict) and _has_relative(vehicle):
         fields = {}
         for name, field in vehicle.value.items():
             default = getattr(nominal, name, getattr(defaults, name, None))
@@ -89,13 +122,14 @@ def with_absolute_distributions(tree: Tree, nominal: Any, defaults: Any) -> Tree
                 default = (arm_length_of(nominal),) * 2
             elif name in _SHARE_FIELDS:
                 default = 1.0
-            fields[name] = _absolute(field, default, f"vehicle.{name}")
+            is_unknown = name not in type(defaults).model_fields
+            fields[name] = field if is_unknown else _absolute(field, default, f"vehicle.{name}", dropped)
         kept = {name: field for name, field in fields.items() if field is not None}
         tree = tree._replace(value={**tree.value, "vehicle": vehicle._replace(value=kept)})
-    return tree
+    return tree, dropped
 
 
-def _absolute(tree: Tree, reference: Any, path: str) -> Tree | None:
+def _absolute(tree: Tree, reference: Any, path: str, dropped: dict[str, Tree]) -> Tree | None:
     """Return a field with ordinary distributions.
 
     Args:
@@ -103,6 +137,7 @@ def _absolute(tree: Tree, reference: Any, path: str) -> Tree | None:
         reference: default value of the field, to which a distribution applies that is laid on no value: a number, a
             model, a tuple or None.
         path: path of the field in the scenario.
+        dropped: receives the distributions of quantities that the vehicle does not have, by path.
 
     Returns:
         The field; None if it contains only distributions of quantities that the vehicle does not have.
@@ -112,21 +147,52 @@ def _absolute(tree: Tree, reference: Any, path: str) -> Tree | None:
         number = reference if beneath is None else _median(beneath)
         if path.split(".")[1] in (*_SHARE_FIELDS, "centre_of_mass"):
             number = reference
-        return None if number is None else _scaled(tree, number, path)
-    if are_relative(tree):
+        if number is None:
+            dropped[path] = tree
+            return None
+        return _scaled(tree, number, path)
+    if _is_placeholder(tree):
+        return None if reference is None else Tree(reference, tree.mark)
+    if isinstance(tree.value, list) and _has_relative(tree):
         references = reference if isinstance(reference, tuple) else (reference,) * len(tree.value)
         if len(references) != len(tree.value):
             return tree
         items = [
-            _absolute(item, each, f"{path}.{i}")
+            _absolute(item, each, f"{path}.{i}", dropped)
             for i, (item, each) in enumerate(zip(tree.value, references, strict=True))
         ]
-        return None if any(item is None for item in items) else tree._replace(value=items)
+        if None not in items:
+            return tree._replace(value=items)
+        if not all(is_relative(item) or _is_placeholder(item) for item in tree.value):
+            i = items.index(None)
+            refuse_dropped(tree.value[i], f"{path}.{i}")
+        return None
     if not isinstance(tree.value, dict):
         return tree
-    parts = {key: _absolute(part, getattr(reference, key, None), f"{path}.{key}") for key, part in tree.value.items()}
+    parts = {
+        key: _absolute(part, _part_of(reference, key), f"{path}.{key}", dropped) for key, part in tree.value.items()
+    }
     kept = {key: part for key, part in parts.items() if part is not None}
     return None if parts and not kept else tree._replace(value=kept)
+
+
+def refuse_dropped(distribution: Tree, path: str) -> None:
+    """Raise InputError for a relative distribution that a vehicle needs but that has no value to apply to."""
+    raise InputError(
+        f"{distribution.mark}: {joined(*path.split('.'))} is relative, but the vehicle has no value to which the"
+        " distribution could apply; make the distribution absolute"
+    )
+
+
+def _part_of(reference: Any, key: str) -> Any:
+    """Return the field of a model, or the item whose index is the key; None if it does not exist.
+
+    A number is the reference of all items. An index beyond the last item, which validation rejects later, has the
+    reference of the last item.
+    """
+    if is_item(key) and isinstance(reference, tuple | float):
+        return reference if isinstance(reference, float) else reference[min(int(key), len(reference) - 1)]
+    return getattr(reference, key, None)
 
 
 def _median(tree: Tree) -> float | None:

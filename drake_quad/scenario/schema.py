@@ -185,7 +185,8 @@ uncertain_mass:
 
 The reference is the field of the vehicle beneath, the median of its distribution, the same field of `nominal`, or the
 default. The reference of `centre_of_mass` is the length of an arm; `thrust_factor_error` and `battery_sag` are shares
-and need none. What a vehicle does not have, or has as zero, such as body drag, has no distribution. So
+and need none. What a vehicle does not have, or has as zero, such as body drag, has no distribution; a field that it
+needs, such as the mass of a slung load, must then be absolute. Items of a list can be relative beside plain numbers. So
 `extends: [vehicles/racer, robustness]` is a racer on a bad day, in either order.
 
 A single field is named by the way to it: `vehicle.inertia.0`. Items of lists count from 0; only rotors have names, and

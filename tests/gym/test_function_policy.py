@@ -42,16 +42,37 @@ def test_a_function_flies_alone_and_in_studies_as_the_environment_does():
 @pytest.mark.parametrize(
     "found",
     [
-        *(np.zeros((1, 4)), np.zeros(3), [["a", 0.0, 0.0]], np.full((1, 3), np.nan)),
+        *(np.zeros((1, 4)), np.zeros(3), [["a", 0.0, 0.0]], np.full((1, 4), np.nan)),
         *(np.full((1, 3), 1j), np.full((1, 3), "0.1"), np.full((1, 3), 2e6)),
     ],
-    ids=["rows", "flat", "a", "nan", "complex", "text", "huge"],
+    ids=["rows", "flat", "a", "rows of nan", "complex", "text", "huge"],
 )
 def test_what_is_no_action_is_refused(found):
     scenario = task()
     with pytest.raises(
-        InputError, match=r"the policy must return \(1, 3\) finite numbers of at most 1,000,000 in size, but returned"
+        InputError,
+        match=r"the policy must return \(1, 3\) numbers of at most 1,000,000 in size, but returned .* at 0.00",
     ):
         simulate(scenario, policy=FunctionPolicy(scenario, lambda _: found))
     with pytest.raises(InputError, match="hover has no place for a policy"):
         FunctionPolicy(load_scenario("hover"), act)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("value", "word"), [(np.nan, "nan"), (-np.inf, "infinite")])
+@pytest.mark.parametrize(("kind", "rows"), [("acceleration", 3), ("attitude", 4), ("rates", 4), ("rotor_speeds", 4)])
+def test_an_action_that_is_not_finite_ends_the_flight_at_its_tick(kind, rows, value, word):
+    scenario = QuadrotorVectorEnv("figure_eight", {"duration": 0.4}, action=kind, observation=SEEN).scenario
+    for compiled in (False, True):
+        num_calls = 0
+
+        def act_until_failure(observation):
+            nonlocal num_calls
+            num_calls += 1
+            action = np.zeros((len(observation), rows))
+            action[:, 1] = value if num_calls > 10 else 0.0
+            return action
+
+        flight = simulate(scenario, policy=FunctionPolicy(scenario, act_until_failure), compiled=compiled)
+        assert flight.metrics.crash_time == pytest.approx(0.2)
+        assert flight.cause == f"policy returned {word} in row 2 of `action` at 0.20 s"

@@ -117,6 +117,52 @@ def test_a_relative_distribution_of_an_identified_field_is_relative_to_its_media
     assert (mass.mean, mass.standard_deviation) == pytest.approx((0.8, 0.08), rel=1e-9)
 
 
+WIDE = "{relative: {uniform: {min: 0.9, max: 1.1}}}"
+
+
+@pytest.mark.parametrize(
+    ("field", "expected"),
+    [
+        (f"inertia=[0.0075, 0.007, {WIDE}]", ((0.0075,) * 2, (0.007,) * 2, (0.0108, 0.0132))),
+        (f"inertia.2={WIDE}", ((0.007,) * 2, (0.007,) * 2, (0.0108, 0.0132))),
+        (f"centre_of_mass=[{WIDE}, 0.01]", ((0.153, 0.187), (0.01,) * 2)),
+        (f"centre_of_mass.1={WIDE}", ((0.0, 0.0), (0.153, 0.187))),
+        (f"thrust_factor_error=[0, {WIDE.replace('0.9', '0.1').replace('1.1', '0.2')}, 0, 0.05]", None),
+        (f"thrust_factor_error.rotor_2={WIDE.replace('0.9', '0.1').replace('1.1', '0.2')}", None),
+    ],
+)
+def test_one_item_of_a_list_can_be_relative(field, expected):
+    vehicle = load_scenario("figure_eight", [f"vehicle.{field}"]).vehicle
+    items = getattr(vehicle, field.partition("=")[0].partition(".")[0])
+    if expected is None:
+        expected = (0.0, 0.0), (0.1, 0.2), (0.0, 0.0), (items[3],) * 2
+    for item, limits in zip(items, expected, strict=True):
+        extremes = (item, item) if isinstance(item, float) else tuple(item.extremes())
+        assert extremes == pytest.approx(limits)
+
+
+def test_only_the_relative_items_of_a_list_are_carried_to_another_vehicle(load):
+    spread = f"spread: {{extends: figure_eight, vehicle: {{inertia: [0.007, 0.007, {WIDE}]}}}}\n"
+    i_xx, i_yy, i_zz = load("spread", "x500", beside=X500 + spread).vehicle.inertia
+    assert (i_xx, i_yy) == (0.0217, 0.0217)
+    assert tuple(i_zz.extremes()) == pytest.approx((0.036, 0.044))
+
+
+@pytest.mark.parametrize(
+    ("field", "path"),
+    [
+        (f"slung_load={{mass: {WIDE}, length: 1}}", "slung_load.mass"),
+        (f"rotor_failure={{rotor: {WIDE}, time: 5}}", "rotor_failure.rotor"),
+        (f"layout={{kind: x, length: {WIDE}, width: 0.3}}", "layout.length"),
+        (f"payload={{mass: 0.1, position: [0, 0, {WIDE}], time: 1, event: dropped}}", "payload.position.2"),
+        (f"body_drag={{linear: [0.1, {WIDE}, 0.1]}}", "body_drag.linear.1"),
+    ],
+)
+def test_a_needed_field_must_not_be_relative_to_nothing(field, path):
+    with pytest.raises(InputError, match=rf"vehicle\.{path} is relative, but the vehicle has no value to which"):
+        load_scenario("figure_eight", [f"vehicle.{field}"])
+
+
 def test_a_number_over_a_relative_distribution_replaces_it(load):
     assert load("robustness", own="  vehicle: {mass: 0.7}\n").vehicle.mass == 0.7
     assert load_scenario("robustness", ["vehicle.mass=0.7"]).vehicle.mass == 0.7

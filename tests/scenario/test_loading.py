@@ -554,6 +554,26 @@ def test_wrong_files_are_explained(write, text, words):
     assert words in refusal(write, text)
 
 
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("drone.urdf", "robot (URDF)"),
+        ("drone.urdf.xacro", "robot (URDF)"),
+        ("DRONE.SDF", "model or world (SDFormat)"),
+        ("drone.xml", "robot (XML, such as MJCF)"),
+        ("drone.usda", "scene (USD)"),
+    ],
+)
+def test_a_robot_file_in_place_of_a_scenario_is_explained(write, tmp_path, name, kind):
+    words = re.escape(f"describes a {kind} and is not a scenario: write its mass, inertia and rotors into `nominal`")
+    (tmp_path / name).write_text("<robot name='drone'/>")
+    for spec in (tmp_path / name, f"{tmp_path / name}:drone", tmp_path / f"missing_{name}"):
+        with pytest.raises(InputError, match=words):
+            load_scenario(spec)
+    with pytest.raises(InputError, match=rf"loop.yaml:1: extends '{name}', which {words}"):
+        load_scenario(write(f"a: {{extends: [figure_eight, {name}]}}"))
+
+
 def test_a_file_that_is_not_there_or_not_text(tmp_path):
     with pytest.raises(InputError, match="cannot be read: no such file"):
         load_scenario(tmp_path / "nothing.yaml")

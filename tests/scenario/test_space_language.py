@@ -176,10 +176,11 @@ def test_a_comment_in_a_mesh_may_name_other_formats(folder):
     [
         (
             "drone.urdf",
-            "describes a robot (URDF) and is not a mesh: give the mesh, box, cylinder or sphere of its <collision>",
+            "describes a robot (URDF) and is not a mesh: give the mesh, box, cylinder or sphere of its collision",
         ),
         ("drone.sdf", "describes a model or world (SDFormat) and is not a mesh"),
         ("world.world", "describes a model or world (SDFormat)"),
+        ("drone.usda", "describes a scene (USD) and is not a mesh"),
         ("drone.DAE", "is a Collada mesh and cannot be read: convert it to .obj or .stl, with Blender or MeshLab"),
         ("drone.glb", "is a glTF mesh"),
         ("drone.step", "is a CAD model and cannot be read: export it as .obj or .stl"),

@@ -101,8 +101,9 @@ class SpeedScale(NamedTuple):
 
 
 def within(action: Row) -> Row:
-    """An action within its bounds."""
-    return minimum(maximum(action, -1.0), 1.0)
+    """Return an action limited to its bounds; NaN if it is NaN or infinite, so that the flight ends there."""
+    # The limits alone would turn NaN into a bound, since comparisons with NaN are false. 0 · NaN and 0 · ∞ are NaN.
+    return minimum(maximum(action, -1.0), 1.0) + 0.0 * action
 
 
 def _scaled_thrust(action: Row, between: ThrustRange) -> ForceB:
