@@ -48,7 +48,7 @@ MESHES = {
     "needle": (sphere(400, 2) * [1.0, 0.01, 0.01], 0.03),
     "leaning ellipsoid": (sphere(400, 3) @ np.random.default_rng(3).normal(size=(3, 3)), 0.035),
     "far from the origin": (1e3 + 0.2 * sphere(150, 4), 0.02),
-    "in coordinates of a map": ([4.5e5, 5.3e6, 300.0] + sphere(150, 4), 0.02),
+    "in coordinates of a map": (sphere(150, 4) + np.array([4.5e5, 5.3e6, 300.0]), 0.02),
     "in micrometres": (1e6 * sphere(150, 6), 0.02),
     "thin sheet in micrometres": (1e6 * sphere(150, 7) * [1.0, 1.0, 1e-4], 0.03),
     "in kilometres": (1e-4 * sphere(150, 8), 0.02),
