@@ -70,8 +70,10 @@ _SPELLED_OUT = {
 }
 
 
-def network_of_onnx(data: bytes, file: str, output: str | None = None) -> TrainedNetwork:
+def network_of_onnx(data: bytes, file: str, output: str | None = None) -> tuple[TrainedNetwork, str]:
     """Read a network; if none of several outputs is chosen, a warning names the one that is the action.
+
+    The network is returned with a remark for messages on it, which names that output, or is empty.
 
     Args:
         data: content of the file.
@@ -98,14 +100,15 @@ def network_of_onnx(data: bytes, file: str, output: str | None = None) -> Traine
         onnx.checker.check_model(model)
     except Exception as error:  # likewise
         raise UnreadableError(f"is not an ONNX model as it should be: {shortened(str(error), 120)}") from None
-    layers = Layers()
+    layers, remark = Layers(), ""
     graph = _Graph(model, output)
     if output is None and len(graph.outputs) > 1:
         names = f"of its outputs {listed(graph.outputs)}, {shortened(graph.action)} is taken for the action"
+        remark = f" (output {shortened(graph.action)}; FILE.onnx:NAME chooses another)"
         warnings.warn(f"{file}: {names}; {file}:NAME chooses another", InputWarning, stacklevel=2)
     for k, node in enumerate(chain := graph.chain()):
         _add(layers, node, is_last=all(each.kind in _SILENT for each in chain[k + 1 :]))
-    return layers.network()
+    return layers.network(), remark
 
 
 class _Node:

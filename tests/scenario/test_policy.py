@@ -614,6 +614,19 @@ def test_a_limit_of_a_layer_is_read_as_the_evaluator_of_onnx_reads_it(of_onnx, p
     np.testing.assert_allclose(output(of_onnx(nodes, constants)), expected[0], rtol=2e-5, atol=1e-9)
 
 
+def test_an_output_of_the_wrong_size_that_was_not_chosen_is_named(tmp_path):
+    nodes = [NODE("Gemm", ["seen", "W_value", "b_value"], ["value"]), *layers_of(last="mean")]
+    model = model_of(nodes, {**MORE, "W_value": np.ones((6, 1)), "b_value": np.ones(1)})
+    del model.graph.output[:]
+    for name, rows in (("value", 1), ("mean", 3)):
+        model.graph.output.append(helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, rows]))
+    onnx.save(model, tmp_path / "net.onnx")
+    (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.onnx"), encoding="utf-8")
+    words = r"net.onnx \(output value; FILE.onnx:NAME chooses another\): .* is 1, but must be 3"
+    with pytest.warns(InputWarning), pytest.raises(InputError, match=words):
+        load_scenario(tmp_path / "mine.yaml")
+
+
 def test_a_clip_of_older_opsets_has_its_bounds_as_attributes(tmp_path):
     """Opset 10 has them, and they may limit the observations and, at the end, the actions."""
     clip = NODE("Clip", ["seen"], ["within"], min=-0.5, max=0.5)
