@@ -39,13 +39,16 @@ class UserSystems(NamedTuple):
         """Return the systems that these functions make for N vehicles.
 
         Raises:
-            InputError: a function cannot be called with only the number of vehicles, or it returns None.
+            InputError: a function cannot be called with only the number of vehicles, or it returns no Drake system.
         """
         systems = {}
         for name, make in self.given.items():
-            system = make(num_vehicles) if _takes_a_number(make) else None
-            if system is None:  # otherwise the scenario's own system would silently be used
-                found = f"{_described(make)} returns nothing" if _takes_a_number(make) else f"is {_described(make)}"
+            takes_a_number = _takes_a_number(make)
+            system = make(num_vehicles) if takes_a_number else None
+            if not _is_system(system):  # for None, the scenario's own system would silently be used
+                found = (
+                    f"{_described(make)} returns {_returned(system)}" if takes_a_number else f"is {_described(make)}"
+                )
                 raise InputError(
                     f"{name} must be a function of the number of vehicles that returns a Drake system for them, as in"
                     f" `def make(num_vehicles): return Mine(num_vehicles=num_vehicles)`, but {found}"
@@ -106,7 +109,7 @@ def check_user_systems(
 
 
 def _check(name: str, system: Any, place: Place, sizes: Mapping[str, int], num_vehicles: int) -> None:
-    if isinstance(system, type) or not hasattr(system, "num_output_ports"):
+    if not _is_system(system):
         alone = ", an object and not its class or a function that returns it" if callable(system) else ""
         raise InputError(f"{name} must be a Drake system{alone}, but is {_described(system)}")
     inputs = {port.get_name(): port.size() for port in map(system.get_input_port, range(system.num_input_ports()))}
@@ -131,6 +134,11 @@ def _check(name: str, system: Any, place: Place, sizes: Mapping[str, int], num_v
             raise InputError(f"the port `{port}` of {name} must have {rows} rows{fleet}, but has {size}")
 
 
+def _is_system(thing: Any) -> bool:
+    """Return whether a thing is a Drake system, and not the class of one."""
+    return not isinstance(thing, type) and hasattr(thing, "num_output_ports")
+
+
 def _takes_a_number(make: Any) -> bool:
     """Return whether the signature of a function, if it has one, permits a call with one argument."""
     if not callable(make):
@@ -153,6 +161,13 @@ def _described(thing: Any) -> str:
         return f"{name}{inspect.signature(thing)}"
     except (TypeError, ValueError):
         return str(name)
+
+
+def _returned(thing: Any) -> str:
+    """Return a short description of what a function returned instead of a system."""
+    if isinstance(thing, type):
+        return f"the class {thing.__name__} and not an object of it"
+    return "nothing" if thing is None else _described(thing)
 
 
 def _num_rows(signal: str) -> int:

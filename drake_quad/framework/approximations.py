@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from drake_quad.framework.symbols import Kind, Symbol, lifted, operation
+from drake_quad.framework.symbols import Kind, Symbol, lifted, number, operation, truth
 
 # Added and taken away again, it rounds to a whole number, which then stands in the lowest bits.
 _ROUNDING = 1.5 * 2.0**52
@@ -139,9 +139,11 @@ _TAN_EIGHTH, _TAN_3_EIGHTHS = math.tan(math.pi / 8.0), math.tan(3.0 * math.pi / 
 
 
 def select(mask: Symbol, x: Any, y: Any) -> Symbol:
-    """X where the mask is true, else y."""
-    kind = x.kind if x.__class__ is Symbol else y.kind if y.__class__ is Symbol else Kind.NUMBER
-    return operation("select", mask, x, y, kind=kind)
+    """Return x where the mask is true, else y; a truth value is converted to a number if the other is a number."""
+    _, x, y = lifted(mask, x, y)
+    if x.kind is not y.kind:
+        x, y = number(x), number(y)
+    return operation("select", truth(mask), x, y, kind=x.kind)
 
 
 def fused(x: Symbol, y: Any, z: Any) -> Symbol:

@@ -14,7 +14,7 @@ from drake_quad.caching import ThreadSafeCache
 from drake_quad.framework.elementary import nearest
 from drake_quad.framework.kernels import compiled
 from drake_quad.framework.records import Layout
-from drake_quad.framework.symbols import ALLOWED, Listing
+from drake_quad.framework.symbols import ALLOWED, Listing, Symbol, number
 from drake_quad.signals import Row
 
 # So that a debugger stops in formulas.
@@ -109,7 +109,7 @@ def _made(
 
 
 def traced(formula: Callable[..., Any], values: Sequence[Any], results: Sequence[Layout]) -> list[Any]:
-    """Run a formula on symbols, and return the rows of its results.
+    """Run a formula on symbols, and return the rows of its results; truth values become 0 and 1.
 
     Args:
         formula: function to trace.
@@ -121,12 +121,18 @@ def traced(formula: Callable[..., Any], values: Sequence[Any], results: Sequence
             not accept symbols.
     """
     try:
-        return flattened(formula(*values), results)
+        return [_number(row) for row in flattened(formula(*values), results)]
     except (TypeError, AttributeError) as error:
         name = getattr(formula, "__name__", repr(formula))
         # Authors of formulas know rows, not symbols, so messages of Python and NumPy about a Symbol need a hint.
         hint = f"; a Symbol is a row that is not known yet: {ALLOWED}" if "Symbol" in str(error) else ""
         raise TypeError(f"formula {name}: {error}{hint}") from error
+
+
+def _number(row: Any) -> Any:
+    if row.__class__ is Symbol:
+        return number(row)
+    return float(row) if isinstance(row, bool | np.bool) else row
 
 
 def interpret(

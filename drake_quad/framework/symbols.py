@@ -162,10 +162,10 @@ def _binary(name: str, kind: Kind | None = None) -> tuple[Callable[..., "Symbol"
     """An operator of two operands, and the same with its operands the other way round."""
 
     def operator(self: "Symbol", other: Any) -> "Symbol":
-        return operation(name, self, other, kind=kind or self.kind)
+        return operation(name, self, other, kind=kind)
 
     def reflected(self: "Symbol", other: Any) -> "Symbol":
-        return operation(name, other, self, kind=kind or self.kind)
+        return operation(name, other, self, kind=kind)
 
     return operator, reflected
 
@@ -174,7 +174,8 @@ class Symbol:
     """Row of a formula that is being traced, or a value computed from rows.
 
     Authors of formulas see symbols only in a debugger. Numbers support arithmetic and comparisons. Truth values support
-    `&` and `|`. Words support sums, products, shifts and bitwise operations with other words.
+    `&` and `|`, and are 0 or 1 beside numbers. Words support sums, products, shifts and bitwise operations with other
+    words.
     """
 
     __slots__ = ("kind", "line", "listing")
@@ -242,16 +243,62 @@ _ARITHMETIC: dict[np.ufunc, str] = {
 
 
 def operation(name: str, *operands: Any, kind: Kind | None = None) -> Symbol:
-    """The symbol of an operation on symbols and constants, at least one of them a symbol.
+    """Return the symbol of an operation on symbols and constants, at least one of them a symbol.
+
+    Truth values are converted to numbers where the operation takes numbers.
 
     Args:
-        name: of the operation.
-        operands: that it takes.
-        kind: of the result; that of the first symbol if not given.
+        name: name of the operation.
+        operands: its operands.
+        kind: kind of the result; that of the first symbol if not given.
+
+    Raises:
+        TypeError: if the operation does not apply to operands of these kinds, or they are of several listings.
     """
     symbols = lifted(*operands)
     first = next(operand for operand in operands if operand.__class__ is Symbol)
+    if name in _LOGICAL:
+        if first.kind is _NUMBER or any(symbol.kind is not first.kind for symbol in symbols):
+            raise TypeError(f"`&`, `|` and `^` take comparisons, not numbers; {ALLOWED}")
+    elif name != "select":
+        for symbol in symbols:
+            if symbol.kind is _TRUTH:
+                return _of_truths(name, symbols, kind or _NUMBER)
     return first.listing.add(name, tuple([symbol.line for symbol in symbols]), kind or first.kind)
+
+
+def _of_truths(name: str, symbols: Sequence[Symbol], kind: Kind) -> Symbol:
+    """Return the symbol of an operation that takes numbers, on operands of which some are truth values."""
+    if all(symbol.kind is _TRUTH for symbol in symbols):
+        if name == "multiply":
+            return operation("and", *symbols)
+        if name in _AMBIGUOUS:
+            raise TypeError(_TRUTHS_ADDED)
+    return operation(name, *map(number, symbols), kind=kind)
+
+
+_NUMBER = Kind.NUMBER
+_TRUTH = Kind.TRUTH
+_LOGICAL = frozenset({"and", "or", "xor"})
+# Operations whose results on truth values differ between Python and NumPy.
+_AMBIGUOUS = ("add", "subtract", "negate")
+_TRUTHS_ADDED = (
+    "comparisons cannot be added, subtracted or negated: use where(comparison, 1.0, 0.0) of"
+    " drake_quad.framework.elementary, or combine them by `&` and `|`"
+)
+
+
+def number(symbol: Symbol) -> Symbol:
+    """Return the number 1 for a symbol that is true and 0 for one that is false; other symbols are returned as is."""
+    if symbol.kind is not _TRUTH:
+        return symbol
+    _, one, zero = lifted(symbol, 1.0, 0.0)
+    return operation("select", symbol, one, zero, kind=_NUMBER)
+
+
+def truth(symbol: Symbol) -> Symbol:
+    """Return whether a number differs from zero; other symbols are returned as is."""
+    return operation("unequal", symbol, 0.0, kind=_TRUTH) if symbol.kind is _NUMBER else symbol
 
 
 def lifted(*operands: Any) -> list[Symbol]:
@@ -284,7 +331,7 @@ def branched(mask: Symbol, formula: Callable[..., Any], arguments: Sequence[Any]
     parts = returned if isinstance(returned, tuple) else (returned,)
     symbols = [part for part in parts if part.__class__ is Symbol]
     branch = _branch(inside, symbols)
-    operands = tuple([symbol.line for symbol in lifted(mask, *taken)])
+    operands = tuple([symbol.line for symbol in lifted(truth(mask), *taken)])
     results = iter(
         [mask.listing.add("branch", operands, symbol.kind, (branch, place)) for place, symbol in enumerate(symbols)]
     )
@@ -307,8 +354,8 @@ def layer(matrix: Matrix, rows: Sequence[Any], activation: Callable[[Any], Any])
         TypeError: the activation takes other symbols than the sum, or the rows are of several listings.
     """
     inside = Listing()
-    (result,) = lifted(inside.row(0, 0), activation(inside.row(0, 0)))[1:]
-    symbols = lifted(*rows)
+    result = number(lifted(inside.row(0, 0), activation(inside.row(0, 0)))[1])
+    symbols = [number(symbol) for symbol in lifted(*rows)]
     found = Layer(matrix, _branch(inside, [result]))
     operands = tuple([symbol.line for symbol in symbols])
     return [symbols[0].listing.add("layer", operands, Kind.NUMBER, (found, place)) for place in range(matrix.shape[0])]

@@ -40,6 +40,8 @@ _SILENT = ("Identity", "Flatten", "Reshape", "Squeeze", "Unsqueeze", "Transpose"
 # Of constants, what is computed.
 _OF_ONE = ("Constant", "Neg", "Sqrt", "Reciprocal", *_SILENT)
 _OF_TWO = ("Add", "Sub", "Mul", "Div")
+# Bounds that exporters write for "none", such as the largest number in single precision, are not below this one.
+_UNBOUNDED = 3e38
 # Numbers that stand for themselves: FLOAT and DOUBLE of ONNX.
 _FLOATS = (1, 11)
 
@@ -68,8 +70,10 @@ _SPELLED_OUT = {
 }
 
 
-def network_of_onnx(data: bytes, file: str, output: str | None = None) -> TrainedNetwork:
+def network_of_onnx(data: bytes, file: str, output: str | None = None) -> tuple[TrainedNetwork, str]:
     """Read a network; if none of several outputs is chosen, a warning names the one that is the action.
+
+    The network is returned with a remark for messages on it, which names that output, or is empty.
 
     Args:
         data: content of the file.
@@ -96,14 +100,15 @@ def network_of_onnx(data: bytes, file: str, output: str | None = None) -> Traine
         onnx.checker.check_model(model)
     except Exception as error:  # likewise
         raise UnreadableError(f"is not an ONNX model as it should be: {shortened(str(error), 120)}") from None
-    layers = Layers()
+    layers, remark = Layers(), ""
     graph = _Graph(model, output)
     if output is None and len(graph.outputs) > 1:
         names = f"of its outputs {listed(graph.outputs)}, {shortened(graph.action)} is taken for the action"
+        remark = f" (output {shortened(graph.action)}; FILE.onnx:NAME chooses another)"
         warnings.warn(f"{file}: {names}; {file}:NAME chooses another", InputWarning, stacklevel=2)
     for k, node in enumerate(chain := graph.chain()):
         _add(layers, node, is_last=all(each.kind in _SILENT for each in chain[k + 1 :]))
-    return layers.network()
+    return layers.network(), remark
 
 
 class _Node:
@@ -332,7 +337,7 @@ def _add(layers: Layers, node: _Node, *, is_last: bool) -> None:
     elif node.kind in _ACTIVATIONS:
         layers.activate(*_activation(node))
     elif node.kind not in _SILENT:
-        known = [*_RULES, "Clip of the input", *_ACTIVATIONS]
+        known = [*_RULES, "Clip", *_ACTIVATIONS]
         raise UnreadableError(f"has a node {node.kind} that is not known here; known are {listed(known)}")
     elif node.kind == "Cast" and node.attributes["to"] not in _FLOATS:
         raise UnreadableError("has a Cast to numbers that are not of single or double precision")
@@ -414,16 +419,24 @@ def _gru(layers: Layers, node: _Node) -> None:
 
 
 def _clip(layers: Layers, node: _Node, *, is_last: bool) -> None:
-    """Add the limit of the input; a limit of the action is ignored, since actions are always within [-1, 1]."""
+    """Add a limit; a limit of the action at or beyond -1 and 1 is ignored, since actions are always within [-1, 1]."""
     attributes = [node.attributes.get(name) for name in ("min", "max")]  # up to opset 10 the limits are attributes
     bounds = attributes if len(node.given) == 1 else [*node.given[1:], None][:2]
-    low, high = (None if each is None or np.size(each) != 1 else float(np.ravel(each)[0]) for each in bounds)
-    if node.place or low is None or high is None:
-        raise UnreadableError("has a Clip without two bounds")
-    if not layers.layers and low == -high:
+    if node.place or any(np.size(each) != 1 for each in bounds if each is not None):
+        raise UnreadableError("has a Clip whose bounds are not constant numbers")
+    low, high = (
+        side * math.inf if each is None or abs(float(np.ravel(each)[0])) >= _UNBOUNDED else float(np.ravel(each)[0])
+        for side, each in zip((-1.0, 1.0), bounds, strict=True)
+    )
+    if not layers.layers:
+        if low != -high or not math.isfinite(high):
+            raise UnreadableError(
+                f"has a Clip of the input to {low:g} and {high:g}; only limits of the same size on both sides of zero"
+                " are supported"
+            )
         layers.clip(high)
-    elif not (layers.layers and is_last and low <= -1.0 and high >= 1.0):
-        raise UnreadableError("has a Clip that is neither of the input, to as much on both sides, nor of actions")
+    elif not (is_last and low <= -1.0 and high >= 1.0):
+        layers.hold(low, high)
 
 
 _RULES: dict[str, Callable[[Layers, _Node], None]] = {

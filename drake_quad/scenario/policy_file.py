@@ -45,8 +45,8 @@ def policy_network(path: Path, output: str | None = None) -> Tree:
         InputError: if the file cannot be read, has another format, or has unsupported layers.
     """
     mark = Mark(str(path), 0)
-    readers: dict[str, Callable[[bytes], TrainedNetwork]] = {
-        ".npz": _of_npz,
+    readers: dict[str, Callable[[bytes], tuple[TrainedNetwork, str]]] = {
+        ".npz": lambda data: (_of_npz(data), ""),
         ".onnx": partial(network_of_onnx, file=str(mark), output=output),
     }
     read = readers.get(path.suffix.lower())
@@ -59,7 +59,7 @@ def policy_network(path: Path, output: str | None = None) -> Tree:
     try:
         # Computations with the constants of a file may overflow. Validation later rejects numbers that are not finite.
         with np.errstate(all="ignore"):
-            network = read(data)
+            network, remark = read(data)
     except UnreadableError as error:
         raise InputError(f"{mark}: {error}") from None
     except ImportError as error:
@@ -71,7 +71,7 @@ def policy_network(path: Path, output: str | None = None) -> Tree:
         demand = problem["msg"].replace("Input should", "must")
         raise InputError(f"{mark}: is no network that can be flown: {place} {demand}".replace("  ", " ")) from None
     fields = network.model_dump(mode="json", exclude_defaults=True)
-    return Tree.of(fields, mark)
+    return Tree.of(fields, Mark(f"{mark}{remark}", 0))
 
 
 def _of_npz(data: bytes) -> TrainedNetwork:

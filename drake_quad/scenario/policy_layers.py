@@ -1,11 +1,14 @@
 """Layers of a network, as a file gives them one after another."""
 
+import math
 from typing import Any
 
 import numpy as np
 
 from drake_quad.scenario.policy import TrainedNetwork
 
+# Largest limit on the output of a layer. Adding and subtracting it costs at most 1e-10 of accuracy.
+_MAX_LIMIT = 1e6
 _Gates = tuple[np.ndarray, np.ndarray]
 
 
@@ -72,6 +75,26 @@ class Layers:
         if "limit" in self.prepared:
             raise UnreadableError("limits its input twice")
         self.prepared["limit"] = limit
+
+    def hold(self, low: float, high: float) -> None:
+        """Hold the present output within limits, of which either may be infinite.
+
+        With r(x) = max(x, 0), max(x, low) is low + r(x - low), and min(x, high) is high - r(high - x).
+
+        Raises:
+            UnreadableError: if a finite limit is so large that the sums would lose digits.
+        """
+        one = np.ones(1)
+        if any(_MAX_LIMIT < abs(limit) < math.inf for limit in (low, high)):
+            raise UnreadableError(f"has a limit of more than {_MAX_LIMIT:g} on the output of a layer")
+        if math.isfinite(low):
+            self.change(one, -low * one)
+            self.activate("relu")
+            self.change(one, low * one)
+        if math.isfinite(high):
+            self.change(-one, high * one)
+            self.activate("relu")
+            self.change(-one, high * one)
 
     def activate(self, activation: str, alpha: float | None = None) -> None:
         """Set the activation of the last layer, with its parameter if it has one."""

@@ -28,8 +28,11 @@ from drake_quad.space.shapes import hull_of
 MAX_GROWTH = 0.05
 # If a hull has more corners, only the extreme corners along this number of directions are candidates.
 _MAX_CANDIDATES = 500
-# Relative enlargement of the result, so that it contains all corners in spite of rounding.
-_ROUNDING_MARGIN = 1e-9
+# Enlargement of the result relative to its smallest width, so that it contains all corners in spite of rounding.
+_MIN_ROUNDING_MARGIN = 1e-9
+# Rounding error of the distance of a point from a face, relative to the largest coordinate. It sums the errors of three
+# products, of the sums, and of the corners themselves.
+_ROUNDING_ERROR = 16.0 * float(np.finfo(float).eps)
 
 
 class Surrounding(NamedTuple):
@@ -69,8 +72,8 @@ def surrounding(points: ArrayLike, most: int) -> Surrounding:
         most: largest number of corners. If the hull of the points has no more, it is returned unchanged.
 
     Raises:
-        InputError: if the points have no hull with a volume, or the hull would grow by more than `MAX_GROWTH` of its
-            size.
+        InputError: if the points have no hull with a volume, no hull around them is found, or the hull would grow by
+            more than `MAX_GROWTH` of its size.
     """
     found = np.ascontiguousarray(points, dtype=float)
     return _surrounding(found.tobytes(), found.shape, most)
@@ -83,9 +86,17 @@ def _surrounding(data: bytes, shape: tuple[int, ...], most: int) -> Surrounding:
     size = float(np.ptp(corners, axis=0).max())
     if len(corners) <= most:
         return Surrounding(corners, 0.0, len(corners), size)
+    # The solver has absolute tolerances, so it needs coordinates in which the hull has the width 1 along each axis.
     middle, _, axes = _principal(corners)
-    as_wide_as_long = (corners - middle) @ axes.T / np.ptp(corners @ axes.T, axis=0)
-    tries = [_around(corners, corners[_spread(each, most)]) for each in (corners, as_wide_as_long)]
+    offsets = corners - middle
+    along = offsets @ axes.T
+    widths = np.ptp(along, axis=0)
+    as_wide_as_long = along / widths
+    margin = max(_MIN_ROUNDING_MARGIN, _ROUNDING_ERROR * float(np.abs(corners).max() / widths.min()))
+    tries = []
+    for each in (offsets / size, as_wide_as_long):
+        around = _around(as_wide_as_long, as_wide_as_long[_spread(each, most)], margin)
+        tries.append(middle + (around * widths) @ axes)
     growths = [float(hull.distances(each).max()) for each in tries]
     best = int(np.argmin(growths))
     if growths[best] > MAX_GROWTH * size:
@@ -149,16 +160,32 @@ def _faces(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return equations[:, :3], -equations[:, 3]
 
 
-def _around(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Return the corners, shifted and scaled by the smallest factor with which their hull contains all points."""
-    normals, offsets = _faces(corners)
+def _around(points: np.ndarray, corners: np.ndarray, margin: float) -> np.ndarray:
+    """Return the corners, shifted and scaled by the smallest factor with which their hull contains all points.
+
+    Args:
+        points: (n, 3) points around the origin whose hull has the width 1 along each axis.
+        corners: (m, 3) some of these points.
+        margin: distance by which the hull is larger than necessary.
+
+    Raises:
+        InputError: if the solver fails.
+    """
+    inside = corners.mean(axis=0)
+    centred = corners - inside
+    normals, offsets = _faces(centred)
     support = (points @ normals.T).max(axis=0)
     # A face n·x <= d becomes n·x <= n·shift + factor d.
     least = scipy.optimize.linprog(
         [0.0, 0.0, 0.0, 1.0], A_ub=-np.column_stack([normals, offsets]), b_ub=-support, bounds=(None, None)
     )
-    *shift, factor = least.x
-    moved = np.array(shift) + factor * corners
-    middle = moved.mean(axis=0)
-    around: np.ndarray = middle + (1.0 + _ROUNDING_MARGIN) * (moved - middle)
+    if least.x is None:
+        raise InputError(
+            f"no hull with {len(corners)} corners was found around the convex hull with {len(points)} corners; simplify"
+            " the mesh"
+        )
+    shift = least.x[:3]
+    # The solver may violate a face by its tolerance, so the factor is computed again. All offsets are positive.
+    factor = float(((support + margin - normals @ shift) / offsets).max())
+    around: np.ndarray = shift + factor * centred
     return around

@@ -81,6 +81,18 @@ def make_nothing(num_vehicles):
     pass
 
 
+def make_class(num_vehicles):
+    return WithPorts
+
+
+def make_function(num_vehicles):
+    return make_nothing
+
+
+def make_number(num_vehicles):
+    return num_vehicles
+
+
 @pytest.mark.parametrize(
     ("make", "words"),
     [
@@ -90,6 +102,13 @@ def make_nothing(num_vehicles):
         ),
         (make_with_gain, r"position_controller must be a function .*, but is make_with_gain\(num_vehicles, gain\)$"),
         (make_nothing, r"position_controller must be a function .*, but make_nothing\(num_vehicles\) returns nothing$"),
+        (
+            make_class,
+            r"position_controller must be .*, but make_class\(num_vehicles\) returns the class WithPorts and not an"
+            r" object of it$",
+        ),
+        (make_function, r"position_controller must be .* returns make_nothing\(num_vehicles\)$"),
+        (make_number, r"position_controller must be .* returns an object of type int$"),
     ],
 )
 def test_a_function_that_returns_no_system_is_refused_with_its_signature(diagrams, make, words):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydrake.autodiffutils import AutoDiffXd
 
-from drake_quad.framework.elementary import where
+from drake_quad.framework.elementary import maximum, sqrt, where, where_needed
 from drake_quad.framework.formulas import TIME, Tick, TickOf, at_time, interpret, kernel
 from drake_quad.framework.records import ROW, layout_of
 from drake_quad.signals import Row
@@ -84,3 +84,47 @@ def test_results_that_are_none_are_left_out():
 
 def test_nothing_is_selected_from_nothing():
     assert where(np.array([True, False]), Parts(1.0, None, 2.0), Parts(3.0, None, 4.0)).nothing is None
+
+
+@pytest.mark.parametrize("n", [1, 11])
+@pytest.mark.parametrize(
+    "formula",
+    [
+        lambda x: 0.1 * (x > 0.0) + x,
+        lambda x: 1.0 - (x > 0.0),
+        lambda x: np.float64(2.0) * (x > 0.0),
+        lambda x: (x > 0.0) * (x < 2.0),
+        lambda x: (x > 0.0) & (x < 2.0),
+        lambda x: (x > 0.0) == (x < 2.0),
+        lambda x: x <= (x > 0.0),
+        lambda x: sqrt(0.0 + (x > 0.0)),
+        lambda x: maximum(x, x > 0.0),
+        lambda x: where(x > 0.0, x < 2.0, x),
+        lambda x: where(x > 0.0, x < 2.0, False),
+        lambda x: where(x > 0.0, True, False),
+        lambda x: where(x, 1.0, 2.0),
+        lambda x: where_needed(x, lambda y: y > 0.0, (x,), 3.0),
+        lambda x: x > 0.0,
+        lambda x: True,
+    ],
+)
+def test_comparisons_are_numbers_in_machine_code_as_in_python(formula, n):
+    x = np.linspace(-1.0, 3.0, n) if n > 1 else np.array([0.5])
+    found = np.full(n, np.nan)
+    kernel(formula, (ROW,), (ROW,), lone=n == 1)(n, 0.0, found, x)
+    (expected,) = interpret(formula, (ROW,), [x], (ROW,), n, 0.0)
+    np.testing.assert_array_equal(found, np.asarray(expected, dtype=float))
+
+
+@pytest.mark.parametrize(
+    ("formula", "words"),
+    [
+        (lambda x: (x > 0.0) + (x < 2.0), r"comparisons cannot be added.*use where\(comparison, 1.0, 0.0\)"),
+        (lambda x: -(x > 0.0), r"comparisons cannot be added.*use where\(comparison, 1.0, 0.0\)"),
+        (lambda x: x & (x > 0.0), "take comparisons, not numbers"),
+        (lambda x: (x > 0.0) | x, "take comparisons, not numbers"),
+    ],
+)
+def test_operations_on_comparisons_that_are_ambiguous_end_in_a_sentence(formula, words):
+    with pytest.raises(TypeError, match=words):
+        kernel(formula, (ROW,), (ROW,), lone=True)

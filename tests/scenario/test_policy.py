@@ -528,7 +528,10 @@ def test_only_what_the_action_needs_is_read_of_onnx(of_onnx, nodes):
             ],
             "limits its input twice",
         ),
-        (layers_of(activation=[("Clip", ["hidden", "minus", "one"], ["active"])]), "has a Clip that is neither of"),
+        (
+            [NODE("Clip", ["seen", "minus", "half"], ["a"]), *layers_of(first=("a", "hidden"))],
+            "has a Clip of the input to -1 and 0.5; only limits of the same size",
+        ),
         (layers_of(activation=[("Add", ["hidden", "C"], ["active"])]), "arithmetic of other than . numbers behind"),
         ([NODE("Add", ["seen", "C"], ["a"]), *layers_of(first=("a", "hidden"))], "3 rows|different sizes|must be 6"),
         ([NODE("Div", ["one", "seen"], ["a"]), *layers_of(first=("a", "hidden"))], "divides by zero, or by what"),
@@ -585,6 +588,45 @@ def test_the_output_called_actions_is_taken_or_else_the_first_one(tmp_path, name
         load_scenario(tmp_path / "mine.yaml", [f"control.policy={tmp_path / 'net.onnx:none'}"])
 
 
+@pytest.mark.parametrize("bounds", [(-0.05, 0.05), (0.0, 1.0), (-0.02, 0.03), (-1.0, 1.0), (0.01, None), (None, 0.02)])
+@pytest.mark.parametrize("place", ["hidden", "action", "scaled action", "activated action"])
+def test_a_limit_of_a_layer_is_read_as_the_evaluator_of_onnx_reads_it(of_onnx, place, bounds):
+    names = [name if each is not None else "" for name, each in zip(("low", "high"), bounds, strict=True)]
+    limits = {name: np.array(each) for name, each in zip(names, bounds, strict=True) if each is not None}
+    nodes = {
+        "hidden": layers_of(activation=[("Clip", ["hidden", *names], ["active"])]),
+        "action": [*layers_of(last="sum"), NODE("Clip", ["sum", *names], ["done"])],
+        "scaled action": [
+            *layers_of(last="sum"),
+            NODE("Clip", ["sum", *names], ["clipped"]),
+            NODE("Mul", ["clipped", "half"], ["done"]),
+        ],
+        "activated action": [
+            *layers_of(last="sum"),
+            NODE("Tanh", ["sum"], ["tanh"]),
+            NODE("Clip", ["tanh", *names], ["done"]),
+        ],
+    }[place]
+    constants = {**MORE, "V": 0.1 * V, "C": 0.1 * C, **limits}
+    (expected,) = onnx.reference.ReferenceEvaluator(model_of(nodes, constants)).run(
+        None, {"seen": INPUTS[None].astype(np.float32)}
+    )
+    np.testing.assert_allclose(output(of_onnx(nodes, constants)), expected[0], rtol=2e-5, atol=1e-9)
+
+
+def test_an_output_of_the_wrong_size_that_was_not_chosen_is_named(tmp_path):
+    nodes = [NODE("Gemm", ["seen", "W_value", "b_value"], ["value"]), *layers_of(last="mean")]
+    model = model_of(nodes, {**MORE, "W_value": np.ones((6, 1)), "b_value": np.ones(1)})
+    del model.graph.output[:]
+    for name, rows in (("value", 1), ("mean", 3)):
+        model.graph.output.append(helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, rows]))
+    onnx.save(model, tmp_path / "net.onnx")
+    (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.onnx"), encoding="utf-8")
+    words = r"net.onnx \(output value; FILE.onnx:NAME chooses another\): .* is 1, but must be 3"
+    with pytest.warns(InputWarning), pytest.raises(InputError, match=words):
+        load_scenario(tmp_path / "mine.yaml")
+
+
 def test_a_clip_of_older_opsets_has_its_bounds_as_attributes(tmp_path):
     """Opset 10 has them, and they may limit the observations and, at the end, the actions."""
     clip = NODE("Clip", ["seen"], ["within"], min=-0.5, max=0.5)
@@ -603,7 +645,7 @@ def test_a_clip_of_older_opsets_has_its_bounds_as_attributes(tmp_path):
     np.testing.assert_allclose(output(load_scenario(tmp_path / "mine.yaml")), expected[0], rtol=2e-5)
     model.graph.node[0].attribute.pop()
     onnx.save(model, tmp_path / "net.onnx")
-    with pytest.raises(InputError, match="has a Clip without two bounds"):
+    with pytest.raises(InputError, match="has a Clip of the input to -inf and 0.5; only limits of the same size"):
         load_scenario(tmp_path / "mine.yaml")
 
 

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+import scipy
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
 from drake_quad.errors import InputError
@@ -47,6 +48,10 @@ MESHES = {
     "needle": (sphere(400, 2) * [1.0, 0.01, 0.01], 0.03),
     "leaning ellipsoid": (sphere(400, 3) @ np.random.default_rng(3).normal(size=(3, 3)), 0.035),
     "far from the origin": (1e3 + 0.2 * sphere(150, 4), 0.02),
+    "in coordinates of a map": (sphere(150, 4) + np.array([4.5e5, 5.3e6, 300.0]), 0.02),
+    "in micrometres": (1e6 * sphere(150, 6), 0.02),
+    "thin sheet in micrometres": (1e6 * sphere(150, 7) * [1.0, 1.0, 1e-4], 0.03),
+    "in kilometres": (1e-4 * sphere(150, 8), 0.02),
     "prism": (np.array([[math.cos(a), math.sin(a), z] for a in np.arange(60) * math.pi / 30 for z in (-1, 1)]), 0.006),
     "cube of random points": (np.random.default_rng(5).uniform(size=(20_000, 3)), 0.006),
     "cone": (
@@ -75,6 +80,23 @@ def test_a_hull_of_few_corners_holds_all_points_and_grows_by_little(points, most
     assert found.growth <= most_growth * size <= MAX_GROWTH * size
     weights = np.random.default_rng(0).dirichlet(np.full(MAX_CORNERS, 0.1), 200)
     assert original.distances(weights @ found.corners).max() <= found.growth * (1.0 + 1e-9)
+
+
+@pytest.mark.slow
+def test_units_do_not_change_the_simplified_hull():
+    points = sphere(150, 9)
+    simple = surrounding(points, MAX_CORNERS)
+    for unit in (1e-6, 1e6):
+        scaled = surrounding(unit * points, MAX_CORNERS)
+        assert scaled.corners == pytest.approx(unit * simple.corners, abs=1e-6 * unit)
+        assert scaled.growth == pytest.approx(unit * simple.growth, rel=1e-4)
+
+
+def test_a_failing_solver_ends_in_a_sentence(monkeypatch):
+    failed = scipy.optimize.OptimizeResult(x=None, status=4)
+    monkeypatch.setattr(scipy.optimize, "linprog", lambda *_, **__: failed)
+    with pytest.raises(InputError, match=r"^no hull with 100 corners was found around the convex hull with 103"):
+        surrounding(sphere(103, 10), MAX_CORNERS)
 
 
 def test_the_meshes_of_drones_have_as_many_corners_as_real_ones():
