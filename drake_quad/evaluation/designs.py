@@ -42,7 +42,6 @@ def write_designs(path: Path, designs: Mapping[str, Tree], *, said: Mapping[str,
     for name, design in designs.items():
         tree[name] = _flowing(design)
         if name in said:
-            tree.ca.items.pop(name, None)
             tree.yaml_add_eol_comment(said[name], name)
     if head:
         tree.yaml_set_start_comment(head)
