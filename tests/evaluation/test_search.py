@@ -288,3 +288,14 @@ def test_the_tolerated_delay_is_the_longest_without_a_crash(laboratory, flown):
     assert delay_stood([laboratory, other], 0.1, budget=budget, first_sample=14) == pytest.approx(0.1)
     flown(None, lambda *_: 1.0)
     assert delay_stood([laboratory], 0.1, budget=budget) == 0.0
+
+
+def test_predictions_of_the_limit_are_trusted_more_from_round_to_round(laboratory, flown, monkeypatch):
+    """The doubt falls in equal steps, so that in the last round it is one step from zero."""
+    flown(bowl)
+    doubts = []
+    monkeypatch.setattr(tuning._Known, "penalties", lambda known, points, doubt: doubts.append(doubt) or 0.0)
+    budget = Budget(rounds=5, candidates=8, samples=1, steps=1)
+    tune([laboratory], [K_P], lambda scenario: np.array([9.0]), budget=budget)
+    np.testing.assert_allclose(doubts[::2], tuning._DOUBT * np.array([1.0, 0.8, 0.6, 0.4, 0.2]))
+    assert doubts[1::2] == doubts[::2]
