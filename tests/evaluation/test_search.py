@@ -296,6 +296,6 @@ def test_predictions_of_the_limit_are_trusted_more_from_round_to_round(laborator
     doubts = []
     monkeypatch.setattr(tuning._Known, "penalties", lambda known, points, doubt: doubts.append(doubt) or 0.0)
     budget = Budget(rounds=5, candidates=8, samples=1, steps=1)
-    tune([laboratory], [K_P], lambda scenario: np.array([9.0]), budget=budget)
+    tune([laboratory], [K_P, K_D], lambda scenario: np.array([9.0]), budget=budget)
     np.testing.assert_allclose(doubts[::2], tuning._DOUBT * np.array([1.0, 0.8, 0.6, 0.4, 0.2]))
     assert doubts[1::2] == doubts[::2]
