@@ -1,6 +1,7 @@
 """The figures of the replication show the numbers of invented experiments and of short flights."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -165,7 +166,7 @@ def test_paths_without_wind_are_shown_in_space_and_from_above(flights):
     path = whole.plan.derivative(0)
     ends = [*whole.plan.leg_times, whole.plan.path.times[-1]]
     assert list(numbers) == [str(i) for i in range(1, len(ends))]
-    for i, (start, end) in enumerate(zip(ends[:-1], ends[1:], strict=True), start=1):
+    for i, (start, end) in enumerate(pairwise(ends), start=1):
         away = np.subtract(numbers[str(i)], path.value(0.5 * (start + end))[:, 0])
         assert away[2] == 0.0
         assert np.linalg.norm(away) == pytest.approx(0.35) or not away.any()
