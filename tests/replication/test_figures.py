@@ -304,10 +304,15 @@ def test_the_map_of_gains_is_grey_where_a_sample_crashes(found):
         assert star.get_xydata().tolist() == [[position.k_d[0], position.k_p[0]]]
         assert axes.get_title() == CONTROLLERS[name]
         assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
-        assert axes.get_xticks().tolist() == [0.5, 1.0, 2.0, 5.0, 10.0]
+        for axis in (axes.xaxis, axes.yaxis):
+            assert list(map(axis.get_major_formatter(), (0.5, 10.0))) == ["0.5", "10"]
+            assert axis.get_ticklocs().tolist() == [0.5, 1.0, 2.0, 5.0, 10.0]
+            assert not len(axis.get_minorticklocs())
     ticks = bar.get_yticks()
     assert len(ticks) >= 3
     assert set(ticks) <= {0.05, 0.1, 0.2, 0.5, 1.0, 2.0}
+    assert not len(bar.yaxis.get_minorticklocs())
+    assert bar.yaxis.get_major_formatter()(0.5) == "0.5"
     handles = legend_of(figure)
     assert list(handles) == ["within 20 % of the best", "calibrated", "crash"]
     assert handles["crash"].get_facecolor() == maps[0].get_facecolor()

@@ -6,9 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from drake_quad import load_scenario
 from drake_quad.files import read_table
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication import report
+from drake_quad.replication.assumptions import assumptions
 from drake_quad.replication.calibration import HYPOTHESES, NETWORK_CELL, PD_CELL
 from drake_quad.replication.claims import Claim
 from drake_quad.replication.effort import EffortMatch, printed_ratios, printed_scatter
@@ -166,3 +168,15 @@ def test_the_calibration_is_shown_beside_the_print():
 def test_an_image_has_the_words_of_its_figure(name):
     assert report.FIGURES[name] in report._image(name)
     assert f"figures/{name}.png" in report._image(name)
+
+
+def test_the_committed_report_has_the_assumptions_of_the_scenarios(root):
+    text = (root / "docs" / "replication" / "report.md").read_text(encoding="utf-8")
+    found = assumptions(load_scenario("diagrams/paper.yaml:low_wind_pd_t2fnn"))
+    for each in found:
+        assert f"| {each.what} | {each.value} | {each.reason} |" in text
+    # They stand in the order of the report.
+    places = [text.index(f"| {each.what} | {each.value} |") for each in found]
+    assert places == sorted(places)
+    for words in report._of_calibration(read_table(Path(report.__file__).parent / "calibration.csv")).values():
+        assert words in text
