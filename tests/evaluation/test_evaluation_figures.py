@@ -32,7 +32,18 @@ def ticks(axis):
 
 def test_only_figures_that_have_flights_are_drawn():
     found = evaluation()
-    assert [name for name, _ in evaluation_figures(found)] == ["errors", "networks", "margins", "laps"]
+    drawn = dict(evaluation_figures(found))
+    assert list(drawn) == ["errors", "networks", "margins", "laps"]
+    labels = {name: [(axes.get_xlabel(), axes.get_ylabel()) for axes in figure.axes] for name, figure in drawn.items()}
+    assert drawn["errors"].get_supxlabel() == "RMSE (cm)"
+    assert labels["networks"] == [("RMSE less than without the network (%)", "")]
+    sensitivity, delay = "peak sensitivity", "further delay without a crash (ms)"
+    assert labels["margins"] == [(sensitivity, "RMSE in high wind (cm)"), (delay, "")]
+    assert labels["laps"] == [("lap", "RMSE (cm)")]
+    for name in ("margins", "laps"):
+        (legend,) = drawn[name].legends
+        assert [text.get_text() for text in legend.texts] == drawn[name].axes[0].get_legend_handles_labels()[1]
+        assert len(legend.texts) == 2
     few = Evaluation({"outdoor": {"pd": found.flights["outdoor"]["pd"]}}, {"outdoor": found.traits["outdoor"]})
     assert [name for name, _ in evaluation_figures(few)] == ["errors"]
 
@@ -67,13 +78,15 @@ def test_the_errors_figure_has_a_mark_and_an_interval_for_each_controller_and_la
             assert interval.get_color() == mark.get_color()
             looks.setdefault(name, set()).add((mark.get_color(), mark.get_marker()))
             assert low * 1.2 < mean.low < mean.high < high / 1.2
-        bottom, top = axes.get_ylim()
-        assert bottom > len(names) - 1
-        assert top < 0
+        assert axes.get_ylim() == (pytest.approx(len(names) - 0.5, abs=0.2), pytest.approx(-0.5, abs=0.2))
         at, written = ticks(axes.xaxis)
         assert len(at) >= 3
         assert low <= min(at) < max(at) <= high
         assert written == [f"{each:g}" for each in at]
+        # Numbers are round and have room.
+        assert {f"{each:e}".partition("e")[0].rstrip(".0") for each in at} <= {"1", "2", "3", "5"}
+        assert min(np.diff(np.log10(at))) > 0.06 * np.log10(high / low)
+        assert not len(axes.xaxis.get_minorticklocs())
         assert axes.get_xscale() == "log"
     # A controller has one colour with and without a network, and a kind of network has one mark.
     ((color, mark),) = looks["pd"]
@@ -128,7 +141,9 @@ def test_the_networks_figure_has_a_row_for_each_network_and_a_mark_for_each_labo
     assert (bottom, top) == (3.5, -0.5)
     at, written = ticks(axes.xaxis)
     assert [float(text) for text in written] == at
-    assert -400.0 <= low < -150.0
+    assert not len(axes.xaxis.get_minorticklocs())
+    worst = min(each.low for by_place in cuts.values() for each in by_place.values())
+    assert 100.0 * worst > low > 150.0 * worst
 
 
 def test_small_changes_by_networks_are_shown_within_six_per_cent():
