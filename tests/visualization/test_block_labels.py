@@ -1,6 +1,7 @@
 """Blocks and connections of a drawing have the names and sizes of a small diagram."""
 
 import re
+from itertools import pairwise
 
 import pytest
 from pydrake.systems.framework import DiagramBuilder
@@ -14,7 +15,7 @@ def inner_diagram(name, *systems):
     builder = DiagramBuilder()
     for system in systems:
         builder.AddSystem(system)
-    for one, other in zip(systems, systems[1:], strict=False):
+    for one, other in pairwise(systems):
         builder.Connect(one.get_output_port(), other.get_input_port())
     builder.ExportInput(systems[0].get_input_port(), "command")
     builder.ExportOutput(systems[-1].get_output_port(), "thrust")
