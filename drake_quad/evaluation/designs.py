@@ -62,7 +62,6 @@ def _yaml() -> Any:
     """YAML that keeps comments, with lists of numbers in a line."""
     yaml = YAML()
     yaml.width = 120
-    yaml.indent(mapping=2, sequence=4, offset=2)
     yaml.representer.add_representer(
         type(None), lambda dumper, _: dumper.represent_scalar("tag:yaml.org,2002:null", "null")
     )
