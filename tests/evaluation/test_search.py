@@ -299,3 +299,11 @@ def test_predictions_of_the_limit_are_trusted_more_from_round_to_round(laborator
     tune([laboratory], [K_P, K_D], lambda scenario: np.array([9.0]), budget=budget)
     np.testing.assert_allclose(doubts[::2], tuning._DOUBT * np.array([1.0, 0.8, 0.6, 0.4, 0.2]))
     assert doubts[1::2] == doubts[::2]
+
+
+def test_the_limit_is_predicted_as_soon_as_there_is_one_point_more_than_a_plane_needs():
+    known = tuning._Known(2)
+    far_beyond = np.array([[0.5, 0.5]])
+    for count, point in enumerate(([0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]), start=1):
+        known.add(np.array(point), np.array([0.6]))
+        assert known.penalties(far_beyond, 0.0).any() == (count == 4)
