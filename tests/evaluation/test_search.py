@@ -307,3 +307,16 @@ def test_the_limit_is_predicted_as_soon_as_there_is_one_point_more_than_a_plane_
     for count, point in enumerate(([0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]), start=1):
         known.add(np.array(point), np.array([0.6]))
         assert known.penalties(far_beyond, 0.0).any() == (count == 4)
+
+
+def test_local_searches_end_a_little_within_the_limit(laboratory, flown):
+    """Predictions are not exact, so a fifth of a per cent of the limit is kept in reserve."""
+    flown(bowl)
+    shares, ends = [], []
+
+    def limit(scenario):
+        shares.append(2.0 / scenario.control.position.k_p[0])
+        return np.array([shares[-1], 9.0])
+
+    tune([laboratory], [K_P, K_D], limit, budget=BUDGET, progress=lambda: ends.append(shares[-1]))
+    np.testing.assert_allclose(ends[-3:], 1.002, rtol=1e-4)
