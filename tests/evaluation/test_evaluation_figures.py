@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_answers import evaluation, flights
+from invented_flights import evaluation, flights
 
 from drake_quad.evaluation.answers import WORDS, cut, effects
 from drake_quad.evaluation.families import FAMILIES

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from test_answers import COUNT, evaluation, flights, verdicts
+from invented_flights import COUNT, evaluation, flights
+from test_answers import verdicts
 
 from drake_quad.evaluation.answers import (
     WORDS,
