@@ -153,6 +153,14 @@ def test_small_changes_by_networks_are_shown_within_six_per_cent():
     assert 6.0 < high < 8.0
 
 
+def test_large_changes_by_networks_do_not_hide_small_ones():
+    """The scale is logarithmic beyond 10 %, and a network that makes the error thirty times as large is cut off."""
+    axes = networks_figure(evaluation(network=30.0, other=0.0001)).axes[0]
+    assert axes.get_xscale() == "symlog"
+    assert axes.xaxis.get_transform().linthresh == 10.0
+    assert axes.get_xlim() == (-400.0, 110.0)
+
+
 def test_the_margins_figure_shows_errors_over_the_peak_sensitivity_and_over_the_delay():
     found = evaluation()
     figure = margins_figure(found)
@@ -171,6 +179,8 @@ def test_the_margins_figure_shows_errors_over_the_peak_sensitivity_and_over_the_
         assert high >= max(line)
     left, right = figure.axes
     assert left.get_ylim() == right.get_ylim()
+    assert left.get_yscale() == right.get_yscale() == "log"
+    assert not len(left.yaxis.get_minorticklocs())
     assert left.get_xlim() == (pytest.approx(1.5, abs=0.05), 3.1)
     assert right.get_xlim() == (0.0, 100.0)
     at, written = ticks(left.yaxis)
