@@ -178,7 +178,7 @@ def test_the_margins_figure_shows_errors_over_the_peak_sensitivity_and_over_the_
         assert low <= min(line)
         assert high >= max(line)
     left, right = figure.axes
-    assert left.get_ylim() == right.get_ylim()
+    assert left.get_shared_y_axes().joined(left, right)
     assert left.get_yscale() == right.get_yscale() == "log"
     assert not len(left.yaxis.get_minorticklocs())
     assert left.get_xlim() == (pytest.approx(1.5, abs=0.05), 3.1)
