@@ -152,6 +152,12 @@ def test_axes_of_a_flight_have_labels_titles_and_legends(name, flight):
     assert sorted(legends(figure)) == sorted(words)
     titles = [figure.get_suptitle(), *(axes.get_title(loc) for axes in figure.axes for loc in ("center", "left"))]
     assert [title for title in titles if title] == TITLES[name]
+    if name == "plan":
+        # The three views and the profiles stand beside each other, from the bottom of the page to its top.
+        for part in (figure.axes[:3], figure.axes[3:]):
+            ends = [end for axes in part for end in axes.get_position().intervaly]
+            assert min(ends) < 0.1
+            assert max(ends) > 0.9
     if name == "path":
         assert figure.axes[0].get_zlabel() == "Z (m)"
 
