@@ -42,7 +42,6 @@ def write_designs(path: Path, designs: Mapping[str, Tree], *, said: Mapping[str,
     for name, design in designs.items():
         tree[name] = _flowing(design)
         if name in said:
-            tree.ca.items.pop(name, None)
             tree.yaml_add_eol_comment(said[name], name)
     if head:
         tree.yaml_set_start_comment(head)
@@ -63,7 +62,6 @@ def _yaml() -> Any:
     """YAML that keeps comments, with lists of numbers in a line."""
     yaml = YAML()
     yaml.width = 120
-    yaml.indent(mapping=2, sequence=4, offset=2)
     yaml.representer.add_representer(
         type(None), lambda dumper, _: dumper.represent_scalar("tag:yaml.org,2002:null", "null")
     )

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drake_quad.analysis.link_margins import link_margins
-from drake_quad.assembly.planning import plan_route
+from drake_quad.assembly.planning import flight_duration, plan_route
 from drake_quad.errors import InputError
 from drake_quad.evaluation.designs import design_file, designs_in
 from drake_quad.evaluation.entries import MAPPED, Entry, entries_of
@@ -163,7 +163,7 @@ def delay_flown(scenario: Scenario, sizes: Sizes) -> float:
     fleet = simulate_fleet(
         batch.with_varying({LATENCY: own + np.repeat(frames, len(samples)).astype(float)}), plan, compiled=True
     )
-    fleet.fly(StudyFleet(scenario, 1).duration)
+    fleet.fly(flight_duration(scenario, plan))
     crashed = fleet.metrics().crashed.reshape(len(frames), -1).any(axis=1)
     if not crashed.any():
         return math.inf

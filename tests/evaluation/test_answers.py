@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from invented_flights import COUNT, evaluation, flights
 
 from drake_quad.errors import InputError
 from drake_quad.evaluation.answers import all_answers, best_in, cut, effects, price_of_margin
@@ -11,45 +12,13 @@ from drake_quad.evaluation.families import FAMILIES
 from drake_quad.evaluation.report import report_markdown, write_summary
 from drake_quad.evaluation.results import (
     FLIGHTS,
-    PRICED,
     TRAITS,
-    Evaluation,
-    Traits,
-    in_laps,
     read_evaluation,
     write_flights,
     write_traits,
 )
 from drake_quad.files import read_table
-from drake_quad.laboratory.metrics import Metrics
 from drake_quad.studies.statistics import share_interval
-
-COUNT = 40
-NOISE = np.random.default_rng(3).normal(size=(2, COUNT))
-
-
-def flights(error, *, own=0, crashed=()):
-    """Flights with a mean error (m), of which the samples that are named crash."""
-    rmse = error * (1.0 + 0.1 * NOISE[0]) + 0.001 * error * NOISE[1] * own
-    time = np.full(COUNT, np.inf)
-    time[list(crashed)] = 3.0
-    return Metrics(rmse, *(np.full(COUNT, 0.25 + i) for i in range(11)), time)
-
-
-def evaluation(network=0.9, other=0.8, *, crashed=()):
-    """PDs and INDIs with networks, in two families, and designs with less margin."""
-    errors = {"pd": 0.2, "pd_t1fnn": 0.2 * network, "pd_t2fnn": 0.2 * network * other, "indi": 0.04, "indi_t2fnn": 0.04}
-    found = {
-        place: {name: flights(error, own=own) for own, (name, error) in enumerate(errors.items())}
-        for place in (*FAMILIES["laboratory"].laboratories, "outdoor")
-    }
-    found["outdoor"]["pd_t2fnn"] = flights(0.2 * network * other, own=2, crashed=crashed)
-    found["high wind"] |= {"indi@1.6": flights(0.06, own=5), "indi@3": flights(0.03, own=6)}
-    for count, error in enumerate((0.2, 0.1, 0.05), start=1):
-        found[in_laps(count)] = {"pd": flights(0.2), "pd_t2fnn_map": flights(error, own=count)}
-    told = {name: Traits(2.2, 0.06, 0.09, 80e-6, 1e-6) for name in errors}
-    priced = {f"indi@{limit:g}": Traits(limit, 0.05, 0.1 / limit, 1e-4, 1e-6) for limit in (1.6, 3.0)}
-    return Evaluation(found, {"laboratory": told, "outdoor": told, PRICED: priced})
 
 
 def verdicts(found):

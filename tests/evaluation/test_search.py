@@ -288,3 +288,35 @@ def test_the_tolerated_delay_is_the_longest_without_a_crash(laboratory, flown):
     assert delay_stood([laboratory, other], 0.1, budget=budget, first_sample=14) == pytest.approx(0.1)
     flown(None, lambda *_: 1.0)
     assert delay_stood([laboratory], 0.1, budget=budget) == 0.0
+
+
+def test_predictions_of_the_limit_are_trusted_more_from_round_to_round(laboratory, flown, monkeypatch):
+    """The doubt falls in equal steps, so that in the last round it is one step from zero."""
+    flown(bowl)
+    doubts = []
+    monkeypatch.setattr(tuning._Known, "penalties", lambda known, points, doubt: doubts.append(doubt) or 0.0)
+    budget = Budget(rounds=5, candidates=8, samples=1, steps=1)
+    tune([laboratory], [K_P, K_D], lambda scenario: np.array([9.0]), budget=budget)
+    np.testing.assert_allclose(doubts[::2], tuning._DOUBT * np.array([1.0, 0.8, 0.6, 0.4, 0.2]))
+    assert doubts[1::2] == doubts[::2]
+
+
+def test_the_limit_is_predicted_as_soon_as_there_is_one_point_more_than_a_plane_needs():
+    known = tuning._Known(2)
+    far_beyond = np.array([[0.5, 0.5]])
+    for count, point in enumerate(([0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]), start=1):
+        known.add(np.array(point), np.array([0.6]))
+        assert known.penalties(far_beyond, 0.0).any() == (count == 4)
+
+
+def test_local_searches_end_a_little_within_the_limit(laboratory, flown):
+    """Predictions are not exact, so a fifth of a per cent of the limit is kept in reserve."""
+    flown(bowl)
+    shares, ends = [], []
+
+    def limit(scenario):
+        shares.append(2.0 / scenario.control.position.k_p[0])
+        return np.array([shares[-1], 9.0])
+
+    tune([laboratory], [K_P, K_D], limit, budget=BUDGET, progress=lambda: ends.append(shares[-1]))
+    np.testing.assert_allclose(ends[-3:], 1.002, rtol=1e-4)

@@ -199,7 +199,7 @@ def _frames(flight: Flight, frames_per_second: float, last: int) -> list[tuple[i
     """
     count = int(np.floor(flight.time[-1] * frames_per_second)) + 1
     ticks = np.searchsorted(flight.time, np.arange(count) / frames_per_second + 1e-9, side="right") - 1
-    frames = list(enumerate(np.maximum(ticks, 0).tolist()))
+    frames = list(enumerate(ticks.tolist()))
     return frames if count > last else [*frames, (last, frames[-1][1])]
 
 

@@ -1,0 +1,120 @@
+"""The shipped designs are the entries of the evaluation with tuned numbers."""
+
+import pytest
+
+from drake_quad.evaluation.designs import design_file, designs_in, write_designs
+from drake_quad.evaluation.entries import entries_of
+from drake_quad.evaluation.families import FAMILIES
+from drake_quad.evaluation.protocol import _predictive, numbers_before
+from drake_quad.evaluation.results import PRICED, PRICED_CONTROLLERS, SENSITIVITIES, priced_name
+from drake_quad.scenario.paths import steps_of
+
+
+def numbers_in(design, paths):
+    """Return the numbers that a design has at some paths."""
+    found = []
+    for path in paths:
+        part = design
+        for step in steps_of(path):
+            part = part[int(step) if step.isdecimal() else step]
+        found.append(part)
+    return found
+
+
+@pytest.fixture(scope="module")
+def designs(diagrams):
+    """The shipped designs by family, and those with other limits."""
+    return {name: designs_in(design_file(diagrams, name)) for name in (*FAMILIES, PRICED)}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FAMILIES)
+def test_a_shipped_design_differs_from_its_entry_only_in_its_tuned_numbers(name, designs):
+    family = FAMILIES[name]
+    entries = entries_of(on_board=family.on_board, maps=family.maps)
+    # The file of the laboratory has a design with less margin as well.
+    assert designs[name].keys() - {"indi_fast"} == entries.keys()
+    for key, entry in entries.items():
+        design = designs[name][key]
+        numbers = [numbers_in(design, knob.paths) for knob in entry.knobs]
+        for knob, found in zip(entry.knobs, numbers, strict=True):
+            assert len(set(found)) == 1
+            assert knob.low <= found[0] <= knob.high
+            # The report says that all ranges are a factor of ten or more wide.
+            assert knob.high >= 9.99 * knob.low
+        if entry.knobs:
+            assert entry.tree([found[0] for found in numbers]) == design
+        else:
+            assert design["control"]["kind"] == key
+    for key in PRICED_CONTROLLERS:
+        for limit in SENSITIVITIES if name == "laboratory" else ():
+            design, knobs = designs[PRICED][priced_name(key, limit)], entries[key].knobs
+            if knobs:
+                assert entries[key].tree([numbers_in(design, knob.paths)[0] for knob in knobs]) == design
+
+
+def test_an_entry_says_how_a_controller_is_flown_and_trained():
+    entries = entries_of(on_board=False, maps=True)
+    assert [name for name, each in entries.items() if each.slow] == ["mpc"]
+    assert [name for name, each in entries.items() if each.laps] == [name for name in entries if name.endswith("_map")]
+    for name, each in entries.items():
+        assert each.around == (name.partition("_t1")[0].partition("_t2")[0] if "fnn" in name else "")
+        assert each.words == "LQG" or not each.around or each.words.startswith(f"{entries[each.around].words} + type ")
+        assert each.around or ("lag" in each.told) == ("lag" in str(each.knobs) or name == "lqg")
+    assert len({each.words for each in entries.values()}) == len(entries)
+    without = entries_of(on_board=False, maps=False)
+    assert entries.keys() - without.keys() == {name for name, each in entries.items() if each.laps}
+    assert entries.keys() - entries_of(on_board=True, maps=True).keys() == {"geometric"}
+
+
+def test_the_middle_of_the_ranges_is_that_of_their_logarithms():
+    entry = entries_of(on_board=True, maps=False)["pd"]
+    tree = entry.middle()
+    for knob in entry.knobs:
+        for number in numbers_in(tree, knob.paths):
+            assert number / knob.low == pytest.approx(knob.high / number, rel=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FAMILIES)
+def test_model_predictive_control_is_the_regulator_of_lqg_with_a_horizon(name, designs, tmp_path):
+    path = tmp_path / "designs.yaml"
+    assert list(_predictive(path)) == []
+    path.write_text("lqg:\n  control: {kind: lqg, kalman: [1.0, 2.0]}\n", encoding="utf-8")
+    assert [each.name for each in _predictive(path)] == ["mpc"]
+    assert designs_in(path)["mpc"] == {"control": {"kind": "mpc", "kalman": [1.0, 2.0], "horizon": 0.6}}
+    shipped = designs[name]
+    assert shipped["mpc"]["control"] == {**shipped["lqg"]["control"], "kind": "mpc", "horizon": 0.6}
+
+
+@pytest.mark.slow
+def test_the_numbers_of_an_earlier_design_are_read_from_its_file(diagrams, designs, tmp_path):
+    family = FAMILIES["laboratory"]
+    path = design_file(diagrams, "laboratory")
+    entries = entries_of(on_board=False, maps=True)
+    for key in ("indi", "pd_t2fnn"):
+        expected = [numbers_in(designs["laboratory"][key], knob.paths)[0] for knob in entries[key].knobs]
+        assert numbers_before(diagrams, family, path, key, entries[key]) == expected
+    assert numbers_before(diagrams, family, tmp_path / "none.yaml", "pd", entries["pd"]) is None
+    # A design of another kind has no such numbers.
+    assert numbers_before(diagrams, family, path, "pd", entries["pid"]) is None
+
+
+def plain(tree):
+    """Return a tree without what YAML keeps of its style."""
+    if isinstance(tree, dict):
+        return {key: plain(part) for key, part in tree.items()}
+    return [plain(part) for part in tree] if isinstance(tree, list) else tree
+
+
+@pytest.mark.slow
+def test_designs_that_are_written_again_leave_the_text_of_their_file_as_it_is(diagrams, tmp_path):
+    path = design_file(diagrams, "neural_fly")
+    copy = tmp_path / "designs.yaml"
+    copy.write_bytes(path.read_bytes())
+    write_designs(copy, plain(designs_in(copy)), said={})
+    assert copy.read_text(encoding="utf-8") == path.read_text(encoding="utf-8")
+    text = copy.read_text(encoding="utf-8")
+    assert "attitude: null" in text
+    write_designs(copy, {}, said={}, head="Two\nlines")
+    assert copy.read_text(encoding="utf-8").startswith("# Two\n# lines\n")

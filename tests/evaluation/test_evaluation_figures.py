@@ -1,0 +1,219 @@
+"""The figures of the evaluation show the numbers of invented flights."""
+
+import numpy as np
+import pytest
+from invented_flights import evaluation, flights
+
+from drake_quad.evaluation.answers import WORDS, cut, effects
+from drake_quad.evaluation.families import FAMILIES
+from drake_quad.evaluation.figures import (
+    errors_figure,
+    evaluation_figures,
+    laps_figure,
+    margins_figure,
+    networks_figure,
+    networks_of,
+    parts_of,
+)
+from drake_quad.evaluation.results import Evaluation
+from drake_quad.studies.statistics import mean_interval, of_survivors
+
+PLACES = ("no wind", "low wind", "high wind", "outdoor")
+
+
+def centimetres(metrics):
+    return mean_interval(100.0 * of_survivors(metrics, "rmse"))
+
+
+def ticks(axis):
+    """Return the positions of the ticks of an axis and their labels."""
+    return axis.get_ticklocs().tolist(), [text.get_text() for text in axis.get_ticklabels()]
+
+
+def test_only_figures_that_have_flights_are_drawn():
+    found = evaluation()
+    drawn = dict(evaluation_figures(found))
+    assert list(drawn) == ["errors", "networks", "margins", "laps"]
+    labels = {name: [(axes.get_xlabel(), axes.get_ylabel()) for axes in figure.axes] for name, figure in drawn.items()}
+    assert drawn["errors"].get_supxlabel() == "RMSE (cm)"
+    assert labels["networks"] == [("RMSE less than without the network (%)", "")]
+    sensitivity, delay = "peak sensitivity", "further delay without a crash (ms)"
+    assert labels["margins"] == [(sensitivity, "RMSE in high wind (cm)"), (delay, "")]
+    assert labels["laps"] == [("lap", "RMSE (cm)")]
+    for name in ("margins", "laps"):
+        (legend,) = drawn[name].legends
+        assert [text.get_text() for text in legend.texts] == drawn[name].axes[0].get_legend_handles_labels()[1]
+        assert len(legend.texts) == 2
+    few = Evaluation({"outdoor": {"pd": found.flights["outdoor"]["pd"]}}, {"outdoor": found.traits["outdoor"]})
+    assert [name for name, _ in evaluation_figures(few)] == ["errors"]
+
+
+def test_parts_of_a_name_are_a_controller_and_the_kind_of_its_network():
+    assert parts_of("pid_t2fnn") == ("pid", "t2fnn")
+    assert parts_of("pd_t2fnn_map") == ("pd", "t2fnn_map")
+    assert parts_of("disturbance_observer") == ("disturbance_observer", "")
+
+
+def test_the_errors_figure_has_a_mark_and_an_interval_for_each_controller_and_laboratory():
+    found = evaluation(crashed=range(8))
+    for place in ("robustness", "still air"):
+        found.flights[place] = {"pd": flights(0.9), "indi": flights(0.01, own=1)}
+    names = ["pd", "indi", "pd_t1fnn", "pd_t2fnn", "indi_t2fnn"]
+    figure = errors_figure(found)
+    shown = [axes for axes in figure.axes if axes.get_visible()]
+    titles = ["no wind", "low wind", "high wind", "outdoor", "robustness", "still air"]
+    assert [axes.get_title().split("\n")[-1] for axes in shown] == titles
+    assert shown[0].get_title() == "laboratory\nno wind"
+    assert shown[3].get_title() == "outdoor"
+    assert ticks(shown[0].yaxis) == ([*range(5)], [WORDS[name] for name in names])
+    looks = {}
+    for axes, place in zip(shown, titles, strict=True):
+        flown = [name for name in names if name in found.flights[place]]
+        low, high = axes.get_xlim()
+        for name, interval, mark in zip(flown, axes.lines[::2], axes.lines[1::2], strict=True):
+            row, mean = names.index(name), centimetres(found.flights[place][name])
+            np.testing.assert_allclose(interval.get_xydata(), [[mean.low, row], [mean.high, row]])
+            np.testing.assert_allclose(mark.get_xydata(), [[mean.value, row]])
+            assert (mark.get_fillstyle() == "none") == ((name, place) == ("pd_t2fnn", "outdoor"))
+            assert interval.get_color() == mark.get_color()
+            looks.setdefault(name, set()).add((mark.get_color(), mark.get_marker()))
+            assert low * 1.2 < mean.low < mean.high < high / 1.2
+        assert axes.get_ylim() == (pytest.approx(len(names) - 0.5, abs=0.2), pytest.approx(-0.5, abs=0.2))
+        at, written = ticks(axes.xaxis)
+        assert len(at) >= 3
+        assert low <= min(at) < max(at) <= high
+        assert written == [f"{each:g}" for each in at]
+        # Numbers are round and have room.
+        assert {f"{each:e}".partition("e")[0].rstrip(".0") for each in at} <= {"1", "2", "3", "5"}
+        assert min(np.diff(np.log10(at))) > 0.06 * np.log10(high / low)
+        assert not len(axes.xaxis.get_minorticklocs())
+        assert axes.get_xscale() == "log"
+    # A controller has one colour with and without a network, and a kind of network has one mark.
+    ((color, mark),) = looks["pd"]
+    assert looks["pd_t2fnn"] == {(color, looks["indi_t2fnn"].copy().pop()[1])}
+    assert looks["pd_t1fnn"] != looks["pd_t2fnn"]
+    assert looks["indi"].copy().pop()[0] == looks["indi_t2fnn"].copy().pop()[0] != color
+    assert looks["indi"].copy().pop()[1] == mark
+
+
+def test_errors_without_a_survivor_are_not_drawn():
+    lost = Evaluation({"outdoor": {"pd": flights(0.2, crashed=range(40)), "indi": flights(0.1)}}, {})
+    (axes,) = errors_figure(lost).axes
+    assert [line.get_ydata()[0] for line in axes.lines] == [1, 1]
+
+
+def test_the_networks_figure_has_a_row_for_each_network_and_a_mark_for_each_laboratory():
+    found = evaluation(network=0.9, other=0.8)
+    found.flights["high wind"]["pd_t2fnn_map"] = flights(0.5, own=1)
+    cuts = networks_of(found)
+    assert list(cuts) == ["pd_t1fnn", "pd_t2fnn", "pd_t2fnn_map", "indi_t2fnn"]
+    assert [*cuts["pd_t1fnn"]] == [*PLACES]
+    assert cuts["pd_t2fnn"]["outdoor"] == cut(effects(found, "pd_t2fnn", "pd")["outdoor"])
+    figure = networks_figure(found)
+    (axes,) = figure.axes
+    zero, *lines = axes.lines
+    assert set(zero.get_xdata()) == {0.0}
+    shown = iter(zip(lines[::2], lines[1::2], strict=True))
+    (legend,) = figure.legends
+    colors = {text.get_text(): line.get_color() for text, line in zip(legend.texts, legend.get_lines(), strict=True)}
+    assert list(colors) == list(FAMILIES)
+    assert len(set(colors.values())) == 4
+    low, high = axes.get_xlim()
+    for row, by_place in enumerate(cuts.values()):
+        heights = []
+        for place, each in by_place.items():
+            interval, mark = next(shown)
+            family = "outdoor" if place == "outdoor" else "laboratory"
+            assert interval.get_color() == mark.get_color() == colors[family]
+            np.testing.assert_allclose(interval.get_xdata(), [100.0 * each.low, 100.0 * each.high])
+            np.testing.assert_allclose(mark.get_xdata(), 100.0 * each.value)
+            np.testing.assert_allclose(interval.get_ydata(), mark.get_ydata()[0])
+            heights.append(float(mark.get_ydata()[0]) - row)
+            assert low < 100.0 * each.low < 100.0 * each.high < high
+        # Marks of one row stand apart, in order, and nearer to their row than to the next one.
+        assert sorted(heights) == heights
+        assert max(np.abs(heights)) < 0.5
+        assert len(set(heights)) == len(by_place)
+    assert next(shown, None) is None
+    at, written = ticks(axes.yaxis)
+    assert (at, written) == ([*range(4)], [WORDS[name] for name in cuts])
+    bottom, top = axes.get_ylim()
+    assert (bottom, top) == (3.5, -0.5)
+    at, written = ticks(axes.xaxis)
+    assert [float(text) for text in written] == at
+    assert not len(axes.xaxis.get_minorticklocs())
+    worst = min(each.low for by_place in cuts.values() for each in by_place.values())
+    assert 100.0 * worst > low > 150.0 * worst
+
+
+def test_small_changes_by_networks_are_shown_within_six_per_cent():
+    found = evaluation(network=0.999, other=0.999)
+    low, high = networks_figure(found).axes[0].get_xlim()
+    assert -8.0 < low < -6.0
+    assert 6.0 < high < 8.0
+
+
+def test_large_changes_by_networks_do_not_hide_small_ones():
+    """The scale is logarithmic beyond 10 %, and a network that makes the error thirty times as large is cut off."""
+    axes = networks_figure(evaluation(network=30.0, other=0.0001)).axes[0]
+    assert axes.get_xscale() == "symlog"
+    assert axes.xaxis.get_transform().linthresh == 10.0
+    assert axes.get_xlim() == (-400.0, 110.0)
+
+
+def test_the_margins_figure_shows_errors_over_the_peak_sensitivity_and_over_the_delay():
+    found = evaluation()
+    figure = margins_figure(found)
+    errors = {name: centimetres(each).value for name, each in found.flights["high wind"].items()}
+    expected = [errors["indi@1.6"], errors["indi"], errors["indi@3"]]
+    for axes, line, plain in zip(figure.axes, ([1.6, 2.2, 3.0], [62.5, 90.0, 100.0 / 3.0]), (2.2, 90.0), strict=True):
+        priced, *others = axes.lines
+        np.testing.assert_allclose(priced.get_xydata(), np.transpose([line, expected]))
+        assert [other.get_label() for other in others] == ["PD", "INDI"]
+        np.testing.assert_allclose(
+            [other.get_xydata()[0] for other in others], [[plain, errors["pd"]], [plain, errors["indi"]]]
+        )
+        assert priced.get_color() == others[1].get_color() != others[0].get_color()
+        low, high = axes.get_xlim()
+        assert low <= min(line)
+        assert high >= max(line)
+    left, right = figure.axes
+    assert left.get_shared_y_axes().joined(left, right)
+    assert left.get_yscale() == right.get_yscale() == "log"
+    assert not len(left.yaxis.get_minorticklocs())
+    assert left.get_xlim() == (pytest.approx(1.5, abs=0.05), 3.1)
+    assert right.get_xlim() == (0.0, 100.0)
+    at, written = ticks(left.yaxis)
+    assert at == [3, 5, 10, 20]
+    assert written == ["3", "5", "10", "20"]
+
+
+def test_the_margins_figure_shows_all_designs_beyond_its_usual_limits():
+    found = evaluation()
+    told = found.traits["laboratory"]
+    told["pd"] = told["pd"]._replace(sensitivity=1.2, delay_flown=0.25)
+    told["indi"] = told["indi"]._replace(sensitivity=4.0, delay_flown=np.inf)
+    left, right = margins_figure(found).axes
+    assert left.get_xlim()[0] < 1.2
+    assert left.get_xlim()[1] > 4.0
+    assert right.get_xlim()[1] > 250.0
+    # A delay that no flight limits has no place on the axis.
+    assert np.isnan(right.lines[-1].get_xdata()[0])
+
+
+def test_the_laps_figure_shows_errors_lap_by_lap():
+    found = evaluation()
+    figure = laps_figure(found, ["pd"])
+    (axes,) = figure.axes
+    for container, controller in zip(axes.containers, ("pd", "pd_t2fnn_map"), strict=True):
+        means = [centimetres(found.flights[f"high wind, lap {lap}"][controller]) for lap in (1, 2, 3)]
+        curve, _, (bars,) = container
+        assert container.get_label() == WORDS[controller]
+        np.testing.assert_allclose(curve.get_xydata(), [[i, mean.value] for i, mean in enumerate(means, start=1)])
+        for i, (bar, mean) in enumerate(zip(bars.get_segments(), means, strict=True), start=1):
+            np.testing.assert_allclose(bar, [[i, mean.low], [i, mean.high]])
+    assert axes.get_ylim()[0] == 0.0
+    assert axes.get_xticks().tolist() == [1, 2, 3]
+    without, with_map = (container[0] for container in axes.containers)
+    assert without.get_linestyle() != with_map.get_linestyle()
+    assert without.get_color() == with_map.get_color()

@@ -1,0 +1,248 @@
+"""What is flown to judge controllers, with flights that are only recorded."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from drake_quad import load_scenario
+from drake_quad.evaluation import judging, protocol
+from drake_quad.evaluation.designs import design_file, designs_in, write_designs
+from drake_quad.evaluation.entries import entries_of
+from drake_quad.evaluation.families import FAMILIES, FIRST_JUDGED, Family, laps_of
+from drake_quad.evaluation.judging import QUICK, Sizes, judge_family, judge_laps, judge_prices, missing
+from drake_quad.evaluation.results import PRICED_CONTROLLERS, SENSITIVITIES, Traits, in_laps, priced_name
+from drake_quad.evaluation.tuning import Budget, LoopLimit, Tuned
+
+SIZES = Sizes(samples=7, slow=3, laps=5, most_laps=3, delayed=4, most_frames=6)
+
+
+@pytest.fixture
+def told(monkeypatch):
+    """Replace flights and linear models by texts that say of what they are, and scenarios by their layers."""
+
+    def scenario(family, diagrams, place, layers=(), overrides=()):
+        return (place, *(layer.rpartition(":")[2] for layer in layers), *overrides)
+
+    monkeypatch.setattr(Family, "scenario", scenario)
+    monkeypatch.setattr(
+        judging, "_fly", lambda of, count, compiled=True: (("flown", of, count, compiled), f"time {of[0]}")
+    )
+    monkeypatch.setattr(judging, "worst_margins", lambda of: (f"peak {of}", f"delay {of}"))
+    monkeypatch.setattr(judging, "delay_flown", lambda of, sizes: f"stood {of} {sizes.delayed}")
+    monkeypatch.setattr(judging, "lone_time", lambda of, slow=False: f"lone {of} {slow}")
+
+
+def test_a_family_is_judged_in_each_of_its_laboratories(told, diagrams):
+    family = Family({"gale": "a", "calm": "b"}, ("calm",), "gale", on_board=False, maps=True)
+    found = list(judge_family(diagrams, "mine", family, ["pd", "pd_t2fnn_map", "mpc"], SIZES))
+    names = [name for _, name, _ in found]
+    assert names == ["pd"] * 3 + ["pd_t2fnn_map"] * 3 + ["mpc"] * 3
+    for i, name in enumerate(("pd", "pd_t2fnn_map", "mpc")):
+        slow = name == "mpc"
+        count = 3 if slow else 7
+        for place, flown in zip(("gale", "calm"), found[3 * i : 3 * i + 2], strict=True):
+            assert flown == (place, name, ("flown", (place, name), count, not slow))
+        # The margin of a network is that of the controller that it stands around.
+        base = ("calm", "mpc" if slow else "pd")
+        windy = ("gale", name)
+        stood = found[3 * i + 2][2].delay_flown
+        assert found[3 * i + 2] == (
+            "mine",
+            name,
+            Traits(f"peak {base}", f"delay {base}", stood, f"lone {windy} {slow}", "time gale"),
+        )
+        assert math.isnan(stood) if slow else stood == f"stood {windy} 4"
+
+
+def test_shorter_flights_are_those_of_all_laboratories_but_not_of_the_margins(told, diagrams):
+    family = FAMILIES["neural_fly"]
+    found = list(judge_family(diagrams, "neural_fly", family, ["indi_t2fnn_map"], SIZES._replace(duration=2.5)))
+    assert [place for place, *_ in found] == [*family.laboratories, "neural_fly"]
+    assert all(metrics[1][-1] == "duration=2.5" for *_, metrics in found[:-1])
+    assert found[-1][2].sensitivity == "peak ('8 m/s', 'indi')"
+    assert "duration=2.5" in found[-1][2].delay_flown
+    assert QUICK.overrides == ("duration=1.0",)
+    assert SIZES.overrides == ()
+
+
+def test_maps_and_what_they_stand_around_fly_all_numbers_of_laps(told, diagrams):
+    entries = ["pd", "pd_t2fnn", "indi", "indi_t2fnn_map", "lqg"]
+    found = list(judge_laps(diagrams, "laboratory", FAMILIES["laboratory"], entries, SIZES))
+    assert [each[:2] for each in found] == [
+        (in_laps(n), name) for name in ("indi", "indi_t2fnn_map") for n in (1, 2, 3)
+    ]
+    for place, name, metrics in found:
+        laps = int(place[-1])
+        assert metrics == ("flown", ("high wind", name, *laps_of(laps)), 5, True)
+    assert laps_of(3) == ("route.laps=3", "metrics.first_lap=3")
+
+
+def test_designs_with_other_limits_fly_in_high_wind(told, diagrams):
+    found = list(judge_prices(diagrams, FAMILIES["laboratory"], ["pd", "lqg"], SIZES._replace(duration=2.0)))
+    names = [priced_name("lqg", limit) for limit in SENSITIVITIES]
+    assert [each[:2] for each in found] == [(place, name) for name in names for place in ("high wind", "priced")]
+    short = ("high wind", names[0], "duration=2.0")
+    assert found[0][2] == ("flown", short, 7, True)
+    whole = ("high wind", names[0])
+    assert found[1][2] == Traits(
+        f"peak {whole}", f"delay {whole}", f"stood {short} 4", f"lone {short} False", "time high wind"
+    )
+
+
+def test_times_are_cpu_times_of_a_vehicle_a_tick(monkeypatch, diagrams):
+    """A flight of 4 s has 200 ticks of 20 ms. Three lone flights take 3 s, 1 s and, up to a crash after 1 s, 0.5 s."""
+    scenario = load_scenario(diagrams / "laboratory.yaml:nominal")
+    clock, made, flown = iter([0.0, 14.0, 20.0, 23.0, 30.0, 31.0, 40.0, 40.5]), [], []
+
+    class Fleet:
+        def __init__(self, scenario, count, *, compiled):
+            self.scenario, self.duration = scenario, 4.0
+            made.append((count, compiled))
+
+        def fly(self, samples):
+            flown.append([*samples])
+            return SimpleNamespace(crash_time=np.array([1.0 if samples[0] == FIRST_JUDGED + 2 else np.inf]))
+
+    monkeypatch.setattr(judging, "StudyFleet", Fleet)
+    monkeypatch.setattr(judging.time, "process_time", lambda: next(clock))
+    assert scenario.laboratory.command_link.period == 0.02
+    _, spent = judging.fly_judged(scenario, SIZES)
+    assert spent == pytest.approx(14.0 / 7.0 / 200.0)
+    assert judging.lone_time(scenario) == pytest.approx(1.0 / 200.0)
+    assert made == [(7, True), (1, True)]
+    assert flown == [[*range(FIRST_JUDGED, FIRST_JUDGED + 7)], *([FIRST_JUDGED + i] for i in range(3))]
+    clock = iter(range(20))
+    judging.fly_judged(scenario, SIZES, slow=True)
+    judging.lone_time(scenario, slow=True)
+    assert made[2:] == [(3, False), (1, False)]
+
+
+@pytest.mark.parametrize(
+    ("crashes_from", "expected"), [(0.0, -0.01), (1.0, 0.0), (4.0, 0.03), (6.0, 0.05), (7.0, math.inf)]
+)
+def test_the_delay_that_is_flown_is_one_frame_less_than_the_first_that_crashes(
+    monkeypatch, diagrams, crashes_from, expected
+):
+    scenario = load_scenario(diagrams / "laboratory.yaml:nominal")
+    own, seen = scenario.laboratory.motion_capture.latency_frames, []
+
+    def simulate(batch, plan, *, compiled):
+        late = batch.varying[judging.LATENCY] - own
+        seen.append((late.tolist(), batch.samples))
+        # Only one of the samples crashes.
+        crashed = (late >= crashes_from) & (np.array(batch.samples) == FIRST_JUDGED + 2)
+        return SimpleNamespace(fly=seen.append, metrics=lambda: SimpleNamespace(crashed=crashed))
+
+    monkeypatch.setattr(judging, "simulate_fleet", simulate)
+    assert judging.delay_flown(scenario, SIZES) == pytest.approx(expected)
+    (late, samples), duration = seen
+    assert late == [float(frames) for frames in range(7) for _ in range(4)]
+    assert samples == (*range(FIRST_JUDGED, FIRST_JUDGED + 4),) * 7
+    assert duration > 10.0
+
+
+def test_margins_are_those_of_the_worst_loop(monkeypatch, diagrams):
+    scenario = load_scenario(diagrams / "laboratory.yaml:nominal")
+    loops = {
+        "one": SimpleNamespace(sensitivity=2.0, delay=0.04),
+        "two": SimpleNamespace(sensitivity=1.5, delay=0.03),
+        "none": None,
+    }
+    monkeypatch.setattr(judging, "link_margins", lambda of: loops)
+    assert judging.worst_margins(scenario) == (2.0, 0.03)
+
+    def unknown(of):
+        raise judging.InputError("no linear model")
+
+    monkeypatch.setattr(judging, "link_margins", unknown)
+    assert all(map(math.isnan, judging.worst_margins(scenario)))
+
+
+def test_designs_that_a_file_lacks_are_named(tmp_path):
+    path = write_designs(tmp_path / "designs.yaml", {"pd": {"control": {}}}, said={})
+    assert missing({"pd": None, "indi": None}, path) == ["indi"]
+
+
+@pytest.fixture
+def tuned(monkeypatch):
+    """Replace searches by the middle of the ranges, and keep what they are asked for."""
+    kept = []
+
+    def tune(scenarios, knobs, shares, *, budget, later=0.0, before=None, progress=None):
+        kept.append((scenarios, shares, budget, later, before))
+        numbers = tuple(math.sqrt(knob.low * knob.high) for knob in knobs)
+        return Tuned(numbers, 0.1234, 0.876 if shares is None else 1.7)
+
+    monkeypatch.setattr(protocol, "tune", tune)
+    return kept
+
+
+@pytest.mark.slow
+def test_designs_for_other_limits_are_written_beside_those_that_are_there(tuned, monkeypatch, diagrams, tmp_path):
+    """INDI is tuned by the search and LQG by its designer, each under four limits."""
+    lqg, limits = load_scenario(diagrams / "laboratory.yaml:nominal"), []
+    folder = tmp_path / "diagrams"
+    (folder / "controllers" / "designed").mkdir(parents=True)
+    winds = (f"{wind}: {{extends: '{diagrams}/laboratory.yaml:{wind}'}}\n" for wind in ("low_wind", "high_wind"))
+    (folder / "laboratory.yaml").write_text("".join(winds), encoding="utf-8")
+    monkeypatch.setattr(protocol, "design_lqg", lambda place, wanted: limits.append((place, wanted)) or lqg)
+    monkeypatch.setattr(LoopLimit, "shares_met", lambda limit, scenario: limit.sensitivity)
+    budget = Budget(rounds=2, candidates=4)
+    made = list(protocol.design_prices(folder, budget=budget))
+    path = design_file(folder, "priced")
+    names = [priced_name(name, limit) for name in PRICED_CONTROLLERS for limit in SENSITIVITIES]
+    assert [each.name for each in made] == [*designs_in(path)] == names
+    assert list(path.parent.iterdir()) == [path]
+    assert path.read_text(encoding="utf-8").startswith(
+        "# Controllers for laboratory.yaml with other limits on the peak sensitivity"
+    )
+    entry = entries_of(on_board=False, maps=False)["indi"]
+    assert designs_in(path)["indi@1.6"] == entry.middle()
+    for (scenarios, shares, given, later, _), limit in zip(tuned, SENSITIVITIES, strict=True):
+        assert [each.name for each in scenarios] == ["low_wind", "high_wind"]
+        assert shares(scenarios[0]) == limit
+        assert (given, later) == (budget, 0.0)
+    assert made[0].words == f"{len(entry.knobs)} numbers tuned in 2 rounds, 12.34 cm in training"
+    assert [wanted.sensitivity for _, wanted in limits] == [*SENSITIVITIES]
+    assert {(place.name, wanted.delay) for place, wanted in limits} == {("high_wind", 0.05)}
+    assert designs_in(path)["lqg@3"]["control"] == lqg.control.model_dump(mode="json", exclude_none=True)
+    assert made[-1].words == "by its designer"
+
+
+@pytest.mark.slow
+def test_a_network_is_tuned_without_a_linear_limit_but_with_late_frames(tuned, monkeypatch, diagrams, tmp_path):
+    """The frames are as late as the controller alone tolerates, which keeps the file's earlier numbers."""
+    folder = tmp_path / "diagrams"
+    (folder / "controllers" / "designed").mkdir(parents=True)
+    (folder / "mine.yaml").write_text(f"mine: {{extends: '{diagrams}/laboratory.yaml:low_wind'}}\n", encoding="utf-8")
+    family = Family({"low wind": "mine.yaml"}, ("low wind",), "low wind", laps=laps_of(2), maps=True)
+    asked = []
+
+    def stood(scenarios, most, *, budget):
+        asked.append((scenarios, most, budget))
+        return 0.03
+
+    monkeypatch.setattr(protocol, "delay_stood", stood)
+    entries = {name: entries_of(on_board=False, maps=True)[name] for name in ("pd", "pd_t2fnn", "pd_t2fnn_map")}
+    budget = Budget(rounds=3)
+    made = list(protocol.design_family(folder, "mine", family, entries, budget=budget, limit=LoopLimit(2.5, 0.04)))
+    late = "numbers tuned in 3 rounds, 12.34 cm in training, also 30 ms late, with 88 % of the limit"
+    assert [each.words for each in made] == [
+        "6 numbers tuned in 3 rounds, 12.34 cm in training",
+        *(f"{len(entries[name].knobs)} {late}" for name in ("pd_t2fnn", "pd_t2fnn_map")),
+    ]
+    assert [(shares is None, later, before) for _, shares, _, later, before in tuned] == [
+        (False, 0.0, None), (True, 0.03, None), (True, 0.03, None),
+    ]  # fmt: skip
+    assert [(most, given) for _, most, given in asked] == [(0.04, budget)] * 2
+    assert all(alone[0].control.network is None for alone, *_ in asked)
+    # Only networks over the position are trained in laps.
+    assert [scenarios[0].route.laps for scenarios, *_ in tuned] == [1, 1, 2]
+    again = list(protocol.design_family(folder, "mine", family, {"pd": entries["pd"]}, budget=budget))
+    assert tuned[-1][4] == pytest.approx([math.sqrt(knob.low * knob.high) for knob in entries["pd"].knobs], rel=1e-3)
+    assert [each.name for each in again] == ["pd"]
+    text = design_file(folder, "mine").read_text(encoding="utf-8")
+    assert "family mine of" in text
+    assert "peak sensitivity of 2.2 and a delay margin of 50 ms" in text

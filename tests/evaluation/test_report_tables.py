@@ -1,0 +1,246 @@
+"""The tables and sentences of the report, about invented flights."""
+
+import numpy as np
+import pytest
+from invented_flights import COUNT, evaluation, flights
+from test_answers import verdicts
+
+from drake_quad.evaluation.answers import (
+    WORDS,
+    all_answers,
+    beside,
+    best_in,
+    cut,
+    delay_words,
+    effects,
+    laps_flown,
+    priced,
+)
+from drake_quad.evaluation.entries import entries_of
+from drake_quad.evaluation.families import FAMILIES, FIRST_JUDGED
+from drake_quad.evaluation.report import FIGURES, machine, report_markdown, write_summary
+from drake_quad.evaluation.results import Traits, in_laps
+from drake_quad.evaluation.tuning import Budget, LoopLimit
+from drake_quad.files import read_table
+from drake_quad.studies.statistics import mean_interval, of_survivors, share_interval
+
+
+def rows_of(text):
+    """Return the cells of all rows of all tables of a report."""
+    return [[cell.strip() for cell in line.strip("|").split(" | ")] for line in text.split("\n") if line[:2] == "| "]
+
+
+def centimetres(metrics, name="rmse"):
+    return mean_interval(of_survivors(metrics, name)).text(size=0.01)
+
+
+@pytest.fixture(scope="module")
+def found():
+    found = evaluation(crashed=range(8))
+    found.flights["outdoor"]["mpc"] = flights(0.3).taken(slice(10))
+    nan = float("nan")
+    found.traits["outdoor"] = found.traits["outdoor"] | {"mpc": Traits(nan, nan, nan, 9e-4, nan)}
+    return found
+
+
+def test_a_delay_in_words():
+    delays = (np.nan, -0.01, 0.0, 0.0624, np.inf)
+    assert [delay_words(delay) for delay in delays] == ["–", "none", "0 ms", "62 ms", "all tried"]
+
+
+def test_a_controller_with_fewer_samples_is_compared_on_the_first_ones():
+    many, few = flights(0.3), flights(0.2, own=1).taken(slice(10))
+    for one, other in ((many, few), (few, many)):
+        assert beside(one, other) == beside(*(each.taken(slice(10)) for each in (one, other)))
+
+
+def test_a_controller_with_fewer_samples_is_best_only_as_an_equal():
+    found = evaluation()
+    found.flights["outdoor"] = {"pd": flights(0.2), "indi": flights(0.2001, own=9).taken(slice(10))}
+    assert best_in(found, "outdoor") == ["pd", "indi"]
+    found.flights["outdoor"]["indi"] = flights(0.1).taken(slice(10))
+    assert best_in(found, "outdoor") == ["pd"]
+    # If all crash often, the best of them is still named. Designs with other limits are no candidates.
+    found.flights["outdoor"] = {"pd": flights(0.2, crashed=range(9)), "indi@3": flights(0.1)}
+    assert best_in(found, "outdoor") == ["pd"]
+
+
+def test_a_network_with_more_crashes_does_not_hold_even_if_its_error_is_smaller():
+    found = evaluation(crashed=range(8))
+    for place in FAMILIES["laboratory"].laboratories:
+        del found.flights[place]["pd_t2fnn"]
+    (answer,) = (each for each in all_answers(found) if each.statement.endswith("around PD makes its error smaller"))
+    assert answer.verdict == "does not hold"
+    assert "RMSE is less by 28." in answer.evidence
+    # A baseline that crashes more often is no reason against it.
+    found.flights["outdoor"]["pd"] = flights(0.2, crashed=range(20, 40))
+    found.flights["outdoor"]["pd_t2fnn"] = flights(0.1, own=2)
+    assert verdicts(found)[answer.statement] == "holds"
+
+
+def test_a_network_is_said_to_keep_the_delay_of_each_family():
+    found = evaluation()
+    found.traits["outdoor"] = {**found.traits["outdoor"], "pd_t2fnn": Traits(2.2, 0.06, 0.04, 1e-4, 1e-6)}
+    answer = all_answers(found)[0]
+    assert answer.evidence.endswith(
+        "; the delay that it stands goes from 90 ms to 90 ms (laboratory), 90 ms to 40 ms (outdoor)"
+    )
+
+
+def test_a_comparison_needs_both_controllers():
+    found = evaluation()
+    assert "no wind" in effects(found, "pd_t1fnn", "pd")
+    del found.flights["no wind"]["pd_t1fnn"]
+    assert "no wind" not in effects(found, "pd_t1fnn", "pd")
+    assert effects(found, "l1", "pd") == {}
+    statements = [each.statement for each in all_answers(found)]
+    assert not any("L1" in each or "over the position are better" in each for each in statements)
+    assert laps_flown(found, "pd_t2fnn_map") == [1, 2, 3]
+    del found.flights[in_laps(2)]["pd_t2fnn_map"]
+    assert laps_flown(found, "pd_t2fnn_map") == [1]
+    assert not any(each.statement.startswith("in laps") for each in all_answers(found))
+
+
+def test_designs_are_ordered_by_their_peak_sensitivity():
+    found = evaluation()
+    assert [each.sensitivity for each, _ in priced(found, "indi")] == [1.6, 2.2, 3.0]
+    assert priced(found, "lqg") == []
+    errors = [metrics.rmse.mean() for _, metrics in priced(found, "indi")]
+    assert errors == [found.flights["high wind"][name].rmse.mean() for name in ("indi@1.6", "indi", "indi@3")]
+
+
+def test_a_row_of_a_family_has_errors_crashes_effort_and_traits(found):
+    text = report_markdown(found, all_answers(found), [])
+    rows, outdoor = rows_of(text), found.flights["outdoor"]
+    # The metrics of invented flights are 0.25 and so on: a peak error of 3.25 m, efforts of 4.25, 5.25 and 6.25.
+    (network,) = (row for row in rows if row[0] == "PD + type 2" and len(row) == 10)
+    peak = centimetres(outdoor["pd_t2fnn"], "peak_error")
+    assert network == [
+        "PD + type 2", centimetres(outdoor["pd_t2fnn"]), "8", peak, "15.75", "2.20", "60", "90", "80", "1.00",
+    ]  # fmt: skip
+    assert peak.startswith("325")
+    (mpc,) = (row for row in rows if row[0].startswith("MPC") and len(row) == 10)
+    assert mpc[0] == "MPC (10 samples)"
+    assert mpc[1:3] == [centimetres(outdoor["mpc"]), "0"]
+    assert mpc[-5:] == ["–", "–", "–", "900", "–"]
+    (pd,) = (row for row in rows if row[0] == "PD" and len(row) == 12)
+    assert pd[1:4] == [centimetres(found.flights[place]["pd"]) for place in FAMILIES["laboratory"].laboratories]
+    assert pd[4] == "0"
+    assert f"Crashes: PD + type 2 in outdoor {share_interval(8, COUNT).percent()}." in text
+    assert text.count("Crashes: ") == 1
+    assert "### robustness\n\nNo controller was flown here." in text
+
+
+def test_crashes_are_listed_laboratory_by_laboratory():
+    found = evaluation()
+    found.flights["high wind"]["pd"] = flights(0.2, crashed=range(40))
+    rows = rows_of(report_markdown(found, all_answers(found), []))
+    (pd,) = (row for row in rows if row[0] == "PD" and len(row) == 12)
+    assert pd[4] == "0, 0, 40"
+    # Nobody is left, so there is no effort.
+    assert pd[6] == "–"
+
+
+def test_designs_with_other_limits_have_rows(found):
+    rows = rows_of(report_markdown(found, all_answers(found), []))
+    errors = [centimetres(found.flights["high wind"][f"indi@{limit}"]) for limit in ("1.6", "3")]
+    assert [row for row in rows if row[0] == "INDI" and len(row) == 9] == [
+        ["INDI", "1.6", errors[0], "0", "1.60", "50", "62", "100", "1.00"],
+        ["INDI", "3", errors[1], "0", "3.00", "50", "33", "100", "1.00"],
+    ]
+    without = evaluation()
+    del without.traits["priced"]
+    assert "None were flown." in report_markdown(without, all_answers(without), [])
+
+
+def test_the_report_names_the_protocol_that_is_used(found):
+    answers = all_answers(found)
+    text = " ".join(report_markdown(found, answers, [*FIGURES]).split())
+    budget, limit = Budget(), LoopLimit()
+    for words in (
+        f"flown on {COUNT} samples in each of 4 laboratories",
+        f"Trained on {budget.samples} flights, of samples from 0 on; judged on samples from {FIRST_JUDGED} on",
+        f"{budget.rounds} rounds of {budget.candidates} candidates",
+        f"A peak sensitivity of at most {limit.sensitivity:g} and a delay margin of at least {1e3 * limit.delay:g} ms",
+        f"looked at for {budget.checks} candidates a round",
+        f"(COBYLA) of {budget.steps} steps",
+        "Trained in: laboratory: low wind and high wind; outdoor: outdoor;",
+        f"compiled, on {machine()};",
+    ):
+        assert words in text
+    assert all(f"figures/{name}.png" in text for name in FIGURES)
+    entries = entries_of(on_board=False, maps=True)
+    rows = rows_of(report_markdown(found, answers, []))
+    for each in entries.values():
+        tuned = f"the search, {len(each.knobs)} numbers" if each.knobs else "the designer of LQG"
+        assert [each.words, each.told, tuned] in rows
+
+
+def test_verdicts_are_counted_and_rules_name_their_answers(found):
+    answers = all_answers(found)
+    text = report_markdown(found, answers, [])
+    for each in answers:
+        assert [each.statement, each.evidence, f"**{each.verdict}**"] in rows_of(text)
+    (line,) = (line for line in text.split("\n") if line.startswith("That is "))
+    counts = [part.split(" × ") for part in line.removeprefix("That is ").partition(".")[0].split(", ")]
+    assert {verdict: int(number) for number, verdict in counts} == {
+        verdict: sum(each.verdict == verdict for each in answers) for verdict in {each.verdict for each in answers}
+    }
+    assert sorted((int(number) for number, _ in counts), reverse=True) == [int(number) for number, _ in counts]
+    for rule in {each.rule for each in answers}:
+        own = [str(i) for i, each in enumerate(answers, start=1) if each.rule == rule]
+        assert f"- {rule}: {', '.join(own)}\n" in text
+
+
+def test_entries_without_a_design_are_listed(found):
+    text = report_markdown(found, all_answers(found), [])
+    (line,) = (line for line in text.split("\n") if line.startswith("- outdoor: ") and " cm " not in line)
+    known = entries_of(on_board=False, maps=False)
+    names = [each.words for name, each in known.items() if name not in found.traits["outdoor"]]
+    assert line == f"- outdoor: {', '.join(names)}"
+    whole = evaluation()
+    for name, family in FAMILIES.items():
+        names = entries_of(on_board=family.on_board, maps=family.maps)
+        whole.traits[name] = dict.fromkeys(names, Traits(2.0, 0.1, 0.1, 1e-4, 1e-6))
+        for place in family.laboratories:
+            whole.flights[place] = {**whole.flights.get(place, {}), **dict.fromkeys(names, flights(0.1))}
+    assert "All have a design everywhere." in report_markdown(whole, all_answers(whole), [])
+
+
+def test_the_best_controller_of_each_laboratory_is_named_with_its_equals():
+    found = evaluation()
+    outdoor = found.flights["outdoor"]
+    best, equal = best_in(found, "outdoor")
+    assert {best, equal} == {"indi", "indi_t2fnn"}
+    mean = mean_interval(outdoor[best].rmse).text(unit="cm", size=0.01)
+    ratio = beside(outdoor["pd"], outdoor[best]).share.ratio()
+    line = f"- outdoor: {WORDS[best]}, {mean}; the tuned PD {ratio} times that; not told apart from {WORDS[equal]}\n"
+    assert line in report_markdown(found, all_answers(found), [])
+    # The PD is not compared with itself.
+    found.flights["outdoor"] = outdoor | {"pd": flights(0.01)}
+    mean = mean_interval(flights(0.01).rmse).text(unit="cm", size=0.01)
+    assert f"- outdoor: PD, {mean}\n" in report_markdown(found, all_answers(found), [])
+
+
+def test_the_summary_has_intervals_and_traits(found, tmp_path):
+    summary = read_table(write_summary(tmp_path / "summary.csv", found))
+    row = np.flatnonzero((summary["laboratory"] == "outdoor") & (summary["controller"] == "pd_t2fnn"))[0]
+    metrics = found.flights["outdoor"]["pd_t2fnn"]
+    mean, crashes = mean_interval(of_survivors(metrics, "rmse")), share_interval(8, COUNT)
+    for name, expected in (("rmse", mean), ("crashes", crashes)):
+        ends = [summary[f"{name}{end}"][row] for end in ("", "_low", "_high")]
+        np.testing.assert_allclose(ends, [expected.value, expected.low, expected.high], rtol=1e-5)
+    assert summary["family"][row] == "outdoor"
+    assert summary["samples"][row] == COUNT
+    assert summary["peak"][row] == 3.25
+    assert [summary[f"effort_{axis}"][row] for axis in "xyz"] == [4.25, 5.25, 6.25]
+    assert [summary[name][row] for name in Traits._fields] == [2.2, 0.06, 0.09, 80e-6, 1e-6]
+    flown = [(place, name) for place in ("no wind", "low wind", "high wind") for name in found.traits["laboratory"]]
+    flown += [("outdoor", name) for name in found.traits["outdoor"]]
+    assert list(zip(summary["laboratory"], summary["controller"], strict=True)) == flown
+
+
+def test_shares_that_are_cut_have_the_sign_of_the_change():
+    compared = effects(evaluation(network=1.1), "pd_t1fnn", "pd")["outdoor"]
+    assert cut(compared).value == pytest.approx(-0.1, abs=0.002)
+    assert cut(compared).low < cut(compared).value < cut(compared).high < 0.0

@@ -1,0 +1,64 @@
+"""How environments begin: their defaults, their seeds, and which episode counts as ended."""
+
+import numpy as np
+import pytest
+
+from drake_quad import InputError
+from drake_quad.gym import QuadrotorVectorEnv
+
+
+def hover(**options):
+    return QuadrotorVectorEnv("hover", {"duration": 0.2}, **options)
+
+
+def test_an_environment_has_one_vehicle_and_keeps_no_actions_by_default():
+    envs = hover()
+    assert envs.num_envs == 1
+    envs.reset(seed=0)
+    envs.step(np.zeros((1, 3)))
+    with pytest.raises(InputError, match="actions are not recorded"):
+        envs.flight()
+
+
+def test_more_vehicles_than_fit_into_memory_are_refused_at_once():
+    with pytest.raises(InputError, match="num_envs is"):
+        hover(num_envs=10**12)
+
+
+def test_a_seed_also_seeds_the_generator_of_the_environment():
+    envs = hover(num_envs=2)
+    envs.reset(seed=7)
+    assert envs.np_random_seed == 7
+    # The first reset draws a seed for vehicles that have none.
+    envs.reset(seed=7)
+    drawn = envs.np_random.random()
+    # Seeds of single vehicles and resets without a seed leave the generator alone.
+    envs.reset(seed=[1, 2])
+    envs.reset(seed=np.array([3, 4]))
+    envs.reset()
+    assert envs.np_random_seed == 7
+    envs.reset(seed=7)
+    assert envs.np_random.random() == drawn
+
+
+def test_options_without_a_mask_begin_all_vehicles_anew():
+    envs = hover(num_envs=2)
+    envs.reset(seed=1, options={})
+    envs.reset(options={"reset_mask": None})
+    assert [envs.episode(i).sample for i in range(2)] == [1, 1]
+    with pytest.raises(InputError, match="reset_mask must be 2 truth values, some of them true"):
+        envs.reset(options={"reset_mask": np.array([False, False])})
+
+
+@pytest.mark.parametrize("ticks", [1, 2])
+def test_the_last_ended_episode_is_one_that_was_flown(ticks):
+    """A reset ends an episode after one tick, but not an episode without any."""
+    envs = hover(num_envs=2, record=True)
+    envs.reset(seed=3)
+    for _ in range(ticks):
+        envs.step(np.full((2, 3), 0.1))
+    for _ in range(3):
+        envs.reset()
+    flight = envs.flight(1)
+    assert len(flight.time) == ticks + 1
+    assert (flight.scenario.seed, flight.scenario.sample) == (4, 0)

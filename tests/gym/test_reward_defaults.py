@@ -1,0 +1,36 @@
+"""The reward of an environment whose user gives none."""
+
+import numpy as np
+import pytest
+
+from drake_quad.gym.rewards import TrackingReward, Transition, has_crashed
+from drake_quad.signals import Reference, State
+
+
+def step(error=0.0, action=0.0, last_action=0.0, crashed=False, touched=0):
+    """Return a step of one vehicle with four actions."""
+    state = State(*np.zeros((12, 1)))
+    reference = Reference(*np.zeros((11, 1)))._replace(x=np.array([error]))
+    return Transition(
+        np.zeros((1, 3)), np.full((1, 4), action), np.full((1, 4), last_action), state, reference, np.zeros(1),
+        np.array([crashed]), np.array([touched]), {},
+    )  # fmt: skip
+
+
+def test_errors_of_decimetres_and_crashes_dominate_the_default_reward():
+    """Prices of full actions are small beside the reward of 1 for exact tracking, and no crash is worth it."""
+    reward = TrackingReward()
+    assert reward(step()) == 1.0
+    assert reward(step(error=0.3)) == pytest.approx(np.exp(-1.0))
+    assert reward(step(action=1.0, last_action=1.0)) == pytest.approx(1.0 - 4 * 0.01)
+    assert reward(step(action=0.0, last_action=1.0)) == pytest.approx(1.0 - 4 * 0.05)
+    assert reward(step(crashed=True)) == pytest.approx(-9.0)
+    # An obstacle has a price of its own only if the user gives one.
+    assert reward(step(crashed=True, touched=1)) == pytest.approx(-9.0)
+    assert TrackingReward(obstacle=2.0)(step(crashed=True, touched=1)) == pytest.approx(-11.0)
+    assert has_crashed(step(crashed=True)).tolist() == [True]
+    assert has_crashed(step()).tolist() == [False]
+
+
+def test_a_length_below_a_metre_is_allowed():
+    assert TrackingReward(length=0.01)(step(error=0.01)) == pytest.approx(np.exp(-1.0))

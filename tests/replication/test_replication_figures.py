@@ -1,0 +1,336 @@
+"""The figures of the replication show the numbers of invented experiments and of short flights."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+
+from drake_quad import load_scenario, simulate
+from drake_quad.control.fuzzy.inference import elliptic_membership
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.replication import figures
+from drake_quad.replication.claims import advantage
+from drake_quad.replication.fair import COMPARED
+from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
+from drake_quad.replication.results import FAIR, Experiment, cells_of
+from drake_quad.replication.sweeps import NOISE, Q_VALUES, Sweep, noise_settings, q_settings
+from drake_quad.studies.statistics import mean_interval, of_survivors
+from drake_quad.studies.study import Study
+from drake_quad.visualization.places import places
+
+SAMPLES = 40
+
+
+def metrics_of(rng, shape, level=1.0, crashes=0.0):
+    values = {name: level * rng.uniform(0.9, 1.1, shape) for name in Metrics._fields}
+    return Metrics(**(values | {"crash_time": np.where(rng.uniform(size=shape) < crashes, 3.0, np.inf)}))
+
+
+def load(cell, overrides=()):
+    return load_scenario(f"diagrams/paper.yaml:{cell.scenario}", overrides)
+
+
+@pytest.fixture(scope="module")
+def found():
+    rng = np.random.default_rng(7)
+    scenario = load(Cell("no_wind", "pd"))
+    cells = {
+        cell: Study(scenario, 27.0, np.arange(SAMPLES), {}, metrics_of(rng, SAMPLES, 0.5 + 0.02 * i, crashes=0.1))
+        for i, cell in enumerate(cells_of((*CONTROLLERS, *FAIR)))
+    }
+    noise, q = (
+        Sweep(settings, np.arange(6), metrics_of(rng, (15, 6), crashes=0.03))
+        for settings in (noise_settings(), q_settings())
+    )
+    k_p, k_d = np.meshgrid([1.0, 2.0, 4.0], [0.5, 1.0], indexing="ij")
+    gains = {"k_p": k_p.ravel(), "k_d": k_d.ravel()}
+    maps = {name: Sweep(gains, np.arange(4), metrics_of(rng, (6, 4))) for name in ("pd", "pd_t2fnn")}
+    for level, row in zip((0.2, 0.1, 0.4, 0.15, 0.8, 9.0), maps["pd"].metrics.rmse, strict=True):
+        row *= level
+    maps["pd"].metrics.crash_time[2, 3] = 4.0
+    return Experiment(cells, {}, noise, q, {}, maps, None)
+
+
+@pytest.fixture(scope="module")
+def flights():
+    """Six seconds of flights, of which one in high wind crashes after four."""
+    cells = [Cell("no_wind", name) for name in ("pd", "pd_t2fnn")] + [Cell("high_wind", name) for name in CONTROLLERS]
+    flown = {cell: simulate(load(cell, ["duration=6"])) for cell in cells}
+    crashed = Cell("high_wind", "pd_t2fnn_wide")
+    whole = flown[crashed]
+    signals = {name: rows[:200] for name, rows in whole.signals.items()}
+    return flown | {crashed: replace(whole, time=whole.time[:200], signals=signals)}
+
+
+def marked(axes, marker):
+    """Return the points of each line with a marker."""
+    return [line.get_xydata() for line in axes.lines if line.get_marker() == marker]
+
+
+def legend_of(figure):
+    """Return the handles of a figure's legend by their texts."""
+    (legend,) = figure.legends
+    return dict(zip((text.get_text() for text in legend.texts), legend.legend_handles, strict=True))
+
+
+@pytest.mark.slow
+def test_figures_stand_in_the_order_of_the_report(found, flights):
+    every = flights | {Cell("low_wind", name): flights[Cell("high_wind", name)] for name in CONTROLLERS}
+    names = ["table_ii", *(f"figure_{i}" for i in (4, 7, 8, 9, 10, 11, 12, 13)), "advantage", "gains", "fair"]
+    drawn = dict(figures.paper_figures(found, every))
+    assert list(drawn) == names
+    for number, wind in ((9, "no_wind"), (10, "low_wind"), (11, "high_wind")):
+        error = drawn[f"figure_{number}"].axes[0].lines[0].get_ydata()
+        np.testing.assert_array_equal(error, every[Cell(wind, "pd")].euclidean_error)
+    labels = {name: [(axes.get_xlabel(), axes.get_ylabel()) for axes in figure.axes] for name, figure in drawn.items()}
+    errors = [("", "Euclidean error (m)"), ("time (s)", "minus that of\ntype 1 (mm)")]
+    assert labels == {
+        "table_ii": [("", ""), ("", ""), ("RMSE (m)", "")],
+        "figure_4": [("", "membership"), ("", ""), ("(x - c) / d", "membership"), ("(x - c) / d", "")],
+        "figure_7": [("X (m)", "Y (m)")],
+        "figure_8": [("X (m)", "Y (m)")],
+        "figure_9": [("time (s)", "Euclidean error (m)")],
+        "figure_10": errors,
+        "figure_11": errors,
+        "figure_12": [("time (s)", "command on X (m/s²)")],
+        "figure_13": [("time (s)", "command on Y (m/s²)")],
+        "advantage": [("noise of the cameras (mm)", "RMSE less than type 1's"), ("q", "")],
+        "gains": [("$k_D$ (1/s)", "$k_P$ (1/s²)"), ("$k_D$ (1/s)", ""), ("", "RMSE (m)")],
+        "fair": [("mean RMSE (m)", "")],
+    }
+    for name, figure in drawn.items():
+        shown = figure.axes[0].get_legend_handles_labels()[1]
+        assert name in ("table_ii", "gains") or list(legend_of(figure)) == shown
+        assert len(legend_of(figure)) >= 2
+
+
+def test_the_table_figure_has_printed_runs_means_and_ours(found):
+    figure = figures.table_figure(found)
+    for axes, (wind, words) in zip(figure.axes, WINDS.items(), strict=True):
+        assert axes.get_title(loc="left") == words
+        assert [text.get_text() for text in axes.get_yticklabels()] == list(CONTROLLERS.values())
+        ours, bars = marked(axes, "D"), [line for line in axes.lines if line.get_alpha()]
+        runs, means = iter(marked(axes, "o")), iter(marked(axes, "s"))
+        for row, name in enumerate(CONTROLLERS):
+            errors = of_survivors(found.cells[Cell(wind, name)].metrics, "rmse")
+            np.testing.assert_allclose(ours[row], [[errors.mean(), row + 0.17]])
+            low, high = np.sort(errors)[0], np.sort(errors)[-1]
+            (x_low, y), (x_high, _) = bars[row].get_xydata()
+            assert low <= x_low < errors.mean() < x_high <= high
+            assert ((errors >= x_low) & (errors <= x_high)).mean() == pytest.approx(0.95, abs=1.5 / len(errors))
+            assert y == row + 0.17
+            if Cell(wind, name) in printed_table():
+                line = printed_table()[Cell(wind, name)].rmse
+                np.testing.assert_allclose(next(runs), [[run, row - 0.17] for run in line.runs])
+                np.testing.assert_allclose(next(means), [[line.mean, row - 0.17]])
+        assert next(runs, None) is next(means, None) is None
+        assert axes.get_ylim() == (3.5, -0.5)
+        # All printed numbers, and ours of the committed report, are within the axis.
+        assert axes.get_xlim() == (0.4, 1.1)
+    handles = legend_of(figure)
+    shown = {line.get_marker(): line for line in figure.axes[0].lines}
+    for words, marker in (("printed runs", "o"), ("printed mean", "s"), ("ours, mean", "D")):
+        handle = handles.pop(words)
+        assert handle.get_marker() == marker
+        assert handle.get_color() == shown[marker].get_color()
+        assert handle.get_linestyle() == "None"
+    (bar,) = handles.values()
+    assert bar.get_color() == shown["D"].get_color()
+
+
+def test_memberships_of_an_elliptic_set_are_those_of_the_paper_s_figure_4():
+    figure = figures.figure_4()
+    pairs = ((1.0, 1.0), (1.2, 0.8), (1.4, 0.6), (1.6, 0.4))
+    for axes, (a1, a2) in zip(figure.axes, pairs, strict=True):
+        upper, lower = axes.lines
+        assert axes.get_title() == f"$a_1$ = {a1:g}, $a_2$ = {a2:g}"
+        for line, a in ((upper, a1), (lower, a2)):
+            u = line.get_xdata()
+            np.testing.assert_allclose(line.get_ydata(), elliptic_membership(u, a))
+            assert line.get_ydata().max() == pytest.approx(1.0)
+            assert (line.get_ydata()[np.abs(u) >= 1.0] == 0.0).all()
+            assert u.min() < -1.0
+            assert u.max() > 1.0
+        # The area between the two is shaded.
+        (area,) = axes.collections
+        edge = area.get_paths()[0].vertices
+        assert edge[:, 1].max() == pytest.approx(1.0)
+        middle = np.abs(np.abs(edge[:, 0]) - 0.5) < 1e-9
+        heights = np.unique(edge[middle, 1].round(9))
+        np.testing.assert_allclose(
+            heights, np.unique(elliptic_membership(np.array([0.5]), np.array([a2, a1])).round(9))
+        )
+    assert [line.get_text() for line in figure.legends[0].texts] == ["upper, $a_1$", "lower, $a_2$"]
+    assert [axes.get_ylabel() for axes in figure.axes] == ["membership", "", "membership", ""]
+    assert [axes.get_xlabel() for axes in figure.axes] == ["", "", "(x - c) / d", "(x - c) / d"]
+
+
+def test_paths_without_wind_are_shown_in_space_and_from_above(flights):
+    names = ["reference", CONTROLLERS["pd"], CONTROLLERS["pd_t2fnn"]]
+    whole = flights[Cell("no_wind", "pd_t2fnn")]
+    expected = [places(whole.record("reference"))]
+    expected += [places(flights[Cell("no_wind", name)].record("state")) for name in ("pd", "pd_t2fnn")]
+    space, above = figures.figure_7(flights), figures.figure_8(flights)
+    for figure, count in ((space, 3), (above, 2)):
+        (axes,) = figure.axes
+        for line, path in zip(axes.lines, expected, strict=True):
+            shown = line.get_data_3d() if count == 3 else line.get_data()
+            np.testing.assert_allclose(shown, path.T[:count])
+        assert list(legend_of(figure)) == names == [line.get_label() for line in axes.lines]
+    assert above.axes[0].get_aspect() == 1.0
+    numbers = {text.get_text(): text.get_position_3d() for text in space.axes[0].texts}
+    path = whole.plan.derivative(0)
+    ends = [*whole.plan.leg_times, whole.plan.path.times[-1]]
+    assert list(numbers) == [str(i) for i in range(1, len(ends))]
+    for i, (start, end) in enumerate(pairwise(ends), start=1):
+        away = np.subtract(numbers[str(i)], path.value(0.5 * (start + end))[:, 0])
+        assert away[2] == 0.0
+        assert np.linalg.norm(away) == pytest.approx(0.35) or not away.any()
+    # A box has the proportions of the route, whose lowest side is drawn with at least 1.5 m.
+    aspect = space.axes[0]._box_aspect
+    extent = np.maximum(np.ptp(expected[0], axis=0), 1.5)
+    np.testing.assert_allclose(aspect / aspect[0], extent / extent[0])
+
+
+def test_errors_in_wind_are_shown_until_the_crash_and_beside_those_of_type_1(flights):
+    figure = figures.figure_11(flights)
+    upper, lower = figure.axes
+    errors = {name: flights[Cell("high_wind", name)].euclidean_error for name in CONTROLLERS}
+    time = flights[Cell("high_wind", "pd")].time
+    curves = {line.get_label(): line for line in upper.lines}
+    assert len(errors["pd_t2fnn_wide"]) == 200
+    for name, error in errors.items():
+        np.testing.assert_allclose(curves[CONTROLLERS[name]].get_data(), [time[: len(error)], error])
+    *differences, zero = lower.lines
+    for line, name in zip(differences, ("pd_t2fnn", "pd_t2fnn_wide"), strict=True):
+        count = len(errors[name])
+        difference = 1000.0 * (errors[name] - errors["pd_t1fnn"][:count])
+        np.testing.assert_allclose(line.get_data(), [time[:count], difference])
+        assert line.get_color() == curves[CONTROLLERS[name]].get_color()
+    assert set(zero.get_ydata()) == {0.0}
+    assert (upper.get_xlabel(), lower.get_xlabel()) == ("", "time (s)")
+    assert lower.get_xlim() == (0.0, time[-1])
+    levels = [line for line in upper.lines if line.get_marker() == "<" and len(line.get_xdata())]
+    printed = {name: printed_table()[Cell("high_wind", name)].rmse.mean for name in CONTROLLERS}
+    printed = {name: level for name, level in printed.items() if np.isfinite(level)}
+    for line, (name, level) in zip(levels, printed.items(), strict=True):
+        assert line.get_ydata()[0] == level
+        assert line.get_color() == curves[CONTROLLERS[name]].get_color()
+        assert line.get_xdata()[0] > 1.0
+        assert level < upper.get_ylim()[1]
+    # Levels close to each other stand beside each other.
+    assert len({line.get_xdata()[0] for line in levels[1:]}) == len(printed) - 1 >= 2
+    assert list(legend_of(figure)) == [*CONTROLLERS.values(), "mean RMSE in Table II"]
+
+
+def test_errors_without_wind_are_shown_with_the_printed_peaks(flights):
+    figure = figures.figure_9(flights)
+    (axes,) = figure.axes
+    levels = [line for line in axes.lines if line.get_marker() == "<" and len(line.get_xdata())]
+    assert [line.get_ydata()[0] for line in levels] == [1.3, 0.8]
+    assert {line.get_xdata()[0] for line in levels} == {1.025}
+    assert axes.get_ylim()[0] == 0.0
+    assert axes.get_ylim()[1] > 1.3
+    assert list(legend_of(figure))[-1] == "peak in the paper's Fig. 9"
+    highest = max(flights[Cell("no_wind", name)].euclidean_error.max() for name in ("pd", "pd_t2fnn"))
+    numbers = [text for text in axes.texts if text.get_text().isdigit()]
+    assert len(numbers) >= 2
+    for text in numbers:
+        bottom, top = axes.get_ylim()
+        assert bottom + text.xy[1] * (top - bottom) > highest
+
+
+def test_commands_of_pd_and_network_add_up_to_the_command(flights):
+    flight = flights[Cell("no_wind", "pd_t2fnn")]
+    for draw, axis in ((figures.figure_12, "x"), (figures.figure_13, "y")):
+        (axes,) = draw(flights).axes
+        pd, network = axes.lines[:2]
+        command = getattr(flight.record("acceleration_command"), axis)
+        np.testing.assert_allclose(pd.get_ydata() + network.get_ydata(), command, atol=1e-9)
+        np.testing.assert_allclose(pd.get_ydata(), getattr(flight.record("pd"), axis))
+        np.testing.assert_allclose(pd.get_xdata(), flight.time)
+        assert (pd.get_label(), network.get_label()) == (r"PD, $\tau_c$", r"network, $-\tau_f$")
+
+
+def test_bars_of_the_fair_comparison_are_mean_errors(found):
+    figure = figures.fair_figure(found)
+    (axes,) = figure.axes
+    heights = []
+    for container, (wind, words) in zip(axes.containers, WINDS.items(), strict=True):
+        assert container.get_label() == words
+        for row, (name, bar) in enumerate(zip(COMPARED, container, strict=True)):
+            mean = mean_interval(of_survivors(found.cells[Cell(wind, name)].metrics, "rmse")).value
+            assert bar.get_width() == pytest.approx(mean)
+            heights.append((bar.get_y() + 0.5 * bar.get_height() - row, bar.get_height()))
+            (text,) = (
+                text for text in axes.texts if text.xy == (mean, pytest.approx(bar.get_y() + 0.5 * bar.get_height()))
+            )
+            assert text.get_text() == f"{mean:.2f}"
+            assert mean < axes.get_xlim()[1]
+    assert [text.get_text() for text in axes.get_yticklabels()] == list(COMPARED.values())
+    # The bars of a controller stand in the order of the winds and do not overlap those of the next one.
+    offsets = sorted({round(offset, 9) for offset, _ in heights})
+    assert len(offsets) == 3
+    height = heights[0][1]
+    assert min(np.diff(offsets)) > height
+    assert offsets[-1] - offsets[0] + height < 1.0
+    assert axes.get_xlim()[0] == 0.0
+    assert axes.get_ylim() == (len(COMPARED) - 0.5, -0.5)
+    colors = [container[0].get_facecolor() for container in axes.containers]
+    assert len({to_hex(color) for color in colors}) == 3
+
+
+def test_advantages_of_type_2_are_shown_with_their_intervals(found):
+    figure = figures.advantage_figure(found)
+    sweeps = (("noise", found.noise, NOISE, 1000.0), ("q", found.q, Q_VALUES, 1.0))
+    for axes, (number, sweep, values, size) in zip(figure.axes, sweeps, strict=True):
+        for container, name in zip(axes.containers, ("pd_t2fnn", "pd_t2fnn_wide"), strict=True):
+            gains = [advantage(sweep, number, value, name) for value in values]
+            curve, _, (bars,) = container
+            assert container.get_label() == CONTROLLERS[name]
+            x = size * np.array(values)
+            np.testing.assert_allclose(curve.get_data(), [x, [gain.value for gain in gains]])
+            for place, bar, gain in zip(x, bars.get_segments(), gains, strict=True):
+                np.testing.assert_allclose(bar, [[place, gain.low], [place, gain.high]])
+        (band,) = axes.patches
+        assert [band.get_y(), band.get_y() + band.get_height()] == pytest.approx([0.02, 0.07])
+        assert any(set(line.get_ydata()) == {0.0} for line in axes.lines)
+    markers = [container[0].get_marker() for container in figure.axes[0].containers]
+    assert len(set(markers)) == 2
+    left = figure.axes[0]
+    assert left.yaxis.get_major_formatter()(0.05, 0).startswith("5")
+
+
+def test_the_map_of_gains_is_grey_where_a_sample_crashes(found):
+    figure = figures.gain_figure(found)
+    *maps, bar = figure.axes
+    rmse = found.maps["pd"].metrics.rmse.mean(axis=1).reshape(3, 2)
+    rmse[1, 0] = np.nan
+    for axes, name in zip(maps, ("pd", "pd_t2fnn"), strict=True):
+        shades = axes.collections[0]
+        if name == "pd":
+            np.testing.assert_allclose(np.ma.filled(shades.get_array(), np.nan).reshape(3, 2), rmse)
+            least = np.nanmin(rmse)
+            # Colours end at sixteen times the least error.
+            assert (shades.norm.vmin, shades.norm.vmax) == pytest.approx((least, 16.0 * least))
+            contour = axes.collections[1]
+            assert contour.levels == pytest.approx([1.2 * least])
+        (star,) = (line for line in axes.lines if line.get_marker() == "*")
+        position = load(Cell("no_wind", "pd")).control.position
+        assert star.get_xydata().tolist() == [[position.k_d[0], position.k_p[0]]]
+        assert axes.get_title() == CONTROLLERS[name]
+        assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
+        for axis in (axes.xaxis, axes.yaxis):
+            assert list(map(axis.get_major_formatter(), (0.5, 10.0))) == ["0.5", "10"]
+            assert axis.get_ticklocs().tolist() == [0.5, 1.0, 2.0, 5.0, 10.0]
+            assert not len(axis.get_minorticklocs())
+    ticks = bar.get_yticks()
+    np.testing.assert_allclose(ticks, [each for each in (0.1, 0.2, 0.5, 1.0) if least <= each <= 16.0 * least])
+    assert len(ticks) >= 3
+    assert not len(bar.yaxis.get_minorticklocs())
+    assert bar.yaxis.get_major_formatter()(0.5) == "0.5"
+    handles = legend_of(figure)
+    assert list(handles) == ["within 20 % of the best", "calibrated", "crash"]
+    assert handles["crash"].get_facecolor() == maps[0].get_facecolor()

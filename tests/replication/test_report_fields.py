@@ -1,0 +1,182 @@
+"""The sentences and tables of the replication's report, about invented findings."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from drake_quad import load_scenario
+from drake_quad.files import read_table
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.replication import report
+from drake_quad.replication.assumptions import assumptions
+from drake_quad.replication.calibration import HYPOTHESES, NETWORK_CELL, PD_CELL
+from drake_quad.replication.claims import Claim
+from drake_quad.replication.effort import EffortMatch, printed_ratios, printed_scatter
+from drake_quad.replication.fair import COMPARED, FairEntry
+from drake_quad.replication.measures import EFFORTS, OUR_EFFORT
+from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, Runs, printed_table
+from drake_quad.replication.results import cells_of
+from drake_quad.replication.table_ii import QUANTITIES, Entry, table_markdown
+from drake_quad.studies.statistics import Interval, compare_studies
+from drake_quad.studies.study import Study
+
+NAN = float("nan")
+
+
+def entry(cell, quantity, printed, mean, crashed=0):
+    runs = Runs((mean, mean, mean), mean)
+    return Entry(Cell(*cell), quantity, Runs((printed,) * 3, printed), runs, Interval(mean, mean, mean), crashed)
+
+
+def entries_of_table(crashed=0):
+    """Errors of seven cells, of which two are fitted and one is not printed; efforts are far off."""
+    errors = {
+        PD_CELL: (1.0, 0.99),
+        NETWORK_CELL: (0.5, 0.51),
+        ("low_wind", "pd"): (0.8, 0.9),
+        ("low_wind", "pd_t2fnn"): (0.5, 0.49),
+        ("high_wind", "pd"): (0.8, 0.86),
+        ("high_wind", "pd_t1fnn"): (NAN, 0.7),
+        ("high_wind", "pd_t2fnn"): (0.5, 0.4),
+    }
+    found = [entry(cell, "rmse", *numbers, crashed) for cell, numbers in errors.items()]
+    return found + [entry(cell, name, 1.0, 3.0, 900) for cell in errors for name in ("effort_x", "effort_y")]
+
+
+def test_predictions_of_table_ii_are_counted_without_the_fitted_cells():
+    entries = entries_of_table(crashed=3)
+    fields = report._of_table(entries)
+    assert (fields["off_pd"], fields["off_network"]) == ("-1.0 %", "+2.0 %")
+    assert (fields["predicted"], fields["within"]) == ("4", "2")
+    assert fields["beyond"] == (
+        f"; not so {CONTROLLERS['pd']} in low wind (+12.5 %), {CONTROLLERS['pd_t2fnn']} in high wind (-20.0 %)"
+    )
+    assert fields["spread"] == "-20.0 to +12.5 %"
+    assert fields["crashes"] == "21 samples crashed; means are those of the others."
+    for name in QUANTITIES:
+        assert fields[f"table_{name}"] == table_markdown(entries, name)
+    kept = [each for each in entries_of_table() if abs(each.off) < 0.1]
+    fields = report._of_table(kept)
+    assert fields["beyond"] == ""
+    assert fields["within"] == fields["predicted"] == "2"
+    assert fields["crashes"] == "No sample crashed."
+
+
+def test_a_claim_has_a_section_with_its_rule_and_its_evidence():
+    claims = [
+        Claim("a is less than b", "print", "ours", "holds", "a rule", "cells", "gains"),
+        Claim("c", "p", "o", "does not hold", "r"),
+        Claim("d", "p", "o", "does not hold", "r"),
+    ]
+    fields = report._of_claims(claims)
+    first, *_ = fields["claims"].split("### 2. C\n\n")
+    assert first == (
+        "### 1. A is less than b\n\nThe paper: print. Here: ours.\n\nVerdict: **holds**. Rule: a rule.\n\n"
+        f"Cell by cell: cells.\n\n{report._image('gains')}\n\n"
+    )
+    assert fields["claims"].count("Cell by cell") == 1
+    assert fields["claims"].count("<img") == 1
+    assert fields["count"] == "2 × does not hold, 1 × holds"
+    header, _, row, *others = fields["verdicts"].split("\n")
+    assert header == "| claim | the paper's evidence | ours, with 95 % intervals | verdict |"
+    assert row == "| a is less than b | print | ours | **holds** |"
+    assert len(others) == 2
+
+
+def test_the_fair_comparison_has_a_row_for_each_controller_and_wind():
+    rng = np.random.default_rng(1)
+    cells = {
+        cell: Study(
+            None, 27.0, np.arange(9), {},
+            Metrics(*((1.0 + 0.1 * i) * rng.uniform(0.9, 1.1, 9) for _ in range(12)), np.full(9, np.inf)),
+        )
+        for i, cell in enumerate(cells_of(COMPARED))
+    }  # fmt: skip
+    numbers = {
+        cell: FairEntry(cell, *(Interval(0.1 * i + j, 0.1 * i + j - 0.01, 0.1 * i + j + 0.01) for j in range(1, 7)))
+        for i, cell in enumerate(cells)
+    }
+    fields = report._of_fair(SimpleNamespace(cells=cells), [*numbers.values()])
+    rows = [line.strip("| ").split(" | ") for line in fields["fair"].split("\n")[2:]]
+    for row, (cell, each) in zip(rows, numbers.items(), strict=True):
+        over_pd, over_network = (share.ratio() for share in (each.over_pd, each.over_network))
+        assert row == [
+            WINDS[cell.wind],
+            COMPARED[cell.controller],
+            *(mean.text() for mean in (each.rmse, each.peak_error, each.effort_x, each.effort_y)),
+            "1" if cell.controller == "pd" else over_pd,
+            "1" if cell.controller == "pd_t2fnn" else over_network,
+        ]
+    for name in ("pd_retuned", "pd_feed_forward"):
+        shares = (f"{numbers[Cell(wind, name)].over_network.percent()} ({words})" for wind, words in WINDS.items())
+        assert fields[f"{name}_over_network"] == ", ".join(shares)
+    helped = (
+        compare_studies(cells[Cell(wind, "pd_feed_forward_t2fnn")], cells[Cell(wind, "pd_feed_forward")]).share
+        for wind in WINDS
+    )
+    expected = (f"{share.percent()} ({words})" for share, words in zip(helped, WINDS.values(), strict=True))
+    assert fields["network_over_feed_forward"] == ", ".join(expected)
+
+
+def test_definitions_of_effort_stand_below_the_printed_ratios():
+    matches = [
+        EffortMatch("command_peak", 1.234, 2.345, Interval(1.1, 1.0, 1.2)),
+        EffortMatch(OUR_EFFORT, 3.0, 4.0, Interval(1.5, 1.4, 1.6)),
+    ]
+    fields = report._of_effort(matches)
+    rows = [line.strip("| ").split(" | ") for line in fields["effort"].split("\n")[2:]]
+    x, y = printed_ratios()
+    assert rows[0][:3] == ["*printed*", f"{x:.2f}", f"{y:.2f}"]
+    assert rows[1] == ["largest command", "1.23", "2.35", matches[0].distance.ratio()]
+    assert rows[2][0] == f"{EFFORTS[OUR_EFFORT].words} (ours)"
+    assert fields["closest"] == "the largest command"
+    assert fields["scatter"] == f"{printed_scatter():.2f}"
+
+
+def test_the_calibration_is_shown_beside_the_print():
+    calibration = read_table(Path(report.__file__).parent / "calibration.csv")
+    fields = report._of_calibration(calibration)
+    rows = [line.strip("| ").split(" | ") for line in fields["calibration"].split("\n")]
+    assert rows[0] == ["printed", *(each.words for each in HYPOTHESES.values())]
+    table = printed_table()
+    keys = zip(calibration["hypothesis"], calibration["wind"], calibration["controller"], strict=True)
+    errors = dict(zip(keys, calibration["rmse_m"], strict=True))
+    for row, (cell, line) in zip(rows[2:], table.items(), strict=True):
+        fitted = " (fitted)" if cell in (PD_CELL, NETWORK_CELL) else ""
+        assert row[:2] == [f"{WINDS[cell.wind]}{fitted}", CONTROLLERS[cell.controller]]
+        assert row[2] == ("–" if np.isnan(line.rmse.mean) else f"{line.rmse.mean:.3f}")
+        for text, name in zip(row[3:], HYPOTHESES, strict=True):
+            ours = errors[name, *cell]
+            off = ours / line.rmse.mean - 1.0
+            assert text == f"{ours:.3f}" + ("" if np.isnan(off) else f" ({100.0 * off:+.1f} %)")
+    for name, words in zip(HYPOTHESES, fields["fitted"].split("\n"), strict=True):
+        first = list(calibration["hypothesis"]).index(name)
+        pd, network = (float(calibration[column][first]) for column in ("pd_number", "network_number"))
+        each = HYPOTHESES[name]
+        assert words == f"- {each.words}: {each.pd.words} {pd:.4g}; {each.network.words} {network:.4g}."
+        off = [
+            100.0 * (errors[name, *cell] / line.rmse.mean - 1.0)
+            for cell, line in table.items()
+            if cell not in (PD_CELL, NETWORK_CELL) and np.isfinite(line.rmse.mean)
+        ]
+        assert fields[f"spread_{name}"] == f"{min(off):+.1f} to {max(off):+.1f} %"
+
+
+@pytest.mark.parametrize("name", report.FIGURES)
+def test_an_image_has_the_words_of_its_figure(name):
+    assert report.FIGURES[name] in report._image(name)
+    assert f"figures/{name}.png" in report._image(name)
+
+
+def test_the_committed_report_has_the_assumptions_of_the_scenarios(root):
+    text = (root / "docs" / "replication" / "report.md").read_text(encoding="utf-8")
+    found = assumptions(load_scenario("diagrams/paper.yaml:low_wind_pd_t2fnn"))
+    for each in found:
+        assert f"| {each.what} | {each.value} | {each.reason} |" in text
+    # They stand in the order of the report.
+    places = [text.index(f"| {each.what} | {each.value} |") for each in found]
+    assert places == sorted(places)
+    for words in report._of_calibration(read_table(Path(report.__file__).parent / "calibration.csv")).values():
+        assert words in text

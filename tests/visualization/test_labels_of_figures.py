@@ -1,0 +1,181 @@
+"""Every axis of a figure says what it shows and in which unit, and every legend says which curve is which."""
+
+import pytest
+from figure_content import legends
+from test_study_plots import DELAY, MASS, no_crash, study
+
+from drake_quad import load_scenario, simulate
+from drake_quad.analysis.cascade_design import design_cascade
+from drake_quad.assembly.planning import planned_parameters
+from drake_quad.visualization import design_plots, learning_plots, plots, study_plots
+from drake_quad.visualization.comparison_plots import plot_comparison
+from drake_quad.visualization.overview import plot_flight, plot_study
+from drake_quad.visualization.plan_plots import plot_plan
+from drake_quad.visualization.wind_plots import plot_wind
+
+ROTORS = ["rotor 1", "rotor 2", "rotor 3", "rotor 4"]
+LEGS = ["rise", "climb", "circle", "straight", "descent", "turn", "curve", "return"]
+SETS = [f"{name} at {place}" for name in ("error", "rate") for place in ("−1", "0", "+1")]
+# How each figure of a flight is drawn; labels (across, up) of its axes, from the first to the last; and its legends.
+OF_FLIGHTS = {
+    "path": (plots.plot_path, [("X (m)", "Y (m)"), ("X (m)", "Y (m)")], ["flown", "reference", "start", *LEGS]),
+    "errors": (plots.plot_errors, [("", "error (cm)"), ("time (s)", "Euclidean error (cm)")], ["X", "Y", "Z"]),
+    "attitude": (
+        plots.plot_attitude,
+        [("", "roll (°)"), ("", "pitch (°)"), ("time (s)", "yaw (°)")],
+        ["commanded", "flown"],
+    ),
+    "rotors": (plots.plot_rotors, [("time (s)", "rotor speed (rad/s)"), ("time (s)", "")], ROTORS),
+    "wind": (
+        plot_wind,
+        [("Y (m)", "X (m)"), ("Y (m)", "Z (m)"), ("time (s)", "wind (m/s)"), ("", "mean wind speed (m/s)")],
+        ["reference", "flown", "X", "Y", "Z"],
+    ),
+    "overview": (
+        lambda flight: plot_flight(flight)[0],
+        [
+            ("X (m)", "Y (m)"),
+            ("", "Euclidean error (cm)"),
+            ("", "acceleration\ncommand (m/s²)"),
+            ("time (s)", "rotor speed (rad/s)"),
+        ],
+        ["flown", "reference", "start", "X", "Y", "Z", *ROTORS],
+    ),
+    "memberships": (
+        learning_plots.plot_own_memberships,
+        [("(x - c) / d", "membership"), *[("(x - c) / d", "")] * 3],
+        ["upper", "lower"],
+    ),
+    "learning": (
+        learning_plots.plot_learning,
+        [
+            ("", "command (m/s²)"),
+            ("", ""),
+            ("", "weights F, one a rule (m/s²)"),
+            ("", ""),
+            ("time (s)", "trace of P (1/s)"),
+            ("time (s)", ""),
+        ],
+        ["PD, τ_c", "network, -τ_f", *SETS],
+    ),
+    "surfaces": (
+        learning_plots.plot_surfaces,
+        [
+            ("", "error rate (m/s)"),
+            ("", ""),
+            ("error (m)", "error rate (m/s)"),
+            ("error (m)", ""),
+            ("", "what the network adds, -τ_f (m/s²)"),
+        ],
+        [],
+    ),
+    "secant gains": (
+        learning_plots.plot_secant_gains,
+        [("error (m)", "secant gain of -τ_f (1/s²)"), ("error (m)", "")],
+        ["the network", "the same with triangles"],
+    ),
+    "plan": (
+        lambda flight: plot_plan(flight.plan, planned_parameters(flight.scenario)),
+        [
+            ("X (m)", "Y (m)"),
+            ("X (m)", "Z (m)"),
+            ("Y (m)", "Z (m)"),
+            ("", "speed (m/s)"),
+            ("", "acceleration (m/s²)"),
+            ("", "snap (m/s⁴)"),
+            ("", "yaw (°)"),
+            ("time (s)", "rotors (rad/s)"),
+        ],
+        ROTORS,
+    ),
+}
+TITLES = {
+    "path": ["Path", "From above"],
+    "errors": ["Position error, reference minus flown"],
+    "attitude": ["Attitude"],
+    "rotors": ["Rotor speeds", "between the limits"],
+    "wind": ["From above: wind at Z = 1.5 m", "From the side: wind at X = −1.2 m", "At the vehicle"],
+    "overview": ["From above"],
+    "memberships": [f"a1 = {a1}, a2 = {a2}" for a1, a2 in ((1, 1), (1.2, 0.8), (1.4, 0.6), (1.6, 0.4))],
+    "learning": ["on X", "on Y"],
+    "surfaces": [f"on {axis}, {when} the flight" for axis in "XY" for when in ("before", "after")],
+    "secant gains": ["on X, at rest", "on Y, at rest"],
+    "plan": ["Path, from above and from two sides", "Limits dotted; vertical lines where waypoints are passed"],
+}
+SHARE = "share of the samples"
+SAMPLES = "samples; bands: 95 % confidence"
+OF_STUDIES = {
+    "distribution": (lambda: study_plots.plot_distribution({"a": study()}), [("RMSE (m)", SHARE)]),
+    "convergence": (
+        lambda: study_plots.plot_convergence({"a": study()}, "peak_error"),
+        [(SAMPLES, "peak error (m)"), (SAMPLES, "share of the samples that crashed")],
+    ),
+    "quantile": (
+        lambda: study_plots.plot_convergence({"a": no_crash()}),
+        [(SAMPLES, "RMSE (m)"), (SAMPLES, "RMSE (m)")],
+    ),
+    "influences": (lambda: study_plots.plot_influences(study(), "crashed"), [(f"{SHARE} that crashed", "")]),
+    "crashes": (
+        lambda: study_plots.plot_crash_probability(study(), MASS),
+        [("mass (kg)", "probability of a crash")],
+    ),
+    "crashes by delay": (
+        lambda: study_plots.plot_crash_probability(study(), DELAY),
+        [("cameras: latency frames", "probability of a crash")],
+    ),
+    "overview": (
+        lambda: plot_study({"a": study()})[0],
+        [("RMSE (m)", SHARE), ("mean RMSE (m)", ""), ("crashed (%)", "")],
+    ),
+    "comparison": (
+        lambda: plot_comparison({"calm": {"a": study().metrics}, "gale": {"a": study().metrics}}),
+        [("RMSE (cm)", ""), ("RMSE (cm)", "")],
+    ),
+}
+
+
+def labels(figure):
+    return [(axes.get_xlabel(), axes.get_ylabel()) for axes in figure.axes]
+
+
+@pytest.fixture(scope="module")
+def flight():
+    return simulate(load_scenario("paper:low_wind_pd_t2fnn", ["duration=0.5"]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", OF_FLIGHTS)
+def test_axes_of_a_flight_have_labels_titles_and_legends(name, flight):
+    draw, expected, words = OF_FLIGHTS[name]
+    figure = draw(flight)
+    assert labels(figure) == expected
+    assert sorted(legends(figure)) == sorted(words)
+    titles = [figure.get_suptitle(), *(axes.get_title(loc) for axes in figure.axes for loc in ("center", "left"))]
+    assert [title for title in titles if title] == TITLES[name]
+    if name == "plan":
+        # The three views and the profiles stand beside each other, from the bottom of the page to its top.
+        for part in (figure.axes[:3], figure.axes[3:]):
+            ends = [end for axes in part for end in axes.get_position().intervaly]
+            assert min(ends) < 0.1
+            assert max(ends) > 0.9
+    if name == "path":
+        assert figure.axes[0].get_zlabel() == "Z (m)"
+
+
+@pytest.mark.parametrize("name", OF_STUDIES)
+def test_axes_of_studies_have_labels(name):
+    draw, expected = OF_STUDIES[name]
+    assert labels(draw()) == expected
+
+
+@pytest.mark.slow
+def test_axes_of_designs_have_labels_and_legends():
+    design = design_cascade(load_scenario("laboratory:nominal"))
+    bode, nyquist, locus = (draw(design) for draw in design_plots.DESIGN_PLOTS.values())
+    frequency = "frequency (rad/s)"
+    assert labels(bode) == [("", "|L| (dB)"), ("", ""), (frequency, "phase of L (°)"), (frequency, "")]
+    assert [axes.get_title() for axes in bode.axes[:2]] == ["attitude (pitch)", "position (x)"]
+    assert labels(nyquist) == [("Re L", "Im L")] * 2
+    assert [text.partition(" margin")[0] for text in legends(nyquist)] == ["L", "|L| = 1", "disk"] * 2
+    assert labels(locus) == [("Re s (1/s)", "Im s (1/s)")]
+    assert [text.partition(",")[0] for text in legends(locus)] == ["open loop", "as designed", "limit of stability"]

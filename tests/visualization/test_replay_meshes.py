@@ -1,0 +1,150 @@
+"""Surfaces of a replay have no holes, and the page of a replay has its title, legend and duration."""
+
+import json
+import re
+from collections import Counter
+from itertools import combinations
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+from test_scene import Scene
+
+from drake_quad import load_scenario, simulate
+from drake_quad.visualization.replay import page, scene, shapes
+
+
+def area(corners, faces):
+    """Return the area of a surface."""
+    a, b, c = (np.asarray(corners)[[face[i] for face in faces]] for i in range(3))
+    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
+
+
+def rims(faces):
+    """Return the edges that bound only one triangle."""
+    edges = Counter(frozenset(pair) for face in faces for pair in combinations(face, 2))
+    assert max(edges.values()) == 2
+    assert all(len(edge) == 2 for edge in edges)
+    return [edge for edge, count in edges.items() if count == 1]
+
+
+@pytest.mark.parametrize("end", [[0.3, 0.0, 0.0], [0.1, -0.2, 0.0]])
+def test_a_bar_is_a_box_that_is_open_at_its_start(end):
+    start = np.array([0.05, 0.0, 0.1])
+    end = start + end
+    corners, faces = shapes._bar(start, end, 0.01)
+    length = np.linalg.norm(end - start)
+    assert area(corners, faces) == pytest.approx(4.0 * 0.02 * length + 0.02**2)
+    # The four corners of the open side are at the start.
+    open_corners = corners[sorted(set().union(*rims(faces)))]
+    np.testing.assert_allclose(open_corners.mean(axis=0), start)
+    assert len(rims(faces)) == 4
+    along = (corners - start) @ (end - start) / length
+    np.testing.assert_allclose(np.sort(along), [0.0] * 4 + [length] * 4, atol=1e-12)
+
+
+def test_the_tip_of_an_arrow_is_a_pyramid_of_eight_sides():
+    corners, faces = shapes._tip()
+    # Half the angle between two corners of the rim is a sixteenth of a turn.
+    side, apothem = 2.0 * 0.045 * np.sin(np.pi / 8.0), 0.045 * np.cos(np.pi / 8.0)
+    assert area(corners, faces) == pytest.approx(8.0 * 0.5 * side * np.hypot(0.22, apothem))
+    assert len(rims(faces)) == 8
+    np.testing.assert_allclose(corners[0], [1.0, 0.0, 0.0])
+    np.testing.assert_allclose(corners[1:, 0], 0.78)
+
+
+def test_a_tube_is_open_at_its_two_ends_alone():
+    points = np.stack([np.linspace(0.0, 1.0, 6), np.zeros(6), np.zeros(6)], axis=1)
+    vertices, faces = shapes.tube(points, 0.1)
+    # The section is a triangle within a circle of the radius.
+    assert area(vertices.T, faces.T) == pytest.approx(3.0 * 0.1 * np.sqrt(3.0))
+    assert len(rims(map(tuple, faces.T))) == 6
+
+
+def test_a_surface_of_revolution_is_a_cone_and_is_seen_from_both_sides():
+    mesh = shapes._revolved(np.array([0.0, 1.0, 2.0]), np.array([0.5, 0.5, 1.0]))
+    corners = np.array([np.asarray(vertex) for vertex in mesh.vertices()])
+    faces = [tuple(triangle.vertex(i) for i in range(3)) for triangle in mesh.triangles()]
+    chord, flat = 2.0 * np.sin(np.pi / 24.0), np.cos(np.pi / 24.0)
+    cylinder = 24.0 * 0.5 * chord
+    cone = 24.0 * 0.75 * chord * np.hypot(1.0, 0.5 * flat)
+    assert area(corners, faces) == pytest.approx(2.0 * (cylinder + cone))
+    assert faces[1::2] == [face[::-1] for face in faces[::2]]
+    assert len(rims(faces[::2])) == 48
+
+
+def test_a_simple_quadrotor_is_four_bars_and_four_discs_of_ten_sides():
+    frame = shapes.Frame.of(load_scenario("figure_eight").vehicle)
+    mesh = shapes.quadrotor_mesh(frame)
+    corners = np.array([np.asarray(vertex) for vertex in mesh.vertices()])
+    faces = [tuple(triangle.vertex(i) for i in range(3)) for triangle in mesh.triangles()]
+    radius = shapes._propeller_radius(frame.rotors)
+    discs = 4.0 * 10.0 * 0.5 * radius**2 * np.sin(2.0 * np.pi / 10.0)
+    width = 2.0 * 0.009 * shapes.shrunk(frame.rotors)
+    arms = sum(4.0 * width * np.hypot(rotor.x, rotor.y) + width**2 for rotor in frame.rotors)
+    assert area(corners, faces) == pytest.approx(2.0 * (discs + arms), rel=1e-3)
+
+
+@pytest.fixture(scope="module")
+def flight():
+    return simulate(load_scenario("figure_eight", ["duration=0.4"]))
+
+
+@pytest.fixture
+def written(monkeypatch, tmp_path):
+    """Return a function that writes a page without a server and returns its text."""
+    stage = Scene()
+    stage.StaticHtml = lambda: "<html><body>scene</body></html>"
+    monkeypatch.setattr(page, "local_meshcat", lambda: stage)
+    return lambda flights: page.save_replay(flights, tmp_path / "new" / "page.html").read_text(encoding="utf-8")
+
+
+def test_the_page_of_a_lone_flight_has_a_bar_of_colours_up_to_its_largest_error(flight, written):
+    text = written({"a < b": flight})
+    assert "<b>a &lt; b</b>" in text
+    assert 'max="0.400"' in text
+    assert text.endswith("</body></html>")
+    bar = text[text.index("trail: error 0") : text.index("</b>") + text[text.index("</b>") :].index("cm</span>")]
+    stops = re.findall("#[0-9a-f]{6}", bar)
+    assert len(stops) == 9
+    np.testing.assert_allclose(
+        [to_rgb(stop) for stop in stops], [shapes.ERRORS(i / 8.0)[:3] for i in range(9)], atol=3e-3
+    )
+    assert bar.endswith(f"{100.0 * flight.euclidean_error.max():.3g} ")
+    story = json.loads(re.search(r"const story = (.*);", text).group(1))
+    assert [each["name"] for each in story["curves"]] == ["a < b"]
+    assert [each["path"] for each in story["vehicles"]] == ["/a___b"]
+
+
+def test_the_page_of_several_flights_has_their_names_and_no_bar(flight, written):
+    text = written({"one": flight, "other": flight})
+    assert "<b>one, other</b>" in text
+    assert "trail: error" not in text
+    story = json.loads(re.search(r"const story = (.*);", text).group(1))
+    colors = [each["color"] for each in story["curves"]]
+    assert len(set(colors)) == 2
+
+
+def test_a_server_is_local_and_its_scene_is_empty_and_white(monkeypatch):
+    given = []
+
+    class Server(Scene):
+        def __init__(self, params):
+            super().__init__()
+            given.append(params)
+
+    monkeypatch.setattr(scene, "Meshcat", Server)
+    stage = scene.local_meshcat()
+    (params,) = given
+    assert params.host == "127.0.0.1"
+    assert params.show_stats_plot is False
+    assert stage.properties["/Axes", "visible"] is stage.properties["/Grid", "visible"] is False
+    for end in ("top", "bottom"):
+        assert stage.properties["/Background/<object>", f"{end}_color"] == [1.0, 1.0, 1.0]
+    lights = {path: value for (path, name), value in stage.properties.items() if name == "intensity"}
+    # Spots would make colours differ from those of the legend.
+    assert {path for path, value in lights.items() if value > 0.0} == {
+        "/Lights/AmbientLight/<object>",
+        "/Lights/FillLight/<object>",
+    }
+    assert len(lights) == 5
