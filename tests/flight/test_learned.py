@@ -70,6 +70,7 @@ ON_AXES = "".join(f"{axis}: {{weights: {[0.25] * 12}}}\n" for axis in "xyz")
         (FITTING + ON_AXES.replace("z:", "# z:"), "same axes: this one's are x, y, z, those learned on x, y"),
         (FITTING + ON_AXES.replace("weights", "antecedents: [1.2], weights"), "antecedents is .*must be 19 numbers"),
         ("[1, 2]", "must be a mapping of fields"),
+        ("", "must be a mapping of fields"),
         (FITTING + ON_AXES + "colour: red", "colour is unknown"),
     ],
 )

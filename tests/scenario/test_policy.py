@@ -715,3 +715,18 @@ def test_the_field_of_a_scenario_that_is_wrong_is_named():
     ]:
         with pytest.raises(InputError, match=words):
             policy(**given)
+
+
+@pytest.mark.parametrize("cube", [0.05, 0.04])
+def test_a_gate_that_only_resembles_gelu_is_refused(of_onnx, cube):
+    """Single precision changes the coefficient of x³ by far less than a tenth."""
+    with pytest.raises(InputError, match="has branches that meet in a node Mul"):
+        of_onnx(approximated_gelu("three", "cube"), {**MORE, "cube": np.array(cube)})
+
+
+@pytest.mark.parametrize("shapes", [{"B": (1, 9)}, {"W": (1, 6, 6)}, {"W": (2, 9, 6)}])
+def test_recurrent_units_of_onnx_need_weights_and_biases_of_three_gates(of_onnx, shapes):
+    shapes = {"W": (1, 9, 6), "R": (1, 9, 3), "B": (1, 18), **shapes}
+    node = NODE("GRU", ["seen", "W", "R", "B"], ["", "done"], hidden_size=3, linear_before_reset=1)
+    with pytest.raises(InputError, match="has a GRU whose weights and biases do not fit together"):
+        of_onnx([node], {name: np.ones(shape) for name, shape in shapes.items()})
