@@ -70,7 +70,8 @@ _CLAMPS = {"minimum", "maximum", "min", "max"}
 _TRANSFORMS = {"abs", "sqrt", "wrapped", "floor", "ceil", "round", "rint", "clip", "sorted", "cumsum"}
 # Their arguments may change places.
 _SYMMETRIC = {
-    *_CLAMPS, "hypot", "judge", "isinstance", "getattr", "setattr", "cast", "partial", "suppress", "TypeVar", "NewType",
+    *_CLAMPS, "hypot", "plus", "judge", "isinstance", "getattr", "setattr", "cast", "partial", "suppress", "TypeVar",
+    "NewType",
 }  # fmt: skip
 # What they make anew is the same for the same arguments.
 _MAKERS = {"zeros", "zeros_like", "ones", "ones_like", "empty", "empty_like", "full", "full_like"}
