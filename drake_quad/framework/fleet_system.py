@@ -282,7 +282,8 @@ class FleetSystem(_Base):
     def begin(self) -> None:
         """Makes room for what will be declared."""
         self.parameters, self.states, self.random_inputs = {}, {}, {}
-        self.outputs, self.updates, self.initializations, self.packed = {}, [], [], {}
+        self.outputs, self.packed = {}, {}
+        self.updates, self.initializations = [], []
         self._derivative: Computation | None = None
         self.num_events = 0
 

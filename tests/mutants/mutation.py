@@ -275,12 +275,12 @@ def _is_a_choice(parent: ast.AST) -> bool:
 
 
 def _begin_alike(node: ast.AST, parent: ast.AST) -> bool:
-    """Are these names that begin with the same, an empty list or array each, so that their order says nothing?"""
+    """Are these names that begin with the same, an empty list, mapping or array each, so that order says nothing?"""
     if not isinstance(parent, ast.Assign) or node is parent.value or not isinstance(parent.value, ast.Tuple):
         return False
     first, *others = parent.value.elts
     new = isinstance(first, ast.Call) and getattr(first.func, "attr", "") in _MAKERS
-    empty = isinstance(first, ast.List) and not first.elts
+    empty = ast.unparse(first) in ("[]", "{}")
     return (new or empty) and all(ast.dump(each) == ast.dump(first) for each in others)
 
 
