@@ -741,7 +741,10 @@ def test_recurrent_units_of_onnx_need_weights_and_biases_of_three_gates(of_onnx,
         ),
         ([NODE("Gemm", ["W", "seen"], ["done"], transB=1)], "has a Gemm that multiplies no matrix by what comes in"),
         ([NODE("Gemm", ["seen", "W"], ["done"], transA=1)], "has a Gemm that multiplies no matrix by what comes in"),
-        (layers_of(activation=[NODE("Swish", ["hidden"], ["active"], alpha=0.5)]), "activation Swish with an alpha of 0.5"),
+        (
+            layers_of(activation=[NODE("Swish", ["hidden"], ["active"], alpha=0.5)]),
+            "activation Swish with an alpha of 0.5",
+        ),
         (
             [NODE("Add", ["seen", "D"], ["a"]), NODE("Mul", ["a", "C"], ["b"]), *layers_of(first=("b", "hidden"))],
             "has arithmetic on its input with arrays of different sizes",
