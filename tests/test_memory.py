@@ -42,6 +42,16 @@ def test_the_least_of_what_the_machine_and_the_container_have_is_available(tmp_p
     assert memory.available_memory() == pytest.approx(available, rel=1e-6)
 
 
+def test_a_unix_without_meminfo_has_its_physical_memory(tmp_path, monkeypatch):
+    for name in ("_MEMORY_INFO", "_CONTAINER_LIMIT"):
+        monkeypatch.setattr(memory, name, tmp_path / "missing")
+    monkeypatch.setattr(memory.os, "sysconf_names", {"SC_PHYS_PAGES": 1, "SC_PAGE_SIZE": 2})
+    monkeypatch.setattr(memory.os, "sysconf", {"SC_PHYS_PAGES": 1000, "SC_PAGE_SIZE": 4096}.__getitem__)
+    assert memory.available_memory() == 4_096_000
+    monkeypatch.setattr(memory.os, "sysconf_names", {})
+    assert memory.available_memory() is None
+
+
 def test_a_system_that_does_not_tell_refuses_nothing(monkeypatch):
     monkeypatch.setattr(memory, "available_memory", lambda: None)
     memory.check_fleet_fits(BILLION, "num_envs")
