@@ -2,9 +2,10 @@
 
 import pickle
 
+import numpy as np
 import pytest
 
-from drake_quad.errors import InputError, listed, shortened, shown
+from drake_quad.errors import InputError, listed, shortened, shown, whole_number
 
 
 @pytest.mark.parametrize("text", ["a\nb", "\x1b[31mred", "a\0b", "\u2028", "\ud800", "\ufeff"])
@@ -37,3 +38,23 @@ def test_long_values_texts_and_lists_are_shortened():
 def test_a_message_comes_out_of_a_worker_process_as_it_went_in():
     error = InputError("a\nb is 1\\2")
     assert str(pickle.loads(pickle.dumps(error))) == str(error)
+
+
+@pytest.mark.parametrize("value", [3, np.int64(3), 5])
+def test_whole_numbers_within_their_bounds_are_taken(value):
+    assert whole_number(value, "count", least=3, most=5) == value
+
+
+@pytest.mark.parametrize(
+    ("value", "most", "words"),
+    [
+        (2, None, "count is 2, but must be at least 3"),
+        (2, 5, "count is 2, but must be from 3 to 5"),
+        (6, 5, "count is 6, but must be from 3 to 5"),
+        (4.0, None, "count is 4.0, but must be a whole number, at least 3"),
+        (True, None, "count is True, but must be a whole number, at least 3"),
+    ],
+)
+def test_other_numbers_are_refused(value, most, words):
+    with pytest.raises(InputError, match=f"^{words}$"):
+        whole_number(value, "count", least=3, most=most)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError
-from drake_quad.files import output_folder, read_arrays, write_whole
+from drake_quad.files import output_folder, read_arrays, write_text, write_whole
 
 
 @pytest.mark.parametrize("name", ["a\0b", "x" * 5000, "a\nb/" + "x" * 300])
@@ -102,3 +102,16 @@ def test_arrays_come_back_by_name():
 def test_arrays_that_cannot_be_read_are_reported_in_one_sentence(file, words):
     with pytest.raises(ValueError, match=f"^{words}$"):
         read_arrays(file, max_bytes=800)
+
+
+def test_a_file_that_cannot_be_written_whole_stays_as_it_was(tmp_path):
+    path = write_text(tmp_path / "kept.txt", "before")
+
+    def half(target):
+        target.write_text("half", encoding="utf-8")
+        raise OSError("the disk is full")
+
+    with pytest.raises(OSError, match="the disk is full"):
+        write_whole(path, half)
+    assert [file.name for file in tmp_path.iterdir()] == ["kept.txt"]
+    assert path.read_text(encoding="utf-8") == "before"

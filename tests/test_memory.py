@@ -42,6 +42,25 @@ def test_the_least_of_what_the_machine_and_the_container_have_is_available(tmp_p
     assert memory.available_memory() == pytest.approx(available, rel=1e-6)
 
 
+def test_a_unix_without_meminfo_has_its_physical_memory(tmp_path, monkeypatch):
+    for name in ("_MEMORY_INFO", "_CONTAINER_LIMIT"):
+        monkeypatch.setattr(memory, name, tmp_path / "missing")
+    monkeypatch.setattr(memory.os, "sysconf_names", {"SC_PHYS_PAGES": 1, "SC_PAGE_SIZE": 2})
+    monkeypatch.setattr(memory.os, "sysconf", {"SC_PHYS_PAGES": 1000, "SC_PAGE_SIZE": 4096}.__getitem__)
+    assert memory.available_memory() == 4_096_000
+    monkeypatch.setattr(memory.os, "sysconf_names", {})
+    assert memory.available_memory() is None
+
+
 def test_a_system_that_does_not_tell_refuses_nothing(monkeypatch):
     monkeypatch.setattr(memory, "available_memory", lambda: None)
     memory.check_fleet_fits(BILLION, "num_envs")
+
+
+@pytest.mark.slow
+def test_a_study_needs_memory_for_a_batch_and_not_for_all_samples(monkeypatch):
+    monkeypatch.setattr(memory, "available_memory", lambda: 20_000)  # for two vehicles
+    scenario = load_scenario("hover", ["route.duration=0.1"])
+    with pytest.raises(InputError, match=r"^batch is 3, but a fleet of this size needs"):
+        run_monte_carlo(scenario, 3, num_workers=1, batch_size=3)
+    assert len(run_monte_carlo(scenario, 3, num_workers=1, batch_size=1).metrics.crashed) == 3

@@ -69,7 +69,7 @@ def control_recipes(batch: Batch, plan: Plan) -> dict[str, Recipe]:
     if isinstance(scenario.control, PolicyControl):
         recipes = policy_recipes(batch)
         if scenario.control.action.kind == "acceleration":
-            recipes |= _vectoring(scenario, fleet, believed)
+            recipes |= _vectoring(fleet, believed)
         commanded = scenario.control.commands_attitude
         return recipes | (_attitude(scenario, fleet.control.attitude, believed.inertia) if commanded else {})
     position = fleet.control.position
@@ -83,7 +83,7 @@ def control_recipes(batch: Batch, plan: Plan) -> dict[str, Recipe]:
         **_integral(position, scenario.laboratory.command_link.period),
         **_estimator(scenario, position, plan),
         **_network(scenario, fleet.control.network, plan),
-        **_vectoring(scenario, fleet, believed),
+        **_vectoring(fleet, believed),
         **_attitude(scenario, fleet.control.attitude, believed.inertia),
     }
 
@@ -132,7 +132,7 @@ def build_control(
     )
 
 
-def _vectoring(scenario: Scenario, fleet: Any, believed: QuadrotorParameters) -> dict[str, Recipe]:
+def _vectoring(fleet: Any, believed: QuadrotorParameters) -> dict[str, Recipe]:
     """Return the recipe of thrust vectoring, based on the nominal vehicle."""
     limits, attitude = fleet.control.thrust_vectoring, fleet.control.attitude
     weight = believed.mass * believed.gravity

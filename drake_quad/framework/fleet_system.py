@@ -282,7 +282,8 @@ class FleetSystem(_Base):
     def begin(self) -> None:
         """Makes room for what will be declared."""
         self.parameters, self.states, self.random_inputs = {}, {}, {}
-        self.outputs, self.updates, self.initializations, self.packed = {}, [], [], {}
+        self.outputs, self.packed = {}, {}
+        self.updates, self.initializations = [], []
         self._derivative: Computation | None = None
         self.num_events = 0
 
@@ -382,9 +383,13 @@ class FleetSystem(_Base):
             self.DeclareStateOutputPort(group.name, group.index)
             return
 
-        # Drake would make a virtual call for every element.
+        # DeclareStateOutputPort makes a virtual call for every element, which is slow for a fleet.
         def show(system: FleetSystem, context: Context, output: BasicVector) -> None:
-            system.copy(output, context.get_discrete_state(group.index))
+            state = context.get_discrete_state(group.index)
+            if system.scalar is float:
+                output.get_mutable_value()[:] = state.value()
+            else:
+                output.SetFrom(state)
 
         self.DeclareVectorOutputPort(
             group.name, self._model(group.layout), MethodType(show, self), {group.ticket(self)}
@@ -482,14 +487,6 @@ class FleetSystem(_Base):
         """Set a group of the state to a record; each row is a number for all vehicles, or an (N,) array."""
         group = entry(self.states, name, "group of the state")
         group.mutable_vector(context).SetFromVector(self._elements(group.layout, record))
-
-    def copy(self, target: BasicVector, source: BasicVector) -> None:
-        """Copies the elements of a BasicVector into another."""
-        # SetFrom makes a virtual call for every element: the fastest for a few, the slowest for a fleet.
-        if self.scalar is float and self.num_vehicles > 1:
-            target.get_mutable_value()[:] = source.value()
-        else:
-            target.SetFrom(source)
 
     def _record(self, part: Parameter | StateGroup, context: Context) -> Any:
         elements = part.vector(self, context).CopyToVector()

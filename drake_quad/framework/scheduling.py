@@ -25,22 +25,12 @@ _WIDTH = 3
 # A number and its bits share a register. The result of a comparison goes to a mask register: if the schedule ignores
 # its latency, a tick with some arctangents takes 15 % longer for one vehicle.
 _LATENCY = {
-    "add": 3,
-    "subtract": 3,
-    "nearest": 3,
-    "multiply": 3,
+    **dict.fromkeys(("bits_of", "number_of"), 0),
+    **dict.fromkeys(("add", "subtract", "nearest", "multiply"), 3),
     "multiply_add": 4,
+    **dict.fromkeys(("less", "less_or_equal", "greater", "greater_or_equal", "equal", "unequal", "negative"), 5),
     "divide": 13,
     "square_root": 20,
-    "less": 5,
-    "less_or_equal": 5,
-    "greater": 5,
-    "greater_or_equal": 5,
-    "equal": 5,
-    "unequal": 5,
-    "negative": 5,
-    "bits_of": 0,
-    "number_of": 0,
 }
 
 

@@ -176,3 +176,17 @@ def test_what_varies_is_an_array_of_a_number_for_each_vehicle(asymmetric):
     np.testing.assert_array_equal(error.scale, batch.varying["control.network.inputs.error.scale"])
     assert (rate.scale, error.centres) == (1.4, (-1.0, -0.1, 0.8))
     assert found["thrust_vectoring"].numbers.mass == 0.7
+
+
+@pytest.mark.parametrize("field", ["position_noise", "deviation.1", "time_constant.1"])
+def test_a_kalman_filter_is_designed_for_each_vehicle_of_a_fleet(asymmetric, field):
+    numbers = "position_noise: 0.002, deviation: [0.3, 0.4, 0.5], time_constant: [1.0, 2.0, 3.0]"
+    position = f"{{kind: disturbance_observer, {PD}, {numbers}, response: {{kind: commanded, lag: [0.2, 0.3, 0.1]}}}}"
+    scenario = asymmetric("pid", f"control.position={position}")
+    varied = np.array([0.1, 0.5])
+    batch = Batch(scenario, (0, 1), {f"control.position.{field}": varied})
+    laws = control_recipes(batch, plan_route(scenario))["position.estimator"].numbers.laws
+    for vehicle, number in enumerate(varied):
+        own = {"position_noise": 0.002, "deviation": 0.4, "time_constant": 2.0, field.removesuffix(".1"): number}
+        expected = KalmanLaw.of(**own, period=0.02)
+        assert laws[1].gain.position[vehicle] == expected.gain.position

@@ -14,6 +14,7 @@ from drake_quad.assembly.laboratory import (
     wind_period,
 )
 from drake_quad.assembly.planning import plan_route
+from drake_quad.gym.task import task_of
 from drake_quad.laboratory.command_link import LinkNumbers
 from drake_quad.laboratory.flight_monitor import CrashLimits, Window
 from drake_quad.laboratory.motion_capture import CameraNumbers
@@ -263,3 +264,11 @@ def test_the_referee_has_the_limits_and_the_window_of_the_scenario(asymmetric):
     )
     endless = asymmetric("pid", "metrics.end=null", "laboratory.command_link.period=0.04")
     assert read_by(build_monitor(endless, plan_route(endless), 1))[1:] == (Window(1.0, math.inf), 0.04)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("action", "gains"), [("rates", (0.0, 0.0, 0.0)), ("attitude", (6.0, 5.5, 2.8))])
+def test_an_autopilot_that_is_told_body_rates_heeds_no_attitude(action, gains):
+    scenario = load_scenario("onboard", ["laboratory.autopilot.k_attitude=[6, 5.5, 2.8]"])
+    numbers = recipes_of(task_of(scenario, action=action))["autopilot"].numbers
+    assert numbers.k_attitude == gains

@@ -189,3 +189,16 @@ def test_a_flight_takes_whole_ticks_of_the_control(diagrams):
     for wanted, duration in ((0.05, 0.06), (0.06, 0.06), (0.061, 0.08)):
         scenario = load_scenario(diagrams / "hover.yaml", [f"duration={wanted}"])
         assert flight_duration(scenario, plan_route(scenario)) == pytest.approx(duration, rel=1e-12)
+
+
+@pytest.mark.slow
+def test_a_vehicle_that_looks_along_its_path_needs_the_yaw_of_the_path():
+    mission = load_scenario("figure_eight", ["route={kind: circle, heading: along_path}"])
+    plan = plan_route(mission)
+    demand = plan_demand(plan, planned_parameters(mission), samples(plan))
+    (yaw,) = evaluate(plan.flown_yaw, samples(plan))
+    assert np.ptp(yaw) > 2.0 * math.pi
+    np.testing.assert_allclose(np.exp(1j * np.array(demand.attitude.yaw)), np.exp(1j * yaw), atol=1e-12)
+    # In a turn that tilts the vehicle little, the rate about its own axis is nearly that of the yaw.
+    (yaw_rate,) = evaluate(plan.flown_yaw, samples(plan), 1)
+    np.testing.assert_allclose(demand.body_rates.r, yaw_rate, atol=0.1 * np.abs(yaw_rate).max())

@@ -69,7 +69,9 @@ ON_AXES = "".join(f"{axis}: {{weights: {[0.25] * 12}}}\n" for axis in "xyz")
         (FITTING.replace("3, 4", "4, 3") + ON_AXES, "same sets: this one's are 3, 4, those learned on 4, 3"),
         (FITTING + ON_AXES.replace("z:", "# z:"), "same axes: this one's are x, y, z, those learned on x, y"),
         (FITTING + ON_AXES.replace("weights", "antecedents: [1.2], weights"), "antecedents is .*must be 19 numbers"),
+        (FITTING + ON_AXES.replace("}", f", antecedents: {[0.1] * 19}}}", 1), "antecedents on all axes or on none"),
         ("[1, 2]", "must be a mapping of fields"),
+        ("", "must be a mapping of fields"),
         (FITTING + ON_AXES + "colour: red", "colour is unknown"),
     ],
 )

@@ -225,3 +225,21 @@ def test_an_output_that_reads_the_time_moves_with_it(n):
         context.SetTime(time)
         found = system.GetOutputPort("wind").Eval(context).reshape(3, n)
         np.testing.assert_array_equal(found, np.multiply.outer([time, 2.0 * time, 0.0], np.ones(n)))
+
+
+@fleet_system(float, AutoDiffXd, Expression)
+class Held(FleetSystem):
+    """A state that the output shows."""
+
+    def declare(self, *, numbers=Numbers()):
+        self.state_output(self.state("error", lambda numbers: PositionError(numbers.start, 1.0, -2.0)))
+
+
+@pytest.mark.parametrize("n", [1, 3])
+@pytest.mark.parametrize("scalar", [float, AutoDiffXd, Expression])
+def test_the_output_of_a_state_shows_all_of_it(n, scalar):
+    system = Held(num_vehicles=n, numbers=Numbers(start=0.5))
+    system = system if scalar is float else system.ToScalarType[scalar]()
+    found = system.get_output_port().Eval(system.CreateDefaultContext())
+    values = [each if scalar is float else each.value() if scalar is AutoDiffXd else each.Evaluate() for each in found]
+    assert values == [0.5] * n + [1.0] * n + [-2.0] * n

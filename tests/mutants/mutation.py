@@ -70,7 +70,8 @@ _CLAMPS = {"minimum", "maximum", "min", "max"}
 _TRANSFORMS = {"abs", "sqrt", "wrapped", "floor", "ceil", "round", "rint", "clip", "sorted", "cumsum"}
 # Their arguments may change places.
 _SYMMETRIC = {
-    *_CLAMPS, "hypot", "judge", "isinstance", "getattr", "setattr", "cast", "partial", "suppress", "TypeVar", "NewType",
+    *_CLAMPS, "hypot", "plus", "judge", "isinstance", "getattr", "setattr", "cast", "partial", "suppress", "TypeVar",
+    "NewType",
 }  # fmt: skip
 # What they make anew is the same for the same arguments.
 _MAKERS = {"zeros", "zeros_like", "ones", "ones_like", "empty", "empty_like", "full", "full_like"}
@@ -274,12 +275,12 @@ def _is_a_choice(parent: ast.AST) -> bool:
 
 
 def _begin_alike(node: ast.AST, parent: ast.AST) -> bool:
-    """Are these names that begin with the same, an empty list or array each, so that their order says nothing?"""
+    """Are these names that begin with the same, an empty list, mapping or array each, so that order says nothing?"""
     if not isinstance(parent, ast.Assign) or node is parent.value or not isinstance(parent.value, ast.Tuple):
         return False
     first, *others = parent.value.elts
     new = isinstance(first, ast.Call) and getattr(first.func, "attr", "") in _MAKERS
-    empty = isinstance(first, ast.List) and not first.elts
+    empty = ast.unparse(first) in ("[]", "{}")
     return (new or empty) and all(ast.dump(each) == ast.dump(first) for each in others)
 
 

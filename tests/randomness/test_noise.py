@@ -8,11 +8,14 @@ from pydrake.systems.primitives import LogVectorOutput
 
 from drake_quad.laboratory.wind.dryden import DrydenTurbulence, Turbulence, TurbulenceNumbers
 from drake_quad.randomness.noise import (
+    EXPORTED,
+    Exported,
     NoiseSource,
     Samples,
     Stream,
     connect_noise,
     connect_random_sources,
+    export_noise,
     random_streams,
 )
 from drake_quad.randomness.streams import Kind
@@ -164,3 +167,21 @@ def test_drake_s_random_sources_feed_the_ports_in_their_place():
     diagram.SetRandomContext(context, RandomGenerator(3))
     numbers = [port.Eval(port.get_system().GetMyContextFromRoot(context)) for port in ports.values()]
     assert np.unique(numbers).size == 2 * 5 * 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("num_vehicles", [1, 2])
+def test_exported_numbers_of_a_period_are_those_of_its_ticks_one_after_another(num_vehicles):
+    """A period of 60 ms has three ticks of the turbulence, with five numbers each for every vehicle."""
+    builder, ports = turbulent_builder(num_vehicles)
+    export_noise(builder, ports, Exported(0.06), num_vehicles)
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    given = np.random.default_rng(2).normal(size=(2, 3, 5 * num_vehicles))
+    for stream, numbers in zip(ports, given, strict=True):
+        diagram.GetInputPort(EXPORTED + stream.name).FixValue(context, numbers.ravel())
+    for tick in range(9):
+        context.SetTime(0.02 * tick)
+        for port, numbers in zip(ports.values(), given, strict=True):
+            found = port.Eval(port.get_system().GetMyContextFromRoot(context))
+            np.testing.assert_array_equal(found, numbers[tick % 3])

@@ -134,3 +134,9 @@ def test_a_sample_has_its_numbers_wherever_it_is():
     np.testing.assert_array_equal(parameter_numbers(3, [9], "vehicle.mass"), mass[9:10])
     others = [parameter_numbers(3, range(1000), path) for path in ("vehicle.inertia[0]", "vehicle.inertia[1]")]
     assert np.unique(np.concatenate([mass, *others])).size == 3000
+
+
+def test_samples_of_several_studies_have_the_streams_of_each():
+    together = stream_states((3, 2**40), (7, 8), Kind.WIND, "gust")
+    alone = [stream_states(seed, (sample,), Kind.WIND, "gust") for seed, sample in ((3, 7), (2**40, 8))]
+    np.testing.assert_array_equal(together, np.concatenate(alone))

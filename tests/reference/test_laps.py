@@ -189,3 +189,17 @@ def test_metrics_of_later_laps(diagrams):
 def test_laps_that_there_are_not_cannot_count(diagrams, window, words):
     with pytest.raises(InputError, match=words):
         simulate(route(diagrams, "kind: circle", f"metrics={window}"))
+
+
+@pytest.mark.parametrize(
+    ("points", "rests"),
+    [
+        ("[0, 0, 1], [1, 0, 1], [1, 0, 1], [0, 1, 1], [0, 1, 1], [0, 0, 1]", False),
+        ("[0, 0, 1], [1, 0, 1], [0.5, 1, 1], [0, 1, 1], [0, 0, 1], [0, 0, 1]", True),
+    ],
+)
+def test_there_is_rest_between_laps_just_if_the_vehicle_stays_there(diagrams, points, rests):
+    given = "times: [0, 4, 5, 9, 10, 14], top_speed: null, top_acceleration: null"
+    plan = plan_route(route(diagrams, f"kind: waypoints, laps: 2, {given}, waypoints: [{points}]"))
+    speed = np.linalg.norm(evaluate(plan.path, [14.0], 1))
+    assert speed == pytest.approx(0.0, abs=1e-9) if rests else speed > 0.05

@@ -189,3 +189,8 @@ def test_what_no_path_can_keep_is_refused(arguments, words):
 def test_impossible_parts_are_refused(make, words):
     with pytest.raises(InputError, match=words):
         make()
+
+
+def test_a_start_has_a_position_for_each_waypoint():
+    with pytest.raises(InputError, match=r"the start has the shape \(2, 3\), but must have \(3, 3\)"):
+        PathProblem(places=POINTS, start=np.zeros((2, 3)))

@@ -134,7 +134,8 @@ def test_names_and_values_count_in_all_files_together(write, composed):
     write(f"{SMALL}  vehicle: {{mass: {{choice: [{numbers}, {numbers}]}}}}\n", "two.yaml")
     composed.clear()
     assert "two.yaml:6: is too large" in refusal(load_scenario, path)
-    assert len(composed) <= limits.MOST_NODES
+    # The last file is parsed once more, to find the line where the limit is exceeded.
+    assert len(composed) <= 2 * limits.MOST_NODES
 
 
 @pytest.mark.slow

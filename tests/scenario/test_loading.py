@@ -133,6 +133,14 @@ def test_overrides_win_and_are_named(write):
         ("  vehicle: {mass: {uniform: {min: 2, max: 1}}}", "6: vehicle.mass.uniform.max is 1, but must be larger"),
         ("  vehicle: {mass: {uniform: {min: -1, max: 1}}}", "6: vehicle.mass is .*, but must be larger than 0"),
         ("  vehicle: {mass: {normal: {mean: 1, standard_deviation: 1}}}", "6: vehicle.mass is .* larger than 0"),
+        (
+            "  vehicle: {mass: {normal: {mean: 1, standard_deviation: 0.1, min: 1.1}}}",
+            "6: vehicle.mass.normal.min is 1.1, but must not lie beyond the mean, 1.0",
+        ),
+        (
+            "  vehicle: {mass: {normal: {mean: 1, standard_deviation: 0.1, min: 0.5, max: 0.9}}}",
+            "6: vehicle.mass.normal.max is 0.9, but must not lie beyond the mean, 1.0",
+        ),
         ("  vehicle: {mass: {gauss: 1}}", "6: vehicle.mass is .*, but must be a number or one of the distributions"),
         ("  duration: 0", "6: duration is 0, but must be greater than or equal to 0.0001"),
         ("  seed: -1", "6: seed is -1, but must be greater than or equal to 0"),

@@ -757,3 +757,75 @@ def test_the_field_of_a_scenario_that_is_wrong_is_named():
     ]:
         with pytest.raises(InputError, match=words):
             policy(**given)
+
+
+@pytest.mark.parametrize("cube", [0.05, 0.04])
+def test_a_gate_that_only_resembles_gelu_is_refused(of_onnx, cube):
+    """Single precision changes the coefficient of x³ by far less than a tenth."""
+    with pytest.raises(InputError, match="has branches that meet in a node Mul"):
+        of_onnx(approximated_gelu("three", "cube"), {**MORE, "cube": np.array(cube)})
+
+
+@pytest.mark.parametrize("shapes", [{"B": (1, 9)}, {"W": (1, 6, 6)}, {"W": (2, 9, 6)}])
+def test_recurrent_units_of_onnx_need_weights_and_biases_of_three_gates(of_onnx, shapes):
+    shapes = {"W": (1, 9, 6), "R": (1, 9, 3), "B": (1, 18), **shapes}
+    node = NODE("GRU", ["seen", "W", "R", "B"], ["", "done"], hidden_size=3, linear_before_reset=1)
+    with pytest.raises(InputError, match="has a GRU whose weights and biases do not fit together"):
+        of_onnx([node], {name: np.ones(shape) for name, shape in shapes.items()})
+
+
+@pytest.mark.parametrize(
+    ("nodes", "words"),
+    [
+        (
+            [NODE("Reshape", ["D", "two"], ["a"]), NODE("Add", ["seen", "a"], ["done"])],
+            "has a node Reshape of constants that cannot be computed",
+        ),
+        ([NODE("Gemm", ["W", "seen"], ["done"], transB=1)], "has a Gemm that multiplies no matrix by what comes in"),
+        ([NODE("Gemm", ["seen", "W"], ["done"], transA=1)], "has a Gemm that multiplies no matrix by what comes in"),
+        (
+            layers_of(activation=[NODE("Swish", ["hidden"], ["active"], alpha=0.5)]),
+            "activation Swish with an alpha of 0.5",
+        ),
+        (
+            [NODE("Add", ["seen", "D"], ["a"]), NODE("Mul", ["a", "C"], ["b"]), *layers_of(first=("b", "hidden"))],
+            "has arithmetic on its input with arrays of different sizes",
+        ),
+        (
+            [
+                NODE("Sub", ["one", "one"], ["zero"]),
+                NODE("Mul", ["seen", "zero"], ["a"]),
+                *layers_of(first=("a", "hidden")),
+            ],
+            "multiplies its input by zero",
+        ),
+        (
+            layers_of(
+                activation=[("Tanh", ["hidden"], ["a"]), ("Add", ["a", "D"], ["b"]), ("Add", ["b", "C"], ["active"])]
+            ),
+            "has arithmetic with arrays of different sizes",
+        ),
+    ],
+)
+def test_arithmetic_that_no_network_has_is_refused(of_onnx, nodes, words):
+    with pytest.raises(InputError, match=words):
+        of_onnx(nodes, MORE)
+
+
+@pytest.mark.parametrize(
+    ("inputs", "outputs", "words"),
+    [
+        ([], ["done"], "has no inputs"),
+        (["seen", "more"], ["done"], "has the inputs seen, more, but must have one"),
+        (["seen"], [], "has no outputs"),
+    ],
+)
+def test_a_network_of_onnx_has_one_input_and_an_output(tmp_path, inputs, outputs, words):
+    model = model_of(layers_of() if inputs else [NODE("Identity", ["C"], ["done"])], MORE)
+    del model.graph.input[:], model.graph.output[:]
+    for graph, names in ((model.graph.input, inputs), (model.graph.output, outputs)):
+        graph.extend(helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, 6]) for name in names)
+    onnx.save(model, tmp_path / "net.onnx")
+    (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.onnx"), encoding="utf-8")
+    with pytest.raises(InputError, match=words):
+        load_scenario(tmp_path / "mine.yaml")

@@ -224,3 +224,10 @@ def test_there_are_not_too_many_obstacles_and_none_twice(folder):
     path.write_text("a: {extends: figure_eight, space: {obstacles: {b: {}, b: {}}}}")
     with pytest.raises(InputError, match="'b' is already given"):
         load_scenario(path)
+
+
+def test_a_mesh_of_too_many_bytes_is_refused(folder):
+    with (folder / "rock.obj").open("r+b") as file:
+        file.truncate(50_000_001)  # its end is a hole, which takes no space on the disk
+    with pytest.raises(InputError, match=r"rock\.obj: is too large: a mesh may have 50,000,000 bytes"):
+        load_scenario(folder / "rooms.yaml:room")

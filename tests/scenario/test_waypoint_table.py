@@ -90,3 +90,8 @@ def test_what_is_not_text_is_explained(tmp_path):
         load_mission(path)
     with pytest.raises(InputError, match="cannot be read: no such file"):
         load_mission(tmp_path / "none.csv")
+
+
+def test_a_cell_as_long_as_no_number_is_explained(write):
+    with pytest.raises(InputError, match=r"course\.csv: is not a CSV file"):
+        load_mission(write("0,0,1\n" + "1" * 200_000 + ",0,1\n"))

@@ -120,3 +120,8 @@ def test_what_runs_on_board_does_not_wait_for_the_link(diagrams):
     assert np.abs(flown[0]).max() > 0.02
     # Rotors that speed up and down lift a little, and height is controlled on the ground.
     np.testing.assert_allclose(flown[0], flown[1], atol=1e-6)
+
+
+@pytest.mark.parametrize("noisy", [False, True])
+def test_an_autopilot_takes_random_numbers_just_if_its_senses_are_noisy(noisy):
+    assert AttitudeAutopilot(noisy=noisy, numbers=NUMBERS).HasInputPort("sensor_noise") is noisy

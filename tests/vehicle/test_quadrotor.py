@@ -206,3 +206,13 @@ def test_linearises_at_hover_to_the_matrices_of_the_textbook():
     expected[11, 12:] = np.array([1.0, -1.0, 1.0, -1.0]) * 2.0 * d * hover / 0.012
     expected[12:, 12:] = -np.eye(4) / 0.05
     np.testing.assert_allclose(system.A(), expected, atol=1e-12)
+
+
+def test_a_vehicle_hovers_level_at_the_origin_unless_another_place_is_given():
+    vehicle = quadrotor()
+    np.testing.assert_array_equal(vehicle.GetOutputPort("state").Eval(vehicle.CreateDefaultContext()), 0.0)
+
+
+def test_a_slung_load_cannot_be_combined_with_a_payload():
+    with pytest.raises(ValueError, match="a vehicle with a payload has no slung load"):
+        quadrotor(effects=("payload", "slung_load"))

@@ -108,3 +108,12 @@ def test_recurrent_units_remember_as_their_equations_say():
         np.testing.assert_allclose(step.output, h, rtol=1e-12)
         assert step.memory == (step.output,)
         memory = step.memory
+
+
+@pytest.mark.parametrize("activation", ACTIVATIONS)
+def test_activations_of_large_numbers_have_their_limits(activation):
+    above = {"tanh": 1.0, "sigmoid": 1.0}.get(activation, 1000.0)
+    below = {"identity": -1000.0, "tanh": -1.0, "elu": -1.0, "leaky_relu": -10.0}.get(activation, 0.0)
+    for x, expected in ((1000.0, above), (-1000.0, below)):
+        assert ACTIVATIONS[activation](x) == pytest.approx(expected, rel=1e-12)
+        np.testing.assert_allclose(ACTIVATIONS[activation](np.array([x])), [expected], rtol=1e-12)

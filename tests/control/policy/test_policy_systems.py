@@ -67,3 +67,12 @@ def _at(source, time):
     context = source.CreateDefaultContext()
     context.SetTime(time)
     return context
+
+
+@pytest.mark.parametrize("signals", [("wind",), ("rotor_speed",), ("position_error", "action")])
+def test_an_observation_asks_for_what_it_sees_alone(signals):
+    spec = ObservationSpec(signals, "world", 1)
+    observation = Observation(spec=spec, num_actions=2, numbers=ObservationNumbers(1.0, (0.0, 0.0)))
+    for name in ("wind", "rotor_speed"):
+        assert observation.HasInputPort(name) is (name in signals)
+    assert not observation.HasInputPort("reference_ahead")
