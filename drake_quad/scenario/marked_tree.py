@@ -10,14 +10,21 @@ _MOST = 120
 
 
 class Mark(NamedTuple):
-    """Where something was written: a file and a line, or an override and 0."""
+    """Place of a value in a file or an override.
+
+    Attributes:
+        source: path of the file, or text of the override.
+        line: line in the file, from 1 on; 0 for an override or a whole file.
+        remark: text that messages show after the place.
+    """
 
     source: str
     line: int
+    remark: str = ""
 
     def __str__(self) -> str:
         source = shortened(self.source, _MOST)
-        return f"{source}:{self.line}" if self.line else source
+        return f"{source}:{self.line}{self.remark}" if self.line else f"{source}{self.remark}"
 
 
 class Tree(NamedTuple):

@@ -71,7 +71,7 @@ def policy_network(path: Path, output: str | None = None) -> Tree:
         demand = problem["msg"].replace("Input should", "must")
         raise InputError(f"{mark}: is no network that can be flown: {place} {demand}".replace("  ", " ")) from None
     fields = network.model_dump(mode="json", exclude_defaults=True)
-    return Tree.of(fields, Mark(f"{mark}{remark}", 0))
+    return Tree.of(fields, mark._replace(remark=remark))
 
 
 def _of_npz(data: bytes) -> TrainedNetwork:

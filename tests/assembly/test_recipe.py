@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer
 
 from drake_quad.assembly.recipe import FleetScenario, Recipe
 from drake_quad.assembly.user_systems import UserSystems
@@ -59,7 +60,9 @@ def test_a_recipe_for_other_ports_or_events_resets_nothing():
 
 
 def test_functions_of_a_user_make_systems_for_as_many_vehicles():
-    makers = UserSystems(control=lambda n: f"control of {n}", wind=lambda n: f"wind of {n}")
+    makers = UserSystems(control=lambda n: ConstantVectorSource(np.full(n, 1.0)), wind=lambda n: Demultiplexer(n))
     assert [*makers.given] == ["control", "wind"]
-    assert makers.made(3) == UserSystems(None, "control of 3", "wind of 3")
+    made = makers.made(3)
+    assert [*made.given] == ["control", "wind"]
+    assert (made.control.get_output_port().size(), made.wind.num_output_ports()) == (3, 3)
     assert UserSystems().made(3) == UserSystems()
