@@ -66,6 +66,8 @@ def test_what_a_line_may_change_into(line, expected):
         "'a text'",
         "_ROUNDS = 10",
         "names, rows = [], []",
+        "names, rows = {}, {}",
+        "total = plus(force, drag)",
         "a, b = np.empty_like(x), np.empty_like(x)",
         "axes.grid(visible=False)",
         "figure = new_figure(9.0, 2.6 + size)",
