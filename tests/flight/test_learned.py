@@ -100,3 +100,13 @@ def test_a_flight_without_a_network_has_none_to_save(asymmetric, tmp_path):
     with pytest.raises(InputError, match="has no network"):
         save_network(flight, tmp_path / "learned.yaml")
     assert not [*tmp_path.iterdir()]
+
+
+@pytest.mark.slow
+def test_what_each_axis_has_learned_is_saved_whatever_order_the_axes_are_given_in(asymmetric, tmp_path):
+    axes = ["control.network.axes=[z, x]", "duration=0.3"]
+    first = flown(asymmetric, *axes)
+    again = flown(asymmetric, *axes, f"control.network.learned={save_network(first, tmp_path / 'learned.yaml')}")
+    x, z = np.split(first["weights"][-1], 2)
+    assert not np.array_equal(x, z)
+    np.testing.assert_array_equal(again["weights"][0], first["weights"][-1])

@@ -1,5 +1,6 @@
 """Flights as MCAP, read back by the format's own reader."""
 
+import dataclasses
 import json
 import math
 import sys
@@ -168,3 +169,19 @@ def test_no_flight_and_no_library_are_said(flights, tmp_path, monkeypatch):
     with pytest.raises(ImportError, match=r"^mcap is not installed; .*'drake_quad\[mcap\]'"):
         save_mcap(flights, tmp_path / "none.mcap")
     assert not [*tmp_path.iterdir()]
+
+
+def test_a_number_that_json_does_not_have_is_null_and_no_frame_of_the_vehicle(flights, tmp_path):
+    flight = flights["whole"]
+
+    def broken(signal):
+        values = np.where(np.arange(len(flight.time))[:, np.newaxis] == 3, np.nan, flight[signal])
+        return {"broken": dataclasses.replace(flight, signals={**flight.signals, signal: values})}
+
+    with save_mcap(broken("wrench"), tmp_path / "flight.mcap").open("rb") as stream:
+        messages = make_reader(stream).iter_messages(topics=["/broken/signals/wrench"])
+        wrenches = [json.loads(message.data) for _, _, message in messages]
+    assert [wrench["thrust"] is None for wrench in wrenches] == [tick == 3 for tick in range(len(flight.time))]
+    with pytest.raises(ValueError, match="Out of range float values"):
+        save_mcap(broken("state"), tmp_path / "frames.mcap")
+    assert [file.name for file in tmp_path.iterdir()] == ["flight.mcap"]
