@@ -58,10 +58,9 @@ _LAG_SPREAD, _ANSWER_SPREAD, _LATER = 1.6, 1.15, 1
 # Points at which margins are looked at and the lowest frequency, rad/s; weight of what breaks a limit, of the logarithm
 # of the error; evaluations of a search.
 _POINTS, _SLOWEST, _PENALTY, _EVALUATIONS = 120, 0.3, 9.0, 600
-# The root mean square of the command along x and y may be this multiple of the torque that it holds. With multiples of
-# 1, 2 and 3, designs for a Crazyflie crash in 17, 2.4 and 3.4 % of 1,000 flights of its bad day: with less the filter
-# finds the torque too late.
-_HOLDING = 2.0
+# Root mean square of the command along x and y relative to the torque that it must hold. With 1, 2 and 3, designs for
+# a Crazyflie crash in 17, 2.4 and 3.4 % of 1,000 flights of its bad day.
+_TORQUE_HEADROOM = 2.0
 # Searches until the whole loop keeps the limits, and the factor by which a broken one is narrowed besides.
 _ROUNDS, _NARROWER = 5, 0.998
 
@@ -303,7 +302,7 @@ def snap_limit(limits: Limits, found: Conditions) -> float:
     centre of mass beside the rotors' middle turns a vehicle of mass m and inertia I by m g r / I. A small vehicle has a
     large mass over its inertia: 0.3 mm turn a Crazyflie by 5 rad/s², five times as much as the paper's vehicle.
     """
-    return max(limits.snap, _HOLDING * found.bias)
+    return max(limits.snap, _TORQUE_HEADROOM * found.bias)
 
 
 def believed_timings(scenario: Scenario, plants: Sequence[Plant]) -> list[Timing]:

@@ -124,7 +124,7 @@ def _best(found: Evaluation) -> str:
             share = beside(found.flights[place]["pd"], found.flights[place][best]).share
             words += f"; the tuned PD {share.ratio()} times that"
         if equals:
-            words += f"; not told apart from {', '.join(WORDS[name] for name in equals)}"
+            words += f"; not significantly different from {', '.join(WORDS[name] for name in equals)}"
         lines.append(words)
     return "\n".join(lines)
 

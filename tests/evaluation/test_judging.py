@@ -1,4 +1,4 @@
-"""What is flown to judge controllers, with flights that are only recorded."""
+"""Choice of the flights that judge controllers; flights are replaced by a record of their requests."""
 
 import math
 from types import SimpleNamespace

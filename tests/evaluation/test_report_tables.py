@@ -214,7 +214,8 @@ def test_the_best_controller_of_each_laboratory_is_named_with_its_equals():
     assert {best, equal} == {"indi", "indi_t2fnn"}
     mean = mean_interval(outdoor[best].rmse).text(unit="cm", size=0.01)
     ratio = beside(outdoor["pd"], outdoor[best]).share.ratio()
-    line = f"- outdoor: {WORDS[best]}, {mean}; the tuned PD {ratio} times that; not told apart from {WORDS[equal]}\n"
+    others = f"not significantly different from {WORDS[equal]}"
+    line = f"- outdoor: {WORDS[best]}, {mean}; the tuned PD {ratio} times that; {others}\n"
     assert line in report_markdown(found, all_answers(found), [])
     # The PD is not compared with itself.
     found.flights["outdoor"] = outdoor | {"pd": flights(0.01)}

@@ -1,4 +1,4 @@
-"""How environments begin: their defaults, their seeds, and which episode counts as ended."""
+"""Defaults and seeds of environments, and the episode that counts as the last ended one."""
 
 import numpy as np
 import pytest

@@ -487,7 +487,7 @@ def test_what_is_left_changes_with_a_number_while_initial_states_follow(scenario
 
 @pytest.fixture
 def fits(monkeypatch):
-    """Fits with known results: drag comes out below zero, and the damping is not told."""
+    """Replace fits by known results: the drag is negative, and the damping is not identified."""
     kept = SimpleNamespace(calls=[])
     names = ("body_drag.linear[0]", DELAY, "rotor_time_constant", "autopilot.damping[0]")
     scales = np.array([0.8, 1.5, 0.04, 0.5])

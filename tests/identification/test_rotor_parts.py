@@ -439,8 +439,8 @@ def fit(monkeypatch):
     return predictor, given, fitted, uncertainty
 
 
-def test_what_was_identified_is_the_numbers_that_are_told_and_the_noise_of_the_cameras(fit, scenario):
-    """The delay stands by itself, and numbers that are not told are left out with the reason."""
+def test_the_result_has_the_identified_parameters_and_the_noise_of_the_cameras(fit, scenario):
+    """The delay has its own field, and a parameter that is not identified is left out with the reason."""
     told = Forecast(("roll", "pitch", "position z"), np.empty(0), np.empty(0), np.empty(0), np.array([0.1, 0.2, 0.3]))
     found = rotors._identified([record(**POSES)], scenario.vehicle, *fit, told)
     estimates = found.estimates

@@ -220,7 +220,7 @@ def test_errors_in_wind_are_shown_until_the_crash_and_beside_those_of_type_1(fli
         assert line.get_color() == curves[CONTROLLERS[name]].get_color()
         assert line.get_xdata()[0] > 1.0
         assert level < upper.get_ylim()[1]
-    # Levels close to each other stand beside each other.
+    # Lines of nearly equal levels are drawn side by side.
     assert len({line.get_xdata()[0] for line in levels[1:]}) == len(printed) - 1 >= 2
     assert list(legend_of(figure)) == [*CONTROLLERS.values(), "mean RMSE in Table II"]
 

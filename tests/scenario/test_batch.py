@@ -125,7 +125,7 @@ def test_drawn_moments_of_inertia_are_those_of_a_rigid_body(study):
 
 
 def test_a_fixed_moment_of_inertia_stays_and_the_others_are_adjusted(study):
-    """The same holds for the moments of a payload, and for the middle of all distributions."""
+    """Moments of a payload and the medians of all distributions are adjusted in the same way."""
     scenario = study(f"vehicle.inertia=[{NORMAL_MOMENT}, 0.007, 0.012]")
     found = Batch.draw(scenario, range(500)).varying
     assert [*found] == ["vehicle.inertia.0"]

@@ -16,7 +16,7 @@ from drake_quad.visualization.wind_plots import plot_wind
 ROTORS = ["rotor 1", "rotor 2", "rotor 3", "rotor 4"]
 LEGS = ["rise", "climb", "circle", "straight", "descent", "turn", "curve", "return"]
 SETS = [f"{name} at {place}" for name in ("error", "rate") for place in ("−1", "0", "+1")]
-# How each figure of a flight is drawn; labels (across, up) of its axes, from the first to the last; and its legends.
+# Function that draws each figure of a flight, labels (x, y) of its axes in their order, and entries of its legends.
 OF_FLIGHTS = {
     "path": (plots.plot_path, [("X (m)", "Y (m)"), ("X (m)", "Y (m)")], ["flown", "reference", "start", *LEGS]),
     "errors": (plots.plot_errors, [("", "error (cm)"), ("time (s)", "Euclidean error (cm)")], ["X", "Y", "Z"]),
