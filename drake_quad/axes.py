@@ -7,9 +7,9 @@ from drake_quad.signals import Angle, Attitude, Row
 
 # A vector of no length must not make the derivative of the square root infinite; 1e-200 changes no float above 1e-92.
 TINY = 1e-200
-# This offset makes the yaw 0 and avoids 0 / 0 in derivatives at a pitch of ±90°. It is too small to change any cosine
-# above 1e-14.
-_COSINE_OFFSET = 1e-30
+# Added to a cosine, it makes the yaw 0 and avoids 0 / 0 in derivatives at a pitch of ±90°. It is too small to change
+# any cosine above 1e-14.
+TINY_COSINE = 1e-30
 
 
 class Vector(NamedTuple):
@@ -72,7 +72,7 @@ class BodyAxes(NamedTuple):
         At a pitch of ±π/2 the axes determine only the sum or the difference of roll and yaw. The yaw is then arbitrary,
         and the roll follows from the axes and that yaw, so that the three angles reproduce the axes up to rounding.
         """
-        ahead, left = self.x.x + _COSINE_OFFSET, self.x.y
+        ahead, left = self.x.x + TINY_COSINE, self.x.y
         return Attitude(
             arctan2(left * self.z.x - ahead * self.z.y, ahead * self.y.y - left * self.y.x),
             arctan2(0.0 - self.x.z, sqrt(ahead * ahead + left * left)),

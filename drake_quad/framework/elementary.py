@@ -44,18 +44,21 @@ def sqrt(x: Row) -> Row:
     return untyped(approximations.sqrt(x)) if x.__class__ is Symbol else np.sqrt(x)
 
 
-def arctan(x: Row) -> Row:
-    """Inverse tangent, rad."""
+def arctan(x: Row, *, small: bool = False) -> Row:
+    """Return the inverse tangent, rad; it is quicker if |x| is known to be at most 1/8: small."""
     if x.__class__ is float:
         return math.atan(x)
-    return untyped(approximations.arctan(x)) if x.__class__ is Symbol else np.arctan(x)
+    return untyped(approximations.arctan(x, small=small)) if x.__class__ is Symbol else np.arctan(x)
 
 
-def arcsin(x: Row) -> Row:
-    """Inverse sine, rad; NaN, not an error, for a float outside [-1, 1]."""
+def arcsin(x: Row, *, small: bool = False) -> Row:
+    """Return the inverse sine, rad; it is quicker if |x| is known to be at most 1/2: small.
+
+    It is NaN, not an error, for a float outside [-1, 1].
+    """
     if x.__class__ is float:
         return math.asin(x) if -1.0 <= x <= 1.0 else math.nan
-    return untyped(approximations.arcsin(x)) if x.__class__ is Symbol else np.arcsin(x)
+    return untyped(approximations.arcsin(x, small=small)) if x.__class__ is Symbol else np.arcsin(x)
 
 
 def arctan2(y: Row, x: Row) -> Row:

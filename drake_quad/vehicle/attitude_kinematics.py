@@ -8,7 +8,7 @@ integrates the quaternion ε of the rotation since its start, which has no singu
 R(ε) omits the division by |ε|², which is 1 up to the integration error. At the end of the step, the rotation is
 converted back to angles:
 
-- The pitch is between -90° and 90°, and the roll between -180° and 180°.
+- The pitch is between -90° and 90°, and the roll between -180° and 180° if it was so at the start.
 - The yaw is not wrapped: a step changes it by at most 180°, and the yaw of a vehicle that flies in circles grows beyond
   180°.
 - At a pitch of ±90° the rotation determines only the sum or the difference of roll and yaw. The yaw is then arbitrary,
@@ -23,8 +23,8 @@ singularity, and a step integrates the angles themselves.
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
-from drake_quad.axes import BodyAxes, Tilt, Vector
-from drake_quad.framework.elementary import sin_cos
+from drake_quad.axes import TINY_COSINE, BodyAxes, Tilt
+from drake_quad.framework.elementary import arcsin, arctan, where_needed
 from drake_quad.kinematics import angle_rates
 from drake_quad.quaternion import NO_ROTATION, Quaternion
 from drake_quad.signals import Attitude, BodyRates, Row
@@ -59,25 +59,27 @@ class AttitudeKinematics(NamedTuple):
     integrated: Callable[[Attitude], IntegratedAttitude]
 
 
+# Largest arguments of `arctan` and `arcsin` for small numbers.
+_MAX_TANGENT, _MAX_SINE = 0.125, 0.5
+
+
 class RotationSince(NamedTuple):
     """Attitude over a time step, as the rotation since the start of the step.
 
     Attributes:
         beginning: attitude at the start of the step.
         tilt: roll and pitch at the start of the step.
-        sin_yaw: sine of the yaw ψ at the start of the step.
-        cos_yaw: cosine of ψ.
+        beginning_axes: axes of B in W at the start of the step.
     """
 
     beginning: Attitude
     tilt: Tilt
-    sin_yaw: Row
-    cos_yaw: Row
+    beginning_axes: BodyAxes
 
     @classmethod
     def of(cls, attitude: Attitude) -> "RotationSince":
         """Return the rotation of a step that starts with an attitude."""
-        return cls(attitude, Tilt.of(attitude.roll, attitude.pitch), *sin_cos(attitude.yaw))
+        return cls(attitude, Tilt.of(attitude.roll, attitude.pitch), BodyAxes.of(*attitude))
 
     @property
     def start(self) -> Quaternion:
@@ -87,8 +89,8 @@ class RotationSince(NamedTuple):
     def axes(self, coordinates: Quaternion) -> BodyAxes:
         """Return the axes of B in W after a rotation."""
         if coordinates is NO_ROTATION:
-            return BodyAxes.of(*self.beginning)
-        return BodyAxes._make(self._in_world(self.tilt.in_heading(axis)) for axis in coordinates.axes())
+            return self.beginning_axes
+        return BodyAxes._make(self.beginning_axes.in_world(axis) for axis in coordinates.axes())
 
     def rates(self, coordinates: Quaternion, body_rates: BodyRates) -> Quaternion:
         """Return the time derivative of the quaternion, 1/s."""
@@ -98,15 +100,33 @@ class RotationSince(NamedTuple):
         """Return roll, pitch and yaw after a rotation.
 
         The yaw is the sum of the yaw at the start and the change of heading, so that it stays exactly the same if the
-        vehicle does not turn.
+        vehicle does not turn. If the roll changes by less than 7° as usual, it is the same kind of sum. With this and a
+        pitch below 30°, polynomials replace the costlier functions of any angle, and the results agree to rounding.
         """
-        angles = BodyAxes._make(self.tilt.in_heading(axis) for axis in coordinates.axes()).angles()
-        return angles._replace(yaw=self.beginning.yaw + angles.yaw)
+        tilt, before = self.tilt, self.beginning
+        x, y, z = (tilt.in_heading(axis) for axis in coordinates.axes())
+        sin_pitch = 0.0 - x.z
+        # Sine and cosine of the change of roll, both times the cosine of the pitch.
+        sine = tilt.cos_roll * y.z - tilt.sin_roll * z.z
+        cosine = tilt.cos_roll * z.z + tilt.sin_roll * y.z
+        usual = Attitude(
+            before.roll + arctan(sine / (cosine + TINY_COSINE), small=True),
+            arcsin(sin_pitch, small=True),
+            arctan(x.y / (x.x + TINY_COSINE), small=True),
+        )
+        upside_down = z.z < 0.0  # then the roll may pass 180°
+        large = upside_down | (abs(sine) > _MAX_TANGENT * cosine) | (abs(x.y) > _MAX_TANGENT * x.x)
+        unusual = large | (abs(sin_pitch) > _MAX_SINE)
+        in_heading = where_needed(unusual, _angles_in_heading, (*tilt, *coordinates), usual)
+        return in_heading._replace(yaw=before.yaw + in_heading.yaw)
 
-    def _in_world(self, vector: Vector) -> Vector:
-        """Return Rz(ψ) v, a vector in W for its components in the heading frame at the start of the step."""
-        x, y, z = vector
-        return Vector(self.cos_yaw * x - self.sin_yaw * y, self.sin_yaw * x + self.cos_yaw * y, z)
+
+def _angles_in_heading(
+    sin_roll: Row, cos_roll: Row, sin_pitch: Row, cos_pitch: Row, w: Row, x: Row, y: Row, z: Row
+) -> Attitude:
+    """Return the angles after a rotation in the heading frame, for the tilt at its start and its quaternion."""
+    tilt = Tilt(sin_roll, cos_roll, sin_pitch, cos_pitch)
+    return BodyAxes._make(tilt.in_heading(axis) for axis in Quaternion(w, x, y, z).axes()).angles()
 
 
 RIGID_KINEMATICS = AttitudeKinematics(angle_rates, RotationSince.of)

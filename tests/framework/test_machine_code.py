@@ -53,6 +53,14 @@ def smallest_normal(x):
     return x if abs(x) > 2.3e-308 else 0.0
 
 
+def small_arctan(x):
+    return elementary.arctan(x, small=True)
+
+
+def small_arcsin(x):
+    return elementary.arcsin(x, small=True)
+
+
 WIDE = st.floats(-700.0, 700.0) | st.floats(-4.0, 4.0) | st.floats(-1e-8, 1e-8)
 POSITIVE = st.floats(1e-300, 1e300) | st.floats(0.5, 2.0)
 FUNCTIONS = [
@@ -65,6 +73,8 @@ FUNCTIONS = [
     (elementary.log_of_1_plus, math.log1p, POSITIVE | st.floats(1e-300, 1e-8)),
     (elementary.arctan, math.atan, WIDE | st.floats(-1e30, 1e30)),
     (elementary.arcsin, math.asin, st.floats(-1.0, 1.0)),
+    (small_arctan, math.atan, st.floats(-0.125, 0.125)),
+    (small_arcsin, math.asin, st.floats(-0.5, 0.5)),
     (elementary.sqrt, math.sqrt, POSITIVE),
 ]
 

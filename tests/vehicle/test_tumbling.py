@@ -9,11 +9,16 @@ from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, InitializeAutoDif
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator, Simulator_
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
+from scipy.spatial.transform import Rotation
 from tumbling import Tumbles, degrees_apart, flown, random_tumbles, rotations
 
 from drake_quad.axes import BodyAxes, Vector
 from drake_quad.compilation import compile_diagram, compiled_part
-from drake_quad.signals import AttitudeTarget
+from drake_quad.framework.formulas import kernel
+from drake_quad.framework.records import ROW, layout_of
+from drake_quad.quaternion import Quaternion
+from drake_quad.signals import Attitude, AttitudeTarget
+from drake_quad.vehicle.attitude_kinematics import RotationSince
 from drake_quad.vehicle.effects import Effects
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers
@@ -127,6 +132,32 @@ def test_angles_reproduce_any_rotation():
             np.testing.assert_allclose(rotations(found).as_matrix(), matrix, rtol=0.0, atol=2e-15)
     straight_up = BodyAxes(Vector(0.0, 0.0, 1.0), Vector(-1.0, 0.0, 0.0), Vector(0.0, -1.0, 0.0))
     assert straight_up.angles() == (0.5 * math.pi, -0.5 * math.pi, 0.0)
+
+
+@pytest.mark.parametrize("largest", [1e-9, 0.01, 0.12, 0.13, 0.5, 3.0])
+def test_a_rotation_over_a_step_is_reproduced_by_the_angles_at_its_end(largest):
+    """This holds for any attitude and for any size of the rotation, whether computed for floats, arrays or symbols."""
+
+    def turned(roll, pitch, yaw, w, x, y, z):
+        return RotationSince.of(Attitude(roll, pitch, yaw)).attitude(Quaternion(w, x, y, z))
+
+    rng = np.random.default_rng(3)
+    begin = rng.uniform([-math.pi, -0.5 * math.pi, -7.0], [math.pi, 0.5 * math.pi, 7.0], (500, 3))
+    begin[:100, :2] *= 0.1
+    begin[100:110, 1] = 0.5 * math.pi
+    begin[110:120, 0] = math.pi
+    steps = Rotation.from_rotvec(rng.uniform(-largest, largest, (500, 3)) / math.sqrt(3.0))
+    after = rotations(begin) * steps
+    rows = [*begin.T, *np.roll(steps.as_quat(), 1, axis=1).T]
+    compiled = np.empty((3, len(begin)))
+    kernel(turned, (ROW,) * 7, (layout_of(Attitude),), lone=False)(len(begin), 0.0, compiled, *map(np.array, rows))
+    by_floats = np.array([turned(*vehicle) for vehicle in np.transpose(rows).tolist()])
+    for angles in (by_floats, np.transpose(turned(*rows)), compiled.T):
+        np.testing.assert_allclose(rotations(angles).as_matrix(), after.as_matrix(), rtol=0.0, atol=3e-15)
+        assert np.abs(angles[:, 0]).max() <= math.pi
+        assert np.abs(angles[:, 1]).max() <= 0.5 * math.pi
+        assert np.abs(angles[:, 2] - begin[:, 2]).max() <= math.pi
+        np.testing.assert_allclose(np.cos(angles), np.cos(by_floats), rtol=0.0, atol=1e-7)
 
 
 def test_yaw_counts_whole_turns_and_does_not_drift():
