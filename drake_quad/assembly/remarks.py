@@ -1,12 +1,13 @@
 """Warnings about a scenario that a user should read before using the results of its flights."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
 from drake_quad.assembly.planning import goes_on_in_motion, plan_route
+from drake_quad.errors import listed
 from drake_quad.reference.plan import YAW_ORDERS, Plan
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.reference.rest import moves_at_end
@@ -14,7 +15,7 @@ from drake_quad.scenario import Scenario
 from drake_quad.scenario.description import unit_at
 from drake_quad.scenario.distributions import Distribution
 from drake_quad.scenario.layouts import arm_length_of, rotors_of
-from drake_quad.scenario.paths import distributions_in
+from drake_quad.scenario.paths import distributions_in, leaves
 
 # A field of the flown vehicle is reported if it differs from the nominal one by more than both limits: a relative
 # difference larger than the error of any scale or data sheet, and a multiple of the flown value's standard deviation.
@@ -40,6 +41,32 @@ def flight_remarks(scenario: Scenario, plan: Plan | None = None) -> tuple[str, .
         InputError: if the route cannot be planned.
     """
     return (*_mixed_vehicles(scenario), *_braking(scenario, plan))
+
+
+def unequal_conditions(scenarios: Mapping[str, Scenario]) -> list[str]:
+    """Return a remark on each controller that does not fly under the same conditions as the first one.
+
+    The conditions are all fields of a scenario but its control and the nominal vehicle, on which a control may rely.
+
+    Args:
+        scenarios: scenarios by the names of their controllers.
+    """
+    (first, expected), *others = ((name, _conditions(scenario)) for name, scenario in scenarios.items())
+    found = []
+    for name, conditions in others:
+        paths = [path for path in {**expected, **conditions} if conditions.get(path) != expected.get(path)]
+        changes = [f"{path} {_shown(conditions.get(path))} (not {_shown(expected.get(path))})" for path in paths]
+        if changes:
+            found.append(f"{name} does not fly under the same conditions as {first}: {listed(changes, 4)}")
+    return found
+
+
+def _conditions(scenario: Scenario) -> dict[str, Any]:
+    return {path: value for path, value in leaves(scenario) if path.partition(".")[0] not in ("control", "nominal")}
+
+
+def _shown(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else "none" if value is None else str(value)
 
 
 def _mixed_vehicles(scenario: Scenario) -> list[str]:

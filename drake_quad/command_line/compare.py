@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from drake_quad import InputError, Scenario, load_scenario
+from drake_quad.assembly.remarks import unequal_conditions
 from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import (
     add_overrides,
@@ -16,7 +17,7 @@ from drake_quad.command_line.options import (
     bare_parser,
     overrides_of,
 )
-from drake_quad.command_line.output import print_columns, print_files
+from drake_quad.command_line.output import print_columns, print_files, remark
 from drake_quad.command_line.progress import flight_progress
 from drake_quad.files import output_folder, write_table
 from drake_quad.laboratory.metrics import Metrics
@@ -66,6 +67,9 @@ def main(arguments: argparse.Namespace) -> None:
         raise InputError(f"--samples is {samples}, but must be between 1 and 10000")
     pairs = scenarios_of(arguments)
     print_flight_remarks(scenario for found in pairs.values() for scenario in found.values())
+    for found in pairs.values():
+        for sentence in unequal_conditions(found):
+            remark(sentence)
     folder = output_folder(arguments.output)
     flights: dict[str, dict[str, Metrics]] = {}
     for place, found in pairs.items():

@@ -567,6 +567,17 @@ class TrajectoryRoute(Model):
         return self
 
     @model_validator(mode="after")
+    def _in_radians(self) -> "TrajectoryRoute":
+        """Raise an error if the yaw never changes and must have been given in degrees; turns are allowed."""
+        pieces, yaw_knots = self.pieces or (), self.yaw_knots or ()
+        yaws = {piece.yaw[0] for piece in pieces} | {knot.yaw for knot in yaw_knots}
+        turns = any(any(piece.yaw[1:]) for piece in pieces) or any(knot.yaw_rate for knot in yaw_knots)
+        if len(yaws) == 1 and not turns and abs(yaw := yaws.pop()) > TWO_TURNS:
+            path = ("pieces", 0, "yaw", 0) if pieces else ("yaw_knots", 0, "yaw")
+            raise self.wrong(*path, kind="radians", demand=RADIANS, **in_radians(yaw, TWO_TURNS))
+        return self
+
+    @model_validator(mode="after")
     def _increasing(self) -> "TrajectoryRoute":
         knots, yaw_knots = self.knots or (), self.yaw_knots or ()
         times = {"knots": [knot.time for knot in knots], "yaw_knots": [knot.time for knot in yaw_knots]}

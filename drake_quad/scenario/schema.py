@@ -134,7 +134,8 @@ def _limits() -> str:
 - All distributions: {limits.MOST_SHARED} shared variables.
 - A number: {limits.LARGEST:,.0f} in size, and at least {limits.SMALLEST:g} where it must be larger than 0.
 - An angle of a direction: two turns, 12.57 rad; what is larger was surely meant in degrees. The yaws of waypoints may
-  go on from one to the next, and those of knots and pieces are not limited.
+  go on from one to the next, and those of knots and pieces are not limited where
+  they change.
 - A period: from {limits.SHORTEST:g} to 1 s. A duration: from {limits.SHORTEST:g} to {limits.LONGEST:,.0f} s, a day.
 - A flight: {limits.MOST_TICKS:,} times its shortest period."""
 

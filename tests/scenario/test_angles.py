@@ -105,3 +105,17 @@ def test_trajectories_may_turn_any_number_of_times(diagrams):
     circle = {"kind": "circle", "laps": 9, "heading": "along_path"}
     plan = plan_route(load_mission(diagrams / "hover.yaml", {"route": circle}))
     assert np.ptp(evaluate(plan.yaw, plan.yaw.times)) > 4.0 * math.pi
+
+
+def test_a_constant_yaw_of_a_trajectory_in_degrees_is_refused(diagrams):
+    knots = [{"time": 0.0, "position": [0.0, 0.0, 1.0]}, {"time": 60.0, "position": [1.0, 0.0, 1.0]}]
+    yaw_knots = [{"time": 0.0, "yaw": 90.0}, {"time": 60.0, "yaw": 90.0}]
+    pieces = [{"duration": 30.0, "x": [0.0], "y": [0.0], "z": [1.0], "yaw": [-90.0, 0.0]}] * 2
+    for fields, field in (
+        ({"knots": knots, "yaw_knots": yaw_knots}, r"yaw_knots.0.yaw is 90.0"),
+        ({"pieces": pieces}, r"pieces.0.yaw.0 is -90.0"),
+    ):
+        with pytest.raises(InputError, match=rf"route.{field}, .*degrees are"):
+            load_mission(diagrams / "hover.yaml", {"route": {"kind": "trajectory", **fields}})
+    yaw_knots[1]["yaw"] = 91.0
+    load_mission(diagrams / "hover.yaml", {"route": {"kind": "trajectory", "knots": knots, "yaw_knots": yaw_knots}})

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError, load_scenario
-from drake_quad.assembly.remarks import flight_remarks
+from drake_quad.assembly.remarks import flight_remarks, unequal_conditions
 from drake_quad.scenario import distributions_in, load_undesigned
 from drake_quad.scenario.shipped import shipped_scenarios
 
@@ -305,3 +305,28 @@ def test_a_vehicle_of_another_size_has_its_rotors_in_the_same_places():
     """Places of rotors are compared relative to the arm length, which has a remark of its own."""
     (remark,) = flight_remarks(load_scenario("figure_eight", {"vehicle.arm_length": 0.25}))
     assert "compute: arm length 0.25 m (nominal 0.17);" in remark
+
+
+def test_controllers_that_fly_under_unequal_conditions_are_remarked():
+    """A controller may change the laboratory. A comparison with another one that does not is then unfair."""
+
+    def low_wind(*layers, changes=()):
+        return load_scenario("laboratory:low_wind", changes, layers=layers)
+
+    pd, raptor = "controllers/designed/laboratory:pd", "controllers/raptor:raptor_plus"
+    (remark,) = unequal_conditions(
+        {"pd": low_wind(pd), "lqg": low_wind("controllers/designed/laboratory:lqg"), "raptor": low_wind(raptor)}
+    )
+    assert remark.startswith(
+        "raptor does not fly under the same conditions as pd: laboratory.command_link.period 0.01 ("
+    )
+    assert "laboratory.command_link.delay_ticks 0 (not 1)" in remark
+    assert unequal_conditions({"raptor": low_wind(raptor), "pd over it": low_wind(raptor, pd)}) == []
+    heavier = {"vehicle.mass": 0.7, "laboratory.wind": []}
+    (remark,) = unequal_conditions({"a": low_wind(pd), "b": low_wind(pd, changes=heavier)})
+    assert "vehicle.mass 0.7 (not 0.68)" in remark
+    assert "laboratory.wind.0.kind none (not " in remark
+    assert (
+        unequal_conditions({"a": low_wind(pd), "b": low_wind(pd, changes={"nominal.mass": 0.7, "vehicle.mass": 0.68})})
+        == []
+    )
