@@ -179,7 +179,8 @@ def flattened(returned: Any, results: Sequence[Layout]) -> list[Any]:
     if isinstance(parts, tuple | list):
         parts = [part for part in parts if part is not None]
     if not isinstance(parts, list) or len(parts) != len(results):
-        raise TypeError(f"{len(results)} results are wanted, not {returned!r}")
+        wanted = "one result is" if len(results) == 1 else f"{len(results)} results are"
+        raise TypeError(f"{wanted} wanted, not {returned!r}")
     return [row for layout, part in zip(results, parts, strict=True) for row in layout.flatten(part)]
 
 

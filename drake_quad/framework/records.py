@@ -70,8 +70,8 @@ class Layout(NamedTuple):
 
     def _flatten(self, value: Any, rows: list[Any]) -> None:
         if self is ROW:
-            if isinstance(value, tuple):
-                raise TypeError(f"a row is wanted, not {type(value).__name__}")
+            if value is None or isinstance(value, _NO_ROWS):
+                raise TypeError(f"a number or a row is wanted, not {type(value).__name__}")
             rows.append(value)
             return
         if (self is ABSENT) != (value is None):
@@ -86,6 +86,8 @@ class Layout(NamedTuple):
             part._flatten(inside, rows)
 
 
+# Types of values that a formula may return by mistake where a row is expected.
+_NO_ROWS = (tuple, list, dict, str, bytes, complex)
 ROW = Layout(float, (), 1)
 ABSENT = Layout(NoneType, (), 0)
 

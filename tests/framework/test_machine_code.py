@@ -420,7 +420,7 @@ def test_a_formula_that_returns_something_else_is_refused():
 
     with pytest.raises(TypeError, match="formula placed: Turned is wanted, not Place"):
         kernel(placed, (ROW,), (layout_of(Turned),), lone=True)
-    with pytest.raises(TypeError, match="formula placed: a row is wanted, not Place"):
+    with pytest.raises(TypeError, match="formula placed: a number or a row is wanted, not Place"):
         kernel(placed, (ROW,), (ROW,), lone=True)
     with pytest.raises(TypeError, match="formula placed: 3 results are wanted"):
         kernel(placed, (ROW,), (ROW, ROW, ROW), lone=True)

@@ -93,8 +93,9 @@ def test_what_is_made_of_other_parts_is_refused():
         layout.flatten((1.0, 2.0))
     with pytest.raises(TypeError, match="Point is wanted, not State"):
         layout.flatten(LINE._replace(style=State(*range(12))))
-    with pytest.raises(TypeError, match="a row is wanted, not Point"):
-        layout.flatten(LINE._replace(width=Point()))
+    for value in (Point(), None, "1.0", 1j, [1.0], {}):
+        with pytest.raises(TypeError, match=f"a number or a row is wanted, not {type(value).__name__}"):
+            layout.flatten(LINE._replace(width=value))
 
 
 def test_every_signal_has_rows_with_units():
