@@ -191,6 +191,30 @@ def test_laps_that_there_are_not_cannot_count(diagrams, window, words):
         simulate(route(diagrams, "kind: circle", f"metrics={window}"))
 
 
+@pytest.mark.parametrize(("share", "fits"), [(1.0, True), (1.0 / 1.2, False)])
+def test_given_times_of_laps_keep_to_a_limit_or_are_refused_with_the_factor_that_they_lack(diagrams, share, fits):
+    given = f"kind: waypoints, laps: 3, times: [1, 5, 8, 13], {SQUARE}, top_acceleration: null, top_speed: "
+    fastest = float(peak_norm(plan_route(route(diagrams, given + "null")).path, 1))
+    limited = given + repr(share * fastest)
+    if fits:
+        assert plan_route(route(diagrams, limited)).lap_times[-1] == pytest.approx(37.0)
+    else:
+        with pytest.raises(InputError, match=r"in laps the times must be 1\.2 times as long to keep to the limits"):
+            plan_route(route(diagrams, limited))
+
+
+def test_a_waypoint_of_every_lap_is_a_stop_and_the_others_are_not(diagrams):
+    for number in (1, 2):
+        points = ["[0, 0, 1]", "[1, 0, 1.2]", "[1, 1.5, 1]", "[0, 0, 1]"]
+        points[number] = f"{{point: {points[number]}, stop: true}}"
+        plan = plan_route(route(diagrams, f"kind: waypoints, laps: 3, waypoints: [{', '.join(points)}]"))
+        speeds = np.linalg.norm(evaluate(plan.path, plan.path.times, 1), axis=0)
+        assert len(speeds) == 10
+        for place, speed in enumerate(speeds):
+            stops = place in (0, 9) or place % 3 == number
+            assert speed == pytest.approx(0.0, abs=1e-9) if stops else speed > 0.05
+
+
 @pytest.mark.parametrize(
     ("points", "rests"),
     [
