@@ -45,6 +45,7 @@ def assert_alike(found, expected):
         np.testing.assert_allclose(mine, its, rtol=1e-12, err_msg=name)
 
 
+@pytest.mark.slow
 def test_over_the_link_it_believes_in_a_torque_chain_and_in_the_nominal_vehicle(asymmetric):
     recipe = regulator_of_scenario(asymmetric("lqg", "control.network=null"))
     assert recipe.system is LinearQuadraticGaussian
@@ -117,6 +118,7 @@ def programme_of(scenario):
     return mpc_recipes(batch, plan, regulator.numbers)["programme"], plan, regulator.numbers
 
 
+@pytest.mark.slow
 def test_a_programme_knows_the_regulator_and_its_limits(predictive):
     scenario = predictive()
     recipe, _, believed = programme_of(scenario)
