@@ -158,3 +158,19 @@ def test_by_default_everything_happens_as_often_as_in_a_scenario_and_crashes_are
             assert {update.period for update in system.updates} == {field.default}
     crash = {name: models.Crash.model_fields[name].default for name in CrashLimits._fields}
     assert CrashLimits()._asdict() == pytest.approx(crash)
+
+
+@pytest.mark.slow
+def test_before_a_simulation_begins_nothing_is_seen_and_no_wind_blows():
+    """The first samples are taken when it begins."""
+    wind = Wind(1.0, 2.0, 3.0)
+    for system in (
+        MotionCapture(filtered=True, drifts=True, longest_latency=2, num_vehicles=2),
+        Gust(numbers=GustNumbers(wind, 0.0, 1.0)),
+        SineWind(numbers=SineNumbers(wind, 1.0, 1.0)),
+        Fans(numbers=(BREEZE,)),
+        DrydenTurbulence(numbers=TurbulenceNumbers(CALM)),
+    ):
+        context = system.CreateDefaultContext()
+        for i in range(context.num_discrete_state_groups()):
+            np.testing.assert_array_equal(context.get_discrete_state(i).CopyToVector(), 0.0)
