@@ -240,6 +240,15 @@ def test_a_constant_yaw_is_there_from_the_beginning_to_the_end_of_the_path(diagr
         assert plan.initial_yaw == 0.3
 
 
+def test_a_flight_takes_at_least_a_tick(diagrams):
+    """Also that of a trajectory that is over at once."""
+    knots = "[{time: 0, position: [0, 0, 1]}, {time: 1, position: [0, 0, 1]}]"
+    scenario = load_scenario(
+        diagrams / "hover.yaml", [f"route={{kind: trajectory, knots: {knots}, time_scale: 1e-12}}"]
+    )
+    assert flight_duration(scenario, plan_route(scenario)) == 0.02
+
+
 @pytest.mark.slow
 def test_a_vehicle_that_looks_along_its_path_needs_the_yaw_of_the_path():
     mission = load_scenario("figure_eight", ["route={kind: circle, heading: along_path}"])
