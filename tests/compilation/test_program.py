@@ -188,6 +188,51 @@ class Begins(FleetSystem):
         self.state_output(x)
 
 
+def taken(x, by, seen):
+    return (total(x, by, seen),)
+
+
+def total(x, by, seen):
+    return x[0] + by[0] + seen
+
+
+@fleet_system(float)
+class Chooses(FleetSystem):
+    """Ports, parameters and states that are alike but for their numbers, of which some are taken."""
+
+    def declare(self, *, seen="one", by="one", read="one", written="one"):
+        inputs = {name: self.input(f"seen_{name}", layout=ROW) for name in ("one", "two")}
+        parameters = {
+            name: self.parameter(f"by_{name}", lambda _, i=i: (i,)) for name, i in (("one", 1.0), ("two", 2.0))
+        }
+        states = {name: self.state(f"x_{name}", lambda _, i=i: (i,)) for name, i in (("one", 10.0), ("two", 20.0))}
+        reads = states[read], parameters[by], inputs[seen]
+        self.update(0.01, taken, *reads, writes=[states[written]])
+        self.output("shown", total, *reads, layout=ROW)
+        for state in states.values():
+            self.state_output(state)
+
+
+def test_what_is_taken_of_what_is_alike_makes_other_events():
+    """After two updates, of numbers that tell where they are from."""
+    for choice in ({}, *({name: "two"} for name in ("seen", "by", "read", "written"))):
+        builder = DiagramBuilder()
+        chooses = builder.AddNamedSystem("chooses", Chooses(**choice))
+        for name, number in (("one", 100.0), ("two", 200.0)):
+            constant = builder.AddNamedSystem(name, ConstantVectorSource([number]))
+            builder.Connect(constant.get_output_port(), chooses.GetInputPort(f"seen_{name}"))
+        for name in ("shown", "x_one", "x_two"):
+            builder.ExportOutput(chooses.GetOutputPort(name), name)
+        wired = builder.Build()
+        shown = []
+        for diagram in (wired, compile_diagram(wired)):
+            simulator = Simulator(diagram)
+            simulator.AdvanceTo(0.015)
+            context = simulator.get_context()
+            shown.append([diagram.GetOutputPort(name).Eval(context).item() for name in ("shown", "x_one", "x_two")])
+        assert shown[0] == shown[1], choice
+
+
 def test_lists_among_constants_are_taken_as_they_are():
     for by in ([1.0, 2.0], [5.0]):
         builder = DiagramBuilder()
