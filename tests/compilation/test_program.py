@@ -37,11 +37,14 @@ def turned_over(x, constant):
 class Grows(FleetSystem):
     """A row that changes by a formula, with a constant, at a period."""
 
-    def declare(self, *, formula=shrunk, constant=2.0, absent=0.0, period=0.01, at_start=True, numbers=1.0):
+    def declare(
+        self, *, formula=shrunk, constant=2.0, absent=0.0, period=0.01, unrestricted=False, at_start=True, numbers=1.0
+    ):
         seen = self.input("seen", layout=ROW, absent=absent)
         by = self.parameter("by", lambda number: (number,))
         x = self.state("x", lambda number: (0.5 * number,))
-        self.update(period, formula, x, by, constant, seen, writes=[x], at_start=at_start)
+        reads = x, by, constant, seen
+        self.update(period, formula, *reads, writes=[x], unrestricted=unrestricted, at_start=at_start)
         self.output("turned", turned_over, x, constant, layout=ROW)
         self.state_output(x)
 
@@ -142,6 +145,7 @@ DIFFERENT = [
     {"absent": 0.25, "connected": False},
     {"period": 0.02},
     {"at_start": False},
+    {"unrestricted": True},
     {"hold": 0.04},
     {"gain": 5.0},
     {"connected": False},
@@ -211,6 +215,21 @@ class Chooses(FleetSystem):
         self.output("shown", total, *reads, layout=ROW)
         for state in states.values():
             self.state_output(state)
+
+
+def test_each_row_has_its_own_gain():
+    """Of diagrams that are alike but for the second."""
+    for second in (5.0, 7.0):
+        builder = DiagramBuilder()
+        grows = builder.AddNamedSystem("grows", Grows())
+        numbers = builder.AddNamedSystem("numbers", ConstantVectorSource([1.0, 2.0]))
+        gain = builder.AddNamedSystem("gain", Gain([3.0, second]))
+        builder.Connect(numbers.get_output_port(), gain.get_input_port())
+        builder.ExportOutput(grows.GetOutputPort("x"), "x")
+        builder.ExportOutput(gain.get_output_port(), "gained")
+        compiled = compile_diagram(builder.Build())
+        found = compiled.GetOutputPort("gained").Eval(compiled.CreateDefaultContext())
+        np.testing.assert_array_equal(found, [3.0, 2.0 * second])
 
 
 def test_what_is_taken_of_what_is_alike_makes_other_events():
