@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from drake_quad.assembly.control import build_control, control_recipes
 from drake_quad.assembly.lqg import height_model, lateral_model, lqg_recipes, lqg_timing
 from drake_quad.assembly.mpc import mpc_recipes
 from drake_quad.assembly.planning import plan_route
@@ -174,3 +175,32 @@ def test_a_regulator_alone_has_no_programme(asymmetric):
     scenario = asymmetric("lqg")
     batch = Batch(scenario, (0,), {})
     assert mpc_recipes(batch, plan_route(scenario), lqg_recipes(batch)["regulator"].numbers) == {}
+
+
+NETWORK = "control.network={kind: type_1, axes: [x], inputs: {error: {}}, learning: {kind: gradient, signal: feedback}}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("beside", [None, "network", "programme"])
+def test_the_controller_and_what_stands_beside_it_are_wired_and_shown(asymmetric, predictive, beside):
+    """What they take of each other is no port of the diagram; all that they give is."""
+    scenario = predictive() if beside == "programme" else asymmetric("lqg", *([NETWORK] if beside else []))
+    plan = plan_route(scenario)
+    control = build_control(scenario, control_recipes(Batch(scenario, (0,), {}), plan), 2)
+    assert control.get_name() == "control"
+    assert {part.get_name() for part in control.GetSystems()} == {"regulator", *([beside] if beside else [])}
+    inputs = {control.get_input_port(i).get_name() for i in range(control.num_input_ports())}
+    assert inputs == {"measurement", "reference", "reference_jerk", "reference_snap"}
+    outputs = {control.get_output_port(i).get_name() for i in range(control.num_output_ports())}
+    assert {"wrench", "error", "disturbance"} <= outputs
+    assert ("weights" in outputs) == (beside == "network")
+    context = control.CreateDefaultContext()
+    for name in inputs:
+        port = control.GetInputPort(name)
+        port.FixValue(context, np.linspace(0.1, 0.2, port.size()))
+    regulator = control.GetSubsystemByName("regulator")
+    taken = [name for name in ("correction", "learned_disturbance", "perturbation") if regulator.HasInputPort(name)]
+    assert taken == {None: [], "network": ["correction", "learned_disturbance"], "programme": ["perturbation"]}[beside]
+    own = regulator.GetMyContextFromRoot(context)
+    assert all(regulator.GetInputPort(name).HasValue(own) for name in taken)
+    assert np.isfinite(control.GetOutputPort("wrench").Eval(context)).all()
