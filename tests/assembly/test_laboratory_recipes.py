@@ -220,6 +220,13 @@ def test_steady_wind_is_the_sum_of_all_of_it_and_not_there_if_it_is_calm(asymmet
         assert not any(path.startswith("wind.") for path in recipes)
     drawn = "laboratory.wind=[{kind: steady, speed: {choice: [0.0, 1.0]}, heading: 0.7}]"
     assert "wind.steady" in recipes_of(asymmetric("pid", drawn))
+    # It has a place if it can be drawn though none is, and if it is given though the scenario has none.
+    calm = "laboratory.wind=[{kind: steady, speed: 0, heading: 0.7}]"
+    for text, speeds in ((drawn, (0.0, 0.0)), (calm, (0.0, 1.5))):
+        scenario = asymmetric("pid", text)
+        batch = Batch(scenario, (0, 1), {"laboratory.wind.0.speed": np.array(speeds)})
+        steady = laboratory_recipes(batch, plan_route(scenario), DURATION)["wind.steady"].numbers
+        np.testing.assert_allclose(np.hypot(steady.x, steady.y), speeds, rtol=1e-12)
 
 
 def test_a_step_is_too_long_for_drag_that_stops_a_vehicle_within_two_fifths_of_it(asymmetric):

@@ -383,8 +383,10 @@ def test_a_flight_goes_on_in_another_simulator(figure_eight):
 
 
 def test_a_distribution_is_refused_where_a_number_is_needed(figure_eight):
-    with pytest.raises(InputError, match="vehicle.mass is a distribution"):
-        simulate(figure_eight("vehicle.mass={uniform: {min: 0.6, max: 0.7}}"))
+    drawn = figure_eight("vehicle.mass={uniform: {min: 0.6, max: 0.7}}")
+    for use in (simulate, build_tracking_diagram):
+        with pytest.raises(InputError, match="vehicle.mass is a distribution"):
+            use(drawn)
 
 
 def test_a_window_beyond_the_flight_is_refused(figure_eight):

@@ -8,6 +8,7 @@ from drake_quad.assembly.planning import plan_route
 from drake_quad.reference.laps import LapDurations, flown_in_laps, periodic_motion
 from drake_quad.reference.minimum_snap import MinimumSnap, rest_at_ends, snap_cost
 from drake_quad.reference.polynomial_path import evaluate, peak_norm
+from drake_quad.reference.time_allocation import trapezoid_times
 
 POINTS = np.array([[0.0, 0.0, 1.0], [1.0, 0.2, 1.2], [1.1, 1.5, 1.0], [-0.3, 0.9, 0.8], [0.0, 0.0, 1.0]])
 DURATIONS = np.array([1.1, 1.6, 2.0, 1.3])
@@ -104,6 +105,13 @@ def test_routes_that_close_are_flown_on_and_on_within_their_limits(diagrams, tex
         assert between[0] <= min(first, last) * (1.0 + 1e-12)
         assert max(speed / 2.0, acceleration / 0.7) == pytest.approx(1.0)
     assert np.linalg.norm(evaluate(plan.path, plan.lap_times[1:-1], 1), axis=0).min() > 0.1
+
+
+def test_three_laps_of_the_eight_are_timed_as_a_ride_at_cruise_speed_stretched_to_its_limits(diagrams):
+    plan = plan_route(route(diagrams, "kind: figure_eight, laps: 3, cruise_speed: 1.1, top_acceleration: 0.6"))
+    ride = trapezoid_times(plan.path.waypoints, speed=1.1, acceleration=0.6)
+    stretched = np.diff(plan.path.times) / np.diff(ride)
+    np.testing.assert_allclose(stretched, stretched[0], rtol=1e-9)
 
 
 def test_with_a_stop_at_the_end_there_is_rest_between_laps(diagrams):
