@@ -158,7 +158,7 @@ def test_in_wind_quadratic_drag_of_the_body_and_lift_are_steeper(asymmetric):
 
 
 def test_the_steepest_load_is_the_sum_of_that_on_the_body_and_that_on_the_rotors(asymmetric):
-    """In wind of 5 m/s: the body along y, and the rotors along the thrust, at four times the largest speed."""
+    """The wind is 5 m/s. The drag of the body is steepest along y, that of the rotors along or across the thrust."""
     body = "vehicle.body_drag={linear: [0.1, 0.4, 0.2], quadratic: [0.03, 0.02, 0.01]}"
     rotors = "vehicle.rotor_aerodynamics={{lift: 0.07, climb: {climb}, drag: {drag}, inflow: {inflow}}}"
     along = 0.3 + 4.0 * 222.0 * 2e-4 + 2.0 * 0.07 * 5.0

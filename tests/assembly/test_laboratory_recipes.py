@@ -220,7 +220,7 @@ def test_steady_wind_is_the_sum_of_all_of_it_and_not_there_if_it_is_calm(asymmet
         assert not any(path.startswith("wind.") for path in recipes)
     drawn = "laboratory.wind=[{kind: steady, speed: {choice: [0.0, 1.0]}, heading: 0.7}]"
     assert "wind.steady" in recipes_of(asymmetric("pid", drawn))
-    # It has a place if it can be drawn though none is, and if it is given though the scenario has none.
+    # The diagram has steady wind if the scenario can draw some or if the batch gives some.
     calm = "laboratory.wind=[{kind: steady, speed: 0, heading: 0.7}]"
     for text, speeds in ((drawn, (0.0, 0.0)), (calm, (0.0, 1.5))):
         scenario = asymmetric("pid", text)
@@ -322,7 +322,7 @@ def perfect(asymmetric):
 
 @pytest.mark.parametrize(("field", "part", "name"), FOUND_IN_A_FLEET)
 def test_an_imperfection_has_a_place_if_a_vehicle_of_a_fleet_has_it(perfect, field, part, name):
-    """The scenario has none of it, but what varies may also be given, as in a calibration."""
+    """The scenario has no imperfection, but a batch may give each vehicle its own, as a calibration does."""
     scenario, plan = perfect
     for flown, there in (((0.0, 0.0), False), ((0.0, 0.01), True)):
         batch = Batch(scenario, (0, 1), {field: np.array(flown)})

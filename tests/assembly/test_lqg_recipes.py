@@ -40,7 +40,7 @@ def regulator_of_scenario(scenario):
 
 
 def assert_alike(found, expected):
-    """Records of the same kind, the numbers in them nearly equal."""
+    """Assert that two records have the same type and nearly equal numbers."""
     assert type(found) is type(expected)
     for name, mine, its in zip(found._fields, found, expected, strict=True):
         np.testing.assert_allclose(mine, its, rtol=1e-12, err_msg=name)
@@ -73,7 +73,7 @@ def test_over_the_link_it_believes_in_a_torque_chain_and_in_the_nominal_vehicle(
 
 @pytest.mark.parametrize("lag", [None, 0.043])
 def test_behind_an_autopilot_it_believes_in_the_answer_of_the_attitude(asymmetric, lag):
-    """What is fed forward shall be right a delay, a lag and an answer 1 + (2 ζ / ω) s + s² / ω² later."""
+    """The feed-forward makes up for delay, lag and the attitude's answer 1 / (1 + (2 ζ / ω) s + s² / ω²)."""
     scenario = asymmetric("lqg_on_board", f"control.lateral.lag={'null' if lag is None else lag}")
     recipe = regulator_of_scenario(scenario)
     assert (recipe.structure["signal"], recipe.structure["period"]) == ("attitude_target", 0.01)
@@ -101,18 +101,18 @@ def test_it_has_a_port_for_a_network_and_none_for_frames_that_are_not_lost(asymm
 
 @pytest.fixture(scope="module")
 def predictive(asymmetric):
-    """The scenario of the regulator with a programme beside it, and further fields of that."""
+    """Return a function that makes the scenario with a programme beside the regulator, given fields of its control."""
     scenario = asymmetric("lqg")
 
     def changed(**fields):
-        control = scenario.control.model_dump(mode="json") | {"kind": "mpc", "horizon": 0.37, "tilt_weight": 7.0}
+        control = scenario.control.model_dump(mode="json") | {"kind": "mpc", "horizon": 0.375, "tilt_weight": 7.0}
         return scenario.model_copy(update={"control": MpcControl.model_validate(control | fields)})
 
     return changed
 
 
 def programme_of(scenario):
-    """The recipe for the programme, the plan, and the numbers of the regulator."""
+    """Return the recipe for the programme, the plan, and the numbers of the regulator."""
     plan, batch = plan_route(scenario), Batch(scenario, (0,), {})
     regulator = lqg_recipes(batch)["regulator"]
     assert regulator.structure["takes_perturbation"]
@@ -126,8 +126,8 @@ def test_a_programme_knows_the_regulator_and_its_limits(predictive):
     assert (recipe.system, recipe.numbers) == (PredictiveProgramme, None)
     structure = recipe.structure
     assert structure["believed"] is believed
-    # 18.5 ticks are rounded to an even number.
-    assert (structure["tick"], structure["num_ticks"], structure["tilt_weight"]) == (0.02, 18, 7.0)
+    # The horizon is 18.75 ticks.
+    assert (structure["tick"], structure["num_ticks"], structure["tilt_weight"]) == (0.02, 19, 7.0)
     assert structure["corridor"] is OPEN
     times, control = lqg_timing(scenario), scenario.control
     assert_alike(structure["lateral"], regulator_of(lateral_model(control.lateral), times, 2.0e-5))
@@ -136,7 +136,7 @@ def test_a_programme_knows_the_regulator_and_its_limits(predictive):
 
 
 def test_a_programme_sees_the_reference_tick_by_tick_and_the_snap_a_tick_before(predictive):
-    """From the first tick on. The last entry holds for good, so the reference rests a tick before it, too."""
+    """It begins at the first tick. Its last entry holds for good, so the reference also rests a tick before that."""
     recipe, plan, _ = programme_of(predictive())
     preview, rest = recipe.structure["preview"], plan.rest_time
     ticks = np.arange(len(preview))
@@ -183,7 +183,7 @@ NETWORK = "control.network={kind: type_1, axes: [x], inputs: {error: {}}, learni
 @pytest.mark.slow
 @pytest.mark.parametrize("beside", [None, "network", "programme"])
 def test_the_controller_and_what_stands_beside_it_are_wired_and_shown(asymmetric, predictive, beside):
-    """What they take of each other is no port of the diagram; all that they give is."""
+    """Inputs that they take from each other are not inputs of the diagram; all of their outputs are outputs of it."""
     scenario = predictive() if beside == "programme" else asymmetric("lqg", *([NETWORK] if beside else []))
     plan = plan_route(scenario)
     control = build_control(scenario, control_recipes(Batch(scenario, (0,), {}), plan), 2)

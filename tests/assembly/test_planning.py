@@ -241,7 +241,7 @@ def test_a_constant_yaw_is_there_from_the_beginning_to_the_end_of_the_path(diagr
 
 
 def test_a_flight_takes_at_least_a_tick(diagrams):
-    """Also that of a trajectory that is over at once."""
+    """A trajectory without duration takes one, too."""
     knots = "[{time: 0, position: [0, 0, 1]}, {time: 1, position: [0, 0, 1]}]"
     scenario = load_scenario(
         diagrams / "hover.yaml", [f"route={{kind: trajectory, knots: {knots}, time_scale: 1e-12}}"]

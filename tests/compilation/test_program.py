@@ -202,7 +202,7 @@ def total(x, by, seen):
 
 @fleet_system(float)
 class Chooses(FleetSystem):
-    """Ports, parameters and states that are alike but for their numbers, of which some are taken."""
+    """Two ports, two parameters and two states that differ only in their numbers, of which one each is used."""
 
     def declare(self, *, seen="one", by="one", read="one", written="one"):
         inputs = {name: self.input(f"seen_{name}", layout=ROW) for name in ("one", "two")}
@@ -218,7 +218,7 @@ class Chooses(FleetSystem):
 
 
 def test_each_row_has_its_own_gain():
-    """Of diagrams that are alike but for the second."""
+    """The two diagrams differ only in the gain of the second row."""
     for second in (5.0, 7.0):
         builder = DiagramBuilder()
         grows = builder.AddNamedSystem("grows", Grows())
@@ -233,7 +233,7 @@ def test_each_row_has_its_own_gain():
 
 
 def test_what_is_taken_of_what_is_alike_makes_other_events():
-    """After two updates, of numbers that tell where they are from."""
+    """Each number shows which port, parameter or state it comes from."""
     for choice in ({}, *({name: "two"} for name in ("seen", "by", "read", "written"))):
         builder = DiagramBuilder()
         chooses = builder.AddNamedSystem("chooses", Chooses(**choice))

@@ -208,7 +208,7 @@ def test_who_is_nearer_to_a_solid_than_the_radius_has_crashed_into_it():
 
 
 def test_a_vehicle_that_begins_in_a_solid_has_crashed_into_it():
-    """Nowhere is it known to be free at the beginning."""
+    """At the beginning no place is known to be free."""
     for place in ((0.4, 0.0), (0.0, 0.9)):
         tape = still(x=place[0], y=place[1])
         solid = Ball((place[0] + 0.1, place[1], 1.1), radius=0.2)

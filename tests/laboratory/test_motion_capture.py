@@ -162,7 +162,7 @@ def test_body_rates_are_right_for_a_body_that_turns_over(turning, misaligned):
 @pytest.mark.parametrize("change", [0.3, -0.3, 0.06, -0.06])
 @pytest.mark.parametrize("angle", ["roll", "pitch", "yaw"])
 def test_a_large_step_of_an_angle_is_the_rotation_vector_between_the_attitudes(angle, change):
-    """Each angle by itself, in both directions, and by NumPy's floats; a small step is that of eq (2)."""
+    """Each angle changes by itself, in both directions. A small step follows eq (2)."""
     before = Pose(0.0, 0.0, 0.0, 0.2, -0.4, 0.7)
     after = before._replace(**{angle: getattr(before, angle) + change})
     turns = [Rotation.from_euler("ZYX", (p.yaw, p.pitch, p.roll)) for p in (before, after)]

@@ -305,7 +305,7 @@ def test_every_part_of_the_airframe_that_differs_strongly_is_remarked(change, wo
 
 
 def test_sizes_and_places_that_are_drawn_are_not_compared():
-    """The other fields of the vehicle are."""
+    """All other fields of the vehicle are compared."""
     corners = [(0.3, 0.0), (0.0, -0.3), (-0.3, 0.0), (0.0, 0.3)]
     rotors = [{"position": [x, y, 0.0], "turns": turns} for (x, y), turns in zip(corners, TURNS, strict=True)]
     rotors[0]["position"][0] = {"uniform": {"min": 0.29, "max": 0.31}}
@@ -329,7 +329,7 @@ def test_sizes_and_places_that_are_drawn_are_not_compared():
     ],
 )
 def test_a_rotor_is_elsewhere_if_it_is_off_by_a_fifth_of_the_arm_length(first, third, remarked):
-    """The arm length, the mean of the nearest and the farthest rotor's, remains 0.17 m."""
+    """The mean of the nearest and the farthest rotor's distance, which is the arm length, remains 0.17 m."""
     corners = [first, (0.0, -0.17), third, (0.0, 0.17)]
     rotors = [{"position": [x, y, 0.0], "turns": turns} for (x, y), turns in zip(corners, TURNS, strict=True)]
     remarks = flight_remarks(load_scenario("figure_eight", {"vehicle.layout": {"kind": "rotors", "rotors": rotors}}))
@@ -338,7 +338,7 @@ def test_a_rotor_is_elsewhere_if_it_is_off_by_a_fifth_of_the_arm_length(first, t
 
 
 def test_a_drawn_offset_of_the_centre_of_mass_is_remarked_if_it_is_far_beyond_its_spread():
-    """Beyond a tenth of the arm length, and beyond five standard deviations."""
+    """The limits are a tenth of the arm length and five standard deviations."""
     for standard_deviation, remarked in ((0.003, True), (0.0039, True), (0.0041, False), (0.01, False)):
         normal = {"normal": {"mean": 0.02, "standard_deviation": standard_deviation}}
         remarks = flight_remarks(load_scenario("figure_eight", {"vehicle.centre_of_mass": [normal, 0.0]}))
