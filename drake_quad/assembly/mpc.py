@@ -56,9 +56,8 @@ def mpc_recipes(batch: Batch, plan: Plan, believed: LqgNumbers) -> dict[str, Rec
 
 def _preview(plan: Plan, tick: float) -> tuple[Preview, ...]:
     """Return the reference at each tick from time zero until it rests; the last entry also holds after that."""
-    trajectory, layout = plan.reference(), layout_of(_Shown)
-    instants = tick * np.arange(-1, math.ceil(plan.rest_time / tick) + 2)
-    rows = trajectory.vector_values(np.clip(instants, trajectory.start_time(), trajectory.end_time()))
+    layout = layout_of(_Shown)
+    rows = plan.reference().vector_values(tick * np.arange(-1, math.ceil(plan.rest_time / tick) + 2))
     shown = [layout.build(row) for row in rows.T.tolist()]
     return tuple([Preview(now.reference, now.jerk, now.snap, before.snap) for before, now in itertools.pairwise(shown)])
 

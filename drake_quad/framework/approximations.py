@@ -177,18 +177,16 @@ def fused(x: Symbol, y: Any, z: Any) -> Symbol:
 
 
 def polynomial(x: Symbol, coefficients: Sequence[float]) -> Symbol:
-    """The polynomial with these coefficients, that of the power 0 first.
+    """Return the polynomial with at least four coefficients, that of the power 0 first.
 
-    Of more than four, even and odd powers are summed apart, so that neither sum waits for the other.
+    Even and odd powers are summed apart, so that neither sum waits for the other.
     """
-    if len(coefficients) > 4:
-        z = x * x
-        return fused(x, polynomial_in_turn(z, coefficients[1::2]), polynomial_in_turn(z, coefficients[::2]))
-    return polynomial_in_turn(x, coefficients)
+    z = x * x
+    return fused(x, polynomial_in_turn(z, coefficients[1::2]), polynomial_in_turn(z, coefficients[::2]))
 
 
 def polynomial_in_turn(x: Symbol, coefficients: Sequence[float]) -> Symbol:
-    """The same in one sum, by Horner's rule."""
+    """Return the polynomial with at least two coefficients, by Horner's rule."""
     *others, before, last = coefficients
     result = fused(x, last, before)
     for coefficient in reversed(others):

@@ -11,8 +11,11 @@ from drake_quad.control.attitude import AttitudeController, AttitudeNumbers
 from drake_quad.control.axes import PerAngle, PerAxis
 from drake_quad.control.disturbance.laws import AdaptiveLaw, IncrementalLaw, KalmanLaw
 from drake_quad.control.disturbance.response import Command
-from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets
+from drake_quad.control.disturbance.tilt import TiltDisturbanceEstimator, TiltEstimatorNumbers
+from drake_quad.control.fuzzy.adaptation import AdaptationRates
+from drake_quad.control.fuzzy.inference import Antecedents, CircularSets, FuzzySets
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw
+from drake_quad.control.fuzzy.set_learning import AdaptationNumbers, SetLearning
 from drake_quad.control.fuzzy.systems import FuzzyRules, Lead, LearningNumbers, RulesNumbers, WeightLearning
 from drake_quad.control.geometric import (
     GeometricAttitudeController,
@@ -23,7 +26,9 @@ from drake_quad.control.incremental_attitude import IncrementalAttitudeControlle
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.control.position import PdGains, ProportionalDerivative
 from drake_quad.control.thrust_vectoring import ThrustVectoring
+from drake_quad.framework.records import layout_of
 from drake_quad.scenario import Batch
+from drake_quad.scenario.loading import with_fields
 
 WEIGHT = 0.7 * 9.79
 
@@ -190,3 +195,73 @@ def test_a_kalman_filter_is_designed_for_each_vehicle_of_a_fleet(asymmetric, fie
         own = {"position_noise": 0.002, "deviation": 0.4, "time_constant": 2.0, field.removesuffix(".1"): number}
         expected = KalmanLaw.of(**own, period=0.02)
         assert laws[1].gain.position[vehicle] == expected.gain.position
+
+
+def test_sets_that_adapt_begin_alike_on_each_axis_and_with_what_was_learned_on_its_own(asymmetric):
+    adaptive = "control.network.adaptive={centres: 0.4, exponents: 0.2}"
+    found, _ = recipes_of(asymmetric("pd_t2fnn", adaptive))
+    rules, learning, adapting = (found[f"network.{part}"] for part in ("rules", "learning", "sets"))
+    assert rules.structure["adaptive"]
+    (begun,) = rules.numbers.antecedents
+    assert adapting.system is SetLearning
+    assert adapting.numbers == AdaptationNumbers(
+        (begun,) * 3, AdaptationRates(centres=0.4, exponents=0.2), learning.numbers
+    )
+    assert (adapting.structure["parts"], adapting.structure["axes"]) == (("centres", "exponents"), ("x", "y", "z"))
+    assert (adapting.structure["period"], adapting.structure["inputs"]) == (0.02, ("error", "error_rate"))
+    layout = layout_of(Antecedents, begun)
+    numbers = np.linspace(0.5, 1.5, layout.num_rows)
+    axes = {
+        axis: {"weights": (place + np.linspace(0.1, 0.9, 12)).tolist(), "antecedents": (place + numbers).tolist()}
+        for place, axis in enumerate("xyz")
+    }
+    learned = {"kind": "type_2", "inputs": ["error", "error_rate"], "sets": [3, 4], **axes}
+    scenario = asymmetric("pd_t2fnn", adaptive)
+    control = scenario.control.model_dump(mode="json")
+    control["network"]["learned"] = learned
+    found, _ = recipes_of(with_fields(scenario, {"control": control}))
+    known = found["network.sets"].numbers.antecedents
+    assert found["network.rules"].numbers.antecedents == known
+    for place, each in enumerate(known):
+        a1, a2, q, inputs = each
+        sets = (number for scale, centres, widths in inputs for number in (scale, *centres, *widths))
+        np.testing.assert_allclose([a1, a2, q, *sets], place + numbers)
+    weights = found["network.learning"].structure["initial_weights"]
+    np.testing.assert_allclose(weights, np.arange(3)[:, np.newaxis] + np.linspace(0.1, 0.9, 12))
+
+
+def test_a_network_looks_at_laps_if_the_phase_in_them_is_among_its_inputs(asymmetric):
+    laps = ("route={kind: lissajous, amplitude: [0.1, 0.2, 0], period: 5, laps: 2}", "metrics={start: 0}")
+    for inputs, kinds in (
+        ("{error_rate: null}", [FuzzySets]),
+        ("{error_rate: null, phase: {}}", [FuzzySets, CircularSets]),
+    ):
+        learning = "{kind: gradient, rate: 1.0, signal: feedback}"
+        network = f"{{kind: type_1, axes: [y], lead: 0.1, inputs: {inputs}, learning: {learning}}}"
+        found, plan = recipes_of(asymmetric("pd_t1fnn", *laps, f"control.network={network}"))
+        rules, learning = found["network.rules"], found["network.learning"]
+        assert rules.structure["lap_times"] == (plan.lap_times if CircularSets in kinds else ())
+        assert [type(sets) for sets in rules.numbers.antecedents[0].inputs] == kinds
+        assert rules.structure["leads"]
+        assert learning.structure["leads"]
+        assert rules.numbers.lead == Lead(0.1)
+        assert learning.structure["learns_from"] == "feedback"
+    surface, sign = (recipes_of(asymmetric(name))[0]["network.learning"].structure for name in ("pd_t2fnn", "pd_t1fnn"))
+    assert (surface["learns_from"], sign["learns_from"]) == ("surface", "feedback")
+    assert surface["initial_weights"] == ()
+
+
+def test_where_there_is_no_network_there_is_no_recipe_for_one(asymmetric):
+    for name in ("pid", "lqg"):
+        assert not any(path.startswith("network") for path in recipes_of(asymmetric(name, "control.network=null"))[0])
+
+
+def test_tilt_tells_of_a_disturbance_by_gravity_as_it_is_believed(asymmetric):
+    response = "response: {kind: tilt, delay_ticks: 2, lag: 0.13}"
+    numbers = "bandwidth: [1.0, 2.0, 3.0], disturbance_limit: 0.8"
+    found, _ = recipes_of(asymmetric("pid", f"control.position={{kind: indi, {PD}, {response}, {numbers}}}"))
+    estimator = found["position.estimator"]
+    assert estimator.system is TiltDisturbanceEstimator
+    assert estimator.structure == {"period": 0.02, "delay_ticks": 2}
+    laws = (IncrementalLaw(1.0), IncrementalLaw(2.0), IncrementalLaw(3.0))
+    assert estimator.numbers == TiltEstimatorNumbers(laws, 0.13, 9.79, 0.8, PerAxis(0.3, -0.2, 1.0))

@@ -7,9 +7,10 @@ import pytest
 from both_ways import assert_flown_alike
 
 from drake_quad import InputError, simulate
-from drake_quad.assembly.effects import vehicle_effects
+from drake_quad.assembly.effects import steepest_load, swing_frequency, vehicle_effects
 from drake_quad.assembly.laboratory import laboratory_recipes
 from drake_quad.assembly.planning import plan_route
+from drake_quad.assembly.recipe import FleetScenario
 from drake_quad.flight import simulate_samples
 from drake_quad.scenario import Batch
 from drake_quad.vehicle.aerodynamics import (
@@ -154,6 +155,33 @@ def test_in_wind_quadratic_drag_of_the_body_and_lift_are_steeper(asymmetric):
         recipes_of(asymmetric("pid", *STILL, wind, "vehicle." + drag.format((1.0 - 1e-9) * most)))
         with pytest.raises(InputError, match="too long for this much drag"):
             recipes_of(asymmetric("pid", *STILL, wind, "vehicle." + drag.format((1.0 + 1e-9) * most)))
+
+
+def test_the_steepest_load_is_the_sum_of_that_on_the_body_and_that_on_the_rotors(asymmetric):
+    """The wind is 5 m/s. The drag of the body is steepest along y, that of the rotors along or across the thrust."""
+    body = "vehicle.body_drag={linear: [0.1, 0.4, 0.2], quadratic: [0.03, 0.02, 0.01]}"
+    rotors = "vehicle.rotor_aerodynamics={{lift: 0.07, climb: {climb}, drag: {drag}, inflow: {inflow}}}"
+    along = 0.3 + 4.0 * 222.0 * 2e-4 + 2.0 * 0.07 * 5.0
+    across = 4.0 * 222.0 * 2e-3
+    for climb, inflow, drag, largest in (("-0.3", "2e-4", "1e-6", along), ("-0.3", "2e-4", "2e-3", across)):
+        text = rotors.format(climb=climb, inflow=inflow, drag=drag)
+        for overrides, expected in (((text,), largest), ((body, text), 0.4 + 2.0 * 0.02 * 5.0 + largest)):
+            vehicle = FleetScenario(Batch.draw(asymmetric("pid", *overrides), (0,))).vehicle
+            assert steepest_load(vehicle, 5.0) == pytest.approx(expected, rel=1e-12)
+    none = FleetScenario(Batch.draw(asymmetric("pid"), (0,))).vehicle
+    assert (steepest_load(none, 5.0), swing_frequency(none)) == (0.0, 0.0)
+
+
+def test_of_a_fleet_the_vehicle_with_the_fastest_drag_and_the_shortest_load_counts(asymmetric):
+    scenario = asymmetric("pid", *STILL, "vehicle.slung_load={mass: 0.03, length: 0.6}")
+    plan = plan_route(scenario)
+    for field, number, words in (
+        ("vehicle.linear_drag", 200.0, "too long for this much drag"),
+        ("vehicle.slung_load.length", 1e-5, "too long for this slung load"),
+    ):
+        batch = Batch(scenario, (0, 1, 2), {field: np.array([0.3, number, 0.3])})
+        with pytest.raises(InputError, match=words):
+            laboratory_recipes(batch, plan, 2.0)
 
 
 def test_a_step_is_too_long_for_a_load_that_swings_fast(asymmetric):

@@ -8,12 +8,14 @@ import pytest
 from drake_quad import InputError, load_scenario
 from drake_quad.assembly.laboratory import (
     build_monitor,
+    jump_times,
     laboratory_recipes,
     steady_wind,
     vehicle_parameters,
     wind_period,
 )
 from drake_quad.assembly.planning import plan_route
+from drake_quad.assembly.recipe import Recipe
 from drake_quad.gym.task import task_of
 from drake_quad.laboratory.command_link import LinkNumbers
 from drake_quad.laboratory.flight_monitor import CrashLimits, Window
@@ -21,10 +23,13 @@ from drake_quad.laboratory.motion_capture import CameraNumbers
 from drake_quad.laboratory.wind.dryden import WIND_AT_20_FEET, Turbulence
 from drake_quad.laboratory.wind.fans import Outlet
 from drake_quad.laboratory.wind.gust import GustNumbers
+from drake_quad.laboratory.wind.sine import SineNumbers, SineWind
 from drake_quad.scenario import Batch
-from drake_quad.signals import Attitude, Wind, Wrench
+from drake_quad.signals import Attitude, AttitudeTarget, BodyRates, Wind, Wrench
+from drake_quad.vehicle.autopilot import AutopilotNumbers, Gyroscope, LoopGains, ThrustAlone
 from drake_quad.vehicle.parameters import CentreOfMass, Inertia
 from drake_quad.vehicle.quadrotor import Place
+from drake_quad.vehicle.responding import AttitudeResponse, DampingRatios, NaturalFrequencies, RespondingQuadrotor
 
 DURATION = 16.0
 
@@ -215,6 +220,13 @@ def test_steady_wind_is_the_sum_of_all_of_it_and_not_there_if_it_is_calm(asymmet
         assert not any(path.startswith("wind.") for path in recipes)
     drawn = "laboratory.wind=[{kind: steady, speed: {choice: [0.0, 1.0]}, heading: 0.7}]"
     assert "wind.steady" in recipes_of(asymmetric("pid", drawn))
+    # The diagram has steady wind if the scenario can draw some or if the batch gives some.
+    calm = "laboratory.wind=[{kind: steady, speed: 0, heading: 0.7}]"
+    for text, speeds in ((drawn, (0.0, 0.0)), (calm, (0.0, 1.5))):
+        scenario = asymmetric("pid", text)
+        batch = Batch(scenario, (0, 1), {"laboratory.wind.0.speed": np.array(speeds)})
+        steady = laboratory_recipes(batch, plan_route(scenario), DURATION)["wind.steady"].numbers
+        np.testing.assert_allclose(np.hypot(steady.x, steady.y), speeds, rtol=1e-12)
 
 
 def test_a_step_is_too_long_for_drag_that_stops_a_vehicle_within_two_fifths_of_it(asymmetric):
@@ -241,10 +253,10 @@ def test_there_is_room_for_the_longest_delay_that_can_be_drawn(asymmetric):
 
 
 def test_turbulence_goes_by_with_the_steady_wind_and_along_it_where_it_does_not_say(asymmetric):
-    sources = "[{kind: steady, velocity: [1, 2, 3]}, {kind: steady, velocity: [1, -6, -2]}, {kind: dryden}]"
+    sources = "[{kind: steady, velocity: [1, 2, 3]}, {kind: steady, velocity: [1, -6, 0]}, {kind: dryden}]"
     scenario = asymmetric("pid", f"laboratory.wind={sources}")
     turbulence, heading = recipes_of(scenario)["wind.dryden_0"].numbers
-    assert turbulence.airspeed == pytest.approx(math.sqrt(21.0))
+    assert turbulence.airspeed == pytest.approx(math.sqrt(29.0))
     assert heading == pytest.approx(math.atan2(-4.0, 2.0))
 
 
@@ -272,3 +284,128 @@ def test_an_autopilot_that_is_told_body_rates_heeds_no_attitude(action, gains):
     scenario = load_scenario("onboard", ["laboratory.autopilot.k_attitude=[6, 5.5, 2.8]"])
     numbers = recipes_of(task_of(scenario, action=action))["autopilot"].numbers
     assert numbers.k_attitude == gains
+
+
+FOUND_IN_A_FLEET = [
+    ("vehicle.battery_sag", "vehicle", "faulty"),
+    *(
+        (f"laboratory.motion_capture.{field}", "motion_capture", name)
+        for field, name in (
+            ("position_noise", "noisy"),
+            ("attitude_noise", "noisy"),
+            ("dropout_rate", "loses_frames"),
+            ("misalignment.1", "misaligned"),
+            ("velocity_error.2", "mistaken"),
+            ("velocity_drift.0", "drifts"),
+        )
+    ),
+    ("laboratory.command_link.loss_rate", "command_link", "loses_packets"),
+    ("laboratory.autopilot.gyroscope_noise", "autopilot", "noisy"),
+    ("laboratory.autopilot.attitude_noise", "autopilot", "noisy"),
+]
+
+
+@pytest.fixture(scope="module")
+def perfect(asymmetric):
+    """A scenario and its plan, without any of the imperfections that a fleet may have."""
+    cameras = "position_noise: 0, attitude_noise: 0"
+    scenario = asymmetric(
+        "lqg_on_board",
+        f"laboratory.motion_capture={{{cameras}, misalignment: [0, 0, 0], dropout_rate: 0, latency_frames: 2}}",
+        "laboratory.command_link={delay_ticks: 1, loss_rate: 0}",
+        "laboratory.autopilot={kind: attitude, period: 0.005, gyroscope_noise: 0, attitude_noise: 0}",
+        "vehicle.battery_sag=0",
+        "vehicle.rotor_failure=null",
+    )
+    return scenario, plan_route(scenario)
+
+
+@pytest.mark.parametrize(("field", "part", "name"), FOUND_IN_A_FLEET)
+def test_an_imperfection_has_a_place_if_a_vehicle_of_a_fleet_has_it(perfect, field, part, name):
+    """The scenario has no imperfection, but a batch may give each vehicle its own, as a calibration does."""
+    scenario, plan = perfect
+    for flown, there in (((0.0, 0.0), False), ((0.0, 0.01), True)):
+        batch = Batch(scenario, (0, 1), {field: np.array(flown)})
+        assert laboratory_recipes(batch, plan, DURATION)[part].structure[name] is there
+
+
+def test_there_is_room_for_the_longest_delay_of_a_fleet(perfect):
+    scenario, plan = perfect
+    for flown, longest in (((0.0, 5.0), 5), ((0.0, 0.0), None)):
+        varying = {
+            field: np.array(flown)
+            for field in ("laboratory.motion_capture.latency_frames", "laboratory.command_link.delay_ticks")
+        }
+        found = laboratory_recipes(Batch(scenario, (0, 1), varying), plan, DURATION)
+        assert found["motion_capture"].structure["longest_latency"] == (longest or 2)
+        assert found["command_link"].structure["longest_delay"] == (longest or 1)
+
+
+def test_the_link_to_an_autopilot_begins_with_hover_in_the_yaw_of_the_plan(perfect):
+    scenario, plan = perfect
+    link = laboratory_recipes(Batch(scenario, (0,), {}), plan, DURATION)["command_link"]
+    assert link.structure["signal"] == "attitude_target"
+    hover = AttitudeTarget(pytest.approx(0.7 * 9.79), 0.0, 0.0, pytest.approx(0.4), 0.0, 0.0, 0.0)
+    assert link.numbers == LinkNumbers(1, 0.0, hover)
+
+
+def test_an_autopilot_has_the_gains_and_the_gyroscope_of_the_scenario(asymmetric):
+    autopilot = recipes_of(asymmetric("lqg_on_board", "laboratory.autopilot.attitude_noise=0.006"))["autopilot"]
+    assert autopilot.structure == {"period": 0.005, "noisy": True}
+    assert autopilot.numbers == AutopilotNumbers(
+        LoopGains(6.3, 5.8, 2.9),
+        LoopGains(14.0, 12.5, 9.5),
+        Inertia(0.0065, 0.0085, 0.0126),
+        Gyroscope(0.004, BodyRates(0.002, -0.003, 0.001)),
+        0.006,
+        Wrench(pytest.approx(0.7 * 9.79), 0.0, 0.0, 0.0),
+    )
+
+
+def test_an_attitude_that_responds_as_a_whole_has_the_answer_of_the_scenario(asymmetric):
+    answer = "{kind: response, natural_frequency: [8.0, 9.0, 3.0], damping: [0.7, 0.8, 1.1]}"
+    found = recipes_of(asymmetric("lqg_on_board", f"laboratory.autopilot={answer}", "vehicle.rotor_failure=null"))
+    assert found["vehicle"].system is RespondingQuadrotor
+    quadrotor, response = found["vehicle"].numbers
+    assert response == AttitudeResponse(NaturalFrequencies(8.0, 9.0, 3.0), DampingRatios(0.7, 0.8, 1.1))
+    assert quadrotor.start == pytest.approx(Place(0.3, -0.2, 1.0, 0.4))
+    assert found["autopilot"] == Recipe(ThrustAlone, {}, None)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("damping", [0.5, 1.6])
+def test_a_step_is_too_long_for_an_attitude_that_responds_within_two_fifths_of_it(asymmetric, axis, damping):
+    """The fastest decay of an angle has the rate ω (ζ + √(ζ² - 1)), or ω ζ if the angle overshoots."""
+    fastest = damping + math.sqrt(max(damping**2 - 1.0, 0.0))
+    for share, fits in ((1.0 - 1e-9, True), (1.0 + 1e-9, False)):
+        frequency, ratio = ["5.0"] * 3, ["0.9"] * 3
+        frequency[axis], ratio[axis] = repr(share * 2.5 / 0.005 / fastest), repr(damping)
+        answer = f"{{kind: response, natural_frequency: [{', '.join(frequency)}], damping: [{', '.join(ratio)}]}}"
+        scenario = asymmetric("lqg_on_board", f"laboratory.autopilot={answer}", "vehicle.rotor_failure=null")
+        if fits:
+            recipes_of(scenario)
+        else:
+            with pytest.raises(InputError, match="too long for an attitude that responds within 0.002 s"):
+                recipes_of(scenario)
+
+
+def test_without_sources_there_is_no_wind(asymmetric):
+    scenario = asymmetric("pid", "laboratory.wind=[]")
+    assert not any(path.startswith("wind.") for path in recipes_of(scenario))
+    assert steady_wind(scenario) == Wind(0.0, 0.0, 0.0)
+
+
+def test_a_sine_has_its_velocity_frequency_and_phase(asymmetric):
+    sine = "{kind: sine, speed: 1.5, heading: 0.9, frequency: 0.3, phase: 0.7}"
+    found = recipes_of(asymmetric("pid", f"laboratory.wind=[{sine}]"))["wind.sine_0"]
+    velocity = Wind(pytest.approx(1.5 * math.cos(0.9)), pytest.approx(1.5 * math.sin(0.9)), 0.0)
+    assert found == Recipe(SineWind, {"period": 0.01}, SineNumbers(velocity, 0.3, 0.7))
+
+
+def test_a_continuous_vehicle_is_stopped_at_the_jumps_of_its_forces_in_their_order(asymmetric):
+    payload = "{mass: 0.05, position: [0, 0, 0], inertia: [1e-5, 1e-5, 1e-5], time: 1.0, event: dropped}"
+    scenario = asymmetric("pid", "vehicle.time_step=0", f"vehicle.payload={payload}")
+    for times in ([6.003, 1.25], [1.25, 6.003], [8.0, 6.003]):
+        given = {"vehicle.payload.time": np.array(times), "vehicle.rotor_failure.time": np.array([2.5, 2.5])}
+        assert jump_times(Batch(scenario, (0, 1), given)) == tuple(sorted({*times, 2.5}))
+    assert jump_times(Batch(asymmetric("pid"), (0,), {})) == ()

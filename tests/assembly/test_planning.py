@@ -10,6 +10,8 @@ from drake_quad.assembly.planning import (
     plan_demand,
     plan_route,
     planned_parameters,
+    window_end,
+    window_start,
 )
 from drake_quad.errors import InputError
 from drake_quad.reference.polynomial_path import evaluate, peak_norm
@@ -186,9 +188,65 @@ def test_a_plan_that_goes_up_and_down_asks_for_weight_and_acceleration(diagrams)
 
 def test_a_flight_takes_whole_ticks_of_the_control(diagrams):
     """Of 20 ms, though the vehicle steps and is seen every 10 ms."""
-    for wanted, duration in ((0.05, 0.06), (0.06, 0.06), (0.061, 0.08)):
+    for wanted, duration in ((0.001, 0.02), (0.02, 0.02), (0.05, 0.06), (0.06, 0.06), (0.061, 0.08), (0.14, 0.14)):
         scenario = load_scenario(diagrams / "hover.yaml", [f"duration={wanted}"])
         assert flight_duration(scenario, plan_route(scenario)) == pytest.approx(duration, rel=1e-12)
+
+
+def test_the_metrics_of_laps_count_whole_ticks_until_the_end_of_the_last_lap(diagrams):
+    route = "route={kind: lissajous, amplitude: [0.4, 0.3, 0.0], period: 4.01, laps: 3}"
+
+    def window(*metrics):
+        scenario = load_scenario(diagrams / "hover.yaml", [route, *metrics])
+        plan = plan_route(scenario)
+        return window_start(scenario, plan), window_end(scenario, plan)
+
+    for lap in (1, 2, 3):
+        assert window(f"metrics={{first_lap: {lap}}}") == pytest.approx((4.01 * (lap - 1), 12.04))
+    assert window("metrics={start: 1.5}") == (1.5, math.inf)
+    assert window("metrics={start: 1.5, end: 6.0}") == (1.5, 6.0)
+    assert window("metrics={first_lap: 2, end: 6.0}") == pytest.approx((4.01, 6.0))
+
+
+def test_a_trajectory_passes_its_knots_moved_to_its_origin_and_slowed_by_its_scale(slalom):
+    """The k-th derivative is divided by the k-th power of the scale."""
+    moved = [[0.3, -0.2, 1.0], [0.4, 0.1, -0.1], [0.2, -0.3, 0.05], [0.1, 0.2, -0.15]]
+    knots = [
+        f"{{time: {time}, position: {position}, velocity: {velocity}, acceleration: {acceleration}, jerk: {jerk}}}"
+        for time, (position, velocity, acceleration, jerk) in ((1.0, moved), (3.0, (np.array(moved) + 0.5).tolist()))
+    ]
+    yaw_knots = "[{time: 1.0, yaw: 0.4, yaw_rate: 0.2}, {time: 2.0, yaw: 0.9}, {time: 3.0, yaw: 1.1, yaw_rate: -0.3}]"
+    placed = f"knots: [{', '.join(knots)}], origin: [3.0, 2.0, 1.0], time_scale: 2.5"
+    for yaws in (None, yaw_knots):
+        plan = plan_route(slalom(f"route={{kind: trajectory, {placed}, yaw_knots: {yaws or 'null'}}}"))
+        assert plan.path.times.tolist() == [2.5, 7.5]
+        for order, first in enumerate(moved):
+            expected = np.column_stack([first, np.array(first) + 0.5])
+            if order == 0:
+                expected = expected + np.array([[3.0], [2.0], [1.0]])
+            np.testing.assert_allclose(evaluate(plan.path, [2.5, 7.5], order), expected / 2.5**order, atol=1e-9)
+        if yaws is None:
+            assert (plan.yaw.times[0], plan.yaw.times[-1]) == (2.5, 7.5)
+            continue
+        assert plan.yaw.times.tolist() == [2.5, 5.0, 7.5]
+        np.testing.assert_allclose(evaluate(plan.yaw, [2.5, 5.0, 7.5])[0], [0.4, 0.9, 1.1], atol=1e-12)
+        np.testing.assert_allclose(evaluate(plan.yaw, [2.5, 5.0, 7.5], 1)[0], [0.08, 0.0, -0.12], atol=1e-9)
+
+
+def test_a_constant_yaw_is_there_from_the_beginning_to_the_end_of_the_path(diagrams):
+    for route in ("{kind: figure_eight, yaw: 0.3}", "{kind: circle, yaw: 0.3}"):
+        plan = plan_route(load_mission(diagrams / "figure_eight.yaml", [f"route={route}"]))
+        assert plan.yaw.times.tolist() == plan.path.times[[0, -1]].tolist()
+        assert plan.initial_yaw == 0.3
+
+
+def test_a_flight_takes_at_least_a_tick(diagrams):
+    """A trajectory without duration takes one, too."""
+    knots = "[{time: 0, position: [0, 0, 1]}, {time: 1, position: [0, 0, 1]}]"
+    scenario = load_scenario(
+        diagrams / "hover.yaml", [f"route={{kind: trajectory, knots: {knots}, time_scale: 1e-12}}"]
+    )
+    assert flight_duration(scenario, plan_route(scenario)) == 0.02
 
 
 @pytest.mark.slow

@@ -11,10 +11,12 @@ from pydrake.systems.framework import BasicVector, LeafSystem
 from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
 from drake_quad.assembly.planning import flight_duration, plan_route
 from drake_quad.assembly.recorder import read_recorder
+from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.control.axes import PerAxis
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.flight.fleet_simulation import fly, read_metrics
 from drake_quad.framework.wiring import subsystem
+from drake_quad.scenario import Batch
 from drake_quad.signals import SIGNALS
 
 # Without a network, which shows more.
@@ -205,6 +207,57 @@ def test_every_signal_of_the_loop_is_exported_and_recorded(figure_eight):
         assert diagram.GetOutputPort(name).size() == 2 * num_rows
 
 
+@pytest.mark.slow
+def test_a_loop_has_the_parts_that_are_asked_for(figure_eight):
+    """No input is open, wind and noise are those of the samples, and every part has its name."""
+
+    def parts_of(diagram):
+        return {part.get_name() for part in diagram.GetSystems()}
+
+    scenario = figure_eight("laboratory.motion_capture.position_noise=0.001")
+    plan = plan_route(scenario)
+    parts = {"reference", "control", "laboratory", "monitor"}
+    for plain in (build_tracking_diagram(scenario), build_fleet_diagram(Batch(scenario, (0,), {}), plan)):
+        assert plain.get_name() == scenario.name
+        assert plain.num_input_ports() == 0
+        assert parts_of(plain) == parts
+        assert "noise" in parts_of(plain.GetSubsystemByName("laboratory"))
+    recorded = build_tracking_diagram(scenario, record=True, drake_random=True)
+    assert parts_of(recorded) == parts | {"recorder"}
+    noise = [part for part in parts_of(recorded.GetSubsystemByName("laboratory")) if "noise" in part]
+    assert noise == ["random_motion_capture.camera_noise"]
+
+
+def test_vehicles_fly_the_sample_of_the_scenario_and_the_next_ones(figure_eight):
+    scenario = figure_eight("laboratory.motion_capture.position_noise=0.001")
+    plan = plan_route(scenario)
+
+    def numbers_of(diagram):
+        context = diagram.CreateDefaultContext()
+        return [context.get_numeric_parameter(i).CopyToVector() for i in range(context.num_numeric_parameter_groups())]
+
+    for sample, samples in ((None, (0, 1)), (7, (7, 8))):
+        flown = scenario.model_copy(update={"sample": sample})
+        found = numbers_of(build_tracking_diagram(flown, 2))
+        for mine, its in zip(found, numbers_of(build_fleet_diagram(Batch(scenario, samples, {}), plan)), strict=True):
+            np.testing.assert_array_equal(mine, its)
+
+
+def test_an_injected_command_is_added_to_that_over_the_link(figure_eight):
+    scenario = figure_eight("route={kind: hover}")
+    plan = plan_route(scenario)
+    diagram = build_fleet_diagram(Batch(scenario, (0,), {}), plan, injects=True)
+    context = diagram.CreateDefaultContext()
+    added = [0.5, 0.01, -0.02, 0.03]
+    assert diagram.num_input_ports() == 1
+    diagram.GetInputPort("injection").FixValue(context, added)
+    commanded = diagram.GetOutputPort("wrench").Eval(context)
+    np.testing.assert_allclose(diagram.GetOutputPort("injected").Eval(context), commanded + added, rtol=1e-12)
+    link = diagram.GetSubsystemByName("laboratory").GetSubsystemByName("command_link")
+    sent = link.GetInputPort("wrench").Eval(link.GetMyContextFromRoot(context))
+    np.testing.assert_allclose(sent, commanded + added, rtol=1e-12)
+
+
 def test_a_network_is_shown_too(asymmetric):
     """A row for each of its 12 rules on each of its three axes."""
     flight = simulate(asymmetric("pd_t2fnn", "duration=0.5", "metrics.start=0"))
@@ -330,8 +383,10 @@ def test_a_flight_goes_on_in_another_simulator(figure_eight):
 
 
 def test_a_distribution_is_refused_where_a_number_is_needed(figure_eight):
-    with pytest.raises(InputError, match="vehicle.mass is a distribution"):
-        simulate(figure_eight("vehicle.mass={uniform: {min: 0.6, max: 0.7}}"))
+    drawn = figure_eight("vehicle.mass={uniform: {min: 0.6, max: 0.7}}")
+    for use in (simulate, build_tracking_diagram):
+        with pytest.raises(InputError, match="vehicle.mass is a distribution"):
+            use(drawn)
 
 
 def test_a_window_beyond_the_flight_is_refused(figure_eight):

@@ -47,11 +47,14 @@ COMMAND = {"acceleration_command": 3}
         ("position_controller", SEEN, {}, "needs the output port `acceleration_command`, but has none"),
         ("wind", {}, {"wind": 3, "gust": 3}, "wind needs a single output port, but has `wind`, `gust`"),
         ("wind", {"position": 3}, {"wind": 3}, "wind has the input port `position`, but may have `state`"),
+        ("wind", {}, {}, "wind needs a single output port, but has none"),
+        ("wind", {"state": 6}, {"gust": 3}, "the port `state` of wind must have 12 rows, but has 6"),
+        ("wind", {}, {"gust": 2}, "the port `gust` of wind must have 3 rows, but has 2"),
     ],
 )
 def test_ports_that_do_not_fit_are_named(diagrams, place, inputs, outputs, sentence):
     with pytest.raises(InputError) as caught:
-        simulate(load_scenario(diagrams / "hover.yaml"), **{place: WithPorts(inputs, outputs)})
+        build_tracking_diagram(load_scenario(diagrams / "hover.yaml"), **{place: WithPorts(inputs, outputs)})
     assert sentence in str(caught.value)
 
 
@@ -109,6 +112,8 @@ def make_number(num_vehicles):
         ),
         (make_function, r"position_controller must be .* returns make_nothing\(num_vehicles\)$"),
         (make_number, r"position_controller must be .* returns an object of type int$"),
+        # A builtin without a signature may take a number.
+        (range, r"position_controller must be .*, but range returns an object of type range$"),
     ],
 )
 def test_a_function_that_returns_no_system_is_refused_with_its_signature(diagrams, make, words):
@@ -117,6 +122,12 @@ def test_a_function_that_returns_no_system_is_refused_with_its_signature(diagram
         run_monte_carlo(scenario, 2, position_controller=make, num_workers=1)
     with pytest.raises(InputError, match=words):
         StudyFleet(scenario, 2, own=UserSystems(position_controller=make))
+
+
+def test_a_system_is_no_function_that_makes_one():
+    words = r"^wind must be a function of the number of vehicles .*, but is an object of type WithPorts$"
+    with pytest.raises(InputError, match=words):
+        UserSystems(wind=WithPorts({}, {"wind": 3})).made(1)
 
 
 class Misspelt(FleetSystem):

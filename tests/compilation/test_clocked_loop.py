@@ -37,6 +37,10 @@ def test_every_vehicle_takes_the_row_of_its_clock(n):
     state, parameters, inputs = rng.normal(size=(n, 2)), rng.normal(size=(n, 1)), rng.normal(size=(n, 1))
     table, clocks = rng.uniform(0.1, 0.5, (9, 3)), rng.integers(0, 6, n)
     loop = loop_of(n)
+    vectors = -(-n // loop.lanes)
+    assert loop.clocks.shape == (vectors, loop.lanes)
+    shapes = [rows.shape for rows in (loop.state, loop.parameters, loop.inputs, loop.log)]
+    assert shapes == [(vectors, count, loop.lanes) for count in (2, 1, 1, 1)]
     for rows, values in ((loop.state, state), (loop.parameters, parameters), (loop.inputs, inputs)):
         fill(rows, values)
     loop.prepare(range(len(loop.state)))

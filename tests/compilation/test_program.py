@@ -37,11 +37,14 @@ def turned_over(x, constant):
 class Grows(FleetSystem):
     """A row that changes by a formula, with a constant, at a period."""
 
-    def declare(self, *, formula=shrunk, constant=2.0, absent=0.0, period=0.01, at_start=True, numbers=1.0):
+    def declare(
+        self, *, formula=shrunk, constant=2.0, absent=0.0, period=0.01, unrestricted=False, at_start=True, numbers=1.0
+    ):
         seen = self.input("seen", layout=ROW, absent=absent)
         by = self.parameter("by", lambda number: (number,))
         x = self.state("x", lambda number: (0.5 * number,))
-        self.update(period, formula, x, by, constant, seen, writes=[x], at_start=at_start)
+        reads = x, by, constant, seen
+        self.update(period, formula, *reads, writes=[x], unrestricted=unrestricted, at_start=at_start)
         self.output("turned", turned_over, x, constant, layout=ROW)
         self.state_output(x)
 
@@ -142,6 +145,7 @@ DIFFERENT = [
     {"absent": 0.25, "connected": False},
     {"period": 0.02},
     {"at_start": False},
+    {"unrestricted": True},
     {"hold": 0.04},
     {"gain": 5.0},
     {"connected": False},
@@ -186,6 +190,66 @@ class Begins(FleetSystem):
         self.initialize(lambda x, by: (x[0] + sum(by),), x, by, writes=[x])
         self.update(0.01, lambda x: (2.0 * x[0],), x, writes=[x])
         self.state_output(x)
+
+
+def taken(x, by, seen):
+    return (total(x, by, seen),)
+
+
+def total(x, by, seen):
+    return x[0] + by[0] + seen
+
+
+@fleet_system(float)
+class Chooses(FleetSystem):
+    """Two ports, two parameters and two states that differ only in their numbers, of which one each is used."""
+
+    def declare(self, *, seen="one", by="one", read="one", written="one"):
+        inputs = {name: self.input(f"seen_{name}", layout=ROW) for name in ("one", "two")}
+        parameters = {
+            name: self.parameter(f"by_{name}", lambda _, i=i: (i,)) for name, i in (("one", 1.0), ("two", 2.0))
+        }
+        states = {name: self.state(f"x_{name}", lambda _, i=i: (i,)) for name, i in (("one", 10.0), ("two", 20.0))}
+        reads = states[read], parameters[by], inputs[seen]
+        self.update(0.01, taken, *reads, writes=[states[written]])
+        self.output("shown", total, *reads, layout=ROW)
+        for state in states.values():
+            self.state_output(state)
+
+
+def test_each_row_has_its_own_gain():
+    """The two diagrams differ only in the gain of the second row."""
+    for second in (5.0, 7.0):
+        builder = DiagramBuilder()
+        grows = builder.AddNamedSystem("grows", Grows())
+        numbers = builder.AddNamedSystem("numbers", ConstantVectorSource([1.0, 2.0]))
+        gain = builder.AddNamedSystem("gain", Gain([3.0, second]))
+        builder.Connect(numbers.get_output_port(), gain.get_input_port())
+        builder.ExportOutput(grows.GetOutputPort("x"), "x")
+        builder.ExportOutput(gain.get_output_port(), "gained")
+        compiled = compile_diagram(builder.Build())
+        found = compiled.GetOutputPort("gained").Eval(compiled.CreateDefaultContext())
+        np.testing.assert_array_equal(found, [3.0, 2.0 * second])
+
+
+def test_what_is_taken_of_what_is_alike_makes_other_events():
+    """Each number shows which port, parameter or state it comes from."""
+    for choice in ({}, *({name: "two"} for name in ("seen", "by", "read", "written"))):
+        builder = DiagramBuilder()
+        chooses = builder.AddNamedSystem("chooses", Chooses(**choice))
+        for name, number in (("one", 100.0), ("two", 200.0)):
+            constant = builder.AddNamedSystem(name, ConstantVectorSource([number]))
+            builder.Connect(constant.get_output_port(), chooses.GetInputPort(f"seen_{name}"))
+        for name in ("shown", "x_one", "x_two"):
+            builder.ExportOutput(chooses.GetOutputPort(name), name)
+        wired = builder.Build()
+        shown = []
+        for diagram in (wired, compile_diagram(wired)):
+            simulator = Simulator(diagram)
+            simulator.AdvanceTo(0.015)
+            context = simulator.get_context()
+            shown.append([diagram.GetOutputPort(name).Eval(context).item() for name in ("shown", "x_one", "x_two")])
+        assert shown[0] == shown[1], choice
 
 
 def test_lists_among_constants_are_taken_as_they_are():

@@ -136,13 +136,18 @@ def test_a_folder_that_is_a_file_is_not_used(folder):
         ({"DRAKE_QUAD_CACHE": "", "XDG_CACHE_HOME": "/caches"}, None),
     ],
 )
-def test_a_relative_path_names_no_folder(variables, expected, monkeypatch):
+def test_a_relative_path_names_no_folder(variables, expected, monkeypatch, caplog):
+    """The log says so if the variable is that of the cache itself."""
+    code_cache._remark.cache_clear()
     monkeypatch.setattr("sys.platform", "linux")
     for name in ("DRAKE_QUAD_CACHE", "XDG_CACHE_HOME"):
         monkeypatch.delenv(name, raising=False)
     for name, value in {"HOME": "/home/me", **variables}.items():
         monkeypatch.setenv(name, value)
     assert code_cache.cache_folder() == (None if expected is None else Path(expected))
+    remarks = [record.message for record in caplog.records]
+    assert len(remarks) == (variables.get("DRAKE_QUAD_CACHE") == "here")
+    assert not remarks or remarks[0].startswith("DRAKE_QUAD_CACHE is 'here', so machine code is not cached")
 
 
 def test_the_least_recently_used_file_is_deleted_first(folder):

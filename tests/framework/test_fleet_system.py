@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from pydrake.autodiffutils import AutoDiffXd
-from pydrake.common import RandomDistribution
+from pydrake.common import RandomDistribution, cpp_template
 from pydrake.symbolic import Expression, Variable
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
@@ -243,3 +243,15 @@ def test_the_output_of_a_state_shows_all_of_it(n, scalar):
     found = system.get_output_port().Eval(system.CreateDefaultContext())
     values = [each if scalar is float else each.value() if scalar is AutoDiffXd else each.Evaluate() for each in found]
     assert values == [0.5] * n + [1.0] * n + [-2.0] * n
+
+
+def test_a_class_is_that_for_floats_and_has_those_for_other_scalars_in_its_template():
+    assert Example.__name__ == Example.__qualname__ == "Example"
+    assert Example.template[float] is Example
+    made = Example.template[AutoDiffXd](num_vehicles=2)
+    assert made.scalar is AutoDiffXd
+    assert made.CreateDefaultContext().get_discrete_state(0).size() == 6
+
+
+def test_drake_looks_for_the_modules_of_other_templates_as_before():
+    assert cpp_template._get_module_from_stack.__module__ == "pydrake.common.cpp_template"

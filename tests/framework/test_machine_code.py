@@ -136,6 +136,9 @@ def test_special_values():
     assert math.isnan(machine(elementary.erf, nan))
     assert math.isnan(machine(elementary.tanh, nan))
     assert machine(elementary.log, 0.0) == -inf
+    # Numbers below the smallest normal one count as zero.
+    assert machine(elementary.log, 2.0**-1022) == math.log(2.0**-1022)
+    assert machine(elementary.log, 0.9 * 2.0**-1022) == machine(elementary.log, 5e-324) == -inf
     assert machine(elementary.log, inf) == inf
     assert math.isnan(machine(elementary.log, -1.0))
     assert machine(elementary.arctan, inf) == math.pi / 2

@@ -14,6 +14,7 @@ from drake_quad.laboratory.flight_monitor import (
     Surroundings,
     Touched,
     Window,
+    nearest_solid,
     touching,
 )
 from drake_quad.signals import SIGNALS, State
@@ -204,6 +205,20 @@ def test_who_is_nearer_to_a_solid_than_the_radius_has_crashed_into_it():
     monitor, context = judged(still(5, x=x, y=y), 5, surroundings=Surroundings(SOLIDS, 0.2))
     np.testing.assert_array_equal(monitor.touched(context), [0, 1, 0, 2, 2])
     np.testing.assert_array_equal(monitor.metrics(context).crashed, [False, True, False, True, True])
+
+
+def test_a_vehicle_that_begins_in_a_solid_has_crashed_into_it():
+    """At the beginning no place is known to be free."""
+    for place in ((0.4, 0.0), (0.0, 0.9)):
+        tape = still(x=place[0], y=place[1])
+        solid = Ball((place[0] + 0.1, place[1], 1.1), radius=0.2)
+        monitor, context = judged(tape, surroundings=Surroundings((solid,), 0.2))
+        assert monitor.touched(context) == [1]
+        assert monitor.metrics(context).crash_time == [0.0]
+
+
+def test_where_there_are_no_solids_none_is_the_nearest():
+    assert nearest_solid(1.0, 2.0, 3.0, ()) == (math.inf, 0.0)
 
 
 def test_a_touch_is_for_good_and_the_first_counts():

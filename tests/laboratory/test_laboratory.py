@@ -1,5 +1,7 @@
 """Motion capture, command link and recorder, in time."""
 
+import math
+
 import numpy as np
 import pytest
 from noise_feed import feed_noise
@@ -10,10 +12,16 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from drake_quad.assembly.recorder import build_recorder, read_recorder
 from drake_quad.laboratory.command_link import CommandLink, LinkNumbers
-from drake_quad.laboratory.motion_capture import MotionCapture
+from drake_quad.laboratory.flight_monitor import CrashLimits, Surroundings, Window
+from drake_quad.laboratory.motion_capture import CameraNumbers, MotionCapture
+from drake_quad.laboratory.wind.dryden import DrydenTurbulence, Turbulence, TurbulenceNumbers
+from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet
+from drake_quad.laboratory.wind.gust import Gust, GustNumbers
+from drake_quad.laboratory.wind.sine import SineNumbers, SineWind
 from drake_quad.randomness.noise import Samples
 from drake_quad.randomness.streams import Kind
-from drake_quad.signals import Wrench
+from drake_quad.scenario import models
+from drake_quad.signals import Wind, Wrench
 
 SEVEN = Wrench(7.0, 7.0, 7.0, 7.0)
 
@@ -111,3 +119,41 @@ def test_the_recorder_keeps_what_a_discrete_update_sees_at_each_tick_to_the_last
     np.testing.assert_allclose(time, np.arange(11) * 0.02)
     for name in ("a", "b"):
         np.testing.assert_allclose(signals[name], np.column_stack([time, time]) + 1.0)
+
+
+BREEZE = Jet(Outlet(0.0, 0.0, 0.0), Direction(1.0, 0.0, 0.0), 5.0, 1.0)
+CALM = Turbulence.at_low_altitude(height=10.0, wind_at_20_feet=5.0, airspeed=5.0)
+
+
+def test_by_default_numbers_are_those_of_an_ideal_laboratory():
+    none = 0.0, 0.0, 0.0
+    assert LinkNumbers() == (0.0, 0.0, Wrench(0.0, *none))
+    assert CameraNumbers() == (0.0, 0.0, 0.0, none, 0.0, 0.0, none, none, 1.0)
+    assert Surroundings() == ((), 0.0)
+    assert Window() == (0.0, math.inf)
+    wind = Wind(1.0, 2.0, 3.0)
+    assert GustNumbers(wind, 1.0, 2.0).hold_time == math.inf
+    assert SineNumbers(wind, 1.0).phase == 0.0
+    assert BREEZE.turbulence == 0.0
+    assert TurbulenceNumbers(CALM).heading == 0.0
+
+
+def test_by_default_a_vehicle_crashes_where_it_does_in_a_scenario():
+    crash = {name: models.Crash.model_fields[name].default for name in CrashLimits._fields}
+    assert CrashLimits()._asdict() == pytest.approx(crash)
+
+
+@pytest.mark.slow
+def test_before_a_simulation_begins_nothing_is_seen_and_no_wind_blows():
+    """The first samples are taken when it begins."""
+    wind = Wind(1.0, 2.0, 3.0)
+    for system in (
+        MotionCapture(filtered=True, drifts=True, longest_latency=2, num_vehicles=2),
+        Gust(numbers=GustNumbers(wind, 0.0, 1.0)),
+        SineWind(numbers=SineNumbers(wind, 1.0, 1.0)),
+        Fans(numbers=(BREEZE,)),
+        DrydenTurbulence(numbers=TurbulenceNumbers(CALM)),
+    ):
+        context = system.CreateDefaultContext()
+        for i in range(context.num_discrete_state_groups()):
+            np.testing.assert_array_equal(context.get_discrete_state(i).CopyToVector(), 0.0)

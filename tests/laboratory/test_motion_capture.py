@@ -11,7 +11,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
+from scipy.spatial.transform import Rotation
 
+from drake_quad.kinematics import small_rotation
 from drake_quad.laboratory.motion_capture import (
     CameraNumbers,
     Cameras,
@@ -20,6 +22,7 @@ from drake_quad.laboratory.motion_capture import (
     RotationMatrix,
     VelocityDrift,
     VelocityError,
+    _rotation,
     attitude_of_markers,
     seen_pose,
 )
@@ -141,7 +144,7 @@ def test_steps_of_the_attitude_are_turned_at_the_frame_in_their_middle():
 def test_body_rates_are_right_for_a_body_that_turns_over(turning, misaligned):
     """Constant rates lead through pitches of ±90° and rolls of ±180°, where angles jump; markers turn with the body."""
     times = H * np.arange(210)
-    begun = scipy.spatial.transform.Rotation.from_euler("ZYX", [0.4, 0.0, 0.0])
+    begun = Rotation.from_euler("ZYX", [0.4, 0.0, 0.0])
     turned = begun * scipy.spatial.transform.Rotation.from_rotvec(np.outer(times, turning))
     state = np.zeros((12, len(times)))
     state[3:6] = turned.as_euler("ZYX")[:, ::-1].T
@@ -152,8 +155,23 @@ def test_body_rates_are_right_for_a_body_that_turns_over(turning, misaligned):
     _, frames = seen(held, MotionCapture(filtered=True, misaligned=misaligned, numbers=numbers), duration=2.0)
     expected = np.array(turning)
     if misaligned:
-        expected = scipy.spatial.transform.Rotation.from_euler("ZYX", off[::-1]).inv().apply(expected)
+        expected = Rotation.from_euler("ZYX", off[::-1]).inv().apply(expected)
     np.testing.assert_allclose(frames[9:12, 0, 4:], np.tile(expected[:, None], frames.shape[2] - 4), atol=0.02)
+
+
+@pytest.mark.parametrize("change", [0.3, -0.3, 0.06, -0.06])
+@pytest.mark.parametrize("angle", ["roll", "pitch", "yaw"])
+def test_a_large_step_of_an_angle_is_the_rotation_vector_between_the_attitudes(angle, change):
+    """Each angle changes by itself, in both directions. A small step follows eq (2)."""
+    before = Pose(0.0, 0.0, 0.0, 0.2, -0.4, 0.7)
+    after = before._replace(**{angle: getattr(before, angle) + change})
+    turns = [Rotation.from_euler("ZYX", (p.yaw, p.pitch, p.roll)) for p in (before, after)]
+    expected = (turns[0].inv() * turns[1]).as_rotvec()
+    middle = Attitude(before.roll, before.pitch, before.yaw)
+    np.testing.assert_allclose(_rotation(before, middle, after), expected, atol=1e-12)
+    slight = before._replace(**{angle: getattr(before, angle) + 0.1 * change})
+    steps = Attitude(0.0, 0.0, 0.0)._replace(**{angle: 0.1 * change})
+    np.testing.assert_allclose(_rotation(before, middle, slight), small_rotation(steps, middle), atol=1e-12)
 
 
 def test_a_frame_of_markers_that_point_straight_up_is_finite():
@@ -161,11 +179,11 @@ def test_a_frame_of_markers_that_point_straight_up_is_finite():
     rng = np.random.default_rng(7)
     for _ in range(200):
         misalignment = Attitude(*rng.uniform(-0.3, 0.3, 3))
-        up = scipy.spatial.transform.Rotation.from_euler("ZYX", [rng.uniform(-3.0, 3.0), 0.5 * np.pi, 0.0])
-        body = up * scipy.spatial.transform.Rotation.from_euler("ZYX", misalignment[::-1]).inv()
+        up = Rotation.from_euler("ZYX", [rng.uniform(-3.0, 3.0), 0.5 * np.pi, 0.0])
+        body = up * Rotation.from_euler("ZYX", misalignment[::-1]).inv()
         attitude = Attitude(*body.as_euler("ZYX")[::-1].tolist())
         found = attitude_of_markers(attitude, RotationMatrix.of(*misalignment))
-        matrix = scipy.spatial.transform.Rotation.from_euler("ZYX", found[::-1]).as_matrix()
+        matrix = Rotation.from_euler("ZYX", found[::-1]).as_matrix()
         np.testing.assert_allclose(matrix, up.as_matrix(), atol=1e-7)
 
 

@@ -8,6 +8,7 @@ from drake_quad.assembly.planning import plan_route
 from drake_quad.reference.laps import LapDurations, flown_in_laps, periodic_motion
 from drake_quad.reference.minimum_snap import MinimumSnap, rest_at_ends, snap_cost
 from drake_quad.reference.polynomial_path import evaluate, peak_norm
+from drake_quad.reference.time_allocation import trapezoid_times
 
 POINTS = np.array([[0.0, 0.0, 1.0], [1.0, 0.2, 1.2], [1.1, 1.5, 1.0], [-0.3, 0.9, 0.8], [0.0, 0.0, 1.0]])
 DURATIONS = np.array([1.1, 1.6, 2.0, 1.3])
@@ -106,6 +107,13 @@ def test_routes_that_close_are_flown_on_and_on_within_their_limits(diagrams, tex
     assert np.linalg.norm(evaluate(plan.path, plan.lap_times[1:-1], 1), axis=0).min() > 0.1
 
 
+def test_three_laps_of_the_eight_are_timed_as_a_ride_at_cruise_speed_stretched_to_its_limits(diagrams):
+    plan = plan_route(route(diagrams, "kind: figure_eight, laps: 3, cruise_speed: 1.1, top_acceleration: 0.6"))
+    ride = trapezoid_times(plan.path.waypoints, speed=1.1, acceleration=0.6)
+    stretched = np.diff(plan.path.times) / np.diff(ride)
+    np.testing.assert_allclose(stretched, stretched[0], rtol=1e-9)
+
+
 def test_with_a_stop_at_the_end_there_is_rest_between_laps(diagrams):
     stopping = SQUARE.replace("[0, 0, 1]]", "{point: [0, 0, 1], stop: true}]")
     plan = plan_route(route(diagrams, f"kind: waypoints, laps: 3, {stopping}"))
@@ -189,6 +197,30 @@ def test_metrics_of_later_laps(diagrams):
 def test_laps_that_there_are_not_cannot_count(diagrams, window, words):
     with pytest.raises(InputError, match=words):
         simulate(route(diagrams, "kind: circle", f"metrics={window}"))
+
+
+@pytest.mark.parametrize(("share", "fits"), [(1.0, True), (1.0 / 1.2, False)])
+def test_given_times_of_laps_keep_to_a_limit_or_are_refused_with_the_factor_that_they_lack(diagrams, share, fits):
+    given = f"kind: waypoints, laps: 3, times: [1, 5, 8, 13], {SQUARE}, top_acceleration: null, top_speed: "
+    fastest = float(peak_norm(plan_route(route(diagrams, given + "null")).path, 1))
+    limited = given + repr(share * fastest)
+    if fits:
+        assert plan_route(route(diagrams, limited)).lap_times[-1] == pytest.approx(37.0)
+    else:
+        with pytest.raises(InputError, match=r"in laps the times must be 1\.2 times as long to keep to the limits"):
+            plan_route(route(diagrams, limited))
+
+
+def test_a_waypoint_of_every_lap_is_a_stop_and_the_others_are_not(diagrams):
+    for number in (1, 2):
+        points = ["[0, 0, 1]", "[1, 0, 1.2]", "[1, 1.5, 1]", "[0, 0, 1]"]
+        points[number] = f"{{point: {points[number]}, stop: true}}"
+        plan = plan_route(route(diagrams, f"kind: waypoints, laps: 3, waypoints: [{', '.join(points)}]"))
+        speeds = np.linalg.norm(evaluate(plan.path, plan.path.times, 1), axis=0)
+        assert len(speeds) == 10
+        for place, speed in enumerate(speeds):
+            stops = place in (0, 9) or place % 3 == number
+            assert speed == pytest.approx(0.0, abs=1e-9) if stops else speed > 0.05
 
 
 @pytest.mark.parametrize(

@@ -133,6 +133,11 @@ def test_a_flight_beyond_a_route_that_ends_in_motion_brakes_and_says_so():
     (remark,) = flight.remarks
     assert "ends in motion" in remark
     assert f"{flight.plan.rest_time:.2f} s" in remark
+    end = flight.plan.path.times[-1:]
+    speed = np.linalg.norm(evaluate(flight.plan.path, end, 1))
+    assert f"ends in motion ({speed:.2f} m/s) at {end.item():.2f} s," in remark
+    further = np.linalg.norm(evaluate(flight.plan.flown_path, [99.0]) - evaluate(flight.plan.path, end))
+    assert remark.endswith(f", {further:.2f} m beyond the end of the route")
     assert flight_remarks(load_scenario("figure_eight", {"route": route})) == ()
 
 
@@ -173,21 +178,27 @@ def test_braking_into_an_obstacle_is_refused():
     scenario = load_scenario("figure_eight", overrides)
     assert flight_duration(scenario, plan_route(scenario)) == pytest.approx(4.0)
     longer = load_scenario("figure_eight", {**overrides, "duration": 10.0})
-    with pytest.raises(InputError, match="wall"):
+    with pytest.raises(InputError, match=r"the braking after it cannot be flown \(the route comes to .* from wall"):
         flight_duration(longer, plan_route(longer))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["space.bounds", "route.space"])
-def test_braking_out_of_the_bounds_of_a_path_is_refused(name):
-    room = {"min": [-1.0, -1.0, 0.0], "max": [2.2, 1.0, 2.0]}
-    route = {"kind": "waypoints", "waypoints": [[0, 0, 1], {"point": [2, 0, 1], "velocity": [1, 0, 0]}]}
+@pytest.mark.parametrize("beyond", [0.21, 1.21])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_braking_out_of_the_bounds_of_a_path_is_refused(name, beyond, side):
+    """Braking from 1 m/s leads 1.41 m beyond the end of the route, which is 2 m away along x or along -x."""
+    near, far = sorted((side * -1.0, side * (3.41 - beyond)))
+    room = {"min": [near, -1.0, 0.0], "max": [far, 1.0, 2.0]}
+    last = {"point": [2.0 * side, 0, 1], "velocity": [side, 0, 0]}
     obstacles = {"wall": {"kind": "box", "centre": [9, 0, 1], "size": [0.1, 2, 2]}}
+    route = {"kind": "waypoints", "waypoints": [[0, 0, 1], last]}
     overrides = {"duration": 15.0, "route": route, "space": {"obstacles": obstacles}}
     part, field = name.split(".")
     overrides[part] = {**overrides[part], field: room}
     scenario = load_scenario("figure_eight", overrides)
-    with pytest.raises(InputError, match=f"ends in motion at .* cannot be flown \\(it leaves {name} by 1.21 m\\)"):
+    words = f"ends in motion at .* cannot be flown \\(it leaves {name} by {beyond:.2f} m\\)"
+    with pytest.raises(InputError, match=words):
         flight_duration(scenario, plan_route(scenario))
 
 

@@ -267,6 +267,9 @@ def test_invalid_relative_distributions_are_refused(field, message):
         load_scenario("figure_eight", [field])
 
 
+TURNS = ("clockwise", "anticlockwise", "clockwise", "anticlockwise")
+
+
 def test_a_flight_reports_that_its_controllers_believe_in_another_vehicle():
     (remark,) = flight_remarks(load_scenario("figure_eight", {"nominal.mass": 2.0, "vehicle.mass": 0.68}))
     assert "mass 0.68 kg (nominal 2)" in remark
@@ -299,6 +302,57 @@ def test_a_layout_with_distances_replaces_the_arm_length_below(load):
 def test_every_part_of_the_airframe_that_differs_strongly_is_remarked(change, words):
     (remark,) = flight_remarks(load_scenario("figure_eight", change))
     assert f"compute: {words}" in remark
+
+
+def test_sizes_and_places_that_are_drawn_are_not_compared():
+    """All other fields of the vehicle are compared."""
+    corners = [(0.3, 0.0), (0.0, -0.3), (-0.3, 0.0), (0.0, 0.3)]
+    rotors = [{"position": [x, y, 0.0], "turns": turns} for (x, y), turns in zip(corners, TURNS, strict=True)]
+    rotors[0]["position"][0] = {"uniform": {"min": 0.29, "max": 0.31}}
+    drawn = {"vehicle.layout": {"kind": "rotors", "rotors": rotors}}
+    assert flight_remarks(load_scenario("figure_eight", drawn)) == ()
+    (remark,) = flight_remarks(load_scenario("figure_eight", {**drawn, "vehicle.centre_of_mass": [-0.02, 0.0]}))
+    assert "compute: centre_of_mass.0 -0.02 m (nominal 0);" in remark
+    wide = {"vehicle.arm_length": {"uniform": {"min": 0.3, "max": 0.4}}}
+    assert flight_remarks(load_scenario("figure_eight", wide)) == ()
+    (remark,) = flight_remarks(load_scenario("figure_eight", {**wide, "vehicle.layout": {"kind": "x"}}))
+    assert "compute: rotor 1 at (0.247, -0.247) m (nominal (0.17, 0) m);" in remark
+
+
+@pytest.mark.parametrize(
+    ("first", "third", "remarked"),
+    [
+        ((0.17, 0.033), (-0.17, 0.0), False),
+        ((0.17, 0.036), (-0.17, 0.0), True),
+        ((0.203, 0.0), (-0.137, 0.0), False),
+        ((0.205, 0.0), (-0.135, 0.0), True),
+    ],
+)
+def test_a_rotor_is_elsewhere_if_it_is_off_by_a_fifth_of_the_arm_length(first, third, remarked):
+    """The mean of the nearest and the farthest rotor's distance, which is the arm length, remains 0.17 m."""
+    corners = [first, (0.0, -0.17), third, (0.0, 0.17)]
+    rotors = [{"position": [x, y, 0.0], "turns": turns} for (x, y), turns in zip(corners, TURNS, strict=True)]
+    remarks = flight_remarks(load_scenario("figure_eight", {"vehicle.layout": {"kind": "rotors", "rotors": rotors}}))
+    assert bool(remarks) == remarked
+    assert not remarked or "compute: rotor 1 at" in remarks[0]
+
+
+def test_a_drawn_offset_of_the_centre_of_mass_is_remarked_if_it_is_far_beyond_its_spread():
+    """The limits are a tenth of the arm length and five standard deviations."""
+    for standard_deviation, remarked in ((0.003, True), (0.0039, True), (0.0041, False), (0.01, False)):
+        normal = {"normal": {"mean": 0.02, "standard_deviation": standard_deviation}}
+        remarks = flight_remarks(load_scenario("figure_eight", {"vehicle.centre_of_mass": [normal, 0.0]}))
+        assert bool(remarks) == remarked
+    assert flight_remarks(load_scenario("figure_eight", {"vehicle.centre_of_mass": [0.016, 0.0]})) == ()
+    assert flight_remarks(load_scenario("figure_eight", {"vehicle.centre_of_mass": [0.018, 0.0]}))
+
+
+def test_a_drawn_mass_is_remarked_if_it_is_five_standard_deviations_off():
+    for standard_deviation, remarked in ((0.059, True), (0.061, False)):
+        normal = {"normal": {"mean": 0.98, "standard_deviation": standard_deviation, "min": 0.2}}
+        assert bool(flight_remarks(load_scenario("figure_eight", {"vehicle.mass": normal}))) == remarked
+    for mass, remarked in ((0.81, False), (0.82, True), (0.55, False), (0.54, True)):
+        assert bool(flight_remarks(load_scenario("figure_eight", {"vehicle.mass": mass}))) == remarked
 
 
 def test_a_vehicle_of_another_size_has_its_rotors_in_the_same_places():

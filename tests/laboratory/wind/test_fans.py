@@ -40,6 +40,16 @@ def integral(along, power):
     return sum(parts)
 
 
+def test_a_direction_may_have_any_length():
+    places = {"outlet": Outlet(1.0, 2.0, 3.0), "diameter": D, "turbulence": 0.22}
+    for length in (0.1, 5.0):
+        direction = Direction(*(length * part for part in AXIS))
+        jet = Jet.of_fan(direction=direction, flow=np.array([Q, 2.0 * Q]), **places)
+        np.testing.assert_allclose(jet.direction, AXIS, rtol=1e-15)
+        np.testing.assert_allclose(jet.exit_speed, np.array([4.0, 8.0]) * Q / (math.pi * D**2))
+        assert (jet.outlet, jet.diameter, jet.turbulence) == (Outlet(1.0, 2.0, 3.0), D, 0.22)
+
+
 def test_exit_speed_and_flow():
     assert JET.exit_speed == pytest.approx(5.66, abs=0.005)
     assert integral(1e-6, 1) == pytest.approx(Q, rel=1e-4)

@@ -1,0 +1,206 @@
+"""What the numbers of a scenario become in linear-quadratic-Gaussian and in model predictive control."""
+
+import math
+
+import numpy as np
+import pytest
+
+from drake_quad.assembly.control import build_control, control_recipes
+from drake_quad.assembly.lqg import height_model, lateral_model, lqg_recipes, lqg_timing
+from drake_quad.assembly.mpc import mpc_recipes
+from drake_quad.assembly.planning import plan_route
+from drake_quad.control.axes import PerAxis
+from drake_quad.control.lqg.chains import (
+    Answer,
+    Disturbances,
+    Noise,
+    attitude_model,
+    lagging_attitude_model,
+    torque_model,
+    vertical_model,
+)
+from drake_quad.control.lqg.design import Timing, axis_loop, regulator_of
+from drake_quad.control.lqg.laws import TargetNumbers, ThrustNumbers, TorqueNumbers
+from drake_quad.control.lqg.system import LinearQuadraticGaussian
+from drake_quad.control.mpc.constraints import Corridor
+from drake_quad.control.mpc.system import OPEN, PredictiveProgramme
+from drake_quad.reference.polynomial_path import evaluate
+from drake_quad.scenario import Batch
+from drake_quad.scenario.mpc import MpcControl
+
+WEIGHT = 0.7 * 9.79
+# A command acts one tick of 20 ms after its tick, for a tick.
+DELAY = 0.02 * (1 + 0.5)
+LATERAL = Disturbances(Noise(0.01108, 0.25), Noise(0.8325, 0.6), Noise(16.6, 20.0), 3.296)
+VERTICAL = Disturbances(Noise(0.4975, 0.25), Noise(0.7479, 0.6), None, 0.03164)
+
+
+def regulator_of_scenario(scenario):
+    return lqg_recipes(Batch(scenario, (0,), {}))["regulator"]
+
+
+def assert_alike(found, expected):
+    """Assert that two records have the same type and nearly equal numbers."""
+    assert type(found) is type(expected)
+    for name, mine, its in zip(found._fields, found, expected, strict=True):
+        np.testing.assert_allclose(mine, its, rtol=1e-12, err_msg=name)
+
+
+@pytest.mark.slow
+def test_over_the_link_it_believes_in_a_torque_chain_and_in_the_nominal_vehicle(asymmetric):
+    recipe = regulator_of_scenario(asymmetric("lqg", "control.network=null"))
+    assert recipe.system is LinearQuadraticGaussian
+    assert recipe.structure == {
+        "signal": "wrench",
+        "period": 0.01,
+        "tick": 0.02,
+        "takes_correction": False,
+        "takes_perturbation": False,
+        "loses_frames": True,
+    }
+    lateral, vertical, thrust, torques, target = recipe.numbers
+    times = Timing(0.01, 0.02, 1)
+    noise = np.array([0.0013, 0.0031 * 9.79])
+    assert_alike(lateral, axis_loop(torque_model(0.043, LATERAL), times, noise=noise, command_weight=2.0e-5))
+    noise = np.array([0.0011])
+    assert_alike(vertical, axis_loop(vertical_model(0.037, VERTICAL), times, noise=noise, command_weight=7.785e-4))
+    assert thrust == pytest.approx(
+        ThrustNumbers(0.7, 9.79, math.tan(0.2), 0.95 * WEIGHT, 1.11 * WEIGHT, DELAY + 0.037), rel=1e-12
+    )
+    assert torques == pytest.approx(TorqueNumbers(0.0065, 0.0085, 0.0126, 5.0, 3.1, 40.0, DELAY + 0.043), rel=1e-12)
+    assert target is None
+
+
+@pytest.mark.parametrize("lag", [None, 0.043])
+def test_behind_an_autopilot_it_believes_in_the_answer_of_the_attitude(asymmetric, lag):
+    """The feed-forward makes up for delay, lag and the attitude's answer 1 / (1 + (2 ζ / ω) s + s² / ω²)."""
+    scenario = asymmetric("lqg_on_board", f"control.lateral.lag={'null' if lag is None else lag}")
+    recipe = regulator_of_scenario(scenario)
+    assert (recipe.structure["signal"], recipe.structure["period"]) == ("attitude_target", 0.01)
+    lateral, _, thrust, torques, target = recipe.numbers
+    answer = Answer(9.0, 0.72)
+    model = attitude_model(answer, LATERAL) if lag is None else lagging_attitude_model(answer, lag, LATERAL)
+    noise = np.array([0.0013, 0.0031 * 9.79])
+    assert_alike(lateral, axis_loop(model, Timing(0.01, 0.02, 1), noise=noise, command_weight=0.01))
+    assert torques is None
+    assert thrust.lead == pytest.approx(DELAY + 0.037)
+    # The series of exp(T s) (1 + (2 ζ / ω) s + s² / ω²) up to s².
+    lead = DELAY + (lag or 0.0)
+    exponential, inverse = [1.0, lead, lead**2 / 2.0], [1.0, 2.0 * 0.72 / 9.0, 1.0 / 9.0**2]
+    _, jerk, snap, *_ = np.convolve(exponential, inverse)
+    assert target == pytest.approx(TargetNumbers(jerk, snap), rel=1e-12)
+
+
+def test_it_has_a_port_for_a_network_and_none_for_frames_that_are_not_lost(asymmetric):
+    network = "{kind: type_1, axes: [x], inputs: {error: {}}, learning: {kind: gradient, rate: 1.0, slope: 1.0}}"
+    scenario = asymmetric("lqg", f"control.network={network}", "laboratory.motion_capture.dropout_rate=0")
+    structure = regulator_of_scenario(scenario).structure
+    assert structure["takes_correction"]
+    assert not structure["loses_frames"]
+
+
+@pytest.fixture(scope="module")
+def predictive(asymmetric):
+    """Return a function that makes the scenario with a programme beside the regulator, given fields of its control."""
+    scenario = asymmetric("lqg")
+
+    def changed(**fields):
+        control = scenario.control.model_dump(mode="json") | {"kind": "mpc", "horizon": 0.375, "tilt_weight": 7.0}
+        return scenario.model_copy(update={"control": MpcControl.model_validate(control | fields)})
+
+    return changed
+
+
+def programme_of(scenario):
+    """Return the recipe for the programme, the plan, and the numbers of the regulator."""
+    plan, batch = plan_route(scenario), Batch(scenario, (0,), {})
+    regulator = lqg_recipes(batch)["regulator"]
+    assert regulator.structure["takes_perturbation"]
+    return mpc_recipes(batch, plan, regulator.numbers)["programme"], plan, regulator.numbers
+
+
+@pytest.mark.slow
+def test_a_programme_knows_the_regulator_and_its_limits(predictive):
+    scenario = predictive()
+    recipe, _, believed = programme_of(scenario)
+    assert (recipe.system, recipe.numbers) == (PredictiveProgramme, None)
+    structure = recipe.structure
+    assert structure["believed"] is believed
+    # The horizon is 18.75 ticks.
+    assert (structure["tick"], structure["num_ticks"], structure["tilt_weight"]) == (0.02, 19, 7.0)
+    assert structure["corridor"] is OPEN
+    times, control = lqg_timing(scenario), scenario.control
+    assert_alike(structure["lateral"], regulator_of(lateral_model(control.lateral), times, 2.0e-5))
+    assert_alike(structure["vertical"], regulator_of(height_model(control.vertical), times, 7.785e-4))
+    assert programme_of(predictive(horizon=0.001))[0].structure["num_ticks"] == 1
+
+
+def test_a_programme_sees_the_reference_tick_by_tick_and_the_snap_a_tick_before(predictive):
+    """It begins at the first tick. Its last entry holds for good, so the reference also rests a tick before that."""
+    recipe, plan, _ = programme_of(predictive())
+    preview, rest = recipe.structure["preview"], plan.rest_time
+    ticks = np.arange(len(preview))
+    assert 0.02 * (len(preview) - 3) < rest <= 0.02 * (len(preview) - 2)
+    times = np.minimum(0.02 * ticks, rest)
+    position, velocity, acceleration, jerk, snap = (evaluate(plan.flown_path, times, order) for order in range(5))
+    (yaw,), (yaw_rate,), (yaw_acceleration,) = (evaluate(plan.flown_yaw, times, order) for order in range(3))
+    scale = np.abs(snap).max()
+    np.testing.assert_allclose(
+        np.array([each.reference for each in preview]).T,
+        [*position, *velocity, *acceleration, yaw, yaw_rate],
+        atol=1e-9,
+    )
+    np.testing.assert_allclose(np.array([each.jerk for each in preview]).T, jerk, atol=1e-9 * scale)
+    found = np.array([each.snap for each in preview])
+    np.testing.assert_allclose(found.T, [*snap, yaw_acceleration], atol=1e-9 * scale)
+    before = np.array([each.before for each in preview])
+    np.testing.assert_array_equal(before[1:], found[:-1])
+    # The reference rests before the plan begins.
+    np.testing.assert_array_equal(before[0], 0.0)
+    assert np.abs(found[0]).max() > 1.0
+
+
+def test_a_corridor_goes_along_with_the_reference_or_stands_in_the_room(predictive):
+    def corridor_of(**corridor):
+        return programme_of(predictive(corridor=corridor))[0].structure["corridor"]
+
+    inf = math.inf
+    tube = corridor_of(kind="tube", half_width=[0.1, None, 0.3], weight=4.0)
+    assert tube == Corridor(PerAxis(-0.1, -inf, -0.3), PerAxis(0.1, inf, 0.3), moves=True, weight=4.0)
+    room = corridor_of(kind="room", lower=[-2.0, None, 0.2], upper=[None, 3.0, 2.5], weight=5.0)
+    assert room == Corridor(PerAxis(-2.0, -inf, 0.2), PerAxis(inf, 3.0, 2.5), moves=False, weight=5.0)
+
+
+def test_a_regulator_alone_has_no_programme(asymmetric):
+    scenario = asymmetric("lqg")
+    batch = Batch(scenario, (0,), {})
+    assert mpc_recipes(batch, plan_route(scenario), lqg_recipes(batch)["regulator"].numbers) == {}
+
+
+NETWORK = "control.network={kind: type_1, axes: [x], inputs: {error: {}}, learning: {kind: gradient, signal: feedback}}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("beside", [None, "network", "programme"])
+def test_the_controller_and_what_stands_beside_it_are_wired_and_shown(asymmetric, predictive, beside):
+    """Inputs that they take from each other are not inputs of the diagram; all of their outputs are outputs of it."""
+    scenario = predictive() if beside == "programme" else asymmetric("lqg", *([NETWORK] if beside else []))
+    plan = plan_route(scenario)
+    control = build_control(scenario, control_recipes(Batch(scenario, (0,), {}), plan), 2)
+    assert control.get_name() == "control"
+    assert {part.get_name() for part in control.GetSystems()} == {"regulator", *([beside] if beside else [])}
+    inputs = {control.get_input_port(i).get_name() for i in range(control.num_input_ports())}
+    assert inputs == {"measurement", "reference", "reference_jerk", "reference_snap"}
+    outputs = {control.get_output_port(i).get_name() for i in range(control.num_output_ports())}
+    assert {"wrench", "error", "disturbance"} <= outputs
+    assert ("weights" in outputs) == (beside == "network")
+    context = control.CreateDefaultContext()
+    for name in inputs:
+        port = control.GetInputPort(name)
+        port.FixValue(context, np.linspace(0.1, 0.2, port.size()))
+    regulator = control.GetSubsystemByName("regulator")
+    taken = [name for name in ("correction", "learned_disturbance", "perturbation") if regulator.HasInputPort(name)]
+    assert taken == {None: [], "network": ["correction", "learned_disturbance"], "programme": ["perturbation"]}[beside]
+    own = regulator.GetMyContextFromRoot(context)
+    assert all(regulator.GetInputPort(name).HasValue(own) for name in taken)
+    assert np.isfinite(control.GetOutputPort("wrench").Eval(context)).all()
