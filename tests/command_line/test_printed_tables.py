@@ -33,6 +33,7 @@ from drake_quad.command_line import (
 )
 from drake_quad.command_line import map as stability_map
 from drake_quad.files import read_table
+from drake_quad.identification.fitting.random_effects import Variation
 from drake_quad.identification.flown_again.comparison import Comparison
 from drake_quad.identification.flown_again.prediction import Predictions
 from drake_quad.identification.identified import Fitted, Identification, Spread
@@ -45,7 +46,7 @@ from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.replication.printed import Cell, Runs
 from drake_quad.replication.table_ii import Entry
 from drake_quad.studies import Study
-from drake_quad.studies.interval import Interval, plus_minus
+from drake_quad.studies.interval import Interval, plus_minus, spread_alone
 
 RNG = np.random.default_rng(8)
 
@@ -330,16 +331,17 @@ def test_the_metrics_of_a_flight_are_in_their_units():
 
 
 def identified():
-    """Return an identification of two numbers."""
+    """Return an identification of three numbers, of which the first is known to vary and the last explains nothing."""
     estimates = Estimates(
-        ("mass", "autopilot.damping[0]"),
-        np.array([0.5, 0.7]),
-        np.diag([0.0004, 0.0025]),
-        math.inf,
+        ("mass", "autopilot.damping[0]", "linear_drag"),
+        np.array([0.5, 0.7, 0.1]),
+        np.diag([0.0004, 0.0025, 0.0001]),
+        1e9,
         Source("m", "a"),
         explained={"mass": Explained(0.123, "climb"), "autopilot.damping[0]": Explained(4e-4, "roll")},
-        not_seen={"linear_drag": "it hovers"},
+        not_seen={"quadratic_drag": "it hovers"},
         remarks=("of the estimates",),
+        variation=Variation(np.diag([0.0016, np.nan, np.nan]), 4.0, 10.0),
     )
     time = np.arange(4)[:, None] + np.linspace(0.0, 1.0, 5)
     measured = np.zeros_like(time)
@@ -360,14 +362,17 @@ def test_estimates_have_their_intervals_and_what_they_explain(capsys):
     printed = capsys.readouterr()
     lines = printed.out.splitlines()
     assert cells(lines[1]) == [["number", "value", "unit", "another stretch", "interval holds", "explains, held out"]]
-    mass, damping = cells("\n".join(lines[2:4]))
-    assert mass == ["mass", plus_minus(0.5, 1.96 * 0.02), "kg", "–", "9 of 10", "12.3 % of climb"]
+    mass, damping, drag = cells("\n".join(lines[2:5]))
+    # The mean is off by 0.02 kg, and a stretch by 0.04 kg beside that, which have 6.25 degrees of freedom together.
+    far = scipy.stats.t.ppf(0.975, 6.25) * math.sqrt(0.002)
+    assert mass == ["mass", plus_minus(0.5, 1.96 * 0.02), "kg", spread_alone(far), "9 of 10", "12.3 % of climb"]
     assert damping == ["autopilot.damping[0]", plus_minus(0.7, 1.96 * 0.05), "–"]
-    assert lines[4:] == [
+    assert drag == ["linear_drag", plus_minus(0.1, 1.96 * 0.01), "N s/m", "–"]
+    assert lines[5:] == [
         f"a command shows after {plus_minus(32.1, 1.96)} ms",
         f"lag: {plus_minus(0.04, 1.96e-3)} s",
         f"ratio: {plus_minus(2.0, 0.196)}",
-        "not told: linear_drag: it hovers",
+        "not told: quadratic_drag: it hovers",
     ]
     assert printed.err == "remark: of the flights\nremark: of the estimates\n"
 
