@@ -54,15 +54,18 @@ def replaced(monkeypatch):
     """Return a function that replaces functions of a command, and keeps the arguments of their calls."""
     calls = {}
 
+    def kept(name, result):
+        calls[name] = []
+
+        def call(*arguments, **named):
+            calls[name].append((arguments, named))
+            return result(*arguments, **named) if callable(result) else result
+
+        return call
+
     def replace(command, **results):
         for name, result in results.items():
-            calls[name] = []
-
-            def call(*arguments, name=name, result=result, **named):
-                calls[name].append((arguments, named))
-                return result(*arguments, **named) if callable(result) else result
-
-            monkeypatch.setattr(f"{COMMAND}.{command}.{name}", call)
+            monkeypatch.setattr(f"{COMMAND}.{command}.{name}", kept(name, result))
         return calls
 
     return replace
