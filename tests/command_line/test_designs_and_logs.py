@@ -253,7 +253,11 @@ def test_warnings_about_input_are_remarks_and_others_stay_warnings(capsys, monke
     shown = []
     monkeypatch.setattr(warnings, "showwarning", lambda *arguments: shown.append(arguments))
 
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
     def command():
+        # From here on Ctrl-C is an exception, as usual in Python.
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
         warnings.showwarning(InputWarning("rock.obj: is large"), InputWarning, "file.py", 3)
         warnings.showwarning(RuntimeWarning("of another kind"), RuntimeWarning, "file.py", 4)
 
@@ -291,3 +295,13 @@ def test_a_crash_is_told_before_its_sensitivities(run, replaced, tmp_path):  # n
     assert result.stdout.endswith(f"wrote\n  {tmp_path / 'sensitivities.csv'}\n  b.png\n")
     found.crash_time = math.inf
     assert "crashed" not in run("sensitivities", "hover", "--output", tmp_path).stdout
+
+
+def test_each_diagram_is_drawn_into_a_file_of_its_path(run, replaced, tmp_path):  # noqa: F811
+    calls = replaced("draw", drawings={"": "a", "control/position": "b"}, svg=lambda text: f"<svg>{text}</svg>")
+    result = run("draw", "robustness", "--output", tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+    files = [tmp_path / "loop.svg", tmp_path / "control_position.svg"]
+    assert result.stdout.splitlines() == ["wrote", *(f"  {file}" for file in files)]
+    assert [file.read_text() for file in files] == ["<svg>a</svg>", "<svg>b</svg>"]
+    assert len(calls["drawings"]) == 1

@@ -43,6 +43,11 @@ from drake_quad.studies import Study
 COMMAND = "drake_quad.command_line"
 
 
+def written(result):
+    """Return the files that a command says it wrote."""
+    return [line.strip() for line in result.stdout.split("wrote\n")[1].splitlines() if line.startswith("  ")]
+
+
 def metrics_of(count, crashed=()):
     rmse, time = np.linspace(0.1, 0.2, count), np.full(count, np.inf)
     time[list(crashed)] = 3.0
@@ -72,7 +77,7 @@ def replaced(monkeypatch):
 
 
 def test_controllers_are_compared_on_as_many_samples_as_asked_for(run, replaced, tmp_path):
-    calls = replaced("compare", fly_samples=metrics_of(3), plot_comparison=None, save_figures=[])
+    calls = replaced("compare", fly_samples=metrics_of(3), plot_comparison=None, save_figures=["comparison.png"])
     one = ["compare", "--scenario", "hover", "--controller", "controllers/paper:pd", "--output", tmp_path]
     for more, count, compiled, duration in (
         ([], 20, True, load_scenario("hover").duration),
@@ -82,7 +87,10 @@ def test_controllers_are_compared_on_as_many_samples_as_asked_for(run, replaced,
         (["--samples", 1], 1, True, load_scenario("hover").duration),
     ):
         calls["fly_samples"].clear()
-        assert run(*one, *more).returncode == 0
+        result = run(*one, *more)
+        assert result.returncode == 0
+        assert written(result) == [str(tmp_path / "comparison.csv"), "comparison.png"]
+        assert result.stdout.startswith(f"{count} samples each; ")
         (((scenario, samples), named),) = calls["fly_samples"]
         assert (samples, named["compiled"], scenario.duration) == (range(count), compiled, duration)
     assert run(*one, "--samples", 10_001).returncode == 2
@@ -111,7 +119,10 @@ def test_samples_are_replayed_from_the_first_on(run, replaced, tmp_path):
     calls = replaced(
         "replay", simulate_samples=lambda _, samples: [flight] * len(samples), save_swarm=None, save_replay=None
     )
-    assert run("replay", "hover", "--samples", 3, "--first", 5, "--output", tmp_path).returncode == 0
+    result = run("replay", "hover", "--samples", 3, "--first", 5, "--output", tmp_path)
+    assert result.returncode == 0
+    assert written(result) == [str(tmp_path / "replay.html")]
+    assert result.stdout.startswith("hover: 3 flights, 0 crashed\n")
     ((scenario, samples), _), ((flights, file), _) = calls["simulate_samples"][0], calls["save_swarm"][0]
     assert (scenario.name, samples) == ("hover", range(5, 8))
     assert flights == {"hover": [flight] * 3}
@@ -149,7 +160,10 @@ def test_gains_are_mapped_around_those_of_the_scenario(run, replaced, tmp_path, 
     calls = replaced("map", panel="a panel", plot_map=None, write_map="file", print_panel=None, save_figures=[])
     own = [f"control.{block}.k_p=[1.5, 2.5, 3.5]", f"control.{block}.k_d=[4.5, 5.5, 6.5]"]
     given = ["hover", "--loop", loop, "--set", own[0], "--set", own[1], "--output", tmp_path]
-    assert run("map", *given).returncode == 0
+    result = run("map", *given)
+    assert result.returncode == 0
+    assert written(result) == ["file"]
+    assert len(calls["print_panel"]) == 2
     scenario = load_scenario("hover", own)
     (nominal, worst), (((panels, k_p, k_d), named),) = calls["panel"], calls["plot_map"]
     assert panels == ["a panel"] * 2
@@ -223,6 +237,8 @@ def test_a_controller_is_tuned_and_judged_on_samples_that_follow(run, replaced, 
     given = ["hover", "--rounds", 5, "--samples", 6, "--sensitivity", 1.75, "--delay-margin", 0.25]
     result = run("tune", *given, "--set", "control.position.k_p=[2, 2, 4]", "--output", tmp_path)
     assert result.returncode == 0
+    assert written(result) == [str(tmp_path / "scenario.yaml")]
+    assert len(calls["print_margins"]) == 1
     (((scenarios, knobs, shares_met), named),) = calls["tune"]
     assert [scenario.name for scenario in scenarios] == ["hover"]
     assert [knob.paths for knob in knobs] == [
@@ -299,6 +315,18 @@ def test_a_study_tells_what_was_altered_and_fails_if_a_sample_was_not_flown(run,
     result = run(*given)
     assert result.returncode == 1
     assert "failed: 1 samples could not be flown (sample 2 of robustness: too slow)" in result.stderr
+    # One controller of two fails.
+    replaced(
+        "study",
+        run_monte_carlo=lambda scenario, samples, **_: studied(
+            scenario, samples, failures={} if scenario.control.position.kind == "pd" else {2: "too slow"}
+        ),
+    )
+    two = [f"--controller=controllers/paper:{name}" for name in ("pd", "pid")]
+    result = run(*given, *two)
+    assert result.returncode == 1
+    assert "(sample 2 of pid: too slow)" in result.stderr
+    assert written(result) == [str(tmp_path / name / "results.csv") for name in ("pd", "pid")]
 
 
 def test_figures_of_a_study_are_those_for_which_there_are_samples(replaced, monkeypatch):
@@ -561,7 +589,10 @@ def test_controllers_are_judged_in_all_families_unless_some_are_named(run, repla
         (["--quick", "--output", tmp_path], [*FAMILIES], None, QUICK, tmp_path),
     ):
         calls["fly"].clear()
-        assert run("judge", *given).returncode == 0
+        result = run("judge", *given)
+        assert result.returncode == 0
+        assert written(result) == ["report.md"]
+        assert "flown in 0 s\n" in result.stdout
         assert calls["fly"] == [((families, only, sizes, Path(folder)), {})]
     assert calls["write_report"][-1] == ((tmp_path,), {})
     for samples, status in ((1, 2), (2, 0), (10_000, 0), (10_001, 2)):
