@@ -20,7 +20,7 @@ from drake_quad.evaluation.entries import entries_of
 from drake_quad.evaluation.families import FAMILIES, FIRST_JUDGED
 from drake_quad.evaluation.judging import QUICK, Sizes
 from drake_quad.evaluation.report import FIGURES, machine, report_markdown, write_summary
-from drake_quad.evaluation.results import Traits, in_laps
+from drake_quad.evaluation.results import SENSITIVITIES, Traits, in_laps
 from drake_quad.evaluation.tuning import Budget, LoopLimit
 from drake_quad.files import read_table
 from drake_quad.studies.statistics import mean_interval, of_survivors, share_interval
@@ -56,6 +56,16 @@ def test_the_report_that_is_shipped_is_that_of_the_default_sizes(root):
         f"first of {whole.delayed} samples does not yet crash",
     ):
         assert words in text
+    budget, limit, flowing = Budget(), LoopLimit(), " ".join(text.split())
+    for words in (
+        f"Trained on {budget.samples} flights, of samples from 0 on; judged on samples from {FIRST_JUDGED} on",
+        f"{budget.rounds} rounds of {budget.candidates} candidates",
+        f"looked at for {budget.checks} candidates a round",
+        f"(COBYLA) of {budget.steps} steps",
+        f"A peak sensitivity of at most {limit.sensitivity:g} and a delay margin of at least {1e3 * limit.delay:g} ms",
+    ):
+        assert words in flowing
+    assert list(SENSITIVITIES) == sorted(SENSITIVITIES)
     # A quick run flies less of everything.
     assert all(few < many for few, many in zip(QUICK[:-1], whole[:-1], strict=True))
     found = evaluation()
