@@ -147,6 +147,13 @@ def test_rounds_converge_to_the_optimum_within_a_limit(laboratory, flown):
     assert last.max() < 3.0
 
 
+def test_as_many_candidates_fly_as_are_asked_for(laboratory, flown):
+    """Their number need be no power of two, although the points come by powers of two."""
+    kept = flown(bowl)
+    tune([laboratory], [K_P, K_D], None, budget=Budget(2, 12, 1, 1, 1))
+    assert [len(each[K_P.paths[0]]) for each in kept["varying"][:2]] == [12, 12]
+
+
 def test_local_searches_begin_with_smaller_and_smaller_steps(laboratory, flown, monkeypatch):
     """Each begins within a quarter of the box, from the best of what was found before."""
     flown(bowl)
