@@ -18,6 +18,7 @@ from drake_quad.replication.results import FAIR, Experiment, cells_of
 from drake_quad.replication.sweeps import NOISE, Q_VALUES, Sweep, noise_settings, q_settings
 from drake_quad.studies.statistics import mean_interval, of_survivors
 from drake_quad.studies.study import Study
+from drake_quad.visualization.leg_marks import leg_marks
 from drake_quad.visualization.places import places
 
 SAMPLES = 40
@@ -180,6 +181,9 @@ def test_paths_without_wind_are_shown_in_space_and_from_above(flights):
             np.testing.assert_allclose(shown, path.T[:count])
         assert list(legend_of(figure)) == names == [line.get_label() for line in axes.lines]
     assert above.axes[0].get_aspect() == 1.0
+    # From above, legs that go straight up have no number.
+    seen = [str(mark.number) for mark in leg_marks(whole.plan) if np.any(mark.beside)]
+    assert [text.get_text() for text in above.axes[0].texts] == seen
     numbers = {text.get_text(): text.get_position_3d() for text in space.axes[0].texts}
     path = whole.plan.derivative(0)
     ends = [*whole.plan.leg_times, whole.plan.path.times[-1]]
