@@ -338,3 +338,39 @@ def test_the_map_of_gains_is_grey_where_a_sample_crashes(found):
     handles = legend_of(figure)
     assert list(handles) == ["within 20 % of the best", "calibrated", "crash"]
     assert handles["crash"].get_facecolor() == maps[0].get_facecolor()
+
+
+def test_panels_of_a_figure_share_their_axes(found, flights):
+    grid = figures.figure_4().axes
+    for drawn, x, y in (
+        (grid, True, True),
+        (figures.table_figure(found).axes, True, False),
+        (figures.figure_11(flights).axes, True, False),
+        (figures.advantage_figure(found).axes, False, True),
+        (figures.gain_figure(found).axes[:2], False, True),
+    ):
+        for one, other in pairwise(drawn):
+            assert one.get_shared_x_axes().joined(one, other) == x
+            assert one.get_shared_y_axes().joined(one, other) == y
+
+
+def test_bars_end_within_their_axis(found):
+    (axes,) = figures.fair_figure(found).axes
+    longest = max(bar.get_width() for container in axes.containers for bar in container)
+    assert 1.05 * longest < axes.get_xlim()[1] < 1.4 * longest
+
+
+def test_numbers_of_legs_stand_at_the_top_in_the_middle_of_what_is_flown(flights):
+    flight = flights[Cell("no_wind", "pd_t2fnn")]
+    last = flight.time[-1]
+    ends = [*(time for time in flight.plan.leg_times if time < last), last]
+    for figure in (figures.figure_9(flights), figures.figure_12(flights)):
+        (axes,) = figure.axes
+        numbers = [text for text in axes.texts if text.get_text().isdigit()]
+        np.testing.assert_allclose([text.xy[0] for text in numbers], [0.5 * sum(pair) for pair in pairwise(ends)])
+        assert all(0.88 < text.xy[1] < 1.0 for text in numbers)
+        assert axes.get_xlim() == (0.0, last)
+    # They have a tenth of the height above all curves, beside the margin that the curves have anyway.
+    bottom, top = axes.get_ylim()
+    highest = max(line.get_ydata().max() for line in axes.lines if len(line.get_ydata()) == len(flight.time))
+    assert 0.82 < (highest - bottom) / (top - bottom) < 0.92
