@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 from mpl_toolkits.mplot3d import proj3d
+from pydrake.math import RollPitchYaw
 from test_study_plots import no_crash, study
 
 from drake_quad import load_scenario, simulate
@@ -285,6 +286,10 @@ def test_a_frame_shows_the_vehicle_and_its_target_where_they_are(camera):
         return camera._axes.transData.transform((across, up))
 
     np.testing.assert_allclose(middle_of(frame, "tab:green"), seen(target), atol=1.5)
+    # Its front is red, and points up and to the left with this pitch and yaw.
+    ahead = RollPitchYaw(*attitude).ToRotationMatrix().matrix()[:, 0]
+    wanted, found = seen(place + 0.1 * ahead) - seen(place), middle_of(frame, "tab:red") - seen(place)
+    assert found @ wanted / np.linalg.norm(found) / np.linalg.norm(wanted) > 0.98
     # A vehicle that is nowhere is not drawn, its target is.
     (empty,) = camera.frames(
         State(*np.full((12, 1), np.nan)), Reference(*np.array([*target, *[0.0] * 8])[:, np.newaxis])

@@ -150,6 +150,13 @@ def test_a_star_marks_the_gains_of_the_scenario_if_they_are_on_the_map(panels): 
             assert len(stars) == count
 
 
+def test_the_edge_of_stability_is_where_a_pole_leaves_the_unit_circle(panels):  # noqa: F811
+    found, first, second, *_ = panels
+    edge, *_ = [each for each in drawn_map(found[:1], first, second).axes[0].collections if hasattr(each, "levels")]
+    assert edge.levels == [1.0]
+    assert sum(len(path.vertices) for path in edge.get_paths()) > 5
+
+
 def test_scales_of_colours_have_labels():
     estimates = Estimates(("inertia[0]", "inertia[1]"), np.ones(2), np.eye(2), 9.0, Source("m", "a"))
     axes, bar = identification_plots.plot_correlations(estimates).axes
