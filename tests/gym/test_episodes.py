@@ -20,6 +20,7 @@ def test_the_memory_of_prepared_episodes_is_bounded(n, most):
         assert 2 * n <= math.prod(rows.shape[:2]) <= most
 
 
+@pytest.mark.slow
 def test_a_vehicle_that_is_ahead_of_another_begins_its_own_next_episode(monkeypatch):
     """Its episodes are made ready when it needs them, although the other still has some."""
     scenario = task_of("robustness")
