@@ -13,6 +13,7 @@ from drake_quad import InputError, load_scenario
 from drake_quad.command_line import identify, judge, replicate, study
 from drake_quad.command_line import map as stability_map
 from drake_quad.command_line.main import COMMANDS, module_of
+from drake_quad.command_line.options import overrides_of, scenario_of
 from drake_quad.evaluation.judging import QUICK
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.scenario import draw_sample
@@ -190,3 +191,26 @@ def test_the_first_sample_is_drawn_as_a_diagram(run, replaced, tmp_path):  # noq
     calls = replaced("draw", draw_sample=lambda scenario, _: scenario, build_tracking_diagram=None, drawings={})
     assert run("draw", "hover", "--output", tmp_path).returncode == 0
     assert calls["draw_sample"][0][0][1] == 0
+
+
+def test_further_overrides_come_after_those_of_the_command_line():
+    """They are laid over them: the worst case of a map keeps its delay whatever the delay of the nominal case is."""
+    arguments = argparse.Namespace(scenario="hover", set=["duration=3", "name=mine"], seed=7)
+    scenario = scenario_of(arguments, further=overrides_of(["duration=2"], "--worst"))
+    assert (scenario.duration, scenario.name, scenario.seed) == (2.0, "mine", 7)
+    assert scenario_of(arguments).duration == 3.0
+
+
+@pytest.mark.parametrize(
+    ("command", "option", "needed"), [("study", "--parquet", {"pandas", "pyarrow"}), ("fly", "--mcap", {"mcap.writer"})]
+)
+def test_what_an_option_needs_is_asked_for_before_anything_is_flown(run, replaced, command, option, needed):  # noqa: F811
+    def is_missing(name, _extra, *modules):
+        assert (name, {*modules}) == (option, needed)
+        raise InputError("it is missing")
+
+    flies = {"study": "run_monte_carlo", "fly": "simulate"}[command]
+    calls = replaced(command, check_extra=is_missing, **{flies: None})
+    result = run(command, "hover", option)
+    assert (result.returncode, calls[flies]) == (2, [])
+    assert "it is missing" in result.stderr
