@@ -1,12 +1,14 @@
 """Controllers side by side, on the same samples."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from drake_quad import load_scenario, simulate
 from drake_quad.laboratory.metrics import Metrics
+from drake_quad.studies import comparison
 from drake_quad.studies.comparison import fly_samples
 from drake_quad.studies.statistics import compare
 
@@ -29,3 +31,15 @@ def test_samples_fly_in_the_order_that_is_asked_for():
     for sample, rmse in zip((5, 2), found.rmse, strict=True):
         assert simulate(scenario, sample=sample).metrics.rmse == pytest.approx(rmse, rel=1e-9)
     assert told[-1] == (pytest.approx(0.2), pytest.approx(0.2))
+
+
+def test_samples_fly_in_one_fleet_in_machine_code_unless_it_is_not_wanted(monkeypatch):
+    fleets = []
+
+    def fleet(_, num_samples, *, compiled):
+        fleets.append((num_samples, compiled))
+        return SimpleNamespace(fly=lambda samples, progress: [*samples])
+
+    monkeypatch.setattr(comparison, "StudyFleet", fleet)
+    assert fly_samples(None, [5, 2, 7]) == fly_samples(None, [5, 2, 7], compiled=False) == [5, 2, 7]
+    assert fleets == [(3, True), (3, False)]

@@ -118,6 +118,11 @@ def test_a_mean_share_of_nothing_or_all_is_bounded_by_how_often_it_is_otherwise(
     assert share_mean_interval(values) == pytest.approx((values.mean(), values.mean() - half, values.mean() + half))
 
 
+def test_an_interval_of_a_share_that_could_hardly_be_wider_is_all_shares():
+    """Two values, of which nearly certainty is asked: the odds of its ends are beyond what a float can be."""
+    assert share_mean_interval(np.array([0.0, 0.1]), 0.9999) == pytest.approx((0.05, 0.0, 1.0), abs=1e-12)
+
+
 def test_each_metric_has_the_interval_that_fits_it():
     metrics = study(30, 5).metrics
     kept = ~metrics.crashed
