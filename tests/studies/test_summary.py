@@ -64,6 +64,8 @@ def test_no_interval_is_of_crashes_only_and_none_leaves_what_can_be(count, crash
     [
         (300, 3, "means and deviations are of the 297 samples that flew to the end; quantiles are of all"),
         (2, 1, "means and deviations are of the one sample that flew to the end;"),
+        (3, 1, "means and deviations are of the 2 samples that flew to the end;"),
+        (3, 2, "means and deviations are of the one sample that flew to the end;"),
         (2, 2, "no sample flew to the end: there is nothing to average"),
         (2, 0, None),
     ],
@@ -154,6 +156,24 @@ def crashing(numbers, crashed, **more):
     found = study(len(numbers), 0, **{"vehicle.mass": np.asarray(numbers, dtype=float), **more})
     times = np.where(crashed, 1.0, math.inf)
     return Study(found.scenario, 10.0, found.samples, found.parameters, found.metrics._replace(crash_time=times))
+
+
+def test_few_different_numbers_have_a_bin_each_and_many_samples_no_more_than_twenty_bins():
+    few = np.repeat([1.0, 2.0, 3.0], [90, 5, 5])
+    levels = crash_levels(crashing(few, few > 2.0), "vehicle.mass", num_bins=3)
+    assert [(level.low, level.high, level.num_samples) for level in levels] == [(1, 1, 90), (2, 2, 5), (3, 3, 5)]
+    assert len(crash_levels(crashing(np.arange(12_000), np.zeros(12_000, dtype=bool)), "vehicle.mass")) == 20
+
+
+def test_a_comparison_tells_the_sign_of_a_difference_and_crashes_of_either_alone():
+    worse = study(30, 0)
+    worse = Study(worse.scenario, 10.0, worse.samples, {}, worse.metrics._replace(rmse=worse.metrics.rmse + 0.01))
+    (row,) = comparison_of({"base": study(30, 0), "worse": worse}, "rmse").rows
+    assert row[1].startswith("+0.01")
+    summary = comparison_of({"base": study(30, 3), "safer": study(30, 0)}, "rmse")
+    assert summary.rows[0][5] == "0 : 3"
+    assert summary.rows[0][6] == "p = 0.25"
+    assert len(summary.remarks) == 1
 
 
 def test_bins_of_a_number_hold_equally_many_samples_and_the_crashes_in_them():
