@@ -25,6 +25,16 @@ def test_a_share_is_the_ratio_of_means_over_samples_in_which_neither_crashed():
     assert (reverse.num_pairs, reverse.share.value) == (2, 0.2)
 
 
+@pytest.mark.parametrize(("ours", "theirs", "significance"), [(0, 5, 0.0625), (5, 0, 0.0625), (1, 1, 1.0), (0, 0, 1.0)])
+def test_crashes_of_one_controller_alone_are_as_unlikely_as_heads_only(ours, theirs, significance):
+    """McNemar's exact test: five heads of five, or five tails, have the probability 2 / 2⁵."""
+    times = np.full((2, 8), math.inf)
+    times[0, :ours] = times[1, 8 - theirs :] = 1.0
+    found = compare(*(metrics(np.ones(8), each) for each in times))
+    assert (found.crashed, found.baseline_crashed) == (ours, theirs)
+    assert found.crash_significance == pytest.approx(significance)
+
+
 def test_samples_fly_in_the_order_that_is_asked_for():
     scenario, told = load_scenario("diagrams/laboratory.yaml:low_wind", ["duration=0.2"]), []
     found = fly_samples(scenario, [5, 2], progress=lambda *each: told.append(each))

@@ -15,7 +15,6 @@ from drake_quad.scenario import Batch
 from drake_quad.studies.results_file import Found
 from drake_quad.studies.study import Record, Study, columns_of, fitting, meaning, read_record, rows_of
 
-
 REST = "seed: 1\nduration: 2.0\nversions: []\ncolumns: {}\n"
 
 
