@@ -229,6 +229,17 @@ def test_errors_in_wind_are_shown_until_the_crash_and_beside_those_of_type_1(fli
     assert list(legend_of(figure)) == [*CONTROLLERS.values(), "mean RMSE in Table II"]
 
 
+def test_errors_in_wind_are_shown_also_if_the_first_controller_crashes(flights):
+    """Over the time of the longest flight."""
+    pd = Cell("high_wind", "pd")
+    time = flights[pd].time
+    signals = {name: rows[:100] for name, rows in flights[pd].signals.items()}
+    figure = figures.figure_11(flights | {pd: replace(flights[pd], time=time[:100], signals=signals)})
+    curves = {line.get_label(): line for line in figure.axes[0].lines}
+    assert len(curves[CONTROLLERS["pd"]].get_xdata()) == 100
+    np.testing.assert_array_equal(curves[CONTROLLERS["pd_t1fnn"]].get_xdata(), time)
+
+
 def test_errors_without_wind_are_shown_with_the_printed_peaks(flights):
     figure = figures.figure_9(flights)
     (axes,) = figure.axes
