@@ -182,7 +182,7 @@ def _errors(flights: Flights, wind: str, controllers: Sequence[str], levels: Map
         what: the printed errors are.
     """
     errors = {name: flights[Cell(wind, name)].euclidean_error for name in controllers}
-    time = flights[Cell(wind, controllers[0])].time
+    time = max((flights[Cell(wind, name)].time for name in controllers), key=len)
     with in_print():
         figure = new_figure(COLUMN, 2.6 if "pd_t1fnn" not in errors else 3.8)
         axes, *more = figure.subplots(

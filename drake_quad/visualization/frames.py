@@ -102,7 +102,6 @@ class Camera:
     def _draw(self, points: np.ndarray, style: dict[str, Any]) -> None:
         across, up, _ = proj3d.proj_transform(*points.T, self._projection)
         line = Line2D(across, up, transform=self._axes.transData, **style)
-        line.set_figure(self._axes.figure)
         line.draw(self._canvas.get_renderer())
 
 

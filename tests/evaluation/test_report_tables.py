@@ -18,8 +18,9 @@ from drake_quad.evaluation.answers import (
 )
 from drake_quad.evaluation.entries import entries_of
 from drake_quad.evaluation.families import FAMILIES, FIRST_JUDGED
+from drake_quad.evaluation.judging import QUICK, Sizes
 from drake_quad.evaluation.report import FIGURES, machine, report_markdown, write_summary
-from drake_quad.evaluation.results import Traits, in_laps
+from drake_quad.evaluation.results import SENSITIVITIES, Traits, in_laps
 from drake_quad.evaluation.tuning import Budget, LoopLimit
 from drake_quad.files import read_table
 from drake_quad.studies.statistics import mean_interval, of_survivors, share_interval
@@ -41,6 +42,40 @@ def found():
     nan = float("nan")
     found.traits["outdoor"] = found.traits["outdoor"] | {"mpc": Traits(nan, nan, nan, 9e-4, nan)}
     return found
+
+
+def test_the_report_that_is_shipped_is_that_of_the_default_sizes(root):
+    """Its statements are in the order in which all are asked."""
+    text = (root / "docs" / "controllers" / "report.md").read_text(encoding="utf-8")
+    whole = Sizes()
+    assert text.startswith("#")
+    for words in (
+        f"\n{whole.samples} samples in each of ",
+        f"| MPC ({whole.slow} samples) |",
+        f"in lap {whole.most_laps} its RMSE is less by",
+        f"first of {whole.delayed} samples does not yet crash",
+    ):
+        assert words in text
+    budget, limit, flowing = Budget(), LoopLimit(), " ".join(text.split())
+    for words in (
+        f"Trained on {budget.samples} flights, of samples from 0 on; judged on samples from {FIRST_JUDGED} on",
+        f"{budget.rounds} rounds of {budget.candidates} candidates",
+        f"looked at for {budget.checks} candidates a round",
+        f"(COBYLA) of {budget.steps} steps",
+        f"A peak sensitivity of at most {limit.sensitivity:g} and a delay margin of at least {1e3 * limit.delay:g} ms",
+    ):
+        assert words in flowing
+    assert list(SENSITIVITIES) == sorted(SENSITIVITIES)
+    # A quick run flies less of everything.
+    assert all(few < many for few, many in zip(QUICK[:-1], whole[:-1], strict=True))
+    found = evaluation()
+    for place in FAMILIES["laboratory"].laboratories:
+        found.flights[place] |= {"pd_t2fnn_adaptive": flights(0.1, own=3), "pd_t2fnn_map": flights(0.1, own=4)}
+        found.flights[place] |= {"pid": flights(0.2), "pid_t2fnn": flights(0.1, own=3), "indi_t2fnn_map": flights(0.1)}
+    asked = [each.statement for each in all_answers(found)]
+    shipped = [row[0] for row in rows_of(text) if row[0] in asked]
+    assert asked == shipped
+    assert len(asked) >= 9
 
 
 def test_a_delay_in_words():

@@ -112,11 +112,15 @@ def test_the_lowest_of_many_valleys_is_found(laboratory, flown):
     assert found.numbers == pytest.approx((4.0, 2.0), rel=0.02)
 
 
-def test_rounds_converge_to_the_optimum_and_stay_in_range(laboratory, flown):
-    """The mean of the candidates moves to the best numbers, and their spread falls from round to round."""
+@pytest.mark.parametrize("shares", [None, lambda _: np.array([9.0])])
+def test_rounds_converge_to_the_optimum_and_stay_in_range(laboratory, flown, shares):
+    """The mean of the candidates moves to the best numbers, and their spread falls from round to round.
+
+    A limit that no candidate breaks changes nothing of it.
+    """
     kept = flown(bowl)
     budget = Budget(rounds=6, candidates=64, samples=1, steps=1)
-    tune([laboratory], [K_P, K_D], None, budget=budget)
+    tune([laboratory], [K_P, K_D], shares, budget=budget)
     rounds = [each for each in kept["varying"] if len(each[K_P.paths[0]]) == 64]
     assert len(rounds) == 6
     points = np.array([[each[K_P.paths[0]], each[K_D.paths[0]]] for each in rounds])
@@ -131,6 +135,38 @@ def test_rounds_converge_to_the_optimum_and_stay_in_range(laboratory, flown):
     assert away[-1] < 0.05
     assert (np.diff(spread[:5]) < 0.0).all()
     assert 0.005 < spread[-1] < 0.2 * spread[0]
+
+
+def test_rounds_converge_to_the_optimum_within_a_limit(laboratory, flown):
+    """k_P may be 2 at most. Candidates of the last round keep to it, although less error is beyond."""
+    kept = flown(bowl)
+    budget = Budget(rounds=6, candidates=64, samples=1, checks=8, steps=1)
+    tune([laboratory], [K_P, K_D], lambda scenario: np.array([2.0 / scenario.control.position.k_p[0]]), budget=budget)
+    *_, last = (each[K_P.paths[0]] for each in kept["varying"] if len(each[K_P.paths[0]]) == 64)
+    assert np.median(last) == pytest.approx(2.0, rel=0.1)
+    assert last.max() < 3.0
+
+
+def test_as_many_candidates_fly_as_are_asked_for(laboratory, flown):
+    """Their number need be no power of two, although the points come by powers of two."""
+    kept = flown(bowl)
+    tune([laboratory], [K_P, K_D], None, budget=Budget(2, 12, 1, 1, 1))
+    assert [len(each[K_P.paths[0]]) for each in kept["varying"][:2]] == [12, 12]
+
+
+def test_local_searches_begin_with_smaller_and_smaller_steps(laboratory, flown, monkeypatch):
+    """Each begins within a quarter of the box, from the best of what was found before."""
+    flown(bowl)
+    radii, minimize = [], tuning.scipy.optimize.minimize
+
+    def kept(function, start, **given):
+        radii.append(given["options"]["rhobeg"])
+        return minimize(function, start, **given)
+
+    monkeypatch.setattr(tuning.scipy.optimize, "minimize", kept)
+    tune([laboratory], [K_P, K_D], None, budget=Budget(1, 4, 1, 1, 1))
+    assert len(radii) == 3
+    assert 0.25 > radii[0] > radii[1] > radii[2] > 0.0
 
 
 def test_candidates_fly_every_training_sample_in_every_laboratory(laboratory, flown):

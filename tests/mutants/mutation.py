@@ -144,8 +144,8 @@ def _visited(module: ast.Module) -> Iterator[tuple[ast.AST, ast.AST, range, bool
             if _is_the_rest_of_a_shape(node, parent):
                 continue
             inside = declared and not (isinstance(node, ast.FunctionDef) and field == "body")
-            for child in value if isinstance(value, list) else [value]:
-                if isinstance(child, ast.AST):
+            for place, child in enumerate(value if isinstance(value, list) else [value]):
+                if isinstance(child, ast.AST) and not _is_appearance(node, field, place):
                     pending.append((child, node, lines, inside))
 
 
@@ -154,6 +154,14 @@ def _is_styling(node: ast.AST) -> bool:
     if isinstance(node, ast.keyword):
         return node.arg in _APPEARANCE
     return isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute | ast.Name) and _name(node) in _STYLING
+
+
+def _is_appearance(node: ast.AST, field: str, place: int) -> bool:
+    """Is this part of a node an option that says how something looks, or the distance of a label from its point?"""
+    if isinstance(node, ast.Dict) and field == "values":
+        key = node.keys[place]
+        return isinstance(key, ast.Constant) and key.value in _APPEARANCE
+    return isinstance(node, ast.Call) and field == "args" and _name(node) == "annotate" and place == 2
 
 
 def _name(call: ast.Call) -> str:

@@ -51,6 +51,8 @@ def changes(line, before=""):
         ("x = y[-1]", {"x = y[1]", "x = y[-2]"}),
         ("flag: bool = True", {"flag: bool = False"}),
         ("axes.plot(x, y, linewidth=2.0 * size, color=a)", {"axes.plot(y, x, linewidth=2.0 * size, color=a)", "pass"}),
+        ("style = {'linewidth': 2.0, 'count': 3}", {"style = {'linewidth': 2.0, 'count': 4}"}),
+        ("a = axes.annotate(text, place, (-6, 4))", {"a = axes.annotate(place, text, (-6, 4))"}),
     ],
 )
 def test_what_a_line_may_change_into(line, expected):

@@ -18,6 +18,7 @@ from drake_quad.replication.results import FAIR, Experiment, cells_of
 from drake_quad.replication.sweeps import NOISE, Q_VALUES, Sweep, noise_settings, q_settings
 from drake_quad.studies.statistics import mean_interval, of_survivors
 from drake_quad.studies.study import Study
+from drake_quad.visualization.leg_marks import leg_marks
 from drake_quad.visualization.places import places
 
 SAMPLES = 40
@@ -180,6 +181,9 @@ def test_paths_without_wind_are_shown_in_space_and_from_above(flights):
             np.testing.assert_allclose(shown, path.T[:count])
         assert list(legend_of(figure)) == names == [line.get_label() for line in axes.lines]
     assert above.axes[0].get_aspect() == 1.0
+    # From above, legs that go straight up have no number.
+    seen = [str(mark.number) for mark in leg_marks(whole.plan) if np.any(mark.beside)]
+    assert [text.get_text() for text in above.axes[0].texts] == seen
     numbers = {text.get_text(): text.get_position_3d() for text in space.axes[0].texts}
     path = whole.plan.derivative(0)
     ends = [*whole.plan.leg_times, whole.plan.path.times[-1]]
@@ -223,6 +227,17 @@ def test_errors_in_wind_are_shown_until_the_crash_and_beside_those_of_type_1(fli
     # Lines of nearly equal levels are drawn side by side.
     assert len({line.get_xdata()[0] for line in levels[1:]}) == len(printed) - 1 >= 2
     assert list(legend_of(figure)) == [*CONTROLLERS.values(), "mean RMSE in Table II"]
+
+
+def test_errors_in_wind_are_shown_also_if_the_first_controller_crashes(flights):
+    """Over the time of the longest flight."""
+    pd = Cell("high_wind", "pd")
+    time = flights[pd].time
+    signals = {name: rows[:100] for name, rows in flights[pd].signals.items()}
+    figure = figures.figure_11(flights | {pd: replace(flights[pd], time=time[:100], signals=signals)})
+    curves = {line.get_label(): line for line in figure.axes[0].lines}
+    assert len(curves[CONTROLLERS["pd"]].get_xdata()) == 100
+    np.testing.assert_array_equal(curves[CONTROLLERS["pd_t1fnn"]].get_xdata(), time)
 
 
 def test_errors_without_wind_are_shown_with_the_printed_peaks(flights):
@@ -334,3 +349,39 @@ def test_the_map_of_gains_is_grey_where_a_sample_crashes(found):
     handles = legend_of(figure)
     assert list(handles) == ["within 20 % of the best", "calibrated", "crash"]
     assert handles["crash"].get_facecolor() == maps[0].get_facecolor()
+
+
+def test_panels_of_a_figure_share_their_axes(found, flights):
+    grid = figures.figure_4().axes
+    for drawn, x, y in (
+        (grid, True, True),
+        (figures.table_figure(found).axes, True, False),
+        (figures.figure_11(flights).axes, True, False),
+        (figures.advantage_figure(found).axes, False, True),
+        (figures.gain_figure(found).axes[:2], False, True),
+    ):
+        for one, other in pairwise(drawn):
+            assert one.get_shared_x_axes().joined(one, other) == x
+            assert one.get_shared_y_axes().joined(one, other) == y
+
+
+def test_bars_end_within_their_axis(found):
+    (axes,) = figures.fair_figure(found).axes
+    longest = max(bar.get_width() for container in axes.containers for bar in container)
+    assert 1.05 * longest < axes.get_xlim()[1] < 1.4 * longest
+
+
+def test_numbers_of_legs_stand_at_the_top_in_the_middle_of_what_is_flown(flights):
+    flight = flights[Cell("no_wind", "pd_t2fnn")]
+    last = flight.time[-1]
+    ends = [*(time for time in flight.plan.leg_times if time < last), last]
+    for figure in (figures.figure_9(flights), figures.figure_12(flights)):
+        (axes,) = figure.axes
+        numbers = [text for text in axes.texts if text.get_text().isdigit()]
+        np.testing.assert_allclose([text.xy[0] for text in numbers], [0.5 * sum(pair) for pair in pairwise(ends)])
+        assert all(0.88 < text.xy[1] < 1.0 for text in numbers)
+        assert axes.get_xlim() == (0.0, last)
+    # They have a tenth of the height above all curves, beside the margin that the curves have anyway.
+    bottom, top = axes.get_ylim()
+    highest = max(line.get_ydata().max() for line in axes.lines if len(line.get_ydata()) == len(flight.time))
+    assert 0.82 < (highest - bottom) / (top - bottom) < 0.92

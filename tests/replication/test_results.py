@@ -3,8 +3,11 @@
 import numpy as np
 
 from drake_quad.files import read_table
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.replication import results
+from drake_quad.replication.measures import LegMetrics
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell
-from drake_quad.replication.results import FAIR, MAPPED, cells_of, write_recorded
+from drake_quad.replication.results import FAIR, MAPPED, cells_of, read_experiment, write_recorded
 
 
 def test_recorded_samples_stand_in_rows_even_a_single_one(tmp_path):
@@ -26,3 +29,24 @@ def test_cells_are_told_wind_by_wind():
     assert cells_of(CONTROLLERS)[1] == Cell("no_wind", "pd_t1fnn")
     assert not set(FAIR) & set(CONTROLLERS)
     assert set(MAPPED) < set(CONTROLLERS)
+
+
+def test_what_was_recorded_is_read_as_it_was_written(tmp_path, monkeypatch):
+    """Each cell has its own rows, and each file the name of what it holds."""
+    monkeypatch.setattr(results, "read_study", lambda folder: folder.relative_to(tmp_path).as_posix())
+    monkeypatch.setattr(results, "load_sweep", lambda path, metrics: (path.relative_to(tmp_path).name, metrics))
+    recorded = {
+        cell: {"rmse": np.array([i, i + 0.5]), "effort_x": np.array([-1.0 * i, 2.0])}
+        for i, cell in enumerate(cells_of(CONTROLLERS))
+    }
+    write_recorded(tmp_path / "recorded.csv", recorded)
+    found = read_experiment(tmp_path)
+    assert found.recorded.keys() == recorded.keys()
+    for cell, columns in recorded.items():
+        for name, values in columns.items():
+            np.testing.assert_allclose(found.recorded[cell][name], values)
+        assert found.cells[cell] == f"cells/{cell.scenario}"
+    assert (found.noise, found.q) == (("noise.csv", Metrics), ("q.csv", Metrics))
+    assert found.slopes == {wind: (f"slope_{wind}.csv", Metrics) for wind in WINDS}
+    assert found.maps == {name: (f"map_{name}.csv", Metrics) for name in MAPPED}
+    assert found.legs == ("legs.csv", LegMetrics)

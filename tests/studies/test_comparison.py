@@ -1,12 +1,14 @@
 """Controllers side by side, on the same samples."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from drake_quad import load_scenario, simulate
 from drake_quad.laboratory.metrics import Metrics
+from drake_quad.studies import comparison
 from drake_quad.studies.comparison import fly_samples
 from drake_quad.studies.statistics import compare
 
@@ -23,9 +25,31 @@ def test_a_share_is_the_ratio_of_means_over_samples_in_which_neither_crashed():
     assert (reverse.num_pairs, reverse.share.value) == (2, 0.2)
 
 
+@pytest.mark.parametrize(("ours", "theirs", "significance"), [(0, 5, 0.0625), (5, 0, 0.0625), (1, 1, 1.0), (0, 0, 1.0)])
+def test_crashes_of_one_controller_alone_are_as_unlikely_as_heads_only(ours, theirs, significance):
+    """McNemar's exact test: five heads of five, or five tails, have the probability 2 / 2⁵."""
+    times = np.full((2, 8), math.inf)
+    times[0, :ours] = times[1, 8 - theirs :] = 1.0
+    found = compare(*(metrics(np.ones(8), each) for each in times))
+    assert (found.crashed, found.baseline_crashed) == (ours, theirs)
+    assert found.crash_significance == pytest.approx(significance)
+
+
 def test_samples_fly_in_the_order_that_is_asked_for():
     scenario, told = load_scenario("diagrams/laboratory.yaml:low_wind", ["duration=0.2"]), []
     found = fly_samples(scenario, [5, 2], progress=lambda *each: told.append(each))
     for sample, rmse in zip((5, 2), found.rmse, strict=True):
         assert simulate(scenario, sample=sample).metrics.rmse == pytest.approx(rmse, rel=1e-9)
     assert told[-1] == (pytest.approx(0.2), pytest.approx(0.2))
+
+
+def test_samples_fly_in_one_fleet_in_machine_code_unless_it_is_not_wanted(monkeypatch):
+    fleets = []
+
+    def fleet(_, num_samples, *, compiled):
+        fleets.append((num_samples, compiled))
+        return SimpleNamespace(fly=lambda samples, progress: [*samples])
+
+    monkeypatch.setattr(comparison, "StudyFleet", fleet)
+    assert fly_samples(None, [5, 2, 7]) == fly_samples(None, [5, 2, 7], compiled=False) == [5, 2, 7]
+    assert fleets == [(3, True), (3, False)]

@@ -60,6 +60,15 @@ def test_samples_are_numbered_by_31_bits_of_drake_s_generator(monkeypatch):
     assert 2**30 <= max(samples) < 2**31
 
 
+@pytest.mark.slow
+def test_drake_s_generator_seeds_wind_and_noise(monkeypatch):
+    """Flights of one sample differ by nothing else."""
+    draw_sample = drakes_tool.draw_sample
+    monkeypatch.setattr(drakes_tool, "draw_sample", lambda scenario, _, *, seed: draw_sample(scenario, 0, seed=seed))
+    scenario = load_scenario("diagrams/laboratory.yaml:nominal", ["duration=0.1"])
+    assert len({*drake_monte_carlo(scenario, 3).rmse}) == 3
+
+
 @pytest.mark.parametrize(
     ("cameras", "time_step", "after"), [(0.02, 0.01, 0.0025), (0.04, 0.0, 0.005), (0.01, 0.0, 0.0025)]
 )

@@ -58,6 +58,8 @@ def test_nothing_is_above_or_below_what_is_not_bounded():
         # The mean of equal flights differs from each of them by a rounding error.
         (Interval(0.1, 0.1 - 1e-17, 0.1 + 2e-17).text(), "0.100 [0.100, 0.100]"),
         (Interval(1.0, 1.0, 1.0).percent(), "100 % [100, 100]"),
+        # An end that is not 100 % is not rounded to it.
+        (Interval(0.95, 0.9, 0.9996).percent(), "95.00 % [90.00, 99.96]"),
         # Some estimates have no interval, and some have one that the samples do not bound.
         (Interval(0.5, math.nan, math.nan).percent(), "50.0 %"),
         (Interval(0.5, 0.0, math.inf).percent(), "50 % [0, ∞]"),

@@ -8,7 +8,7 @@ import types
 import numpy as np
 import pytest
 
-from drake_quad.studies.provenance import difference, provenance, sources_of
+from drake_quad.studies.provenance import _digest, difference, provenance, sources_of
 
 TEXT = "def make(num_vehicles):\n    return num_vehicles\n"
 
@@ -49,6 +49,17 @@ def test_a_digest_is_of_the_text_and_of_the_name_of_each_file_once(module):
     assert sources_of([ours, theirs]) == sources_of([theirs, ours])
     assert sources_of([ours, theirs]) not in (one, two)
     assert sources_of([functools.partial(ours, 1), None]) == one
+
+
+def test_a_digest_tells_where_a_name_ends_and_where_a_text_does(tmp_path):
+    digests = set()
+    for number, texts in enumerate(({"a": "bc", "d": ""}, {"a": "b", "cd": ""}, {"ab": "c", "d": ""})):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        for name, text in texts.items():
+            (folder / name).write_text(text)
+        digests.add(_digest([folder / name for name in texts], folder))
+    assert len(digests) == 3
 
 
 def test_a_digest_changes_with_the_text_of_a_file_and_back_with_it(module):

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from drake_quad import InputError, load_scenario, read_study, run_monte_carlo
 from drake_quad.assembly.user_systems import UserSystems
@@ -14,8 +15,12 @@ from drake_quad.scenario import Batch
 from drake_quad.studies.results_file import Found
 from drake_quad.studies.study import Record, Study, columns_of, fitting, meaning, read_record, rows_of
 
+REST = "seed: 1\nduration: 2.0\nversions: []\ncolumns: {}\n"
 
-@pytest.mark.parametrize("text", ["- samples\n", "samples: 3\nseed: 1\nduration: 2.0\n", "seed\n"])
+
+@pytest.mark.parametrize(
+    "text", ["- samples\n", "samples: 3\nseed: 1\nduration: 2.0\n", "seed\n", f"samples: '3'\n{REST}"]
+)
 def test_what_is_no_record_of_a_study_is_refused(tmp_path, text):
     (tmp_path / "study.yaml").write_text(text)
     with pytest.raises(InputError, match="is not the record of a study"):
@@ -97,6 +102,14 @@ def test_a_record_is_read_as_it_was_written(two_masses, tmp_path):
     record.write(tmp_path / "study.yaml")
     assert read_record(tmp_path) == record
     assert "control" not in (tmp_path / "study.yaml").read_text().replace("position_controller", "")
+
+
+def test_a_record_cannot_be_changed(tmp_path):
+    (tmp_path / "study.yaml").write_text(f"samples: 3\n{REST}")
+    record = read_record(tmp_path)
+    with pytest.raises(ValidationError, match="frozen"):
+        record.samples = 4
+    assert record.samples == 3
 
 
 def test_a_record_that_is_not_there_is_told(tmp_path):

@@ -189,3 +189,11 @@ def test_a_study_without_its_record_cannot_be_gone_on_with(hover, tmp_path):
 )
 def test_the_first_difference_is_named_by_its_path(before, now, words):
     assert _difference(before, now) == words
+
+
+def test_a_record_tells_each_way_in_which_samples_were_flown_once(hover, tmp_path):
+    told = []
+    for compiled in (True, False, True):
+        with open_any(tmp_path, hover, 3, 2.0, UserSystems(), compiled=compiled, resume=True):
+            told.append(read_record(tmp_path).flown)
+    assert told == [["compiled"], ["compiled", "wired"], ["wired", "compiled"]]

@@ -15,6 +15,7 @@ from drake_quad.studies.statistics import (
     metric_mean,
     most_influential,
     positive,
+    quantile_interval,
     share_interval,
     share_mean_interval,
 )
@@ -63,6 +64,8 @@ def test_no_interval_is_of_crashes_only_and_none_leaves_what_can_be(count, crash
     [
         (300, 3, "means and deviations are of the 297 samples that flew to the end; quantiles are of all"),
         (2, 1, "means and deviations are of the one sample that flew to the end;"),
+        (3, 1, "means and deviations are of the 2 samples that flew to the end;"),
+        (3, 2, "means and deviations are of the one sample that flew to the end;"),
         (2, 2, "no sample flew to the end: there is nothing to average"),
         (2, 0, None),
     ],
@@ -71,6 +74,25 @@ def test_a_summary_says_that_means_are_of_survivors(count, crashed, words):
     remarks = summary_of(study(count, crashed)).remarks
     assert len(remarks) == (words is not None)
     assert all(remark.startswith(words) for remark in remarks)
+
+
+def test_a_summary_has_errors_in_centimetres_and_saturation_in_parts_of_a_hundred():
+    found = study(40, 2)
+    rows = {name: getattr(found.metrics, name) * (1.0 + 0.1 * i) for i, name in enumerate(Metrics._fields[:-1])}
+    found = Study(found.scenario, 10.0, found.samples, {}, found.metrics._replace(**rows))
+    errors = ["rmse", "rmse_x", "rmse_y", "rmse_z", "peak_error"]
+    summary = summary_of(found)
+    assert [row[0] for row in summary.rows] == [*errors, "effort_x", "effort_y", "saturation_share"]
+    assert summary.headings == ("", "mean", "deviation", "5 % quantile", "median", "95 % quantile", "")
+    sizes = {"cm": 0.01, "m²/s⁴": 1.0, "% of the ticks": 0.01}
+    for name, mean, deviation, *quantiles, unit in summary.rows:
+        assert (unit == "cm") == (name in errors)
+        kept = rows[name][2:]
+        assert mean == metric_mean(found.metrics, name).text(size=sizes[unit])
+        assert float(deviation) == pytest.approx(kept.std(ddof=1) / sizes[unit], rel=0.05)
+        every = np.where(found.metrics.crashed, math.inf, rows[name])
+        for text, share in zip(quantiles, (0.05, 0.5, 0.95), strict=True):
+            assert text == positive(quantile_interval(every, share)).text(size=sizes[unit], infinite="crash")
 
 
 @pytest.mark.parametrize(("count", "crashed"), [each for each in SIZES if each[0]])
@@ -118,6 +140,11 @@ def test_a_mean_share_of_nothing_or_all_is_bounded_by_how_often_it_is_otherwise(
     assert share_mean_interval(values) == pytest.approx((values.mean(), values.mean() - half, values.mean() + half))
 
 
+def test_an_interval_of_a_share_that_could_hardly_be_wider_is_all_shares():
+    """Two values, of which nearly certainty is asked: the odds of its ends are beyond what a float can be."""
+    assert share_mean_interval(np.array([0.0, 0.1]), 0.9999) == pytest.approx((0.05, 0.0, 1.0), abs=1e-12)
+
+
 def test_each_metric_has_the_interval_that_fits_it():
     metrics = study(30, 5).metrics
     kept = ~metrics.crashed
@@ -129,6 +156,24 @@ def crashing(numbers, crashed, **more):
     found = study(len(numbers), 0, **{"vehicle.mass": np.asarray(numbers, dtype=float), **more})
     times = np.where(crashed, 1.0, math.inf)
     return Study(found.scenario, 10.0, found.samples, found.parameters, found.metrics._replace(crash_time=times))
+
+
+def test_few_different_numbers_have_a_bin_each_and_many_samples_no_more_than_twenty_bins():
+    few = np.repeat([1.0, 2.0, 3.0], [90, 5, 5])
+    levels = crash_levels(crashing(few, few > 2.0), "vehicle.mass", num_bins=3)
+    assert [(level.low, level.high, level.num_samples) for level in levels] == [(1, 1, 90), (2, 2, 5), (3, 3, 5)]
+    assert len(crash_levels(crashing(np.arange(12_000), np.zeros(12_000, dtype=bool)), "vehicle.mass")) == 20
+
+
+def test_a_comparison_tells_the_sign_of_a_difference_and_crashes_of_either_alone():
+    worse = study(30, 0)
+    worse = Study(worse.scenario, 10.0, worse.samples, {}, worse.metrics._replace(rmse=worse.metrics.rmse + 0.01))
+    (row,) = comparison_of({"base": study(30, 0), "worse": worse}, "rmse").rows
+    assert row[1].startswith("+0.01")
+    summary = comparison_of({"base": study(30, 3), "safer": study(30, 0)}, "rmse")
+    assert summary.rows[0][5] == "0 : 3"
+    assert summary.rows[0][6] == "p = 0.25"
+    assert len(summary.remarks) == 1
 
 
 def test_bins_of_a_number_hold_equally_many_samples_and_the_crashes_in_them():
@@ -157,6 +202,17 @@ def test_a_number_that_is_not_drawn_has_no_levels():
         crash_levels(crashing([1.0], [True]), "vehicle.gravity")
     with pytest.raises(InputError, match="the number of bins is 0, but must be at least 1"):
         crash_levels(crashing([1.0], [True]), "vehicle.mass", num_bins=0)
+
+
+def test_the_number_with_most_to_do_with_crashes_is_drawn_in_every_study_and_may_be_small_in_them():
+    rng = np.random.default_rng(4)
+    mass, drag = rng.permutation(100) / 100.0, rng.permutation(100) / 100.0
+    light, draggy = mass < 0.3, drag > 0.7
+    both = {"vehicle.linear_drag": drag}
+    assert most_influential([crashing(mass, light, **both)]) == "vehicle.mass"
+    assert most_influential([crashing(mass, draggy, **both)]) == "vehicle.linear_drag"
+    assert most_influential([crashing(mass, draggy, **both), crashing(mass, draggy)]) == "vehicle.mass"
+    assert most_influential([study(10, 0)]) is None
 
 
 def test_the_plot_is_over_the_number_that_matters_most_and_has_the_levels_and_intervals():

@@ -400,6 +400,7 @@ def test_obstacles_cast_shadows():
     )
     np.testing.assert_allclose(np.hypot(*(disc.get_xy() - [0.0, 1.0]).T), 1.0, atol=0.02)
     np.testing.assert_allclose(np.hypot(*(ring.get_xy() - [0.0, 1.0]).T), 1.3, atol=0.02)
+    assert [patch.get_fill() for patch in axes.patches] == [True, False, True, False]
     assert not axes.texts
     above = new_figure(3.0, 3.0).subplots()
     draw_obstacles(above, space, 0, 1)

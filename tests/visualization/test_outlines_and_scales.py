@@ -5,10 +5,12 @@ import pytest
 
 from drake_quad import load_scenario
 from drake_quad.assembly.planning import plan_route
+from drake_quad.visualization import labels as placement
 from drake_quad.visualization import plan_plots
 from drake_quad.visualization.frames import Camera
 from drake_quad.visualization.labels import outlines
-from drake_quad.visualization.style import new_figure
+from drake_quad.visualization.replay import page, shapes
+from drake_quad.visualization.style import BLACK, VERMILION, new_figure
 
 
 def test_the_outline_of_a_marker_is_a_closed_square_around_it():
@@ -42,3 +44,22 @@ def test_a_camera_has_one_scale_along_all_axes():
     axes = Camera(scenario, plan_route(scenario))._axes
     lengths = np.ptp([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()], axis=1)
     np.testing.assert_allclose(lengths / lengths[0], axes._box_aspect / axes._box_aspect[0])
+
+
+def test_labels_try_near_places_first_on_all_sides():
+    assert list(placement._DISTANCES) == sorted(set(placement._DISTANCES))
+    assert set(placement.AROUND) == {(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)} - {(0, 0)}
+    # Corners are tried before sides, and the right before the left.
+    assert {abs(i * j) for i, j in placement.AROUND[:4]} == {1}
+    assert placement.BESIDE == ((1, 0), (-1, 0))
+
+
+def test_arms_are_thicker_than_blades_and_both_are_flat():
+    (arm_width, arm_height), (blade_width, blade_height) = shapes._ARM, shapes._BLADE
+    assert shapes._PROPELLER / 4.0 > arm_width > arm_height > blade_height
+    assert arm_width > blade_width > blade_height
+
+
+def test_no_vehicle_of_a_swarm_has_a_colour_like_that_of_a_crash():
+    assert set(page._BODIES[:2]) == {BLACK, VERMILION}
+    assert len(set(page._BODIES)) == 7

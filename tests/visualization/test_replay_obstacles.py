@@ -55,6 +55,12 @@ def test_a_story_tells_what_was_crashed_into(hover):
     assert told["marks"][-1] == {"at": [1.0, 0.5, 3.0], "text": "post", "color": "#555555"}
 
 
+def test_a_story_has_no_numbers_that_a_page_cannot_read(hover):
+    room = Room(np.zeros(3), np.ones(3), 0.2, np.zeros((1, 3)), {"post": np.array([np.nan, 0.5, 3.0])})
+    with pytest.raises(ValueError, match="JSON"):
+        story({"all": [hover]}, {"all": "#000000"}, {"a": "/x"}, room)
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on PATH; Debian's package is chromium")
 def test_a_page_names_obstacles_and_the_one_crashed_into(crash, tmp_path):

@@ -243,9 +243,7 @@ def pose_of(state: State) -> RigidTransform:
     return RigidTransform(RollPitchYaw(state.roll, state.pitch, state.yaw), places(state))
 
 
-def _bar(
-    start: np.ndarray, end: np.ndarray, half_width: float = 0.009
-) -> tuple[np.ndarray, list[tuple[int, int, int]]]:
+def _bar(start: np.ndarray, end: np.ndarray, half_width: float) -> tuple[np.ndarray, list[tuple[int, int, int]]]:
     """Vertices and triangles of a flat bar between two points."""
     aside = half_width * np.cross((end - start) / np.linalg.norm(end - start), [0.0, 0.0, 1.0])
     lift = np.array([0.0, 0.0, half_width])

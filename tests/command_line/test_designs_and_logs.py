@@ -1,0 +1,307 @@
+"""Commands that design gains, plan and read logs, without what takes long; and how commands are interrupted."""
+
+import importlib
+import math
+import multiprocessing
+import signal
+import warnings
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from ruamel.yaml import YAML
+from test_passed_arguments import replaced  # noqa: F401 - a fixture
+
+from drake_quad import load_scenario
+from drake_quad.analysis.lqg_design import Limits
+from drake_quad.assembly.planning import plan_route
+from drake_quad.command_line import identify, interruption, running
+from drake_quad.errors import InputWarning
+from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.space.distance import nearest_approach
+from drake_quad.space.shapes import Ball
+from drake_quad.space.space import Obstacle, Space
+
+
+@pytest.fixture
+def designed(replaced):  # noqa: F811
+    """Return the calls of a command `design` that finds the same gains for every scenario."""
+
+    def design(scenario, *_, on_board, integral):
+        rows = {"k_p": [1.0, 2.0, 3.0], "k_d": [4.0, 5.0, 6.0]}
+        integrals = {} if integral is None else {"k_i": [7.0, 8.0, 9.0]}
+        return SimpleNamespace(
+            gains=lambda: (
+                {"position": rows | integrals} | ({} if scenario.cascade.attitude is None else {"attitude": rows})
+            ),
+            autopilot_gains=lambda: {"k_attitude": [11.0, 12.0, 13.0], "k_rate": [21.0, 22.0, 23.0]},
+            loops={},
+            on_board={"roll": None} if on_board else {},
+        )
+
+    return replaced(
+        "design", design_cascade=design, closed_loop="a loop", plot_steps="steps", DESIGN_PLOTS=None, print_design=None,
+        print_modes=None, save_figures=[],
+    )  # fmt: skip
+
+
+def test_gains_are_designed_for_the_scenario_and_written(run, designed, monkeypatch, tmp_path):
+    monkeypatch.setattr("drake_quad.command_line.design.DESIGN_PLOTS", {"bode": lambda _: "bode"})
+    result = run("design", "hover", "--vector", "svg", "--output", tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+    (((scenario, options), named),) = designed["design_cascade"]
+    assert scenario.name == "hover"
+    assert {"roll", "pitch", "yaw", "x", "y", "z"} == options.keys()
+    assert named == {"on_board": False, "integral": None}
+    gains = tmp_path / "gains.yaml"
+    written = YAML(typ="safe").load(gains.read_text(encoding="utf-8"))
+    assert written["gains"]["control"]["kind"] == "cascade"
+    assert written["gains"]["control"]["position"]["k_d"] == [4.0, 5.0, 6.0]
+    assert gains.read_text(encoding="utf-8").startswith("# drake-quad design hover --vector svg")
+    for saved in (load_scenario(tmp_path / "scenario.yaml"), load_scenario("hover", layers=[f"{gains}:gains"])):
+        position = saved.control.position
+        assert (position.kind, position.k_p, position.k_d) == ("pd", (1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
+    # The loop that is drawn has the new gains.
+    (((flown,), _),) = designed["closed_loop"]
+    assert flown.control.position.k_p == (1.0, 2.0, 3.0)
+    assert designed["save_figures"] == [(({"bode": "bode", "steps": "steps"}, tmp_path), {"vector": "svg"})]
+    lines = result.stdout.splitlines()
+    assert lines[1] == (
+        f"a scenario takes the gains by `extends: [FILE:NAME, {gains}]`, in this order; or fly it as it is:"
+    )
+    assert lines[2:] == [
+        f"  drake-quad fly {tmp_path / 'scenario.yaml'}",
+        "wrote",
+        f"  {gains}",
+        f"  {tmp_path / 'scenario.yaml'}",
+    ]
+
+
+def test_a_pid_has_its_integral_designed(run, designed, monkeypatch, tmp_path):
+    monkeypatch.setattr("drake_quad.command_line.design.DESIGN_PLOTS", {})
+    pid = "control.position={kind: pid, k_p: [1, 1, 1], k_d: [1, 1, 1], k_i: [1, 1, 1]}"
+    for number, (more, integral) in enumerate(
+        ((["--integral", 0.25], 0.25), (["--set", pid], 0.15), (["--set", pid, "--integral", 0.5], 0.5))
+    ):
+        assert run("design", "hover", *more, "--output", tmp_path).returncode == 0
+        (scenario, _), named = designed["design_cascade"][number]
+        assert (scenario.control.position.kind, named["integral"]) == ("pid", integral)
+        saved = load_scenario(tmp_path / "scenario.yaml").control.position
+        assert (saved.kind, saved.k_i) == ("pid", (7.0, 8.0, 9.0))
+
+
+@pytest.mark.slow
+def test_gains_of_an_uncertain_vehicle_and_of_an_autopilot(run, designed, monkeypatch, tmp_path):
+    monkeypatch.setattr("drake_quad.command_line.design.DESIGN_PLOTS", {})
+    drawn = "vehicle.mass={choice: [0.6, 0.7, 0.8]}"
+    result = run("design", "onboard", "--set", drawn, "--on-board", "--output", tmp_path)
+    assert result.returncode == 0
+    assert result.stderr == "remark: gains are designed for the median of each distribution\n"
+    assert f"  drake-quad study {tmp_path / 'scenario.yaml'} --samples 32\n" in result.stdout
+    (scenario, options), named = designed["design_cascade"][0]
+    assert (scenario.vehicle.mass, named["on_board"]) == (0.7, True)
+    assert "roll rate" in options
+    saved = load_scenario(tmp_path / "scenario.yaml")
+    assert saved.laboratory.autopilot.k_rate == (21.0, 22.0, 23.0)
+    written = YAML(typ="safe").load((tmp_path / "gains.yaml").read_text(encoding="utf-8"))
+    assert written["gains"]["laboratory"]["autopilot"]["k_attitude"] == [11.0, 12.0, 13.0]
+    for option in ("--attitude-bandwidth", "--attitude-damping", "--yaw-damping"):
+        refused = run("design", "onboard", option, 0.5, "--output", tmp_path)
+        assert refused.returncode == 2
+        assert f"{option} is for attitude control on the ground" in refused.stderr
+
+
+def test_a_regulator_is_designed_within_the_limits_that_are_asked_for(run, replaced, tmp_path):  # noqa: F811
+    control = load_scenario("laboratory:low_wind", layers=["controllers/designed/laboratory:lqg"]).control
+    found = SimpleNamespace(control=control, plants=[], lateral=[], vertical=[])
+    calls = replaced("design_lqg", design_lqg=found, link_margins="margins", print_margins=None)
+    limits = ["--sensitivity", 2.5, "--delay-margin", 0.04, "--snap", 30, "--acceleration", 2]
+    result = run("design-lqg", "laboratory:low_wind", *limits, "--output", tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+    (((scenario, allowed), _),) = calls["design_lqg"]
+    assert (scenario.name, allowed) == ("low_wind", Limits(2.5, 0.04, 30.0, 2.0))
+    assert calls["print_margins"] == [(("margins",), {})]
+    (((flown,), _),) = calls["link_margins"]
+    assert flown.control == load_scenario(tmp_path / "scenario.yaml").control == control
+    files = [str(tmp_path / name) for name in ("lqg.yaml", "scenario.yaml")]
+    assert f"`extends: [FILE:NAME, {files[0]}]`" in result.stdout
+    assert f"\n  drake-quad study {files[1]} --samples 32\n" in result.stdout
+    assert [line.strip() for line in result.stdout.split("wrote\n")[1].splitlines()] == files
+    assert run("design-lqg", "laboratory:low_wind", "--output", tmp_path).returncode == 0
+    assert calls["design_lqg"][1][0][1] == Limits()
+
+
+@pytest.mark.slow
+def test_a_plan_names_the_obstacle_that_is_next_to_it(run, replaced, tmp_path):  # noqa: F811
+    flown = plan_route(load_scenario("figure_eight"))
+    space = Space((Obstacle("ball", Ball((3.0, 0.0, 1.0), radius=0.2)), Obstacle("far", Ball((9.0, 9.0, 1.0)))), 0.1)
+    problem = SimpleNamespace(places=[*range(len(flown.path.times) + 2)], corridors=())
+    planned = [flown, problem, None, space]
+    calls = replaced("plan", planned=lambda _: planned, plot_plan="figure", save_plan=["pieces"], save_figures=["plan"])
+    result = run("plan", "figure_eight", "--vector", "pdf", "--output", tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+    rows = [line.split() for line in result.stdout.splitlines()]
+    approach = nearest_approach(flown.path, space)
+    assert [
+        "least",
+        "distance",
+        f"{approach.distance:.3f}",
+        "m,",
+        "from",
+        "ball",
+        "at",
+        f"{approach.time:.2f}",
+        "s",
+    ] in rows
+    assert rows[1][:2] == ["repeats", "2"]
+    (clearance,) = (row for row in rows if row[0] == "clearance")
+    assert clearance[1] == f"{space.clearance:.3f}"
+    assert any(row[0] == "binds:" for row in rows)
+    assert rows[-3:] == [["wrote"], ["pieces"], ["plan"]]
+    ((plan, _), named) = calls["plot_plan"][0]
+    assert plan is flown
+    assert (named["places"], named["space"], named["waypoints"]) == (problem.places, space, None)
+    assert calls["save_plan"] == [((flown, tmp_path), {"name": "figure_eight"})]
+    assert calls["save_figures"] == [(({"plan": "figure"}, tmp_path), {"vector": "pdf"})]
+    # Of a route around obstacles only its own places are drawn.
+    planned[2] = [0, 2]
+    run("plan", "figure_eight", "--output", tmp_path)
+    assert calls["plot_plan"][1][1]["places"] == [0, 2]
+    planned[1:] = None, None, None
+    without = run("plan", "figure_eight", "--output", tmp_path)
+    assert "least distance" not in without.stdout
+    assert "repeats" not in without.stdout
+    assert (calls["plot_plan"][2][1]["places"], calls["plot_plan"][2][1]["corridors"]) == ((), ())
+
+
+def test_a_log_is_compared_from_where_it_is_asked_for(run, replaced, tmp_path):  # noqa: F811
+    record = FlightRecord("log7", np.arange(3.0), remarks=("it has a gap",))
+    calls = replaced(
+        "compare_log", read_log=record, compare_with_log="comparison", print_comparison=None, save_comparison=["file"]
+    )
+    given = ["compare-log", "log.csv", "hover", "--output", tmp_path]
+    result = run(*given, "--mapping", "mine.yaml", "--samples", 7, "--rest", 2, "--start", 3.5)
+    assert (result.returncode, result.stderr) == (0, "remark: it has a gap\n")
+    assert calls["read_log"] == [((Path("log.csv"), "mine.yaml"), {})]
+    ((log, scenario), named) = calls["compare_with_log"][0]
+    assert (log, scenario.name) == (record, "hover")
+    assert (named["samples"], named["rest"], named["start"]) == (7, 2.0, 3.5)
+    assert calls["save_comparison"][0][0][:2] == ("comparison", tmp_path)
+    assert run(*given).returncode == 0
+    named = calls["compare_with_log"][1][1]
+    assert (named["samples"], named["rest"], named["start"]) == (1000, 8.0, None)
+    for option, value, status in (
+        ("--samples", 0, 2), ("--samples", 10_000, 0), ("--samples", 10_001, 2), ("--rest", 0, 0), ("--rest", 60, 0),
+        ("--rest", 61, 2),
+    ):  # fmt: skip
+        assert run(*given, option, value).returncode == status
+
+
+def test_a_vehicle_is_identified_from_the_logs_with_what_is_given(run, replaced, tmp_path):  # noqa: F811
+    time = np.arange(3.0)
+    records = {
+        "a.csv": FlightRecord("a", time, motor_command=np.full((3, 4), 0.5), vehicle="vehicles/hummingbird"),
+        "b.csv": FlightRecord("b", time, vehicle="vehicles/hummingbird"),
+    }
+    found = SimpleNamespace(estimates="estimates", vehicle="identified")
+    prints = dict.fromkeys(("print_logs", "print_estimates", "print_score", "print_hover", "print_predictions"))
+    calls = replaced(
+        "identify", read_log=lambda log, mapping: records[log.name], identify=found, predict="prediction",
+        joined="predictions", write_vehicle=None, save_figures=lambda figures, folder, vector: [*figures], **prints,
+    )  # fmt: skip
+    for name in ("fit", "residuals", "correlations", "predictions"):
+        calls |= replaced("identify.plots", **{f"plot_{name}": name})
+    calls |= replaced("identify.plots", plot_thrust=None)
+    mine = tmp_path / "mine.yaml"
+    given = ["--mapping", "map.yaml", "--mass", 0.55, "--set", "vehicle.linear_drag=0.1", "--output", mine]
+    result = run("identify", "a.csv", "b.csv", "--wind", "1,0,0", *given)
+    assert (result.returncode, result.stderr) == (0, "")
+    ((logs, base), named) = calls["identify"][0]
+    assert [log.name for log in logs] == ["a", "b"]
+    assert all((log.wind == [1.0, 0.0, 0.0]).all() for log in logs)
+    # A log with throttles needs motors that take them.
+    assert (base.nominal.mass, base.vehicle.linear_drag, base.vehicle.motors.kind) == (0.55, 0.1, "throttle")
+    assert named == {"held_out_share": pytest.approx(1.0 / 3.0)}
+    assert [(log.name, [*vehicles.values()], more["share"]) for (log, vehicles), more in calls["predict"]] == [
+        (name, ["identified", base], pytest.approx(1.0 / 3.0)) for name in "ab"
+    ]
+    assert all(more["believed"] is base for _, more in calls["predict"])
+    ((path, name, estimates), named) = calls["write_vehicle"][0]
+    assert (path, name, estimates, named["base"]) == (mine, "mine", "estimates", "vehicles/hummingbird")
+    assert named["given"][:2] == ["vehicle.linear_drag=0.1", "nominal.mass=0.55"]
+    assert len(named["given"]) == 6
+    assert calls["print_predictions"] == [(("predictions",), {})]
+    assert "begins with vehicles/hummingbird\n" in result.stdout
+    written = [line.strip() for line in result.stdout.split("wrote\n")[1].splitlines()]
+    # There is no figure of a thrust that was not identified.
+    assert written == [str(mine), "fit", "residuals", "correlations", "predictions"]
+    (((_, commands), _),) = calls["plot_thrust"]
+    assert commands.tolist() == [0.5] * 12
+    # Without throttles the motors stay as they are.
+    run("identify", "b.csv", *given)
+    assert calls["identify"][1][0][1].vehicle.motors.kind == "speed"
+
+
+def test_a_distribution_is_no_number_to_begin_with():
+    assert identify.vehicle_of("hover", []).name == "hover"
+    with pytest.raises(identify.InputError, match="robustness: .* is a distribution"):
+        identify.vehicle_of("robustness", [])
+
+
+def test_warnings_about_input_are_remarks_and_others_stay_warnings(capsys, monkeypatch):
+    shown = []
+    monkeypatch.setattr(warnings, "showwarning", lambda *arguments: shown.append(arguments))
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def command():
+        # From here on Ctrl-C is an exception, as usual in Python.
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+        warnings.showwarning(InputWarning("rock.obj: is large"), InputWarning, "file.py", 3)
+        warnings.showwarning(RuntimeWarning("of another kind"), RuntimeWarning, "file.py", 4)
+
+    running.run(command)
+    assert capsys.readouterr().err == "remark: rock.obj: is large\n"
+    ((message, category, *where),) = shown
+    assert (str(message), category, where) == ("of another kind", RuntimeWarning, ["file.py", 4])
+
+
+def test_ctrl_c_while_a_command_begins_ends_it_with_a_sentence(capsys, monkeypatch):
+    ended = []
+    monkeypatch.setattr(interruption.os, "_exit", ended.append)
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    # A worker process leaves Ctrl-C to its parent.
+    monkeypatch.setattr(multiprocessing, "current_process", lambda: SimpleNamespace(name="ForkProcess-1"))
+    importlib.reload(interruption)
+    assert signal.getsignal(signal.SIGINT) == signal.SIG_DFL
+    monkeypatch.setattr(multiprocessing, "current_process", lambda: SimpleNamespace(name="MainProcess"))
+    importlib.reload(interruption)
+    signal.raise_signal(signal.SIGINT)
+    assert ended == [1]
+    assert capsys.readouterr() == ("", "interrupted: nothing was written\n")
+    interruption.raise_interruptions()
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
+
+
+def test_a_crash_is_told_before_its_sensitivities(run, replaced, tmp_path):  # noqa: F811
+    found = SimpleNamespace(
+        fields=("a",), values=np.ones(1), crash_time=1.25, metrics={"rmse": 0.5}, gradients={"rmse": np.ones(1)}
+    )
+    replaced("sensitivities", flight_sensitivities=found, plot_sensitivities=None, save_figures=["b.png"])
+    result = run("sensitivities", "hover", "--output", tmp_path)
+    assert result.stdout.startswith("crashed at 1.25 s; metrics and derivatives are those of the flight until then\n")
+    assert result.stdout.endswith(f"wrote\n  {tmp_path / 'sensitivities.csv'}\n  b.png\n")
+    found.crash_time = math.inf
+    assert "crashed" not in run("sensitivities", "hover", "--output", tmp_path).stdout
+
+
+def test_each_diagram_is_drawn_into_a_file_of_its_path(run, replaced, tmp_path):  # noqa: F811
+    calls = replaced("draw", drawings={"": "a", "control/position": "b"}, svg=lambda text: f"<svg>{text}</svg>")
+    result = run("draw", "robustness", "--output", tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+    files = [tmp_path / "loop.svg", tmp_path / "control_position.svg"]
+    assert result.stdout.splitlines() == ["wrote", *(f"  {file}" for file in files)]
+    assert [file.read_text() for file in files] == ["<svg>a</svg>", "<svg>b</svg>"]
+    assert len(calls["drawings"]) == 1

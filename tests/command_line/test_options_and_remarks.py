@@ -1,0 +1,216 @@
+"""Options that commands share, remarks that they print before they fly, and bars while they are under way."""
+
+import argparse
+import math
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from test_passed_arguments import Bar, flown, metrics_of, replaced, studied, written  # noqa: F401 - fixtures
+
+from drake_quad import InputError, load_scenario
+from drake_quad.command_line import identify, judge, replicate, study
+from drake_quad.command_line import map as stability_map
+from drake_quad.command_line.main import COMMANDS, module_of
+from drake_quad.command_line.options import overrides_of, scenario_of
+from drake_quad.evaluation.judging import QUICK
+from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.scenario import draw_sample
+
+# Commands of a scenario that write nothing, and those that have no scenario.
+LISTS = {"scenarios"}
+WITHOUT_SCENARIO = {"judge", "replicate", "identify", "completion"}
+DRAWS = {
+    "fly", "study", "compare", "plan", "design", "map", "sensitivities", "identify", "compare-log", "replicate",
+}  # fmt: skip
+
+
+def options_of(command):
+    """Return the flags of a command."""
+    return {flag for action in module_of(command).options()._actions for flag in action.option_strings}
+
+
+@pytest.mark.slow
+def test_commands_of_scenarios_have_overrides_and_those_with_figures_write_drawings():
+    for command in COMMANDS:
+        flags = options_of(command)
+        assert ("--seed" in flags) == (command not in WITHOUT_SCENARIO)
+        assert ("--set" in flags) == (command not in WITHOUT_SCENARIO - {"identify"})
+        assert ("--output" in flags) == (command not in LISTS | {"completion"})
+        assert ("--vector" in flags) == (command in DRAWS)
+        assert ("--wired" in flags) == (command in {"study", "compare", "map", "replicate"})
+
+
+def test_folders_are_named_after_the_command_by_default():
+    found = {
+        command: str(options.default_output)
+        for command in COMMANDS
+        if hasattr(options := argparse.Namespace(**vars(module_of(command).options())["_defaults"]), "default_output")
+    }
+    assert found["fly"] == found["plan"] == "out"
+    assert found["study"] == "out/monte_carlo"
+    assert found["compare-log"] == "out/compare_log"
+    assert len(set(found.values())) == len(found) - 1
+
+
+@pytest.fixture
+def remarkable(monkeypatch):
+    monkeypatch.setattr("drake_quad.command_line.flight_remarks.flight_remarks", lambda _: ("it has a remark",))
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("remarkable")
+def test_remarks_on_scenarios_are_printed_once_before_they_fly(run, replaced, flown, tmp_path):  # noqa: F811
+    crash = SimpleNamespace(metrics=SimpleNamespace(crashed=False))
+    replaced("compare", fly_samples=metrics_of(3), plot_comparison=None, save_figures=[])
+    replaced("compare_log", read_log=FlightRecord("a", np.arange(3.0)), compare_with_log=None, print_comparison=None)
+    replaced("compare_log", save_comparison=[])
+    replaced("replay", simulate_samples=lambda _, samples: [crash] * len(samples), save_swarm=None)
+    found = SimpleNamespace(crash_time=math.inf, metrics={"rmse": 0.0}, gradients={"rmse": np.zeros(1)})
+    replaced("sensitivities", flight_sensitivities=found, plot_sensitivities=None, save_figures=[])
+    replaced("sensitivities", write_sensitivities="file")
+    replaced("study", run_monte_carlo=lambda scenario, samples, **_: studied(scenario, samples), save_plots=[])
+    two = [f"--controller=controllers/paper:{name}" for name in ("pd", "pid")]
+    for words in (
+        ["compare", "--scenario", "robustness", *two],
+        ["compare-log", "log.csv", "robustness"],
+        ["replay", "robustness", *two],
+        ["sensitivities", "hover"],
+        ["study", "robustness", *two, "--samples", 3, "--workers", 1],
+        ["fly", "hover"],
+    ):
+        result = run(*words, "--output", tmp_path)
+        assert (result.returncode, result.stderr) == (0, "remark: it has a remark\n")
+
+
+def test_a_live_view_shows_the_flight_at_its_rate_and_then_again(run, replaced, flown, tmp_path):  # noqa: F811
+    calls = replaced("fly", opened_meshcat="a browser", live_view="a view", show_again=None)
+    for more, rate in (([], 1.0), (["--rate", 0], 0.0)):
+        calls["show_again"].clear()
+        calls["live_view"].clear()
+        flown["simulate"].clear()
+        assert run("fly", "robustness", "--sample", 3, "--meshcat", *more, "--output", tmp_path).returncode == 0
+        (((meshcat, drawn, plan, given), _),) = calls["live_view"]
+        assert (meshcat, given) == ("a browser", rate)
+        # The view has the vehicle of the sample.
+        assert drawn.vehicle.mass == draw_sample(load_scenario("robustness"), 3).vehicle.mass
+        ((_, named),) = flown["simulate"]
+        assert named["prepare"] == "a view"
+        assert named["plan"] is plan
+        assert calls["show_again"] == [(("a browser", "robustness", flown["flight"]), {})]
+
+
+def test_the_default_worst_case_is_that_of_the_sample_that_is_flown():
+    for overrides, sample in (([], 0), (["sample=3"], 3)):
+        scenario = load_scenario("robustness", ["vehicle.rotor_time_constant={choice: [0.02, 0.05]}", *overrides])
+        drawn = draw_sample(scenario, sample)
+        lag, delay = drawn.vehicle.rotor_time_constant, drawn.laboratory.command_link.delay_ticks
+        assert stability_map._worst_of(scenario) == [
+            f"vehicle.rotor_time_constant={1.4 * lag:.4g}",
+            f"laboratory.command_link.delay_ticks={delay + 1:g}",
+        ]
+
+
+def test_a_panel_of_a_map_is_the_linear_model_and_the_flights_of_the_same_gains(replaced):  # noqa: F811
+    calls = replaced("map", linear_map="linear", flown_map="flown")
+    k_p, k_d = np.array([1.0, 2.0]), np.array([3.0, 4.0])
+    for overrides, sample in (([], 0), (["sample=3"], 3)):
+        scenario = load_scenario("hover", overrides)
+        assert stability_map.panel("calm", scenario, "position", k_p, k_d, compiled=False) == (
+            "calm",
+            "linear",
+            "flown",
+        )
+        assert calls["linear_map"][-1] == ((scenario, "position", k_p, k_d), {})
+        assert calls["flown_map"][-1] == ((scenario, "position", k_p, k_d), {"sample": sample, "compiled": False})
+
+
+def test_a_vehicle_is_written_beside_others_by_default(run, replaced, monkeypatch, tmp_path):  # noqa: F811
+    prints = dict.fromkeys(("print_logs", "print_estimates", "print_score", "print_hover", "print_predictions"))
+    replaced(
+        "identify", read_log=FlightRecord("a", np.arange(3.0)), identify=SimpleNamespace(estimates=None, vehicle=None),
+        predicted=None, write_vehicle=None, save_figures=[], **prints,
+    )  # fmt: skip
+    replaced("identify.plots", **{f"plot_{name}": None for name in ("fit", "residuals", "thrust", "correlations")})
+    replaced("identify.plots", plot_predictions=None)
+    made = []
+    monkeypatch.setattr(identify, "output_folder", lambda folder: made.append(folder) or folder)
+    result = run("identify", "logs/flight 7.csv", "--vehicle", "vehicles/hummingbird")
+    assert written(result) == ["out/identified/flight_7.yaml"]
+    assert made == [Path("out/identified"), Path("out/identified/flight_7")]
+    assert run("identify", "a.csv", "--vehicle", "hover", "--output", tmp_path / "mine.yml").returncode == 0
+
+
+def test_an_installed_package_is_not_tuned(monkeypatch, tmp_path):
+    monkeypatch.setattr(judge, "shipped_folder", lambda: tmp_path / "diagrams")
+    with pytest.raises(InputError, match="--tune writes into diagrams/ of a checkout"):
+        judge.tune(SimpleNamespace(tune=["outdoor"], only=None, rounds=1))
+
+
+def test_bars_count_what_is_judged_and_drawn(run, replaced, monkeypatch, tmp_path):  # noqa: F811
+    bars = []
+    for module in (judge, replicate):
+        monkeypatch.setattr(
+            module, "new_bar", lambda *items, **options: bars.append(Bar(*items, **options)) or bars[-1]
+        )
+    replaced("judge", judge_family=[("outdoor", "pd", metrics_of(2))], write_traits=None, read_evaluation="found")
+    assert judge.fly(["outdoor"], ["pd", "pid"], QUICK, tmp_path) == "found"
+    assert (bars[-1].n, bars[-1].total, bars[-1].words) == (2, 2, ["outdoor pd", "outdoor pid"])
+    replaced(
+        "replicate", fly_experiment=None, read_experiment=None, findings_of=SimpleNamespace(entries=[], claims=[]),
+        write_findings=lambda *_: [], paper_figures=[("a", None), ("b", None)], save_small=None, report_markdown="",
+        report_html="",
+    )  # fmt: skip
+    assert run("replicate", "--quick", "--workers", 1, "--output", tmp_path).returncode == 0
+    assert bars[-1].n == 2
+
+
+def test_correlations_and_obstacles_of_a_study_are_told(capsys, tmp_path):
+    shared = "vehicle.{}={{normal: {{mean: {}, standard_deviation: {}, min: 0.0001, shared: {{a: {}}}}}}}"
+    numbers = (("mass", 0.68, 0.02, 0.9), ("linear_drag", 0.2, 0.05, 0.5), ("gravity", 9.8, 0.01, 0.3))
+    obstacle = "space={obstacles: {post: {kind: cylinder, centre: [3, 0, 1], radius: 0.1, height: 2}}}"
+    scenario = load_scenario("hover", [shared.format(*each) for each in numbers] + [obstacle])
+    found = studied(scenario, 4, crashed=[1, 2])
+    found = type(found)(scenario, 10.0, found.samples, found.parameters, found.metrics, touched=np.array([0, 1, 0, 0]))
+    study.print_study("mine", found, tmp_path, "compiled")
+    text = capsys.readouterr().out
+    assert "(vehicle.mass and vehicle.linear_drag by +0.45 and 2 pairs more)" in text
+    assert "means and deviations are of the 2 samples that flew to the end" in text
+    (post,) = (line.split() for line in text.splitlines() if line.startswith("post"))
+    assert post[1] == "1"
+    assert "crashed into post at 3.00 s" in text
+    empty = type(found)(scenario, 10.0, np.arange(0), {}, metrics_of(0))
+    study.print_study("mine", empty, tmp_path, "compiled")
+    assert "the worst:" not in capsys.readouterr().out
+    study.print_rate({"a": studied(scenario, 4, flown_time=0.5)}, 0.25)
+    assert capsys.readouterr().out == "2 vehicle-seconds per second\n"
+
+
+def test_the_first_sample_is_drawn_as_a_diagram(run, replaced, tmp_path):  # noqa: F811
+    calls = replaced("draw", draw_sample=lambda scenario, _: scenario, build_tracking_diagram=None, drawings={})
+    assert run("draw", "hover", "--output", tmp_path).returncode == 0
+    assert calls["draw_sample"][0][0][1] == 0
+
+
+def test_further_overrides_come_after_those_of_the_command_line():
+    """They are laid over them: the worst case of a map keeps its delay whatever the delay of the nominal case is."""
+    arguments = argparse.Namespace(scenario="hover", set=["duration=3", "name=mine"], seed=7)
+    scenario = scenario_of(arguments, further=overrides_of(["duration=2"], "--worst"))
+    assert (scenario.duration, scenario.name, scenario.seed) == (2.0, "mine", 7)
+    assert scenario_of(arguments).duration == 3.0
+
+
+@pytest.mark.parametrize(
+    ("command", "option", "needed"), [("study", "--parquet", {"pandas", "pyarrow"}), ("fly", "--mcap", {"mcap.writer"})]
+)
+def test_what_an_option_needs_is_asked_for_before_anything_is_flown(run, replaced, command, option, needed):  # noqa: F811
+    def is_missing(name, _extra, *modules):
+        assert (name, {*modules}) == (option, needed)
+        raise InputError("it is missing")
+
+    flies = {"study": "run_monte_carlo", "fly": "simulate"}[command]
+    calls = replaced(command, check_extra=is_missing, **{flies: None})
+    result = run(command, "hover", option)
+    assert (result.returncode, calls[flies]) == (2, [])
+    assert "it is missing" in result.stderr

@@ -1,0 +1,823 @@
+"""Commands pass the arguments of the command line on to what computes, which is replaced here."""
+
+import argparse
+import io
+import math
+from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import shtab
+from tqdm import tqdm
+
+from drake_quad import InputError, load_scenario
+from drake_quad.analysis.cascade_design import default_options, on_board_options
+from drake_quad.analysis.gain_design import PolePair, Regulator
+from drake_quad.command_line import (
+    compare,
+    completion,
+    design,
+    fly,
+    identify,
+    judge,
+    options,
+    progress,
+    replicate,
+    study,
+    tune,
+)
+from drake_quad.command_line.main import COMMANDS, full_parser
+from drake_quad.evaluation import Budget, Knob
+from drake_quad.evaluation.families import FAMILIES
+from drake_quad.evaluation.judging import QUICK, Sizes
+from drake_quad.evaluation.results import PRICED, Traits
+from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.replication.experiment import QUICK as QUICK_EXPERIMENT
+from drake_quad.replication.experiment import Sizes as ExperimentSizes
+from drake_quad.replication.printed import Cell
+from drake_quad.studies import Study
+
+COMMAND = "drake_quad.command_line"
+
+
+def written(result):
+    """Return the files that a command says it wrote."""
+    return [line.strip() for line in result.stdout.split("wrote\n")[1].splitlines() if line.startswith("  ")]
+
+
+def metrics_of(count, crashed=()):
+    rmse, time = np.linspace(0.1, 0.2, count), np.full(count, np.inf)
+    time[list(crashed)] = 3.0
+    return Metrics(rmse, *[rmse] * 11, time)
+
+
+@pytest.fixture
+def replaced(monkeypatch):
+    """Return a function that replaces functions of a command, and keeps the arguments of their calls."""
+    calls = {}
+
+    def kept(name, result):
+        calls[name] = []
+
+        def call(*arguments, **named):
+            calls[name].append((arguments, named))
+            return result(*arguments, **named) if callable(result) else result
+
+        return call
+
+    def replace(command, **results):
+        for name, result in results.items():
+            monkeypatch.setattr(f"{COMMAND}.{command}.{name}", kept(name, result))
+        return calls
+
+    return replace
+
+
+def test_controllers_are_compared_on_as_many_samples_as_asked_for(run, replaced, tmp_path):
+    calls = replaced("compare", fly_samples=metrics_of(3), plot_comparison=None, save_figures=["comparison.png"])
+    one = ["compare", "--scenario", "hover", "--controller", "controllers/paper:pd", "--output", tmp_path]
+    for more, count, compiled, duration in (
+        ([], 20, True, load_scenario("hover").duration),
+        (["--quick"], 4, True, 6.0),
+        (["--quick", "--samples", 7, "--wired", "--set", "duration=2"], 7, False, 2.0),
+        (["--samples", 10_000], 10_000, True, load_scenario("hover").duration),
+        (["--samples", 1], 1, True, load_scenario("hover").duration),
+    ):
+        calls["fly_samples"].clear()
+        result = run(*one, *more)
+        assert result.returncode == 0
+        assert written(result) == [str(tmp_path / "comparison.csv"), "comparison.png"]
+        assert result.stdout.startswith(f"{count} samples each; ")
+        (((scenario, samples), named),) = calls["fly_samples"]
+        assert (samples, named["compiled"], scenario.duration) == (range(count), compiled, duration)
+    assert run(*one, "--samples", 10_001).returncode == 2
+
+
+def test_each_controller_is_laid_over_each_laboratory():
+    arguments = argparse.Namespace(scenario=None, controller=None, quick=True, set=["vehicle.mass=0.7"], seed=3)
+    found = compare.scenarios_of(arguments)
+    names = ["pd", "pd_t1fnn", "pd_t2fnn", "pid", "pd_feed_forward"]
+    assert {place: [*each] for place, each in found.items()} == dict.fromkeys(
+        ("nominal", "low_wind", "high_wind"), names
+    )
+    for place, each in found.items():
+        for name, scenario in each.items():
+            assert (scenario.name, scenario.duration, scenario.seed, scenario.vehicle.mass) == (place, 6.0, 3, 0.7)
+            assert (scenario.control.network is not None) == ("fnn" in name)
+    twice = argparse.Namespace(
+        scenario=["hover"], controller=["controllers/paper:pd"] * 2, quick=False, set=[], seed=None
+    )
+    with pytest.raises(InputError, match="hover is to be flown twice with pd"):
+        compare.scenarios_of(twice)
+
+
+def test_samples_are_replayed_from_the_first_on(run, replaced, tmp_path):
+    flight = SimpleNamespace(metrics=SimpleNamespace(crashed=False))
+    calls = replaced(
+        "replay", simulate_samples=lambda _, samples: [flight] * len(samples), save_swarm=None, save_replay=None
+    )
+    result = run("replay", "hover", "--samples", 3, "--first", 5, "--output", tmp_path)
+    assert result.returncode == 0
+    assert written(result) == [str(tmp_path / "replay.html")]
+    assert result.stdout.startswith("hover: 3 flights, 0 crashed\n")
+    ((scenario, samples), _), ((flights, file), _) = calls["simulate_samples"][0], calls["save_swarm"][0]
+    assert (scenario.name, samples) == ("hover", range(5, 8))
+    assert flights == {"hover": [flight] * 3}
+    assert file == tmp_path / "replay.html"
+    assert run("replay", "hover", "--samples", 1, "--output", tmp_path).returncode == 0
+    assert calls["simulate_samples"][1][0][1] == range(1)
+    assert calls["save_replay"] == [(({"hover": flight}, file), {})]
+    assert run("replay", "hover", "--output", tmp_path).returncode == 0
+    assert calls["simulate_samples"][2][0][1] == range(100)
+    for wrong in (["--samples", 0], ["--samples", 1001], ["--first", -1]):
+        assert run("replay", "hover", *wrong, "--output", tmp_path).returncode == 2
+    assert run("replay", "hover", "--samples", 1000, "--output", tmp_path).returncode == 0
+
+
+def test_fields_of_sensitivities_are_taken_once(run, replaced, tmp_path):
+    found = SimpleNamespace(crash_time=math.inf, metrics={"rmse": 0.0}, gradients={"rmse": np.zeros(1)})
+    calls = replaced(
+        "sensitivities",
+        flight_sensitivities=found,
+        plot_sensitivities=None,
+        save_figures=[],
+        write_sensitivities="file",
+    )
+    fields = [word for name in ("vehicle.mass", "vehicle.gravity", "vehicle.mass") for word in ("--field", name)]
+    assert run("sensitivities", "hover", *fields, "--sample", 4, "--output", tmp_path).returncode == 0
+    ((scenario, fields), named) = calls["flight_sensitivities"][0]
+    assert (scenario.name, fields, named) == ("hover", ("vehicle.mass", "vehicle.gravity"), {"sample": 4})
+    assert calls["plot_sensitivities"] == [((found, "rmse"), {})]
+    assert run("sensitivities", "hover", "--output", tmp_path).returncode == 0
+    assert "vehicle.arm_length" in calls["flight_sensitivities"][1][0][1]
+
+
+@pytest.mark.parametrize(("loop", "block", "axis"), [("position", "position", 0), ("attitude", "attitude", 1)])
+def test_gains_are_mapped_around_those_of_the_scenario(run, replaced, tmp_path, loop, block, axis):
+    calls = replaced("map", panel="a panel", plot_map=None, write_map="file", print_panel=None, save_figures=[])
+    own = [f"control.{block}.k_p=[1.5, 2.5, 3.5]", f"control.{block}.k_d=[4.5, 5.5, 6.5]"]
+    given = ["hover", "--loop", loop, "--set", own[0], "--set", own[1], "--output", tmp_path]
+    result = run("map", *given)
+    assert result.returncode == 0
+    assert written(result) == ["file"]
+    assert len(calls["print_panel"]) == 2
+    scenario = load_scenario("hover", own)
+    (nominal, worst), (((panels, k_p, k_d), named),) = calls["panel"], calls["plot_map"]
+    assert panels == ["a panel"] * 2
+    first, second = 1.5 + axis, 4.5 + axis
+    np.testing.assert_allclose(k_p, np.linspace(0.05 * first, 3.0 * first, 40))
+    np.testing.assert_allclose(k_d, np.linspace(0.05 * second, 3.0 * second, 40))
+    assert (named["marked"], named["loop"]) == ((first, second), loop)
+    for (arguments, more), case in zip((nominal, worst), calls["panel"], strict=True):
+        assert arguments[2] == loop
+        np.testing.assert_array_equal(arguments[3], k_p)
+        np.testing.assert_array_equal(arguments[4], k_d)
+        assert more == {"compiled": True}
+        assert case[0] is arguments
+    assert (nominal[0][0], nominal[0][1]) == ("nominal", scenario)
+    lag, delay = scenario.vehicle.rotor_time_constant, scenario.laboratory.command_link.delay_ticks
+    assert worst[0][0] == f"rotor_time_constant={1.4 * lag:.4g}, delay_ticks={delay + 1:g}"
+    slow = worst[0][1]
+    assert slow.vehicle.rotor_time_constant == pytest.approx(1.4 * lag, rel=1e-3)
+    assert slow.laboratory.command_link.delay_ticks == delay + 1
+
+
+def test_a_quick_map_is_small_and_short_and_its_worst_case_can_be_named(run, replaced, tmp_path):
+    calls = replaced("map", panel="a panel", plot_map=None, write_map="file", print_panel=None, save_figures=[])
+    ranges = ["--k-p", 1, 4, "--k-d", 2, 3, "--worst", "vehicle.mass=0.9", "--worst", "vehicle.linear_drag=0.1"]
+    assert run("map", "hover", "--quick", *ranges, "--wired", "--output", tmp_path).returncode == 0
+    nominal, worst = calls["panel"]
+    np.testing.assert_allclose(nominal[0][3], np.linspace(1.0, 4.0, 12))
+    np.testing.assert_allclose(nominal[0][4], np.linspace(2.0, 3.0, 12))
+    assert nominal[1] == worst[1] == {"compiled": False}
+    assert nominal[0][1].duration == worst[0][1].duration == 5.0
+    assert worst[0][0] == "mass=0.9, linear_drag=0.1"
+    assert (worst[0][1].vehicle.mass, worst[0][1].vehicle.linear_drag) == (0.9, 0.1)
+    calls["panel"].clear()
+    assert run("map", "hover", "--quick", "--set", "duration=2", "--size", 3, "--output", tmp_path).returncode == 0
+    assert calls["panel"][0][0][1].duration == 2.0
+    assert len(calls["panel"][0][0][3]) == 3
+    # A delay is at most fifty ticks.
+    calls["panel"].clear()
+    late = ["--set", "laboratory.command_link.delay_ticks=50"]
+    assert run("map", "hover", "--quick", *late, "--output", tmp_path).returncode == 0
+    assert calls["panel"][1][0][1].laboratory.command_link.delay_ticks == 50
+    for size, status in ((2, 0), (200, 0), (201, 2)):
+        assert run("map", "hover", "--size", size, "--output", tmp_path).returncode == status
+
+
+def test_a_knob_is_a_factor_of_four_or_the_range_that_is_given():
+    scenario = load_scenario("hover", ["control.position.k_p=[2, 3, 4]"])
+    pair = "control.position.k_p.0,control.position.k_p.1"
+    paths = tuple(pair.split(","))
+    assert tune.knob_of(pair, scenario) == Knob(paths, 0.5, 8.0)
+    assert tune.knob_of(f"{pair}=0.1:3", scenario) == Knob(paths, 0.1, 3.0)
+    for ends, words in (
+        ("3", "must have LOW:HIGH"),
+        ("a:b", "must have LOW:HIGH"),
+        ("0:3", "must rise"),
+        ("3:3", "must rise"),
+    ):
+        with pytest.raises(InputError, match=words):
+            tune.knob_of(f"{pair}={ends}", scenario)
+    for path in ("vehicle.mass", "control.kind"):
+        with pytest.raises(InputError, match="which is no number larger than 0 of the control"):
+            tune.knob_of(f"control.position.k_p.0,{path}", scenario)
+    integral = load_scenario("hover", ["control.position={kind: pid, k_p: [1, 1, 1], k_d: [1, 1, 1], k_i: [0, 1, 1]}"])
+    with pytest.raises(InputError, match="no number larger than 0"):
+        tune.knob_of("control.position.k_i.0", integral)
+
+
+def test_a_controller_is_tuned_and_judged_on_samples_that_follow(run, replaced, tmp_path):
+    tuned = SimpleNamespace(numbers=(1.5, 2.5), share=0.876)
+    calls = replaced("tune", tune=tuned, fly_samples=metrics_of(4, crashed=[3]), link_margins={}, print_margins=None)
+    given = ["hover", "--rounds", 5, "--samples", 6, "--sensitivity", 1.75, "--delay-margin", 0.25]
+    result = run("tune", *given, "--set", "control.position.k_p=[2, 2, 4]", "--output", tmp_path)
+    assert result.returncode == 0
+    assert written(result) == [str(tmp_path / "scenario.yaml")]
+    assert len(calls["print_margins"]) == 1
+    (((scenarios, knobs, shares_met), named),) = calls["tune"]
+    assert [scenario.name for scenario in scenarios] == ["hover"]
+    assert [knob.paths for knob in knobs] == [
+        (f"control.position.{gain}.0", f"control.position.{gain}.1") for gain in ("k_p", "k_d")
+    ]
+    assert (shares_met.__self__.sensitivity, shares_met.__self__.delay) == (1.75, 0.25)
+    assert named == {"budget": Budget()._replace(samples=6, rounds=5)}
+    (before, _), (after, _) = calls["fly_samples"]
+    assert before[1] == after[1] == range(6, 6 + 32)
+    assert (before[0].control.position.k_p[0], after[0].control.position.k_p[0]) == (2.0, 1.5)
+    assert load_scenario(tmp_path / "scenario.yaml").control.position.k_d[:2] == (2.5, 2.5)
+    lines = [line.split("  ") for line in result.stdout.splitlines()]
+    k_p = [word.strip() for word in lines[1] if word.strip()]
+    assert k_p == ["control.position.k_p.0, control.position.k_p.1", "2", "1.5"]
+    # Of 10, 13.3 and 16.7 cm; the fourth crashes.
+    assert "13.33 cm, 1 crashed" in result.stdout
+    assert "none of what was tried keeps the limit; this meets 88 % of it" in result.stdout
+    tuned.share = 1.0
+    assert "keeps the limit" not in run("tune", *given, "--output", tmp_path).stdout
+
+
+def test_a_controller_is_judged_by_the_flights_that_go_to_the_end(monkeypatch):
+    for metrics, words in ((metrics_of(2), "15.00 cm"), (metrics_of(2, [0, 1]), "–, 2 crashed")):
+        monkeypatch.setattr(tune, "fly_samples", lambda scenario, samples, metrics=metrics: metrics)
+        assert tune.judgement(None, range(2)) == words
+
+
+def studied(scenario, samples, **given):
+    metrics = metrics_of(samples, crashed=given.pop("crashed", ()))
+    mass = {"vehicle.mass": np.linspace(0.5, 0.7, samples)} if given.pop("drawn", True) else {}
+    return Study(scenario, 10.0, np.arange(samples), mass, metrics, **given)
+
+
+@pytest.mark.slow
+def test_a_study_flies_each_controller_into_a_folder_of_its_own(run, replaced, tmp_path):
+    calls = replaced("study", run_monte_carlo=lambda scenario, samples, **_: studied(scenario, samples), save_plots=[])
+    two = [f"--controller=controllers/paper:{name}" for name in ("pd", "pid")]
+    options = ["--samples", 5, "--workers", 1, "--batch", 7, "--resume", "--wired", "--output", tmp_path]
+    result = run("study", "robustness", *two, *options)
+    assert result.returncode == 0
+    for name, ((scenario, samples), named) in zip(("pd", "pid"), calls["run_monte_carlo"], strict=True):
+        assert scenario.control.position.kind == name
+        assert samples == 5
+        assert named["folder"] == tmp_path / name
+        assert (named["resume"], named["num_workers"], named["batch_size"], named["compiled"]) == (True, 1, 7, False)
+    assert f"  {tmp_path / 'pid' / 'results.csv'}" in result.stdout
+    assert "diagrams as they are wired; 0 crashed" in result.stdout
+    assert "beside pd, sample by sample:" in result.stdout
+    calls["run_monte_carlo"].clear()
+    alone = run("study", "robustness", "--workers", 1, "--output", tmp_path)
+    assert "beside" not in alone.stdout
+    (((_, samples), named),) = calls["run_monte_carlo"]
+    assert (samples, named["folder"]) == (1000, tmp_path)
+    assert (named["resume"], named["batch_size"], named["compiled"]) == (False, None, True)
+    assert "diagrams compiled;" in alone.stdout
+
+
+def test_a_study_tells_what_was_altered_and_fails_if_a_sample_was_not_flown(run, replaced, tmp_path):
+    rows = SimpleNamespace(misfits=(3, 4, 5, 6, 7, 8), failures={})
+    replaced(
+        "study",
+        run_monte_carlo=lambda scenario, samples, **_: studied(
+            scenario, samples, misfits=rows.misfits, failures=rows.failures
+        ),
+        save_plots=[],
+    )
+    given = ["study", "robustness", "--samples", 4, "--workers", 1, "--output", tmp_path]
+    for lines, words in (((3, 4, 5, 6, 7, 8), "3, 4, 5, 6, 7, ..."), ((3, 4, 5, 6, 7), "3, 4, 5, 6, 7")):
+        rows.misfits = lines
+        result = run(*given)
+        told = f"remark: {tmp_path / 'results.csv'} was altered in lines {words}; these samples were flown again\n"
+        assert (result.returncode, result.stderr) == (0, told)
+    rows.misfits, rows.failures = (), {2: "too slow"}
+    result = run(*given)
+    assert result.returncode == 1
+    assert "failed: 1 samples could not be flown (sample 2 of robustness: too slow)" in result.stderr
+    # One controller of two fails.
+    replaced(
+        "study",
+        run_monte_carlo=lambda scenario, samples, **_: studied(
+            scenario, samples, failures={} if scenario.control.position.kind == "pd" else {2: "too slow"}
+        ),
+    )
+    two = [f"--controller=controllers/paper:{name}" for name in ("pd", "pid")]
+    result = run(*given, *two)
+    assert result.returncode == 1
+    assert "(sample 2 of pid: too slow)" in result.stderr
+    assert written(result) == [str(tmp_path / name / "results.csv") for name in ("pd", "pid")]
+
+
+def test_figures_of_a_study_are_those_for_which_there_are_samples(replaced, monkeypatch):
+    for name in ("distribution", "convergence", "influences", "crash_probability"):
+        monkeypatch.setattr(f"drake_quad.visualization.study_plots.plot_{name}", lambda *arguments: arguments[1])
+    replaced("study", save_figures=lambda figures, folder, vector: (figures, folder, vector))
+    arguments = SimpleNamespace(metric="peak_error", over=None, vector="svg")
+    scenario = load_scenario("robustness")
+
+    def figures(**studies):
+        found, folder, vector = study.save_plots(studies, "folder", arguments)
+        assert (folder, vector) == ("folder", "svg")
+        return found
+
+    both = {"distribution": "peak_error", "convergence": "peak_error"}
+    calm, crashed = studied(scenario, 20), studied(scenario, 20, crashed=[0, 1, 2])
+    assert figures(a=calm) == both | {"influences": "peak_error"}
+    everything = {"influences": "peak_error", "crash_influences": "crashed", "crash_probability": "vehicle.mass"}
+    assert figures(a=crashed) == both | everything
+    assert figures(a=calm, b=crashed) == both | {
+        "influences_a": "peak_error",
+        "influences_b": "peak_error",
+        "crash_influences_b": "crashed",
+        "crash_probability": "vehicle.mass",
+    }
+    assert figures(a=studied(scenario, 20, crashed=range(20))).keys() == both.keys() | everything.keys() - {
+        "influences"
+    }
+    assert figures(a=studied(scenario, 20, crashed=[0], drawn=False)) == both
+    arguments.over = "vehicle.gravity"
+    assert figures(a=crashed)["crash_probability"] == "vehicle.gravity"
+    assert study.save_plots({"a": studied(scenario, 0)}, "folder", arguments) == []
+    # A study without samples is left out.
+    assert figures(a=calm, b=studied(scenario, 0)) == both | {"influences": "peak_error"}
+
+
+def test_a_crew_is_of_this_machine_or_of_a_cluster(monkeypatch):
+    made = []
+
+    @contextmanager
+    def crew(*arguments, **named):
+        made.append((arguments, named))
+        yield "a crew"
+
+    monkeypatch.setattr(study, "Workers", crew)
+    monkeypatch.setattr(study, "dask_crew", crew)
+    for cluster, limit in ((None, 5.0), ("tcp://there", None)):
+        with study.crew_of(SimpleNamespace(cluster=cluster, workers=3, time_limit=limit)) as found:
+            assert found == "a crew"
+    assert made == [((3,), {"time_limit": 5.0}), (("tcp://there", 3), {})]
+    with (
+        pytest.raises(InputError, match="--time-limit is for processes of this machine"),
+        study.crew_of(SimpleNamespace(cluster="tcp://there", workers=3, time_limit=5.0)),
+    ):
+        pass
+
+
+def test_a_study_remarks_once_that_nothing_is_drawn(capsys):
+    two = [f"controllers/paper:{name}" for name in ("pd", "pid")]
+    given = argparse.Namespace(scenario="hover", controller=two, set=[], seed=None, over=None)
+    assert [*study.scenarios_of(given)] == ["pd", "pid"]
+    assert capsys.readouterr().err.count("holds no distribution") == 1
+    given.over = "vehicle.mass"
+    with pytest.raises(InputError, match="--over is vehicle.mass, which is not drawn in pd; drawn are no numbers"):
+        study.scenarios_of(given)
+    given.scenario, given.controller = "robustness", []
+    assert [*study.scenarios_of(given)] == ["robustness"]
+    assert capsys.readouterr().err.count("holds no distribution") == 1
+
+
+@pytest.fixture
+def flown(replaced, monkeypatch):
+    """Return the calls of a command `fly` that flies nothing and writes nothing."""
+    numbers = dict.fromkeys(Metrics._fields, 0.1)
+    flight = SimpleNamespace(
+        metrics=SimpleNamespace(**numbers), crash="", compiled=False, time=np.array([1.0]), cause=None,
+        save=lambda folder: [folder / "flight.csv"],
+    )  # fmt: skip
+    calls = replaced("fly", simulate=flight, save_mcap="flight.mcap", save_px4_table="px4.csv", save_network="net.yaml")
+    monkeypatch.setattr("drake_quad.visualization.plots.save_plots", lambda *_, **named: [named["vector"]])
+    monkeypatch.setattr("drake_quad.visualization.replay.page.save_replay", lambda flights, path: path)
+    calls["flight"] = flight
+    return calls
+
+
+def test_the_sample_that_is_flown_is_that_of_the_option_or_of_the_scenario(run, flown, tmp_path):
+    for more, sample, compiled in (
+        ([], None, False),
+        (["--sample", 0, "--compiled"], 0, True),
+        (["--set", "sample=4"], 4, False),
+        (["--set", "sample=4", "--sample", 2], 2, False),
+    ):
+        flown["simulate"].clear()
+        result = run("fly", "laboratory:low_wind", "--seed", 7, *more, "--output", tmp_path)
+        assert (result.returncode, result.stderr) == (0, "")
+        ((scenario,), named), *_ = flown["simulate"]
+        assert scenario.name == "low_wind"
+        assert (named["sample"], named["compiled"], named["prepare"]) == (sample, compiled, None)
+        first = result.stdout.splitlines()[0].split()
+        assert first == (["flown", "1.00", "s"] if sample is None else ["sample", str(sample), "of", "seed", "7"])
+    flown["flight"].cause = "it diverged"
+    assert run("fly", "hover", "--output", tmp_path).stderr == "remark: the flight ended since it diverged\n"
+
+
+def test_files_for_other_programs_are_written_if_asked_for(run, flown, tmp_path):
+    given = ["fly", "paper:no_wind_pd_t2fnn", "--output", tmp_path]
+    result = run(*given, "--px4", "--vector", "pdf", "--save-network", tmp_path / "net.yaml")
+    written = [line.strip() for line in result.stdout.split("wrote\n")[1].splitlines()]
+    assert written == [str(tmp_path / "flight.csv"), "pdf", str(tmp_path / "replay.html"), "px4.csv", "net.yaml"]
+    assert not flown["save_mcap"]
+    assert flown["save_px4_table"] == [((flown["flight"], tmp_path / "px4.csv"), {})]
+    assert flown["save_network"] == [((flown["flight"], str(tmp_path / "net.yaml")), {})]
+    for wrong, words in (
+        (["--rate", "inf"], "--rate is inf, but must be 0 or more"),
+        (["--rate", "-0.5"], "--rate is -0.5, but must be 0 or more"),
+        (["--meshcat", "--compiled"], "--meshcat shows the diagram as it is wired"),
+    ):
+        refused = run(*given, *wrong)
+        assert refused.returncode == 2
+        assert words in refused.stderr
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_on_a_terminal_a_flight_waits_for_its_viewer(monkeypatch, capsys):
+    """It begins as soon as a browser is connected, and ends at Enter or at the end of the input."""
+    connections = iter((0, 0, 1))
+    meshcat = SimpleNamespace(
+        web_url=lambda: "http://127.0.0.1:7000", GetNumActiveConnections=lambda: next(connections), Delete=lambda: None
+    )
+    waits = []
+    monkeypatch.setattr("drake_quad.visualization.replay.scene.local_meshcat", lambda: meshcat)
+    monkeypatch.setattr(fly.time, "sleep", waits.append)
+    monkeypatch.setattr("sys.stdin", Terminal(""))
+    assert fly.opened_meshcat() is meshcat
+    assert len(waits) == 2
+    assert 0.0 < waits[0] < 1.0
+    assert capsys.readouterr().out.splitlines() == [
+        "open http://127.0.0.1:7000 in a browser on this machine",
+        "the flight begins when it is there",
+    ]
+    drawn = []
+    monkeypatch.setattr("drake_quad.visualization.replay.page.draw_replay", lambda *arguments: drawn.append(arguments))
+    fly.show_again(meshcat, "mine", "a flight")
+    assert drawn == [(meshcat, {"mine": "a flight"})]
+    assert "press Enter to end" in capsys.readouterr().out
+    monkeypatch.setattr("sys.stdin", io.StringIO(""))
+    fly.show_again(meshcat, "mine", "a flight")
+    assert capsys.readouterr().out == ""
+    assert fly.opened_meshcat() is meshcat
+
+
+def test_options_of_a_design_replace_the_defaults_of_their_loops():
+    period = 0.02
+
+    def options(*words):
+        return design.design_options(design.options().parse_args([*map(str, words)]), period)
+
+    default = default_options(period)
+    assert options() == default
+    assert options("--on-board") == default | on_board_options()
+    for axis, each in options("--phase-margin", 50, "--gain-margin", 8, "--delay-margin", 3, "--on-board").items():
+        wanted = 3.0 * period if axis in ("roll", "pitch", "yaw") and each.requirements.delay else 0.0
+        assert tuple(each.requirements) == (50.0, 8.0, wanted)
+    assert options("--delay-margin", 3)["roll"].requirements.delay == 3.0 * period
+    assert options("--delay-margin", 3)["x"].requirements.delay == 0.0
+    damped = options("--height-damping", 0.7, "--yaw-bandwidth", 3, "--position-bandwidth", 2)
+    assert {axis for axis, each in damped.items() if each.family == PolePair(0.7)} == {"z"}
+    assert {axis: each.effort for axis, each in damped.items() if each.effort} == {"yaw": 3.0, "x": 2.0, "y": 2.0}
+    costs = {axis: each.family for axis, each in options("--method", "lqr", "--yaw-rate-time", 0.0).items()}
+    times = {"roll": 0.2, "pitch": 0.2, "yaw": 0.0, "x": 1.0, "y": 1.0, "z": 0.2}
+    assert costs == {axis: Regulator(time) for axis, time in times.items()}
+
+
+@pytest.mark.parametrize(
+    ("option", "least", "most"),
+    [
+        ("phase-margin", 0.0, 180.0),
+        ("gain-margin", 0.0, 60.0),
+        ("delay-margin", 0.0, 1000.0),
+        ("integral", 0.01, 0.9),
+        ("yaw-bandwidth", 1e-3, 100.0),
+        ("height-damping", 0.05, 0.999),
+        ("position-rate-time", 0.0, 10.0),
+    ],
+)
+def test_numbers_of_a_design_have_their_ranges(option, least, most):
+    method = ["--method", "lqr"] if "rate" in option else []
+    for value in (least, most):
+        design.design_options(design.options().parse_args([*method, f"--{option}={value}"]), 0.02)
+    for value in (least - 1e-4, most + 1e-4):
+        with pytest.raises(InputError, match=f"--{option} is .*, but must be between {least:g} and {most:g}"):
+            design.design_options(design.options().parse_args([*method, f"--{option}={value}"]), 0.02)
+    if "-" in option and "margin" not in option:
+        other = [] if method else ["--method", "lqr"]
+        with pytest.raises(InputError, match=f"--{option} is for --method"):
+            design.design_options(design.options().parse_args([*other, f"--{option}={least}"]), 0.02)
+
+
+def test_a_vehicle_is_named_after_its_file_or_its_first_log():
+    def name(given=None, output=None, log="logs/my log.v2.csv"):
+        return identify.name_of(SimpleNamespace(name=given, output=output, log=[Path(log), Path("other.csv")]))
+
+    assert name() == "my_log"
+    assert name(output=Path("out/mine.yaml")) == "mine"
+    assert name("a-b.c", output=Path("out/mine.yaml")) == "a-b.c"
+    assert name(log=".csv") == "identified"
+    with pytest.raises(InputError, match="--name 'a b': allowed are letters"):
+        name("a b")
+
+
+def test_an_identification_begins_with_what_the_log_names_or_lies_beside(tmp_path):
+    time = np.arange(3.0)
+    plain, crazyflie = FlightRecord("a", time), FlightRecord("b", time, vehicle="vehicles/crazyflie")
+    logs = [tmp_path / "flight.csv.xz", tmp_path / "b.csv"]
+    assert identify.vehicle_to_begin_with([plain, crazyflie], logs) == "vehicles/crazyflie"
+    (tmp_path / "scenario.yaml").write_text("", encoding="utf-8")
+    assert identify.vehicle_to_begin_with([plain], logs) == str(tmp_path / "scenario.yaml")
+    attitude = {"attitude": np.zeros((3, 3)), "attitude_command": np.zeros((3, 3))}
+    for record, like in (
+        (plain, "vehicles/hummingbird"),
+        (FlightRecord("c", time, **attitude), "vehicles/neural_fly:neural_fly"),
+        (FlightRecord("d", time, attitude=np.zeros((3, 3))), "vehicles/hummingbird"),
+        (FlightRecord("e", time, motor_command=np.zeros((3, 4)), **attitude), "vehicles/hummingbird"),
+        (FlightRecord("f", time, rotor_speed_command=np.zeros((3, 4)), **attitude), "vehicles/hummingbird"),
+    ):
+        with pytest.raises(InputError, match=f"such as {like}, "):
+            identify.vehicle_to_begin_with([record], logs[1:])
+
+
+def test_winds_are_three_numbers_below_a_hundred():
+    record = FlightRecord("a", np.arange(3.0))
+    for wrong in ("1,2", "1,2,3,4", "a,b,c", "100,0,0", "nan,0,0"):
+        with pytest.raises(InputError, match="must be three numbers below 100 m/s"):
+            identify.with_winds([record], [wrong])
+    assert identify.with_winds([record], []) == [record]
+    with pytest.raises(InputError, match="--wind is given 2 times: give it once, or once for each of 3 logs"):
+        identify.with_winds([record] * 3, ["0,0,0"] * 2)
+    found = identify.with_winds([record] * 2, ["1,0,0", "2,0,0"])
+    assert [each.wind[0, 0] for each in found] == [1.0, 2.0]
+    assert found[0].wind.shape == (3, 3)
+
+
+def test_controllers_are_judged_in_all_families_unless_some_are_named(run, replaced, tmp_path, monkeypatch):
+    calls = replaced("judge", fly="found", write_report=[Path("report.md")], print_errors=None)
+    monkeypatch.setattr(judge, "output_folder", lambda folder: folder)
+    for given, families, only, sizes, folder in (
+        ([], [*FAMILIES], None, Sizes(), "out/controllers"),
+        (
+            ["--samples", 9, "--family", "outdoor", "--only", "pd"],
+            ["outdoor"],
+            ["pd"],
+            Sizes(samples=9),
+            "out/controllers",
+        ),
+        (["--quick"], [*FAMILIES], None, QUICK, "out/controllers_quick"),
+        (["--quick", "--output", tmp_path], [*FAMILIES], None, QUICK, tmp_path),
+    ):
+        calls["fly"].clear()
+        result = run("judge", *given)
+        assert result.returncode == 0
+        assert written(result) == ["report.md"]
+        assert "flown in 0 s\n" in result.stdout
+        assert calls["fly"] == [((families, only, sizes, Path(folder)), {})]
+    assert calls["write_report"][-1] == ((tmp_path,), {})
+    for samples, status in ((1, 2), (2, 0), (10_000, 0), (10_001, 2)):
+        assert run("judge", "--samples", samples).returncode == status
+
+
+def test_what_is_judged_is_flown_job_by_job(replaced, tmp_path, capsys):
+    """Laps and designs with other limits are flown where the family has the laboratory for them."""
+    traits = Traits(1.0, 2.0, 3.0, 4.0, 5.0)
+
+    def of_family(_, name, family, entries, sizes):
+        place = next(iter(family.laboratories))
+        yield place, *entries, metrics_of(2)
+        yield name, *entries, traits
+
+    calls = replaced(
+        "judge", missing=lambda entries, path: ["mpc"] if path.stem == "outdoor" else [], judge_family=of_family,
+        judge_laps=[("high wind, lap 1", "pd", metrics_of(2))], judge_prices=[(PRICED, "indi@3", traits)],
+    )  # fmt: skip
+    found = judge.fly(["outdoor", "laboratory"], ["pd", "mpc"], QUICK, tmp_path)
+    assert capsys.readouterr().err == "remark: outdoor has no design of mpc, which are not flown\n"
+    assert [(arguments[1], arguments[3], arguments[4]) for arguments, _ in calls["judge_family"]] == [
+        ("outdoor", ["pd"], QUICK), ("laboratory", ["pd"], QUICK), ("laboratory", ["mpc"], QUICK),
+    ]  # fmt: skip
+    assert [arguments[1:] for arguments, _ in calls["judge_laps"]] == [
+        ("laboratory", FAMILIES["laboratory"], ["pd", "mpc"], QUICK)
+    ]
+    assert [arguments[1:] for arguments, _ in calls["judge_prices"]] == [(FAMILIES["laboratory"], ["pd", "mpc"], QUICK)]
+    assert {place: [*each] for place, each in found.flights.items()} == {
+        "outdoor": ["pd"], "no wind": ["pd", "mpc"], "high wind, lap 1": ["pd"],
+    }  # fmt: skip
+    assert {name: [*each] for name, each in found.traits.items()} == {
+        "outdoor": ["pd"], "laboratory": ["pd", "mpc"], PRICED: ["indi@3"],
+    }  # fmt: skip
+    with pytest.raises(InputError, match="there is no design of what shall be flown"):
+        judge.fly(["outdoor"], ["mpc"], QUICK, tmp_path)
+
+
+def test_controllers_are_tuned_family_by_family(run, replaced):
+    design_of = SimpleNamespace(name="pd", words="6 numbers")
+    calls = replaced("judge", design_family=[design_of], design_prices=[design_of] * 2, tunable="entries")
+    result = run("judge", "--tune", "outdoor", PRICED, "--rounds", 3, "--only", "pd")
+    assert result.returncode == 0
+    (((_, name, family, entries), named),) = calls["design_family"]
+    assert (name, family, entries, named) == ("outdoor", FAMILIES["outdoor"], "entries", {"budget": Budget(rounds=3)})
+    assert calls["tunable"][0][0][0] == FAMILIES["outdoor"]
+    assert calls["tunable"][0][0][2] == ["pd"]
+    assert calls["design_prices"][0][1] == {"budget": Budget(rounds=3)}
+    assert result.stdout.count("outdoor: pd, 6 numbers, 0 s\n") == 1
+    assert result.stdout.count(f"{PRICED}: pd, 6 numbers, 0 s\n") == 2
+    assert run("judge", "--tune").returncode == 0
+    assert [arguments[1] for arguments, _ in calls["design_family"][1:]] == [*FAMILIES]
+    assert len(calls["design_prices"]) == 2
+    for rounds, status in ((0, 2), (1, 0), (1000, 0), (1001, 2)):
+        assert run("judge", "--tune", PRICED, "--rounds", rounds).returncode == status
+
+
+def test_the_experiment_is_flown_in_the_size_that_is_asked_for(run, replaced, tmp_path, monkeypatch):
+    findings = SimpleNamespace(entries=[], claims=[SimpleNamespace(words="a claim", verdict="holds")])
+    calls = replaced(
+        "replicate", fly_experiment="flights", read_experiment="found", findings_of=findings,
+        write_findings=lambda folder, _: [folder / "table.csv"], paper_figures=[("figure_4", "a figure")],
+        save_small=None, save_vector=None, report_markdown="# Report", report_html=lambda text, folder: f"<p>{text}",
+    )  # fmt: skip
+    result = run("replicate", "--quick", "--workers", 1, "--output", tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+    (((load, sizes, folder, _), named),) = calls["fly_experiment"]
+    assert (load, sizes, folder) == (replicate.load, QUICK_EXPERIMENT, tmp_path)
+    assert (named["resume"], named["compiled"]) == (False, True)
+    assert (tmp_path / "report.md").read_text() == "# Report"
+    assert (tmp_path / "report.html").read_text() == "<p># Report"
+    assert (tmp_path / "calibration.csv").stat().st_size > 100
+    assert calls["read_experiment"] == [((tmp_path,), {})]
+    assert calls["paper_figures"] == [(("found", "flights"), {})]
+    assert calls["report_markdown"] == [(("found", findings), {})]
+    assert calls["save_small"] == [(("a figure", tmp_path / "figures" / "figure_4.png"), {})]
+    assert not calls["save_vector"]
+    written = [line.strip() for line in result.stdout.split("wrote\n")[1].splitlines()]
+    assert written == [str(tmp_path / name) for name in ("table.csv", "report.md", "report.html", "figures")]
+    assert "a claim  holds" in result.stdout
+    monkeypatch.chdir(tmp_path)
+    more = ["--workers", 1, "--resume", "--wired", "--vector", "pdf", "--output", tmp_path / "whole"]
+    assert run("replicate", *more).returncode == 0
+    (_, sizes, folder, _), named = calls["fly_experiment"][1]
+    assert (sizes, folder) == (ExperimentSizes(), tmp_path / "whole")
+    assert (named["resume"], named["compiled"]) == (True, False)
+    assert calls["save_vector"] == [(("a figure", folder / "figures" / "figure_4.pdf", "pdf"), {})]
+
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    replaced("replicate", fly_experiment=interrupted)
+    result = run("replicate", "--quick", "--workers", 1, "--output", tmp_path)
+    told = f"interrupted: the cells that are done are in {tmp_path}; --resume goes on\n"
+    assert (result.returncode, result.stderr) == (1, told)
+    assert replicate.load(Cell("low_wind", "pd")).name == "low_wind_pd"
+
+
+class Bar:
+    """A progress bar that keeps what it is told."""
+
+    def __init__(self, *items, **options):
+        self.options, self.n, self.total = options, 0, options.get("total")
+        self.words, self.resets, self.items = [], [], items
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        return None
+
+    def __iter__(self):
+        return iter(*self.items)
+
+    def update(self, step=1):
+        self.n += step
+
+    def reset(self, total):
+        self.total, self.initial = total, None
+        self.resets.append(total)
+
+    def refresh(self):
+        pass
+
+    def set_postfix_str(self, words, **_):
+        self.words.append(words)
+
+
+def test_bars_show_how_much_is_done(monkeypatch):
+    bars = []
+    for module in (progress, replicate):
+        monkeypatch.setattr(
+            module, "new_bar", lambda *items, **options: bars.append(Bar(*items, **options)) or bars[-1]
+        )
+    with progress.flight_progress() as show:
+        for flown in (0.5, 2.0):
+            show(flown, 8.0)
+            assert (bars[-1].n, bars[-1].total) == (flown, 8.0)
+    with progress.study_progress("mine") as show:
+        for done in (30, 50, 100):
+            show(done, 100)
+            assert (bars[-1].n, bars[-1].total) == (done, 100)
+    # What was there before counts as no progress, and the bar begins once.
+    assert (bars[-1].initial, bars[-1].resets, bars[-1].options["desc"]) == (30, [100], "mine")
+    assert list(progress.bar_over(["a", "b"], "drawing")) == ["a", "b"]
+    assert (bars[-1].words, bars[-1].options["desc"]) == (["a", "b"], "drawing")
+    with replicate.flights_bar(200) as show:
+        for what, done in (("pd", 20), ("pid", 70)):
+            show(what, done)
+            assert bars[-1].n == done
+    assert (bars[-1].words, bars[-1].total) == (["pd", "pid"], 200)
+
+
+def test_bars_are_seen_on_a_terminal_only_while_something_is_under_way(capsys):
+    with progress.new_bar(total=3) as bar:
+        bar.update()
+    assert bar.disable
+    assert not bar.leave
+    assert tqdm.monitor_interval == 0
+    assert capsys.readouterr() == ("", "")
+
+
+def test_arguments_are_completed_by_what_they_name():
+    found = {}
+
+    def complete(action):
+        completion._complete(action)
+        found[action.dest, action.metavar] = getattr(action, "complete", None)
+
+    parser = full_parser(complete)
+    own = {"bash": "_drake_quad_scenarios", "zsh": "_drake_quad_scenarios"}
+    assert found["scenario", None] == found["controller", "FILE:NAME"] == found["vehicle", None] == own
+    assert found["output", "FOLDER"] == shtab.DIRECTORY
+    assert found["log", None] == found["save_network", "FILE"] == found["mapping", "FILE"] == shtab.FILE
+    assert found["seed", None] is None
+    (commands,) = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
+    assert [*commands.choices] == [*COMMANDS]
+    with pytest.raises(SystemExit):
+        parser.parse_args([])
+
+
+@pytest.mark.slow
+def test_names_of_scenarios_are_in_the_script_of_each_shell(run):
+    for shell, name in (("bash", " laboratory:high_wind "), ("zsh", r" laboratory\:high_wind ")):
+        assert name in run("completion", shell).stdout
+
+
+def test_controllers_are_named_after_what_is_laid_over():
+    def controlled(*controllers, **given):
+        arguments = {"scenario": "hover", "controller": [*controllers], "set": ["duration=2"], "seed": 9}
+        return options.controlled_scenarios(argparse.Namespace(**(arguments | given)))
+
+    (alone,) = controlled().items()
+    assert (alone[0], alone[1].duration, alone[1].seed) == ("hover", 2.0, 9)
+    two = controlled("controllers/paper:pd", "diagrams/gains/laboratory.yaml")
+    assert [*two] == ["pd", "laboratory"]
+    assert (two["pd"].duration, two["pd"].seed) == (2.0, 9)
+    with pytest.raises(InputError, match="pd is to be flown already; give each its own name"):
+        controlled("controllers/paper:pd", "controllers/paper:pd")
+
+
+def test_the_folder_is_that_of_the_option_or_named_after_the_scenario():
+    folder = argparse.Namespace(output=None, default_output=Path("out/study"))
+    assert options.folder_of(folder, "mine") == Path("out/study/mine")
+    folder.output = Path("there")
+    assert options.folder_of(folder, "mine") == Path("there")
+    assert options.parser("fly", "", "", output=None, scenario="hover").parse_args([]).scenario == "hover"
+    with pytest.raises(SystemExit):
+        options.parser("fly", "", "", output=None, scenario="hover").parse_args(["--output", "out"])
+
+
+def test_numbers_of_options_have_their_ranges():
+    for value, fits in ((0.9, False), (1.0, True), (3.0, True), (3.1, False), (math.nan, False)):
+        given = argparse.Namespace(delay_margin=value)
+        if fits:
+            options.check_ranges(given, {"delay-margin": (1.0, 3.0)})
+        else:
+            with pytest.raises(InputError, match="--delay-margin is .*, but must be between 1 and 3"):
+                options.check_ranges(given, {"delay-margin": (1.0, 3.0)})
+
+
+@pytest.mark.slow
+def test_lists_of_scenarios_are_wrapped_below_each_other(run):
+    lines = run("scenarios").stdout.splitlines()
+    assert max(map(len, lines)) <= 120
+    # The names begin in one column.
+    width = max(len(line.split()[0]) for line in lines if not line.startswith(" "))
+    assert {len(line) - len(line[width:].lstrip()) for line in lines if len(line) > width} == {width + 2}

@@ -1,0 +1,642 @@
+"""Commands print the numbers of invented results in their units, and write them into tables."""
+
+import math
+import re
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import scipy
+from ruamel.yaml import YAML
+
+from drake_quad import InputError, load_scenario
+from drake_quad.analysis.gain_design import AxisGains, PidGains, ProportionalGain
+from drake_quad.analysis.margins import Margins
+from drake_quad.analysis.sensitivity import Sensitivities
+from drake_quad.analysis.stability_map import MappedGains, StabilityMap
+from drake_quad.assembly.planning import plan_demand, plan_route, planned_parameters
+from drake_quad.command_line import (
+    compare,
+    compare_log,
+    design,
+    design_lqg,
+    fly,
+    identify,
+    judge,
+    output,
+    plan,
+    replay,
+    replicate,
+    sensitivities,
+    study,
+)
+from drake_quad.command_line import map as stability_map
+from drake_quad.files import read_table
+from drake_quad.identification.fitting.random_effects import Variation
+from drake_quad.identification.flown_again.comparison import Comparison
+from drake_quad.identification.flown_again.prediction import Predictions
+from drake_quad.identification.identified import Fitted, Identification, Spread
+from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.results.estimates import Estimates, Explained, Source
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.reference.binding import Binding
+from drake_quad.reference.path_problem import Limits
+from drake_quad.reference.polynomial_path import evaluate
+from drake_quad.replication.printed import Cell, Runs
+from drake_quad.replication.table_ii import Entry
+from drake_quad.studies import Study
+from drake_quad.studies.interval import Interval, plus_minus, spread_alone
+
+RNG = np.random.default_rng(8)
+
+
+def cells(text):
+    """Return the cells of each line of a printed table, which are two or more spaces apart."""
+    return [re.split(r" {2,}", line.strip()) for line in text.splitlines()]
+
+
+def metrics_of(rmse, crashed=()):
+    """Return metrics with an RMSE of each flight, some of which crash after 3 s; all others are 1, 2 and so on."""
+    rmse = np.asarray(rmse, dtype=float)
+    time = np.full(len(rmse), np.inf)
+    time[list(crashed)] = 3.0
+    return Metrics(rmse, *(np.full(len(rmse), float(i)) for i in range(1, 12)), time)
+
+
+def test_tables_are_aligned(capsys):
+    output.print_table([("mass", "1", "kg"), ("error", "12.5", "")])
+    output.print_columns(("name", "x", ""), [("a", "10", "left"), ("longer", "2", "")])
+    assert capsys.readouterr().out.splitlines() == [
+        "mass      1 kg",
+        "error  12.5",
+        "name     x",
+        "a       10  left",
+        "longer   2",
+    ]
+
+
+def test_margins_have_a_row_for_each_loop(capsys):
+    margins = Margins(
+        gain=7.26, gain_reduction=-8.34, phase=45.67, delay=0.1234, disk=0.8, crossover=2.345, sensitivity=1.456,
+        bandwidth=3.789,
+    )  # fmt: skip
+    output.print_margins({"thrust": margins, "yaw": None})
+    title, header, row = cells(capsys.readouterr().out)
+    assert title[0].startswith("margins")
+    assert header == ["signal", "max |S|", "delay", "phase", "gain", "less gain", "crossover", "bandwidth"]
+    assert row == ["thrust", "1.46", "123 ms", "45.7°", "7.3 dB", "-8.3 dB", "2.35 rad/s", "3.79 rad/s"]
+
+
+@pytest.mark.slow
+def test_predictions_have_a_row_for_each_horizon_that_is_reached(capsys):
+    """Errors that are all alike are their own mean, in cm and degrees; from half the error nothing starts at 1 s."""
+    errors = np.empty((2, 2, 12))
+    errors[0], errors[1] = 0.02, 0.04
+    errors[:, 1] = np.nan
+    given = {"position": errors, "attitude": errors, "body_rates": errors, "velocity": errors}
+    predictions = Predictions(("mine", "other"), (0.5, 1.0), np.array(["a"] * 12), np.arange(12.0), given)
+    output.print_predictions(predictions)
+    header, *rows = cells(capsys.readouterr().out)
+    assert header == ["horizon", "mine", "other", "better by, %"]
+    found = [(row[0], row[1], *(float(cell.split()[0]) for cell in row[2:5]), row[5]) for row in rows]
+    degrees = math.degrees(0.02)
+    assert found == [
+        ("position", "0.5 s", 2.0, 4.0, 50.0, "cm"),
+        ("attitude", "0.5 s", pytest.approx(degrees, rel=1e-2), pytest.approx(2.0 * degrees, rel=1e-2), 50.0, "°"),
+        ("body rates", "0.5 s", 0.02, 0.04, 50.0, "rad/s"),
+    ]
+    alone = {"position": errors[:1], "height": errors[:1]}
+    output.print_predictions(Predictions(("mine",), (0.5, 1.0), predictions.log, predictions.time, alone))
+    header, *rows = cells(capsys.readouterr().out)
+    assert header == ["horizon", "mine"]
+    assert [(row[0], float(row[2].split()[0]), row[-1]) for row in rows] == [
+        ("position", 2.0, "cm"),
+        ("height", 2.0, "cm"),
+    ]
+
+
+def test_compared_controllers_have_means_deviations_and_their_share_of_the_first(capsys, tmp_path):
+    first, second = 0.1 + 0.01 * RNG.uniform(size=8), 0.05 + 0.01 * RNG.uniform(size=8)
+    one, other = metrics_of(first), metrics_of(second, crashed=[2])
+    alone = metrics_of([0.2])
+    flights = {"calm": {"pd": one, "pid": other}, "windy": {"pd": alone}}
+    compare.print_comparison(flights)
+    header, *rows = cells(capsys.readouterr().out)
+    assert header == ["scenario", "controller", "RMSE", "peak", "effort X (m²/s⁴)", "effort Y", "share"]
+    flown = np.delete(second, 2)
+    assert [row[:3] for row in rows] == [
+        ["calm", "pd", plus_minus(100.0 * first.mean(), 100.0 * first.std(ddof=1)) + " cm"],
+        ["calm", "pid", plus_minus(100.0 * flown.mean(), 100.0 * flown.std(ddof=1)) + " cm"],
+        ["windy", "pd", "20.0 cm"],
+    ]
+    # A peak of 4 m, and efforts of 5 and 6 m²/s⁴.
+    assert rows[2][3:] == ["400 cm", "5.00", "6.00", "100 %"]
+    assert rows[0][6:] == ["100 %"]
+    pairs = np.delete(first, 2)
+    assert float(rows[1][6].split()[0]) == pytest.approx(100.0 * flown.mean() / pairs.mean(), abs=0.5)
+    assert rows[1][7] == "1 crashed"
+    table = read_table(compare.write_flights(tmp_path / "comparison.csv", flights))
+    assert list(table) == ["scenario", "controller", "sample", *Metrics._fields]
+    np.testing.assert_array_equal(table["sample"], [*range(8), *range(8), 0])
+    np.testing.assert_allclose(table["rmse"], [*first, *second, 0.2])
+    assert [*table["controller"]] == ["pd"] * 8 + ["pid"] * 8 + ["pd"]
+    assert np.flatnonzero(np.isfinite(table["crash_time"])).tolist() == [10]
+
+
+@pytest.fixture(scope="module")
+def compared():
+    """Return twenty predictions of a log, two of which crash; along z the log errs a tenth as much."""
+    rng = np.random.default_rng(4)
+    time = 3.0 + 0.01 * np.arange(50)
+    predicted = 0.01 + 0.001 * rng.normal(size=(20, 50, 3))
+    flown = predicted[0] * [1.0, 1.0, 0.1]
+    predicted[[3, 7], 30:] = np.nan
+    reference = SimpleNamespace(deviation=0.00123, route=SimpleNamespace(knots=(0.0, 1.0, 2.0)))
+    record = FlightRecord("log7", np.arange(2.0))
+    return Comparison(record, None, reference, None, time, np.zeros((50, 3)), flown, predicted)
+
+
+def test_a_log_is_compared_in_centimetres_axis_by_axis(compared, capsys):
+    compare_log.print_comparison(compared)
+    first, second, header, *rows, crashes, last = capsys.readouterr().out.splitlines()
+    assert first == "log7: 50 samples, from 3.00 s of the log on"
+    assert second == "reference: 2 pieces of degree 7, within 1.23 mm of the log's"
+    assert cells(header) == [["error, cm", "axis", "flown", "predicted, median and 95 %", "flown lies"]]
+    rows = cells("\n".join(rows))
+    assert [row[:2] for row in rows] == [
+        [name, axis] for name in ("RMSE", "mean", "95 % largest") for axis in ("x", "y", "z", "all")
+    ]
+    figures = compared.flown_figures
+    np.testing.assert_allclose(
+        [float(row[2]) for row in rows],
+        100.0 * np.concatenate([figures.rmse, figures.mean, figures.largest]),
+        atol=5e-3,
+    )
+    assert [row[4] for row in rows] == [
+        "within" if inside else "outside" for name in ("rmse", "mean", "largest") for inside in compared.within(name)
+    ]
+    assert {row[4] for row in rows if row[1] in ("z", "all")} == {"outside"}
+    assert {row[4] for row in rows if row[1] in ("x", "y")} == {"within"}
+    # The median of each axis is about a centimetre, the upper end of the interval a crash.
+    for row in rows:
+        median, high = re.fullmatch(r"(\S+) \[\S+, (\S+)\]", row[3]).groups()
+        assert float(median) == pytest.approx(math.sqrt(3.0) if row[1] == "all" else 1.0, abs=0.4)
+        assert high == "crash"
+    assert crashes == "2 of 20 predictions crash"
+    assert re.fullmatch(
+        rf"The flown RMSE, {100.0 * figures.rmse[3]:.2f} cm, lies outside the 95 % interval of 20 flights,"
+        r" whose median is 1\.\d+ cm \[.*\]\.",
+        last,
+    )
+    assert "lies within the 95 % interval" in compare_log.verdict(replace(compared, flown=compared.predicted[0]))
+
+
+def test_a_log_whose_predictions_do_not_differ_has_no_interval(compared, capsys):
+    alike = replace(compared, predicted=np.full((3, 50, 3), 0.02))
+    compare_log.print_comparison(alike)
+    lines = capsys.readouterr().out.splitlines()
+    rows = cells("\n".join(lines[3:-1]))
+    assert [row[3:] for row in rows[:3]] == [["2.00", "–"]] * 3
+    assert lines[-1].endswith("the predicted one 3.46 cm; no two flights differ.")
+
+
+def test_the_table_of_a_compared_log_has_metres(compared, tmp_path, monkeypatch):
+    for name in ("log_comparison_plots.plot_log_comparison", "replay.page.save_replay", "style.save_figures"):
+        monkeypatch.setattr(f"drake_quad.visualization.{name}", lambda *_, **__: [])
+    monkeypatch.setattr(compare_log, "side_by_side", lambda _: None)
+    monkeypatch.setattr(compare_log, "save_scenario", lambda _, path: path.write_text("scenario"))
+    files = compare_log.save_comparison(compared, tmp_path, SimpleNamespace(vector=None))
+    table = read_table(files[0])
+    assert list(table) == ["error", "axis", "flown (m)", "median (m)", "low (m)", "high (m)"]
+    assert [*table["error"]] == [name for name in ("rmse", "mean", "largest") for _ in range(4)]
+    assert [*table["axis"]] == ["x", "y", "z", "all"] * 3
+    for column, name in enumerate(("rmse", "mean", "largest")):
+        rows = slice(4 * column, 4 * column + 4)
+        np.testing.assert_allclose(table["flown (m)"][rows], getattr(compared.flown_figures, name), rtol=1e-5)
+        for end, values in zip(("median", "low", "high"), compared.interval(name), strict=True):
+            np.testing.assert_allclose(table[f"{end} (m)"][rows], values, rtol=1e-5)
+
+
+def loop_of(gains, *, limits=(), cost_ratio=None):
+    margins = Margins(
+        gain=7.26, gain_reduction=-8.34, phase=45.67, delay=0.1234, disk=0.876, crossover=2.345, sensitivity=1.456,
+        bandwidth=3.789,
+    )  # fmt: skip
+    return SimpleNamespace(
+        gains=gains, margins=margins, plant=SimpleNamespace(period=0.02), limits=limits, cost_ratio=cost_ratio
+    )
+
+
+def test_a_design_has_a_row_for_each_axis_in_order(capsys):
+    loops = {
+        "x": loop_of(PidGains(1.23456, 2.0, 0.5), limits=("phase", "delay"), cost_ratio=1.234),
+        "z": loop_of(AxisGains(3.0, 4.0)),
+    }
+    on_board = {"roll rate": loop_of(ProportionalGain(9.0))}
+    design.print_design(SimpleNamespace(loops=loops, on_board=on_board, all_loops=on_board | loops))
+    title, header, *rows = cells(capsys.readouterr().out)
+    assert title == ["margins of each loop, broken at its commanded acceleration, or rate"]
+    assert header == [
+        "axis", "k_P or k", "k_D", "k_I", "phase", "gain", "delay", "ticks", "disk", "crossover", "bandwidth",
+        "max |S|", "limit",
+    ]  # fmt: skip
+    margins = ["45.7°", "7.3 dB", "123 ms", "6.2", "0.88", "2.35 rad/s", "3.79 rad/s", "1.46"]
+    assert rows == [
+        ["roll rate", "9", "–", "–", *margins, "as asked"],
+        ["z", "3", "4", "–", *margins, "as asked"],
+        ["x", "1.235", "2", "0.5", *margins, "phase, delay; cost 1.23 × the full regulator's"],
+    ]
+    design.print_design(SimpleNamespace(loops=loops, on_board={}, all_loops=loops))
+    title, header, *rows = cells(capsys.readouterr().out)
+    assert title == ["margins of each loop, broken at its commanded acceleration"]
+    assert header[1] == "k_P"
+    assert [row[0] for row in rows] == ["z", "x"]
+
+
+def test_modes_of_a_loop_have_a_frequency_a_damping_and_states(capsys):
+    """Faster modes than 60 rad/s are left out. The states of a mode are those of the vehicle."""
+
+    def oscillator(frequency, damping):
+        return np.array([[0.0, 1.0], [-(frequency**2), -2.0 * damping * frequency]])
+
+    slow, fast, rotors = oscillator(1.0, 0.6), oscillator(70.0, 0.5), np.array([[-25.0]])
+    names = (
+        "plant.vehicle.state.x", "plant.vehicle.state.v_x", "plant.vehicle.state.roll", "plant.vehicle.state.p",
+        "plant.vehicle.rotor_speed.rotor_1",
+    )  # fmt: skip
+    A = scipy.linalg.expm(0.01 * scipy.linalg.block_diag(slow, fast, rotors))
+    design.print_modes(SimpleNamespace(system=SimpleNamespace(A=A, states=names, period=0.01)))
+    _, title, header, first, second = cells(capsys.readouterr().out)
+    assert title == ["modes of the whole loop, from one tick to the next (0.01 s)"]
+    assert header == ["frequency", "damping", "time constant", "states"]
+    assert first[:3] == ["1.00 rad/s", "0.60", "1.67 s"]
+    assert set(first[3].split(", ")) == {"x", "v_x"}
+    assert second == ["25.00 rad/s", "1.00", "0.04 s", "rotors"]
+
+
+def test_plants_of_a_regulator_have_a_row_with_what_is_predicted_for_each(capsys):
+    answer = SimpleNamespace(natural_frequency=6.789)
+    plants = [
+        SimpleNamespace(lag=0.0456, answer=None, latency_frames=2, delay_ticks=1),
+        SimpleNamespace(lag=0.05, answer=answer, latency_frames=3, delay_ticks=4),
+    ]
+    lateral, vertical = ([SimpleNamespace(error=error) for error in errors] for errors in ((0.01, 0.02), (0.03, 0.04)))
+    design_lqg.print_plants(SimpleNamespace(plants=plants, lateral=lateral, vertical=vertical))
+    _, header, *rows = cells(capsys.readouterr().out)
+    assert header == ["rotors' lag", "attitude", "frames late", "delay (ticks)", "x and y", "z"]
+    assert rows == [
+        ["46 ms", "–", "2", "1", "1.00 cm", "3.00 cm"],
+        ["50 ms", "6.79 rad/s", "3", "4", "2.00 cm", "4.00 cm"],
+    ]
+
+
+@pytest.mark.slow
+def test_a_regulator_is_written_as_a_scenario_extends_it(tmp_path):
+    control = load_scenario("laboratory:low_wind", layers=["controllers/designed/laboratory:lqg"]).control
+    path = tmp_path / "lqg.yaml"
+    design_lqg.write_control(SimpleNamespace(control=control), path, "drake-quad design-lqg")
+    text = path.read_text(encoding="utf-8")
+    assert text.startswith("# drake-quad design-lqg\nlqg:\n")
+    assert YAML(typ="safe").load(text) == {"lqg": {"control": control.model_dump(mode="json", exclude_none=True)}}
+    # Blocks of numbers alone are in a line.
+    assert re.search(r"first: \{deviation: ", text)
+    assert load_scenario("laboratory:low_wind", layers=[f"{path}:lqg"]).control == control
+
+
+def test_the_metrics_of_a_flight_are_in_their_units():
+    numbers = dict(zip(Metrics._fields, (0.1 * (i + 1) for i in range(13)), strict=True))
+    flight = SimpleNamespace(
+        metrics=SimpleNamespace(**(numbers | {"effort_z": math.nan})),
+        crash="",
+        compiled=True,
+        time=np.array([0.0, 4.0]),
+    )
+    rows = fly.summary(flight)
+    assert rows[0] == ("flown", "4.00", "s, compiled")
+    expected = [
+        ("RMSE", "rmse"),
+        *((f"RMSE on {axis}", f"rmse_{axis.lower()}") for axis in "XYZ"),
+        ("peak error", "peak_error"),
+    ]
+    assert rows[1:6] == [(words, f"{100.0 * numbers[name]:.2f}", "cm") for words, name in expected]
+    assert rows[6:9] == [
+        ("control effort on X", f"{numbers['effort_x']:.4f}", "m²/s⁴"),
+        ("control effort on Y", f"{numbers['effort_y']:.4f}", "m²/s⁴"),
+        ("control effort on Z", "–", "m²/s⁴"),
+    ]
+    assert rows[9] == ("rotors saturated", f"{100.0 * numbers['saturation_share']:.1f}", "% of the ticks")
+    flight.crash, flight.compiled = "crashed at 1.20 s", False
+    assert fly.summary(flight)[0] == ("flown", "crashed at 1.20", "s")
+
+
+def identified():
+    """Return an identification of three numbers, of which the first is known to vary and the last explains nothing."""
+    estimates = Estimates(
+        ("mass", "autopilot.damping[0]", "linear_drag"),
+        np.array([0.5, 0.7, 0.1]),
+        np.diag([0.0004, 0.0025, 0.0001]),
+        1e9,
+        Source("m", "a"),
+        explained={"mass": Explained(0.123, "climb"), "autopilot.damping[0]": Explained(4e-4, "roll")},
+        not_seen={"quadratic_drag": "it hovers"},
+        remarks=("of the estimates",),
+        variation=Variation(np.diag([0.0016, np.nan, np.nan]), 4.0, 10.0),
+    )
+    time = np.arange(4)[:, None] + np.linspace(0.0, 1.0, 5)
+    measured = np.zeros_like(time)
+    predicted = np.full_like(time, 0.5)
+    predicted[2:] = 0.25
+    held_out = np.array([False, False, True, True])
+    output = Fitted("height", "m", np.array(["a"] * 4), time, measured, predicted, held_out, 0.9, math.nan, 0.125)
+    none = output._replace(name="pitch", unit="rad", share=-0.1, share_fitted=1.0)
+    further = {"lag": Spread(0.04, 0.001, "s"), "ratio": Spread(2.0, 0.1, "1"), "unknown": Spread(1.0, math.nan, "m")}
+    return Identification(
+        estimates, None, (output, none), Spread(0.0321, 0.001, "s"), further, ("of the flights",),
+        {"mass": SimpleNamespace(covered=9, off=np.zeros(10))},
+    )  # fmt: skip
+
+
+def test_estimates_have_their_intervals_and_what_they_explain(capsys):
+    identify.print_estimates(identified())
+    printed = capsys.readouterr()
+    lines = printed.out.splitlines()
+    assert cells(lines[1]) == [["number", "value", "unit", "another stretch", "interval holds", "explains, held out"]]
+    mass, damping, drag = cells("\n".join(lines[2:5]))
+    # The mean is off by 0.02 kg, and a stretch by 0.04 kg beside that, which have 6.25 degrees of freedom together.
+    far = scipy.stats.t.ppf(0.975, 6.25) * math.sqrt(0.002)
+    assert mass == ["mass", plus_minus(0.5, 1.96 * 0.02), "kg", spread_alone(far), "9 of 10", "12.3 % of climb"]
+    assert damping == ["autopilot.damping[0]", plus_minus(0.7, 1.96 * 0.05), "–"]
+    assert drag == ["linear_drag", plus_minus(0.1, 1.96 * 0.01), "N s/m", "–"]
+    assert lines[5:] == [
+        f"a command shows after {plus_minus(32.1, 1.96)} ms",
+        f"lag: {plus_minus(0.04, 1.96e-3)} s",
+        f"ratio: {plus_minus(2.0, 0.196)}",
+        "not told: quadratic_drag: it hovers",
+    ]
+    assert printed.err == "remark: of the flights\nremark: of the estimates\n"
+
+
+def test_explained_shares_of_outputs_are_printed(capsys):
+    identify.print_score(identified())
+    _, header, *rows = cells(capsys.readouterr().out)
+    assert header == ["output", "fitted", "held out", "left, RMS", "white noise"]
+    # What is left is that of the windows that are held out.
+    assert rows == [
+        ["height", "–", "90.0 %", "0.25", "0.12", "m"],
+        ["pitch", "100.0 %", "none", "0.25", "0.12", "rad"],
+    ]
+    assert identify.percent(0.0) == "none"
+
+
+def test_what_logs_hold_is_printed(capsys):
+    time = 5.0 + 0.02 * np.arange(1501)
+    record = FlightRecord("log7", time, position=np.zeros((1501, 3)), remarks=("it has a gap",))
+    identify.print_logs([record])
+    printed = capsys.readouterr()
+    assert printed.out == "log7: 30.0 s, 1,501 samples at 50 Hz\n  position\n"
+    assert printed.err == "remark: log7: it has a gap\n"
+
+
+def test_noise_and_trim_of_a_hover_are_printed(capsys, monkeypatch):
+    record = FlightRecord("log7", np.arange(3.0))
+    noise = SimpleNamespace(
+        signal="body_rates", unit="rad/s", at_rest=np.full(3, np.nan), in_flight=np.array([0.3, 0.0, 0.4])
+    )
+    monkeypatch.setattr(identify, "white_noise", lambda _: [noise])
+    monkeypatch.setattr(identify, "trim", lambda _: {"mean roll": Spread(0.1, 0.01, "rad")})
+    monkeypatch.setattr(identify, "delay_by_correlation", lambda _: 0.0456)
+    identify.print_hover([record])
+    header, row, *lines = capsys.readouterr().out.splitlines()
+    assert cells(header) == [["at rest", "in flight"]]
+    assert cells(row) == [["log7: white noise of body rates", "–", f"{math.sqrt(0.25 / 3.0):.2g}", "rad/s"]]
+    assert lines == [
+        f"log7: mean roll in hover {plus_minus(0.1, 1.96 * 0.01)} rad",
+        "log7: attitude is most like its command 46 ms later",
+    ]
+    monkeypatch.setattr(identify, "delay_by_correlation", lambda _: None)
+    identify.print_hover([record])
+    assert "most like" not in capsys.readouterr().out
+
+
+def test_motors_of_a_log_give_full_thrust_at_full_throttle():
+    base = load_scenario("hover", ["nominal.max_rotor_speed=300", "vehicle.max_rotor_speed=300"])
+    throttled = load_scenario("hover", [each.assignment for each in identify.throttle_motors(base)])
+    for vehicle in (throttled.nominal, throttled.vehicle):
+        assert vehicle.motors.kind == "throttle"
+        np.testing.assert_allclose(vehicle.motors.curve[:2], 0.0)
+        assert vehicle.motors.curve[2] == pytest.approx(base.nominal.thrust_factor * 300.0**2, rel=1e-3)
+    # The rotors may turn faster than they are believed to, and stand still.
+    assert (throttled.vehicle.max_rotor_speed, throttled.vehicle.min_rotor_speed) == (600.0, 0.0)
+
+
+def test_throttles_of_all_logs_are_taken_together():
+    time = np.arange(2.0)
+    four = FlightRecord("a", time, motor_command=np.array([[0.1, 0.2, 0.3, 0.4], [0.5, 0.6, 0.7, 0.8]]))
+    one = FlightRecord("b", time, thrust_share=np.array([0.9, 1.0]))
+    assert identify.throttles([four, one]).tolist() == [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0]
+    assert identify.throttles([FlightRecord("c", time)]) is None
+
+
+def test_a_map_has_a_row_for_each_pair_of_gains_and_says_which_is_best(capsys, tmp_path):
+    k_p, k_d = np.array([1.0, 2.0]), np.array([3.0, 4.0, 5.0])
+    size = np.array([[0.9, 0.9, 1.1], [0.9, 0.9, 0.9]])
+    linear = StabilityMap(size, 0.1 + size, 0.2 + size)
+    rmse = np.array([[0.30, 0.20, 0.01], [0.02, 0.10, 0.40]])
+    crash_time = np.full((2, 3), np.inf)
+    crash_time[1, 0] = 1.5
+    panel = SimpleNamespace(title="nominal", linear=linear, flown=Metrics(rmse, *[rmse] * 11, crash_time))
+    gains = MappedGains("control.position", ("k_p", "k_d"), ("k_P", "k_D"), ("1/s²", "1/s"))
+    stability_map.print_panel(panel, gains, k_p, k_d)
+    assert capsys.readouterr().out == (
+        "nominal: 83 % of the gains are stable, 83 % flew to the end;"
+        " least RMSE of the stable 10.00 cm at k_P 2, k_D 4\n"
+    )
+    panel.flown = panel.flown._replace(crash_time=np.zeros((2, 3)))
+    stability_map.print_panel(panel, gains, k_p, k_d)
+    assert capsys.readouterr().out.endswith("0 % flew to the end; no stable gains flew to the end\n")
+    panel.flown = panel.flown._replace(crash_time=crash_time)
+    panels = [(panel.title, panel.linear, panel.flown), ("worst", panel.linear, panel.flown)]
+    table = read_table(stability_map.write_map(tmp_path / "map.csv", panels, gains, k_p, k_d))
+    np.testing.assert_array_equal(table["k_P (1/s²)"], [1, 1, 1, 2, 2, 2])
+    np.testing.assert_array_equal(table["k_D (1/s)"], [3, 4, 5, 3, 4, 5])
+    for title in ("nominal", "worst"):
+        np.testing.assert_array_equal(table[f"{title}: stable"], [1, 1, 0, 1, 1, 1])
+        np.testing.assert_allclose(table[f"{title}: damping"], 0.1 + size.ravel())
+        np.testing.assert_allclose(table[f"{title}: delay margin (s)"], 0.2 + size.ravel())
+        np.testing.assert_allclose(table[f"{title}: RMSE (m)"], rmse.ravel())
+        np.testing.assert_array_equal(table[f"{title}: crash time (s)"], crash_time.ravel())
+
+
+def test_sensitivities_are_printed_by_the_effect_of_a_change_of_one_per_cent(capsys, tmp_path):
+    fields = ("a", "b", "c", "d")
+    gradients = {"rmse": np.array([0.1, -2.0, 7.0, np.nan]), "effort_x": np.zeros(4), "rmse_x": np.full(4, np.nan)}
+    metrics = {"rmse": 0.4, "effort_x": 0.0, "rmse_x": 1.0}
+    found = Sensitivities(fields, np.array([2.0, 0.5, 0.0, 4.0]), metrics, 1.25, gradients)
+    sensitivities.print_sensitivities(found, "rmse")
+    crash, first, header, *rows = capsys.readouterr().out.splitlines()
+    assert crash.startswith("crashed at 1.25 s;")
+    assert first == "rmse 0.4 (SI units)"
+    assert cells(header) == [["field", "value", "derivative", "change for +1 %"]]
+    assert cells("\n".join(rows)) == [
+        ["b", "0.5", "-2", "-2.500 %"],
+        ["a", "2", "0.1", "+0.500 %"],
+        ["c", "0", "7", "–"],
+        ["d", "4", "nan", "–"],
+    ]
+    table = read_table(sensitivities.write_sensitivities(tmp_path / "table.csv", found))
+    assert [*table["field"]] == ["(metric)", *fields]
+    np.testing.assert_allclose(
+        [float(value or "nan") for value in map(str, table["value"])], [np.nan, 2.0, 0.5, 0.0, 4.0]
+    )
+    np.testing.assert_allclose(table["rmse"], [0.4, 0.1, -2.0, 7.0, np.nan])
+    whole = Sensitivities(fields, found.values, metrics, np.inf, gradients)
+    for name in ("effort_x", "rmse_x"):
+        sensitivities.print_sensitivities(whole, name)
+        assert capsys.readouterr().out.endswith(f"{name} is zero, where it has no derivative\n")
+
+
+def test_default_fields_are_those_of_the_layout_and_the_autopilot():
+    position = [f"control.position.{gain}.{axis}" for gain in ("k_p", "k_d") for axis in (0, 1, 2)]
+    vehicle = ["vehicle.mass", "vehicle.thrust_factor", "vehicle.rotor_time_constant", "vehicle.linear_drag"]
+    attitude = [f"control.attitude.{gain}.{axis}" for gain in ("k_p", "k_d") for axis in (0, 1)]
+    turning = ["vehicle.inertia.0", "vehicle.inertia.1"]
+    on_board = "laboratory.autopilot."
+    found = {
+        name: [*sensitivities.default_fields(load_scenario(*arguments))]
+        for name, arguments in {
+            "plus": ("hover",),
+            "h": ("hover", ["nominal.layout={kind: h, length: 0.2, width: 0.3}"]),
+            "attitude": ("onboard",),
+        }.items()
+    }
+    assert found["plus"] == [*vehicle, *position, *turning, "vehicle.arm_length", *attitude]
+    assert found["h"] == [
+        *vehicle, *position, *turning, "vehicle.layout.length", "vehicle.layout.width", *attitude,
+    ]  # fmt: skip
+    assert found["attitude"] == [
+        *vehicle, *position, *turning, "vehicle.arm_length",
+        *(f"{on_board}{gain}.{axis}" for gain in ("k_attitude", "k_rate") for axis in (0, 1)),
+        *(f"{on_board}gyroscope_bias.{axis}" for axis in (0, 1)),
+    ]  # fmt: skip
+
+
+def test_what_binds_a_plan_is_told_with_its_segments():
+    found = [
+        Binding("speed", "", 4, 1.0), Binding("speed", "", 0, 1.1), Binding("speed", "", 2, 1.2),
+        Binding("speed", "", 3, 1.3), Binding("corridor", "y max", 1, 1.4),
+    ]  # fmt: skip
+    assert plan.binding_summary(found) == "speed on segments 0, 2-4; corridor y max on segment 1"
+    assert plan.binding_summary([]) == "nothing"
+
+
+def test_the_summary_of_a_plan_has_its_length_its_peaks_and_its_rotors():
+    """A figure eight is measured by its own samples; a limit is named where there is one."""
+    mission = load_scenario("figure_eight")
+    flown = plan_route(mission)
+    rows = {name: (value, unit) for name, value, unit in plan.summary(mission, flown, Limits(speed=9.0), None)}
+    times = np.linspace(0.0, flown.duration, 20_001)
+    way = evaluate(flown.path, times)
+    assert float(rows["length"][0]) == pytest.approx(np.linalg.norm(np.diff(way, axis=1), axis=0).sum(), abs=0.02)
+    assert rows["duration"] == (f"{flown.duration:.3f}", "s")
+    assert rows["waypoints"] == (str(len(flown.path.times)), "")
+    for name, order, unit in (("speed", 1, "m/s of 9"), ("acceleration", 2, "m/s²"), ("snap", 4, "m/s⁴")):
+        peak = np.linalg.norm(evaluate(flown.path, times, order), axis=0).max()
+        assert float(rows[f"top {name}"][0]) == pytest.approx(peak, rel=1e-2)
+        assert rows[f"top {name}"][1] == unit
+    parameters = planned_parameters(mission)
+    rotors = np.array(plan_demand(flown, parameters, times).rotor_speed)
+    least, most = map(float, rows["rotor speeds"][0].split(" to "))
+    assert (least, most) == pytest.approx((rotors.min(), rotors.max()), abs=1.0)
+    assert rows["rotor speeds"][1] == f"rad/s of {parameters.min_rotor_speed:g} to {parameters.max_rotor_speed:g}"
+
+
+def test_errors_of_table_ii_are_printed_beside_those_of_the_paper(capsys):
+    gap = Runs((math.nan,) * 3, math.nan)
+    runs = Runs((0.1, 0.1, 0.1), 0.1)
+    entries = [
+        Entry(Cell("low_wind", "pd"), "rmse", Runs((0.2, 0.2, 0.2), 0.2), runs, Interval(0.15, 0.14, 0.16), 0),
+        Entry(Cell("low_wind", "pd"), "effort_x", runs, runs, Interval(0.3, 0.2, 0.4), 0),
+        Entry(Cell("no_wind", "pd_t2fnn"), "rmse", gap, runs, Interval(0.05, 0.04, 0.06), 0),
+    ]
+    replicate.print_errors(entries)
+    header, first, second = cells(capsys.readouterr().out)
+    assert header == ["RMSE (m)", "printed", "off by"]
+    assert first[2:] == ["0.150 [0.140, 0.160]", "0.200", "-25.0 %"]
+    assert second[2:] == ["0.050 [0.040, 0.060]", "–", "–"]
+    assert first[0] != second[0]
+    assert first[1] != second[1]
+
+
+def studied(**given):
+    """Return a study of four samples, one of which crashes."""
+    mass = np.array([0.5, 0.6, 0.7, 0.8])
+    numbers = {"vehicle.mass": mass}
+    metrics = metrics_of([0.1, 0.2, 0.3, 0.4], crashed=[1])
+    return Study(load_scenario("robustness"), 10.0, np.array([0, 2, 3, 5]), numbers, metrics, **given)
+
+
+def test_the_worst_samples_of_a_study_have_the_command_that_flies_them_again(capsys, tmp_path):
+    study.print_study("mine", studied(), tmp_path, "compiled")
+    text = capsys.readouterr().out
+    assert text.startswith("mine: 4 samples of seed 0, 10.00 s each, diagrams compiled; 1 crashed, ")
+    worst = cells(text.split("the worst:\n")[1])
+    fly_again = f"drake-quad fly {tmp_path / 'scenario.yaml'} --sample"
+    assert worst == [
+        ["crashed at 3.00 s", f"{fly_again} 2"],
+        ["40.0 cm", f"{fly_again} 5"],
+        ["30.0 cm", f"{fly_again} 3"],
+        ["10.0 cm", f"{fly_again} 0"],
+    ]
+    # The commands stand below each other, right of the longest end there may be.
+    starts = {line.index("drake-quad") for line in text.split("the worst:\n")[1].splitlines()}
+    assert starts == {2 + 18 + 2}
+
+
+def test_the_rate_of_studies_is_that_of_what_was_flown(capsys):
+    study.print_rate({"a": studied(flown_time=1000.0), "b": studied(flown_time=2000.0)}, 1.5)
+    assert capsys.readouterr().out == "2,000 vehicle-seconds per second\n"
+    study.print_rate({"a": studied()}, 1.5)
+    assert capsys.readouterr().out == "nothing was left to fly\n"
+
+
+def test_samples_that_could_not_be_flown_are_counted_and_the_first_is_explained(tmp_path):
+    studies = {
+        "none": studied(),
+        "pd": studied(failures={7: "later", 4: "too slow"}),
+        "pid": studied(failures={1: "also"}),
+    }
+    folders = {name: tmp_path / name for name in studies}
+    assert study.failure(studies, folders) == (
+        "3 samples could not be flown (sample 4 of pd: too slow);"
+        f" all of them are in {tmp_path / 'pd' / 'failed.csv'}, and --resume tries them again"
+    )
+
+
+def test_crashes_of_replayed_flights_are_counted(capsys):
+    flights = [SimpleNamespace(metrics=SimpleNamespace(crashed=crashed)) for crashed in (True, False, True)]
+    replay.print_crashes({"a": flights, "b": flights[1:2]})
+    assert capsys.readouterr().out == "a: 3 flights, 2 crashed\nb: 1 flights, 0 crashed\n"
+
+
+def test_errors_of_judged_controllers_are_in_centimetres_with_the_share_of_crashes(capsys):
+    metrics = metrics_of([0.1, 0.2, 0.3, 0.9], crashed=[3])
+    assert judge.error_in(None) == "–"
+    assert judge.error_in(metrics) == "20.0 25.0 %"
+    assert judge.error_in(metrics_of([0.1, 0.3])) == "20.0"
+    found = SimpleNamespace(
+        controllers=["pd", "indi"],
+        flights={"outdoor": {"pd": metrics}, "no wind": {"pd": metrics, "indi": metrics_of([0.1, 0.3])}, "moon": {}},
+    )
+    judge.print_errors(found)
+    _, header, first, second = cells(capsys.readouterr().out)
+    assert header == ["no wind", "outdoor"]
+    assert first == ["PD", "20.0 25.0 %", "20.0 25.0 %"]
+    assert second == ["INDI", "20.0", "–"]
+
+
+def test_a_range_of_gains_rises_from_zero_or_more():
+    assert stability_map._grid("--k-p", (0.0, 4.0), 5).tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
+    for limits in ((-1.0, 4.0), (4.0, 4.0), (0.0, math.inf), (math.nan, 1.0)):
+        with pytest.raises(InputError, match="--k-p is .*, but must be a least gain from 0 on and a larger one"):
+            stability_map._grid("--k-p", limits, 5)

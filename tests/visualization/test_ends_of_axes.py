@@ -1,0 +1,315 @@
+"""Axes show all that is drawn and little more, with ticks at round numbers; curves that coincide are told apart."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+from mpl_toolkits.mplot3d import proj3d
+from pydrake.math import RollPitchYaw
+from test_study_plots import no_crash, study
+
+from drake_quad import load_scenario, simulate
+from drake_quad.analysis.cascade_design import design_cascade
+from drake_quad.assembly.planning import plan_route, planned_parameters
+from drake_quad.identification.flown_again.prediction import Predictions
+from drake_quad.identification.identified import Fitted, Identification
+from drake_quad.identification.results.estimates import Estimates, Source
+from drake_quad.signals import Reference, State
+from drake_quad.visualization import block_drawing, design_plots, identification_plots, plots, study_plots
+from drake_quad.visualization.comparison_plots import plot_comparison
+from drake_quad.visualization.curves import tell_apart
+from drake_quad.visualization.frames import Camera
+from drake_quad.visualization.plan_plots import plot_plan
+from drake_quad.visualization.replay.scene import reference_points
+from drake_quad.visualization.style import new_figure
+from drake_quad.visualization.wind_plots import plot_wind
+
+
+@pytest.fixture(scope="module")
+def design():
+    return design_cascade(load_scenario("laboratory:nominal"))
+
+
+@pytest.mark.slow
+def test_bode_plots_show_the_margins_on_even_axes(design):
+    upper, lower = np.array(design_plots.plot_bode(design).axes).reshape(2, 2)
+    for name, gain, phase in zip(("pitch", "x"), upper, lower, strict=True):
+        margins = design.all_loops[name].margins
+        bottom, top = gain.get_ylim()
+        assert -bottom == top > margins.gain
+        # Phases have ticks at multiples of a right angle, from one end of the axis to the other.
+        bottom, top = phase.get_ylim()
+        np.testing.assert_array_equal(phase.get_yticks(), np.arange(bottom, top + 1.0, 90.0))
+        assert phase.get_yticks()[-1] == top
+        assert phase.get_xlim()[0] < 0.2 * margins.crossover
+
+
+def test_a_nyquist_plot_has_one_scale_and_the_unit_circle(design):
+    for axes in design_plots.plot_nyquist(design).axes:
+        (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+        assert right - left == pytest.approx(top - bottom)
+        assert -bottom == top > 1.0
+        assert 1.0 < right < 1.5
+
+
+def test_rays_of_damping_are_labelled_near_their_ends(design):
+    (axes,) = design_plots.plot_root_locus(design).axes
+    rays = [line.get_xydata()[1] for line in axes.lines if len(line.get_xdata()) == 5]
+    for text, end in zip(axes.texts, rays, strict=True):
+        share = np.array(text.xy) / end
+        assert share[0] == pytest.approx(share[1])
+        assert 0.8 < share[0] < 1.0
+    assert [line.get_xdata()[0] for line in axes.lines if len(line.get_xdata()) == 2] == [0.0]
+
+
+def test_compared_errors_end_within_the_axes():
+    found = {place: {"a": study().metrics, "b": no_crash(1, 50).metrics} for place in ("calm", "wind")}
+    for axes in plot_comparison(found).axes:
+        most = max(line.get_xdata().max() for line in axes.lines)
+        assert 1.1 * most < axes.get_xlim()[1] < 1.7 * most
+
+
+def test_shares_of_samples_reach_to_the_top_of_their_axis():
+    (axes,) = study_plots.plot_distribution({"one": no_crash()}).axes
+    assert 1.0 < axes.get_ylim()[1] < 1.1
+    (axes,) = study_plots.plot_influences(study()).axes
+    # Bars of the two ends of a number touch, and those of the next number are apart.
+    bars = [(bar.get_y(), bar.get_y() + bar.get_height()) for bar in axes.patches]
+    assert bars[0][1] == pytest.approx(bars[1][0])
+    assert bars[1][1] < bars[2][0]
+
+
+def test_numbers_of_samples_have_ticks_at_one_two_and_five():
+    for axes in study_plots.plot_convergence({"one": study()}).axes:
+        ticks = axes.xaxis.get_major_locator().tick_values(10.0, 200.0)
+        assert {10.0, 20.0, 50.0, 100.0, 200.0} <= set(np.round(ticks, 6))
+        assert {round(tick / 10.0 ** np.floor(np.log10(tick) + 1e-9)) for tick in ticks} == {1, 2, 5}
+        assert len(axes.xaxis.get_minorticklocs()) == 0
+
+
+def alike(near, share, count=200):
+    """Return whether a curve is dashed that is as near to another, in points, over a share of its length."""
+    figure = new_figure(4.0, 3.0)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
+    x = np.linspace(0.0, 1.0, count)
+    axes.plot(x, np.full(count, 0.5))
+    apart = np.where(np.arange(count) < share * count, near, 40.0)
+    # The page is 216 points high.
+    (other,) = axes.plot(x, 0.5 + apart / 216.0)
+    tell_apart(axes)
+    return other.is_dashed()
+
+
+def test_curves_coincide_that_are_near_over_a_quarter_of_their_length():
+    assert alike(1.1, 1.0)
+    assert not alike(1.3, 1.0)
+    assert alike(0.0, 0.27)
+    assert not alike(0.0, 0.23)
+    # Lines of two points, such as limits, stay as they are.
+    assert not alike(0.0, 1.0, count=2)
+    assert alike(0.0, 1.0, count=3)
+
+
+def test_curves_over_other_places_are_not_compared():
+    axes = new_figure(4.0, 3.0).subplots()
+    curves = [axes.plot(np.linspace(0.0, 1.0, count), np.zeros(count))[0] for count in (10, 20, 10)]
+    tell_apart(axes)
+    assert [curve.is_dashed() for curve in curves] == [False, False, True]
+
+
+@pytest.mark.slow
+def test_rotors_of_a_plan_that_turn_alike_are_told_apart():
+    """In a hover all turn alike."""
+    scenario = load_scenario("figure_eight", ["route={kind: hover, position: [0, 0, 1]}", "duration=1"])
+    plan = plan_route(scenario)
+    figure = plot_plan(plan, planned_parameters(scenario))
+    rotors = [line for line in figure.axes[7].lines if line.get_label().startswith("rotor")]
+    assert [line.is_dashed() for line in rotors] == [False, True, True, True]
+    # A hover has an extent of half a metre and more.
+    figure.draw_without_rendering()
+    for axes in figure.axes[:3]:
+        assert min(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())) >= 0.5
+    yaw = figure.axes[6].get_ylim()
+    assert np.ptp(yaw) == pytest.approx(20.0)
+    assert np.mean(yaw) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_room_of_a_flight_that_diverged_is_that_of_what_was_finite():
+    wind = "laboratory.wind=[{kind: fan, position: [-2, 0, 1], direction: [1, 0, 0], flow: 1.0, diameter: 0.6}]"
+    flight = simulate(load_scenario("hover", ["duration=0.2", wind]))
+    state = flight["state"].copy()
+    state[-5:] = np.nan
+    state[-5:, 1] = 1e6  # a place with parts that are no number is not shown
+    diverged = replace(flight, signals={**flight.signals, "state": state})
+    for whole, part in zip(plot_wind(flight).axes[:2], plot_wind(diverged).axes[:2], strict=True):
+        np.testing.assert_allclose(part.get_xlim(), whole.get_xlim(), atol=0.02)
+        np.testing.assert_allclose(part.get_ylim(), whole.get_ylim(), atol=0.02)
+
+
+@pytest.mark.slow
+def test_a_gust_of_somebody_s_own_wind_is_plotted(monkeypatch):
+    """Wind that is no part of the scenario blows along one axis for a moment."""
+    monkeypatch.setattr(plots, "save_figures", lambda figures, folder, vector: [*figures])
+    flight = simulate(load_scenario("hover", ["duration=0.1"]))
+    wind = np.zeros_like(flight["wind"])
+    wind[3, 0] = 1.0
+    assert "wind" not in plots.save_plots(flight, ".")
+    assert "wind" in plots.save_plots(replace(flight, signals={**flight.signals, "wind": wind}), ".")
+
+
+def test_points_of_a_reference_go_from_its_start_to_its_end():
+    plan = plan_route(load_scenario("slalom"))
+    points = reference_points(plan)
+    np.testing.assert_allclose(points[[0, -1]], plan.waypoints[[0, -1]], atol=1e-6)
+    # Twenty points a second follow the path.
+    assert len(points) == int(20.0 * plan.duration)
+    np.testing.assert_allclose(
+        points[1:4].T, plan.derivative(0).vector_values(np.arange(1, 4) * plan.duration / (len(points) - 1)), atol=1e-6
+    )
+
+
+def identification(*units, share=0.9):
+    """Return an identification with an output in each unit, whose errors are steps of 0.1 rad or whatever."""
+    time = np.arange(12)[:, None] + np.linspace(0.0, 1.0, 26)
+    measured = np.sin(time)
+    outputs = tuple(
+        Fitted(
+            "angular velocity about x", unit, np.array(["a"] * 12), time, measured, measured - 0.1 * (time % 0.2 < 0.1),
+            np.arange(12) >= 8, share, share, 0.1,
+        )
+        for unit in units
+    )  # fmt: skip
+    return Identification(None, None, outputs)
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor", "shown"),
+    [
+        ("m", 100.0, "cm"),
+        ("rad", 180.0 / np.pi, "°"),
+        ("rad/s", 180.0 / np.pi, "°/s"),
+        ("m/s", 1.0, "m/s"),
+        ("N", 1.0, "N"),
+    ],
+)
+def test_outputs_are_drawn_in_the_unit_of_their_label(unit, factor, shown):
+    found = identification(unit)
+    left, right = identification_plots.plot_fit(found).axes
+    output = found.outputs[0]
+    assert left.get_ylabel() == f"angular\nvelocity about\nx\n({shown})"
+    np.testing.assert_allclose(left.lines[0].get_ydata(), factor * output.measured[3])
+    np.testing.assert_allclose(right.lines[0].get_ydata(), factor * output.residual[3])
+    # No error is a line, too.
+    assert right.lines[-1].get_ydata()[0] == 0.0
+
+
+def test_a_fit_that_is_as_wrong_as_it_is_large_explains_nothing():
+    for share, words in ((-1.0, "nothing explained"), (-0.9, "explained -90.0 %")):
+        _, right = identification_plots.plot_fit(identification("m", share=share)).axes
+        assert right.get_title(loc="right") == words
+
+
+def test_correlations_of_residuals_fit_their_axis_and_frequencies_are_written_plainly():
+    figure = identification_plots.plot_residuals(identification("m"))
+    left, right = figure.axes
+    bottom, top = left.get_ylim()
+    assert -1.0 <= bottom < 0.0
+    assert 1.0 < top < 1.2
+    assert right.xaxis.get_major_formatter()(0.5) == "0.5"
+    assert right.xaxis.get_minor_formatter()(0.5) == ""
+    ticks = right.xaxis.get_major_locator().tick_values(1.0, 10.0)
+    assert {1.0, 2.0, 5.0, 10.0} <= set(np.round(ticks, 6))
+
+
+def test_strong_correlations_are_written_in_white():
+    names = ("inertia[0]", "inertia[1]", "inertia[2]")
+    covariance = np.eye(3)
+    covariance[0, 1] = covariance[1, 0] = -0.75
+    covariance[0, 2] = covariance[2, 0] = 0.65
+    axes = identification_plots.plot_correlations(Estimates(names, np.ones(3), covariance, 9.0, Source("m", "a"))).axes[
+        0
+    ]
+    colors = {text.get_position(): text.get_color() for text in axes.texts}
+    assert colors == {(1, 0): "white", (0, 1): "white", (2, 0): "black", (0, 2): "black"}
+
+
+def test_the_first_two_quantities_are_drawn_if_position_and_attitude_are_not_known():
+    errors = dict.fromkeys(("velocity", "climb", "height"), np.full((1, 2, 8), 0.02))
+    given = Predictions(("one",), (0.1, 0.5), np.array(["a"] * 8), np.arange(8.0), errors)
+    first, second = identification_plots.plot_predictions(given).axes
+    assert (first.get_ylabel(), second.get_ylabel()) == ("RMS error of velocity (m/s)", "RMS error of climb (m/s)")
+    assert len(first.xaxis.get_minorticklocs()) == 0
+
+
+def test_a_drawing_that_graphviz_cannot_render_is_a_failure(monkeypatch):
+    asked = []
+
+    def run(command, **options):
+        asked.append((command, options["input"]))
+        return SimpleNamespace(
+            returncode=len(asked) - 1, stdout='<?xml?>\n<svg width="3">\n</svg>\n\n', stderr="line 1\n"
+        )
+
+    monkeypatch.setattr(block_drawing.shutil, "which", lambda _: "/usr/bin/dot")
+    monkeypatch.setattr(block_drawing.subprocess, "run", run)
+    assert block_drawing.svg("digraph {}") == (
+        f'<svg width="3">\n</svg>\n<!-- {block_drawing.digest("digraph {}")} -->\n'
+    )
+    assert asked == [(["dot", "-Tsvg"], "digraph {}")]
+    with pytest.raises(RuntimeError, match="Graphviz's dot ended with status 1: line 1"):
+        block_drawing.svg("digraph {}")
+
+
+@pytest.fixture(scope="module")
+def camera():
+    scenario = load_scenario("hover")
+    return Camera(scenario, plan_route(scenario))
+
+
+def middle_of(frame, color):
+    """Return the middle of all pixels of a colour, in pixels from the left and from the bottom; None without any."""
+    up, across = np.nonzero(np.abs(frame - 255.0 * np.array(to_rgb(color))).max(axis=2) < 30.0)
+    return np.array([across.mean(), len(frame) - up.mean()]) if len(up) else None
+
+
+@pytest.mark.slow
+def test_a_frame_shows_the_vehicle_and_its_target_where_they_are(camera):
+    place, target = np.array([0.1, -0.05, 1.05]), np.array([-0.3, -0.3, 0.8])
+    attitude = np.array([0.5, -0.4, 2.0])
+    state = State(*np.array([*place, *attitude, *[0.0] * 6])[:, np.newaxis])
+    (frame,) = camera.frames(state, Reference(*np.array([*target, *[0.0] * 8])[:, np.newaxis]))
+
+    def seen(point):
+        across, up, _ = proj3d.proj_transform(*point, camera._projection)
+        return camera._axes.transData.transform((across, up))
+
+    np.testing.assert_allclose(middle_of(frame, "tab:green"), seen(target), atol=1.5)
+    # Its front is red, and points up and to the left with this pitch and yaw.
+    ahead = RollPitchYaw(*attitude).ToRotationMatrix().matrix()[:, 0]
+    wanted, found = seen(place + 0.1 * ahead) - seen(place), middle_of(frame, "tab:red") - seen(place)
+    assert found @ wanted / np.linalg.norm(found) / np.linalg.norm(wanted) > 0.98
+    # A vehicle that is nowhere is not drawn, its target is.
+    (empty,) = camera.frames(
+        State(*np.full((12, 1), np.nan)), Reference(*np.array([*target, *[0.0] * 8])[:, np.newaxis])
+    )
+    assert middle_of(empty, "tab:red") is None
+    np.testing.assert_allclose(middle_of(empty, "tab:green"), seen(target), atol=1.5)
+    up, across = np.nonzero((frame != empty).any(axis=2))
+    np.testing.assert_allclose([across.mean(), len(frame) - up.mean()], seen(place), atol=8.0)
+    assert np.ptp(across) > 50
+
+
+def test_a_camera_sees_a_room_around_the_path(camera):
+    """The room of a hover is three times as far as its rotors on each side, and each axis has a few round marks."""
+    axes = camera._axes
+    reach = float(np.linalg.norm(camera._arms[:, :2], axis=1).max())
+    for limits, middle in ((axes.get_xlim(), 0.0), (axes.get_ylim(), 0.0), (axes.get_zlim(), 1.0)):
+        assert np.mean(limits) == pytest.approx(middle, abs=1e-6)
+        assert np.ptp(limits) == pytest.approx(6.0 * reach)
+    assert camera._radius == pytest.approx(0.45 * reach)
+    assert [axes.get_xlabel(), axes.get_ylabel(), axes.get_zlabel()] == ["X (m)", "Y (m)", "Z (m)"]
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        assert 2 <= len(axis.get_major_locator().tick_values(0.0, 1.0)) <= 8
