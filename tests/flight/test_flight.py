@@ -135,6 +135,33 @@ def final_positions(scenario, samples, seed):
     return diagram.GetOutputPort("state").Eval(simulator.get_context()).reshape(12, -1)[:3]
 
 
+def test_a_scenario_flies_its_own_sample_and_seed_unless_others_are_given(diagrams):
+    """Turbulence tells samples apart."""
+    wind = f"laboratory.wind=[{DRYDEN}]"
+
+    def wind_of(*overrides, **arguments):
+        scenario = load_scenario(diagrams / "hover.yaml", ["duration=0.04", wind, *overrides])
+        return simulate(scenario, **arguments)["wind"]
+
+    np.testing.assert_array_equal(wind_of("sample=3"), wind_of(sample=3))
+    np.testing.assert_array_equal(wind_of("sample=3", sample=4), wind_of(sample=4))
+    np.testing.assert_array_equal(wind_of(), wind_of(sample=0))
+    np.testing.assert_array_equal(wind_of("seed=5"), wind_of(seed=5))
+    assert np.abs(wind_of(sample=3) - wind_of(sample=4)).max() > 1e-3
+    assert np.abs(wind_of(seed=5) - wind_of(seed=6)).max() > 1e-3
+
+
+def test_a_flight_that_is_stopped_has_the_same_ticks_up_to_then(diagrams):
+    scenario = load_scenario(diagrams / "hover.yaml", ["duration=0.2"])
+    whole, part = simulate(scenario), simulate(scenario, until=0.1)
+    np.testing.assert_array_equal(part.time, whole.time[:6])
+    np.testing.assert_array_equal(part["state"], whole["state"][:6])
+    assert simulate(scenario, until=0.2).time[-1] == whole.time[-1]
+    for until in (-0.1, 0.0, 0.3):
+        with pytest.raises(InputError, match=f"until is {until}, but must be larger than 0 and at most .*, 0.2 s"):
+            simulate(scenario, until=until)
+
+
 @pytest.mark.slow
 def test_the_same_sample_is_the_same_flight_bit_for_bit(everything):
     first, again = (simulate(everything, seed=3, sample=7) for _ in range(2))

@@ -136,6 +136,42 @@ def test_the_scene_has_rotors_in_the_body_and_lines_in_the_world(messages, fligh
     assert len({entity["id"] for entity in scene["entities"]}) == 3
 
 
+def test_what_is_drawn_is_there_for_ever_and_reaches_from_the_middle_to_the_rotors(messages, flights):
+    """Foxglove draws a box about its middle; type 0 is a strip of lines, whose width is in pixels if it does not scale."""
+    found, _ = messages
+    colors = {}
+    for name in flights:
+        ((time, scene),) = found[f"/{name}/scene"]
+        assert time == 0
+        vehicle, *lines = scene["entities"]
+        for entity in scene["entities"]:
+            assert entity["timestamp"] == entity["lifetime"] == {"sec": 0, "nsec": 0}
+        for arm, disc in zip(vehicle["cubes"], vehicle["cylinders"], strict=True):
+            turn, size = arm["pose"]["orientation"], arm["size"]
+            heading = 2.0 * math.atan2(turn["z"], turn["w"])
+            half = 0.5 * size["x"] * np.array([math.cos(heading), math.sin(heading), 0.0])
+            middle, rotor = (np.array([*part["pose"]["position"].values()]) for part in (arm, disc))
+            np.testing.assert_allclose(middle - half, 0.0, atol=1e-15)
+            np.testing.assert_allclose(middle + half, rotor, atol=1e-15)
+            assert (turn["x"], turn["y"], size["y"]) == (0.0, 0.0, size["z"])
+            assert disc["pose"]["orientation"] == {"w": 1.0, "x": 0.0, "y": 0.0, "z": 0.0}
+            assert disc["size"]["x"] == disc["size"]["y"] > disc["size"]["z"] > 0.0
+            assert disc["bottom_scale"] == disc["top_scale"] == 1.0
+        drawn = [line for entity in lines for line in entity["lines"]]
+        for line in drawn:
+            assert (line["type"], line["scale_invariant"]) == (0, True)
+            assert [*line["pose"]["position"].values(), *line["pose"]["orientation"].values()] == [0, 0, 0, 1, 0, 0, 0]
+        front, *others = (arm["color"] for arm in vehicle["cubes"])
+        reference, path = (line["color"] for line in drawn)
+        assert front == path != reference
+        assert others == [reference] * 3
+        for color in (front, reference, *(disc["color"] for disc in vehicle["cylinders"])):
+            assert 0.0 < color["a"] <= 1.0
+            assert all(0.0 <= color[part] <= 1.0 for part in "rgb")
+        colors[name] = path
+    assert colors["whole"] != colors["failing"]
+
+
 def test_a_crash_is_logged_as_an_error(messages, flights):
     ((time, content),) = messages[0]["/failing/log"]
     crash_time = flights["failing"].metrics.crash_time
