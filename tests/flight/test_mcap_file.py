@@ -13,7 +13,7 @@ from pydrake.math import RollPitchYaw
 from ruamel.yaml import YAML
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.flight.mcap_file import save_mcap
+from drake_quad.flight.mcap_file import messages_of, save_mcap
 
 # What must be there in messages of Foxglove's, by its SDK's schemas/jsonschema at ca8a1ce.
 REQUIRED = {
@@ -170,6 +170,19 @@ def test_what_is_drawn_is_there_for_ever_and_reaches_from_the_middle_to_the_roto
             assert all(0.0 <= color[part] <= 1.0 for part in "rgb")
         colors[name] = path
     assert colors["whole"] != colors["failing"]
+
+
+def test_flights_have_colors_of_their_own(flights):
+    """Shares of red, green and blue, which repeat after five flights."""
+    colors = []
+    for number in range(6):
+        scene = next(messages_of("whole", flights["whole"], number))
+        (line,) = scene.data["entities"][-1]["lines"]
+        colors.append(tuple(line["color"][part] for part in "rgba"))
+    assert np.min(colors) >= 0.0
+    assert np.max(colors) <= 1.0
+    assert len(set(colors[:5])) == 5
+    assert colors[5] == colors[0]
 
 
 def test_a_crash_is_logged_as_an_error(messages, flights):
