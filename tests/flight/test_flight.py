@@ -326,6 +326,21 @@ def test_wind_of_the_user_s_is_sampled_whatever_system_makes_it(diagrams):
     np.testing.assert_allclose(flights[0]["state"], flights[1]["state"], rtol=0.0, atol=1e-12)
 
 
+def test_an_error_in_a_system_of_the_user_s_is_not_hidden(diagrams):
+    class Failing(LeafSystem):
+        def __init__(self):
+            super().__init__()
+            self.DeclareVectorOutputPort("wind", BasicVector(3), self.fail)
+
+        def fail(self, context, output):
+            if context.get_time() > 0.05:
+                raise RuntimeError("the anemometer is broken")
+            output.SetFromVector([0.0, 0.0, 0.0])
+
+    with pytest.raises(RuntimeError, match="the anemometer is broken"):
+        simulate(load_scenario(diagrams / "hover.yaml", ["duration=0.1"]), wind=Failing())
+
+
 @pytest.mark.slow
 def test_forces_on_a_continuous_state_jump_at_the_exact_instant(diagrams):
     """A rotor that fails between two ticks coasts from then on, and a vehicle that drops its load stops sinking."""
