@@ -137,7 +137,7 @@ def test_the_scene_has_rotors_in_the_body_and_lines_in_the_world(messages, fligh
 
 
 def test_what_is_drawn_is_there_for_ever_and_reaches_from_the_middle_to_the_rotors(messages, flights):
-    """Foxglove draws a box about its middle; type 0 is a strip of lines, whose width is in pixels if it does not scale."""
+    """Foxglove draws a box about its middle. Type 0 is a strip of lines; a width that does not scale is in pixels."""
     found, _ = messages
     colors = {}
     for name in flights:

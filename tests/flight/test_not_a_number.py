@@ -96,7 +96,14 @@ FIRST_CAUSES = [
 @pytest.mark.parametrize(("failures", "own", "sentence"), FIRST_CAUSES)
 def test_the_first_tick_decides_and_then_the_order_of_cause_and_effect(failures, own, sentence):
     """Signals are recorded in the order in which they follow from each other, except for those of the vehicle."""
-    rows = {"acceleration_command": 3, "wrench": 4, "weights": 6, "rotor_speed_command": 4, "state": 12, "reference": 11}
+    rows = {
+        "acceleration_command": 3,
+        "wrench": 4,
+        "weights": 6,
+        "rotor_speed_command": 4,
+        "state": 12,
+        "reference": 11,
+    }
     signals = {name: np.zeros((4, rows[name])) for name in rows}
     for name, tick in failures.items():
         signals[name][tick:, 1:] = np.nan
