@@ -85,6 +85,34 @@ def test_every_message_keeps_to_its_schema_and_foxglove_s_have_all_that_they_mus
     assert all(part.keys() in (CUBE, CYLINDER, LINE) for part in parts)
 
 
+def titles_of(schema, field=""):
+    """Pairs of the name of a field and the title of its schema, of all objects in a schema."""
+    if schema["type"] == "array":
+        return titles_of(schema["items"], field)
+    inside = [pair for name, part in schema.get("properties", {}).items() for pair in titles_of(part, name)]
+    return [(field, schema["title"]), *inside] if "title" in schema else inside
+
+
+def test_parts_of_foxglove_s_schemas_have_the_titles_of_its_own(messages):
+    _, schemas = messages
+    found = {pair for _, schema in schemas.values() for pair in titles_of(schema) if pair[0]}
+    assert found == {
+        ("timestamp", "time"),
+        ("lifetime", "duration"),
+        *((field, "foxglove.Vector3") for field in ("position", "translation", "size")),
+        *((field, "foxglove.Quaternion") for field in ("orientation", "rotation")),
+        ("pose", "foxglove.Pose"),
+        ("points", "foxglove.Point3"),
+        *((field, "foxglove.Color") for field in ("color", "colors")),
+        ("cubes", "foxglove.CubePrimitive"),
+        ("cylinders", "foxglove.CylinderPrimitive"),
+        ("lines", "foxglove.LinePrimitive"),
+        ("metadata", "foxglove.KeyValuePair"),
+        ("entities", "foxglove.SceneEntity"),
+        ("deletions", "foxglove.SceneEntityDeletion"),
+    }
+
+
 def test_signals_are_there_by_the_names_of_their_rows(messages, flights):
     found, schemas = messages
     for name, flight in flights.items():
