@@ -1,10 +1,13 @@
 """Linear models of an axis against the whole diagram and against flights; designs against their limits."""
 
+import types
+
 import numpy as np
 import pytest
 
-from drake_quad import load_scenario
+from drake_quad import InputError, load_scenario
 from drake_quad.analysis import lqg_design
+from drake_quad.analysis.cascade_design import design_cascade
 from drake_quad.analysis.disturbances import Spectrum
 from drake_quad.analysis.link_margins import link_loops, link_margins
 from drake_quad.analysis.lqg_design import (
@@ -169,3 +172,99 @@ def test_a_design_flies_within_its_limits(diagrams, monkeypatch):
     (flight,) = simulate_batch(Batch.draw(designed, [0]), compiled=True)
     (other,) = simulate_batch(Batch.draw(scenario, [0]), compiled=True)
     assert flight.metrics.rmse < 0.2 * other.metrics.rmse
+
+
+@pytest.mark.parametrize(
+    ("lags", "answer", "polynomial"),
+    [
+        (True, None, [0.05, 1.0, 0.0, 0.0]),
+        (False, Answer(7.0, 0.6), [1.0, 2.0 * 0.6 * 7.0, 7.0**2]),
+        (True, Answer(7.0, 0.6), [0.05, 1.0, 2.0 * 0.6 * 7.0, 7.0**2]),
+    ],
+)
+def test_the_attitude_follows_its_command_and_the_position_the_attitude(lags, answer, polynomial):
+    """From a command to the specific thrust sideways: 1 / (s² (T s + 1)), or what an autopilot makes of the angle."""
+    conditions = Conditions(STILL, STILL, 0.0, 1e-3, 4e-3, 0.0)
+    plant = Plant(lags, 0.05, answer, 0, 1, thrust_gain=1.3)
+    s = 2.0 + 3.0j
+    _, A, B, C, _ = lateral_truth(plant, conditions)
+    position, thrust = (C @ np.linalg.solve(s * np.eye(len(A)) - A, B)).ravel()
+    expected = (1.0 if answer is None else answer.natural_frequency**2) / np.polyval(polynomial, s)
+    np.testing.assert_allclose([position, thrust], [expected / s**2, expected], rtol=1e-12)
+    _, A, B, C, _ = vertical_truth(plant, conditions)
+    height = (C @ np.linalg.solve(s * np.eye(len(A)) - A, B)).item()
+    assert height == pytest.approx(1.3 / (s**2 * (0.05 * s + 1.0)), rel=1e-12)
+
+
+@pytest.fixture(scope="module")
+def search_of(shipped):
+    """The search for the numbers of the shipped axis along x, around plants with some delays of the link (ticks)."""
+    scenario = shipped()
+    timing, control = lqg_timing(scenario), scenario.control
+    loop = lateral_loop(control.lateral, timing, scenario.nominal.gravity)
+    conditions = Conditions(STILL, STILL, 0.0, 1e-3, 4e-3, 0.0)
+
+    def make(*delays, limits=Limits(sensitivity=1e3, delay=1e-6), most=1e6, loop_of=lambda axis: loop):
+        plants = [Plant(True, 0.05, None, 0, delay) for delay in delays]
+        truths = [
+            Truth.of(lateral_truth(plant, conditions), plant, conditions, timing, scenario.nominal.gravity)
+            for plant in plants
+        ]
+        return lqg_design._Search(lambda number: control.lateral, loop_of, truths, most, timing, (1.0,), limits)
+
+    return make
+
+
+def test_the_cost_is_the_logarithm_of_the_error_over_all_plants_unless_a_limit_is_broken(search_of):
+    search = search_of(1, 2)
+    _, (first, second) = search.found()
+    cost = search.cost_of(np.zeros(1))
+    assert cost == pytest.approx(0.5 * np.log(0.5 * (first.error**2 + second.error**2)), rel=1e-9)
+    assert search_of(1).cost_of(np.zeros(1)) == pytest.approx(np.log(first.error), rel=1e-9)
+    for change in ({"limits": Limits(1.01, 1e-6)}, {"limits": Limits(1e3, 1.0)}, {"most": 0.5 * first.command}):
+        assert search_of(1, 2, **change).cost_of(np.zeros(1)) > cost + 0.1
+    assert search_of(1, 2, most=1.01 * first.command).cost_of(np.zeros(1)) == cost
+
+
+def test_a_design_that_is_unstable_costs_more_than_any_that_is_stable_and_one_that_fails_most(search_of):
+    """The larger the pole of a plant, the more; the nominal plant comes first."""
+    stable, late, later = (search_of(*delays).cost_of(np.zeros(1)) for delays in ((1,), (1, 6), (1, 9)))
+    unstable, worse = (search_of(delay, 1).cost_of(np.zeros(1)) for delay in (6, 9))
+    assert stable + 10.0 < late
+    assert late < unstable
+    poles = [predicted(each.loop_of(None), each.truths[0], each.timing).pole for each in map(search_of, (6, 9))]
+    assert (late < later) == (unstable < worse) == (poles[0] < poles[1])
+
+    def failing(axis):
+        raise np.linalg.LinAlgError
+
+    assert search_of(1, loop_of=failing).cost_of(np.zeros(1)) > max(unstable, worse)
+    with pytest.raises(InputError, match=r"no design of this kind is stable: at best there is a pole of size 1\.\d{4}"):
+        search_of(6).found()
+
+
+def test_limits_are_narrowed_until_the_whole_loop_keeps_them(search_of):
+    """In proportion to what the whole loop has and the limit, and a little more; a loop without feedback has none."""
+    limits = Limits(sensitivity=3.0, delay=0.03)
+    search = search_of(1, limits=limits._replace(sensitivity=2.5, delay=0.04))
+
+    def found(sensitivity, delay):
+        return types.SimpleNamespace(sensitivity=sensitivity, delay=delay)
+
+    assert search.narrowed(limits, (found(3.0, 0.03), None)) is search
+    assert search.narrowed(limits, (None, None)) is search
+    peaked = search.narrowed(limits, (found(2.0, 0.05), found(4.0, 0.05), None)).allowed
+    assert 0.99 * 2.5 * 3.0 / 4.0 < peaked.sensitivity < 2.5 * 3.0 / 4.0
+    assert peaked.delay == 0.04
+    late = search.narrowed(limits, (found(2.0, 0.02), found(2.0, 0.05))).allowed
+    assert 0.04 * 0.03 / 0.02 < late.delay < 1.01 * 0.04 * 0.03 / 0.02
+    assert late.sensitivity == 2.5
+
+
+@pytest.mark.slow
+def test_the_yaw_is_controlled_as_in_a_cascade(diagrams):
+    scenario = load_scenario(f"{diagrams}/laboratory.yaml:nominal")
+    gains = design_cascade(scenario).loops["yaw"].gains
+    yaw = lqg_design._yaw(scenario)
+    assert (yaw.k_p, yaw.k_d) == (gains.k_p, gains.k_d)
+    assert yaw.k_p > 1.2 * yaw.k_d
