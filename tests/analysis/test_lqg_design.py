@@ -130,6 +130,16 @@ def test_conditions_are_the_scenario_s(diagrams):
     assert 5.0 < bad_day.bias < 14.0
 
 
+def test_nothing_turns_a_vehicle_whose_attitude_answers_as_a_whole(diagrams):
+    """Its bias is the least that a design allows for, that of a calm and ideal laboratory."""
+    whole = conditions_of(
+        load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:wind_8", ["duration=2", "metrics.start=0"])
+    )
+    ideal = conditions_of(load_scenario(f"{diagrams}/figure_eight.yaml", ["duration=2", "metrics.start=0"]))
+    assert whole.bias == ideal.bias
+    assert whole.lateral.mean > 5.0 * ideal.lateral.mean
+
+
 @pytest.mark.slow
 def test_a_command_may_be_as_large_as_the_torque_that_it_holds_twice():
     """A centre of mass that is r off turns a vehicle by m g r / I, a Crazyflie five times as fast as the paper's."""
