@@ -177,6 +177,12 @@ def test_a_plan_that_knots_cannot_say_is_saved_with_its_pieces(write, tmp_path, 
     assert_alike(PLAN, plan_route(load_mission(tmp_path / "trajectory.yaml")))
 
 
+def test_a_file_of_pieces_without_rows_is_refused(diagrams, tmp_path):
+    (tmp_path / "empty.csv").write_text("# a comment\n\n")
+    with pytest.raises(InputError, match=r"empty\.csv: holds no pieces of a trajectory"):
+        load_scenario(diagrams / "figure_eight.yaml", f"route={{kind: trajectory, pieces: {tmp_path / 'empty.csv'}}}")
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
