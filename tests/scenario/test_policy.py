@@ -228,6 +228,16 @@ def test_what_is_wrong_with_a_network_is_said_in_a_sentence(written, arrays, wor
     assert "\n" not in str(error.value)
 
 
+def test_a_layer_has_no_more_than_4096_rows(written):
+    def arrays(rows):
+        weights = {"weights_0": np.zeros((rows, 6)), "weights_1": np.zeros((3, rows))}
+        return weights | {"biases_0": np.zeros(rows), "biases_1": np.zeros(3)}
+
+    assert written(arrays(4096)).control.policy.layers[0].outputs == 4096
+    with pytest.raises(InputError, match=r"layers\.0\.outputs must be less than or equal to 4096"):
+        written(arrays(4097))
+
+
 @pytest.mark.parametrize(
     ("name", "data", "words"),
     [
