@@ -278,3 +278,51 @@ def test_the_yaw_is_controlled_as_in_a_cascade(diagrams):
     yaw = lqg_design._yaw(scenario)
     assert (yaw.k_p, yaw.k_d) == (gains.k_p, gains.k_d)
     assert yaw.k_p > 1.2 * yaw.k_d
+
+
+@pytest.mark.slow
+def test_a_design_is_made_of_what_is_believed_and_of_what_disturbs(diagrams, monkeypatch):
+    """Without an autopilot, and with limits that no design breaks."""
+    monkeypatch.setattr(lqg_design, "_EVALUATIONS", 1)
+    scenario = load_scenario(f"{diagrams}/laboratory.yaml:low_wind", ["duration=4", "metrics.start=0"])
+    design = design_lqg(scenario, Limits(sensitivity=1e3, delay=1e-6))
+    control, found, gravity = design.control, design.conditions, scenario.nominal.gravity
+    x, z, plant = control.lateral, control.vertical, design.plants[0]
+    assert (x.lag, x.natural_frequency, x.damping, z.lag) == (plant.lag, None, None, plant.lag)
+    assert [axis.second.time for axis in (x, z)] == pytest.approx([found.lateral.time, found.vertical.time], rel=5e-3)
+    assert x.position_noise == z.position_noise == pytest.approx(found.position_noise, rel=1e-3)
+    assert z.second.deviation == pytest.approx(found.vertical.deviation, rel=1e-3)
+    # What is taken for a constant changes in no less time than what lasts.
+    assert x.first.time == z.first.time > 10.0 * max(x.second.time, z.second.time)
+    limits = scenario.control.thrust_vectoring
+    assert (control.max_tilt, control.min_thrust, control.max_thrust) == (
+        *(limits.max_tilt, limits.min_thrust, limits.max_thrust),
+    )
+    assert control.yaw == lqg_design._yaw(scenario)
+    timing = Timing(0.01, 0.02, control.delay_ticks)
+    assert timing in believed_timings(scenario, design.plants)
+    for loop, model, answers in (
+        (lateral_loop(x, timing, gravity), lateral_truth, design.lateral),
+        (vertical_loop(z, timing), vertical_truth, design.vertical),
+    ):
+        truths = [Truth.of(model(plant, found), plant, found, timing, gravity) for plant in design.plants]
+        assert answers == tuple(predicted(loop, truth, timing) for truth in truths)
+
+
+def test_noise_of_a_truth_is_that_of_the_cameras():
+    """The specific thrust sideways is seen by the attitude, times g."""
+    conditions = Conditions(STILL, STILL, 0.0, 1e-3, 4e-3, 0.03)
+    plant, timing = Plant(True, 0.05, None, 0, 1), Timing(0.01, 0.02, 2)
+    truth = Truth.of(lateral_truth(plant, conditions), plant, conditions, timing, 9.79)
+    np.testing.assert_allclose(truth.R, np.diag([1e-3**2, (9.79 * 4e-3) ** 2]), rtol=1e-12)
+    height = Truth.of(vertical_truth(plant, conditions), plant, conditions, timing, 9.79)
+    np.testing.assert_allclose(height.R, [[1e-3**2]], rtol=1e-12)
+    assert (truth.loss_rate, height.plant) == (0.03, plant)
+
+
+def test_rotors_that_slow_down_otherwise_count_with_the_mean_of_both_lags(diagrams):
+    scenario = load_scenario(f"{diagrams}/laboratory.yaml:nominal", ["vehicle.rotor_time_constant=0.04"])
+    assert lqg_design._lag(scenario) == 0.04
+    down = load_scenario(f"{diagrams}/hover.yaml", ["vehicle.rotor_time_constant=0.04"])
+    down = down.model_copy(update={"vehicle": down.vehicle.model_copy(update={"rotor_time_constant_down": 0.09})})
+    assert lqg_design._lag(down) == 0.06
