@@ -1,5 +1,6 @@
 """Linear models of an axis against the whole diagram and against flights; designs against their limits."""
 
+import dataclasses
 import types
 
 import numpy as np
@@ -251,6 +252,26 @@ def test_a_design_that_is_unstable_costs_more_than_any_that_is_stable_and_one_th
     assert search_of(1, loop_of=failing).cost_of(np.zeros(1)) > max(unstable, worse)
     with pytest.raises(InputError, match=r"no design of this kind is stable: at best there is a pole of size 1\.\d{4}"):
         search_of(6).found()
+
+
+class Bowl(lqg_design._Search):
+    """A search whose cost is the squared distance of the logarithms from those of known numbers, and even far away."""
+
+    best = np.log([3e-3, 0.7, 40.0])
+
+    def cost_of(self, logs):
+        return min(float(np.sum((logs - self.best) ** 2)), 9.0)
+
+
+@pytest.mark.parametrize("first", [3e-6, 3e-3, 3.0])
+def test_a_search_finds_the_numbers_of_least_cost_wherever_the_first_begins(search_of, first):
+    """The others begin within a factor of a few."""
+    start = search_of(1)
+    begun = Bowl(*(getattr(start, name) for name in start.__dataclass_fields__))
+    found = dataclasses.replace(begun, numbers=(first, 0.3, 60.0)).advanced()
+    np.testing.assert_allclose(found.numbers, np.exp(Bowl.best), rtol=1e-3)
+    assert found.cost == pytest.approx(found.cost_of(np.log(found.numbers)), abs=1e-12)
+    assert (found.truths, found.timing) == (start.truths, start.timing)
 
 
 def test_limits_are_narrowed_until_the_whole_loop_keeps_them(search_of):
