@@ -76,6 +76,18 @@ def test_a_folder_that_cannot_be_written(flight, tmp_path):
         flight.save(tmp_path / "file")
 
 
+def test_a_scenario_that_is_no_flight_s_is_not_overwritten(flight, tmp_path):
+    path = tmp_path / "scenario.yaml"
+    path.write_text("mine: {extends: hover}")
+    with pytest.raises(InputError, match=r"scenario\.yaml would be overwritten, and is no flight's"):
+        flight.save(tmp_path)
+    assert [*tmp_path.iterdir()] == [path]
+    assert path.read_text() == "mine: {extends: hover}"
+    path.unlink()
+    flight.save(tmp_path)
+    assert len(flight.save(tmp_path)) == 4
+
+
 @pytest.mark.slow
 def test_plots_label_every_axis_with_a_unit(flight, tmp_path):
     assert [path.name for path in save_plots(flight, tmp_path)] == [f"{name}.png" for name in PLOTS]
