@@ -218,6 +218,8 @@ def test_a_crash_is_logged_as_an_error(messages, flights):
     crash_time = flights["failing"].metrics.crash_time
     assert math.isclose(time, 1e9 * crash_time, abs_tol=1.0)
     assert (content["level"], content["message"]) == (4, f"failing crashed at {crash_time:.2f} s")
+    # No line of any file has logged it.
+    assert (content["name"], content["file"], content["line"]) == ("failing", "", 0)
 
 
 def test_the_scenario_is_attached_to_be_flown_again(path, flights, tmp_path):
