@@ -85,5 +85,6 @@ def test_a_fleet_flies_on_as_long_as_one_has_not_crashed(scenario, compiled):
     assert np.ptp(states[crashed, 0, 1]) > 0.0
 
 
+@pytest.mark.slow
 def test_what_is_simulated_says_whether_it_is_compiled(scenario):
     assert [begun(scenario, [0], compiled)[1].compiled for compiled in (False, True)] == [False, True]
