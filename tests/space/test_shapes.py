@@ -171,6 +171,12 @@ def test_what_is_no_solid_is_refused(make, words):
         make()
 
 
+def test_a_solid_of_which_nothing_else_is_said_is_of_unit_size():
+    for solid, size in ((Cuboid(CENTRE), (1, 1, 1)), (Cylinder(CENTRE), (2, 2, 1)), (Ball(CENTRE), (2, 2, 2))):
+        np.testing.assert_allclose(np.diff(solid.extent(), axis=0)[0], size)
+        np.testing.assert_allclose(solid.extent().mean(axis=0), CENTRE)
+
+
 def test_a_hull_that_qhull_does_not_find_is_refused(monkeypatch):
     def fail(points):
         raise scipy.spatial.QhullError("no luck")
