@@ -272,7 +272,9 @@ def test_minsnap_trajectories_has_the_same_values():
     sampled = minsnap_trajectories.compute_trajectory_derivatives(minsnap_trajectory(PLAN), times, 5)
     for order in range(5):
         np.testing.assert_allclose(sampled[order].T, evaluate(PATH, times, order), rtol=1e-11, atol=1e-10)
-    assert_alike(Plan.facing(PATH, 0.4), plan_of_minsnap(minsnap_trajectory(PLAN), 0.4))
+    found = plan_of_minsnap(minsnap_trajectory(PLAN), 0.4)
+    assert_alike(Plan.facing(PATH, 0.4), found)
+    np.testing.assert_array_equal(found.yaw.times, PATH.times[[0, -1]])
 
 
 def test_minsnap_trajectories_makes_the_same_path_of_our_waypoints():
