@@ -424,3 +424,17 @@ def test_a_system_that_is_told_nothing_else_is_one_vehicle_s_at_the_periods_of_t
 
 def test_every_system_s_defaults_are_known():
     assert DEFAULTS.keys() == fleet_systems_of_the_package()
+
+
+@examples
+def test_what_is_not_connected_counts_as_zero(example, monkeypatch):
+    absent = []
+    declared = FleetSystem.input
+
+    def noted(system, name, **given):
+        absent.append(given.get("absent"))
+        return declared(system, name, **given)
+
+    monkeypatch.setattr(FleetSystem, "input", noted)
+    example.make()
+    assert not any(np.any(np.hstack(value) != 0.0) for value in absent if value is not None)

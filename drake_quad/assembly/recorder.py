@@ -30,6 +30,16 @@ def build_recorder(signals: Mapping[str, int], *, period: float) -> Diagram:
     return recorder
 
 
+def clear_recorder(recorder: Diagram, context: Context) -> None:
+    """Forget all ticks that were recorded. A context that is set to its defaults keeps the log of a sink.
+
+    Args:
+        recorder: recorder from `build_recorder`.
+        context: context of the diagram that contains the recorder.
+    """
+    recorder.GetSubsystemByName("log").FindMutableLog(context).Clear()
+
+
 def read_recorder(recorder: Diagram, context: Context) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Returns what a recorder has kept since time zero.
 

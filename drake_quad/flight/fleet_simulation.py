@@ -9,7 +9,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram
 
 from drake_quad.assembly.laboratory import jump_times
-from drake_quad.assembly.recorder import read_recorder
+from drake_quad.assembly.recorder import clear_recorder, read_recorder
 from drake_quad.assembly.tracking import build_fleet_diagram, reset_fleet
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.compilation import compile_diagram, compiled_part, or_stand_in
@@ -94,7 +94,10 @@ class WiredSimulation(FleetSimulation):
     def reset(self, batch: Batch) -> None:
         """As for every `FleetSimulation`."""
         self._jumps = jump_times(batch)
-        reset_fleet(self._diagram, self.simulator.get_mutable_context(), batch, self._plan, own=self._own)
+        context = self.simulator.get_mutable_context()
+        reset_fleet(self._diagram, context, batch, self._plan, own=self._own)
+        if self._diagram.HasSubsystemNamed("recorder"):
+            clear_recorder(self._diagram.GetSubsystemByName("recorder"), context)
         self.simulator.Initialize()
 
     def _wired_now(self) -> tuple[Diagram, Context]:
@@ -194,7 +197,7 @@ def fly(
     diagram, context = simulator.get_system(), simulator.get_context()
     crashed = diagram.GetOutputPort("crashed")
     # A step that ends just before a jump evaluates all its stages with the forces before the jump.
-    stops = sorted({stop for jump in jumps for stop in (math.nextafter(jump, 0.0), jump)})
+    stops = {stop for jump in jumps for stop in (math.nextafter(jump, 0.0), jump)}
     time = 0.0
     while time < duration and not (crashed.Eval(context) != 0.0).all():
         time = min(time + stride, duration, *[stop for stop in stops if stop > time])

@@ -115,7 +115,7 @@ def topics_of(name: str, flight: Flight) -> dict[str, dict[str, Any]]:
     return topics | {f"/{name}/signals/{signal}": signal_schema(signal, flight) for signal in flight}
 
 
-def messages_of(name: str, flight: Flight, number: int = 0) -> Iterator[Message]:
+def messages_of(name: str, flight: Flight, number: int) -> Iterator[Message]:
     """Yield the messages of a flight, sorted by time.
 
     Args:

@@ -17,7 +17,6 @@ from drake_quad.extras import needed
 from drake_quad.files import write_table
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import PolynomialPath, knots, refined
-from drake_quad.reference.yaw import constant_yaw
 
 AXES = ("x", "y", "z", "yaw")
 POWERS = 8
@@ -130,7 +129,7 @@ def plan_of_minsnap(trajectory: Any, yaw: float = 0.0) -> Plan:
         )
     powers = np.arange(coefficients.shape[1])
     path = PolynomialPath(times, coefficients * np.diff(times)[:, np.newaxis, np.newaxis] ** powers[:, np.newaxis])
-    return Plan(path, constant_yaw(times[0], times[-1], yaw))
+    return Plan.facing(path, yaw)
 
 
 def _in_seconds(path: PolynomialPath) -> np.ndarray:

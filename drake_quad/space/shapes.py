@@ -343,7 +343,7 @@ def placed(points: ArrayLike, *, centre: Vector = _LEVEL, rotation: Vector = _LE
 def _product(normal: Sequence[float], rows: Sequence[Row]) -> Row:
     """The product of a known vector and rows, without what is multiplied by nothing or by one."""
     terms = [row if n == 1.0 else n * row for n, row in zip(normal, rows, strict=True) if n != 0.0]
-    return sum(terms[1:], terms[0]) if terms else 0.0
+    return sum(terms[1:], terms[0])
 
 
 def _squared(rows: Sequence[Row]) -> Row:

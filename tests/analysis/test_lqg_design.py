@@ -1,10 +1,14 @@
 """Linear models of an axis against the whole diagram and against flights; designs against their limits."""
 
+import dataclasses
+import types
+
 import numpy as np
 import pytest
 
-from drake_quad import load_scenario
+from drake_quad import InputError, load_scenario
 from drake_quad.analysis import lqg_design
+from drake_quad.analysis.cascade_design import design_cascade
 from drake_quad.analysis.disturbances import Spectrum
 from drake_quad.analysis.link_margins import link_loops, link_margins
 from drake_quad.analysis.lqg_design import (
@@ -127,6 +131,16 @@ def test_conditions_are_the_scenario_s(diagrams):
     assert 5.0 < bad_day.bias < 14.0
 
 
+def test_nothing_turns_a_vehicle_whose_attitude_answers_as_a_whole(diagrams):
+    """Its bias is the least that a design allows for, that of a calm and ideal laboratory."""
+    whole = conditions_of(
+        load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:wind_8", ["duration=2", "metrics.start=0"])
+    )
+    ideal = conditions_of(load_scenario(f"{diagrams}/figure_eight.yaml", ["duration=2", "metrics.start=0"]))
+    assert whole.bias == ideal.bias
+    assert whole.lateral.mean > 5.0 * ideal.lateral.mean
+
+
 @pytest.mark.slow
 def test_a_command_may_be_as_large_as_the_torque_that_it_holds_twice():
     """A centre of mass that is r off turns a vehicle by m g r / I, a Crazyflie five times as fast as the paper's."""
@@ -169,3 +183,167 @@ def test_a_design_flies_within_its_limits(diagrams, monkeypatch):
     (flight,) = simulate_batch(Batch.draw(designed, [0]), compiled=True)
     (other,) = simulate_batch(Batch.draw(scenario, [0]), compiled=True)
     assert flight.metrics.rmse < 0.2 * other.metrics.rmse
+
+
+@pytest.mark.parametrize(
+    ("lags", "answer", "polynomial"),
+    [
+        (True, None, [0.05, 1.0, 0.0, 0.0]),
+        (False, Answer(7.0, 0.6), [1.0, 2.0 * 0.6 * 7.0, 7.0**2]),
+        (True, Answer(7.0, 0.6), [0.05, 1.0, 2.0 * 0.6 * 7.0, 7.0**2]),
+    ],
+)
+def test_the_attitude_follows_its_command_and_the_position_the_attitude(lags, answer, polynomial):
+    """From a command to the specific thrust sideways: 1 / (s² (T s + 1)), or what an autopilot makes of the angle."""
+    conditions = Conditions(STILL, STILL, 0.0, 1e-3, 4e-3, 0.0)
+    plant = Plant(lags, 0.05, answer, 0, 1, thrust_gain=1.3)
+    s = 2.0 + 3.0j
+    _, A, B, C, _ = lateral_truth(plant, conditions)
+    position, thrust = (C @ np.linalg.solve(s * np.eye(len(A)) - A, B)).ravel()
+    expected = (1.0 if answer is None else answer.natural_frequency**2) / np.polyval(polynomial, s)
+    np.testing.assert_allclose([position, thrust], [expected / s**2, expected], rtol=1e-12)
+    _, A, B, C, _ = vertical_truth(plant, conditions)
+    height = (C @ np.linalg.solve(s * np.eye(len(A)) - A, B)).item()
+    assert height == pytest.approx(1.3 / (s**2 * (0.05 * s + 1.0)), rel=1e-12)
+
+
+@pytest.fixture(scope="module")
+def search_of(shipped):
+    """The search for the numbers of the shipped axis along x, around plants with some delays of the link (ticks)."""
+    scenario = shipped()
+    timing, control = lqg_timing(scenario), scenario.control
+    loop = lateral_loop(control.lateral, timing, scenario.nominal.gravity)
+    conditions = Conditions(STILL, STILL, 0.0, 1e-3, 4e-3, 0.0)
+
+    def make(*delays, limits=Limits(sensitivity=1e3, delay=1e-6), most=1e6, loop_of=lambda axis: loop):
+        plants = [Plant(True, 0.05, None, 0, delay) for delay in delays]
+        truths = [
+            Truth.of(lateral_truth(plant, conditions), plant, conditions, timing, scenario.nominal.gravity)
+            for plant in plants
+        ]
+        return lqg_design._Search(lambda number: control.lateral, loop_of, truths, most, timing, (1.0,), limits)
+
+    return make
+
+
+def test_the_cost_is_the_logarithm_of_the_error_over_all_plants_unless_a_limit_is_broken(search_of):
+    search = search_of(1, 2)
+    _, (first, second) = search.found()
+    cost = search.cost_of(np.zeros(1))
+    assert cost == pytest.approx(0.5 * np.log(0.5 * (first.error**2 + second.error**2)), rel=1e-9)
+    assert search_of(1).cost_of(np.zeros(1)) == pytest.approx(np.log(first.error), rel=1e-9)
+    for change in ({"limits": Limits(1.01, 1e-6)}, {"limits": Limits(1e3, 1.0)}, {"most": 0.5 * first.command}):
+        assert search_of(1, 2, **change).cost_of(np.zeros(1)) > cost + 0.1
+    assert search_of(1, 2, most=1.01 * first.command).cost_of(np.zeros(1)) == cost
+
+
+def test_a_design_that_is_unstable_costs_more_than_any_that_is_stable_and_one_that_fails_most(search_of):
+    """The larger the pole of a plant, the more; the nominal plant comes first."""
+    stable, late, later = (search_of(*delays).cost_of(np.zeros(1)) for delays in ((1,), (1, 6), (1, 9)))
+    unstable, worse = (search_of(delay, 1).cost_of(np.zeros(1)) for delay in (6, 9))
+    assert stable + 10.0 < late
+    assert late < unstable
+    poles = [predicted(each.loop_of(None), each.truths[0], each.timing).pole for each in map(search_of, (6, 9))]
+    assert (late < later) == (unstable < worse) == (poles[0] < poles[1])
+
+    def failing(axis):
+        raise np.linalg.LinAlgError
+
+    assert search_of(1, loop_of=failing).cost_of(np.zeros(1)) > max(unstable, worse)
+    with pytest.raises(InputError, match=r"no design of this kind is stable: at best there is a pole of size 1\.\d{4}"):
+        search_of(6).found()
+
+
+class Bowl(lqg_design._Search):
+    """A search whose cost is the squared distance of the logarithms from those of known numbers, and even far away."""
+
+    best = np.log([3e-3, 0.7, 40.0])
+
+    def cost_of(self, logs):
+        return min(float(np.sum((logs - self.best) ** 2)), 9.0)
+
+
+@pytest.mark.parametrize("first", [3e-6, 3e-3, 3.0])
+def test_a_search_finds_the_numbers_of_least_cost_wherever_the_first_begins(search_of, first):
+    """The others begin within a factor of a few."""
+    start = search_of(1)
+    begun = Bowl(*(getattr(start, name) for name in start.__dataclass_fields__))
+    found = dataclasses.replace(begun, numbers=(first, 0.3, 60.0)).advanced()
+    np.testing.assert_allclose(found.numbers, np.exp(Bowl.best), rtol=1e-3)
+    assert found.cost == pytest.approx(found.cost_of(np.log(found.numbers)), abs=1e-12)
+    assert (found.truths, found.timing) == (start.truths, start.timing)
+
+
+def test_limits_are_narrowed_until_the_whole_loop_keeps_them(search_of):
+    """In proportion to what the whole loop has and the limit, and a little more; a loop without feedback has none."""
+    limits = Limits(sensitivity=3.0, delay=0.03)
+    search = search_of(1, limits=limits._replace(sensitivity=2.5, delay=0.04))
+
+    def found(sensitivity, delay):
+        return types.SimpleNamespace(sensitivity=sensitivity, delay=delay)
+
+    assert search.narrowed(limits, (found(3.0, 0.03), None)) is search
+    assert search.narrowed(limits, (None, None)) is search
+    peaked = search.narrowed(limits, (found(2.0, 0.05), found(4.0, 0.05), None)).allowed
+    assert 0.99 * 2.5 * 3.0 / 4.0 < peaked.sensitivity < 2.5 * 3.0 / 4.0
+    assert peaked.delay == 0.04
+    late = search.narrowed(limits, (found(2.0, 0.02), found(2.0, 0.05))).allowed
+    assert 0.04 * 0.03 / 0.02 < late.delay < 1.01 * 0.04 * 0.03 / 0.02
+    assert late.sensitivity == 2.5
+
+
+@pytest.mark.slow
+def test_the_yaw_is_controlled_as_in_a_cascade(diagrams):
+    scenario = load_scenario(f"{diagrams}/laboratory.yaml:nominal")
+    gains = design_cascade(scenario).loops["yaw"].gains
+    yaw = lqg_design._yaw(scenario)
+    assert (yaw.k_p, yaw.k_d) == (gains.k_p, gains.k_d)
+    assert yaw.k_p > 1.2 * yaw.k_d
+
+
+@pytest.mark.slow
+def test_a_design_is_made_of_what_is_believed_and_of_what_disturbs(diagrams, monkeypatch):
+    """Without an autopilot, and with limits that no design breaks."""
+    monkeypatch.setattr(lqg_design, "_EVALUATIONS", 1)
+    scenario = load_scenario(f"{diagrams}/laboratory.yaml:low_wind", ["duration=4", "metrics.start=0"])
+    design = design_lqg(scenario, Limits(sensitivity=1e3, delay=1e-6))
+    control, found, gravity = design.control, design.conditions, scenario.nominal.gravity
+    x, z, plant = control.lateral, control.vertical, design.plants[0]
+    assert (x.lag, x.natural_frequency, x.damping, z.lag) == (plant.lag, None, None, plant.lag)
+    assert [axis.second.time for axis in (x, z)] == pytest.approx([found.lateral.time, found.vertical.time], rel=5e-3)
+    assert x.position_noise == z.position_noise == pytest.approx(found.position_noise, rel=1e-3)
+    assert z.second.deviation == pytest.approx(found.vertical.deviation, rel=1e-3)
+    # What is taken for a constant changes in no less time than what lasts.
+    assert x.first.time == z.first.time > 10.0 * max(x.second.time, z.second.time)
+    limits = scenario.control.thrust_vectoring
+    assert (control.max_tilt, control.min_thrust, control.max_thrust) == (
+        *(limits.max_tilt, limits.min_thrust, limits.max_thrust),
+    )
+    assert control.yaw == lqg_design._yaw(scenario)
+    timing = Timing(0.01, 0.02, control.delay_ticks)
+    assert timing in believed_timings(scenario, design.plants)
+    for loop, model, answers in (
+        (lateral_loop(x, timing, gravity), lateral_truth, design.lateral),
+        (vertical_loop(z, timing), vertical_truth, design.vertical),
+    ):
+        truths = [Truth.of(model(plant, found), plant, found, timing, gravity) for plant in design.plants]
+        assert answers == tuple(predicted(loop, truth, timing) for truth in truths)
+
+
+def test_noise_of_a_truth_is_that_of_the_cameras():
+    """The specific thrust sideways is seen by the attitude, times g."""
+    conditions = Conditions(STILL, STILL, 0.0, 1e-3, 4e-3, 0.03)
+    plant, timing = Plant(True, 0.05, None, 0, 1), Timing(0.01, 0.02, 2)
+    truth = Truth.of(lateral_truth(plant, conditions), plant, conditions, timing, 9.79)
+    np.testing.assert_allclose(truth.R, np.diag([1e-3**2, (9.79 * 4e-3) ** 2]), rtol=1e-12)
+    height = Truth.of(vertical_truth(plant, conditions), plant, conditions, timing, 9.79)
+    np.testing.assert_allclose(height.R, [[1e-3**2]], rtol=1e-12)
+    assert (truth.loss_rate, height.plant) == (0.03, plant)
+
+
+def test_rotors_that_slow_down_otherwise_count_with_the_mean_of_both_lags(diagrams):
+    scenario = load_scenario(f"{diagrams}/laboratory.yaml:nominal", ["vehicle.rotor_time_constant=0.04"])
+    assert lqg_design._lag(scenario) == 0.04
+    down = load_scenario(f"{diagrams}/hover.yaml", ["vehicle.rotor_time_constant=0.04"])
+    down = down.model_copy(update={"vehicle": down.vehicle.model_copy(update={"rotor_time_constant_down": 0.09})})
+    assert lqg_design._lag(down) == 0.06

@@ -310,3 +310,12 @@ def test_what_is_reached_by_many_steps_is_reached():
     A = np.eye(5, k=-1)
     system = SampledSystem(A, np.eye(5)[:, :1], np.eye(5)[-1:], np.zeros((1, 1)), 0.02, tuple("abcde"), ("u",), ("y",))
     assert system.connected().states == tuple("abcde")
+
+
+def test_a_system_has_no_response_at_its_poles():
+    system = SampledSystem(
+        np.diag([0.5, 0.25]), np.ones((2, 1)), np.ones((1, 2)), np.zeros((1, 1)), 0.02, ("a", "b"), ("u",), ("y",)
+    )
+    assert system.response(np.array([1.0])).item() == pytest.approx(1.0 / 0.5 + 1.0 / 0.75)
+    with pytest.raises(np.linalg.LinAlgError, match="a point is a pole"):
+        system.response(np.array([1.0, 0.25]))

@@ -76,10 +76,16 @@ def test_a_folder_that_cannot_be_written(flight, tmp_path):
         flight.save(tmp_path / "file")
 
 
-def test_progress_is_told_to_the_end(diagrams):
-    told = []
-    simulate(load_scenario(diagrams / "hover.yaml", ["duration=2.5"]), progress=lambda *now: told.append(now))
-    assert told == [(1.0, 2.5), (2.0, 2.5), (2.5, 2.5)]
+def test_a_scenario_that_is_no_flight_s_is_not_overwritten(flight, tmp_path):
+    path = tmp_path / "scenario.yaml"
+    path.write_text("mine: {extends: hover}")
+    with pytest.raises(InputError, match=r"scenario\.yaml would be overwritten, and is no flight's"):
+        flight.save(tmp_path)
+    assert [*tmp_path.iterdir()] == [path]
+    assert path.read_text() == "mine: {extends: hover}"
+    path.unlink()
+    flight.save(tmp_path)
+    assert len(flight.save(tmp_path)) == 4
 
 
 @pytest.mark.slow
@@ -205,11 +211,6 @@ def test_more_wind_leaves_the_turbulence_as_it_is(diagrams):
             simulate(load_scenario(diagrams / "hover.yaml", ["duration=2", f"laboratory.wind={sources}"]))["wind"]
         )
     np.testing.assert_allclose(winds[1][:90], winds[0][:90], atol=1e-12)
-
-
-def test_distributions_need_a_sample(everything):
-    with pytest.raises(InputError, match="is a distribution; one flight needs a number there, or a sample"):
-        simulate(everything)
 
 
 def test_a_flown_sample_is_saved_so_that_it_flies_again(everything, tmp_path):

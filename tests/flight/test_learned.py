@@ -1,5 +1,7 @@
 """Networks that are saved after a flight, and flown again."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -93,6 +95,18 @@ def test_a_file_is_looked_for_beside_the_one_that_names_it(root, tmp_path):
         f"mine: {{extends: '{root}/tests/asymmetric.yaml:pd_t2fnn', control: {{network: {{learned: learned.yaml}}}}}}"
     )
     assert load_scenario(path).control.network.learned.y.weights == (0.25,) * 12
+
+
+@pytest.mark.slow
+def test_a_network_that_diverged_is_not_saved(asymmetric, tmp_path):
+    flight = simulate(asymmetric("pd_t2fnn", "duration=0.1", "metrics.start=0"), sample=0)
+    for value in (np.nan, np.inf):
+        weights = flight["weights"].copy()
+        weights[-1, 4] = value
+        diverged = dataclasses.replace(flight, signals={**flight.signals, "weights": weights})
+        with pytest.raises(InputError, match="what the network has learned is not finite"):
+            save_network(diverged, tmp_path / "learned.yaml")
+    assert not [*tmp_path.iterdir()]
 
 
 def test_a_flight_without_a_network_has_none_to_save(asymmetric, tmp_path):

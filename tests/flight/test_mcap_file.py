@@ -13,7 +13,7 @@ from pydrake.math import RollPitchYaw
 from ruamel.yaml import YAML
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.flight.mcap_file import save_mcap
+from drake_quad.flight.mcap_file import messages_of, save_mcap
 
 # What must be there in messages of Foxglove's, by its SDK's schemas/jsonschema at ca8a1ce.
 REQUIRED = {
@@ -85,6 +85,34 @@ def test_every_message_keeps_to_its_schema_and_foxglove_s_have_all_that_they_mus
     assert all(part.keys() in (CUBE, CYLINDER, LINE) for part in parts)
 
 
+def titles_of(schema, field=""):
+    """Pairs of the name of a field and the title of its schema, of all objects in a schema."""
+    if schema["type"] == "array":
+        return titles_of(schema["items"], field)
+    inside = [pair for name, part in schema.get("properties", {}).items() for pair in titles_of(part, name)]
+    return [(field, schema["title"]), *inside] if "title" in schema else inside
+
+
+def test_parts_of_foxglove_s_schemas_have_the_titles_of_its_own(messages):
+    _, schemas = messages
+    found = {pair for _, schema in schemas.values() for pair in titles_of(schema) if pair[0]}
+    assert found == {
+        ("timestamp", "time"),
+        ("lifetime", "duration"),
+        *((field, "foxglove.Vector3") for field in ("position", "translation", "size")),
+        *((field, "foxglove.Quaternion") for field in ("orientation", "rotation")),
+        ("pose", "foxglove.Pose"),
+        ("points", "foxglove.Point3"),
+        *((field, "foxglove.Color") for field in ("color", "colors")),
+        ("cubes", "foxglove.CubePrimitive"),
+        ("cylinders", "foxglove.CylinderPrimitive"),
+        ("lines", "foxglove.LinePrimitive"),
+        ("metadata", "foxglove.KeyValuePair"),
+        ("entities", "foxglove.SceneEntity"),
+        ("deletions", "foxglove.SceneEntityDeletion"),
+    }
+
+
 def test_signals_are_there_by_the_names_of_their_rows(messages, flights):
     found, schemas = messages
     for name, flight in flights.items():
@@ -136,11 +164,62 @@ def test_the_scene_has_rotors_in_the_body_and_lines_in_the_world(messages, fligh
     assert len({entity["id"] for entity in scene["entities"]}) == 3
 
 
+def test_what_is_drawn_is_there_for_ever_and_reaches_from_the_middle_to_the_rotors(messages, flights):
+    """Foxglove draws a box about its middle. Type 0 is a strip of lines; a width that does not scale is in pixels."""
+    found, _ = messages
+    colors = {}
+    for name in flights:
+        ((time, scene),) = found[f"/{name}/scene"]
+        assert time == 0
+        vehicle, *lines = scene["entities"]
+        for entity in scene["entities"]:
+            assert entity["timestamp"] == entity["lifetime"] == {"sec": 0, "nsec": 0}
+        for arm, disc in zip(vehicle["cubes"], vehicle["cylinders"], strict=True):
+            turn, size = arm["pose"]["orientation"], arm["size"]
+            heading = 2.0 * math.atan2(turn["z"], turn["w"])
+            half = 0.5 * size["x"] * np.array([math.cos(heading), math.sin(heading), 0.0])
+            middle, rotor = (np.array([*part["pose"]["position"].values()]) for part in (arm, disc))
+            np.testing.assert_allclose(middle - half, 0.0, atol=1e-15)
+            np.testing.assert_allclose(middle + half, rotor, atol=1e-15)
+            assert (turn["x"], turn["y"], size["y"]) == (0.0, 0.0, size["z"])
+            assert disc["pose"]["orientation"] == {"w": 1.0, "x": 0.0, "y": 0.0, "z": 0.0}
+            assert disc["size"]["x"] == disc["size"]["y"] > disc["size"]["z"] > 0.0
+            assert disc["bottom_scale"] == disc["top_scale"] == 1.0
+        drawn = [line for entity in lines for line in entity["lines"]]
+        for line in drawn:
+            assert (line["type"], line["scale_invariant"]) == (0, True)
+            assert [*line["pose"]["position"].values(), *line["pose"]["orientation"].values()] == [0, 0, 0, 1, 0, 0, 0]
+        front, *others = (arm["color"] for arm in vehicle["cubes"])
+        reference, path = (line["color"] for line in drawn)
+        assert front == path != reference
+        assert others == [reference] * 3
+        for color in (front, reference, *(disc["color"] for disc in vehicle["cylinders"])):
+            assert 0.0 < color["a"] <= 1.0
+            assert all(0.0 <= color[part] <= 1.0 for part in "rgb")
+        colors[name] = path
+    assert colors["whole"] != colors["failing"]
+
+
+def test_flights_have_colors_of_their_own(flights):
+    """Shares of red, green and blue, which repeat after five flights."""
+    colors = []
+    for number in range(6):
+        scene = next(messages_of("whole", flights["whole"], number))
+        (line,) = scene.data["entities"][-1]["lines"]
+        colors.append(tuple(line["color"][part] for part in "rgba"))
+    assert np.min(colors) >= 0.0
+    assert np.max(colors) <= 1.0
+    assert len(set(colors[:5])) == 5
+    assert colors[5] == colors[0]
+
+
 def test_a_crash_is_logged_as_an_error(messages, flights):
     ((time, content),) = messages[0]["/failing/log"]
     crash_time = flights["failing"].metrics.crash_time
     assert math.isclose(time, 1e9 * crash_time, abs_tol=1.0)
     assert (content["level"], content["message"]) == (4, f"failing crashed at {crash_time:.2f} s")
+    # No line of any file has logged it.
+    assert (content["name"], content["file"], content["line"]) == ("failing", "", 0)
 
 
 def test_the_scenario_is_attached_to_be_flown_again(path, flights, tmp_path):

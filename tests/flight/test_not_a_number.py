@@ -9,6 +9,7 @@ import pytest
 from pydrake.systems.framework import BasicVector, LeafSystem
 
 from drake_quad import load_scenario, read_flight, run_monte_carlo, simulate
+from drake_quad.flight.cause import not_a_number
 from drake_quad.framework import TIME, FleetSystem, fleet_system
 from drake_quad.framework.elementary import where
 from drake_quad.signals import Acceleration, Wrench
@@ -76,6 +77,37 @@ def test_a_non_finite_number_of_a_user_system_is_named(spec, place, signal, row,
     assert f"crashed at {crash_time:.2f} s, since {flight.cause}" in repr(flight)
     assert flight.time[-1] < crash_time
     assert all(np.isfinite(values).all() for values in flight.signals.values())
+
+
+# Ticks from which on signals of a flight are not finite, the user's systems, and the sentence that follows.
+FIRST_CAUSES = [
+    ({"acceleration_command": 3, "wrench": 2}, (), "tau_x of `wrench` was nan at 0.04 s"),
+    ({"wrench": 2, "acceleration_command": 2}, (), "y of `acceleration_command` was nan at 0.04 s"),
+    ({"acceleration_command": 1, "reference": 1}, (), "y of `reference` was nan at 0.02 s"),
+    ({"rotor_speed_command": 0, "wrench": 0}, (), "tau_x of `wrench` was nan at 0.00 s"),
+    ({"wrench": 1, "state": 2}, ("control",), "control returned nan in tau_x of `wrench` at 0.02 s"),
+    ({"wrench": 1}, ("position_controller",), "tau_x of `wrench` was nan at 0.02 s"),
+    ({"weights": 1}, (), "row 2 of `weights` was nan at 0.02 s"),
+    ({"state": 1, "wrench": 1}, ("control",), None),
+    ({}, ("control",), None),
+]
+
+
+@pytest.mark.parametrize(("failures", "own", "sentence"), FIRST_CAUSES)
+def test_the_first_tick_decides_and_then_the_order_of_cause_and_effect(failures, own, sentence):
+    """Signals are recorded in the order in which they follow from each other, except for those of the vehicle."""
+    rows = {
+        "acceleration_command": 3,
+        "wrench": 4,
+        "weights": 6,
+        "rotor_speed_command": 4,
+        "state": 12,
+        "reference": 11,
+    }
+    signals = {name: np.zeros((4, rows[name])) for name in rows}
+    for name, tick in failures.items():
+        signals[name][tick:, 1:] = np.nan
+    assert not_a_number(0.02 * np.arange(4), signals, dict.fromkeys(own)) == sentence
 
 
 @pytest.mark.slow

@@ -156,8 +156,9 @@ def worth_running(tests: dict[str, Test], file: str, mutant: Mutant, seconds: fl
         runners = {name for name in tests if name.split("::")[0] in files}
     files = {name.split("::")[0] for name in runners}
 
-    def rank(name: str) -> tuple[bool, bool, float]:
-        return name not in runners, not name.startswith(mirrored), tests[name].seconds
+    def rank(name: str) -> tuple[bool, bool, bool, float]:
+        foreign = mutant.declared and not name.startswith(package)
+        return name not in runners, not name.startswith(mirrored), foreign, tests[name].seconds
 
     chosen, total = {}, 0.0
     for name in sorted(tests, key=rank):

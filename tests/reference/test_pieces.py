@@ -177,6 +177,12 @@ def test_a_plan_that_knots_cannot_say_is_saved_with_its_pieces(write, tmp_path, 
     assert_alike(PLAN, plan_route(load_mission(tmp_path / "trajectory.yaml")))
 
 
+def test_a_file_of_pieces_without_rows_is_refused(diagrams, tmp_path):
+    (tmp_path / "empty.csv").write_text("# a comment\n\n")
+    with pytest.raises(InputError, match=r"empty\.csv: holds no pieces of a trajectory"):
+        load_scenario(diagrams / "figure_eight.yaml", f"route={{kind: trajectory, pieces: {tmp_path / 'empty.csv'}}}")
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -266,7 +272,9 @@ def test_minsnap_trajectories_has_the_same_values():
     sampled = minsnap_trajectories.compute_trajectory_derivatives(minsnap_trajectory(PLAN), times, 5)
     for order in range(5):
         np.testing.assert_allclose(sampled[order].T, evaluate(PATH, times, order), rtol=1e-11, atol=1e-10)
-    assert_alike(Plan.facing(PATH, 0.4), plan_of_minsnap(minsnap_trajectory(PLAN), 0.4))
+    found = plan_of_minsnap(minsnap_trajectory(PLAN), 0.4)
+    assert_alike(Plan.facing(PATH, 0.4), found)
+    np.testing.assert_array_equal(found.yaw.times, PATH.times[[0, -1]])
 
 
 def test_minsnap_trajectories_makes_the_same_path_of_our_waypoints():

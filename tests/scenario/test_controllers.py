@@ -137,3 +137,12 @@ def test_a_vehicle_that_may_turn_over_has_no_limit_of_tilt():
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["crash.tilt=null"])
     monitor = build_monitor(scenario, plan_route(scenario), 1)
     assert monitor.structure["limits"].tilt == math.inf
+
+
+def test_geometric_control_is_the_published_law_unless_it_says_otherwise():
+    """With the transport term of Lee et al. (2010), and the angles of eq (1)."""
+    field = "control.attitude={kind: geometric, k_p: [17, 14, 5], k_d: [7, 7, 3]}"
+    attitude = load("pd", field).control.attitude
+    assert (attitude.transport_term, attitude.euler_sequence, attitude.k_i) == (True, "zyx", None)
+    other = load("pd", field, "control.attitude.transport_term=false", "control.attitude.euler_sequence=zxy")
+    assert (other.control.attitude.transport_term, other.control.attitude.euler_sequence) == (False, "zxy")

@@ -46,6 +46,10 @@ def test_all_is_off_unless_it_is_written(load):
             [f"vehicle.battery={{{BATTERY.replace('10.2', '{normal: {mean: 9, standard_deviation: 0.1, min: 1}}')}}}"],
             "vehicle.battery.empty_voltage is .*, but must not be larger than voltage, 12.6",
         ),
+        (
+            [f"vehicle.battery={{{BATTERY.replace('12.6', '{uniform: {min: 10, max: 12.6}}')}}}"],
+            "vehicle.battery.empty_voltage is 10.2, but must not be larger than voltage, 10",
+        ),
         ([f"vehicle.battery={{{BATTERY.replace('0.65', '0')}}}"], "battery.efficiency is 0, but must be at least 0.01"),
         (
             ["vehicle.slung_load={mass: 0.1, length: 1}", "vehicle.payload={mass: 0.1, time: 1, event: dropped}"],
@@ -83,3 +87,9 @@ def test_a_vehicle_has_the_motors_that_are_believed_unless_it_says_otherwise(loa
     assert scenario.vehicle.motors.curve == scenario.nominal.motors.curve == (0.1, 1.0, 2.8)
     own = load(f"nominal.motors={THROTTLE}", "vehicle.motors={kind: throttle, curve: [0.02, -0.1, {choice: [2, 3]}]}")
     assert own.vehicle.motors.curve[:2] == (0.02, -0.1)
+
+
+def test_a_battery_may_be_empty_at_the_lowest_voltage_at_which_it_is_full(load):
+    full, empty = "{uniform: {min: 10.2, max: 12.6}}", "{uniform: {min: 9, max: 10.2}}"
+    battery = BATTERY.replace("10.2", empty).replace("12.6", full)
+    assert load(f"vehicle.battery={{{battery}}}").vehicle.battery.empty_voltage.uniform.max == 10.2

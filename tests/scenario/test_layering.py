@@ -109,6 +109,11 @@ def test_effects_that_a_vehicle_lacks_have_no_distribution(load):
     assert (racer.linear_drag, racer.quadratic_drag) == (0.0, 0.0)
 
 
+def test_a_relative_choice_scales_each_of_its_numbers(load):
+    field = "vehicle.mass={relative: {choice: [0.5, 1.0, 4.0], to: 2.0}}"
+    assert load_scenario("figure_eight", field).vehicle.mass.choice == pytest.approx((0.17, 0.34, 1.36), rel=1e-12)
+
+
 def test_a_relative_distribution_of_an_identified_field_is_relative_to_its_median(load):
     own = "  vehicle: {mass: {relative: {normal: {mean: 1.0, standard_deviation: 0.1, min: 0.5}}}}\n"
     measured = "{normal: {mean: 0.8, standard_deviation: 0.01, min: 0.7}}"

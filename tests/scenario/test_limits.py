@@ -236,6 +236,7 @@ def test_a_route_may_have_so_many_waypoints_and_no_more(write):
         ("vehicle.mass=" + "[" * 5000 + "]" * 5000, "is nested too deep"),
         ("name=" + "x" * 5000, "is too long"),
         ("vehicle.mass=x\ny\n: 3", "is not YAML"),
+        ('name="\\U00110000"', r"is not YAML: chr\(\) arg not in range"),
         ("seed=" + "[1," * 30 + "1" + "]" * 30 + " # " + "x" * 600_000, "is too large"),
     ],
 )
@@ -462,3 +463,12 @@ def test_a_continuous_state_that_changes_too_fast_is_told(write):
     fast = ["vehicle={time_step: 0, inertia: [1e-12, 1e-12, 1e-12], centre_of_mass: [0.1, 0]}", "duration=0.2"]
     with pytest.raises(InputError, match="vehicle.time_step is 0, but from .* s on something moves too fast"):
         simulate(load_scenario(write(SMALL), fast))
+
+
+def test_waypoints_are_counted_in_all_laps(diagrams):
+    """Twenty waypoints in fifty laps are as many as there may be."""
+    points = ", ".join(f"{{point: [{i}, 0, 1]}}" for i in (*range(19), 0))
+    route = f"route={{kind: waypoints, waypoints: [{points}]}}"
+    assert load_scenario(diagrams / "hover.yaml", [route, "route.laps=50"]).route.laps == 50
+    with pytest.raises(InputError, match="route.laps is 51, but must be fewer: in all laps there may be 1000"):
+        load_scenario(diagrams / "hover.yaml", [route, "route.laps=51"])

@@ -652,6 +652,13 @@ def test_an_item_of_a_list_can_be_given_alone(diagrams, written, asked, path, fo
         (["vehicle.mass=-1", "vehicle.inertia.0=0.006"], "^override vehicle.mass=-1: vehicle.mass is -1"),
         (["metrics.window.0=1"], "metrics.window is unknown"),
         (["vehicle.motors={kind: throttle, curve: {'1': 3}}"], "an item alone can be given where the others have"),
+        (
+            [
+                "laboratory.wind=[{kind: fan, position: [0, 0, 1], flow: 2, diameter: 1}]",
+                "laboratory.wind.0.direction.1=1",
+            ],
+            r"laboratory.wind.0.direction is \{'1': 1\}, but must be a list; an item alone can be given where",
+        ),
     ],
 )
 def test_an_item_that_a_list_does_not_have_is_refused(diagrams, overrides, words):

@@ -1,6 +1,7 @@
 """Policies in the scenario language, and the files that their networks are read from."""
 
 import base64
+import sys
 
 import numpy as np
 import onnx
@@ -227,6 +228,16 @@ def test_what_is_wrong_with_a_network_is_said_in_a_sentence(written, arrays, wor
     assert "\n" not in str(error.value)
 
 
+def test_a_layer_has_no_more_than_4096_rows(written):
+    def arrays(rows):
+        weights = {"weights_0": np.zeros((rows, 6)), "weights_1": np.zeros((3, rows))}
+        return weights | {"biases_0": np.zeros(rows), "biases_1": np.zeros(3)}
+
+    assert written(arrays(4096)).control.policy.layers[0].outputs == 4096
+    with pytest.raises(InputError, match=r"layers\.0\.outputs must be less than or equal to 4096"):
+        written(arrays(4097))
+
+
 @pytest.mark.parametrize(
     ("name", "data", "words"),
     [
@@ -449,6 +460,29 @@ MORE = {
                 ("Mul", ["half", "c"], ["active"]),
             ]
         ),
+        # The same approximation with a difference in place of a sum.
+        layers_of(
+            activation=[
+                ("Pow", ["hidden", "three"], ["third"]),
+                ("Mul", ["cube", "third"], ["little"]),
+                ("Mul", ["minus", "little"], ["less"]),
+                ("Sub", ["hidden", "less"], ["more"]),
+                ("Mul", ["root_of_2_over_pi", "more"], ["inner"]),
+                ("Tanh", ["inner"], ["a"]),
+                ("Add", ["one", "a"], ["b"]),
+                ("Mul", ["hidden", "b"], ["c"]),
+                ("Mul", ["half", "c"], ["active"]),
+            ]
+        ),
+        # SiLU whose factors are divided by numbers.
+        layers_of(
+            activation=[
+                ("Sigmoid", ["hidden"], ["a"]),
+                ("Div", ["a", "three"], ["b"]),
+                ("Div", ["hidden", "two"], ["c"]),
+                ("Mul", ["c", "b"], ["active"]),
+            ]
+        ),
         approximated_gelu("three", "cube"),
         # SiLU of a multiple, which is also used for GELU.
         layers_of(
@@ -537,6 +571,17 @@ def test_only_what_the_action_needs_is_read_of_onnx(of_onnx, nodes):
         ([NODE("Div", ["one", "seen"], ["a"]), *layers_of(first=("a", "hidden"))], "divides by zero, or by what"),
         ([NODE("MatMul", ["seen", "D"], ["done"])], r"weights of shape \(6,\), but they must be a matrix"),
         ([NODE("Identity", ["C"], ["done"])], "has an output that does not depend on its input seen"),
+        (
+            [NODE("Sub", ["one", "root_of_2"], ["number"]), NODE("Identity", ["number"], ["done"])],
+            "has an output that does not depend on its input seen",
+        ),
+        ([], "has an output that does not depend on its input seen"),
+        (layers_of(activation=[("Clip", ["hidden", "D"], ["active"])]), "a Clip whose bounds are not constant numbers"),
+        (layers_of(activation=[("Clip", ["one", "hidden"], ["active"])]), "a Clip whose bounds are not constant"),
+        (
+            layers_of(activation=[("Clip", ["hidden", "", "million"], ["active"])]),
+            r"has a limit of more than 1e\+06 on the output of a layer",
+        ),
         ([NODE("Nonsense", ["C"], ["done"])], "is not an ONNX model as it should be: No Op registered for Nonsense"),
         (
             [NODE("GRU", ["seen", "W", "B"], ["", "done"], linear_before_reset=1, activations=["Sigmoid", "Relu"])],
@@ -547,7 +592,7 @@ def test_only_what_the_action_needs_is_read_of_onnx(of_onnx, nodes):
 )
 def test_what_would_be_read_wrongly_of_onnx_is_refused(of_onnx, nodes, words):
     with pytest.raises(InputError, match=words) as wrong:
-        of_onnx(nodes, MORE)
+        of_onnx(nodes, {**MORE, "million": np.array(1.1e6)} | ({} if nodes else {"done": C}))
     assert "\n" not in str(wrong.value)
 
 
@@ -757,6 +802,12 @@ def test_the_field_of_a_scenario_that_is_wrong_is_named():
     ]:
         with pytest.raises(InputError, match=words):
             policy(**given)
+
+
+def test_a_missing_library_for_onnx_is_named(of_onnx, monkeypatch):
+    monkeypatch.setitem(sys.modules, "onnx", None)
+    with pytest.raises(InputError, match=r"net\.onnx: cannot be read: onnx is not installed; .*'drake_quad\[onnx\]'"):
+        of_onnx(layers_of(), MORE)
 
 
 @pytest.mark.parametrize("cube", [0.05, 0.04])

@@ -124,6 +124,12 @@ def test_fields_of_obstacles_have_paths(folder):
         ("obstacles.ball.radius={uniform: {min: 1, max: 2}}", "must be a valid number"),
         ("obstacles.beam.size=[1, -1, 1]", "obstacles.beam.size.1 is -1"),
         ("obstacles.rock.points=[[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]", "the 4 points of a hull are in a plane"),
+        # So far away that its corners are one point by rounding.
+        (
+            "obstacles.rock={kind: hull, points: [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]],"
+            " centre: [1e8, 1e8, 1e8], scale: 1e-9}",
+            "the 4 points of a hull are in a plane",
+        ),
         ("obstacles.rock.points=[[0, 0, 0]]", "must have at least 4 items, not 1"),
         ("obstacles.rock.points=no.obj", "space.obstacles.rock.points names no.obj, which does not exist"),
         ("obstacles.rock.points=rock.ply", "rock.ply: is a PLY mesh and cannot be read: convert it to .obj or .stl"),

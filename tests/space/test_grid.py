@@ -30,7 +30,7 @@ def indices(grid):
     return np.stack(np.unravel_index(np.arange(len(grid.points)), grid.shape), axis=-1)
 
 
-@pytest.mark.parametrize("most", [60, 2000, 100_000])
+@pytest.mark.parametrize("most", [60, 1000, 2000, 5000, 100_000])
 def test_a_grid_spans_its_bounds_with_as_many_points_as_allowed(most):
     grid = Grid.of(EMPTY, UNEVEN, most=most, finest=0.05)
     assert len(grid.points) == np.prod(grid.shape) <= most

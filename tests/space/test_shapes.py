@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+import scipy.spatial
 from pydrake.math import RollPitchYaw
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
@@ -168,6 +169,21 @@ def test_placed_points_are_scaled_turned_and_moved():
 def test_what_is_no_solid_is_refused(make, words):
     with pytest.raises(InputError, match=words):
         make()
+
+
+def test_a_solid_of_which_nothing_else_is_said_is_of_unit_size():
+    for solid, size in ((Cuboid(CENTRE), (1, 1, 1)), (Cylinder(CENTRE), (2, 2, 1)), (Ball(CENTRE), (2, 2, 2))):
+        np.testing.assert_allclose(np.diff(solid.extent(), axis=0)[0], size)
+        np.testing.assert_allclose(solid.extent().mean(axis=0), CENTRE)
+
+
+def test_a_hull_that_qhull_does_not_find_is_refused(monkeypatch):
+    def fail(points):
+        raise scipy.spatial.QhullError("no luck")
+
+    monkeypatch.setattr(scipy.spatial, "ConvexHull", fail)
+    with pytest.raises(InputError, match="no hull of 30 points was found"):
+        hull_of(POINTS)
 
 
 def test_a_space_knows_the_nearest_obstacle():

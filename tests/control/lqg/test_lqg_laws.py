@@ -24,7 +24,7 @@ from drake_quad.control.lqg.laws import (
     target_for,
     wrench_for,
 )
-from drake_quad.signals import Acceleration, Jerk, Reference, Snap, State
+from drake_quad.signals import Acceleration, Jerk, PositionError, PositionErrorRate, Reference, Snap, State
 from drake_quad.vehicle.inverse_dynamics import rotor_demand
 from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters
 
@@ -146,6 +146,17 @@ def test_torques_are_told_a_snap_that_feeds_back_everything_and_leads():
     against = (K.first * estimate.x.first + K.second * estimate.x.second + K.second_rate * estimate.x.second_rate) / 1.8
     assert found.acceleration.x == pytest.approx(REFERENCE.a_x - 0.2 + pd.x - against)
     assert found.acceleration.z == found.command.z
+
+
+@pytest.mark.parametrize("numbers", [WITH_TORQUES, WITH_TARGETS])
+def test_an_outer_loop_would_have_the_gains_of_each_axis_over_those_of_the_inner_one(numbers):
+    for i, loop in enumerate((numbers.lateral, numbers.lateral, numbers.vertical)):
+        error, rate = np.zeros(3), np.zeros(3)
+        error[i], rate[i] = 0.3, -0.7
+        found = outer_feedback(PositionError(*error), PositionErrorRate(*rate), numbers)
+        expected = np.zeros(3)
+        expected[i] = (loop.K.position * 0.3 - loop.K.velocity * 0.7) / loop.outer
+        np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
 def test_an_autopilot_is_told_an_acceleration_that_leads():

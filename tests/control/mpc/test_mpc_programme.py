@@ -160,6 +160,37 @@ def test_horizontal_commands_are_those_of_the_problem_written_state_by_state(kin
     np.testing.assert_allclose(added, expected, atol=2e-4 * scale[0])
 
 
+@pytest.mark.parametrize("moves", [False, True])
+def test_a_corridor_counts_how_far_the_vehicle_is_beyond_a_wall(moves):
+    """In metres along each axis, from the place in W or from the reference."""
+    horizon = horizon_of("torques", CORRIDOR._replace(moves=moves))
+    rng = np.random.default_rng(6)
+    later = slice(NOW + 1, NOW + 1 + NUM_TICKS)
+    walls = {name: (getattr(CORRIDOR.lower, name), getattr(CORRIDOR.upper, name)) for name in "xyz"}
+    for names, model, weight, constraints in (
+        ("xy", "torques", WEIGHT["lateral"], horizontal_constraints),
+        ("z", "height", WEIGHT["vertical"], vertical_constraints),
+    ):
+        regulator, axis = regulator_of(MODELS[model], TIMING, weight), Written(MODELS[model], weight)
+        starts, added = (rng.normal(size=(len(names), size)) for size in (len(axis.A), NUM_TICKS))
+        expected = {}
+        for name, x, c in zip(names, starts, added, strict=True):
+            states = [x]
+            for more in c:
+                states.append((axis.A - np.outer(axis.b, regulator.K)) @ states[-1] + axis.b * more)
+            place = np.array(states)[1:, 0] + (0.0 if moves else getattr(horizon.preview.reference, name)[later])
+            low, high = walls[name]
+            expected[f"corridor along {name}"] = {tuple((place - high).round(9)), tuple((low - place).round(9))}
+        found = {name: set() for name in expected}
+        for each in constraints(regulator, horizon):
+            if each.slack is not None and each.slack.name in found:
+                assert each.later
+                left = np.broadcast_to(each.left, NUM_INSTANTS)[later]
+                beyond = each.free @ starts.ravel() + each.forced @ added.ravel() - left
+                found[each.slack.name].add(tuple(beyond.round(9)))
+        assert found == expected
+
+
 @pytest.mark.parametrize("height", [0.35, -0.3])
 def test_vertical_commands_are_those_of_the_problem_written_state_by_state(height):
     horizon = horizon_of("torques")

@@ -1,0 +1,61 @@
+"""What a simulation of one vehicle flies, when it ends, and what it refuses."""
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import BasicVector, LeafSystem
+
+from drake_quad import InputError, load_scenario, simulate
+
+
+def test_progress_is_told_to_the_end(diagrams):
+    told = []
+    simulate(load_scenario(diagrams / "hover.yaml", ["duration=2.5"]), progress=lambda *now: told.append(now))
+    assert told == [(1.0, 2.5), (2.0, 2.5), (2.5, 2.5)]
+
+
+@pytest.mark.slow
+def test_a_scenario_flies_its_own_sample_and_seed_unless_others_are_given(diagrams):
+    """Turbulence tells samples apart."""
+    wind = "laboratory.wind=[{kind: dryden, level: light}]"
+
+    def wind_of(*overrides, **arguments):
+        scenario = load_scenario(diagrams / "hover.yaml", ["duration=0.04", wind, *overrides])
+        return simulate(scenario, **arguments)["wind"]
+
+    np.testing.assert_array_equal(wind_of("sample=3"), wind_of(sample=3))
+    np.testing.assert_array_equal(wind_of("sample=3", sample=4), wind_of(sample=4))
+    np.testing.assert_array_equal(wind_of(), wind_of(sample=0))
+    np.testing.assert_array_equal(wind_of("seed=5"), wind_of(seed=5))
+    assert np.abs(wind_of(sample=3) - wind_of(sample=4)).max() > 1e-3
+    assert np.abs(wind_of(seed=5) - wind_of(seed=6)).max() > 1e-3
+
+
+def test_a_flight_that_is_stopped_has_the_same_ticks_up_to_then(diagrams):
+    scenario = load_scenario(diagrams / "hover.yaml", ["duration=0.2"])
+    whole, part = simulate(scenario), simulate(scenario, until=0.1)
+    np.testing.assert_array_equal(part.time, whole.time[:6])
+    np.testing.assert_array_equal(part["state"], whole["state"][:6])
+    assert simulate(scenario, until=0.2).time[-1] == whole.time[-1]
+    for until in (-0.1, 0.0, 0.3):
+        with pytest.raises(InputError, match=f"until is {until}, but must be larger than 0 and at most .*, 0.2 s"):
+            simulate(scenario, until=until)
+
+
+def test_an_error_in_a_system_of_the_user_s_is_not_hidden(diagrams):
+    class Failing(LeafSystem):
+        def __init__(self):
+            super().__init__()
+            self.DeclareVectorOutputPort("wind", BasicVector(3), self.fail)
+
+        def fail(self, context, output):
+            if context.get_time() > 0.05:
+                raise RuntimeError("the anemometer is broken")
+            output.SetFromVector([0.0, 0.0, 0.0])
+
+    with pytest.raises(RuntimeError, match="the anemometer is broken"):
+        simulate(load_scenario(diagrams / "hover.yaml", ["duration=0.1"]), wind=Failing())
+
+
+def test_distributions_need_a_sample(diagrams):
+    with pytest.raises(InputError, match="is a distribution; one flight needs a number there, or a sample"):
+        simulate(load_scenario(diagrams / "robustness.yaml"))
