@@ -95,6 +95,21 @@ def test_correlations_are_written_where_there_are_some(identification):
     ]
 
 
+def test_the_figure_of_correlations_has_room_for_every_estimate(identification):
+    """Each estimate adds a row and a column of the same size, which holds its number."""
+    names = [
+        f"{name}[{i}]" for name in ("inertia", "body_drag.linear", "motors.curve", "centre_of_mass") for i in range(3)
+    ]
+    names = ["mass", *names[:-1]]
+    sizes = []
+    for count in (4, 8, 12):
+        estimates = Estimates(tuple(names[:count]), np.ones(count), np.eye(count), 20.0, Source("m", "a"))
+        sizes.append(plots.plot_correlations(estimates).get_size_inches())
+    first, second, third = sizes
+    np.testing.assert_allclose(second - first, third - second)
+    assert (second - first > 4 * 0.3).all()
+
+
 def test_predictions_are_drawn_in_units_for_the_eye():
     errors = RNG.uniform(0.01, 0.02, size=(2, 2, 20))
     errors[:, 1, 5:] = np.nan
