@@ -19,9 +19,9 @@ for horizon in (0.1, 0.2, 0.5):
     less = ahead.better("position", "identified", "sheet", horizon).percent()
     print(f"after {horizon} s: {off} off, {less} less than the data sheet")
 
-# Under the controller that flew it: a hundred vehicles that the log allows, some of which swing up and crash.
+# Under the controller that flew it: 400 vehicles that the log allows, some of which swing up and crash.
 path = write_vehicle(Path("identified.yaml"), "identified", found.estimates, base=SHEET)
-again = compare_with_log(record, load_scenario(path), samples=100)
+again = compare_with_log(record, load_scenario(path), samples=400)
 median, low, _ = again.interval("rmse")
 print(f"RMSE flown {100.0 * again.flown_figures.rmse[-1]:.2f} cm")
 print(
