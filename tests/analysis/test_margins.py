@@ -354,3 +354,16 @@ def test_fast_margins_of_loops_that_cross_nothing_are_without_end():
     assert found.gain[1] == pytest.approx(20.0)
     silent = fast_margins(np.zeros((1, len(grid)), dtype=complex), grid)
     np.testing.assert_array_equal([silent.gain[0], silent.phase[0], silent.delay[0]], [np.inf] * 3)
+
+
+@pytest.mark.parametrize("turns", np.linspace(0.2, 0.8, 7))
+@pytest.mark.parametrize("steepness", [-7.0, 7.0])
+def test_fast_margins_are_exact_where_the_logarithm_of_the_response_is_a_line(turns, steepness):
+    """L = (ω / ω_c)^(-1 + i steepness) e^(2πi turns): at ω_c it has the size one, and a phase of any number of turns."""
+    crossover, grid = 3.0, np.geomspace(0.11, 50.0, 20)
+    # From one frequency to the next the phase turns by two radians.
+    assert 2.0 < abs(steepness) * np.log(grid[1] / grid[0]) < np.pi
+    logs = np.log(grid / crossover)
+    found = fast_margins(np.exp((-1.0 + 1j * steepness) * logs + 2j * np.pi * turns)[None], grid)
+    assert found.phase[0] == pytest.approx(360.0 * abs(turns - 0.5))
+    assert found.delay[0] == pytest.approx(2.0 * np.pi * ((turns - 0.5) % 1.0) / crossover)

@@ -52,6 +52,20 @@ def test_a_fleet_that_is_reset_flies_as_one_that_is_new(scenario, compiled):
 
 
 @pytest.mark.slow
+def test_a_continuous_fleet_that_is_reset_stops_where_its_new_rotors_fail(diagrams):
+    """Before and after the failure its steps are as those of a fleet that is new, to the last bit."""
+    failure = "{rotor: 2, time: {uniform: {min: 0.05, max: 0.25}}, speed_factor: 0.5}"
+    overrides = ["vehicle.time_step=0", "crash.tilt=null", f"vehicle.rotor_failure={failure}"]
+    continuous = load_scenario(diagrams / "hover.yaml", overrides)
+    _, simulation = begun(continuous, [0], False)
+    batch, new = begun(continuous, [1], False)
+    simulation.reset(batch)
+    for fleet in (simulation, new):
+        fleet.fly(0.3)
+    np.testing.assert_array_equal(simulation.recording()[1]["state"], new.recording()[1]["state"])
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("compiled", [False, True])
 def test_a_fleet_ends_when_all_have_crashed(scenario, compiled):
     told = []

@@ -181,6 +181,14 @@ def test_writing_keeps_the_cache_below_its_limit(folder, monkeypatch):
     assert 1 <= len([*folder.iterdir()]) <= 1_000 // (len(CODE) + 32) + 15
 
 
+def test_one_write_in_sixteen_prunes(folder, monkeypatch):
+    pruned = []
+    monkeypatch.setattr(code_cache, "prune", lambda *given: pruned.append(given))
+    for number in range(32):
+        code_cache.write(f"kernel_{number:032x}", CODE)
+    assert pruned == 2 * [(folder, code_cache.MAX_BYTES)]
+
+
 def module(number):
     return f"define i64 @kernel() {{\n  ret i64 {number}\n}}"
 

@@ -89,6 +89,13 @@ def test_matrices_are_equal_if_their_numbers_are():
     assert len(repr(matrix_of(200, 200))) < 100
 
 
+def test_the_numbers_of_a_matrix_cannot_be_changed():
+    """It is told from others by a digest of them, under which its machine code is kept."""
+    matrix = matrix_of(3, 2)
+    with pytest.raises(ValueError, match="read-only"):
+        matrix._numbers[0, 0] = 1.0
+
+
 def test_an_activation_takes_nothing_but_the_sum():
     def formula(rows):
         return tuple(dense(matrix_of(2, 2), rows, lambda x: x + rows[0]))

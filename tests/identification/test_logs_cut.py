@@ -7,7 +7,7 @@ import zlib
 
 import numpy as np
 import pytest
-from written_logs import DATA, crazyflie_log, ulog
+from written_logs import DATA, crazyflie_log, message, ulog
 
 from drake_quad import InputError
 from drake_quad.identification.logs.reading import read_log
@@ -142,6 +142,14 @@ def test_damage_is_reported_once(read):
     assert [remark for remark in record.remarks if "damaged" in remark] == [
         f"the log is damaged from byte {len(ULOG):,} on; only complete messages that pyulog finds are read"
     ]
+
+
+def test_a_whole_message_that_pyulog_cannot_place_is_reported(read):
+    """No topic has its number."""
+    whole, damaged = read(ULOG), read(ULOG + message(b"D", struct.pack("<HQ", 77, 2_000_000)))
+    np.testing.assert_array_equal(damaged.body_rates, whole.body_rates)
+    told = "the log is damaged; only the complete messages that pyulog finds are read"
+    assert [told in record.remarks for record in (whole, damaged)] == [False, True]
 
 
 def test_a_checksum_that_looks_like_a_record_ends_a_log(read):

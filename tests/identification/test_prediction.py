@@ -16,6 +16,7 @@ from drake_quad.identification.fitting.open_loop import (
     with_level_commands,
 )
 from drake_quad.identification.fitting.windows import airborne, held_out
+from drake_quad.identification.flown_again import prediction
 from drake_quad.identification.flown_again.prediction import (
     Predictions,
     _angle_between,
@@ -155,6 +156,21 @@ def test_blocks_are_as_long_as_the_horizon_and_lie_within_one_log():
     empty = Predictions(("one",), (2.0,), log, time, {"position": np.full((1, 1, 120), np.nan)})
     assert np.isnan(empty.rmse("position", "one", 2.0)).all()
     assert np.isnan(empty.better("position", "one", "one", 2.0)).all()
+
+
+@pytest.mark.parametrize(("every", "past"), [(2, 4), (3, 3), (5, 3)])
+def test_what_is_flown_before_a_start_takes_0_15_s_and_three_samples_at_least(record, scenario, monkeypatch, every, past):
+    asked = []
+
+    def no_starts(log, before, *_):
+        asked.append(before)
+        return np.array([], dtype=int)
+
+    monkeypatch.setattr(prediction, "_starts", no_starts)
+    rows = {name: values[::every] for name, values in record.signals()}
+    with pytest.raises(InputError, match="has no stretch in the air"):
+        predict(FlightRecord("slow", record.time[::every], **rows), {"true": scenario})
+    assert asked == [past]
 
 
 def test_vehicles_are_compared_over_the_same_starts():

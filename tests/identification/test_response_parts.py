@@ -69,6 +69,9 @@ def test_outputs_depend_on_the_logged_signals_and_on_the_kind_of_command():
     # An autopilot keeps the errors of angles from growing.
     assert [output.strays for output in response._outputs([whole], True)][3:] == [0.0] * 3
     assert min(output.strays for output in outputs) > 0.0
+    # What the model lacks moves a vehicle, within a second, by more than the noise of what measures it.
+    for output in (*response._outputs([whole], False), *outputs):
+        assert output.usual < output.strays
     for missing in ("attitude", "body_rates"):
         with pytest.raises(InputError, match=f"lacks {missing}"):
             response._outputs([record(**{missing: None})], False)

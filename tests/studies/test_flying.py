@@ -75,6 +75,13 @@ def test_a_worker_that_refused_refuses_again(job, fleet):
     assert fleet.built == []
 
 
+def test_a_worker_that_refuses_a_study_has_let_go_of_the_fleets_of_the_last(job, fleet):
+    flying._fleet(job, 10)
+    with pytest.raises(InputError, match="has numpy"):
+        flying._fleet(job._replace(key="wrong", code={**job.code, "numpy": "0.1"}), 10)
+    assert vars(flying._own) == {}
+
+
 def test_what_is_forked_has_flown_for_two_ticks(job, fleet):
     prepare(job)
     assert fleet.flown == [(10, list(range(10)), {"duration": 0.04})]

@@ -120,6 +120,31 @@ def test_curves_over_other_places_are_not_compared():
     assert [curve.is_dashed() for curve in curves] == [False, False, True]
 
 
+def test_each_group_of_curves_that_coincide_is_told_apart_once():
+    """Of n, number k from 0 on is drawn over (n - k) / n of its length."""
+    axes = new_figure(4.0, 3.0).subplots()
+    x = np.linspace(0.0, 1.0, 10)
+    curves = [axes.plot(x, np.full(10, height))[0] for height in (0.0, 1.0, 0.0, 1.0, 0.0)]
+    tell_apart(axes)
+    assert [curve.is_dashed() for curve in curves] == [False, False, True, True, True]
+    drawn = []
+    for curve in curves[2:]:
+        _, (seen, unseen) = curve._unscaled_dash_pattern
+        drawn.append(seen / (seen + unseen))
+    assert drawn == pytest.approx([2.0 / 3.0, 0.5, 1.0 / 3.0])
+
+
+def test_speeds_of_rotors_rise_upwards_and_close_up_without_the_limits():
+    flight = simulate(load_scenario("figure_eight", ["duration=0.4"]))
+    close, whole = plots.plot_rotors(flight).axes
+    (bottom, top), (lowest, highest) = close.get_ylim(), whole.get_ylim()
+    speeds = flight["rotor_speed"]
+    assert bottom < speeds.min() < speeds.max() < top
+    vehicle = flight.scenario.vehicle
+    assert lowest <= vehicle.min_rotor_speed < vehicle.max_rotor_speed < highest
+    assert top - bottom < highest - lowest
+
+
 @pytest.mark.slow
 def test_rotors_of_a_plan_that_turn_alike_are_told_apart():
     """In a hover all turn alike."""
