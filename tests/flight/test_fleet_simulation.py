@@ -51,7 +51,6 @@ def test_a_fleet_that_is_reset_flies_as_one_that_is_new(scenario, compiled):
     np.testing.assert_allclose(flown[2], flown[0], rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.slow
 def test_a_continuous_fleet_that_is_reset_stops_where_its_new_rotors_fail(diagrams):
     """Before and after the failure its steps are as those of a fleet that is new, to the last bit."""
     failure = "{rotor: 2, time: {uniform: {min: 0.05, max: 0.25}}, speed_factor: 0.5}"

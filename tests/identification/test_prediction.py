@@ -159,7 +159,8 @@ def test_blocks_are_as_long_as_the_horizon_and_lie_within_one_log():
 
 
 @pytest.mark.parametrize(("every", "past"), [(2, 4), (3, 3), (5, 3)])
-def test_what_is_flown_before_a_start_takes_0_15_s_and_three_samples_at_least(record, scenario, monkeypatch, every, past):
+def test_a_start_is_fitted_to_what_is_before_it(record, scenario, monkeypatch, every, past):
+    """To 0.15 s, and to three samples at least; the log has 50 / every samples per second."""
     asked = []
 
     def no_starts(log, before, *_):
@@ -169,7 +170,7 @@ def test_what_is_flown_before_a_start_takes_0_15_s_and_three_samples_at_least(re
     monkeypatch.setattr(prediction, "_starts", no_starts)
     rows = {name: values[::every] for name, values in record.signals()}
     with pytest.raises(InputError, match="has no stretch in the air"):
-        predict(FlightRecord("slow", record.time[::every], **rows), {"true": scenario})
+        predict(FlightRecord("log", record.time[::every], **rows), {"true": scenario})
     assert asked == [past]
 
 
