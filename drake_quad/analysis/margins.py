@@ -96,9 +96,7 @@ def fast_margins(responses: np.ndarray, grid: np.ndarray) -> FastMargins:
     logs = np.log(grid)
     crosses = size[..., :-1] * size[..., 1:] < 0.0
     share = np.where(crosses, size[..., :-1] / (size[..., :-1] - size[..., 1:] + ~crosses), 0.0)
-    turn = np.diff(angle, axis=-1)
-    turn = turn - 2.0 * np.pi * np.rint(turn / (2.0 * np.pi))
-    phase = angle[..., :-1] + share * turn
+    phase = _wrapped(angle[..., :-1] + share * _wrapped(np.diff(angle, axis=-1)))
     frequency = np.exp(logs[:-1] + share * np.diff(logs))
     # Where the curve passes the critical direction it does not jump to the other side of the circle.
     flips = (angle[..., :-1] * angle[..., 1:] < 0.0) & (np.abs(np.diff(angle, axis=-1)) < np.pi)
@@ -110,6 +108,12 @@ def fast_margins(responses: np.ndarray, grid: np.ndarray) -> FastMargins:
         np.degrees(np.where(crosses, np.abs(phase), np.inf).min(axis=-1)),
         np.where(crosses, (phase % (2.0 * np.pi)) / frequency, np.inf).min(axis=-1),
     )
+
+
+def _wrapped(angles: np.ndarray) -> np.ndarray:
+    """Return the same angles in [-π, π], rad."""
+    turns: np.ndarray = np.rint(angles / (2.0 * np.pi))
+    return angles - 2.0 * np.pi * turns
 
 
 def frequencies(period: float, *, points: int = _NUM_FREQUENCIES, lowest: float = _MIN_FREQUENCY) -> np.ndarray:
