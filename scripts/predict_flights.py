@@ -17,6 +17,8 @@ import scipy
 from drake_quad import Flight, load_scenario, read_log, simulate
 from drake_quad.flight.simulation import simulate_batch, simulate_samples
 from drake_quad.scenario import Batch
+from drake_quad.scenario.winds.sine import SineSource
+from drake_quad.scenario.winds.steady import SteadySource
 
 _DIAGRAMS = Path(__file__).parent.parent / "diagrams"
 _VEHICLE = _DIAGRAMS / "vehicles" / "neural_fly.yaml"
@@ -145,8 +147,8 @@ def sine_in_log(path: Path) -> tuple[float, float]:
     scenario = load_scenario(f"{_VEHICLE}:wind_8_sine")
     steady, sine = scenario.laboratory.wind
     drag = scenario.vehicle.body_drag
-    assert sine.kind == "sine"
-    assert steady.kind == "steady"
+    assert isinstance(sine, SineSource)
+    assert isinstance(steady, SteadySource)
     assert drag is not None
     counted = record.time >= scenario.metrics.start
     time = sine.frequency * record.time[counted]

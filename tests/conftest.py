@@ -14,6 +14,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from drake_quad import load_scenario
 from drake_quad.command_line.main import main
+from drake_quad.scenario.winds.source import WINDS
 from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParameters
 from drake_quad.vehicle.rotors import Rotor, Rotors
 
@@ -44,6 +45,15 @@ def _ctrl_c():
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
+
+
+@pytest.fixture(autouse=True)
+def _no_further_winds():
+    """Kinds of wind that a test registers are removed after it."""
+    before = WINDS.kinds
+    yield
+    for kind in {*WINDS.kinds} - {*before}:
+        WINDS.remove(kind)
 
 
 @pytest.fixture(scope="session")

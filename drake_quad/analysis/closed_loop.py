@@ -85,11 +85,7 @@ def at_rest(scenario: Scenario) -> Scenario:
     still = {
         "motion_capture": cameras,
         "autopilot": _with(laboratory.autopilot, gyroscope_noise=0.0, attitude_noise=0.0),
-        "wind": tuple(
-            source.model_copy(update={"turbulence": 0.0}) if source.kind == "fan" else source
-            for source in laboratory.wind
-            if source.kind != "dryden"
-        ),
+        "wind": tuple(calm for source in laboratory.wind if (calm := source.without_turbulence()) is not None),
     }
     return hovering.model_copy(update={"laboratory": laboratory.model_copy(update=still)})
 
@@ -106,7 +102,7 @@ def in_hover(scenario: Scenario) -> Scenario:
                 f"{path} is a distribution; the analysis of hover needs a number: give one, or select a sample"
             )
     laboratory = scenario.laboratory
-    calm = tuple(source for source in laboratory.wind if source.kind not in ("gust", "sine"))
+    lasting = tuple(source for source in laboratory.wind if not source.depends_on_time)
     payload = None if scenario.vehicle.payload is None else _lasting(scenario.vehicle.payload)
     steady = {"battery_sag": 0.0, "battery": None, "rotor_failure": None, "payload": payload}
     vehicle = scenario.vehicle.model_copy(update=steady)
@@ -118,7 +114,7 @@ def in_hover(scenario: Scenario) -> Scenario:
         update={
             "route": route,
             "vehicle": vehicle,
-            "laboratory": laboratory.model_copy(update={"wind": calm}),
+            "laboratory": laboratory.model_copy(update={"wind": lasting}),
             "duration": None,
             "sample": None,
             "crash": nowhere,

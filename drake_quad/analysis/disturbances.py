@@ -14,7 +14,6 @@ from pydrake.systems.framework import DiagramBuilder
 from drake_quad.assembly.effects import vehicle_effects
 from drake_quad.assembly.laboratory import laboratory_recipes, vehicle_parameters
 from drake_quad.assembly.planning import flight_duration, nominal_parameters, plan_demand
-from drake_quad.assembly.recipe import FleetScenario
 from drake_quad.axes import BodyAxes
 from drake_quad.laboratory.wind.wind import build_wind
 from drake_quad.randomness.noise import Samples, connect_noise, random_streams
@@ -69,7 +68,7 @@ def disturbances_along(batch: Batch, plan: Plan) -> Disturbed:
         batch: vehicles, wind and random numbers.
         plan: plan that is flown.
     """
-    scenario, fleet = batch.scenario, FleetScenario(batch)
+    scenario, fleet = batch.scenario, batch.fleet_scenario
     times = np.arange(0.0, flight_duration(scenario, plan), _STEP)
     position, velocity, acceleration = (np.array(evaluate(plan.flown_path, times, order)) for order in range(3))
     wind = _wind_along(batch, plan, times, position, velocity)

@@ -96,14 +96,14 @@ def believed_tracking_error(scenario: Scenario) -> HoverError:
         InputError: an error of `hover_error`, or the wind has a gust or a sine, in which the error depends on time.
     """
     for number, source in enumerate(scenario.laboratory.wind):
-        if source.kind in ("gust", "sine"):
+        if source.depends_on_time:
             raise InputError(
                 f"laboratory.wind.{number} is a {source.kind}; hovers predict the error in steady wind and turbulence"
                 " only"
             )
     believed = with_believed_vehicle(scenario).model_copy(update={"space": None})
     places = [np.array(HoverRoute(kind="hover").position)]
-    if any(source.kind == "fan" for source in scenario.laboratory.wind):
+    if any(source.depends_on_place for source in scenario.laboratory.wind):
         path = plan_route(believed).path
         places = list(np.transpose(evaluate(path, np.linspace(path.times[0], path.times[-1], _NUM_PLACES))))
     routes = [HoverRoute(kind="hover", position=tuple(place.tolist())) for place in places]

@@ -12,7 +12,6 @@ from drake_quad.assembly.lqg import build_lqg_control, lqg_recipes
 from drake_quad.assembly.mpc import mpc_recipes
 from drake_quad.assembly.planning import nominal_parameters
 from drake_quad.assembly.policy import build_policy_control_of, policy_recipes
-from drake_quad.assembly.recipe import FleetScenario, Recipe
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.control.attitude import AttitudeController, AttitudeNumbers
 from drake_quad.control.axes import PerAngle, PerAxis
@@ -43,6 +42,7 @@ from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, VectoringNumbers
 from drake_quad.errors import InputError
+from drake_quad.framework.recipe import Recipe
 from drake_quad.framework.records import layout_of
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Batch, Scenario
@@ -60,7 +60,7 @@ def control_recipes(batch: Batch, plan: Plan) -> dict[str, Recipe]:
         batch: that is flown.
         plan: that is flown.
     """
-    scenario, fleet = batch.scenario, FleetScenario(batch)
+    scenario, fleet = batch.scenario, batch.fleet_scenario
     if isinstance(scenario.control, LqgControl):
         recipes = lqg_recipes(batch)
         recipes |= mpc_recipes(batch, plan, recipes["regulator"].numbers)
@@ -149,7 +149,7 @@ def _attitude(scenario: Scenario, attitude: Any, inertia: Inertia) -> dict[str, 
 
     Args:
         scenario: scenario with the controller.
-        attitude: attitude controller of the scenario or of a `FleetScenario`; None with an autopilot.
+        attitude: attitude controller of the scenario or of a `Batch.fleet_scenario`; None with an autopilot.
         inertia: inertia of the nominal vehicle.
     """
     if attitude is None:
@@ -231,7 +231,7 @@ def _network(scenario: Scenario, network: Any, plan: Plan) -> dict[str, Recipe]:
 
     Args:
         scenario: it is of.
-        network: as a `FleetScenario` has it.
+        network: as a `Batch.fleet_scenario` has it.
         plan: that is flown.
     """
     own = scenario.control.network
@@ -294,7 +294,7 @@ def _network(scenario: Scenario, network: Any, plan: Plan) -> dict[str, Recipe]:
 
 
 def antecedents(network: Any) -> Antecedents:
-    """The antecedents of the network of a scenario, or of a `FleetScenario`."""
+    """The antecedents of the network of a scenario, or of a `Batch.fleet_scenario`."""
     of_inputs = ((name, getattr(network.inputs, name)) for name in network.inputs.given)
     inputs = (
         (CircularSets if name == "phase" else FuzzySets)(sets.scale, tuple(sets.centres), tuple(sets.widths))

@@ -23,7 +23,7 @@ from drake_quad.vehicle.slung_load import SlungLoad
 
 
 def vehicle_effects(vehicle: Any) -> Effects:
-    """The effects on the vehicle of a scenario, or of a `FleetScenario`."""
+    """The effects on the vehicle of a scenario, or of a `Batch.fleet_scenario`."""
     return Effects(
         body_drag=None if vehicle.body_drag is None else _body_drag(vehicle.body_drag),
         rotor_aerodynamics=_same(RotorAerodynamics, vehicle.rotor_aerodynamics),
@@ -46,7 +46,7 @@ def steepest_load(vehicle: Any, airspeed: Row) -> Row:
     """How fast the force on the vehicle can grow with its speed, but for isotropic drag, N s/m.
 
     Args:
-        vehicle: of a `FleetScenario`.
+        vehicle: of a `Batch.fleet_scenario`.
         airspeed: as far as it is known, m/s.
     """
     effects = vehicle_effects(vehicle)

@@ -8,26 +8,23 @@ from pydrake.systems.framework import Diagram
 
 from drake_quad.assembly.effects import steepest_load, swing_frequency, thrust_curve, vehicle_effects
 from drake_quad.assembly.planning import airframe_parameters, nominal_parameters, window_end, window_start
-from drake_quad.assembly.recipe import FleetScenario, Recipe
 from drake_quad.assembly.space import space_of
 from drake_quad.errors import InputError
-from drake_quad.framework.elementary import sin_cos, where
+from drake_quad.framework.elementary import where
+from drake_quad.framework.recipe import Recipe
 from drake_quad.laboratory.command_link import CommandLink, LinkNumbers
 from drake_quad.laboratory.flight_monitor import CrashLimits, FlightMonitor, Surroundings, Window
 from drake_quad.laboratory.laboratory import build_laboratory
 from drake_quad.laboratory.motion_capture import CameraNumbers, MotionCapture, VelocityDrift, VelocityError
-from drake_quad.laboratory.wind.dryden import WIND_AT_20_FEET, DrydenTurbulence, Turbulence, TurbulenceNumbers
-from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet
-from drake_quad.laboratory.wind.gust import Gust, GustNumbers
-from drake_quad.laboratory.wind.sine import SineNumbers, SineWind
-from drake_quad.laboratory.wind.wind import SteadyWind
 from drake_quad.randomness.noise import Exported, Samples
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario import Batch, Scenario, autopilots, models, wind
+from drake_quad.scenario import Batch, Scenario, autopilots, models
 from drake_quad.scenario.layouts import are_paired, rotors_of
 from drake_quad.scenario.policy import PolicyControl
 from drake_quad.scenario.quantities import can_differ_from_zero, extremes
-from drake_quad.signals import Attitude, AttitudeTarget, BodyRates, Row, Wind, Wrench
+from drake_quad.scenario.winds.source import Surroundings as WindSurroundings
+from drake_quad.scenario.winds.source import WindSource, speed, steady_wind
+from drake_quad.signals import Attitude, AttitudeTarget, BodyRates, Wrench
 from drake_quad.vehicle.allocation import Allocation, RotorModel
 from drake_quad.vehicle.authority import missing_direction
 from drake_quad.vehicle.autopilot import AttitudeAutopilot, AutopilotNumbers, Gyroscope, LoopGains, ThrustAlone
@@ -59,7 +56,7 @@ def laboratory_recipes(batch: Batch, plan: Plan, duration: float) -> dict[str, R
     Raises:
         InputError: the vehicle's time step is too long for its drag, its slung load, or the response of its attitude.
     """
-    scenario, fleet = batch.scenario, FleetScenario(batch)
+    scenario, fleet = batch.scenario, batch.fleet_scenario
     _check_step(fleet)
     return {
         "vehicle": _vehicle(scenario, fleet, plan, duration),
@@ -109,7 +106,7 @@ def build_monitor(scenario: Scenario, plan: Plan, num_vehicles: int) -> FlightMo
 
 
 def vehicle_parameters(vehicle: Any) -> QuadrotorParameters:
-    """The parameters of the vehicle of a scenario, or of a `FleetScenario`, as it is."""
+    """The parameters of the vehicle of a scenario, or of a `Batch.fleet_scenario`, as it is."""
     rotors = rotors_of(vehicle)
     factors = (b * (1.0 + error) for b, error in zip(rotors.thrust_factors, vehicle.thrust_factor_error, strict=True))
     own = airframe_parameters(vehicle) | {"rotors": rotors.with_thrust_factors(*factors)}
@@ -164,7 +161,7 @@ def jump_times(batch: Batch) -> tuple[float, ...]:
     """
     if batch.scenario.vehicle.time_step > 0.0:
         return ()
-    vehicle = FleetScenario(batch).vehicle
+    vehicle = batch.fleet_scenario.vehicle
     events = [event for event in (vehicle.rotor_failure, vehicle.payload) if event is not None]
     return tuple(sorted({float(time) for event in events for time in np.ravel(event.time)}))
 
@@ -182,10 +179,7 @@ def _faults(fleet: Any, duration: float) -> RotorFaults:
 def _check_step(fleet: Any) -> None:
     """Raises InputError if drag or swings of a load are too fast for steps of the vehicle to be stable."""
     vehicle, sources = fleet.vehicle, fleet.laboratory.wind
-    steady = [_velocity(source) for source in sources if source.kind == "steady"]
-    passing = [_velocity(source) for source in sources if source.kind in ("gust", "sine")]
-    speeds = [np.sqrt(sum(part * part for part in velocity)) for velocity in (_total(steady), *passing)]
-    airspeed = sum(speeds) + sum(jet.exit_speed for jet in jets(sources))
+    airspeed = speed(steady_wind(sources)) + sum(source.max_speed() for source in sources)
     drag = vehicle.linear_drag + 2.0 * vehicle.quadratic_drag * airspeed
     rate = np.max((drag + steepest_load(vehicle, airspeed)) / vehicle.mass)
     if vehicle.time_step * rate > _STABLE:
@@ -300,81 +294,12 @@ def _longest(written: Any, flown: Any) -> int:
 
 
 def _wind(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
-    """Recipes for the wind of a scenario; sources of a kind are numbered: others leave their turbulence as it is."""
-    held = {"period": wind_period(scenario)}
+    """Recipes for the wind of a scenario."""
+    by_kind: dict[type[WindSource], list[Any]] = {}
+    for written, source in zip(scenario.laboratory.wind, fleet.laboratory.wind, strict=True):
+        by_kind.setdefault(type(written), []).append(source)
+    surroundings = WindSurroundings(steady_wind(fleet.laboratory.wind), wind_period(scenario))
     recipes: dict[str, Recipe] = {}
-    sources = fleet.laboratory.wind
-    steady = [source for source in scenario.laboratory.wind if isinstance(source, wind.SteadyWind)]
-    mean = _total([_velocity(source) for source in sources if source.kind == "steady"])
-    if any(_blows(source) for source in steady) or any(np.any(np.not_equal(part, 0.0)) for part in mean):
-        recipes["steady"] = Recipe(SteadyWind, {}, mean)
-    for source in sources:
-        name = f"{source.kind}_{sum(other.startswith(source.kind) for other in recipes)}"
-        match source.kind:
-            case "gust":
-                hold_time = math.inf if source.hold_time is None else source.hold_time
-                numbers = GustNumbers(_velocity(source), source.start, source.rise_time, hold_time)
-                recipes[name] = Recipe(Gust, held, numbers)
-            case "sine":
-                recipes[name] = Recipe(SineWind, held, SineNumbers(_velocity(source), source.frequency, source.phase))
-            case "dryden":
-                recipes[name] = Recipe(DrydenTurbulence, held, _dryden(source, mean))
-    if jets(sources):
-        recipes["fans"] = Recipe(Fans, held, jets(sources))
+    for kind, sources in by_kind.items():
+        recipes |= kind.recipes(sources, surroundings)
     return recipes
-
-
-def _blows(source: wind.SteadyWind) -> bool:
-    """Can there be wind from a source?"""
-    parts = (source.speed,) if source.velocity is None else source.velocity
-    return any(map(can_differ_from_zero, parts))
-
-
-def steady_wind(scenario: Scenario) -> Wind:
-    """The sum of all steady wind of a scenario of numbers."""
-    return _total([_velocity(source) for source in scenario.laboratory.wind if isinstance(source, wind.SteadyWind)])
-
-
-def _total(velocities: list[Wind]) -> Wind:
-    return (
-        Wind._make(sum(parts, start=0.0) for parts in zip(*velocities, strict=True))
-        if velocities
-        else Wind(0.0, 0.0, 0.0)
-    )
-
-
-def _velocity(source: Any) -> Wind:
-    """The velocity of the air of steady wind, of a gust or of a sine, at its height."""
-    if source.velocity is not None:
-        return Wind(*source.velocity)
-    sin_heading, cos_heading = sin_cos(source.heading)
-    return Wind(source.speed * cos_heading, source.speed * sin_heading, 0.0)
-
-
-def jets(sources: Any) -> tuple[Jet, ...]:
-    """The jets of all fans among some sources of wind."""
-    return tuple(
-        [
-            Jet.of_fan(
-                outlet=Outlet(*source.position),
-                direction=Direction(*source.direction),
-                flow=source.flow,
-                diameter=source.diameter,
-                turbulence=source.turbulence,
-            )
-            for source in sources
-            if source.kind == "fan"
-        ]
-    )
-
-
-def _dryden(source: Any, mean: Wind) -> TurbulenceNumbers:
-    """The turbulence and its heading, both by the steady wind where the source does not say."""
-    airspeed: Row = np.sqrt(mean.x * mean.x + mean.y * mean.y + mean.z * mean.z)
-    heading: Row = np.arctan2(mean.y, mean.x)
-    turbulence = Turbulence.at_low_altitude(
-        height=source.height,
-        wind_at_20_feet=WIND_AT_20_FEET[source.level] * source.intensity,
-        airspeed=airspeed if source.airspeed is None else source.airspeed,
-    )
-    return TurbulenceNumbers(turbulence, heading if source.heading is None else source.heading)

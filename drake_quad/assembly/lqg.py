@@ -6,7 +6,6 @@ import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_quad.assembly.planning import nominal_parameters
-from drake_quad.assembly.recipe import FleetScenario, Recipe
 from drake_quad.control.cascade import put_around
 from drake_quad.control.lqg.chains import (
     Answer,
@@ -22,6 +21,7 @@ from drake_quad.control.lqg.design import AxisLoop, Timing, axis_loop
 from drake_quad.control.lqg.laws import LqgNumbers, TargetNumbers, ThrustNumbers, TorqueNumbers
 from drake_quad.control.lqg.system import LinearQuadraticGaussian
 from drake_quad.errors import InputError
+from drake_quad.framework.recipe import Recipe
 from drake_quad.process_settings import without_warnings
 from drake_quad.scenario import Batch, Scenario
 from drake_quad.scenario.lqg import Axis, LateralAxis, LqgControl, VerticalAxis
@@ -34,7 +34,7 @@ def lqg_recipes(batch: Batch) -> dict[str, Recipe]:
     Args:
         batch: that is flown.
     """
-    scenario, own = batch.scenario, FleetScenario(batch).control
+    scenario, own = batch.scenario, batch.fleet_scenario.control
     control: Any = scenario.control
     times = lqg_timing(scenario)
     believed = nominal_parameters(scenario)

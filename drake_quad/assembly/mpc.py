@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from drake_quad.assembly.lqg import height_model, lateral_model, lqg_timing
-from drake_quad.assembly.recipe import Recipe
 from drake_quad.control.axes import PerAxis
 from drake_quad.control.lqg.design import regulator_of
 from drake_quad.control.lqg.laws import LqgNumbers
 from drake_quad.control.mpc.constraints import Corridor, Preview
 from drake_quad.control.mpc.system import OPEN, PredictiveProgramme
+from drake_quad.framework.recipe import Recipe
 from drake_quad.framework.records import layout_of
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Batch

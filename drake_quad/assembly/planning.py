@@ -79,7 +79,7 @@ def planned_parameters(mission: Mission) -> QuadrotorParameters:
 
 
 def airframe_parameters(airframe: Any) -> dict[str, Any]:
-    """The parameters that an airframe of a scenario, or of a `FleetScenario`, gives, by name."""
+    """The parameters that an airframe of a scenario, or of a `Batch.fleet_scenario`, gives, by name."""
     return {
         "mass": airframe.mass,
         "inertia": Inertia(*airframe.inertia),

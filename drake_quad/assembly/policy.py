@@ -6,7 +6,6 @@ import numpy as np
 from pydrake.systems.framework import Diagram
 
 from drake_quad.assembly.planning import nominal_parameters
-from drake_quad.assembly.recipe import FleetScenario, Recipe
 from drake_quad.assembly.space import space_of
 from drake_quad.control.axes import PerAngle
 from drake_quad.control.policy.actions import (
@@ -27,6 +26,7 @@ from drake_quad.control.policy.actuation import (
 )
 from drake_quad.control.policy.observation import ObservationNumbers
 from drake_quad.control.policy.systems import Observation, Policy, build_policy_control
+from drake_quad.framework.recipe import Recipe
 from drake_quad.laboratory.flight_monitor import Solid, nearest_solid
 from drake_quad.scenario import Batch, Scenario
 from drake_quad.scenario.policy import AccelerationAction, AttitudeAction, PolicyControl, RatesAction, RotorSpeedsAction
@@ -58,7 +58,7 @@ def policy_recipes(batch: Batch) -> dict[str, Recipe]:
     Args:
         batch: that is flown, of a scenario with a `PolicyControl`.
     """
-    scenario, fleet = batch.scenario, FleetScenario(batch)
+    scenario, fleet = batch.scenario, batch.fleet_scenario
     control = scenario.control
     assert isinstance(control, PolicyControl)
     believed, period = nominal_parameters(scenario), scenario.laboratory.command_link.period

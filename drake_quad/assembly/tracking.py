@@ -15,12 +15,12 @@ from drake_quad.assembly.control import build_control, control_recipes
 from drake_quad.assembly.laboratory import build_laboratory_of, build_monitor, laboratory_recipes, wind_period
 from drake_quad.assembly.planning import flight_duration, plan_route, refuse_distributions
 from drake_quad.assembly.policy import policy_rows
-from drake_quad.assembly.recipe import Recipe
 from drake_quad.assembly.recorder import build_recorder
 from drake_quad.assembly.user_systems import UserSystems, check_user_systems
 from drake_quad.control.cascade import POSITION_SIGNALS
 from drake_quad.errors import InputError
 from drake_quad.framework.fleet_system import FleetSystem
+from drake_quad.framework.recipe import Recipe
 from drake_quad.laboratory.wind.wind import build_held_wind
 from drake_quad.memory import check_fleet_fits
 from drake_quad.randomness.noise import EXPORTED, Exported, NoiseSource, Samples

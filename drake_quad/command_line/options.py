@@ -1,10 +1,12 @@
 """What the options of all commands share."""
 
 import argparse
+import importlib
 import re
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 from drake_quad import InputError, Scenario, load_scenario
 from drake_quad.extras import needed
@@ -66,7 +68,32 @@ def add_overrides(options: argparse.ArgumentParser) -> None:
         default=[],
         help="override a field, as in nominal.mass=0.7 or route.waypoints.2=[1,0,1]",
     )
+    options.add_argument(
+        "--import",
+        metavar="FILE.py",
+        action=_Import,
+        dest=argparse.SUPPRESS,
+        help="run a Python file of yours first, such as one that registers a kind of wind; can be given several times",
+    )
     options.add_argument("--seed", type=int, help="seed of everything random (default: the scenario's)")
+
+
+class _Import(argparse.Action):
+    """Imports a Python file when the option is parsed, before any scenario is loaded."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *given: Any) -> None:
+        path = Path(given[1])
+        if path.suffix != ".py" or not path.is_file():
+            parser.error(f"--import {path}: is not a Python file")
+        loaded = sys.modules.get(path.stem)
+        if loaded is not None and getattr(loaded, "__file__", None) != str(path.resolve()):
+            parser.error(f"--import {path}: another module is called {path.stem}; rename the file")
+        # Worker processes inherit the search path, so that they find the module as well.
+        sys.path.insert(0, str(path.parent.resolve()))
+        try:
+            importlib.import_module(path.stem) if loaded is None else importlib.reload(loaded)
+        except Exception as error:
+            parser.error(f"--import {path}: {type(error).__name__}: {error}")
 
 
 def folder_of(arguments: argparse.Namespace, name: str) -> Path:

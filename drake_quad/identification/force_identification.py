@@ -25,7 +25,6 @@ import numpy as np
 import scipy
 
 from drake_quad.assembly.effects import thrust_curve
-from drake_quad.assembly.laboratory import steady_wind
 from drake_quad.errors import InputError, shown
 from drake_quad.identification.fitting.evidence import bias_reduced, explained_share
 from drake_quad.identification.fitting.open_loop import delay_of, thrust_by_share
@@ -35,6 +34,7 @@ from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import Estimates, Explained, Source, kind_of
 from drake_quad.identification.results.vehicle_numbers import number_of
 from drake_quad.scenario import Scenario
+from drake_quad.scenario.winds.source import steady_wind
 from drake_quad.vehicle.motors import thrust_of
 
 METHOD = "least squares on the residual force"
@@ -294,7 +294,7 @@ def linear_drag(record: FlightRecord, scenario: Scenario, *, block: float = 0.5)
 def _motion(record: FlightRecord, scenario: Scenario) -> _Motion:
     turned = scipy.spatial.transform.Rotation.from_euler("ZYX", record.of("attitude")[:, ::-1]).inv()
     velocity, commanded = record.of("velocity"), _commanded(record, scenario)
-    wind = np.asarray(steady_wind(scenario), dtype=float) if record.wind is None else record.wind
+    wind = np.asarray(steady_wind(scenario.laboratory.wind), dtype=float) if record.wind is None else record.wind
     if record.residual_force is not None:
         force = turned.apply(record.residual_force) + commanded[:, None] * np.array([0.0, 0.0, 1.0])
     else:

@@ -7,7 +7,7 @@ from drake_quad.reference.polynomial_path import peak_norm
 from drake_quad.scenario import Scenario
 from drake_quad.scenario.networks import CovarianceLearning, Type2Network
 from drake_quad.scenario.routes import FigureEightRoute
-from drake_quad.scenario.wind import Fan
+from drake_quad.scenario.winds.fan import jets
 
 
 class Assumption(NamedTuple):
@@ -75,8 +75,8 @@ def _of_vehicle(scenario: Scenario) -> list[Assumption]:
 
 def _of_laboratory(scenario: Scenario) -> list[Assumption]:
     cameras, link = scenario.laboratory.motion_capture, scenario.laboratory.command_link
-    first, second = (source for source in scenario.laboratory.wind if isinstance(source, Fan))
-    places = " and ".join(f"({', '.join(f'{each:g}' for each in fan.position)}) m" for fan in (first, second))
+    first, second = jets(scenario.laboratory.wind)
+    places = " and ".join(f"({', '.join(f'{each:g}' for each in jet.outlet)}) m" for jet in (first, second))
     bandwidth = cameras.derivative_bandwidth
     assert bandwidth is not None
     return [

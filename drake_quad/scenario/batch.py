@@ -64,6 +64,15 @@ class Batch:
         """Of all samples, or of each."""
         return self.scenario.seed if self.seeds is None else self.seeds
 
+    @property
+    def fleet_scenario(self) -> Any:
+        """Scenario in which a field that varies from vehicle to vehicle is an (N,) array.
+
+        Only the assembly of diagrams uses it. A scenario that is written out, planned for or shown has numbers in all
+        its fields.
+        """
+        return replaced(self.scenario, self.varying.get)
+
     def __len__(self) -> int:
         """The number of vehicles, N."""
         return len(self.samples)

@@ -82,7 +82,7 @@ Layout = Annotated[PlusLayout | XLayout | HLayout | RotorsLayout, Field(discrimi
 
 
 def rotors_of(airframe: Any) -> Rotors:
-    """The rotors of an airframe of a scenario, or of a `FleetScenario`."""
+    """The rotors of an airframe of a scenario, or of a `Batch.fleet_scenario`."""
     layout = airframe.layout
     if layout.kind == "rotors":
         return Rotors._make(_rotor(place, airframe) for place in layout.rotors)

@@ -67,7 +67,7 @@ from drake_quad.scenario.quantities import (
 )
 from drake_quad.scenario.routes import Route
 from drake_quad.scenario.space import Space
-from drake_quad.scenario.wind import Wind
+from drake_quad.scenario.winds.source import WINDS, AnyWindSource
 from drake_quad.vehicle.allocation import Priority
 from drake_quad.vehicle.authority import hover_flaw, missing_direction
 from drake_quad.vehicle.parameters import QuadrotorParameters
@@ -287,7 +287,7 @@ class Laboratory(Model):
     command_link: CommandLink = CommandLink()
     autopilot: Autopilot = Field(default=NoAutopilot(kind="none"), description="what runs on board")
     allocation: Allocation = Allocation()
-    wind: Annotated[tuple[Wind, ...], Field(strict=False, max_length=MOST_SOURCES)] = Field(
+    wind: Annotated[tuple[AnyWindSource, ...], Field(strict=False, max_length=MOST_SOURCES)] = Field(
         default=(), description="sources; they add up"
     )
 
@@ -616,3 +616,6 @@ class Scenario(Mission):
             demand = "must be at most {longest} s, {most} times the shortest period"
             raise self.wrong(*path, kind="ticks", demand=demand, longest=f"{longest:g}", most=f"{MOST_TICKS:,}")
         return self
+
+
+WINDS.rebuild(Laboratory, Mission, Scenario)

@@ -7,9 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
-from drake_quad.assembly.laboratory import jets, steady_wind
 from drake_quad.flight import Flight
 from drake_quad.laboratory.wind.fans import Jet, jet_speed
+from drake_quad.scenario.winds.fan import jets
+from drake_quad.scenario.winds.source import steady_wind
 from drake_quad.signals import State
 from drake_quad.visualization.places import place_by_axis
 from drake_quad.visualization.style import AXES, BLACK, PLATE, REFERENCE, new_figure, shading, styled
@@ -120,7 +121,7 @@ def _mean_wind(flight: Flight, plane: _Plane, room: _Room) -> _Field:
     across, up = (np.arange(room.low[axis], room.high[axis], spacing) for axis in (plane.across, plane.up))
     a, b = np.meshgrid(across, up)
     place: Any = _ORIGIN._replace(**{plane.across: a, plane.up: b, plane.normal: np.full_like(a, plane.level)})
-    steady = steady_wind(flight.scenario)
+    steady = steady_wind(flight.scenario.laboratory.wind)
     velocity = {axis: np.full_like(a, getattr(steady, axis)) for axis in AXES}
     for jet in jets(flight.scenario.laboratory.wind):
         speed, _ = jet_speed(place, jet)

@@ -10,7 +10,6 @@ from drake_quad.assembly.laboratory import (
     build_monitor,
     jump_times,
     laboratory_recipes,
-    steady_wind,
     vehicle_parameters,
     wind_period,
 )
@@ -25,6 +24,7 @@ from drake_quad.laboratory.wind.fans import Outlet
 from drake_quad.laboratory.wind.gust import GustNumbers
 from drake_quad.laboratory.wind.sine import SineNumbers, SineWind
 from drake_quad.scenario import Batch
+from drake_quad.scenario.winds.source import steady_wind
 from drake_quad.signals import Attitude, AttitudeTarget, BodyRates, Wind, Wrench
 from drake_quad.vehicle.autopilot import AutopilotNumbers, Gyroscope, LoopGains, ThrustAlone
 from drake_quad.vehicle.parameters import CentreOfMass, Inertia
@@ -214,7 +214,7 @@ def test_steady_wind_is_the_sum_of_all_of_it_and_not_there_if_it_is_calm(asymmet
     scenario = asymmetric("pid", f"laboratory.wind={sources}")
     total = Wind(1.0 + 2.0 * math.cos(0.5), 2.0 + 2.0 * math.sin(0.5), 3.0)
     assert recipes_of(scenario)["wind.steady"].numbers == pytest.approx(total)
-    assert steady_wind(scenario) == pytest.approx(total)
+    assert steady_wind(scenario.laboratory.wind) == pytest.approx(total)
     for calm in ("velocity: [0, 0.0, 0]", "speed: 0, heading: 0.7"):
         recipes = recipes_of(asymmetric("pid", f"laboratory.wind=[{{kind: steady, {calm}}}]"))
         assert not any(path.startswith("wind.") for path in recipes)

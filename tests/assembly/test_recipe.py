@@ -1,30 +1,13 @@
-"""What a fleet sees of a batch, and recipes for systems."""
+"""Recipes for systems."""
 
 import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer
 
-from drake_quad.assembly.recipe import FleetScenario, Recipe
 from drake_quad.assembly.user_systems import UserSystems
+from drake_quad.framework.recipe import Recipe
 from drake_quad.laboratory.command_link import CommandLink, LinkNumbers
-from drake_quad.scenario import Batch
-
-
-def test_a_fleet_sees_arrays_where_numbers_vary_and_the_scenario_elsewhere(asymmetric):
-    """Also in lists, and in lists of parts."""
-    scenario = asymmetric("pid", "vehicle.mass={uniform: {min: 0.6, max: 0.8}}")
-    varying = {"laboratory.wind.1.velocity.2": np.array([1.0, 2.0]), "vehicle.inertia.1": np.array([3.0, 4.0])}
-    batch = Batch.draw(scenario, [7, 2]).with_varying(varying)
-    fleet = FleetScenario(batch)
-    np.testing.assert_array_equal(fleet.vehicle.mass, batch.varying["vehicle.mass"])
-    assert fleet.vehicle.inertia == (0.0071, pytest.approx([3.0, 4.0]), 0.0131)
-    assert fleet.laboratory.wind[1].velocity == (-1.5, 1.2, pytest.approx([1.0, 2.0]))
-    assert fleet.laboratory.wind[0].velocity == scenario.laboratory.wind[0].velocity
-    assert fleet.laboratory.wind[1].kind == "gust"
-    assert fleet.control.position.k_p == scenario.control.position.k_p
-    with pytest.raises(AttributeError):
-        _ = fleet.vehicle.wings
 
 
 def linked(recipe):

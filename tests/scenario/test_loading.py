@@ -12,6 +12,7 @@ from drake_quad.scenario import Scenario, distributions_in, load_scenario, load_
 from drake_quad.scenario.layouts import rotors_of
 from drake_quad.scenario.loading import has_control
 from drake_quad.scenario.paths import value_at
+from drake_quad.scenario.winds.source import WINDS
 
 BODY = """\
   route: {kind: hover}
@@ -200,7 +201,7 @@ FAN = "kind: fan, position: [0, 0, 1]"
         (f"wind: [{{{FAN}, direction: [1, 0, 0], diameter: 1}}]", r"wind.0.flow is missing"),
         (
             "wind: [{kind: breeze}]",
-            r"wind.0.kind is 'breeze', but must be one of 'steady', 'gust', 'sine', 'dryden', 'fan'",
+            f"wind.0.kind is 'breeze', but must be one of {str(WINDS.kinds)[1:-1]}",
         ),
         (
             "wind: [{kind: dryden, level: mild}]",

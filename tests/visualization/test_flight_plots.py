@@ -6,9 +6,9 @@ from figure_content import curve, legends
 from matplotlib.colors import to_hex
 
 from drake_quad import load_scenario, simulate
-from drake_quad.assembly.laboratory import jets
 from drake_quad.assembly.planning import plan_route
 from drake_quad.laboratory.wind.fans import jet_speed
+from drake_quad.scenario.winds.fan import jets
 from drake_quad.signals import State
 from drake_quad.visualization import plots
 from drake_quad.visualization.leg_marks import leg_marks, leg_names, number_legs, shade_legs

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drake_quad.assembly.effects import vehicle_effects
-from drake_quad.assembly.laboratory import steady_wind, vehicle_parameters
+from drake_quad.assembly.laboratory import vehicle_parameters
 from drake_quad.errors import InputError, shown
 from drake_quad.framework.formulas import kernel
 from drake_quad.framework.records import layout_of
@@ -29,6 +29,7 @@ from drake_quad.kinematics import small_rotation
 from drake_quad.scenario import Scenario
 from drake_quad.scenario.autopilots import AttitudeResponse as ResponseOfScenario
 from drake_quad.scenario.paths import replaced
+from drake_quad.scenario.winds.source import steady_wind
 from drake_quad.signals import Attitude, AttitudeTarget, RotorSpeed, Row, State, Throttle, Wind
 from drake_quad.vehicle.attitude_kinematics import RIGID_KINEMATICS
 from drake_quad.vehicle.effects import Effects
@@ -280,7 +281,7 @@ class OpenLoop:
         )
         every = np.concatenate(rows, axis=1)
         self._integral = np.concatenate([np.zeros((1, every.shape[1])), np.cumsum(every * steps[:, None], axis=0)])
-        wind = np.asarray(steady_wind(vehicle), dtype=float)
+        wind = np.asarray(steady_wind(vehicle.laboratory.wind), dtype=float)
         self._wind = np.tile(wind, (len(record.time), 1)) if record.wind is None else record.wind
 
     def fly(

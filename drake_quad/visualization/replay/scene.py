@@ -8,12 +8,11 @@ import numpy as np
 from pydrake.geometry import Box, Meshcat, MeshcatParams
 from pydrake.math import RigidTransform
 
-from drake_quad.assembly.laboratory import jets
 from drake_quad.assembly.space import space_of
 from drake_quad.process_settings import without_drake_remarks
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Scenario
-from drake_quad.scenario.wind import Fan
+from drake_quad.scenario.winds.fan import jets
 from drake_quad.visualization.replay.shapes import Frame, draw_fan, draw_solid, rgba
 from drake_quad.visualization.style import AXES
 
@@ -142,7 +141,7 @@ def reference_points(plan: Plan) -> np.ndarray:
 
 def wind_blows_elsewhere(scenario: Scenario) -> bool:
     """Is there wind in a scenario that does not come from fans, which are drawn?"""
-    return any(not isinstance(source, Fan) for source in scenario.laboratory.wind)
+    return len(jets(scenario.laboratory.wind)) < len(scenario.laboratory.wind)
 
 
 def _draw_room(meshcat: Meshcat, room: Room) -> None:

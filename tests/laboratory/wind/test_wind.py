@@ -9,13 +9,13 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.assembly.laboratory import jets
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.flight import StudyFleet
 from drake_quad.laboratory.wind.fans import Direction, Jet, Outlet, jet_speed
 from drake_quad.laboratory.wind.gust import Gust, GustNumbers
 from drake_quad.laboratory.wind.sine import SineNumbers, SineWind
 from drake_quad.laboratory.wind.wind import SteadyWind
+from drake_quad.scenario.winds.fan import jets
 from drake_quad.signals import State, Wind
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers

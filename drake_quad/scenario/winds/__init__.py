@@ -1,0 +1,5 @@
+"""Sources of wind of the scenario language, each in a module of its own. Their winds add up."""
+
+from drake_quad.scenario.unions import import_members
+
+import_members(__name__, __path__)

@@ -1,0 +1,67 @@
+"""Industrial fan."""
+
+from collections.abc import Iterable, Sequence
+from typing import Any, ClassVar, Literal
+
+from pydantic import Field, field_validator
+from pydantic_core import PydanticCustomError
+
+from drake_quad.framework.recipe import Recipe
+from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet
+from drake_quad.scenario.limits import SMALLEST
+from drake_quad.scenario.quantities import NonNegative, Number, Position, Positive, excludes_zero
+from drake_quad.scenario.winds.source import WINDS, Surroundings, WindSource
+from drake_quad.signals import VelocityW
+
+
+@WINDS.member
+class FanSource(WindSource):
+    """An industrial fan: a free jet in a room."""
+
+    kind: Literal["fan"]
+    position: Position = Field(description="of the middle of its outlet, in W (m)")
+    direction: Position = Field(description="in which it blows, in W; of any length")
+    flow: NonNegative = Field(description="volume flow (m³/s)")
+    diameter: Positive = Field(description="of the outlet (m)")
+    turbulence: NonNegative = Field(
+        default=0.22, description="standard deviation of the air's velocity over its mean, on each axis (1)"
+    )
+    depends_on_place: ClassVar = True
+    depends_on_time: ClassVar = False
+
+    @field_validator("direction")
+    @classmethod
+    def _somewhere(cls, direction: tuple[Number, Number, Number]) -> tuple[Number, Number, Number]:
+        if not any(excludes_zero(part) for part in direction):
+            raise PydanticCustomError(
+                "direction", "must have a part that cannot be zero, nor within {least} of it", {"least": SMALLEST}
+            )
+        return direction
+
+    def jet(self) -> Jet:
+        """Return the jet of the fan."""
+        return Jet.of_fan(
+            outlet=Outlet(*self.position),
+            direction=Direction(*self.direction),
+            flow=self.flow,
+            diameter=self.diameter,
+            turbulence=self.turbulence,
+        )
+
+    def max_speed(self) -> VelocityW:
+        """Return the speed at the outlet, m/s."""
+        return self.jet().exit_speed
+
+    def without_turbulence(self) -> WindSource | None:
+        """Return the fan with a jet that is not turbulent."""
+        return self.model_copy(update={"turbulence": 0.0})
+
+    @classmethod
+    def recipes(cls, sources: Sequence[Any], surroundings: Surroundings) -> dict[str, Recipe]:
+        """Return the recipe for one system, which makes the wind of all fans."""
+        return {"fans": Recipe(Fans, {"period": surroundings.period}, jets(sources))}
+
+
+def jets(sources: Iterable[Any]) -> tuple[Jet, ...]:
+    """Return the jets of the fans among sources of wind."""
+    return tuple([source.jet() for source in sources if source.kind == "fan"])

@@ -1,0 +1,65 @@
+"""A kind of wind of your own for scenarios: it grows with height by the power law of the boundary layer over land.
+
+Commands know it after `--import scripts/examples/wind_shear.py`.
+"""
+
+from typing import Annotated, ClassVar, Literal, NamedTuple
+
+from pydantic import Field
+
+from drake_quad.framework import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.framework.elementary import exp, log, maximum
+from drake_quad.framework.recipe import Recipe
+from drake_quad.scenario.quantities import NonNegative, Positive
+from drake_quad.scenario.winds.source import WINDS, BlowingSource, Surroundings
+from drake_quad.signals import Number, Quantity, State, VelocityW, Wind
+
+_MIN_HEIGHT = 0.01  # m; the derivative of the power law is infinite at height 0
+
+
+class ShearNumbers(NamedTuple):
+    """Parameters of the power law. The velocity is that of the air at the reference height."""
+
+    velocity: Wind
+    reference_height: Annotated[float, Quantity("m")]
+    exponent: Number
+
+
+def shear_wind(state: State, shear: ShearNumbers) -> Wind:
+    """Return the velocity of the air at a vehicle, v (z / h)^a."""
+    share = exp(shear.exponent * log(maximum(state.z, _MIN_HEIGHT) / shear.reference_height))
+    return Wind._make(share * part for part in shear.velocity)
+
+
+@fleet_system(float, AutoDiffXd)
+class ShearWind(FleetSystem):
+    """Wind that grows with height."""
+
+    def declare(self, *, period: float = 0.01, numbers: ShearNumbers) -> None:
+        """Declare the system."""
+        state, shear = self.input("state"), self.parameter("shear", lambda shear: shear)
+        wind = self.state("wind", lambda _: Wind(0.0, 0.0, 0.0))
+        self.initialize(shear_wind, state, shear, writes=[wind])
+        self.update(period, shear_wind, state, shear, writes=[wind])
+        self.state_output(wind)
+
+
+@WINDS.member
+class ShearSource(BlowingSource):
+    """A wind that grows with height by a power law; its velocity is that at the reference height."""
+
+    kind: Literal["shear"]
+    reference_height: Positive = Field(default=10.0, description="height at which the velocity is given (m)")
+    exponent: NonNegative = Field(default=0.143, description="exponent of the power law (1); 1/7 over open land")
+    depends_on_place: ClassVar = True
+    depends_on_time: ClassVar = False
+
+    def max_speed(self) -> VelocityW:
+        """Return the speed at ten times the reference height, m/s."""
+        share: float = 10.0**self.exponent
+        return share * super().max_speed()
+
+    def recipe(self, surroundings: Surroundings) -> Recipe:
+        """Return the recipe for a `ShearWind`."""
+        numbers = ShearNumbers(self.full_velocity(), self.reference_height, self.exponent)
+        return Recipe(ShearWind, {"period": surroundings.period}, numbers)

@@ -1,0 +1,202 @@
+"""Every kind of wind answers every question truthfully, and kinds of one's own are equals."""
+
+import pickle
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+import pytest
+from both_ways import assert_flown_alike
+from pydrake.systems.analysis import Simulator
+
+from drake_quad import InputError, load_scenario, simulate
+from drake_quad.analysis.closed_loop import at_rest, in_hover
+from drake_quad.analysis.tracking_error import believed_tracking_error
+from drake_quad.scenario import Batch
+from drake_quad.scenario.schema import file_schema, language_page
+from drake_quad.scenario.winds.source import WINDS, Surroundings, WindSource, steady_wind
+from drake_quad.signals import Wind
+
+ROOT = Path(__file__).parent.parent.parent
+EXAMPLE = ROOT / "scripts" / "examples" / "wind_shear.py"
+# Places of four vehicles around the origin, m.
+PLACES = np.array([[0.0, 0.0, 1.0], [1.3, 0.2, 1.0], [0.4, -2.0, 1.7], [2.5, 0.1, 3.0]])
+AIR = Surroundings(Wind(0.3, -0.2, 0.1), period=0.01)
+
+
+def example(kind: type[WindSource], **changes: Any) -> WindSource:
+    """Return a source of a kind near the places, with ones in all fields that must be given."""
+    fields: dict[str, Any] = {"kind": kind.model_fields["kind"].annotation.__args__[0]}
+    for name, field in kind.model_fields.items():
+        if name in ("velocity", "direction"):
+            fields[name] = [1.0, 0.5, -0.25]
+        elif name == "position":
+            fields[name] = [-0.5, -0.5, 1.0]
+        elif field.is_required() and name != "kind":
+            fields[name] = 1.0
+    return kind.model_validate(fields | changes)
+
+
+def mean_wind(source: WindSource) -> np.ndarray:
+    """Return the wind (3, T, N) that a source without turbulence makes at the places over 4 s, m/s."""
+    winds = []
+    for recipe in type(source).recipes([source], AIR._replace(steady_wind=source.steady_wind())).values():
+        system = recipe.build(len(PLACES))
+        context = system.CreateDefaultContext()
+        for i in range(system.num_input_ports()):
+            port = system.get_input_port(i)
+            rows = np.zeros((port.size() // len(PLACES), len(PLACES)))
+            if port.get_name() == "state":
+                rows[:3] = PLACES.T
+            port.FixValue(context, rows.ravel())
+        simulator = Simulator(system, context)
+        simulator.Initialize()
+        samples = []
+        for time in np.linspace(0.0, 4.0, 41):
+            simulator.AdvanceTo(time)
+            samples.append(system.GetOutputPort("wind").Eval(context).reshape(3, -1))
+        winds.append(np.stack(samples, axis=1))
+    return np.sum(winds, axis=0)
+
+
+@pytest.fixture
+def shear(monkeypatch):
+    """Return the kind of wind of the example, which is registered during a test."""
+    monkeypatch.syspath_prepend(EXAMPLE.parent)
+    return WINDS.member(import_module(EXAMPLE.stem).ShearSource)
+
+
+def check_member(kind):
+    source = example(kind)
+    calm = source.without_turbulence()
+    if calm is None:
+        assert (source.max_speed(), source.steady_wind()) == (0.0, Wind(0.0, 0.0, 0.0)), "turbulence has no mean"
+        return
+    assert calm.without_turbulence() == calm
+    wind = mean_wind(calm)
+    assert np.abs(wind).max() > 0.01
+    assert (np.ptp(wind, axis=1).max() > 1e-3) == kind.depends_on_time
+    assert (np.ptp(wind, axis=2).max() > 1e-3) == kind.depends_on_place
+    unsteady = np.linalg.norm(wind - np.reshape(source.steady_wind(), (3, 1, 1)), axis=0)
+    assert unsteady.max() <= source.max_speed() * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize("kind", list(WINDS), ids=lambda kind: kind.__name__)
+def test_every_kind_of_wind_answers_truthfully(kind):
+    """The system that a source makes depends on place and time as the source says, and is no faster."""
+    check_member(kind)
+
+
+def test_a_kind_of_a_user_is_checked_like_ours(shear):
+    check_member(shear)
+
+
+def hover(height=1.0, quadratic_drag=0.0, **wind):
+    return load_scenario(
+        "hover",
+        {
+            "route.position": [0.0, 0.0, height],
+            "vehicle.linear_drag": 0.1,
+            "vehicle.quadratic_drag": quadratic_drag,
+            "duration": 1.0,
+            "laboratory.wind": [{"kind": "shear", "velocity": [3.0, 0.0, 0.0], **wind}],
+        },
+    )
+
+
+@pytest.mark.slow
+def test_a_kind_of_a_user_flies_as_the_power_law_says_wired_and_compiled(shear):
+    batch = Batch.draw(hover(height=5.0, exponent={"uniform": {"min": 0.1, "max": 0.3}}), range(3))
+    for flight, exponent in zip(assert_flown_alike(batch), batch.varying["laboratory.wind.0.exponent"], strict=True):
+        wind = flight.record("wind")
+        height = flight.record("state").z
+        expected = 3.0 * (height / 10.0) ** exponent
+        np.testing.assert_allclose(wind.x[1:], expected[1:], atol=1e-3)
+
+
+def test_a_kind_of_a_user_is_known_to_every_check(shear):
+    """A strong wind is refused for its drag, the error of hovers is that of the place, and linear models keep it."""
+    with pytest.raises(InputError, match="too long for this much drag"):
+        simulate(hover(velocity=[200.0, 0.0, 0.0], quadratic_drag=0.5))
+    assert [source.kind for source in at_rest(hover()).laboratory.wind] == ["shear"]
+    low, high = (believed_tracking_error(hover(height)).rms.value for height in (1.0, 8.0))
+    assert high / low == pytest.approx(8.0**0.143, rel=0.02)
+
+
+def test_a_kind_of_a_user_is_part_of_the_language(shear):
+    assert "ShearSource" in file_schema()["$defs"]
+    assert "| `exponent` |" in language_page()
+    with pytest.raises(InputError, match=r"laboratory.wind.0.exponent is -1.0, but must be at least 0"):
+        hover(exponent=-1.0)
+    assert pickle.loads(pickle.dumps(hover())) == hover()
+    WINDS.remove("shear")
+    assert "ShearSource" not in file_schema()["$defs"]
+    with pytest.raises(InputError, match="laboratory.wind.0.kind is 'shear', but must be one of"):
+        hover()
+    WINDS.member(shear)
+
+
+def test_wind_that_changes_with_time_is_left_out_of_hovers(shear, monkeypatch):
+    monkeypatch.setattr(shear, "depends_on_time", True)
+    assert in_hover(hover()).laboratory.wind == ()
+    with pytest.raises(InputError, match=r"laboratory.wind.0 is a shear; .*steady wind and turbulence"):
+        believed_tracking_error(hover())
+
+
+def test_a_kind_without_answers_is_refused():
+    class Silent(WindSource):
+        kind: Literal["silent"]
+        depends_on_place: ClassVar = False
+
+    class Kindless(WindSource):
+        depends_on_place: ClassVar = False
+        depends_on_time: ClassVar = False
+
+    class Taken(Kindless):
+        kind: Literal["gust"]
+
+    with pytest.raises(TypeError, match="Silent must define depends_on_time"):
+        WINDS.member(Silent)
+    with pytest.raises(TypeError, match="Kindless must have a field kind"):
+        WINDS.member(Kindless)
+    with pytest.raises(ValueError, match="there is another WindSource of kind gust: GustSource"):
+        WINDS.member(Taken)
+    with pytest.raises(TypeError, match="dict must extend WindSource"):
+        WINDS.member(dict)
+
+
+def test_steady_winds_add_up():
+    sources = load_scenario(
+        "hover",
+        [
+            "laboratory.wind=[{kind: steady, velocity: [1, 2, 3]}, {kind: sine, velocity: [9, 9, 9], frequency: 1},"
+            " {kind: steady, speed: 2.0, heading: 0.5}]"
+        ],
+    ).laboratory.wind
+    assert steady_wind(sources) == pytest.approx(Wind(1.0 + 2.0 * np.cos(0.5), 2.0 + 2.0 * np.sin(0.5), 3.0))
+    assert steady_wind(()) == Wind(0.0, 0.0, 0.0)
+
+
+@pytest.mark.slow
+def test_a_command_imports_a_kind_of_a_user(tmp_path):
+    wind = "laboratory.wind=[{kind: shear, velocity: [3, 0, 0], exponent: {uniform: {min: 0.1, max: 0.3}}}]"
+    study = ["study", "hover", "--samples", "4", "--workers", "2", "--set", "duration=0.5", "--set", wind]
+    command = [sys.executable, "-m", "drake_quad", *study, "--output", str(tmp_path)]
+    result = subprocess.run([*command, "--import", str(EXAMPLE)], capture_output=True, text=True, cwd=ROOT, check=False)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert "laboratory.wind.0.exponent" in (tmp_path / "results.csv").read_text(encoding="utf-8")
+    (tmp_path / "broken.py").write_text("1 / 0", encoding="utf-8")
+    (tmp_path / "random.py").write_text("", encoding="utf-8")
+    for given, words in (
+        ("none.py", "is not a Python file"),
+        ("broken.py", "ZeroDivisionError: division by zero"),
+        ("random.py", "another module is called random; rename the file"),
+    ):
+        result = subprocess.run(
+            [*command, "--import", str(tmp_path / given)], capture_output=True, text=True, check=False
+        )
+        assert result.returncode == 2
+        assert result.stderr.endswith(f"--import {tmp_path / given}: {words}\n")
