@@ -131,6 +131,18 @@ class Example(NamedTuple):
         return self.system(num_vehicles=self.num_vehicles, **self.structure, **given)
 
     @property
+    def flat_numbers(self) -> list[Any]:
+        """All numbers of the example, one after another."""
+        if self.numbers is None or isinstance(self.numbers, Samples):
+            return []
+        return layout_of(type(self.numbers), self.numbers).flatten(self.numbers)
+
+    @property
+    def is_compiled(self) -> bool:
+        """Whether machine code can be made of the system: it has no continuous state and solves no programme."""
+        return self.structure.get("time_step") != 0.0 and self.system is not PredictiveProgramme
+
+    @property
     def other_numbers(self) -> Any:
         """Numbers of which each differs from that of the example, and from vehicle to vehicle."""
         if self.numbers is None:

@@ -1,0 +1,169 @@
+"""Laws that every system of a laboratory obeys, checked on any system: ours, or a controller or wind of your own."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydrake.autodiffutils import AutoDiffXd
+from pydrake.systems.analysis import Simulator_
+from pydrake.systems.framework import Diagram, DiagramBuilder, PortDataType
+from pydrake.systems.primitives import ConstantVectorSource, ZeroOrderHold
+
+from drake_quad.compilation import compile_diagram
+from drake_quad.compilation.blocks import block_of
+
+# Outputs are compared at this number of times.
+_NUM_TIMES = 6
+# Time between them if a system has no period, s.
+_DEFAULT_PERIOD = 0.02
+# Largest difference of two ways to compute the same, relative to the largest output or to 1: some thousand roundings.
+_TOLERANCE = 1e-12
+# A compiled diagram may compute elementary functions with other roundings.
+_COMPILED_TOLERANCE = 1e-9
+
+
+class _Inputs(NamedTuple):
+    """Inputs of a system for N vehicles over time.
+
+    Attributes:
+        rows: (num_times, num_rows, N) numbers, by the name of the port.
+        times: (num_times,) times from which they hold, s.
+        num_vehicles: number N of vehicles.
+    """
+
+    rows: dict[str, np.ndarray]
+    times: np.ndarray
+    num_vehicles: int
+
+    def of_vehicle(self, vehicle: int) -> "_Inputs":
+        rows = {name: rows[..., vehicle : vehicle + 1] for name, rows in self.rows.items()}
+        return self._replace(rows=rows, num_vehicles=1)
+
+
+def check_system(make: Callable[[int], Any], *, num_vehicles: int = 3, seed: int = 0) -> tuple[str, ...]:
+    """Check that a system obeys the laws on which flights, fleets, studies and linear models rely.
+
+    - ports: each port of a fleet has as many rows as that of one vehicle, and N columns.
+    - context: outputs depend on the context alone, not on what was computed before.
+    - vehicles: each vehicle of a fleet computes what it computes alone.
+    - numbers: outputs are not NaN for finite inputs.
+    - derivatives: if the system converts to AutoDiffXd, the values are the same.
+    - compiled: if the system is a `FleetSystem`, or a diagram of such, machine code computes the same.
+
+    Inputs are random numbers between 0.1 and 0.9.
+
+    Args:
+        make: function that returns the system for a number of vehicles, such as its class.
+        num_vehicles: number N of vehicles of the fleet.
+        seed: seed of the inputs.
+
+    Returns:
+        The laws that apply to the system, all of which it obeys.
+
+    Raises:
+        AssertionError: if the system breaks a law, with the port and the difference.
+    """
+    alone, fleet = make(1), make(num_vehicles)
+    ports = _check_ports(alone, fleet, num_vehicles)
+    first, second = (_random_inputs(alone, ports, num_vehicles, seed + i) for i in range(2))
+    expected = _outputs(fleet, first)
+    for name, values in expected.items():
+        assert not np.isnan(values).any(), f"numbers: `{name}` is NaN for inputs between 0.1 and 0.9"
+    _outputs(fleet, second)
+    _compare("context", "after other inputs in another context", _outputs(fleet, first), expected, 0.0)
+    for vehicle in range(num_vehicles):
+        by_itself = _outputs(make(1), first.of_vehicle(vehicle))
+        own = {name: values[..., vehicle : vehicle + 1] for name, values in expected.items()}
+        _compare("vehicles", f"for vehicle {vehicle} alone", by_itself, own, _TOLERANCE)
+    applied = ["ports", "context", "vehicles", "numbers"]
+    differentiable = fleet.ToAutoDiffXdMaybe()
+    if differentiable is not None:
+        _compare("derivatives", "with AutoDiffXd", _outputs(differentiable, first, AutoDiffXd), expected, _TOLERANCE)
+        applied.append("derivatives")
+    if _can_be_compiled(fleet):
+        compiled = compile_diagram(_with_clock(make(num_vehicles), first.times[1], num_vehicles))
+        _compare("compiled", "compiled", _outputs(compiled, first), expected, _COMPILED_TOLERANCE)
+        applied.append("compiled")
+    return tuple(applied)
+
+
+def _check_ports(alone: Any, fleet: Any, num_vehicles: int) -> dict[str, int]:
+    """Return the number of rows of each input port, by its name."""
+    for one, many in ((_inputs_of(alone), _inputs_of(fleet)), (_outputs_of(alone), _outputs_of(fleet))):
+        assert list(one) == list(many), f"ports: one vehicle has {list(one)}, but a fleet has {list(many)}"
+        for name, port in one.items():
+            assert port.get_data_type() == PortDataType.kVectorValued, f"ports: `{name}` has no vector"
+            size, wanted = many[name].size(), num_vehicles * port.size()
+            fault = f"ports: `{name}` has {size} elements for {num_vehicles} vehicles, but needs {wanted}"
+            assert size == wanted, fault
+    return {name: port.size() for name, port in _inputs_of(alone).items()}
+
+
+def _inputs_of(system: Any) -> dict[str, Any]:
+    ports = [system.get_input_port(i) for i in range(system.num_input_ports())]
+    return {port.get_name(): port for port in ports}
+
+
+def _outputs_of(system: Any) -> dict[str, Any]:
+    ports = [system.get_output_port(i) for i in range(system.num_output_ports())]
+    return {port.get_name(): port for port in ports}
+
+
+def _random_inputs(system: Any, ports: dict[str, int], num_vehicles: int, seed: int) -> _Inputs:
+    generator = np.random.default_rng(seed)
+    events = system.GetUniquePeriodicDiscreteUpdateAttribute()
+    period = _DEFAULT_PERIOD if events is None else events.period_sec()
+    rows = {name: generator.uniform(0.1, 0.9, (_NUM_TIMES, size, num_vehicles)) for name, size in ports.items()}
+    return _Inputs(rows, period * np.arange(_NUM_TIMES), num_vehicles)
+
+
+def _outputs(system: Any, inputs: _Inputs, scalar: type = float) -> dict[str, np.ndarray]:
+    """Return the outputs of a system in a new context, as (num_times, rows, N) numbers by the name of the port."""
+    context = system.CreateDefaultContext()
+    simulator: Any = None
+    found: dict[str, list[np.ndarray]] = {name: [] for name in _outputs_of(system)}
+    for i, time in enumerate(inputs.times):
+        for name, port in _inputs_of(system).items():
+            port.FixValue(context, inputs.rows[name][i].ravel())
+        if simulator is None:
+            simulator = Simulator_[scalar](system, context)
+            simulator.Initialize()
+        simulator.AdvanceTo(time)
+        for name, port in _outputs_of(system).items():
+            values = np.array([_number(value) for value in port.Eval(context)])
+            found[name].append(values.reshape(-1, inputs.num_vehicles))
+    return {name: np.array(values) for name, values in found.items()}
+
+
+def _number(value: Any) -> float:
+    return float(value.value()) if isinstance(value, AutoDiffXd) else float(value)
+
+
+def _can_be_compiled(system: Any) -> bool:
+    if isinstance(system, Diagram):
+        return all(map(_can_be_compiled, system.GetSystems()))
+    return block_of(system) is not None
+
+
+def _with_clock(system: Any, period: float, num_vehicles: int) -> Any:
+    """Return a diagram that exports the ports of a system, with an event every period (s), which machine code needs."""
+    builder = DiagramBuilder()
+    builder.AddNamedSystem("system", system)
+    clock = builder.AddNamedSystem("clock", ZeroOrderHold(period, num_vehicles))
+    zeros = builder.AddNamedSystem("zeros", ConstantVectorSource(np.zeros(num_vehicles)))
+    builder.Connect(zeros.get_output_port(), clock.get_input_port())
+    for name, port in _inputs_of(system).items():
+        builder.ExportInput(port, name)
+    for name, port in _outputs_of(system).items():
+        builder.ExportOutput(port, name)
+    return builder.Build()
+
+
+def _compare(
+    law: str, way: str, found: dict[str, np.ndarray], expected: dict[str, np.ndarray], tolerance: float
+) -> None:
+    for name, values in expected.items():
+        size = max(1.0, float(np.abs(values[np.isfinite(values)]).max(initial=0.0)))
+        unequal = found[name] != values  # infinite numbers can be equal, but have no difference
+        difference = float(np.abs(found[name][unequal] - values[unequal]).max(initial=0.0)) / size
+        assert difference <= tolerance, f"{law}: `{name}` differs by {difference:.2g} {way}"

@@ -1,0 +1,118 @@
+"""The check of systems accepts ours and names the law that a faulty one breaks."""
+
+import math
+
+import numpy as np
+import pytest
+from all_systems import FLEET_SYSTEMS
+from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
+
+from drake_quad.framework import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.framework.broadcast import Broadcast
+from drake_quad.framework.elementary import sqrt
+from drake_quad.framework.records import rows_layout
+from drake_quad.framework.symbols import Symbol
+from drake_quad.randomness.noise import NoiseSource
+from drake_quad.testing import check_system
+
+TWO = rows_layout(2)
+ALL = ("ports", "context", "vehicles", "numbers", "derivatives", "compiled")
+# A broadcast is there to give one vehicle's numbers to a fleet, and a source of noise is made for given samples. Some
+# examples have numbers for two vehicles.
+OTHERS = (Broadcast, NoiseSource)
+EXAMPLES = [
+    example
+    for example in FLEET_SYSTEMS
+    if example.system not in OTHERS and not any(np.ndim(number) for number in example.flat_numbers)
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.system.__name__)
+def test_every_system_obeys_the_laws(example):
+    """Those with a continuous state, and programmes of optimisation, are not compiled."""
+    laws = check_system(lambda n: example._replace(num_vehicles=n).make())
+    assert laws in (ALL, ALL[:-1])
+    assert (laws == ALL) == example.is_compiled
+
+
+def made(law, **options):
+    """Return the class of a system with the output `y` = law(u) of two rows."""
+
+    @fleet_system(float, AutoDiffXd)
+    class Made(FleetSystem):
+        def declare(self):
+            self.output("y", law, self.input("u", layout=TWO), layout=TWO, **options)
+
+    return Made
+
+
+def doubled(u):
+    return 2.0 * u[0], 2.0 * u[1]
+
+
+def not_a_number(u):
+    return sqrt(u[0] - 1.0), u[1]
+
+
+def other_with_derivatives(u):
+    return u[0] * (1.0 if isinstance(u[0], Symbol | float) else 1.5), u[1]
+
+
+class Plain(LeafSystem):
+    """A system in plain Python whose output is a function of its input (rows, N)."""
+
+    def __init__(self, num_vehicles=1, law=np.sin, rows=2):
+        super().__init__()
+        self._count = num_vehicles
+        self._law = law
+        self._port = self.DeclareVectorInputPort("u", BasicVector(2 * num_vehicles))
+        self.DeclareVectorOutputPort("y", BasicVector(rows * num_vehicles), self._write)
+
+    def _write(self, context, output):
+        output.SetFromVector(np.ravel(self._law(self._port.Eval(context).reshape(-1, self._count))))
+
+
+class Counting(Plain):
+    """A system that remembers in an attribute how often it was asked."""
+
+    def __init__(self, num_vehicles=1):
+        self._calls = 0
+        super().__init__(num_vehicles, self._counted)
+
+    def _counted(self, rows):
+        self._calls += 1
+        return rows + 1e-9 * self._calls
+
+
+def test_systems_of_any_kind_are_checked():
+    assert check_system(made(doubled)) == ALL
+    assert check_system(Plain) == ALL[:4]
+
+    def two_in_a_row(num_vehicles):
+        builder = DiagramBuilder()
+        first, second = (builder.AddSystem(made(doubled)(num_vehicles=num_vehicles)) for _ in range(2))
+        builder.Connect(first.get_output_port(), second.get_input_port())
+        builder.ExportInput(first.get_input_port(), "u")
+        builder.ExportOutput(second.get_output_port(), "y")
+        return builder.Build()
+
+    assert check_system(two_in_a_row) == ALL
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda n: Plain(1), "ports: `u` has 2 elements for 3 vehicles, but needs 6"),
+        (lambda n: Plain(n, rows=n, law=lambda rows: rows[:1].repeat(n, axis=0)), "ports: `y` has 9 .* needs 3"),
+        (Counting, "context: `y` differs by .* after other inputs"),
+        (lambda n: Plain(n, law=lambda rows: rows - rows.mean(axis=1, keepdims=True)), "vehicles: `y` differs by"),
+        (lambda n: Plain(n, law=lambda rows: rows.T.reshape(2, -1)), "vehicles: `y` differs by .* for vehicle 0 alone"),
+        (made(not_a_number), "numbers: `y` is NaN"),
+        (lambda n: Plain(n, law=lambda rows: np.where(rows > 0.5, math.nan, rows)), "numbers: `y` is NaN"),
+        (made(other_with_derivatives), "derivatives: `y` differs by .* with AutoDiffXd"),
+    ],
+)
+def test_a_system_that_breaks_a_law_is_told_which(make, words):
+    with pytest.raises(AssertionError, match=words):
+        check_system(make)
