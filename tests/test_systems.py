@@ -106,6 +106,18 @@ def ports_of(system):
     }
 
 
+@examples
+def test_a_constructor_has_the_signature_of_its_declaration(example):
+    """Without it, help() and editors would show `*args, **kwargs`."""
+    signature = inspect.signature(example.system)
+    given = {} if example.numbers is None else {"numbers": example.numbers}
+    bound = signature.bind(num_vehicles=example.num_vehicles, **example.structure, **given)
+    bound.apply_defaults()
+    assert ports_of(example.system(**bound.arguments)) == ports_of(example.make())
+    with pytest.raises(TypeError):
+        signature.bind(wings=2)
+
+
 @systems
 def test_the_port_block_names_the_ports(documented, make):
     assert documented_ports(documented.__doc__) == ports_of(make())

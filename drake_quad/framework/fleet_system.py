@@ -576,6 +576,14 @@ def _quick_templates() -> Iterator[None]:
         cpp_template._get_module_from_stack = search
 
 
+def _constructor_signature(cls: type[FleetSystem]) -> inspect.Signature:
+    """Return the signature of a system's constructor: the number of vehicles and the arguments of `declare`."""
+    _, *declared = inspect.signature(cls.declare).parameters.values()
+    num_vehicles = inspect.Parameter("num_vehicles", inspect.Parameter.POSITIONAL_OR_KEYWORD, default=1, annotation=int)
+    options = (parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in declared)
+    return inspect.Signature([num_vehicles, *options])
+
+
 def fleet_system(*scalars: type) -> Callable[[type[FleetSystem]], Any]:
     """Makes a FleetSystem a Drake system for these scalar types, float first, that converts between them.
 
@@ -584,7 +592,8 @@ def fleet_system(*scalars: type) -> Callable[[type[FleetSystem]], Any]:
 
     def decorate(cls: type[FleetSystem]) -> Any:
         template = TemplateSystem(f"{cls.__name__}_", T_list=list(scalars), scope=sys.modules[cls.__module__])
-        numbers = inspect.signature(cls.declare).parameters.get("numbers")
+        signature = _constructor_signature(cls)
+        numbers = signature.parameters.get("numbers")
         default = None if numbers is None or numbers.default is numbers.empty else numbers.default
 
         def instantiate(param: tuple[type]) -> type:
@@ -614,6 +623,7 @@ def fleet_system(*scalars: type) -> Callable[[type[FleetSystem]], Any]:
             instance = template[scalars[0]]
         instance.template = template
         instance.__name__ = instance.__qualname__ = cls.__name__
+        instance.__signature__ = signature
         return instance
 
     return decorate
