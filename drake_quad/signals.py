@@ -3,7 +3,7 @@
 World frame W: Z up. Body frame B: x forward, y to the left, z up. The yaw turns from X towards Y.
 """
 
-from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
+from typing import Annotated, Any, Literal, NamedTuple, get_args, get_type_hints
 
 # One number a vehicle: a float for one, an array for a fleet, or whatever Drake or the compiler put in their place
 # (`drake_quad.framework.elementary`). To a type checker it is a float: formulas are checked as if of one vehicle.
@@ -16,10 +16,12 @@ class Quantity(NamedTuple):
     Attributes:
         unit: SI.
         frame: along whose axes, W or B; empty if it has no direction.
+        sign: sign that the parameters of a system must have; empty if they may have any.
     """
 
     unit: str
     frame: str = ""
+    sign: Literal["", "positive", "nonnegative"] = ""
 
 
 PositionW = Annotated[Row, Quantity("m", "W")]

@@ -43,7 +43,7 @@ from pydrake.systems.scalar_conversion import TemplateSystem
 
 from drake_quad.errors import entry
 from drake_quad.framework.formulas import INTERPRETED, TIME, TickOf, interpret, kernel, packed
-from drake_quad.framework.records import Layout, layout_of
+from drake_quad.framework.records import Layout, check_signs, layout_of
 from drake_quad.signals import SIGNALS
 
 if TYPE_CHECKING:
@@ -609,6 +609,8 @@ def fleet_system(*scalars: type) -> Callable[[type[FleetSystem]], Any]:
                     self.structure = {name: value for name, value in options.items() if name != "numbers"}
                     self.begin()
                     self._numbers = options.get("numbers", default)
+                    if T is float:
+                        check_signs(self._numbers)
                     self.declare(**options)
 
                 def _construct_copy(self, other: Any, converter: Any = None) -> None:

@@ -13,7 +13,9 @@ from collections.abc import Iterator, Sequence
 from types import NoneType, UnionType
 from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin, get_type_hints
 
-from drake_quad.signals import Row
+import numpy as np
+
+from drake_quad.signals import Quantity, Row
 
 
 class Layout(NamedTuple):
@@ -150,3 +152,37 @@ def _joined(kind: type, types: Sequence[Any], value: Any) -> Layout:
 def _field_types(kind: Any) -> tuple[Any, ...]:
     hints = get_type_hints(kind)
     return tuple([hints[name] for name in kind._fields])
+
+
+def check_signs(record: Any, path: str = "numbers") -> None:
+    """Raise ValueError if a number in a record lacks the sign that the `Quantity` of its field demands.
+
+    Args:
+        record: record, or tuple of records, of numbers or (N,) arrays.
+        path: name of the record for messages.
+    """
+    if not isinstance(record, tuple):
+        return
+    quantities = _quantities(type(record)) if hasattr(record, "_fields") else {}
+    names = record._fields if hasattr(record, "_fields") else range(len(record))
+    for name, value in zip(names, record, strict=True):
+        quantity = quantities.get(name)
+        if quantity is None or value is None:
+            check_signs(value, f"{path}.{name}")
+            continue
+        numbers = np.asarray(value, dtype=float)
+        right = numbers > 0.0 if quantity.sign == "positive" else numbers >= 0.0
+        if not right.all():
+            least = "larger than 0" if quantity.sign == "positive" else "at least 0"
+            raise ValueError(f"{path}.{name} is {numbers[~right].flat[0]:g} {quantity.unit}, but must be {least}")
+
+
+@functools.cache
+def _quantities(kind: Any) -> dict[str, Quantity]:
+    """Return the quantities of the fields of a record that demand a sign, by name."""
+    found = {}
+    for name, hint in get_type_hints(kind, include_extras=True).items():
+        quantity = next((extra for extra in getattr(hint, "__metadata__", ()) if isinstance(extra, Quantity)), None)
+        if quantity is not None and quantity.sign:
+            found[name] = quantity
+    return found

@@ -5,8 +5,8 @@ from typing import Annotated, NamedTuple
 from drake_quad.signals import Quantity, Row
 from drake_quad.vehicle.rotors import Length, Rotors
 
-_Mass = Annotated[Row, Quantity("kg")]
-_Inertia = Annotated[Row, Quantity("kg m²", "B")]
+_Mass = Annotated[Row, Quantity("kg", sign="positive")]
+_Inertia = Annotated[Row, Quantity("kg m²", "B", "nonnegative")]
 
 
 class Inertia(NamedTuple):
@@ -47,12 +47,12 @@ class QuadrotorParameters(NamedTuple):
 
     mass: _Mass = 0.68
     inertia: Inertia = Inertia()
-    rotor_inertia: Annotated[Row, Quantity("kg m²")] = 6.5e-5
+    rotor_inertia: Annotated[Row, Quantity("kg m²", sign="nonnegative")] = 6.5e-5
     rotors: Rotors = Rotors.plus()
     gravity: Annotated[Row, Quantity("m/s²")] = 9.81
-    linear_drag: Annotated[Row, Quantity("N s/m")] = 0.0
-    quadratic_drag: Annotated[Row, Quantity("N s²/m²")] = 0.0
-    rotor_time_constant: Annotated[Row, Quantity("s")] = 0.05
-    min_rotor_speed: Annotated[Row, Quantity("rad/s")] = 60.0
-    max_rotor_speed: Annotated[Row, Quantity("rad/s")] = 300.0
+    linear_drag: Annotated[Row, Quantity("N s/m", sign="nonnegative")] = 0.0
+    quadratic_drag: Annotated[Row, Quantity("N s²/m²", sign="nonnegative")] = 0.0
+    rotor_time_constant: Annotated[Row, Quantity("s", sign="nonnegative")] = 0.05
+    min_rotor_speed: Annotated[Row, Quantity("rad/s", sign="nonnegative")] = 60.0
+    max_rotor_speed: Annotated[Row, Quantity("rad/s", sign="positive")] = 300.0
     centre_of_mass: CentreOfMass = CentreOfMass()

@@ -5,8 +5,8 @@ from typing import Annotated, NamedTuple
 from drake_quad.signals import Number, Quantity, Row
 
 Length = Annotated[Row, Quantity("m", "B")]
-ThrustFactor = Annotated[Row, Quantity("N s²")]
-DragFactor = Annotated[Row, Quantity("N m s²")]
+ThrustFactor = Annotated[Row, Quantity("N s²", sign="positive")]
+DragFactor = Annotated[Row, Quantity("N m s²", sign="nonnegative")]
 
 # Directions of turning, seen from above.
 CLOCKWISE, ANTICLOCKWISE = -1.0, 1.0

@@ -105,7 +105,7 @@ def test_what_is_made_of_other_parts_is_refused():
 
 
 def test_every_signal_has_rows_with_units():
-    from drake_quad.signals import quantities, row_names
+    from drake_quad.signals import Quantity, quantities, row_names
 
     for name in SIGNALS:
         names, units = row_names(name, 4), quantities(name, 4)
@@ -113,4 +113,4 @@ def test_every_signal_has_rows_with_units():
         assert all(quantity.unit for quantity in units)
         assert all(quantity.frame in ("", "W", "B") for quantity in units)
     assert row_names("weights", 3) == ["1", "2", "3"]
-    assert quantities("wrench", 4)[0] == ("N", "B")
+    assert quantities("wrench", 4)[0] == Quantity("N", "B")

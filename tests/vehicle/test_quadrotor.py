@@ -1,3 +1,5 @@
+import math
+
 import numpy as np
 import pytest
 from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, InitializeAutoDiff
@@ -216,3 +218,25 @@ def test_a_vehicle_hovers_level_at_the_origin_unless_another_place_is_given():
 def test_a_slung_load_cannot_be_combined_with_a_payload():
     with pytest.raises(ValueError, match="a vehicle with a payload has no slung load"):
         quadrotor(effects=("payload", "slung_load"))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"mass": -1.0}, "numbers.parameters.mass is -1 kg, but must be larger than 0"),
+        ({"mass": math.nan}, "numbers.parameters.mass is nan kg, but must be larger than 0"),
+        ({"inertia": Inertia(0.007, -0.1, 0.012)}, "numbers.parameters.inertia.i_yy is -0.1 kg m², but must be at"),
+        (
+            {"linear_drag": np.array([0.1, -0.2])},
+            "numbers.parameters.linear_drag is -0.2 N s/m, but must be at least",
+        ),
+        (
+            {"rotors": Rotors.plus(thrust_factor=-4e-5)},
+            "numbers.parameters.rotors.rotor_1.thrust_factor is -4e-05 N s², but must be larger than 0",
+        ),
+    ],
+)
+def test_parameters_that_no_vehicle_has_are_refused(change, words):
+    with pytest.raises(ValueError, match=words):
+        Quadrotor(num_vehicles=2, numbers=QuadrotorNumbers(QuadrotorParameters(**change)))
+    Quadrotor(numbers=QuadrotorNumbers(QuadrotorParameters(linear_drag=0.0, rotor_inertia=0.0, min_rotor_speed=0.0)))
