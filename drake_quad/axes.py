@@ -94,6 +94,11 @@ def plus(a: Vector, b: Vector) -> Vector:
     return Vector(a.x + b.x, a.y + b.y, a.z + b.z)
 
 
+def minus(a: Vector, b: Vector) -> Vector:
+    """Return a - b."""
+    return Vector(a.x - b.x, a.y - b.y, a.z - b.z)
+
+
 def times(factor: Row, a: Vector) -> Vector:
     """A vector times a number."""
     return Vector(factor * a.x, factor * a.y, factor * a.z)

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from drake_quad.axes import BodyAxes
 from drake_quad.errors import InputError
 from drake_quad.identification.fitting.evidence import Evidence, Uncertainty, explained_share
 from drake_quad.identification.fitting.multiple_shooting import Fit, Problem, evidence, fit, slopes_at, uncertainty
@@ -45,7 +46,7 @@ from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import Estimates, Explained, Source, kind_of, quantile
 from drake_quad.identification.results.held_out import hold_out
 from drake_quad.identification.results.vehicle_numbers import number_of, with_effects, with_estimates, with_throttles
-from drake_quad.laboratory.motion_capture import RotationMatrix, attitude_of_markers
+from drake_quad.laboratory.motion_capture import attitude_of_markers
 from drake_quad.scenario import Scenario
 from drake_quad.scenario.autopilots import AttitudeResponse
 from drake_quad.signals import Attitude
@@ -503,7 +504,7 @@ class _Model(NamedTuple):
         )
         tilts = (f"{_MISALIGNMENT}[{i}]" for i in range(3))
         angles: Any = [numbers.get(name, np.full(len(parameters), self.believed[name]))[:, None] for name in tilts]
-        turned = RotationMatrix.of(*angles)
+        turned = BodyAxes.of(*angles)
         roll, pitch, yaw = np.moveaxis(flown[..., 3:6], -1, 0)
         flown[..., 3:6] = np.stack(attitude_of_markers(Attitude(roll, pitch, yaw), turned), axis=-1)
         rows = [output.row for output in self.outputs]

@@ -10,10 +10,9 @@ suppress initialization events, or filters begin anew:
 
 from typing import Annotated, Any, NamedTuple
 
-import numpy as np
 from pydrake.common import RandomDistribution
 
-from drake_quad.axes import BodyAxes, Tilt, Vector
+from drake_quad.axes import BodyAxes, Tilt
 from drake_quad.framework.elementary import exp, sqrt, where, where_needed
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.kinematics import small_rotation
@@ -24,42 +23,6 @@ from drake_quad.signals import Angle, Attitude, BodyRates, Number, PositionW, Qu
 # Largest change of an angle over two frames for which eq (2) is used, rad; it corresponds to 2.5 rad/s at 100 Hz. The
 # error of eq (2) is of third order in the changes, and of second order if they are uneven, as near a pitch of 90°.
 _MAX_ANGLE_CHANGE = 0.05
-
-
-class RotationMatrix(NamedTuple):
-    """R_BM of eq (1), row by row, for the frame M of the markers."""
-
-    xx: Number
-    xy: Number
-    xz: Number
-    yx: Number
-    yy: Number
-    yz: Number
-    zx: Number
-    zy: Number
-    zz: Number
-
-    @classmethod
-    def of(cls, roll: Row, pitch: Row, yaw: Row) -> "RotationMatrix":
-        """Eq (1), of angles in rad."""
-        (s_r, s_p, s_y), (c_r, c_p, c_y) = ([f(x) for x in (roll, pitch, yaw)] for f in (np.sin, np.cos))
-        return cls(
-            c_y * c_p,
-            c_y * s_p * s_r - s_y * c_r,
-            s_y * s_r + c_y * s_p * c_r,
-            s_y * c_p,
-            c_y * c_r + s_y * s_p * s_r,
-            s_y * s_p * c_r - c_y * s_r,
-            -s_p,
-            c_p * s_r,
-            c_p * c_r,
-        )
-
-    def axes(self) -> BodyAxes:
-        """Return the axes of the markers' frame M in B."""
-        return BodyAxes(
-            Vector(self.xx, self.yx, self.zx), Vector(self.xy, self.yy, self.zy), Vector(self.xz, self.yz, self.zz)
-        )
 
 
 class VelocityError(NamedTuple):
@@ -110,7 +73,7 @@ class Cameras(NamedTuple):
     position_noise: Row
     attitude_noise: Row
     dropout_rate: Row
-    R_BM: RotationMatrix
+    R_BM: BodyAxes
     bandwidth: Row
     latency_frames: Row
     velocity_error: VelocityError
@@ -124,7 +87,7 @@ class Cameras(NamedTuple):
             numbers.position_noise,
             numbers.attitude_noise,
             numbers.dropout_rate,
-            RotationMatrix.of(*numbers.misalignment),
+            BodyAxes.of(*numbers.misalignment),
             numbers.bandwidth,
             numbers.latency_frames,
             numbers.velocity_error,
@@ -155,7 +118,7 @@ class Dropout(NamedTuple):
     frame: Number
 
 
-def attitude_of_markers(attitude: Attitude, R_BM: RotationMatrix) -> Attitude:
+def attitude_of_markers(attitude: Attitude, R_BM: BodyAxes) -> Attitude:
     """Return roll, pitch and yaw of the markers' frame M in W, which are those of R_WB R_BM.
 
     Args:
@@ -163,7 +126,7 @@ def attitude_of_markers(attitude: Attitude, R_BM: RotationMatrix) -> Attitude:
         R_BM: orientation of the markers' frame in B.
     """
     tilt = Tilt.of(attitude.roll, attitude.pitch)
-    angles = BodyAxes._make(tilt.in_heading(axis) for axis in R_BM.axes()).angles()
+    angles = BodyAxes._make(tilt.in_heading(axis) for axis in R_BM).angles()
     return angles._replace(yaw=attitude.yaw + angles.yaw)
 
 

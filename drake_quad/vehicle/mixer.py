@@ -2,6 +2,7 @@
 
 from typing import Annotated, NamedTuple
 
+from drake_quad.axes import Vector, cross, dot, minus
 from drake_quad.signals import Quantity, Row
 from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters
 from drake_quad.vehicle.rotors import Rotor
@@ -25,14 +26,6 @@ class Mixer(NamedTuple):
     rotor_4: PerWrench
 
 
-class _Lever(NamedTuple):
-    """The torque of a rotor over its thrust, m."""
-
-    x: Row
-    y: Row
-    z: Row
-
-
 def mixer_of(parameters: QuadrotorParameters) -> Mixer:
     """Inverts eq (5) for any layout of rotors.
 
@@ -48,23 +41,12 @@ def mixer_of(parameters: QuadrotorParameters) -> Mixer:
     rows = []
     for rotor, lever in zip(rotors, levers, strict=True):
         a, b, c = (other for other in levers if other is not lever)
-        normal = _cross(_difference(b, a), _difference(c, a))
-        scale = 1.0 / (_dot(normal, _difference(lever, a)) * rotor.thrust_factor)
-        rows.append(PerWrench(-_dot(normal, a) * scale, normal.x * scale, normal.y * scale, normal.z * scale))
+        normal = cross(minus(b, a), minus(c, a))
+        scale = 1.0 / (dot(normal, minus(lever, a)) * rotor.thrust_factor)
+        rows.append(PerWrench(-dot(normal, a) * scale, normal.x * scale, normal.y * scale, normal.z * scale))
     return Mixer._make(rows)
 
 
-def _lever(rotor: Rotor, centre: CentreOfMass) -> _Lever:
-    return _Lever(rotor.y - centre.y, centre.x - rotor.x, -rotor.direction * (rotor.drag_factor / rotor.thrust_factor))
-
-
-def _difference(a: _Lever, b: _Lever) -> _Lever:
-    return _Lever(a.x - b.x, a.y - b.y, a.z - b.z)
-
-
-def _cross(a: _Lever, b: _Lever) -> _Lever:
-    return _Lever(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)
-
-
-def _dot(a: _Lever, b: _Lever) -> Row:
-    return a.x * b.x + a.y * b.y + a.z * b.z
+def _lever(rotor: Rotor, centre: CentreOfMass) -> Vector:
+    """Return the torque of a rotor over its thrust, m."""
+    return Vector(rotor.y - centre.y, centre.x - rotor.x, -rotor.direction * (rotor.drag_factor / rotor.thrust_factor))

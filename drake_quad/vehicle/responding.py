@@ -39,6 +39,7 @@ from drake_quad.vehicle.motion import Turning, accelerations, turning
 from drake_quad.vehicle.motors import acceleration, decays, lagging
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Kinematics, QuadrotorNumbers, hover
+from drake_quad.vehicle.runge_kutta import runge_kutta_step
 from drake_quad.vehicle.stepping import VehicleState, rotor_target
 
 # Effects on the motors and of the air: what else turns a vehicle is part of its attitude's response.
@@ -216,24 +217,14 @@ def responding_step(
     decay = decays(rotors, goal, half, parameters, effects.spin_down)
     middle = lagging(rotors, goal, decay)
     end = lagging(middle, goal, decay)
-    begun, halfway, done = (turning(speed, goal, parameters, effects) for speed in (rotors, middle, end))
+    at_start, at_middle, at_end = (turning(speed, goal, parameters, effects) for speed in (rotors, middle, end))
+    turned = at_start, at_middle, at_middle, at_end
 
-    def slope(at: RespondingBody, turned: Turning) -> RespondingBody:
-        return body_slope(at, turned, target, wind, parameters, response, effects)
+    def slope(stage: int, at: RespondingBody, _: RespondingBody) -> RespondingBody:
+        return body_slope(at, turned[stage], target, wind, parameters, response, effects)
 
-    slope_1 = slope(body, begun)
-    slope_2 = slope(_moved(body, slope_1, 0.5 * time_step), halfway)
-    slope_3 = slope(_moved(body, slope_2, 0.5 * time_step), halfway)
-    slope_4 = slope(_moved(body, slope_3, time_step), done)
-    sixth, third = time_step / 6.0, time_step / 3.0
-    moved = _moved(_moved(_moved(_moved(body, slope_1, sixth), slope_2, third), slope_3, third), slope_4, sixth)
-    after = RespondingState(moved, end)
+    after = RespondingState(runge_kutta_step(body, slope, time_step).end, end)
     return after if crashed is None else where(crashed.crashed != 0.0, RespondingState(body, rotors), after)
-
-
-def _moved(body: RespondingBody, slope: RespondingBody, time: Row) -> RespondingBody:
-    """A body after a time (s) with a slope."""
-    return RespondingBody._make(row + time * rate for row, rate in zip(body, slope, strict=True))
 
 
 def responding_slope(

@@ -31,9 +31,10 @@ from drake_quad.vehicle.battery import Battery, drawn_per_second, rotor_power, t
 from drake_quad.vehicle.dynamics import Motion, held_rotor_speed
 from drake_quad.vehicle.effects import Effects
 from drake_quad.vehicle.faults import RotorFaults, SpeedFactors, speed_factors
-from drake_quad.vehicle.motion import Turning, accelerations, turning
+from drake_quad.vehicle.motion import accelerations, turning
 from drake_quad.vehicle.motors import acceleration, decays, lagging, told_by_throttle
 from drake_quad.vehicle.parameters import QuadrotorParameters
+from drake_quad.vehicle.runge_kutta import runge_kutta_step
 from drake_quad.vehicle.slung_load import Rod, rod_of, swing_of, swing_rates
 
 
@@ -124,16 +125,6 @@ class Moving(NamedTuple):
     rod: Rod | None
 
 
-def moved(moving: Any, slope: Any, time: Row) -> Any:
-    """Advance a row, or a record of rows, by a time (s) with constant slope; a part that is None stays None."""
-    if moving is None:
-        return None
-    if not isinstance(moving, tuple):
-        return moving + time * slope
-    record: Any = type(moving)
-    return record._make(moved(part, rate, time) for part, rate in zip(moving, slope, strict=True))
-
-
 def step_of_flight(
     before: VehicleState,
     target: RotorSpeed,
@@ -150,29 +141,25 @@ def step_of_flight(
     middle = lagging(before.rotors, target, decay)
     end = lagging(middle, target, decay)
     speeds = before.rotors, middle, end
-    rotors_1, rotors_2, rotors_3 = (turning(speed, target, parameters, effects) for speed in speeds)
+    at_start, at_middle, at_end = (turning(speed, target, parameters, effects) for speed in speeds)
+    # Rotors, and the time since the start of the step, at each stage of the method.
+    stages = (at_start, 0.0), (at_middle, half), (at_middle, half), (at_end, time_step)
     attitude = kinematics.integrated(Attitude(body.roll, body.pitch, body.yaw))
     held_at = 0.0 if effects.payload is None else time - half
 
-    def slope(at: Moving, height: PositionW, rotors: Turning) -> Moving:
+    def slope(stage: int, at: Moving, stage_before: Moving) -> Moving:
+        rotors, elapsed = stages[stage]
+        height = body.z if stage == 0 else _height(body, stage_before.motion.v_z, elapsed, effects)
         motion = at.motion
         rates = attitude.rates(at.attitude, BodyRates(motion.p, motion.q, motion.r))
         axes = attitude.axes(at.attitude)
         return Moving(rates, *accelerations(axes, motion, at.rod, height, rotors, wind, parameters, effects, held_at))
 
-    moving_1 = Moving(attitude.start, Motion.of(body), None if before.swing is None else rod_of(before.swing))
-    slope_1 = slope(moving_1, body.z, rotors_1)
-    moving_2 = moved(moving_1, slope_1, half)
-    slope_2 = slope(moving_2, _height(body, moving_1.motion.v_z, half, effects), rotors_2)
-    moving_3 = moved(moving_1, slope_2, half)
-    slope_3 = slope(moving_3, _height(body, moving_2.motion.v_z, half, effects), rotors_2)
-    moving_4 = moved(moving_1, slope_3, time_step)
-    slope_4 = slope(moving_4, _height(body, moving_3.motion.v_z, time_step, effects), rotors_3)
-
-    sixth, third = time_step / 6.0, time_step / 3.0
-    moving = moved(moved(moved(moved(moving_1, slope_1, sixth), slope_2, third), slope_3, third), slope_4, sixth)
+    moving = Moving(attitude.start, Motion.of(body), None if before.swing is None else rod_of(before.swing))
+    step = runge_kutta_step(moving, slope, time_step)
+    moving, sixth = step.end, time_step / 6.0
     # A position's part of the method is a weighted mean of the stages' velocities.
-    motion_1, motion_2, motion_3, motion_4 = (each.motion for each in (moving_1, moving_2, moving_3, moving_4))
+    motion_1, motion_2, motion_3, motion_4 = (stage.motion for stage in step.stages)
     x = body.x + sixth * (motion_1.v_x + 2.0 * (motion_2.v_x + motion_3.v_x) + motion_4.v_x)
     y = body.y + sixth * (motion_1.v_y + 2.0 * (motion_2.v_y + motion_3.v_y) + motion_4.v_y)
     z = body.z + sixth * (motion_1.v_z + 2.0 * (motion_2.v_z + motion_3.v_z) + motion_4.v_z)

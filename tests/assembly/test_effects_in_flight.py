@@ -10,7 +10,6 @@ from drake_quad import InputError, simulate
 from drake_quad.assembly.effects import steepest_load, swing_frequency, vehicle_effects
 from drake_quad.assembly.laboratory import laboratory_recipes
 from drake_quad.assembly.planning import plan_route
-from drake_quad.assembly.recipe import FleetScenario
 from drake_quad.flight import simulate_samples
 from drake_quad.scenario import Batch
 from drake_quad.vehicle.aerodynamics import (
@@ -166,9 +165,9 @@ def test_the_steepest_load_is_the_sum_of_that_on_the_body_and_that_on_the_rotors
     for climb, inflow, drag, largest in (("-0.3", "2e-4", "1e-6", along), ("-0.3", "2e-4", "2e-3", across)):
         text = rotors.format(climb=climb, inflow=inflow, drag=drag)
         for overrides, expected in (((text,), largest), ((body, text), 0.4 + 2.0 * 0.02 * 5.0 + largest)):
-            vehicle = FleetScenario(Batch.draw(asymmetric("pid", *overrides), (0,))).vehicle
+            vehicle = Batch.draw(asymmetric("pid", *overrides), (0,)).fleet_scenario.vehicle
             assert steepest_load(vehicle, 5.0) == pytest.approx(expected, rel=1e-12)
-    none = FleetScenario(Batch.draw(asymmetric("pid"), (0,))).vehicle
+    none = Batch.draw(asymmetric("pid"), (0,)).fleet_scenario.vehicle
     assert (steepest_load(none, 5.0), swing_frequency(none)) == (0.0, 0.0)
 
 

@@ -14,7 +14,7 @@ from drake_quad.assembly.laboratory import (
     wind_period,
 )
 from drake_quad.assembly.planning import plan_route
-from drake_quad.assembly.recipe import Recipe
+from drake_quad.framework.recipe import Recipe
 from drake_quad.gym.task import task_of
 from drake_quad.laboratory.command_link import LinkNumbers
 from drake_quad.laboratory.flight_monitor import CrashLimits, Window

@@ -13,13 +13,13 @@ from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 from scipy.spatial.transform import Rotation
 
+from drake_quad.axes import BodyAxes
 from drake_quad.kinematics import small_rotation
 from drake_quad.laboratory.motion_capture import (
     CameraNumbers,
     Cameras,
     MotionCapture,
     Pose,
-    RotationMatrix,
     VelocityDrift,
     VelocityError,
     _rotation,
@@ -182,7 +182,7 @@ def test_a_frame_of_markers_that_point_straight_up_is_finite():
         up = Rotation.from_euler("ZYX", [rng.uniform(-3.0, 3.0), 0.5 * np.pi, 0.0])
         body = up * Rotation.from_euler("ZYX", misalignment[::-1]).inv()
         attitude = Attitude(*body.as_euler("ZYX")[::-1].tolist())
-        found = attitude_of_markers(attitude, RotationMatrix.of(*misalignment))
+        found = attitude_of_markers(attitude, BodyAxes.of(*misalignment))
         matrix = Rotation.from_euler("ZYX", found[::-1]).as_matrix()
         np.testing.assert_allclose(matrix, up.as_matrix(), atol=1e-7)
 
@@ -246,7 +246,7 @@ def test_misaligned_markers_turn_with_the_body(attitude):
     """R_WB R_BM, by Drake's rotation matrices."""
     misalignment = (0.05, -0.08, 0.2)
     turned = RollPitchYaw(attitude).ToRotationMatrix() @ RollPitchYaw(misalignment).ToRotationMatrix()
-    found = RollPitchYaw(*attitude_of_markers(Attitude(*attitude), RotationMatrix.of(*misalignment))).ToRotationMatrix()
+    found = RollPitchYaw(*attitude_of_markers(Attitude(*attitude), BodyAxes.of(*misalignment))).ToRotationMatrix()
     np.testing.assert_allclose(found.matrix(), turned.matrix(), atol=1e-14)
 
 

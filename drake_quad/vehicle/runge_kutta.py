@@ -1,0 +1,50 @@
+"""Classical fourth-order Runge–Kutta method."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from drake_quad.signals import Row
+
+
+class Step(NamedTuple):
+    """A step of the method.
+
+    Attributes:
+        stages: state at each of the four stages.
+        end: state at the end of the step.
+    """
+
+    stages: tuple[Any, Any, Any, Any]
+    end: Any
+
+
+def runge_kutta_step(start: Any, slope: Callable[[int, Any, Any], Any], time_step: float) -> Step:
+    """Integrate a row, or a record of rows, over a step.
+
+    Args:
+        start: state at the start of the step.
+        slope: function of the number of a stage (0 to 3), the state there, and the state of the stage before, which
+            for stage 0 is the start. It returns the time derivative, which may differ in type from the state.
+        time_step: time step h, s.
+    """
+    half = 0.5 * time_step
+    slope_1 = slope(0, start, start)
+    second = moved(start, slope_1, half)
+    slope_2 = slope(1, second, start)
+    third = moved(start, slope_2, half)
+    slope_3 = slope(2, third, second)
+    fourth = moved(start, slope_3, time_step)
+    slope_4 = slope(3, fourth, third)
+    sixth, third_part = time_step / 6.0, time_step / 3.0
+    end = moved(moved(moved(moved(start, slope_1, sixth), slope_2, third_part), slope_3, third_part), slope_4, sixth)
+    return Step((start, second, third, fourth), end)
+
+
+def moved(state: Any, slope: Any, time: Row) -> Any:
+    """Advance a row, or a record of rows, by a time (s) with constant slope; a part that is None stays None."""
+    if state is None:
+        return None
+    if not isinstance(state, tuple):
+        return state + time * slope
+    record: Any = type(state)
+    return record._make(moved(part, rate, time) for part, rate in zip(state, slope, strict=True))
