@@ -392,7 +392,7 @@ def test_a_step_is_too_long_for_an_attitude_that_responds_within_two_fifths_of_i
 def test_without_sources_there_is_no_wind(asymmetric):
     scenario = asymmetric("pid", "laboratory.wind=[]")
     assert not any(path.startswith("wind.") for path in recipes_of(scenario))
-    assert steady_wind(scenario) == Wind(0.0, 0.0, 0.0)
+    assert steady_wind(scenario.laboratory.wind) == Wind(0.0, 0.0, 0.0)
 
 
 def test_a_sine_has_its_velocity_frequency_and_phase(asymmetric):
