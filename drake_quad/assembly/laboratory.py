@@ -300,6 +300,7 @@ def _wind(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
         by_kind.setdefault(type(written), []).append(source)
     surroundings = WindSurroundings(steady_wind(fleet.laboratory.wind), wind_period(scenario))
     recipes: dict[str, Recipe] = {}
-    for kind, sources in by_kind.items():
-        recipes |= kind.recipes(sources, surroundings)
+    # The order decides how the sum of all winds is rounded, and what a drawing shows first.
+    for kind in sorted(by_kind, key=lambda kind: kind.depends_on_place):
+        recipes |= kind.recipes(by_kind[kind], surroundings)
     return recipes
