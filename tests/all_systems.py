@@ -139,7 +139,7 @@ class Example(NamedTuple):
 
     @property
     def is_compiled(self) -> bool:
-        """Whether machine code can be made of the system: it has no continuous state and solves no programme."""
+        """True unless the system has a continuous state or solves an optimisation problem."""
         return self.structure.get("time_step") != 0.0 and self.system is not PredictiveProgramme
 
     @property

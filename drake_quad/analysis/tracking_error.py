@@ -37,7 +37,7 @@ _RELATIVE_PRECISION = 0.05
 _ABSOLUTE_PRECISION = 1e-7  # m
 # The default seed is fixed, so that a plan does not depend on the seed of a study.
 _SEED = 20_261_107
-# The wind of fans varies along the route, so the error is predicted at this number of points of the route.
+# Number of points along the route at which the error is predicted if the wind depends on the place.
 _NUM_PLACES = 9
 
 
@@ -62,8 +62,8 @@ class HoverError(NamedTuple):
 def hover_error(scenario: Scenario, *, seed: int = _SEED) -> HoverError:
     """Simulate hovers of the true vehicle and return their RMS error between `SETTLING_TIME` and `HOVER_TIME`.
 
-    The vehicle hovers where the scenario's route hovers, or at (0, 0, 1). Gusts, sinusoidal wind, the battery and rotor
-    failures are left out. The error of a controller that learns may change after this time.
+    The vehicle hovers where the scenario's route hovers, or at (0, 0, 1). Winds that change with time, the battery and
+    rotor failures are left out. The error of a controller that learns may change after this time.
 
     Args:
         scenario: scenario without distributions.
@@ -89,11 +89,12 @@ def hover_error(scenario: Scenario, *, seed: int = _SEED) -> HoverError:
 def believed_tracking_error(scenario: Scenario) -> HoverError:
     """Return the `hover_error` of the nominal vehicle in a scenario's wind.
 
-    A planner can allow for this error, since it does not depend on the unknown true vehicle. With fans, it is the
-    largest error of hovers along the route, which is planned without obstacles for this purpose.
+    A planner can allow for this error, since it does not depend on the unknown true vehicle. If a wind
+    depends on the place, the result is the largest error of hovers along the route, which is planned without obstacles
+    for this purpose.
 
     Raises:
-        InputError: an error of `hover_error`, or the wind has a gust or a sine, in which the error depends on time.
+        InputError: an error of `hover_error`, or a wind changes with time, and the error with it.
     """
     for number, source in enumerate(scenario.laboratory.wind):
         if source.depends_on_time:

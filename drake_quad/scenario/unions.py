@@ -24,7 +24,8 @@ class OpenUnion:
 
     Args:
         base: class that all members extend.
-        questions: names of class attributes that each member must define, since no default is safe.
+        questions: names of class attributes that each member must define, since no default is safe. It must also define
+            the abstract methods of the base class.
     """
 
     def __init__(self, base: type[Model], *questions: str) -> None:
@@ -45,7 +46,7 @@ class OpenUnion:
         """Register a model, as a decorator of its class.
 
         Raises:
-            TypeError: if the model does not extend the base class, has no `kind`, or leaves a question open.
+            TypeError: if the model does not extend the base class, has no `kind`, or does not define what it must.
             ValueError: if another model has the same kind.
         """
         name = model.__name__
@@ -55,7 +56,8 @@ class OpenUnion:
         kinds = get_args(fields["kind"].annotation) if "kind" in fields else ()
         if len(kinds) != 1:
             raise TypeError(f'{name} must have a field kind of one word, as in kind: Literal["{name.lower()}"]')
-        if missing := [question for question in self._questions if not hasattr(model, question)]:
+        missing = [question for question in self._questions if not hasattr(model, question)]
+        if missing := [*missing, *sorted(getattr(model, "__abstractmethods__", ()))]:
             raise TypeError(f"{name} must define {' and '.join(missing)}")
         (kind,) = kinds
         if self._members.get(kind, model).__qualname__ != model.__qualname__:

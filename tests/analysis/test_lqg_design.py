@@ -194,7 +194,7 @@ def test_a_design_flies_within_its_limits(diagrams, monkeypatch):
     ],
 )
 def test_the_attitude_follows_its_command_and_the_position_the_attitude(lags, answer, polynomial):
-    """From a command to the specific thrust sideways: 1 / (s² (T s + 1)), or what an autopilot makes of the angle."""
+    """Each plant has the transfer function of its lag, 1 / (s² (T s + 1)), or of the autopilot's response."""
     conditions = Conditions(STILL, STILL, 0.0, 1e-3, 4e-3, 0.0)
     plant = Plant(lags, 0.05, answer, 0, 1, thrust_gain=1.3)
     s = 2.0 + 3.0j
@@ -275,7 +275,7 @@ def test_a_search_finds_the_numbers_of_least_cost_wherever_the_first_begins(sear
 
 
 def test_limits_are_narrowed_until_the_whole_loop_keeps_them(search_of):
-    """In proportion to what the whole loop has and the limit, and a little more; a loop without feedback has none."""
+    """Limits shrink by slightly more than the loop exceeds them. A loop without feedback cannot be narrowed."""
     limits = Limits(sensitivity=3.0, delay=0.03)
     search = search_of(1, limits=limits._replace(sensitivity=2.5, delay=0.04))
 
@@ -313,7 +313,7 @@ def test_a_design_is_made_of_what_is_believed_and_of_what_disturbs(diagrams, mon
     assert [axis.second.time for axis in (x, z)] == pytest.approx([found.lateral.time, found.vertical.time], rel=5e-3)
     assert x.position_noise == z.position_noise == pytest.approx(found.position_noise, rel=1e-3)
     assert z.second.deviation == pytest.approx(found.vertical.deviation, rel=1e-3)
-    # What is taken for a constant changes in no less time than what lasts.
+    # The first disturbance model stands for a constant, so it changes more slowly than the second.
     assert x.first.time == z.first.time > 10.0 * max(x.second.time, z.second.time)
     limits = scenario.control.thrust_vectoring
     assert (control.max_tilt, control.min_thrust, control.max_thrust) == (

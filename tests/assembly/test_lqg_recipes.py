@@ -1,4 +1,4 @@
-"""What the numbers of a scenario become in linear-quadratic-Gaussian and in model predictive control."""
+"""Recipes for linear-quadratic-Gaussian and model predictive control contain the numbers of the scenario."""
 
 import math
 

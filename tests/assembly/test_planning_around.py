@@ -162,7 +162,7 @@ def test_a_plan_keeps_a_share_of_the_predicted_tracking_error(room):
     dragged = ["vehicle.linear_drag=0.1", "route.times=heuristic"]
     calm, windy = (planned(room("space.tracking=0.5", *dragged, *each)) for each in ((), (wind,)))
     predicted = believed_tracking_error(room(wind, *dragged)).rms.value
-    # What must not be touched in flight has no such share.
+    # The share counts for planning only, not for collisions in flight.
     assert space_of(room("space.tracking=0.5")).clearance == pytest.approx(0.27)
     assert windy.space.tracking == pytest.approx(0.5 * predicted)
     assert windy.space.clearance > calm.space.clearance + 0.01

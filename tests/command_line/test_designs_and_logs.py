@@ -164,7 +164,7 @@ def test_a_plan_names_the_obstacle_that_is_next_to_it(run, replaced, tmp_path): 
     assert (named["places"], named["space"], named["waypoints"]) == (problem.places, space, None)
     assert calls["save_plan"] == [((flown, tmp_path), {"name": "figure_eight"})]
     assert calls["save_figures"] == [(({"plan": "figure"}, tmp_path), {"vector": "pdf"})]
-    # Of a route around obstacles only its own places are drawn.
+    # The plan around obstacles passes further places, which are not drawn.
     planned[2] = [0, 2]
     run("plan", "figure_eight", "--output", tmp_path)
     assert calls["plot_plan"][1][1]["places"] == [0, 2]

@@ -253,7 +253,7 @@ def test_a_controller_is_tuned_and_judged_on_samples_that_follow(run, replaced, 
     lines = [line.split("  ") for line in result.stdout.splitlines()]
     k_p = [word.strip() for word in lines[1] if word.strip()]
     assert k_p == ["control.position.k_p.0, control.position.k_p.1", "2", "1.5"]
-    # Of 10, 13.3 and 16.7 cm; the fourth crashes.
+    # The mean of 10, 13.3 and 16.7 cm. The fourth flight crashes.
     assert "13.33 cm, 1 crashed" in result.stdout
     assert "none of what was tried keeps the limit; this meets 88 % of it" in result.stdout
     tuned.share = 1.0
@@ -692,7 +692,7 @@ def test_the_experiment_is_flown_in_the_size_that_is_asked_for(run, replaced, tm
 
 
 class Bar:
-    """A progress bar that keeps what it is told."""
+    """A progress bar that records its updates."""
 
     def __init__(self, *items, **options):
         self.options, self.n, self.total = options, 0, options.get("total")
@@ -735,7 +735,7 @@ def test_bars_show_how_much_is_done(monkeypatch):
         for done in (30, 50, 100):
             show(done, 100)
             assert (bars[-1].n, bars[-1].total) == (done, 100)
-    # What was there before counts as no progress, and the bar begins once.
+    # The first 30 flights were there before, so the bar starts from them, and it is reset once.
     assert (bars[-1].initial, bars[-1].resets, bars[-1].options["desc"]) == (30, [100], "mine")
     assert list(progress.bar_over(["a", "b"], "drawing")) == ["a", "b"]
     assert (bars[-1].words, bars[-1].options["desc"]) == (["a", "b"], "drawing")

@@ -381,7 +381,7 @@ def test_explained_shares_of_outputs_are_printed(capsys):
     identify.print_score(identified())
     _, header, *rows = cells(capsys.readouterr().out)
     assert header == ["output", "fitted", "held out", "left, RMS", "white noise"]
-    # What is left is that of the windows that are held out.
+    # The remaining errors are those of the held-out windows.
     assert rows == [
         ["height", "–", "90.0 %", "0.25", "0.12", "m"],
         ["pitch", "100.0 %", "none", "0.25", "0.12", "rad"],

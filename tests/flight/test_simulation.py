@@ -1,4 +1,4 @@
-"""What a simulation of one vehicle flies, when it ends, and what it refuses."""
+"""Simulation of one vehicle: samples, early ends and errors."""
 
 import numpy as np
 import pytest

@@ -90,7 +90,7 @@ def test_matrices_are_equal_if_their_numbers_are():
 
 
 def test_the_numbers_of_a_matrix_cannot_be_changed():
-    """It is told from others by a digest of them, under which its machine code is kept."""
+    """Machine code is cached under a digest of the numbers, so a matrix that changed would run the wrong code."""
     matrix = matrix_of(3, 2)
     with pytest.raises(ValueError, match="read-only"):
         matrix._numbers[0, 0] = 1.0

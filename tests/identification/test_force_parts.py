@@ -314,7 +314,7 @@ def test_drag_of_a_short_flight_is_a_least_squares_estimate_with_block_deviation
     one_way = record(6.0, **level, wind=np.zeros((300, 3)), velocity=record(6.0).velocity * [1.0, 0.05, 1.0])
     first, second = forces.linear_drag(one_way, vehicle)
     assert first == second
-    # What a climb tells is another drag, however fast it is.
+    # A fast climb contains no information on drag along x and y.
     climbing = record(6.0, **level, wind=np.zeros((300, 3)), velocity=one_way.velocity * [1.0, 1.0, 20.0])
     assert forces.linear_drag(climbing, vehicle) == (first, second)
     with pytest.raises(InputError, match="hovers"):

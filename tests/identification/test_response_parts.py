@@ -69,7 +69,7 @@ def test_outputs_depend_on_the_logged_signals_and_on_the_kind_of_command():
     # An autopilot keeps the errors of angles from growing.
     assert [output.strays for output in response._outputs([whole], True)][3:] == [0.0] * 3
     assert min(output.strays for output in outputs) > 0.0
-    # What the model lacks moves a vehicle, within a second, by more than the noise of what measures it.
+    # Unmodelled motion within a second is assumed to be larger than the measurement noise.
     for output in (*response._outputs([whole], False), *outputs):
         assert output.usual < output.strays
     for missing in ("attitude", "body_rates"):

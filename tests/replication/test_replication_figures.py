@@ -230,7 +230,7 @@ def test_errors_in_wind_are_shown_until_the_crash_and_beside_those_of_type_1(fli
 
 
 def test_errors_in_wind_are_shown_also_if_the_first_controller_crashes(flights):
-    """Over the time of the longest flight."""
+    """The time axis is that of the longest flight."""
     pd = Cell("high_wind", "pd")
     time = flights[pd].time
     signals = {name: rows[:100] for name, rows in flights[pd].signals.items()}

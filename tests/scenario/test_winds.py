@@ -17,6 +17,7 @@ from drake_quad.analysis.closed_loop import at_rest, in_hover
 from drake_quad.analysis.tracking_error import believed_tracking_error
 from drake_quad.scenario import Batch
 from drake_quad.scenario.schema import file_schema, language_page
+from drake_quad.scenario.winds.gust import GustSource
 from drake_quad.scenario.winds.source import WINDS, Surroundings, WindSource, steady_wind
 from drake_quad.signals import Wind
 
@@ -155,10 +156,12 @@ def test_a_kind_without_answers_is_refused():
         depends_on_place: ClassVar = False
         depends_on_time: ClassVar = False
 
-    class Taken(Kindless):
-        kind: Literal["gust"]
+    class Taken(GustSource):
+        pass
 
-    with pytest.raises(TypeError, match="Silent must define depends_on_time"):
+    with pytest.raises(
+        TypeError, match="Silent must define depends_on_time and max_speed and recipe and without_turbulence"
+    ):
         WINDS.member(Silent)
     with pytest.raises(TypeError, match="Kindless must have a field kind"):
         WINDS.member(Kindless)

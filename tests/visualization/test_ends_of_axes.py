@@ -1,4 +1,4 @@
-"""Axes show all that is drawn and little more, with ticks at round numbers; curves that coincide are told apart."""
+"""Axes contain all curves with small margins and round ticks, and coinciding curves can be distinguished."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -145,7 +145,7 @@ def test_speeds_of_rotors_rise_upwards_and_close_up_without_the_limits():
 
 @pytest.mark.slow
 def test_rotors_of_a_plan_that_turn_alike_are_told_apart():
-    """In a hover all turn alike."""
+    """In hover all rotors have the same speed."""
     scenario = load_scenario("figure_eight", ["route={kind: hover, position: [0, 0, 1]}", "duration=1"])
     plan = plan_route(scenario)
     figure = plot_plan(plan, planned_parameters(scenario))

@@ -153,7 +153,7 @@ def test_axes_of_a_flight_have_labels_titles_and_legends(name, flight):
     titles = [figure.get_suptitle(), *(axes.get_title(loc) for axes in figure.axes for loc in ("center", "left"))]
     assert [title for title in titles if title] == TITLES[name]
     if name == "plan":
-        # The three views and the profiles stand beside each other, from the bottom of the page to its top.
+        # The three views and the profiles are two columns, each as high as the figure.
         for part in (figure.axes[:3], figure.axes[3:]):
             ends = [end for axes in part for end in axes.get_position().intervaly]
             assert min(ends) < 0.1

@@ -77,7 +77,7 @@ def test_a_network_on_one_axis_has_one_column():
 
 
 def test_curves_on_top_of_each_other_are_dashed_in_all_plots_of_a_flight(hover):
-    """In a hover without wind all errors and angles are next to zero."""
+    """In hover without wind all errors and angles are almost zero, so that their curves coincide."""
     upper, _ = plots.plot_errors(hover).axes
     assert [line.is_dashed() for line in upper.lines[:2]] == [False, True]
     for axes in plots.plot_attitude(hover).axes[:2]:

@@ -56,10 +56,14 @@ class FanSource(WindSource):
         """Return the fan with a jet that is not turbulent."""
         return self.model_copy(update={"turbulence": 0.0})
 
+    def recipe(self, surroundings: Surroundings) -> Recipe:
+        """Return the recipe for the wind of this fan."""
+        return Recipe(Fans, {"period": surroundings.period}, (self.jet(),))
+
     @classmethod
     def recipes(cls, sources: Sequence[Any], surroundings: Surroundings) -> dict[str, Recipe]:
         """Return the recipe for one system, which makes the wind of all fans."""
-        return {"fans": Recipe(Fans, {"period": surroundings.period}, jets(sources))}
+        return {"fans": sources[0].recipe(surroundings)._replace(numbers=jets(sources))}
 
 
 def jets(sources: Iterable[Any]) -> tuple[Jet, ...]:

@@ -1,8 +1,9 @@
-"""What a source of wind is, and what the rest of the library asks it.
+"""Sources of wind, and the questions about them that the rest of the library asks.
 
 A wind of your own is a class that extends `WindSource` and is registered with `WINDS.member`.
 """
 
+from abc import abstractmethod
 from collections.abc import Iterable, Sequence
 from typing import Annotated, Any, ClassVar, NamedTuple
 
@@ -19,7 +20,7 @@ from drake_quad.signals import Row, VelocityW, Wind
 
 
 class Surroundings(NamedTuple):
-    """What a source may need to know of the laboratory around it.
+    """Properties of the laboratory that a source may depend on.
 
     Attributes:
         steady_wind: sum of all steady winds.
@@ -46,17 +47,17 @@ class WindSource(Model):
         """Return the part of the wind that is the same everywhere and always, m/s."""
         return Wind(0.0, 0.0, 0.0)
 
+    @abstractmethod
     def max_speed(self) -> VelocityW:
         """Return the largest speed of the mean wind beyond its steady part, m/s."""
-        raise NotImplementedError
 
+    @abstractmethod
     def without_turbulence(self) -> "WindSource | None":
         """Return the source without its random part; None if nothing remains."""
-        raise NotImplementedError
 
+    @abstractmethod
     def recipe(self, surroundings: Surroundings) -> Recipe:
         """Return the recipe for the system that makes this wind."""
-        raise NotImplementedError
 
     @classmethod
     def recipes(cls, sources: Sequence["WindSource"], surroundings: Surroundings) -> dict[str, Recipe]:

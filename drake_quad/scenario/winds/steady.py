@@ -13,7 +13,7 @@ from drake_quad.signals import VelocityW, Wind
 
 @WINDS.member
 class SteadySource(BlowingSource):
-    """The same wind everywhere, always."""
+    """Wind that depends on neither place nor time."""
 
     kind: Literal["steady"]
     depends_on_place: ClassVar = False
@@ -27,9 +27,12 @@ class SteadySource(BlowingSource):
         """Return 0, since all of the wind is steady."""
         return 0.0
 
+    def recipe(self, surroundings: Surroundings) -> Recipe:
+        """Return the recipe for the sum of all steady winds."""
+        return Recipe(SteadyWind, {}, surroundings.steady_wind)
+
     @classmethod
     def recipes(cls, sources: Sequence[WindSource], surroundings: Surroundings) -> dict[str, Recipe]:
         """Return the recipe for one system, which makes the sum of all steady winds; none if the air is at rest."""
-        wind = surroundings.steady_wind
-        blows = any(isinstance(part, np.ndarray) or part != 0.0 for part in wind)
-        return {"steady": Recipe(SteadyWind, {}, wind)} if blows else {}
+        blows = any(isinstance(part, np.ndarray) or part != 0.0 for part in surroundings.steady_wind)
+        return {"steady": sources[0].recipe(surroundings)} if blows else {}

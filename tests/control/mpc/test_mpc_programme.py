@@ -162,7 +162,7 @@ def test_horizontal_commands_are_those_of_the_problem_written_state_by_state(kin
 
 @pytest.mark.parametrize("moves", [False, True])
 def test_a_corridor_counts_how_far_the_vehicle_is_beyond_a_wall(moves):
-    """In metres along each axis, from the place in W or from the reference."""
+    """The distance is in metres along each axis of W. A moving corridor is centred on the reference."""
     horizon = horizon_of("torques", CORRIDOR._replace(moves=moves))
     rng = np.random.default_rng(6)
     later = slice(NOW + 1, NOW + 1 + NUM_TICKS)
