@@ -72,7 +72,8 @@ def add_overrides(options: argparse.ArgumentParser) -> None:
         "--import",
         metavar="FILE.py",
         action=_Import,
-        dest=argparse.SUPPRESS,
+        dest="imports",
+        default=[],
         help="run a Python file of yours first, such as one that registers a kind of wind; can be given several times",
     )
     options.add_argument("--seed", type=int, help="seed of everything random (default: the scenario's)")
@@ -81,8 +82,9 @@ def add_overrides(options: argparse.ArgumentParser) -> None:
 class _Import(argparse.Action):
     """Imports a Python file when the option is parsed, before any scenario is loaded."""
 
-    def __call__(self, parser: argparse.ArgumentParser, *given: Any) -> None:
-        path = Path(given[1])
+    def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, *given: Any) -> None:
+        path = Path(given[0])
+        namespace.imports = [*namespace.imports, path]
         if path.suffix != ".py" or not path.is_file():
             parser.error(f"--import {path}: is not a Python file")
         loaded = sys.modules.get(path.stem)

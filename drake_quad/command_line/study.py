@@ -2,7 +2,7 @@
 
 import argparse
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -100,7 +100,8 @@ def main(arguments: argparse.Namespace) -> None:
         if study.misfits:
             lines = ", ".join(map(str, study.misfits[:5])) + (", ..." if len(study.misfits) > 5 else "")
             remark(f"{folders[name] / 'results.csv'} was altered in lines {lines}; these samples were flown again")
-        print_study(name, study, folders[name], "as they are wired" if arguments.wired else "compiled")
+        how = "as they are wired" if arguments.wired else "compiled"
+        print_study(name, study, folders[name], how, imports=arguments.imports)
     if len(studies) > 1:
         print_comparison(studies, arguments.metric)
     print_files(files)
@@ -165,7 +166,7 @@ def save_plots(studies: Mapping[str, Study], folder: Path, arguments: argparse.N
     return save_figures(figures, folder, vector=arguments.vector)
 
 
-def print_study(name: str, study: Study, folder: Path, how: str) -> None:
+def print_study(name: str, study: Study, folder: Path, how: str, *, imports: Sequence[Path] = ()) -> None:
     """Prints estimates of the metrics, and the commands that fly the worst samples again."""
     print(
         f"{name}: {len(study.samples):,} samples of seed {study.scenario.seed}, {study.duration:.2f} s each, diagrams"
@@ -184,8 +185,9 @@ def print_study(name: str, study: Study, folder: Path, how: str) -> None:
         print("the worst:")
     ends = {sample: _end_of(study, int(np.searchsorted(study.samples, sample))) for sample in worst(study)}
     width = max(18, *map(len, ends.values())) if ends else 0
+    known = "".join(f" --import {path}" for path in imports)
     for sample, end in ends.items():
-        print(f"  {end:<{width}}  drake-quad fly {folder / 'scenario.yaml'} --sample {sample}")
+        print(f"  {end:<{width}}  drake-quad fly {folder / 'scenario.yaml'} --sample {sample}{known}")
 
 
 def _end_of(study: Study, place: int) -> str:

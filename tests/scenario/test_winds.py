@@ -190,6 +190,7 @@ def test_a_command_imports_a_kind_of_a_user(tmp_path):
     command = [sys.executable, "-m", "drake_quad", *study, "--output", str(tmp_path)]
     result = subprocess.run([*command, "--import", str(EXAMPLE)], capture_output=True, text=True, cwd=ROOT, check=False)
     assert (result.returncode, result.stderr) == (0, "")
+    assert result.stdout.count(f" --sample 0 --import {EXAMPLE}\n") == 1, "the worst flights are flown again like this"
     assert "laboratory.wind.0.exponent" in (tmp_path / "results.csv").read_text(encoding="utf-8")
     (tmp_path / "broken.py").write_text("1 / 0", encoding="utf-8")
     (tmp_path / "random.py").write_text("", encoding="utf-8")
