@@ -1,4 +1,4 @@
-"""Recipe for a system: its class, its structure and its numbers."""
+"""Recipes, from which systems are built and contexts are reset."""
 
 from typing import Any, NamedTuple
 
@@ -11,9 +11,9 @@ class Recipe(NamedTuple):
     """Recipe for a system.
 
     Attributes:
-        system: its class, a FleetSystem.
-        structure: which ports and events it has, as arguments of its constructor.
-        numbers: what may differ from vehicle to vehicle; each row may be an (N,) array. None for a system without any.
+        system: class of the system, a `FleetSystem`.
+        structure: arguments of the constructor that determine ports and events.
+        numbers: record of numbers, each of which may be an (N,) array; None for a system without numbers.
     """
 
     system: Any
@@ -21,20 +21,20 @@ class Recipe(NamedTuple):
     numbers: Any
 
     def build(self, num_vehicles: int) -> Any:
-        """The system, for N vehicles."""
+        """Return the system for N vehicles."""
         numbers = {} if self.numbers is None else {"numbers": self.numbers}
         return self.system(num_vehicles=num_vehicles, **self.structure, **numbers)
 
     def reset(self, diagram: Diagram, path: str, context: Context) -> None:
-        """Makes the context of a system of this recipe what it would be, had the system been made of these numbers.
+        """Reset the context of a system to the default context of a system that is built from this recipe.
 
         Args:
-            diagram: that has the system.
-            path: of the system in the diagram.
-            context: of a diagram around it.
+            diagram: diagram that contains the system.
+            path: path of the system in the diagram.
+            context: context of a diagram that contains the system.
 
         Raises:
-            ValueError: the system has been built for other ports or events than the numbers need.
+            ValueError: if the system was built with another structure.
         """
         system = subsystem(diagram, path.split("."))
         if system.structure != self.structure:

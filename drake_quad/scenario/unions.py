@@ -31,7 +31,7 @@ class OpenUnion:
     def __init__(self, base: type[Model], *questions: str) -> None:
         self._base, self._questions = base, questions
         self._members: dict[str, type[Model]] = {}
-        self._rebuilt: list[Callable[[], Any]] = []
+        self._rebuilders: list[Callable[[], Any]] = []
 
     def __iter__(self) -> Iterator[type[Model]]:
         """Iterate over the members, in the order of their registration."""
@@ -63,19 +63,19 @@ class OpenUnion:
         if self._members.get(kind, model).__qualname__ != model.__qualname__:
             raise ValueError(f"there is another {self._base.__name__} of kind {kind}: {self._members[kind].__name__}")
         self._members[kind] = model
-        for rebuild in self._rebuilt:
+        for rebuild in self._rebuilders:
             rebuild()
         return model
 
     def remove(self, kind: str) -> None:
         """Remove a member, such as one that was registered for a test."""
         del self._members[kind]
-        for rebuild in self._rebuilt:
+        for rebuild in self._rebuilders:
             rebuild()
 
     def rebuild(self, *models: type[Model]) -> None:
         """Name the models that contain the union, innermost first. They are built again for each further member."""
-        self._rebuilt += [lambda model=model: model.model_rebuild(force=True) for model in models]  # type: ignore[misc]
+        self._rebuilders += [lambda model=model: model.model_rebuild(force=True) for model in models]  # type: ignore[misc]
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Return the schema of the union of the members that are registered now."""
