@@ -31,17 +31,18 @@ from drake_quad.command_line.running import run
 import numpy as np
 
 from drake_quad import InputError, Scenario, load_scenario
-from drake_quad.assembly.planning import flight_duration, plan_route
-from drake_quad.assembly.space import space_of
-from drake_quad.flight.fleet_simulation import simulate_fleet
+from drake_quad.fleets.fleet_simulation import simulate_fleet
+from drake_quad.flight.mission import plan_route
+from drake_quad.planning.duration import flight_duration
+from drake_quad.planning.space import space_of
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.path_problem import Box, Limits, PathProblem
 from drake_quad.reference.plan import to_piecewise_polynomial
 from drake_quad.reference.planner import GivenTimes, LeastSnap, Shortest, Timing, plan_path
-from drake_quad.scenario import Batch
+from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.routes import WaypointRoute
 from drake_quad.space.around import plan_around
-from drake_quad.studies import run_monte_carlo
+from drake_quad.studies.monte_carlo import run_monte_carlo
 
 _DIAGRAMS = Path(__file__).parent.parent / "diagrams"
 _NETWORK = _DIAGRAMS / "controllers" / "paper.yaml:pd_t2fnn"

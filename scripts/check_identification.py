@@ -23,8 +23,8 @@ from drake_quad.errors import shown
 from drake_quad.files import output_folder
 from drake_quad.identification.known_flights import KNOWN, Checked, Task, check_batch
 from drake_quad.identification.results.estimates import quantile
+from drake_quad.statistics.estimates import share_interval
 from drake_quad.studies.processes import Workers
-from drake_quad.studies.statistics import share_interval
 
 _DIAGRAMS = Path(__file__).parent.parent / "diagrams"
 # The first line says what is flown, the second what the columns are.

@@ -26,10 +26,10 @@ from tqdm import tqdm
 
 from drake_quad import Scenario, load_scenario
 from drake_quad.command_line.output import remark
-from drake_quad.flight.fleet_simulation import simulate_fleet
+from drake_quad.fleets.fleet_simulation import simulate_fleet
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import hermite_path
-from drake_quad.scenario import Batch
+from drake_quad.scenario.batch import Batch
 
 _DIAGRAMS = Path(__file__).parent.parent / "diagrams"
 # One turn of 1 m radius, 1 m above the ground, at 0.63 m/s.

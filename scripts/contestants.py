@@ -103,10 +103,11 @@ def start_now(
     who: str, scenario: Any, num_vehicles: int, given: dict[str, Any]
 ) -> tuple[Callable[[], Callable[[], None]], float]:
     """A function that prepares a flight and returns another that flies it; and its duration, s."""
-    from drake_quad.assembly.planning import flight_duration, plan_route
     from drake_quad.assembly.user_systems import UserSystems
-    from drake_quad.flight.fleet_simulation import simulate_fleet
-    from drake_quad.scenario import Batch
+    from drake_quad.fleets.fleet_simulation import simulate_fleet
+    from drake_quad.flight.mission import plan_route
+    from drake_quad.planning.duration import flight_duration
+    from drake_quad.scenario.batch import Batch
 
     plan = given.pop("plan", None) or plan_route(scenario)
     batch, own = Batch.draw(scenario, range(num_vehicles)), UserSystems(**given)

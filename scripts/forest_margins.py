@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, NamedTuple
 from drake_quad.command_line.running import run
 
 from drake_quad import InputError, load_scenario, run_monte_carlo
-from drake_quad.assembly.planning import planned
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import bar_over
 from drake_quad.files import output_folder, write_table
-from drake_quad.studies.statistics import Interval, share_interval
+from drake_quad.flight.mission import planned
+from drake_quad.statistics.estimates import share_interval
+from drake_quad.studies.statistics import Interval
 from drake_quad.visualization.style import BLUE, VERMILION, new_figure, save_figures, styled
 
 if TYPE_CHECKING:

@@ -17,8 +17,8 @@ from drake_quad.command_line.running import run
 import numpy as np
 
 from drake_quad import InputError, Scenario, load_scenario
-from drake_quad.analysis.hover_covariance import linear_hover_error
-from drake_quad.analysis.tracking_error import hover_error
+from drake_quad.flight.hover_error import hover_error
+from drake_quad.linear.hover_covariance import linear_hover_error
 from drake_quad.scenario.paths import replaced
 
 _CONTROLLERS = Path(__file__).parent.parent / "diagrams" / "controllers"

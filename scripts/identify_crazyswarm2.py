@@ -17,7 +17,6 @@ import numpy as np
 import scipy
 
 from drake_quad import InputError
-from drake_quad.analysis.closed_loop import closed_loop
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.files import output_folder, write_whole
 from drake_quad.identification.fitting.open_loop import DELAY
@@ -28,8 +27,10 @@ from drake_quad.identification.identify import identify
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.results.estimates import Estimates
 from drake_quad.identification.results.vehicle_numbers import number_of, with_numbers
-from drake_quad.scenario import Scenario, load_undesigned
+from drake_quad.linear.closed_loop import closed_loop
 from drake_quad.scenario.correlation import correlated_normals
+from drake_quad.scenario.files.loading import load_undesigned
+from drake_quad.scenario.models import Scenario
 
 _ROOT = Path(__file__).parent.parent
 _FILE = _ROOT / "diagrams" / "crazyswarm2.yaml"

@@ -16,7 +16,7 @@ import scipy
 
 from drake_quad import Flight, load_scenario, read_log, simulate
 from drake_quad.flight.simulation import simulate_batch, simulate_samples
-from drake_quad.scenario import Batch
+from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.winds.sine import SineSource
 from drake_quad.scenario.winds.steady import SteadySource
 

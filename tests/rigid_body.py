@@ -1,6 +1,6 @@
 """The rigid body alone, whose derivatives others are compared with."""
 
-from drake_quad.axes import BodyAxes
+from drake_quad.geometry.axes import BodyAxes
 from drake_quad.signals import Attitude, BodyRates, State
 from drake_quad.vehicle.dynamics import Motion, equations_of_motion
 

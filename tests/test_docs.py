@@ -16,7 +16,7 @@ from drake_quad import load_scenario
 from drake_quad.command_line.main import COMMANDS, main
 from drake_quad.control.policy.observation import SIGNALS_SEEN
 from drake_quad.framework.records import layout_of
-from drake_quad.scenario import load_undesigned
+from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.signals import SIGNALS
 
 ROOT = Path(__file__).parent.parent

@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 from drake_quad import closed_loop, load_scenario, simulate
-from drake_quad.scenario import distributions_in, load_undesigned
+from drake_quad.scenario.files.loading import load_undesigned
+from drake_quad.scenario.paths import distributions_in
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = sorted((ROOT / "scripts" / "examples").glob("*.py"))

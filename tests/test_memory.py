@@ -3,14 +3,15 @@
 import pytest
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario, memory, run_monte_carlo
-from drake_quad.flight.fleet import StudyFleet
+from drake_quad.fleets.study_fleet import StudyFleet
+from drake_quad.flight.mission import plan_route
 from drake_quad.flight.simulation import simulate_samples
 from drake_quad.gym import QuadrotorVectorEnv
 
 BILLION = 10**9
 FLEETS = [
     ("num_envs", lambda scenario: QuadrotorVectorEnv(scenario, num_envs=BILLION)),
-    ("num_vehicles", lambda scenario: StudyFleet(scenario, BILLION)),
+    ("num_vehicles", lambda scenario: StudyFleet(scenario, plan_route(scenario), BILLION)),
     ("num_vehicles", lambda scenario: build_tracking_diagram(scenario, BILLION)),
     ("the number of samples", lambda scenario: simulate_samples(scenario, range(BILLION))),
     ("batch", lambda scenario: run_monte_carlo(scenario, BILLION, batch_size=BILLION)),

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from drake_quad import load_scenario, run_monte_carlo, simulate
-from drake_quad.analysis.cascade_design import design_cascade, with_gains
-from drake_quad.scenario import load_undesigned
-from drake_quad.scenario.shipped import shipped_scenarios
+from drake_quad.design.cascade import design_cascade, with_gains
+from drake_quad.scenario.files.loading import load_undesigned
+from drake_quad.scenario.files.shipped import shipped_scenarios
 
 FOLDER = Path(__file__).parent.parent / "diagrams" / "vehicles"
 # Largest RMSE, m. A Crazyflie without its own attitude control responds within a third of a second.

@@ -10,8 +10,8 @@ from drake_quad.command_line.main import COMMANDS, module_of
 from drake_quad.errors import InputError
 from drake_quad.files import read_table
 from drake_quad.identification.logs.reading import read_log
-from drake_quad.scenario import load_mission
-from drake_quad.scenario.mesh_file import mesh_points
+from drake_quad.scenario.files.loading import load_mission
+from drake_quad.scenario.files.mesh_file import mesh_points
 from drake_quad.written_numbers import float_in, int_in
 
 INVALID_NUMBERS = ["1_0", "١", "１", "1_0.5"]

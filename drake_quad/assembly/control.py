@@ -10,7 +10,6 @@ from pydrake.systems.framework import Diagram
 
 from drake_quad.assembly.lqg import build_lqg_control, lqg_recipes
 from drake_quad.assembly.mpc import mpc_recipes
-from drake_quad.assembly.planning import nominal_parameters
 from drake_quad.assembly.policy import build_policy_control_of, policy_recipes
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.control.attitude import AttitudeController, AttitudeNumbers
@@ -44,10 +43,11 @@ from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, V
 from drake_quad.errors import InputError
 from drake_quad.framework.recipe import Recipe
 from drake_quad.framework.records import layout_of
+from drake_quad.planning.believed import nominal_parameters
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario import Batch, Scenario
+from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.lqg import LqgControl
-from drake_quad.scenario.models import Control
+from drake_quad.scenario.models import Control, Scenario
 from drake_quad.scenario.policy import PolicyControl
 from drake_quad.scenario.quantities import can_differ_from_zero
 from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters

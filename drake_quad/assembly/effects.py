@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from drake_quad.planning.believed import thrust_curve
 from drake_quad.signals import RotorSpeed, Row
 from drake_quad.vehicle.aerodynamics import (
     BodyDrag,
@@ -16,7 +17,7 @@ from drake_quad.vehicle.aerodynamics import (
 )
 from drake_quad.vehicle.battery import Battery
 from drake_quad.vehicle.effects import Effects, ReactionTorque
-from drake_quad.vehicle.motors import SpinDown, ThrustCurve
+from drake_quad.vehicle.motors import SpinDown
 from drake_quad.vehicle.parameters import Inertia
 from drake_quad.vehicle.payload import Payload, PayloadPosition
 from drake_quad.vehicle.slung_load import SlungLoad
@@ -35,11 +36,6 @@ def vehicle_effects(vehicle: Any) -> Effects:
         battery=_same(Battery, vehicle.battery),
         slung_load=_same(SlungLoad, vehicle.slung_load),
     )
-
-
-def thrust_curve(motors: Any) -> ThrustCurve | None:
-    """The curve of motors that take throttles; None for those that take speeds."""
-    return None if motors.kind == "speed" else ThrustCurve(*motors.curve)
 
 
 def steepest_load(vehicle: Any, airspeed: Row) -> Row:

@@ -6,9 +6,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Diagram
 
-from drake_quad.assembly.effects import steepest_load, swing_frequency, thrust_curve, vehicle_effects
-from drake_quad.assembly.planning import airframe_parameters, nominal_parameters, window_end, window_start
-from drake_quad.assembly.space import space_of
+from drake_quad.assembly.effects import steepest_load, swing_frequency, vehicle_effects
 from drake_quad.errors import InputError
 from drake_quad.framework.elementary import where
 from drake_quad.framework.recipe import Recipe
@@ -16,10 +14,15 @@ from drake_quad.laboratory.command_link import CommandLink, LinkNumbers
 from drake_quad.laboratory.flight_monitor import CrashLimits, FlightMonitor, Surroundings, Window
 from drake_quad.laboratory.laboratory import build_laboratory
 from drake_quad.laboratory.motion_capture import CameraNumbers, MotionCapture, VelocityDrift, VelocityError
+from drake_quad.planning.believed import airframe_parameters, nominal_parameters, thrust_curve
+from drake_quad.planning.duration import window_end, window_start
+from drake_quad.planning.space import space_of
 from drake_quad.randomness.noise import Exported, Samples
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario import Batch, Scenario, autopilots, models
+from drake_quad.scenario import autopilots, models
+from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.layouts import are_paired, rotors_of
+from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.policy import PolicyControl
 from drake_quad.scenario.quantities import can_differ_from_zero, extremes
 from drake_quad.scenario.winds.source import Surroundings as WindSurroundings

@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from drake_quad.assembly.planning import nominal_parameters
 from drake_quad.control.cascade import put_around
 from drake_quad.control.lqg.chains import (
     Answer,
@@ -22,9 +21,11 @@ from drake_quad.control.lqg.laws import LqgNumbers, TargetNumbers, ThrustNumbers
 from drake_quad.control.lqg.system import LinearQuadraticGaussian
 from drake_quad.errors import InputError
 from drake_quad.framework.recipe import Recipe
+from drake_quad.planning.believed import nominal_parameters
 from drake_quad.process_settings import without_warnings
-from drake_quad.scenario import Batch, Scenario
+from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.lqg import Axis, LateralAxis, LqgControl, VerticalAxis
+from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.quantities import can_differ_from_zero
 
 

@@ -16,7 +16,7 @@ from drake_quad.control.mpc.system import OPEN, PredictiveProgramme
 from drake_quad.framework.recipe import Recipe
 from drake_quad.framework.records import layout_of
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario import Batch
+from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.mpc import MpcControl, Room, Tube
 from drake_quad.signals import Jerk, Reference, Snap
 

@@ -5,8 +5,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydrake.systems.framework import Diagram
 
-from drake_quad.assembly.planning import nominal_parameters
-from drake_quad.assembly.space import space_of
 from drake_quad.control.axes import PerAngle
 from drake_quad.control.policy.actions import (
     AccelerationScale,
@@ -28,7 +26,10 @@ from drake_quad.control.policy.observation import ObservationNumbers
 from drake_quad.control.policy.systems import Observation, Policy, build_policy_control
 from drake_quad.framework.recipe import Recipe
 from drake_quad.laboratory.flight_monitor import Solid, nearest_solid
-from drake_quad.scenario import Batch, Scenario
+from drake_quad.planning.believed import nominal_parameters
+from drake_quad.planning.space import space_of
+from drake_quad.scenario.batch import Batch
+from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.policy import AccelerationAction, AttitudeAction, PolicyControl, RatesAction, RotorSpeedsAction
 from drake_quad.signals import BodyRates, RotorSpeed, Row, Wrench
 from drake_quad.vehicle.dynamics import hover_rotor_speeds, rotor_action

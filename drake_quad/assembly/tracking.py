@@ -13,7 +13,6 @@ from pydrake.systems.primitives import Adder
 
 from drake_quad.assembly.control import build_control, control_recipes
 from drake_quad.assembly.laboratory import build_laboratory_of, build_monitor, laboratory_recipes, wind_period
-from drake_quad.assembly.planning import flight_duration, plan_route, refuse_distributions
 from drake_quad.assembly.policy import policy_rows
 from drake_quad.assembly.recorder import build_recorder
 from drake_quad.assembly.user_systems import UserSystems, check_user_systems
@@ -22,11 +21,12 @@ from drake_quad.errors import InputError
 from drake_quad.framework.fleet_system import FleetSystem
 from drake_quad.framework.recipe import Recipe
 from drake_quad.laboratory.wind.wind import build_held_wind
-from drake_quad.memory import check_fleet_fits
+from drake_quad.planning.duration import flight_duration
 from drake_quad.randomness.noise import EXPORTED, Exported, NoiseSource, Samples
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.source import build_reference
-from drake_quad.scenario import Batch, Scenario, distributions_in
+from drake_quad.scenario.batch import Batch
+from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.policy import PolicyControl
 
 # What is exported, and recorded, from each part; a control of the user's own need only have what goes over the link.
@@ -48,54 +48,6 @@ _SIGNALS = {
     ),
     "monitor": ("crashed",),
 }
-
-
-def build_tracking_diagram(
-    scenario: Scenario,
-    num_vehicles: int = 1,
-    *,
-    position_controller: Any = None,
-    control: Any = None,
-    wind: Any = None,
-    plan: Plan | None = None,
-    record: bool = False,
-    drake_random: bool = False,
-) -> Diagram:
-    """Builds the closed loop of a scenario, for vehicles that all fly the same.
-
-    Each is in the wind and noise of a sample of its own: the scenario's sample, or 0, the next one, and so on.
-
-    Its subsystems are `reference`, `control`, `laboratory`, `monitor` and, if asked for, `recorder`. Every signal of
-    the loop is exported under its name; what the control does not have is left out. The default context is hover at
-    the reference's first point.
-
-    Args:
-        scenario: with numbers only.
-        num_vehicles: N.
-        position_controller: a system that stands in for the scenario's and its network: from `measurement` (12 rows)
-            and `reference` (11 rows) to `acceleration_command` (3 rows, m/s²). The diagram takes it over.
-        control: a system that stands in for the whole cascade: from `measurement` and `reference` to `wrench`
-            (4 rows: F_z in N; τ_x, τ_y, τ_z in N m) or, with an autopilot on board, to `attitude_target` (7 rows: F_z
-            in N; roll, pitch, yaw in rad; p, q, r in rad/s). The diagram takes it over.
-        wind: a source of wind beside the scenario's: one output port of 3 rows, the velocity of the air in W (m/s), and
-            perhaps the input port `state` (12 rows). The diagram takes it over, and samples it at the vehicle's time
-            step, unless it is a FleetSystem that updates itself, as those of `drake_quad.laboratory` do.
-        plan: flown instead of that of the scenario's route.
-        record: whether to add a recorder of all signals, sampled at every tick of the control.
-        drake_random: whether wind and noise come from Drake's random sources, for its own Monte Carlo tools, in place
-            of those of the samples.
-
-    Raises:
-        InputError: the scenario holds a distribution, the rotors cannot fly the route, a system that is given does not
-            fit, or the fleet does not fit into memory.
-    """
-    check_fleet_fits(num_vehicles, "num_vehicles")
-    refuse_distributions(distributions_in(scenario))
-    first = scenario.sample or 0
-    batch = Batch.draw(scenario, range(first, first + num_vehicles))
-    own = UserSystems(position_controller, control, wind)
-    plan = plan or plan_route(scenario)
-    return build_fleet_diagram(batch, plan, own=own, record=record, drake_random=drake_random)
 
 
 def build_fleet_diagram(

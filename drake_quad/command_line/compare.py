@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from drake_quad import InputError, Scenario, load_scenario
-from drake_quad.assembly.remarks import unequal_conditions
 from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import (
     add_overrides,
@@ -20,10 +19,12 @@ from drake_quad.command_line.options import (
 from drake_quad.command_line.output import print_columns, print_files, remark
 from drake_quad.command_line.progress import flight_progress
 from drake_quad.files import output_folder, write_table
+from drake_quad.flight.remarks import unequal_conditions
 from drake_quad.laboratory.metrics import Metrics
+from drake_quad.statistics.estimates import mean_interval
+from drake_quad.statistics.interval import plus_minus
 from drake_quad.studies.comparison import fly_samples
-from drake_quad.studies.interval import plus_minus
-from drake_quad.studies.statistics import compare, mean_interval, of_survivors
+from drake_quad.studies.statistics import compare, of_survivors
 from drake_quad.visualization.comparison_plots import plot_comparison
 from drake_quad.visualization.style import save_figures
 

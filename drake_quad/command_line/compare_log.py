@@ -28,9 +28,11 @@ from drake_quad.identification.flown_again.comparison import AXES, REST, Compari
 from drake_quad.identification.flown_again.prediction import predict
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.scenario import distributions_in, load_undesigned, middle_of, save_scenario
-from drake_quad.scenario.loading import has_control
-from drake_quad.studies.interval import Interval
+from drake_quad.scenario.batch import middle_of
+from drake_quad.scenario.files.loading import has_control, load_undesigned
+from drake_quad.scenario.files.saving import save_scenario
+from drake_quad.scenario.paths import distributions_in
+from drake_quad.statistics.interval import Interval
 
 _MOST = 10_000
 _FIGURES = {"rmse": "RMSE", "mean": "mean", "largest": "95 % largest"}

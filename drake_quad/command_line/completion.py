@@ -10,7 +10,7 @@ from pathlib import Path
 import shtab
 
 from drake_quad.command_line.options import bare_parser
-from drake_quad.scenario.shipped import shipped_scenarios
+from drake_quad.scenario.files.shipped import shipped_scenarios
 
 # Options that name a scenario.
 _SCENARIOS = ("scenario", "controller", "vehicle")

@@ -11,7 +11,9 @@ from typing import Any
 from ruamel.yaml import YAML
 
 from drake_quad import InputError
-from drake_quad.analysis.cascade_design import (
+from drake_quad.command_line.options import add_vector, all_overrides_of, folder_of, parser
+from drake_quad.command_line.output import print_columns, print_files, remark
+from drake_quad.design.cascade import (
     CascadeDesign,
     LoopOptions,
     default_options,
@@ -21,13 +23,16 @@ from drake_quad.analysis.cascade_design import (
     with_gains,
     with_integrals,
 )
-from drake_quad.analysis.closed_loop import ClosedLoop, as_believed, closed_loop
-from drake_quad.analysis.gain_design import PolePair, Regulator
-from drake_quad.analysis.modes import modes
-from drake_quad.command_line.options import add_vector, all_overrides_of, folder_of, parser
-from drake_quad.command_line.output import print_columns, print_files, remark
+from drake_quad.design.gains import PolePair, Regulator
 from drake_quad.files import output_folder, write_whole
-from drake_quad.scenario import Scenario, distributions_in, load_undesigned, middle_of, save_scenario
+from drake_quad.linear.closed_loop import ClosedLoop, closed_loop
+from drake_quad.linear.modes import modes
+from drake_quad.scenario.batch import middle_of
+from drake_quad.scenario.files.loading import load_undesigned
+from drake_quad.scenario.files.saving import save_scenario
+from drake_quad.scenario.hovering import as_believed
+from drake_quad.scenario.models import Scenario
+from drake_quad.scenario.paths import distributions_in
 from drake_quad.visualization.design_plots import DESIGN_PLOTS, plot_steps
 from drake_quad.visualization.style import save_figures
 

@@ -10,12 +10,14 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
-from drake_quad.analysis.link_margins import link_margins
-from drake_quad.analysis.lqg_design import Limits, LqgDesign, design_lqg
 from drake_quad.command_line.options import all_overrides_of, check_ranges, folder_of, parser
 from drake_quad.command_line.output import print_columns, print_files, print_margins
+from drake_quad.design.lqg import Limits, LqgDesign, design_lqg
 from drake_quad.files import output_folder, write_whole
-from drake_quad.scenario import load_undesigned, middle_of, save_scenario
+from drake_quad.linear.link_margins import link_margins
+from drake_quad.scenario.batch import middle_of
+from drake_quad.scenario.files.loading import load_undesigned
+from drake_quad.scenario.files.saving import save_scenario
 
 _RANGES = {"sensitivity": (1.2, 10.0), "delay-margin": (0.0, 10.0), "snap": (0.1, 1e4), "acceleration": (0.01, 1e3)}
 

@@ -2,11 +2,11 @@
 
 import argparse
 
-from drake_quad.assembly.tracking import build_tracking_diagram
 from drake_quad.command_line.options import folder_of, parser, scenario_of
 from drake_quad.command_line.output import print_files
 from drake_quad.files import output_folder, write_text
-from drake_quad.scenario import draw_sample
+from drake_quad.flight.mission import build_tracking_diagram
+from drake_quad.scenario.batch import draw_sample
 from drake_quad.visualization.block_drawing import drawings, svg
 
 

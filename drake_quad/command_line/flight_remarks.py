@@ -2,9 +2,9 @@
 
 from collections.abc import Iterable
 
-from drake_quad.assembly.remarks import flight_remarks
 from drake_quad.command_line.output import remark
-from drake_quad.scenario import Scenario
+from drake_quad.flight.remarks import flight_remarks
+from drake_quad.scenario.models import Scenario
 
 
 def print_flight_remarks(scenarios: Iterable[Scenario]) -> None:

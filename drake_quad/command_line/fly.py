@@ -11,16 +11,16 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
 from drake_quad import Flight, InputError, Scenario, save_network, simulate
-from drake_quad.assembly.planning import plan_route
 from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import add_vector, check_extra, folder_of, parser, scenario_of
 from drake_quad.command_line.output import print_files, print_table, remark
 from drake_quad.command_line.progress import flight_progress
 from drake_quad.files import output_folder
 from drake_quad.flight.mcap_file import save_mcap
+from drake_quad.flight.mission import plan_route
 from drake_quad.flight.px4_table import save_px4_table
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario import draw_sample
+from drake_quad.scenario.batch import draw_sample
 
 
 def options() -> argparse.ArgumentParser:

@@ -24,10 +24,10 @@ from drake_quad.identification.identify import identify
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.vehicle_file import write_vehicle
-from drake_quad.scenario import Override, load_undesigned
+from drake_quad.scenario.files.loading import Override, load_undesigned
 from drake_quad.scenario.models import NAME
 from drake_quad.scenario.paths import distributions_in
-from drake_quad.studies.interval import plus_minus, spread_alone
+from drake_quad.statistics.interval import plus_minus, spread_alone
 from drake_quad.visualization import identification_plots as plots
 from drake_quad.visualization.style import save_figures
 from drake_quad.written_numbers import float_in

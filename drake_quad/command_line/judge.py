@@ -13,6 +13,7 @@ from drake_quad import InputError
 from drake_quad.command_line.options import bare_parser, check_ranges
 from drake_quad.command_line.output import print_columns, print_files, remark
 from drake_quad.command_line.progress import new_bar
+from drake_quad.design.tuning import Budget
 from drake_quad.evaluation.answers import WORDS, all_answers, write_answers
 from drake_quad.evaluation.designs import design_file
 from drake_quad.evaluation.entries import entries_of
@@ -32,12 +33,12 @@ from drake_quad.evaluation.results import (
     write_flights,
     write_traits,
 )
-from drake_quad.evaluation.tuning import Budget
 from drake_quad.files import output_folder, write_text
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.scenario.shipped import shipped_folder
+from drake_quad.scenario.files.shipped import shipped_folder
+from drake_quad.statistics.estimates import mean_interval
 from drake_quad.studies.report import report_html
-from drake_quad.studies.statistics import crash_probability, mean_interval, of_survivors
+from drake_quad.studies.statistics import crash_probability, of_survivors
 from drake_quad.visualization.in_print import save_small
 
 _RANGES = {"samples": (2, 10_000), "rounds": (1, 1000)}

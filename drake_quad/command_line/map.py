@@ -11,11 +11,11 @@ from typing import get_args
 import numpy as np
 
 from drake_quad import InputError, Scenario
-from drake_quad.analysis.stability_map import Loop, MappedGains, flown_map, linear_map, mapped_gains
 from drake_quad.command_line.options import add_vector, add_wired, folder_of, overrides_of, parser, scenario_of
 from drake_quad.command_line.output import print_files
+from drake_quad.design.stability_map import Loop, MappedGains, flown_map, linear_map, mapped_gains
 from drake_quad.files import output_folder, write_table
-from drake_quad.scenario import draw_sample
+from drake_quad.scenario.batch import draw_sample
 from drake_quad.scenario.paths import value_at
 from drake_quad.visualization.map_plots import MapPanel, plot_map
 from drake_quad.visualization.style import save_figures

@@ -10,8 +10,8 @@ from typing import Any, get_args
 
 from drake_quad import InputError, Scenario, load_scenario
 from drake_quad.extras import needed
-from drake_quad.scenario import Mission, Override, load_mission
-from drake_quad.scenario.models import NAME
+from drake_quad.scenario.files.loading import Override, load_mission
+from drake_quad.scenario.models import NAME, Mission
 from drake_quad.visualization.style import Vector
 from drake_quad.written_numbers import float_in, int_in
 

@@ -5,10 +5,12 @@ import itertools
 
 import numpy as np
 
-from drake_quad.assembly.planning import plan_demand, planned, planned_parameters
 from drake_quad.command_line.options import add_vector, folder_of, mission_of, parser
 from drake_quad.command_line.output import print_files, print_table
 from drake_quad.files import output_folder
+from drake_quad.flight.mission import planned
+from drake_quad.planning.believed import planned_parameters
+from drake_quad.planning.feasibility import plan_demand
 from drake_quad.reference.binding import Binding, bindings
 from drake_quad.reference.feasibility import sample_times
 from drake_quad.reference.minimum_snap import snap_cost
@@ -16,7 +18,7 @@ from drake_quad.reference.path_problem import Limits, PathProblem
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import evaluate, peak_norm
 from drake_quad.reference.trajectory_files import save_plan
-from drake_quad.scenario import Mission
+from drake_quad.scenario.models import Mission
 from drake_quad.scenario.routes import CircleRoute, FigureEightRoute, WaypointRoute
 from drake_quad.space.distance import nearest_approach
 from drake_quad.visualization.plan_plots import plot_plan

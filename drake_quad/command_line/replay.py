@@ -7,7 +7,7 @@ from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import controlled_scenarios, folder_of, parser
 from drake_quad.command_line.output import print_files
 from drake_quad.files import output_folder
-from drake_quad.flight import simulate_samples
+from drake_quad.flight.simulation import simulate_samples
 from drake_quad.visualization.replay.page import save_replay, save_swarm
 
 _MOST = 1000

@@ -8,8 +8,8 @@ import sys
 import textwrap
 
 from drake_quad.command_line.options import add_overrides, bare_parser, scenario_of
-from drake_quad.scenario import save_scenario
-from drake_quad.scenario.shipped import shipped_scenarios
+from drake_quad.scenario.files.saving import save_scenario
+from drake_quad.scenario.files.shipped import shipped_scenarios
 
 
 def options() -> argparse.ArgumentParser:

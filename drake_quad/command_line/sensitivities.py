@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from drake_quad.analysis.sensitivity import DIFFERENTIABLE, Sensitivities, flight_sensitivities
 from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import add_vector, folder_of, parser, scenario_of
 from drake_quad.command_line.output import print_columns, print_files
+from drake_quad.design.sensitivity import DIFFERENTIABLE, Sensitivities, flight_sensitivities
 from drake_quad.files import output_folder, write_table
-from drake_quad.scenario import Scenario
 from drake_quad.scenario.layouts import has_distances
+from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import leaves
 from drake_quad.visualization.sensitivity_plots import plot_sensitivities
 from drake_quad.visualization.style import save_figures

@@ -15,14 +15,14 @@ from drake_quad.command_line.output import print_columns, print_files, remark
 from drake_quad.command_line.progress import study_progress
 from drake_quad.errors import listed
 from drake_quad.laboratory.metrics import UNITS
-from drake_quad.scenario import distributions_in
 from drake_quad.scenario.correlation import correlated_pairs
-from drake_quad.studies import Study, run_monte_carlo
+from drake_quad.scenario.paths import distributions_in
 from drake_quad.studies.cluster import dask_crew
 from drake_quad.studies.crew import Crew
+from drake_quad.studies.monte_carlo import run_monte_carlo
 from drake_quad.studies.processes import Workers
 from drake_quad.studies.statistics import most_influential, of_survivors, worst
-from drake_quad.studies.study import PARQUET
+from drake_quad.studies.study import PARQUET, Study
 from drake_quad.studies.summary import Summary, comparison_of, crashes_of, summary_of, touches_of
 from drake_quad.visualization.style import save_figures
 

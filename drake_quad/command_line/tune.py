@@ -6,12 +6,12 @@ A number may stand in several fields, as a gain does on x and y.
 import argparse
 
 from drake_quad import InputError, Scenario, load_scenario
-from drake_quad.analysis.link_margins import link_margins
 from drake_quad.command_line.options import all_overrides_of, check_ranges, folder_of, parser
 from drake_quad.command_line.output import print_columns, print_files, print_margins
-from drake_quad.evaluation import Budget, Knob, LoopLimit, tune, with_numbers
+from drake_quad.design.tuning import Budget, Knob, LoopLimit, tune, with_numbers
 from drake_quad.files import output_folder, write_whole
-from drake_quad.scenario import save_scenario
+from drake_quad.linear.link_margins import link_margins
+from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.paths import value_at
 from drake_quad.studies.comparison import fly_samples
 from drake_quad.studies.statistics import of_survivors

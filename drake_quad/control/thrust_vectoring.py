@@ -2,8 +2,10 @@
 
 from typing import Annotated, NamedTuple
 
-from drake_quad.axes import BodyAxes
-from drake_quad.flatness import (
+from drake_quad.framework.elementary import maximum, minimum, sin_cos, sqrt
+from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.geometry.axes import BodyAxes
+from drake_quad.geometry.flatness import (
     EulerSequence,
     HeadingVector,
     Tilt,
@@ -16,8 +18,6 @@ from drake_quad.flatness import (
     rates_from_quarter_turn,
     tilt_of,
 )
-from drake_quad.framework.elementary import maximum, minimum, sin_cos, sqrt
-from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.signals import (
     Acceleration,
     AngularAcceleration,
@@ -122,13 +122,13 @@ def vectored_thrust(
         snap: snap of the reference; without it no angular acceleration is returned.
         numbers: parameters of the nominal vehicle, and limits.
         projects: True if the commanded force is projected on the measured thrust axis.
-        sequence: Euler sequence that defines the yaw of a tilted body, see `drake_quad.flatness`; "zxy" requires
-            `projects`.
+        sequence: Euler sequence that defines the yaw of a tilted body, see `drake_quad.geometry.flatness`; "zxy"
+            requires `projects`.
     """
     mass, gravity, limits = numbers
     sin_yaw, cos_yaw = sin_cos(reference.yaw if projects else measurement.yaw)
     if sequence == "zxy":
-        # The sequence zxy is computed as zyx with a yaw that is larger by π/2, see `drake_quad.flatness`.
+        # The sequence zxy is computed as zyx with a yaw that is larger by π/2, see `drake_quad.geometry.flatness`.
         sin_yaw, cos_yaw = cos_yaw, -sin_yaw
     tilt = tilt_of(specific_thrust(in_heading(command, sin_yaw, cos_yaw), mass, gravity, limits))
     turned_jerk = in_heading(jerk, sin_yaw, cos_yaw)
@@ -172,8 +172,8 @@ class ThrustVectoring(FleetSystem):
 
     Eq (7) is written for zero yaw, so `acceleration_command` is rotated by minus the measured yaw. The output packs the
     signals of `Vectored`. Body rates and angular accelerations follow from `reference_jerk`, `reference_snap`, and the
-    yaw and yaw rate in `reference` by differential flatness (`drake_quad.flatness`). Without a jerk the thrust vector
-    is assumed to be constant; without a snap the output has no angular acceleration.
+    yaw and yaw rate in `reference` by differential flatness (`drake_quad.geometry.flatness`). Without a jerk the thrust
+    vector is assumed to be constant; without a snap the output has no angular acceleration.
 
     Geometric control also works when the vehicle is upside down. With `projects`, eq (7) therefore uses the commanded
     yaw, and the thrust is the component of the commanded force along the measured thrust axis, F_d · R e₃ (T. Lee, M.
@@ -187,7 +187,7 @@ class ThrustVectoring(FleetSystem):
     Args:
         num_vehicles: N.
         projects: True if the commanded force is projected on the measured thrust axis.
-        sequence: Euler sequence of the yaw, see `drake_quad.flatness`; "zxy" requires `projects`.
+        sequence: Euler sequence of the yaw, see `drake_quad.geometry.flatness`; "zxy" requires `projects`.
         numbers: parameters of the nominal vehicle, and limits of thrust and tilt.
     """
 

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from copy import deepcopy
 from typing import Any, NamedTuple
 
-from drake_quad.evaluation.tuning import Knob
+from drake_quad.design.tuning import Knob
 from drake_quad.scenario.paths import steps_of
 
 Tree = dict[str, Any]

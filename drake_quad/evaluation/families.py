@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from drake_quad.scenario import Scenario, load_scenario
+from drake_quad.scenario.files.loading import load_scenario
+from drake_quad.scenario.models import Scenario
 
 # The first of the samples on which controllers are judged; those on which they are trained begin with 0.
 FIRST_JUDGED = 1000

@@ -14,7 +14,8 @@ from drake_quad.evaluation.entries import AROUND, MAPPED, NETWORKS
 from drake_quad.evaluation.families import FAMILIES
 from drake_quad.evaluation.results import PRICED_CONTROLLERS, PRICED_IN, Evaluation, Traits, in_laps
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.studies.statistics import Interval, mean_interval, of_survivors
+from drake_quad.statistics.estimates import mean_interval
+from drake_quad.studies.statistics import Interval, of_survivors
 from drake_quad.visualization.in_print import COLUMN, in_print
 from drake_quad.visualization.style import BLACK, BLUE, GREEN, LIMIT, ORANGE, PURPLE, SKY, VERMILION, new_figure
 

@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.analysis.link_margins import link_margins
-from drake_quad.assembly.planning import flight_duration, plan_route
+from drake_quad.design.tuning import LATENCY
 from drake_quad.errors import InputError
 from drake_quad.evaluation.designs import design_file, designs_in
 from drake_quad.evaluation.entries import MAPPED, Entry, entries_of
@@ -24,11 +23,14 @@ from drake_quad.evaluation.results import (
     in_laps,
     priced_name,
 )
-from drake_quad.evaluation.tuning import LATENCY
-from drake_quad.flight import StudyFleet
-from drake_quad.flight.fleet_simulation import simulate_fleet
+from drake_quad.fleets.fleet_simulation import simulate_fleet
+from drake_quad.fleets.study_fleet import StudyFleet
+from drake_quad.flight.mission import plan_route
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.scenario import Batch, Scenario, middle_of
+from drake_quad.linear.link_margins import link_margins
+from drake_quad.planning.duration import flight_duration
+from drake_quad.scenario.batch import Batch, middle_of
+from drake_quad.scenario.models import Scenario
 
 # Flights of a lone vehicle whose time is taken.
 _TIMED = 3
@@ -129,7 +131,7 @@ def fly_judged(scenario: Scenario, sizes: Sizes, *, slow: bool = False) -> tuple
 
 
 def _fly(scenario: Scenario, count: int, *, compiled: bool = True) -> tuple[Metrics, float]:
-    fleet = StudyFleet(scenario, count, compiled=compiled)
+    fleet = StudyFleet(scenario, plan_route(scenario), count, compiled=compiled)
     begun = time.process_time()
     metrics = fleet.fly(range(FIRST_JUDGED, FIRST_JUDGED + count))
     return metrics, (time.process_time() - begun) / (count * _ticks(fleet))
@@ -141,7 +143,7 @@ def _ticks(fleet: StudyFleet) -> float:
 
 def lone_time(scenario: Scenario, *, slow: bool = False) -> float:
     """CPU time of the whole loop a tick of a vehicle that flies alone, the least of some flights, s."""
-    fleet, spent = StudyFleet(scenario, 1, compiled=not slow), []
+    fleet, spent = StudyFleet(scenario, plan_route(scenario), 1, compiled=not slow), []
     for sample in range(FIRST_JUDGED, FIRST_JUDGED + _TIMED):
         begun = time.process_time()
         metrics = fleet.fly([sample])

@@ -8,14 +8,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.analysis.lqg_design import Limits, design_lqg
+from drake_quad.design.lqg import Limits, design_lqg
+from drake_quad.design.tuning import Budget, LoopLimit, Tuned, delay_stood, tune
 from drake_quad.errors import InputError
 from drake_quad.evaluation.designs import design_file, designs_in, write_designs
 from drake_quad.evaluation.entries import Entry, entries_of
 from drake_quad.evaluation.families import FAMILIES, Family
 from drake_quad.evaluation.results import PRICED, PRICED_CONTROLLERS, PRICED_IN, SENSITIVITIES, priced_name
-from drake_quad.evaluation.tuning import Budget, LoopLimit, Tuned, delay_stood, tune
-from drake_quad.scenario import Scenario, load_undesigned, middle_of
+from drake_quad.scenario.batch import middle_of
+from drake_quad.scenario.files.loading import load_undesigned
+from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import value_at
 
 # Over which model predictive control looks ahead, s: that of controllers/mpc.yaml.

@@ -8,15 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
+from drake_quad.design.tuning import Budget, LoopLimit
 from drake_quad.evaluation.answers import WORDS, Answer, beside, best_in, delay_words
 from drake_quad.evaluation.entries import entries_of
 from drake_quad.evaluation.families import FAMILIES, FIRST_JUDGED, Family
 from drake_quad.evaluation.results import PRICED, Evaluation, Traits
-from drake_quad.evaluation.tuning import Budget, LoopLimit
 from drake_quad.files import write_table
 from drake_quad.laboratory.metrics import Metrics
+from drake_quad.statistics.estimates import mean_interval
 from drake_quad.studies.report import image, table
-from drake_quad.studies.statistics import Interval, crash_probability, mean_interval, of_survivors
+from drake_quad.studies.statistics import Interval, crash_probability, of_survivors
 
 FIGURES = {
     "errors": "Mean RMSE of every controller in every laboratory, with 95 % intervals, which mostly are narrower than"

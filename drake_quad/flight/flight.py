@@ -8,17 +8,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from drake_quad.assembly.planning import plan_route
-from drake_quad.assembly.remarks import flight_remarks
 from drake_quad.errors import InputError, listed
 from drake_quad.extras import needed
 from drake_quad.files import output_folder, read_arrays, read_table, write_table, write_whole
+from drake_quad.flight.mission import plan_route
+from drake_quad.flight.remarks import flight_remarks
 from drake_quad.framework.records import layout_of
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import PolynomialPath
 from drake_quad.reference.routes import Leg
-from drake_quad.scenario import Scenario, load_scenario, save_scenario
+from drake_quad.scenario.files.loading import load_scenario
+from drake_quad.scenario.files.saving import save_scenario
+from drake_quad.scenario.models import Scenario
 from drake_quad.signals import SIGNALS, Quantity, quantities, row_names
 
 if TYPE_CHECKING:

@@ -30,7 +30,7 @@ from drake_quad.errors import InputError
 from drake_quad.extras import needed
 from drake_quad.files import write_whole
 from drake_quad.flight.flight import Flight
-from drake_quad.quaternion import Quaternion
+from drake_quad.geometry.quaternion import Quaternion
 from drake_quad.scenario.layouts import rotors_of
 from drake_quad.signals import SIGNALS, Reference, State, quantities, row_names
 

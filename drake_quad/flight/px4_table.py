@@ -27,7 +27,7 @@ import numpy as np
 
 from drake_quad.files import write_table
 from drake_quad.flight.flight import Flight
-from drake_quad.quaternion import Quaternion
+from drake_quad.geometry.quaternion import Quaternion
 
 # By which the rows of a vector are multiplied that is turned by half a turn about x.
 _HALF_TURN = (1.0, -1.0, -1.0)

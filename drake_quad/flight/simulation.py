@@ -6,16 +6,19 @@ from typing import Any
 import numpy as np
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 
-from drake_quad.assembly.planning import flight_duration, plan_route, refuse_distributions
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError
+from drake_quad.fleets.fleet_simulation import FleetSimulation, simulate_fleet
 from drake_quad.flight.cause import not_a_number
-from drake_quad.flight.fleet_simulation import FleetSimulation, simulate_fleet
 from drake_quad.flight.flight import Flight
+from drake_quad.flight.mission import plan_route
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.memory import check_fleet_fits
+from drake_quad.planning.duration import flight_duration
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario import Batch, Scenario, distributions_in
+from drake_quad.scenario.batch import Batch
+from drake_quad.scenario.models import Scenario
+from drake_quad.scenario.paths import distributions_in, refuse_distributions
 
 _ACCURACY, _MAX_STEP = 1e-8, 0.1
 # Of steps for a continuous state, s: a second of flight takes a quarter of a minute with these.

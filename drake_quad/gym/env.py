@@ -7,12 +7,12 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from drake_quad.flight import Flight
+from drake_quad.flight.flight import Flight
 from drake_quad.gym.episodes import Episode
 from drake_quad.gym.vector_env import QuadrotorVectorEnv
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario import Scenario
-from drake_quad.scenario.loading import Overrides
+from drake_quad.scenario.files.loading import Overrides
+from drake_quad.scenario.models import Scenario
 
 
 class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):

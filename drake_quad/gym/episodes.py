@@ -14,7 +14,8 @@ import numpy as np
 from drake_quad.assembly.tracking import build_fleet_diagram, reset_fleet
 from drake_quad.compilation.clocked_fleet import Beginning, Beginnings
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario import Batch, Scenario
+from drake_quad.scenario.batch import Batch
+from drake_quad.scenario.models import Scenario
 
 # Episodes that are made at once: from there on, one takes little less in a larger batch, and memory grows.
 _FEWEST_AT_ONCE, _MOST_AT_ONCE = 32, 512

@@ -9,7 +9,7 @@ from pydrake.systems.framework import Context, LeafSystem
 from drake_quad.assembly.policy import policy_rows
 from drake_quad.errors import InputError, shown, whole_number
 from drake_quad.gym.real_numbers import MAX_ACTION, real_numbers, single_precision
-from drake_quad.scenario import Scenario
+from drake_quad.scenario.models import Scenario
 
 
 class FunctionPolicy(LeafSystem):

@@ -7,10 +7,11 @@ from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
 from drake_quad.errors import InputError
-from drake_quad.flight import Flight, simulate
+from drake_quad.flight.flight import Flight
+from drake_quad.flight.simulation import simulate
 from drake_quad.gym.episodes import Episode
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario import Scenario
+from drake_quad.scenario.models import Scenario
 
 
 class Tape:

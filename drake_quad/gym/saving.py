@@ -15,8 +15,9 @@ from drake_quad.files import output_folder
 from drake_quad.framework.symbols import Matrix
 from drake_quad.gym.env import QuadrotorEnv
 from drake_quad.gym.vector_env import QuadrotorVectorEnv
-from drake_quad.scenario import Scenario, load_scenario, save_scenario
-from drake_quad.scenario.models import NAME
+from drake_quad.scenario.files.loading import load_scenario
+from drake_quad.scenario.files.saving import save_scenario
+from drake_quad.scenario.models import NAME, Scenario
 
 # Modules of PyTorch by the names that they have in a policy's file.
 _ACTIVATIONS: dict[str, Activation] = {

@@ -5,9 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from drake_quad.errors import InputError, shown
-from drake_quad.scenario import Scenario, load_scenario, middle_of
+from drake_quad.scenario.batch import middle_of
 from drake_quad.scenario.distributions import Model
-from drake_quad.scenario.loading import Overrides, with_fields
+from drake_quad.scenario.files.loading import Overrides, load_scenario, with_fields
+from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.policy import PolicyControl
 
 
@@ -59,7 +60,7 @@ def task_of(
 
 def _designed_attitude(scenario: Scenario) -> dict[str, Any]:
     """The attitude control of a scenario whose control has none of its own, as `drake-quad design` designs it."""
-    from drake_quad.analysis.cascade_design import design_cascade
+    from drake_quad.design.cascade import design_cascade
 
     ones = {"k_p": [1.0, 1.0, 1.0], "k_d": [1.0, 1.0, 1.0]}
     cascade = {"position": {"kind": "pd", "feed_forward": "none", **ones}, "attitude": ones}

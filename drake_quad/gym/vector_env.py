@@ -9,12 +9,12 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from drake_quad.assembly.planning import flight_duration, nominal_parameters, plan_route
 from drake_quad.assembly.policy import hovering_action, policy_rows
 from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.compilation.clocked_fleet import ClockedFleet
 from drake_quad.errors import InputError, listed, shortened, shown, whole_number
-from drake_quad.flight import Flight
+from drake_quad.flight.flight import Flight
+from drake_quad.flight.mission import plan_route
 from drake_quad.gym.episodes import Episode, Episodes
 from drake_quad.gym.real_numbers import MAX_ACTION, real_numbers, single_precision
 from drake_quad.gym.rewards import Reward, Termination, TrackingReward, Transition, has_crashed
@@ -22,10 +22,13 @@ from drake_quad.gym.rollout import Tape, fly_again
 from drake_quad.gym.task import task_of
 from drake_quad.laboratory.metrics import Metrics, summarized
 from drake_quad.memory import check_fleet_fits
+from drake_quad.planning.believed import nominal_parameters
+from drake_quad.planning.duration import flight_duration
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario import Batch, Scenario
+from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.distributions import Model
-from drake_quad.scenario.loading import Overrides
+from drake_quad.scenario.files.loading import Overrides
+from drake_quad.scenario.models import Scenario
 from drake_quad.signals import SIGNALS
 
 # What every step looks at beside what is asked for.

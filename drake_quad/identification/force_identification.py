@@ -24,7 +24,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from drake_quad.assembly.effects import thrust_curve
 from drake_quad.errors import InputError, shown
 from drake_quad.identification.fitting.evidence import bias_reduced, explained_share
 from drake_quad.identification.fitting.open_loop import delay_of, thrust_by_share
@@ -33,7 +32,8 @@ from drake_quad.identification.identified import Fitted, Spread
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import Estimates, Explained, Source, kind_of
 from drake_quad.identification.results.vehicle_numbers import number_of
-from drake_quad.scenario import Scenario
+from drake_quad.planning.believed import thrust_curve
+from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.winds.source import steady_wind
 from drake_quad.vehicle.motors import thrust_of
 

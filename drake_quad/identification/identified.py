@@ -8,7 +8,7 @@ import numpy as np
 
 from drake_quad.identification.results.estimates import Estimates, quantile
 from drake_quad.identification.results.held_out import HeldOut
-from drake_quad.scenario import Scenario
+from drake_quad.scenario.models import Scenario
 
 
 class Fitted(NamedTuple):

@@ -20,7 +20,8 @@ from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.response_identification import identify_from_poses
 from drake_quad.identification.results.estimates import Estimates
 from drake_quad.identification.results.vehicle_numbers import number_of
-from drake_quad.scenario import Scenario, load_scenario
+from drake_quad.scenario.files.loading import load_scenario
+from drake_quad.scenario.models import Scenario
 
 # Of the waypoints, along X, Y and Z (m) and in yaw (rad): sines whose phases go on by so much from one to the next
 # (rad), so that none comes again.

@@ -18,8 +18,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drake_quad.axes import BodyAxes
 from drake_quad.errors import InputError
+from drake_quad.geometry.axes import BodyAxes
 from drake_quad.identification.fitting.evidence import Evidence, Uncertainty, explained_share
 from drake_quad.identification.fitting.multiple_shooting import Fit, Problem, evidence, fit, slopes_at, uncertainty
 from drake_quad.identification.fitting.open_loop import (
@@ -47,10 +47,10 @@ from drake_quad.identification.results.estimates import Estimates, Explained, So
 from drake_quad.identification.results.held_out import hold_out
 from drake_quad.identification.results.vehicle_numbers import number_of, with_effects, with_estimates, with_throttles
 from drake_quad.laboratory.motion_capture import attitude_of_markers
-from drake_quad.scenario import Scenario
 from drake_quad.scenario.autopilots import AttitudeResponse
+from drake_quad.scenario.models import Scenario
 from drake_quad.signals import Attitude
-from drake_quad.studies.interval import plus_minus
+from drake_quad.statistics.interval import plus_minus
 
 METHOD = "multiple shooting on positions and attitudes"
 # Of a window, s. Commands follow measurements, and with them their noise, which is taken for the vehicle's answer as

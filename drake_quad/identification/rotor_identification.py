@@ -36,9 +36,9 @@ from drake_quad.identification.results.estimates import (
     quantile,
     scenario_path,
 )
-from drake_quad.scenario import Scenario
+from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import value_at
-from drake_quad.studies.interval import plus_minus
+from drake_quad.statistics.interval import plus_minus
 
 # Samples are taken together up to this time, and longer ones taken apart, s: a tenth of a small motor's lag.
 _SAMPLE, _STEP = 0.008, 0.005

@@ -12,12 +12,12 @@ from typing import Annotated, Any, NamedTuple
 
 from pydrake.common import RandomDistribution
 
-from drake_quad.axes import BodyAxes, Tilt
 from drake_quad.framework.elementary import exp, sqrt, where, where_needed
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
-from drake_quad.kinematics import small_rotation
+from drake_quad.geometry.axes import BodyAxes, Tilt
+from drake_quad.geometry.kinematics import small_rotation
+from drake_quad.geometry.quaternion import Quaternion
 from drake_quad.laboratory.delay_line import carried, declare_delay_line, newest
-from drake_quad.quaternion import Quaternion
 from drake_quad.signals import Angle, Attitude, BodyRates, Number, PositionW, Quantity, Row, State
 
 # Largest change of an angle over two frames for which eq (2) is used, rad; it corresponds to 2.5 rad/s at 100 Hz. The

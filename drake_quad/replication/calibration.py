@@ -13,10 +13,12 @@ import numpy as np
 import scipy
 
 from drake_quad.errors import InputError
-from drake_quad.flight import StudyFleet
+from drake_quad.fleets.study_fleet import StudyFleet
+from drake_quad.flight.mission import plan_route
 from drake_quad.replication.printed import Cell, printed_table
-from drake_quad.scenario import Scenario
-from drake_quad.studies.statistics import Interval, mean_interval, with_crashes
+from drake_quad.scenario.models import Scenario
+from drake_quad.statistics.estimates import mean_interval
+from drake_quad.studies.statistics import Interval, with_crashes
 
 PD_CELL, NETWORK_CELL = Cell("no_wind", "pd"), Cell("no_wind", "pd_t2fnn")
 _DAMPING = 0.7
@@ -169,4 +171,6 @@ def _fitted(number: FreeNumber, errors: Callable[[list[str]], np.ndarray], targe
 
 def _errors(scenario: Scenario, num_samples: int, *, compiled: bool = True) -> np.ndarray:
     """(n,) RMSE of samples, m; infinite for those that crashed."""
-    return with_crashes(StudyFleet(scenario, num_samples, compiled=compiled).fly(range(num_samples)), "rmse")
+    return with_crashes(
+        StudyFleet(scenario, plan_route(scenario), num_samples, compiled=compiled).fly(range(num_samples)), "rmse"
+    )

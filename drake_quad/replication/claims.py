@@ -11,9 +11,10 @@ from drake_quad.files import write_table
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
 from drake_quad.replication.results import MAPPED, Experiment
 from drake_quad.replication.sweeps import EXPONENTS, NOISE, Q_VALUES, SLOPES, Sweep
-from drake_quad.studies.ratios import linearized_ratio, ratio_of_means
+from drake_quad.statistics.estimates import mean_interval
+from drake_quad.statistics.ratios import linearized_ratio, ratio_of_means
 from drake_quad.studies.report import Verdict, judge
-from drake_quad.studies.statistics import Comparison, Interval, compare_studies, mean_interval
+from drake_quad.studies.statistics import Comparison, Interval, compare_studies
 
 _NETWORKS = ("pd_t1fnn", "pd_t2fnn", "pd_t2fnn_wide")
 _GAINS = {"k_p": "k_P", "k_d": "k_D"}

@@ -12,7 +12,8 @@ from drake_quad.replication.claims import printed_effort_ratios
 from drake_quad.replication.measures import EFFORTS
 from drake_quad.replication.printed import Cell, printed_table
 from drake_quad.replication.results import Experiment
-from drake_quad.studies.statistics import Interval, mean_interval
+from drake_quad.statistics.estimates import mean_interval
+from drake_quad.studies.statistics import Interval
 
 
 class EffortMatch(NamedTuple):

@@ -14,10 +14,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drake_quad.assembly.planning import flight_duration, plan_route
 from drake_quad.assembly.user_systems import UserSystems
-from drake_quad.flight import Flight, simulate_samples
+from drake_quad.flight.flight import Flight
+from drake_quad.flight.mission import plan_route
+from drake_quad.flight.simulation import simulate_samples
 from drake_quad.laboratory.metrics import Metrics
+from drake_quad.planning.duration import flight_duration
 from drake_quad.replication.measures import LegMetrics, measures
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell
 from drake_quad.replication.results import FAIR, MAPPED, cells_of, write_recorded
@@ -33,8 +35,9 @@ from drake_quad.replication.sweeps import (
     q_settings,
     slope_settings,
 )
-from drake_quad.scenario import Batch, Scenario
-from drake_quad.studies import run_monte_carlo
+from drake_quad.scenario.batch import Batch
+from drake_quad.scenario.models import Scenario
+from drake_quad.studies.monte_carlo import run_monte_carlo
 from drake_quad.studies.processes import Workers
 from drake_quad.studies.study import rows_of
 from drake_quad.studies.study_folder import open_study

@@ -7,7 +7,8 @@ from typing import NamedTuple
 from drake_quad.files import write_table
 from drake_quad.replication.printed import CONTROLLERS, Cell
 from drake_quad.replication.results import FAIR, Experiment, cells_of
-from drake_quad.studies.statistics import Interval, compare_studies, mean_interval, of_survivors
+from drake_quad.statistics.estimates import mean_interval
+from drake_quad.studies.statistics import Interval, compare_studies, of_survivors
 
 COMPARED = {"pd": CONTROLLERS["pd"], "pd_t2fnn": CONTROLLERS["pd_t2fnn"], **FAIR}
 

@@ -12,13 +12,14 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, NullLocator, PercentFormatter
 
 from drake_quad.control.fuzzy.inference import elliptic_membership
-from drake_quad.flight import Flight
+from drake_quad.flight.flight import Flight
 from drake_quad.replication.claims import advantage
 from drake_quad.replication.fair import COMPARED
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
 from drake_quad.replication.results import MAPPED, Experiment
 from drake_quad.replication.sweeps import NOISE, Q_VALUES, Sweep
-from drake_quad.studies.statistics import mean_interval, of_survivors
+from drake_quad.statistics.estimates import mean_interval
+from drake_quad.studies.statistics import of_survivors
 from drake_quad.visualization.in_print import COLUMN, in_print
 from drake_quad.visualization.learning_plots import PAPER_EXPONENTS
 from drake_quad.visualization.leg_marks import leg_marks, number_legs, shade_legs

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from drake_quad.flight import Flight
+from drake_quad.flight.flight import Flight
 
 # Time between points of the path to which the distance is measured, s; at 2 m/s the points are 4 mm apart.
 _FINE = 0.002

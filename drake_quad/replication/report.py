@@ -6,7 +6,7 @@ from importlib.resources import files
 
 import numpy as np
 
-from drake_quad.assembly.planning import plan_route
+from drake_quad.flight.mission import plan_route
 from drake_quad.replication.assumptions import assumptions
 from drake_quad.replication.calibration import HYPOTHESES, NETWORK_CELL, PD_CELL
 from drake_quad.replication.claims import Claim
@@ -17,8 +17,9 @@ from drake_quad.replication.measures import EFFORTS, OUR_EFFORT
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
 from drake_quad.replication.results import Experiment
 from drake_quad.replication.table_ii import QUANTITIES, Entry, table_markdown
+from drake_quad.statistics.estimates import mean_interval
 from drake_quad.studies.report import image, table
-from drake_quad.studies.statistics import Interval, compare_studies, mean_interval
+from drake_quad.studies.statistics import Interval, compare_studies
 
 FIGURES = {
     "table_ii": "RMSE of Table II: printed runs and their mean, and ours. The intervals of our means are narrower than"

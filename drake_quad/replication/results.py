@@ -11,7 +11,7 @@ from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication.measures import LegMetrics
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell
 from drake_quad.replication.sweeps import Sweep, load_sweep
-from drake_quad.studies import Study, read_study
+from drake_quad.studies.study import Study, read_study
 
 # Controllers that the paper does not have, for a fair comparison.
 FAIR = {

@@ -8,10 +8,13 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from drake_quad.files import read_table, write_table
-from drake_quad.flight import StudyFleet, simulate_batch
+from drake_quad.fleets.study_fleet import StudyFleet
+from drake_quad.flight.mission import plan_route
+from drake_quad.flight.simulation import simulate_batch
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication.measures import LegMetrics, leg_metrics
-from drake_quad.scenario import Batch, Scenario
+from drake_quad.scenario.batch import Batch
+from drake_quad.scenario.models import Scenario
 
 SomeMetrics = TypeVar("SomeMetrics", Metrics, LegMetrics)
 
@@ -128,7 +131,7 @@ def fly_settings(
 ) -> Metrics:
     """Flies samples of a scenario with each setting, in one fleet, and returns (settings, samples) metrics."""
     batch = settings_batch(scenario, settings, samples)
-    metrics = StudyFleet(scenario, len(batch), compiled=compiled).fly_batch(batch)
+    metrics = StudyFleet(scenario, plan_route(scenario), len(batch), compiled=compiled).fly_batch(batch)
     return Metrics(*np.reshape(metrics, (-1, num_settings(settings), len(samples))))
 
 

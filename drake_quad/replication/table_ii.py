@@ -12,8 +12,9 @@ import numpy as np
 
 from drake_quad.files import write_table
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, Runs, printed_table
-from drake_quad.studies import Study
-from drake_quad.studies.statistics import Interval, mean_interval, of_survivors
+from drake_quad.statistics.estimates import mean_interval
+from drake_quad.studies.statistics import Interval, of_survivors
+from drake_quad.studies.study import Study
 
 # The metrics that are the columns of Table II, and what a report calls them.
 QUANTITIES = {"rmse": "RMSE (m)", "effort_x": "control effort on X (m²/s⁴)", "effort_y": "control effort on Y (m²/s⁴)"}

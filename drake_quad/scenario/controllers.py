@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Discriminator, Field, Tag
 
 from drake_quad.control.integral import Integration
-from drake_quad.flatness import EulerSequence
+from drake_quad.geometry.flatness import EulerSequence
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.quantities import (
     Gains,

@@ -4,7 +4,7 @@ Items of lists are counted from 0, but for those of rotors, which are called as 
 `vehicle.thrust_factor_error.rotor_1`.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from drake_quad.errors import InputError
@@ -107,3 +107,12 @@ def replaced(value: Any, replace: Callable[[str, Any], Any], path: str = "") -> 
     if isinstance(value, dict):
         return after
     return tuple(after.values()) if isinstance(value, tuple) else value.model_copy(update=changed)
+
+
+def refuse_distributions(paths: Iterable[str]) -> None:
+    """Raises InputError if there is any field that holds a distribution, given by their paths."""
+    for path in paths:
+        raise InputError(
+            f"{path} is a distribution; one flight needs a number there, or a sample to draw it for: sample=0 in"
+            " Python, --sample 0 in a shell"
+        )

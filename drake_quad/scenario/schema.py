@@ -6,9 +6,9 @@ from typing import Any
 
 from drake_quad.scenario import limits
 from drake_quad.scenario.distributions import DISTRIBUTIONS
-from drake_quad.scenario.layers import DEFAULT_VEHICLE
+from drake_quad.scenario.files.layers import DEFAULT_VEHICLE
+from drake_quad.scenario.files.relative import RELATIVE
 from drake_quad.scenario.models import Scenario
-from drake_quad.scenario.relative import RELATIVE
 
 _REFERENCE = "#/$defs/"
 _FORMS = {model.__name__: name for name, model in DISTRIBUTIONS.items()}

@@ -2,9 +2,10 @@
 
 from collections.abc import Callable, Sequence
 
-from drake_quad.flight import StudyFleet
+from drake_quad.fleets.study_fleet import StudyFleet
+from drake_quad.flight.mission import plan_route
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.scenario import Scenario
+from drake_quad.scenario.models import Scenario
 
 
 def fly_samples(
@@ -28,4 +29,4 @@ def fly_samples(
     Raises:
         InputError: the route holds a distribution, or the rotors cannot fly it.
     """
-    return StudyFleet(scenario, len(samples), compiled=compiled).fly(samples, progress=progress)
+    return StudyFleet(scenario, plan_route(scenario), len(samples), compiled=compiled).fly(samples, progress=progress)

@@ -5,11 +5,12 @@ from pydrake.common import RandomGenerator
 from pydrake.systems.analysis import MonteCarloSimulation, Simulator
 from pydrake.systems.framework import Context, Diagram
 
-from drake_quad.assembly.planning import flight_duration, plan_route
-from drake_quad.assembly.tracking import build_tracking_diagram
-from drake_quad.flight.fleet_simulation import read_metrics
+from drake_quad.fleets.fleet_simulation import read_metrics
+from drake_quad.flight.mission import build_tracking_diagram, plan_route
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.scenario import Scenario, draw_sample
+from drake_quad.planning.duration import flight_duration
+from drake_quad.scenario.batch import draw_sample
+from drake_quad.scenario.models import Scenario
 
 
 def drake_monte_carlo(scenario: Scenario, num_samples: int, seed: int | None = None) -> Metrics:

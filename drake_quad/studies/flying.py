@@ -9,9 +9,11 @@ import numpy as np
 
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError
-from drake_quad.flight import StudyFleet, simulate
+from drake_quad.fleets.study_fleet import StudyFleet
+from drake_quad.flight.simulation import simulate
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario import Batch, Scenario
+from drake_quad.scenario.batch import Batch
+from drake_quad.scenario.models import Scenario
 from drake_quad.studies.provenance import difference, provenance, sources_of
 from drake_quad.studies.study import rows_of
 
@@ -98,5 +100,5 @@ def _fleet(job: Job, num_samples: int) -> StudyFleet:
         size = (size + 1) // 2
     fleets: dict[int, StudyFleet] = _own.fleets
     if size not in fleets:
-        fleets[size] = StudyFleet(job.scenario, size, plan=job.plan, own=job.own, compiled=job.compiled)
+        fleets[size] = StudyFleet(job.scenario, job.plan, size, own=job.own, compiled=job.compiled)
     return fleets[size]

@@ -12,11 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from drake_quad.assembly.planning import flight_duration, plan_route
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError, InputWarning
+from drake_quad.flight.mission import plan_route
 from drake_quad.memory import check_fleet_fits
-from drake_quad.scenario import Scenario
+from drake_quad.planning.duration import flight_duration
+from drake_quad.scenario.models import Scenario
 from drake_quad.studies.crew import Crew, ExecutorCrew, fly_batches
 from drake_quad.studies.flying import Job, cause_of_crash, code_of, fly_batch, fly_trial, forget, prepare
 from drake_quad.studies.processes import Workers, check_counts, check_makers, num_cores

@@ -10,14 +10,17 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from drake_quad.assembly.remarks import flight_remarks
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError, listed
 from drake_quad.extras import needed
 from drake_quad.files import read_table, write_whole
+from drake_quad.flight.remarks import flight_remarks
 from drake_quad.laboratory.metrics import UNITS, Metrics
-from drake_quad.scenario import Batch, Scenario, distributions_in, load_scenario
+from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.description import description_at, unit_at
+from drake_quad.scenario.files.loading import load_scenario
+from drake_quad.scenario.models import Scenario
+from drake_quad.scenario.paths import distributions_in
 from drake_quad.studies.provenance import provenance
 from drake_quad.studies.results_file import CHECKSUM, Format, Found, read_results
 

@@ -10,7 +10,9 @@ import numpy as np
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError
 from drake_quad.files import output_folder, write_table, write_whole
-from drake_quad.scenario import Scenario, load_scenario, save_scenario
+from drake_quad.scenario.files.loading import load_scenario
+from drake_quad.scenario.files.saving import save_scenario
+from drake_quad.scenario.models import Scenario
 from drake_quad.studies.crew import Outcome
 from drake_quad.studies.missing_samples import MissingSamples
 from drake_quad.studies.results_file import Found, ResultsFile, open_results, write_results

@@ -7,17 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from drake_quad.laboratory.metrics import UNITS
-from drake_quad.studies.interval import Interval
-from drake_quad.studies.statistics import (
-    compare_studies,
-    crash_probability,
-    metric_mean,
-    of_survivors,
-    positive,
-    quantile_interval,
-    share_interval,
-    with_crashes,
-)
+from drake_quad.statistics.estimates import positive, quantile_interval, share_interval
+from drake_quad.statistics.interval import Interval
+from drake_quad.studies.statistics import compare_studies, crash_probability, metric_mean, of_survivors, with_crashes
 from drake_quad.studies.study import Study
 
 # Name, unit, and size of the unit in SI units of each metric in a summary.

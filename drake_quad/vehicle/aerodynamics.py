@@ -18,8 +18,8 @@ The model neglects body rates: the air velocity at the centre of mass applies to
 
 from typing import Annotated, NamedTuple
 
-from drake_quad.axes import Vector, cross, plus
 from drake_quad.framework.elementary import maximum
+from drake_quad.geometry.axes import Vector, cross, plus
 from drake_quad.signals import Quantity, RotorSpeed, Row
 
 _LinearDrag = Annotated[Row, Quantity("N s/m", "B")]

@@ -23,10 +23,10 @@ singularity, and a step integrates the angles themselves.
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
-from drake_quad.axes import TINY_COSINE, BodyAxes, Tilt
 from drake_quad.framework.elementary import arcsin, arctan, where_needed
-from drake_quad.kinematics import angle_rates
-from drake_quad.quaternion import NO_ROTATION, Quaternion
+from drake_quad.geometry.axes import TINY_COSINE, BodyAxes, Tilt
+from drake_quad.geometry.kinematics import angle_rates
+from drake_quad.geometry.quaternion import NO_ROTATION, Quaternion
 from drake_quad.signals import Attitude, BodyRates, Row
 
 

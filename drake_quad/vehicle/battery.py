@@ -11,8 +11,8 @@ most.
 
 from typing import Annotated, NamedTuple
 
-from drake_quad.axes import TINY
 from drake_quad.framework.elementary import maximum, sqrt
+from drake_quad.geometry.axes import TINY
 from drake_quad.signals import Charge, Number, Quantity, RotorSpeed, Row
 from drake_quad.vehicle.parameters import QuadrotorParameters
 

@@ -26,8 +26,8 @@ its rate of change is neglected, unless it is switched on (`drake_quad.vehicle.e
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from drake_quad.axes import TINY, BodyAxes, Vector
 from drake_quad.framework.elementary import maximum, minimum, sqrt
+from drake_quad.geometry.axes import TINY, BodyAxes, Vector
 from drake_quad.signals import AngleRate, BodyRateB, RotorSpeed, Row, State, VelocityW, Wind, Wrench
 from drake_quad.vehicle.faults import SpeedFactors
 from drake_quad.vehicle.mixer import mixer_of

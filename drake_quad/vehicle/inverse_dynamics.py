@@ -1,14 +1,14 @@
 """Rotor speeds that a trajectory asks for: the equations of motion read backwards.
 
-The vehicle is differentially flat (`drake_quad.flatness`): position and yaw over time fix how the body turns, and so
-the torques.
+The vehicle is differentially flat (`drake_quad.geometry.flatness`): position and yaw over time fix how the body turns,
+and so the torques.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.flatness import angular_accelerations, attitude_of, body_rates, in_heading, tilt_of
+from drake_quad.geometry.flatness import angular_accelerations, attitude_of, body_rates, in_heading, tilt_of
 from drake_quad.signals import Acceleration, Attitude, BodyRates, Jerk, Reference, RotorSpeed, Snap, Wrench
 from drake_quad.vehicle.dynamics import rotor_action
 from drake_quad.vehicle.parameters import QuadrotorParameters

@@ -2,7 +2,7 @@
 
 from typing import Annotated, NamedTuple
 
-from drake_quad.axes import Vector, cross, dot, minus
+from drake_quad.geometry.axes import Vector, cross, dot, minus
 from drake_quad.signals import Quantity, Row
 from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters
 from drake_quad.vehicle.rotors import Rotor

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from drake_quad.axes import BodyAxes, Vector, length, plus, times
+from drake_quad.geometry.axes import BodyAxes, Vector, length, plus, times
 from drake_quad.signals import PositionW, RotorSpeed, Row, Wind, Wrench
 from drake_quad.vehicle.aerodynamics import body_drag, ground_effect, rotor_loads, sum_of_loads
 from drake_quad.vehicle.dynamics import (

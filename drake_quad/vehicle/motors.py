@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from typing import Annotated, NamedTuple
 
-from drake_quad.axes import TINY
 from drake_quad.framework.elementary import exp, maximum, minimum, sqrt, where
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.geometry.axes import TINY
 from drake_quad.signals import Quantity, RotorSpeed, Row, Throttle, Wrench
 from drake_quad.vehicle.allocation import Allocated, Priority, RotorModel, allocate, allocate_to_pairs
 from drake_quad.vehicle.parameters import QuadrotorParameters

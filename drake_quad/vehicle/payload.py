@@ -15,8 +15,8 @@ where F and τ_P are the force on the vehicle without its weight, and the torque
 import math
 from typing import Annotated, NamedTuple
 
-from drake_quad.axes import Vector, cross, dot, plus, times
 from drake_quad.framework.elementary import where
+from drake_quad.geometry.axes import Vector, cross, dot, plus, times
 from drake_quad.signals import Quantity, Row, Time
 from drake_quad.vehicle.parameters import Inertia
 

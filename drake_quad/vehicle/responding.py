@@ -11,10 +11,10 @@ taken, and translation follows the same equations as for a `Quadrotor`.
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from drake_quad.axes import BodyAxes
 from drake_quad.framework.elementary import where, wrapped
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fleet_system
-from drake_quad.kinematics import small_rotation
+from drake_quad.geometry.axes import BodyAxes
+from drake_quad.geometry.kinematics import small_rotation
 from drake_quad.signals import (
     Angle,
     AngleAcceleration,

@@ -23,8 +23,8 @@ time step β is between -90° and 90°, and α between -180° and 180°.
 
 from typing import Annotated, NamedTuple
 
-from drake_quad.axes import Vector, dot, times
 from drake_quad.framework.elementary import arctan2, sin_cos, sqrt
+from drake_quad.geometry.axes import Vector, dot, times
 from drake_quad.signals import Quantity, Row, Swing
 
 

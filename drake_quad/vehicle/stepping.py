@@ -10,8 +10,8 @@ applies to the whole step.
 
 from typing import Any, NamedTuple
 
-from drake_quad.axes import BodyAxes
 from drake_quad.framework.elementary import where
+from drake_quad.geometry.axes import BodyAxes
 from drake_quad.signals import (
     Attitude,
     BodyRates,

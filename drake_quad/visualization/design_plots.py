@@ -8,11 +8,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
-from drake_quad.analysis.cascade_design import CascadeDesign
-from drake_quad.analysis.closed_loop import ClosedLoop
-from drake_quad.analysis.gain_design import LoopDesign, pd_loop
-from drake_quad.analysis.margins import frequencies
-from drake_quad.analysis.step_response import release
+from drake_quad.design.cascade import CascadeDesign
+from drake_quad.design.gains import LoopDesign, pd_loop
+from drake_quad.linear.closed_loop import ClosedLoop
+from drake_quad.linear.margins import frequencies
+from drake_quad.linear.step_response import release
 from drake_quad.signals import State
 from drake_quad.visualization.labels import place_labels
 from drake_quad.visualization.style import BLACK, BLUE, LIMIT, PLATE, VERMILION, new_figure, styled

@@ -9,11 +9,11 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import proj3d
 
-from drake_quad.assembly.space import space_of
-from drake_quad.axes import BodyAxes
+from drake_quad.geometry.axes import BodyAxes
+from drake_quad.planning.space import space_of
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario import Scenario
 from drake_quad.scenario.layouts import rotors_of
+from drake_quad.scenario.models import Scenario
 from drake_quad.signals import Reference, State
 from drake_quad.visualization.obstacles import draw_solids
 from drake_quad.visualization.replay.scene import reference_points

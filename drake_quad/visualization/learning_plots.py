@@ -12,7 +12,7 @@ from matplotlib.text import Annotation
 
 from drake_quad.assembly.control import antecedents
 from drake_quad.control.fuzzy.inference import Antecedents, elliptic_membership, firing_strengths
-from drake_quad.flight import Flight
+from drake_quad.flight.flight import Flight
 from drake_quad.scenario.networks import Network
 from drake_quad.visualization.labels import place_labels
 from drake_quad.visualization.style import (

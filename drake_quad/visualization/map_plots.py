@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import NullLocator
 
-from drake_quad.analysis.stability_map import StabilityMap
+from drake_quad.design.stability_map import StabilityMap
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.visualization.style import BLACK, VERMILION, new_figure, shading, styled
 

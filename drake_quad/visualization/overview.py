@@ -7,9 +7,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from drake_quad.flight import Flight
-from drake_quad.studies import Study
-from drake_quad.studies.statistics import mean_interval, of_survivors, share_interval
+from drake_quad.flight.flight import Flight
+from drake_quad.statistics.estimates import mean_interval, share_interval
+from drake_quad.studies.statistics import of_survivors
+from drake_quad.studies.study import Study
 from drake_quad.visualization.curves import tell_apart
 from drake_quad.visualization.plots import draw_error, draw_from_above, draw_rotor_speeds
 from drake_quad.visualization.study_plots import draw_distribution, metric_label

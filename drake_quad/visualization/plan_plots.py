@@ -10,7 +10,7 @@ from matplotlib.patches import Circle, Polygon, Rectangle
 from matplotlib.text import Annotation
 from pydrake.geometry.optimization import HPolyhedron, VPolytope
 
-from drake_quad.assembly.planning import plan_demand
+from drake_quad.planning.feasibility import plan_demand
 from drake_quad.reference.feasibility import sample_times
 from drake_quad.reference.path_problem import Limits
 from drake_quad.reference.plan import Plan

@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from drake_quad.assembly.space import space_of
 from drake_quad.files import output_folder
-from drake_quad.flight import Flight
+from drake_quad.flight.flight import Flight
+from drake_quad.planning.space import space_of
 from drake_quad.signals import Attitude
 from drake_quad.visualization.curves import tell_apart
 from drake_quad.visualization.learning_plots import (

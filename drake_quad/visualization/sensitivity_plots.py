@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from drake_quad.analysis.sensitivity import Sensitivities
+from drake_quad.design.sensitivity import Sensitivities
 from drake_quad.visualization.style import BLUE, VERMILION, new_figure, styled
 
 

@@ -14,6 +14,7 @@ from matplotlib.transforms import ScaledTranslation
 from drake_quad.errors import InputError
 from drake_quad.laboratory.metrics import UNITS
 from drake_quad.scenario.description import unit_at
+from drake_quad.statistics.estimates import quantile_interval, running_mean, share_interval
 from drake_quad.studies.statistics import (
     Interval,
     crash_levels,
@@ -21,9 +22,6 @@ from drake_quad.studies.statistics import (
     influences,
     most_influential,
     of_survivors,
-    quantile_interval,
-    running_mean,
-    share_interval,
     with_crashes,
 )
 from drake_quad.studies.study import Study

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
-from drake_quad.flight import Flight
+from drake_quad.flight.flight import Flight
 from drake_quad.laboratory.wind.fans import Jet, jet_speed
 from drake_quad.scenario.winds.fan import jets
 from drake_quad.scenario.winds.source import steady_wind

@@ -14,7 +14,7 @@ from pydrake.systems.primitives import LogVectorOutput, Multiplexer
 from pydrake.trajectories import PiecewisePolynomial
 
 from drake_quad import load_scenario
-from drake_quad.assembly.planning import plan_route
+from drake_quad.flight.mission import plan_route
 from drake_quad.signals import Jerk, Reference, Snap, State
 from drake_quad.vehicle.inverse_dynamics import rotor_demand
 from drake_quad.vehicle.parameters import QuadrotorParameters

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from drake_quad.assembly.control import control_recipes
-from drake_quad.assembly.planning import plan_route
 from drake_quad.control.attitude import AttitudeController, AttitudeNumbers
 from drake_quad.control.axes import PerAngle, PerAxis
 from drake_quad.control.disturbance.laws import AdaptiveLaw, IncrementalLaw, KalmanLaw
@@ -26,9 +25,10 @@ from drake_quad.control.incremental_attitude import IncrementalAttitudeControlle
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.control.position import PdGains, ProportionalDerivative
 from drake_quad.control.thrust_vectoring import ThrustVectoring
+from drake_quad.flight.mission import plan_route
 from drake_quad.framework.records import layout_of
-from drake_quad.scenario import Batch
-from drake_quad.scenario.loading import with_fields
+from drake_quad.scenario.batch import Batch
+from drake_quad.scenario.files.loading import with_fields
 
 WEIGHT = 0.7 * 9.79
 

@@ -9,9 +9,9 @@ from both_ways import assert_flown_alike
 from drake_quad import InputError, simulate
 from drake_quad.assembly.effects import steepest_load, swing_frequency, vehicle_effects
 from drake_quad.assembly.laboratory import laboratory_recipes
-from drake_quad.assembly.planning import plan_route
-from drake_quad.flight import simulate_samples
-from drake_quad.scenario import Batch
+from drake_quad.flight.mission import plan_route
+from drake_quad.flight.simulation import simulate_samples
+from drake_quad.scenario.batch import Batch
 from drake_quad.vehicle.aerodynamics import (
     BodyDrag,
     CentreOfPressure,

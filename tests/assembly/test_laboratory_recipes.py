@@ -13,7 +13,7 @@ from drake_quad.assembly.laboratory import (
     vehicle_parameters,
     wind_period,
 )
-from drake_quad.assembly.planning import plan_route
+from drake_quad.flight.mission import plan_route
 from drake_quad.framework.recipe import Recipe
 from drake_quad.gym.task import task_of
 from drake_quad.laboratory.command_link import LinkNumbers
@@ -23,7 +23,7 @@ from drake_quad.laboratory.wind.dryden import WIND_AT_20_FEET, Turbulence
 from drake_quad.laboratory.wind.fans import Outlet
 from drake_quad.laboratory.wind.gust import GustNumbers
 from drake_quad.laboratory.wind.sine import SineNumbers, SineWind
-from drake_quad.scenario import Batch
+from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.winds.source import steady_wind
 from drake_quad.signals import Attitude, AttitudeTarget, BodyRates, Wind, Wrench
 from drake_quad.vehicle.autopilot import AutopilotNumbers, Gyroscope, LoopGains, ThrustAlone

@@ -5,7 +5,7 @@ import pytest
 
 from drake_quad import load_scenario
 from drake_quad.flight.simulation import simulate_batch
-from drake_quad.scenario import Batch
+from drake_quad.scenario.batch import Batch
 
 
 @pytest.mark.slow

@@ -8,7 +8,6 @@ import pytest
 from drake_quad.assembly.control import build_control, control_recipes
 from drake_quad.assembly.lqg import height_model, lateral_model, lqg_recipes, lqg_timing
 from drake_quad.assembly.mpc import mpc_recipes
-from drake_quad.assembly.planning import plan_route
 from drake_quad.control.axes import PerAxis
 from drake_quad.control.lqg.chains import (
     Answer,
@@ -24,8 +23,9 @@ from drake_quad.control.lqg.laws import TargetNumbers, ThrustNumbers, TorqueNumb
 from drake_quad.control.lqg.system import LinearQuadraticGaussian
 from drake_quad.control.mpc.constraints import Corridor
 from drake_quad.control.mpc.system import OPEN, PredictiveProgramme
+from drake_quad.flight.mission import plan_route
 from drake_quad.reference.polynomial_path import evaluate
-from drake_quad.scenario import Batch
+from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.mpc import MpcControl
 
 WEIGHT = 0.7 * 9.79

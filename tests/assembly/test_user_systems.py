@@ -5,7 +5,8 @@ from pydrake.systems.framework import BasicVector, LeafSystem
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario, run_monte_carlo, simulate
 from drake_quad.assembly.user_systems import UserSystems
-from drake_quad.flight import StudyFleet
+from drake_quad.fleets.study_fleet import StudyFleet
+from drake_quad.flight.mission import plan_route
 from drake_quad.framework import FleetSystem, fleet_system
 from drake_quad.laboratory.wind.dryden import DrydenTurbulence, Turbulence, TurbulenceNumbers
 from drake_quad.signals import Acceleration
@@ -121,7 +122,7 @@ def test_a_function_that_returns_no_system_is_refused_with_its_signature(diagram
     with pytest.raises(InputError, match=words):
         run_monte_carlo(scenario, 2, position_controller=make, num_workers=1)
     with pytest.raises(InputError, match=words):
-        StudyFleet(scenario, 2, own=UserSystems(position_controller=make))
+        StudyFleet(scenario, plan_route(scenario), 2, own=UserSystems(position_controller=make))
 
 
 def test_a_system_is_no_function_that_makes_one():

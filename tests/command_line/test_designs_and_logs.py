@@ -14,10 +14,10 @@ from ruamel.yaml import YAML
 from test_passed_arguments import replaced  # noqa: F401 - a fixture
 
 from drake_quad import load_scenario
-from drake_quad.analysis.lqg_design import Limits
-from drake_quad.assembly.planning import plan_route
 from drake_quad.command_line import identify, interruption, running
+from drake_quad.design.lqg import Limits
 from drake_quad.errors import InputWarning
+from drake_quad.flight.mission import plan_route
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.space.distance import nearest_approach
 from drake_quad.space.shapes import Ball

@@ -12,7 +12,7 @@ import pytest
 import drake_quad
 from drake_quad import load_scenario
 from drake_quad.command_line.main import COMMANDS, main, module_of
-from drake_quad.scenario.shipped import shipped_scenarios
+from drake_quad.scenario.files.shipped import shipped_scenarios
 
 ROOT = Path(__file__).parent.parent.parent
 

@@ -16,7 +16,7 @@ from drake_quad.command_line.main import COMMANDS, module_of
 from drake_quad.command_line.options import overrides_of, scenario_of
 from drake_quad.evaluation.judging import QUICK
 from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.scenario import draw_sample
+from drake_quad.scenario.batch import draw_sample
 
 # Commands of a scenario that write nothing, and those that have no scenario.
 LISTS = {"scenarios"}

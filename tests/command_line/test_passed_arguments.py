@@ -13,8 +13,6 @@ import shtab
 from tqdm import tqdm
 
 from drake_quad import InputError, load_scenario
-from drake_quad.analysis.cascade_design import default_options, on_board_options
-from drake_quad.analysis.gain_design import PolePair, Regulator
 from drake_quad.command_line import (
     compare,
     completion,
@@ -29,7 +27,9 @@ from drake_quad.command_line import (
     tune,
 )
 from drake_quad.command_line.main import COMMANDS, full_parser
-from drake_quad.evaluation import Budget, Knob
+from drake_quad.design.cascade import default_options, on_board_options
+from drake_quad.design.gains import PolePair, Regulator
+from drake_quad.design.tuning import Budget, Knob
 from drake_quad.evaluation.families import FAMILIES
 from drake_quad.evaluation.judging import QUICK, Sizes
 from drake_quad.evaluation.results import PRICED, Traits
@@ -38,7 +38,7 @@ from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication.experiment import QUICK as QUICK_EXPERIMENT
 from drake_quad.replication.experiment import Sizes as ExperimentSizes
 from drake_quad.replication.printed import Cell
-from drake_quad.studies import Study
+from drake_quad.studies.study import Study
 
 COMMAND = "drake_quad.command_line"
 

@@ -11,11 +11,6 @@ import scipy
 from ruamel.yaml import YAML
 
 from drake_quad import InputError, load_scenario
-from drake_quad.analysis.gain_design import AxisGains, PidGains, ProportionalGain
-from drake_quad.analysis.margins import Margins
-from drake_quad.analysis.sensitivity import Sensitivities
-from drake_quad.analysis.stability_map import MappedGains, StabilityMap
-from drake_quad.assembly.planning import plan_demand, plan_route, planned_parameters
 from drake_quad.command_line import (
     compare,
     compare_log,
@@ -32,7 +27,11 @@ from drake_quad.command_line import (
     study,
 )
 from drake_quad.command_line import map as stability_map
+from drake_quad.design.gains import AxisGains, PidGains, ProportionalGain
+from drake_quad.design.sensitivity import Sensitivities
+from drake_quad.design.stability_map import MappedGains, StabilityMap
 from drake_quad.files import read_table
+from drake_quad.flight.mission import plan_route
 from drake_quad.identification.fitting.random_effects import Variation
 from drake_quad.identification.flown_again.comparison import Comparison
 from drake_quad.identification.flown_again.prediction import Predictions
@@ -40,13 +39,16 @@ from drake_quad.identification.identified import Fitted, Identification, Spread
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import Estimates, Explained, Source
 from drake_quad.laboratory.metrics import Metrics
+from drake_quad.linear.margins import Margins
+from drake_quad.planning.believed import planned_parameters
+from drake_quad.planning.feasibility import plan_demand
 from drake_quad.reference.binding import Binding
 from drake_quad.reference.path_problem import Limits
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.replication.printed import Cell, Runs
 from drake_quad.replication.table_ii import Entry
-from drake_quad.studies import Study
-from drake_quad.studies.interval import Interval, plus_minus, spread_alone
+from drake_quad.statistics.interval import Interval, plus_minus, spread_alone
+from drake_quad.studies.study import Study
 
 RNG = np.random.default_rng(8)
 

@@ -9,13 +9,13 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Adder, DiscreteTimeDelay, FirstOrderLowPassFilter, ZeroOrderHold
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
-from drake_quad.assembly.planning import plan_route
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.compilation import compile_diagram, compiled_part, or_stand_in
 from drake_quad.compilation.stand_in import StandIn
 from drake_quad.control.axes import PerAxis
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
-from drake_quad.flight import StudyFleet
+from drake_quad.fleets.study_fleet import StudyFleet
+from drake_quad.flight.mission import plan_route
 from drake_quad.laboratory.wind.wind import SteadyWind
 from drake_quad.signals import Wind
 
@@ -228,7 +228,7 @@ def test_a_system_of_the_user_s_flies_as_wired(scenario, plan, place, make):
 def test_a_fleet_flies_with_a_system_of_the_user_s_as_wired(scenario, plan, place, make):
     """Also when it flies a second time."""
     own = UserSystems(**{place: make})
-    fleets = [StudyFleet(scenario, 5, plan=plan, own=own, compiled=compiled) for compiled in (True, False)]
+    fleets = [StudyFleet(scenario, plan, 5, own=own, compiled=compiled) for compiled in (True, False)]
     for samples in (range(5), [7, 8]):
         assert_metrics_alike(*(fleet.fly(samples, duration=0.2) for fleet in fleets))
 

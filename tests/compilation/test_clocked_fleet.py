@@ -5,15 +5,15 @@ import pytest
 from pydrake.systems.framework import LeafSystem
 
 from drake_quad import load_scenario
-from drake_quad.assembly.planning import plan_route
 from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.compilation.clocked_fleet import Beginning, ClockedFleet
 from drake_quad.errors import InputError
-from drake_quad.flight import simulate
+from drake_quad.flight.mission import plan_route
+from drake_quad.flight.simulation import simulate
 from drake_quad.framework.machine_code import LANES
 from drake_quad.gym.task import task_of
-from drake_quad.scenario import Batch
+from drake_quad.scenario.batch import Batch
 
 SHOWN = ("state", "measurement", "reference")
 

@@ -5,11 +5,13 @@ import pytest
 from both_ways import assert_flights_alike, assert_flown_alike, assert_metrics_alike
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.assembly.planning import flight_duration, plan_route
-from drake_quad.flight import StudyFleet, simulate_samples
-from drake_quad.flight.fleet_simulation import simulate_fleet
+from drake_quad.fleets.fleet_simulation import simulate_fleet
+from drake_quad.fleets.study_fleet import StudyFleet
+from drake_quad.flight.mission import plan_route
+from drake_quad.flight.simulation import simulate_samples
 from drake_quad.framework.fleet_system import FleetSystem, fleet_system
-from drake_quad.scenario import Batch
+from drake_quad.planning.duration import flight_duration
+from drake_quad.scenario.batch import Batch
 from drake_quad.signals import Acceleration, State
 
 
@@ -27,7 +29,7 @@ def plan(study):
 @pytest.fixture(scope="module")
 def wired(study, plan):
     """The metrics of a thousand samples, in a diagram as it is wired."""
-    return StudyFleet(study, 1000, plan=plan, compiled=False).fly(range(1000))
+    return StudyFleet(study, plan, 1000, compiled=False).fly(range(1000))
 
 
 def part(metrics, samples):
@@ -38,7 +40,7 @@ def part(metrics, samples):
 @pytest.mark.parametrize("n", [1, 7, 8, 9, 1000])
 def test_a_fleet_of_any_size_flies_as_wired(study, plan, wired, n):
     samples = range(1000 - n, 1000)
-    found = StudyFleet(study, n, plan=plan).fly(samples)
+    found = StudyFleet(study, plan, n).fly(samples)
     assert_metrics_alike(found, part(wired, samples))
 
 
@@ -61,7 +63,7 @@ def test_a_vehicle_of_a_compiled_fleet_flies_as_it_does_alone_to_the_bit(study, 
 @pytest.mark.slow
 def test_nothing_of_a_batch_is_left_in_the_next_one(study, plan, wired):
     """Nor of another duration, nor of a batch that had fewer samples than there are vehicles."""
-    fleet = StudyFleet(study, 9, plan=plan)
+    fleet = StudyFleet(study, plan, 9)
     first = fleet.fly(range(9))
     assert_metrics_alike(first, part(wired, range(9)))
     assert_metrics_alike(fleet.fly([500, 20]), part(wired, [500, 20]))
@@ -115,10 +117,10 @@ def test_a_flight_ends_when_the_last_vehicle_has_crashed(diagrams):
     mass = "vehicle.mass={uniform: {min: 0.66, max: 0.67}}"
     study = load_scenario(diagrams / "figure_eight.yaml", ["duration=5", "crash.position_error=0.03", mass])
     flown = []
-    metrics = StudyFleet(study, 9).fly(range(9), progress=lambda time, _: flown.append(time))
+    metrics = StudyFleet(study, plan_route(study), 9).fly(range(9), progress=lambda time, _: flown.append(time))
     assert flown[-1] < 5.0
     assert (metrics.crash_time < flown[-1]).all()
-    assert_metrics_alike(metrics, StudyFleet(study, 9, compiled=False).fly(range(9)))
+    assert_metrics_alike(metrics, StudyFleet(study, plan_route(study), 9, compiled=False).fly(range(9)))
     assert flight_duration(study, plan_route(study)) == 5.0
 
 

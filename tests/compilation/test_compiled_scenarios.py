@@ -10,8 +10,8 @@ from random_scenarios import scenario_of, structures
 from ruamel.yaml import YAML
 
 from drake_quad import load_scenario
-from drake_quad.assembly.planning import plan_route
-from drake_quad.scenario import Batch
+from drake_quad.flight.mission import plan_route
+from drake_quad.scenario.batch import Batch
 
 pytestmark = pytest.mark.slow
 

@@ -9,7 +9,6 @@ from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from pydrake.systems.analysis import Simulator
 
 from drake_quad import load_scenario, simulate
-from drake_quad.assembly.planning import plan_route
 from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.control.attitude import AttitudeNumbers, attitude_law
 from drake_quad.control.axes import PerAngle
@@ -19,9 +18,10 @@ from drake_quad.control.geometric import (
     integrated_rotation,
     integrating_law,
 )
-from drake_quad.flight.fleet_simulation import fly
+from drake_quad.fleets.fleet_simulation import fly
+from drake_quad.flight.mission import plan_route
 from drake_quad.framework.wiring import subsystem
-from drake_quad.scenario import Batch
+from drake_quad.scenario.batch import Batch
 from drake_quad.signals import AngularAcceleration, Attitude, BodyRates, State
 
 INERTIA = np.array([0.0065, 0.0085, 0.0126])

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 
 from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, VectoringNumbers, specific_thrust
-from drake_quad.flatness import HeadingVector, in_heading
+from drake_quad.geometry.flatness import HeadingVector, in_heading
 from drake_quad.signals import Acceleration
 
 G, MASS = 9.81, 0.68

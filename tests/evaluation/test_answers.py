@@ -18,7 +18,7 @@ from drake_quad.evaluation.results import (
     write_traits,
 )
 from drake_quad.files import read_table
-from drake_quad.studies.statistics import share_interval
+from drake_quad.statistics.estimates import share_interval
 
 
 def verdicts(found):

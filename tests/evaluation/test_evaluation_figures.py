@@ -16,7 +16,8 @@ from drake_quad.evaluation.figures import (
     parts_of,
 )
 from drake_quad.evaluation.results import Evaluation
-from drake_quad.studies.statistics import mean_interval, of_survivors
+from drake_quad.statistics.estimates import mean_interval
+from drake_quad.studies.statistics import of_survivors
 
 PLACES = ("no wind", "low wind", "high wind", "outdoor")
 

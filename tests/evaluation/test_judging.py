@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from drake_quad import load_scenario
+from drake_quad.design.tuning import Budget, LoopLimit, Tuned
 from drake_quad.evaluation import judging, protocol
 from drake_quad.evaluation.designs import design_file, designs_in, write_designs
 from drake_quad.evaluation.entries import entries_of
 from drake_quad.evaluation.families import FAMILIES, FIRST_JUDGED, Family, laps_of
 from drake_quad.evaluation.judging import QUICK, Sizes, judge_family, judge_laps, judge_prices, missing
 from drake_quad.evaluation.results import PRICED_CONTROLLERS, SENSITIVITIES, Traits, in_laps, priced_name
-from drake_quad.evaluation.tuning import Budget, LoopLimit, Tuned
 
 SIZES = Sizes(samples=7, slow=3, laps=5, most_laps=3, delayed=4, most_frames=6)
 
@@ -97,7 +97,7 @@ def test_times_are_cpu_times_of_a_vehicle_a_tick(monkeypatch, diagrams):
     clock, made, flown = iter([0.0, 14.0, 20.0, 23.0, 30.0, 31.0, 40.0, 40.5]), [], []
 
     class Fleet:
-        def __init__(self, scenario, count, *, compiled):
+        def __init__(self, scenario, _plan, count, *, compiled):
             self.scenario, self.duration = scenario, 4.0
             made.append((count, compiled))
 

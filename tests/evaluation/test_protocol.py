@@ -3,13 +3,13 @@
 import pytest
 
 from drake_quad import InputError, load_scenario
+from drake_quad.design.tuning import Budget
 from drake_quad.evaluation.designs import designs_in, write_designs
 from drake_quad.evaluation.entries import entries_of
 from drake_quad.evaluation.families import FAMILIES, FIRST_JUDGED, Family
 from drake_quad.evaluation.judging import QUICK, Sizes, delay_flown, judge_family, judge_laps, lone_time
 from drake_quad.evaluation.protocol import design_family, training, tunable
 from drake_quad.evaluation.results import in_laps
-from drake_quad.evaluation.tuning import Budget
 from drake_quad.scenario.paths import value_at
 from drake_quad.studies.comparison import fly_samples
 

@@ -5,6 +5,7 @@ import pytest
 from invented_flights import COUNT, evaluation, flights
 from test_answers import verdicts
 
+from drake_quad.design.tuning import Budget, LoopLimit
 from drake_quad.evaluation.answers import (
     WORDS,
     all_answers,
@@ -21,9 +22,9 @@ from drake_quad.evaluation.families import FAMILIES, FIRST_JUDGED
 from drake_quad.evaluation.judging import QUICK, Sizes
 from drake_quad.evaluation.report import FIGURES, machine, report_markdown, write_summary
 from drake_quad.evaluation.results import SENSITIVITIES, Traits, in_laps
-from drake_quad.evaluation.tuning import Budget, LoopLimit
 from drake_quad.files import read_table
-from drake_quad.studies.statistics import mean_interval, of_survivors, share_interval
+from drake_quad.statistics.estimates import mean_interval, share_interval
+from drake_quad.studies.statistics import of_survivors
 
 
 def rows_of(text):

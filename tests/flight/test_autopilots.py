@@ -6,10 +6,10 @@ from both_ways import assert_flights_alike, assert_flown_alike, assert_metrics_a
 from pydrake.systems.framework import BasicVector, LeafSystem
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
-from drake_quad.assembly.planning import plan_route
-from drake_quad.flight import StudyFleet
+from drake_quad.fleets.study_fleet import StudyFleet
+from drake_quad.flight.mission import plan_route
 from drake_quad.framework.fleet_system import FleetSystem, fleet_system
-from drake_quad.scenario import Batch
+from drake_quad.scenario.batch import Batch
 from drake_quad.signals import AttitudeTarget, Reference, State
 
 
@@ -65,11 +65,11 @@ def test_a_fleet_flies_compiled_as_wired_and_each_of_it_as_alone(scenario, kind)
 def test_batch_after_batch_is_flown_as_if_it_were_the_first(scenario, kind):
     study = scenario(kind, "duration=0.5")
     plan = plan_route(study)
-    fleet = StudyFleet(study, 4, plan=plan)
+    fleet = StudyFleet(study, plan, 4)
     first = fleet.fly(range(4))
     fleet.fly(range(10, 14))
     assert_metrics_alike(fleet.fly(range(4)), first)
-    assert_metrics_alike(StudyFleet(study, 4, plan=plan, compiled=False).fly(range(4)), first)
+    assert_metrics_alike(StudyFleet(study, plan, 4, compiled=False).fly(range(4)), first)
 
 
 @kinds

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drake_quad import load_scenario
-from drake_quad.analysis.closed_loop import closed_loop
+from drake_quad.linear.closed_loop import closed_loop
 from drake_quad.signals import Acceleration, Reference, State
 
 PD = "k_p: [4.0, 3.5, 6.0], k_d: [3.5, 3.2, 4.0], feed_forward: snap"

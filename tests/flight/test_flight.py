@@ -7,13 +7,13 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, LeafSystem
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
-from drake_quad.analysis.sensitivity import flight_sensitivities
-from drake_quad.assembly.planning import plan_route
 from drake_quad.assembly.tracking import build_fleet_diagram
-from drake_quad.flight import simulate_samples
-from drake_quad.flight.fleet_simulation import fly
+from drake_quad.design.sensitivity import flight_sensitivities
+from drake_quad.fleets.fleet_simulation import fly
+from drake_quad.flight.mission import plan_route
+from drake_quad.flight.simulation import simulate_samples
 from drake_quad.framework import FleetSystem, fleet_system
-from drake_quad.scenario import Batch, draw_sample
+from drake_quad.scenario.batch import Batch, draw_sample
 from drake_quad.signals import SIGNALS, State, Wind
 from drake_quad.visualization.plots import PLOTS, save_plots
 

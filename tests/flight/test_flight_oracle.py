@@ -8,7 +8,7 @@ import pytest
 from oracle.flight import fly
 
 from drake_quad import simulate
-from drake_quad.flight import simulate_samples
+from drake_quad.flight.simulation import simulate_samples
 from drake_quad.vehicle.allocation import Priority
 
 ON_BOARD = [

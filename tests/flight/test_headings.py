@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from drake_quad import load_scenario, simulate
-from drake_quad.scenario.shipped import shipped_scenarios
+from drake_quad.scenario.files.shipped import shipped_scenarios
 
 NOISELESS = {"position_noise": 0.0, "attitude_noise": 0.0}
 IDEAL_ONBOARD = {

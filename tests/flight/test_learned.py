@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError, load_scenario, save_network, simulate
-from drake_quad.flight import simulate_samples
-from drake_quad.scenario import save_scenario
+from drake_quad.flight.simulation import simulate_samples
+from drake_quad.scenario.files.saving import save_scenario
 
 ADAPTIVE = "control.network.adaptive={centres: 0.4, widths: 0.3, exponents: 0.2}"
 SHORT = ("duration=1.5", "metrics.start=0")

@@ -12,9 +12,9 @@ from drake_quad.assembly.lqg import lqg_recipes
 from drake_quad.control.axes import PerAxis
 from drake_quad.control.lqg.system import LinearQuadraticGaussian
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
-from drake_quad.evaluation import LoopLimit
+from drake_quad.design.tuning import LoopLimit
 from drake_quad.flight.simulation import simulate_batch
-from drake_quad.scenario import Batch, middle_of
+from drake_quad.scenario.batch import Batch, middle_of
 
 DIAGRAMS = Path(__file__).parents[2] / "diagrams"
 HIGH_WIND = "laboratory.yaml:high_wind"

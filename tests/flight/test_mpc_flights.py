@@ -8,7 +8,7 @@ from both_ways import assert_flown_alike, assert_metrics_alike
 
 from drake_quad import load_scenario, simulate
 from drake_quad.control.mpc.programme import Programme
-from drake_quad.scenario import Batch
+from drake_quad.scenario.batch import Batch
 
 CONTROLLERS = Path(__file__).parents[2] / "diagrams" / "controllers"
 LABORATORY = CONTROLLERS.parent / "laboratory.yaml"

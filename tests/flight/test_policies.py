@@ -12,8 +12,8 @@ from drake_quad.control.policy.network import passed
 from drake_quad.gym.rollout import action_source
 from drake_quad.gym.task import task_of
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario import Batch
-from drake_quad.scenario.loading import with_fields
+from drake_quad.scenario.batch import Batch
+from drake_quad.scenario.files.loading import with_fields
 
 K_P, K_D, MOST = np.array([1.2, 0.9, 4.0]), np.array([1.5, 1.3, 3.1]), np.array([4.0, 5.0, 6.0])
 

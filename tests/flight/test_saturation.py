@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drake_quad import load_scenario, simulate
-from drake_quad.flight import simulate_samples
+from drake_quad.flight.simulation import simulate_samples
 from drake_quad.vehicle.allocation import Priority
 
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from drake_quad import load_scenario
-from drake_quad.flight import StudyFleet
-from drake_quad.scenario import Batch
+from drake_quad.fleets.study_fleet import StudyFleet
+from drake_quad.flight.mission import plan_route
+from drake_quad.scenario.batch import Batch
 
 POSITION = "control.position"
 OBSERVER = [
@@ -20,9 +21,9 @@ def test_a_vehicle_of_a_fleet_has_the_filter_of_its_own_statistics(diagrams):
     scenario = load_scenario(diagrams / "laboratory.yaml:high_wind", OBSERVER)
     varying = {f"{POSITION}.deviation.0": np.array([0.3, 4.0]), f"{POSITION}.time_constant.1": np.array([0.5, 30.0])}
     batch = Batch.draw(scenario, [3, 4]).with_varying(varying)
-    together = StudyFleet(scenario, 2).fly_batch(batch)
+    together = StudyFleet(scenario, plan_route(scenario), 2).fly_batch(batch)
     for vehicle in (0, 1):
-        alone = StudyFleet(batch.scenario_of(vehicle), 1).fly([vehicle + 3])
+        alone = StudyFleet(batch.scenario_of(vehicle), plan_route(batch.scenario_of(vehicle)), 1).fly([vehicle + 3])
         assert float(together.rmse[vehicle]) == pytest.approx(float(alone.rmse[0]), rel=1e-9)
-    same = StudyFleet(scenario, 2).fly([3, 4])
+    same = StudyFleet(scenario, plan_route(scenario), 2).fly([3, 4])
     assert abs(float(together.rmse[0] - same.rmse[0])) > 1e-4

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from drake_quad.assembly.planning import plan_route
+from drake_quad.flight.mission import plan_route
 from drake_quad.gym import episodes as module
 from drake_quad.gym.episodes import Episodes
 from drake_quad.gym.task import task_of

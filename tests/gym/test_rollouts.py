@@ -6,7 +6,7 @@ from matplotlib.colors import to_rgb
 from mpl_toolkits.mplot3d import proj3d
 
 from drake_quad import load_scenario
-from drake_quad.assembly.planning import plan_route
+from drake_quad.flight.mission import plan_route
 from drake_quad.gym import QuadrotorEnv, QuadrotorVectorEnv
 from drake_quad.signals import Reference, State
 from drake_quad.visualization.frames import Camera

@@ -3,9 +3,9 @@
 import pytest
 
 from drake_quad import load_scenario
-from drake_quad.analysis.cascade_design import design_cascade
+from drake_quad.design.cascade import design_cascade
 from drake_quad.gym.task import task_of
-from drake_quad.scenario.loading import with_fields
+from drake_quad.scenario.files.loading import with_fields
 
 
 @pytest.mark.slow

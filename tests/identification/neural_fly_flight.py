@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from drake_quad import load_scenario, simulate
-from drake_quad.scenario import Scenario
+from drake_quad.scenario.models import Scenario
 
 DIAGRAM = Path(__file__).parent.parent.parent / "diagrams" / "neural_fly.yaml"
 # Thrust of a rotor at full throttle as the autopilot believes it, N.

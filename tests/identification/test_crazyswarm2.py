@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drake_quad import load_scenario
-from drake_quad.analysis.closed_loop import closed_loop
+from drake_quad.linear.closed_loop import closed_loop
 
 # KR, Kw and KI of roll, pitch and yaw: of the info*.yaml, but for KR of log145, of whose log they are. N m and s.
 FLOWN = {

@@ -8,8 +8,8 @@ from drake_quad import InputError
 from drake_quad.identification.fitting.random_effects import Variation
 from drake_quad.identification.identified import Spread
 from drake_quad.identification.results.estimates import KINDS, Estimates, Explained, Source, kind_of, scenario_path
-from drake_quad.scenario import load_undesigned
 from drake_quad.scenario.description import unit_at
+from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.limits import LARGEST
 from drake_quad.scenario.numbers import number_at, with_number
 

@@ -9,7 +9,7 @@ from drake_quad.identification.flown_again import estimator
 from drake_quad.identification.flown_again.estimator import _share, velocity_estimate
 from drake_quad.identification.force_identification import linear_drag
 from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.scenario import load_undesigned
+from drake_quad.scenario.files.loading import load_undesigned
 
 PERIOD, SHARE, DRIFT, TIME = 0.004, 0.08, 0.03, 0.5
 GRAVITY, MASS = 9.81, 0.0375

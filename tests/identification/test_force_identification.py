@@ -14,7 +14,7 @@ from drake_quad.identification.force_identification import identify_forces
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.vehicle_numbers import number_of, with_numbers
-from drake_quad.scenario import load_undesigned
+from drake_quad.scenario.files.loading import load_undesigned
 
 WEIGHT = 2.644 * 9.81
 TRUE = {

@@ -13,7 +13,7 @@ from drake_quad.identification.fitting.windows import airborne
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import Explained
 from drake_quad.identification.results.vehicle_numbers import number_of
-from drake_quad.scenario import load_undesigned
+from drake_quad.scenario.files.loading import load_undesigned
 
 PERIOD = 0.02
 

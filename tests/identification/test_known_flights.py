@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from drake_quad.assembly.planning import plan_route
-from drake_quad.flight import simulate
+from drake_quad.flight.mission import plan_route
+from drake_quad.flight.simulation import simulate
 from drake_quad.identification import known_flights
 from drake_quad.identification.known_flights import KNOWN, Checked, Task, check_batch, record_of, wandering
 from drake_quad.identification.results.vehicle_numbers import number_of
 from drake_quad.reference.polynomial_path import evaluate
-from drake_quad.scenario import draw_sample, middle_of
+from drake_quad.scenario.batch import draw_sample, middle_of
 from drake_quad.scenario.paths import distributions_in
 
 

@@ -14,7 +14,7 @@ from drake_quad.identification.logs.mapping import load_mapping, shipped_mapping
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import COLUMNS
 from drake_quad.identification.logs.units import QUANTITIES, UNITS
-from drake_quad.scenario import load_undesigned
+from drake_quad.scenario.files.loading import load_undesigned
 
 
 @pytest.fixture

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.assembly.planning import nominal_parameters
 from drake_quad.framework.elementary import sin_cos
+from drake_quad.geometry.kinematics import small_rotation
 from drake_quad.identification.fitting.open_loop import (
     OpenLoop,
     Starts,
@@ -19,7 +19,7 @@ from drake_quad.identification.fitting.open_loop import (
 )
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.vehicle_numbers import number_of, with_numbers
-from drake_quad.kinematics import small_rotation
+from drake_quad.planning.believed import nominal_parameters
 from drake_quad.scenario.effects import SpeedMotors
 from drake_quad.signals import Attitude, RotorSpeed
 from drake_quad.vehicle.dynamics import rotor_action

@@ -34,7 +34,7 @@ from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import quantile
 from drake_quad.identification.results.vehicle_numbers import with_numbers, with_throttles
-from drake_quad.scenario import load_undesigned
+from drake_quad.scenario.files.loading import load_undesigned
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from drake_quad.identification.identify import identify
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.results.vehicle_file import write_vehicle
 from drake_quad.identification.results.vehicle_numbers import number_of, with_numbers
-from drake_quad.scenario import load_undesigned
+from drake_quad.scenario.files.loading import load_undesigned
 
 NO_LOSS = "laboratory.command_link.loss_rate=0"
 

@@ -15,7 +15,8 @@ from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.held_out import hold_out
 from drake_quad.identification.rotor_identification import identify
-from drake_quad.scenario import Scenario, load_scenario
+from drake_quad.scenario.files.loading import load_scenario
+from drake_quad.scenario.models import Scenario
 
 LABORATORY = "diagrams/laboratory.yaml"
 # Over its whole lap in each direction, at changing yaw: each number is excited.

@@ -13,10 +13,11 @@ from drake_quad.identification.fitting.random_effects import Variation
 from drake_quad.identification.results import vehicle_file
 from drake_quad.identification.results.estimates import Estimates, Explained, Source, scenario_path
 from drake_quad.identification.results.vehicle_file import rising_curve, write_vehicle
-from drake_quad.scenario import Batch, distributions_in, load_undesigned
+from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.correlation import joint_normal
 from drake_quad.scenario.distributions import Normal
-from drake_quad.scenario.paths import value_at
+from drake_quad.scenario.files.loading import load_undesigned
+from drake_quad.scenario.paths import distributions_in, value_at
 from drake_quad.vehicle.motors import ThrustCurve, thrust_of
 
 # As flights of a Crazyflie give them, or nearly so: value and standard deviation.

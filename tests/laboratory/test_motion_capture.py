@@ -13,8 +13,8 @@ from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 from scipy.spatial.transform import Rotation
 
-from drake_quad.axes import BodyAxes
-from drake_quad.kinematics import small_rotation
+from drake_quad.geometry.axes import BodyAxes
+from drake_quad.geometry.kinematics import small_rotation
 from drake_quad.laboratory.motion_capture import (
     CameraNumbers,
     Cameras,

@@ -34,7 +34,7 @@ from tqdm import tqdm
 OUTPUT = ROOT / "out" / "mutants"
 SURVIVORS = Path(__file__).with_name("survivors.yaml")
 MIN_SCORE = 0.95
-# Modules that belong to no package, such as drake_quad/axes.py, are reported under this name.
+# Modules that belong to no package, such as drake_quad/geometry/axes.py, are reported under this name.
 MODULES = "(modules)"
 # Files whose code runs in other processes, where a mutant has no effect.
 LEFT_OUT = ("studies/cluster.py",)

@@ -1,12 +1,13 @@
 import numpy as np
 import pytest
 
-from drake_quad.assembly.planning import plan_demand, plan_route
 from drake_quad.errors import InputError
+from drake_quad.flight.mission import plan_route
+from drake_quad.planning.feasibility import plan_demand
 from drake_quad.reference.feasibility import first_violation, sample_times
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario import load_scenario
+from drake_quad.scenario.files.loading import load_scenario
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 TABLE_I = QuadrotorParameters()

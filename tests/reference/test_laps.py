@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.assembly.planning import plan_route
+from drake_quad.flight.mission import plan_route
 from drake_quad.reference.laps import LapDurations, flown_in_laps, periodic_motion
 from drake_quad.reference.minimum_snap import MinimumSnap, rest_at_ends, snap_cost
 from drake_quad.reference.polynomial_path import evaluate, peak_norm

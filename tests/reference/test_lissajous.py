@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drake_quad import load_scenario
-from drake_quad.assembly.planning import plan_route
+from drake_quad.flight.mission import plan_route
 from drake_quad.reference.lissajous import lissajous
 from drake_quad.reference.polynomial_path import evaluate
 

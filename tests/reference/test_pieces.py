@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.assembly.planning import plan_route
+from drake_quad.flight.mission import plan_route
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.pieces import (
     COLUMNS,
@@ -21,7 +21,7 @@ from drake_quad.reference.pieces import (
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, hermite_path
 from drake_quad.reference.trajectory_files import save_plan
-from drake_quad.scenario import load_mission
+from drake_quad.scenario.files.loading import load_mission
 
 PATH = minimum_snap([[0, 0, 1], [1, 2, 1.5], [3, 1, 2], [2, 0, 1]], [0.0, 1.7, 3.01, 5.2])
 # Its knots are others than those of the path.

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.assembly.planning import flight_duration, plan_route
-from drake_quad.assembly.remarks import flight_remarks
+from drake_quad.flight.mission import plan_route
+from drake_quad.flight.remarks import flight_remarks
+from drake_quad.planning.duration import flight_duration
 from drake_quad.reference.pieces import plan_of_pieces
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import evaluate, hermite_path, peak_norm

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from drake_quad.assembly.planning import plan_route
+from drake_quad.flight.mission import plan_route
 from drake_quad.reference.polynomial_path import evaluate, peak_norm
 from drake_quad.reference.routes import circle, figure_eight
-from drake_quad.scenario import load_scenario
+from drake_quad.scenario.files.loading import load_scenario
 
 
 def test_the_figure_eight_is_the_paper_s(diagrams):

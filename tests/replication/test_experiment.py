@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from drake_quad import load_scenario, read_study, simulate
-from drake_quad.assembly.planning import plan_route
 from drake_quad.files import read_table
-from drake_quad.flight import simulate_samples
+from drake_quad.flight.mission import plan_route
+from drake_quad.flight.simulation import simulate_samples
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication import experiment
 from drake_quad.replication.experiment import (

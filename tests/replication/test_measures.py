@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drake_quad import load_scenario
-from drake_quad.flight import Flight
+from drake_quad.flight.flight import Flight
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.plan import Plan

@@ -16,7 +16,8 @@ from drake_quad.replication.fair import COMPARED
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
 from drake_quad.replication.results import FAIR, Experiment, cells_of
 from drake_quad.replication.sweeps import NOISE, Q_VALUES, Sweep, noise_settings, q_settings
-from drake_quad.studies.statistics import mean_interval, of_survivors
+from drake_quad.statistics.estimates import mean_interval
+from drake_quad.studies.statistics import of_survivors
 from drake_quad.studies.study import Study
 from drake_quad.visualization.leg_marks import leg_marks
 from drake_quad.visualization.places import places

@@ -16,7 +16,7 @@ from drake_quad.replication.findings import findings_of, write_findings
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
 from drake_quad.replication.report import FIGURES, report_markdown
 from drake_quad.replication.results import FAIR, read_experiment
-from drake_quad.studies.interval import Interval
+from drake_quad.statistics.interval import Interval
 from drake_quad.studies.processes import Workers
 from drake_quad.studies.report import report_html
 from drake_quad.visualization.in_print import save_small

@@ -8,10 +8,10 @@ import pytest
 from pydantic import TypeAdapter, ValidationError
 
 from drake_quad import InputError, load_scenario
-from drake_quad.assembly.planning import plan_route
+from drake_quad.flight.mission import plan_route
 from drake_quad.reference.polynomial_path import evaluate
-from drake_quad.scenario import load_mission
 from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.files.loading import load_mission
 
 
 def models(kind=Model):

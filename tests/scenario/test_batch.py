@@ -6,16 +6,11 @@ import scipy
 
 from drake_quad import InputError
 from drake_quad.randomness.streams import parameter_numbers
-from drake_quad.scenario import (
-    Batch,
-    Scenario,
-    distributions_in,
-    draw_sample,
-    load_scenario,
-    middle_of,
-    save_scenario,
-)
-from drake_quad.scenario.paths import value_at
+from drake_quad.scenario.batch import Batch, draw_sample, middle_of
+from drake_quad.scenario.files.loading import load_scenario
+from drake_quad.scenario.files.saving import save_scenario
+from drake_quad.scenario.models import Scenario
+from drake_quad.scenario.paths import distributions_in, value_at
 
 # As SciPy has them: name and arguments.
 DISTRIBUTIONS = {

@@ -7,8 +7,8 @@ import pytest
 
 from drake_quad import InputError, load_scenario
 from drake_quad.assembly.laboratory import build_monitor
-from drake_quad.assembly.planning import plan_route
-from drake_quad.scenario import save_scenario
+from drake_quad.flight.mission import plan_route
+from drake_quad.scenario.files.saving import save_scenario
 
 ROOT = Path(__file__).parent.parent.parent
 PAPER = ROOT / "diagrams" / "controllers" / "paper.yaml"

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from drake_quad import InputError
 from drake_quad.randomness.streams import parameter_numbers
-from drake_quad.scenario import Batch, correlation, distributions_in, draw_sample, load_scenario, save_scenario
+from drake_quad.scenario import correlation
+from drake_quad.scenario.batch import Batch, draw_sample
 from drake_quad.scenario.correlation import (
     correlated_groups,
     correlated_normals,
@@ -20,7 +21,10 @@ from drake_quad.scenario.correlation import (
     shared_names,
 )
 from drake_quad.scenario.distributions import Normal
+from drake_quad.scenario.files.loading import load_scenario
+from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.limits import MOST_SHARED
+from drake_quad.scenario.paths import distributions_in
 
 MASS, LAG, DRAG = "vehicle.mass", "vehicle.rotor_time_constant", "vehicle.linear_drag"
 DRAWN = "{uniform: {min: 0.0, max: 0.1}}"

@@ -19,9 +19,9 @@ from hypothesis import HealthCheck, event, given, settings
 from hypothesis import strategies as st
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.assembly.planning import plan_route
+from drake_quad.flight.mission import plan_route
 from drake_quad.reference.polynomial_path import evaluate
-from drake_quad.scenario import load_mission
+from drake_quad.scenario.files.loading import load_mission
 
 DIAGRAMS = Path(__file__).parents[2] / "diagrams"
 CASES = os.environ.get("FUZZ_CASES")

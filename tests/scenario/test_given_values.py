@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError, load_scenario
-from drake_quad.scenario import load_mission, load_undesigned
-from drake_quad.scenario.given_values import given_trees
-from drake_quad.scenario.layers import merged
-from drake_quad.scenario.library import Library
-from drake_quad.scenario.marked_tree import Mark, Tree
+from drake_quad.scenario.files.given_values import given_trees
+from drake_quad.scenario.files.layers import merged
+from drake_quad.scenario.files.library import Library
+from drake_quad.scenario.files.loading import load_mission, load_undesigned
+from drake_quad.scenario.files.marked_tree import Mark, Tree
+from drake_quad.scenario.files.shipped import shipped_scenarios
 from drake_quad.scenario.routes import HalfSpace
-from drake_quad.scenario.shipped import shipped_scenarios
 
 
 @pytest.fixture

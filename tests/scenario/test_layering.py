@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError, load_scenario
-from drake_quad.assembly.remarks import flight_remarks, unequal_conditions
-from drake_quad.scenario import distributions_in, load_undesigned
-from drake_quad.scenario.shipped import shipped_scenarios
+from drake_quad.flight.remarks import flight_remarks, unequal_conditions
+from drake_quad.scenario.files.loading import load_undesigned
+from drake_quad.scenario.files.shipped import shipped_scenarios
+from drake_quad.scenario.paths import distributions_in
 
 VEHICLES = [name for name in shipped_scenarios() if name.startswith("vehicles/") and ":" not in name]
 VEHICLES += ["vehicles/neural_fly:neural_fly"]

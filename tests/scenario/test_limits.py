@@ -9,9 +9,12 @@ import pytest
 from ruamel.yaml.composer import Composer
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.assembly.planning import flight_duration, plan_route
+from drake_quad.flight.mission import plan_route
 from drake_quad.framework.wiring import subsystem
-from drake_quad.scenario import Override, library, limits, load_mission
+from drake_quad.planning.duration import flight_duration
+from drake_quad.scenario import limits
+from drake_quad.scenario.files import library
+from drake_quad.scenario.files.loading import Override, load_mission
 
 BODY = """\
   route: {kind: hover}

@@ -8,10 +8,11 @@ import pytest
 from ruamel.yaml import YAML
 
 from drake_quad.errors import InputError
-from drake_quad.scenario import Scenario, distributions_in, load_scenario, load_undesigned, save_scenario
+from drake_quad.scenario.files.loading import has_control, load_scenario, load_undesigned
+from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.layouts import rotors_of
-from drake_quad.scenario.loading import has_control
-from drake_quad.scenario.paths import value_at
+from drake_quad.scenario.models import Scenario
+from drake_quad.scenario.paths import distributions_in, value_at
 from drake_quad.scenario.winds.source import WINDS
 
 BODY = """\

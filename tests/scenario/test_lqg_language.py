@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario
-from drake_quad.analysis.cascade_design import with_gains
-from drake_quad.scenario import Scenario
-from drake_quad.scenario.saving import save_scenario
+from drake_quad.design.cascade import with_gains
+from drake_quad.scenario.files.saving import save_scenario
+from drake_quad.scenario.models import Scenario
 
 DIAGRAMS = Path(__file__).parents[2] / "diagrams"
 LQG, PD = (f"{DIAGRAMS}/controllers/{name}" for name in ("lqg.yaml:lqg", "paper.yaml:pd"))

@@ -9,9 +9,9 @@ import pytest
 
 from drake_quad import InputError, load_scenario
 from drake_quad.assembly.control import control_recipes
-from drake_quad.assembly.planning import plan_route
+from drake_quad.flight.mission import plan_route
 from drake_quad.reference.polynomial_path import evaluate
-from drake_quad.scenario import Batch
+from drake_quad.scenario.batch import Batch
 
 DIAGRAMS = Path(__file__).parents[2] / "diagrams"
 

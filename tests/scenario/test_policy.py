@@ -13,7 +13,7 @@ from onnx import TensorProto, helper
 from drake_quad import InputError, load_scenario, save_scenario
 from drake_quad.control.policy.network import passed
 from drake_quad.errors import InputWarning
-from drake_quad.scenario.policy_file import policy_network
+from drake_quad.scenario.files.policy_file import policy_network
 from drake_quad.scenario.policy_layers import Layers
 
 POLICY = """

@@ -3,9 +3,9 @@
 import pytest
 
 from drake_quad import InputError, load_scenario
-from drake_quad.scenario import load_undesigned
-from drake_quad.scenario.library import is_shipped
-from drake_quad.scenario.shipped import shipped_file, shipped_folder, shipped_names, shipped_scenarios
+from drake_quad.scenario.files.library import is_shipped
+from drake_quad.scenario.files.loading import load_undesigned
+from drake_quad.scenario.files.shipped import shipped_file, shipped_folder, shipped_names, shipped_scenarios
 
 
 def test_a_name_means_its_file_wherever_one_is(diagrams, tmp_path, monkeypatch):

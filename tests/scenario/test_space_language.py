@@ -6,8 +6,8 @@ from ruamel.yaml import YAML
 
 from drake_quad import InputError, load_scenario
 from drake_quad.errors import InputWarning
+from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.paths import distributions_in, value_at
-from drake_quad.scenario.saving import save_scenario
 from drake_quad.space.shapes import placed
 
 ROOM = """

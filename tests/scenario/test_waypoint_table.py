@@ -1,7 +1,7 @@
 import pytest
 
 from drake_quad.errors import InputError
-from drake_quad.scenario import load_mission
+from drake_quad.scenario.files.loading import load_mission
 
 
 @pytest.fixture

@@ -13,9 +13,9 @@ from both_ways import assert_flown_alike
 from pydrake.systems.analysis import Simulator
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.analysis.closed_loop import at_rest, in_hover
-from drake_quad.analysis.tracking_error import believed_tracking_error
-from drake_quad.scenario import Batch
+from drake_quad.flight.hover_error import believed_tracking_error
+from drake_quad.scenario.batch import Batch
+from drake_quad.scenario.hovering import at_rest, in_hover
 from drake_quad.scenario.schema import file_schema, language_page
 from drake_quad.scenario.winds.gust import GustSource
 from drake_quad.scenario.winds.source import WINDS, Surroundings, WindSource, steady_wind

@@ -46,10 +46,12 @@ def test_samples_fly_in_the_order_that_is_asked_for():
 def test_samples_fly_in_one_fleet_in_machine_code_unless_it_is_not_wanted(monkeypatch):
     fleets = []
 
-    def fleet(_, num_samples, *, compiled):
+    def fleet(_, plan, num_samples, *, compiled):
+        assert plan == "plan"
         fleets.append((num_samples, compiled))
         return SimpleNamespace(fly=lambda samples, progress: [*samples])
 
     monkeypatch.setattr(comparison, "StudyFleet", fleet)
+    monkeypatch.setattr(comparison, "plan_route", lambda _: "plan")
     assert fly_samples(None, [5, 2, 7]) == fly_samples(None, [5, 2, 7], compiled=False) == [5, 2, 7]
     assert fleets == [(3, True), (3, False)]

@@ -8,9 +8,11 @@ import scipy
 
 from drake_quad import load_scenario, read_study, run_monte_carlo
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.scenario import Batch, distributions_in
+from drake_quad.scenario.batch import Batch
+from drake_quad.scenario.paths import distributions_in
+from drake_quad.statistics.estimates import partial_rank_correlation, rank_correlation
 from drake_quad.studies.drake_monte_carlo import drake_monte_carlo
-from drake_quad.studies.statistics import influences, partial_rank_correlation, rank_correlation
+from drake_quad.studies.statistics import influences
 from drake_quad.studies.study import Study
 from drake_quad.visualization.study_plots import plot_influences
 

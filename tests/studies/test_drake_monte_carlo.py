@@ -6,8 +6,8 @@ import scipy
 
 from drake_quad import load_scenario
 from drake_quad.studies import drake_monte_carlo as drakes_tool
-from drake_quad.studies import run_monte_carlo
 from drake_quad.studies.drake_monte_carlo import drake_monte_carlo
+from drake_quad.studies.monte_carlo import run_monte_carlo
 
 OVERRIDES = ["duration=1.0", "crash.position_error=0.2"]
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.assembly.planning import plan_route
 from drake_quad.assembly.user_systems import UserSystems
+from drake_quad.flight.mission import plan_route
 from drake_quad.studies import flying
 from drake_quad.studies.flying import Job, code_of, fly_batch, fly_trial, forget, prepare
 
@@ -23,9 +23,9 @@ class Fleet:
     built: list
     flown: list
 
-    def __init__(self, scenario, num_vehicles, **options):
+    def __init__(self, scenario, plan, num_vehicles, **options):
         self.num_vehicles = num_vehicles
-        Fleet.built.append((scenario, num_vehicles, options))
+        Fleet.built.append((scenario, plan, num_vehicles, options))
 
     def fly(self, samples, **options):
         Fleet.flown.append((self.num_vehicles, [*samples], options))
@@ -41,10 +41,10 @@ def fleet(monkeypatch):
 def test_fleets_are_the_largest_and_its_halves_each_built_once(job, fleet):
     sizes = {count: flying._fleet(job, count).num_vehicles for count in (10, 6, 5, 4, 3, 2, 1, 10, 3)}
     assert sizes == {10: 10, 6: 10, 5: 5, 4: 5, 3: 3, 2: 2, 1: 1}
-    assert [num_vehicles for _, num_vehicles, _ in fleet.built] == [10, 5, 3, 2, 1]
+    assert [num_vehicles for _, _, num_vehicles, _ in fleet.built] == [10, 5, 3, 2, 1]
     assert all(
-        scenario is job.scenario and options == {"plan": job.plan, "own": UserSystems(), "compiled": True}
-        for scenario, _, options in fleet.built
+        scenario is job.scenario and plan is job.plan and options == {"own": UserSystems(), "compiled": True}
+        for scenario, plan, _, options in fleet.built
     )
 
 
@@ -63,7 +63,7 @@ def test_systems_of_ones_own_go_into_the_fleets(job, fleet):
         own = UserSystems(**{name: Fleet})
         other = job._replace(key=name, code=code_of(own), own=own)
         flying._fleet(other, 10)
-        assert fleet.built[-1][2] == {"plan": job.plan, "own": own, "compiled": True}
+        assert fleet.built[-1][3] == {"own": own, "compiled": True}
 
 
 def test_a_worker_that_refused_refuses_again(job, fleet):

@@ -16,13 +16,14 @@ from pydrake.systems.framework import BasicVector, LeafSystem
 
 from drake_quad import InputError, load_scenario, simulate
 from drake_quad.assembly.user_systems import UserSystems
-from drake_quad.studies import StudyInterrupted, flying, read_study, run_monte_carlo
+from drake_quad.studies import flying
 from drake_quad.studies import monte_carlo as run_module
 from drake_quad.studies.crew import Crew, Outcome
 from drake_quad.studies.flying import Job, fly_batch, fly_trial, prepare
+from drake_quad.studies.monte_carlo import StudyInterrupted, run_monte_carlo
 from drake_quad.studies.processes import Workers
 from drake_quad.studies.results_file import read_results, write_results
-from drake_quad.studies.study import columns_of, format_of, read_record
+from drake_quad.studies.study import columns_of, format_of, read_record, read_study
 from drake_quad.studies.study_folder import open_study
 
 

@@ -8,20 +8,22 @@ import scipy
 
 from drake_quad import load_scenario
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.studies import Study
-from drake_quad.studies.statistics import (
-    compare_studies,
-    crash_probability,
-    influences,
+from drake_quad.statistics.estimates import (
     mean_interval,
-    of_survivors,
     quantile_interval,
     rank_correlation,
     running_mean,
     share_interval,
+)
+from drake_quad.studies.statistics import (
+    compare_studies,
+    crash_probability,
+    influences,
+    of_survivors,
     with_crashes,
     worst,
 )
+from drake_quad.studies.study import Study
 
 
 def study(rmse, crash_time=None, samples=None, **parameters):

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from drake_quad import InputError, load_scenario, read_study, run_monte_carlo
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.scenario import Batch
+from drake_quad.scenario.batch import Batch
 from drake_quad.studies.results_file import Found
 from drake_quad.studies.study import Record, Study, columns_of, fitting, meaning, read_record, rows_of
 

@@ -8,7 +8,8 @@ import pytest
 from drake_quad import InputError, load_scenario
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.scenario import Batch, save_scenario
+from drake_quad.scenario.batch import Batch
+from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.studies import study_folder
 from drake_quad.studies.crew import Outcome
 from drake_quad.studies.results_file import Found

@@ -9,8 +9,8 @@ import pytest
 
 from drake_quad import InputError, load_scenario, read_studies, read_study, run_monte_carlo
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.scenario import Batch
-from drake_quad.studies.statistics import share_interval
+from drake_quad.scenario.batch import Batch
+from drake_quad.statistics.estimates import share_interval
 from drake_quad.studies.study import Study, columns_of, rows_of
 from drake_quad.studies.summary import crashes_of, touches_of
 

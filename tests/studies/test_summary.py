@@ -8,17 +8,15 @@ import pytest
 
 from drake_quad import InputError, load_scenario
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.studies import Study
-from drake_quad.studies.statistics import (
-    crash_levels,
+from drake_quad.statistics.estimates import (
     mean_interval,
-    metric_mean,
-    most_influential,
     positive,
     quantile_interval,
     share_interval,
     share_mean_interval,
 )
+from drake_quad.studies.statistics import crash_levels, metric_mean, most_influential
+from drake_quad.studies.study import Study
 from drake_quad.studies.summary import comparison_of, crashes_of, summary_of
 from drake_quad.visualization.study_plots import plot_crash_probability
 

@@ -12,11 +12,11 @@ from pydrake.systems.primitives import ConstantVectorSource
 from scipy.spatial.transform import Rotation
 from tumbling import Tumbles, degrees_apart, flown, random_tumbles, rotations
 
-from drake_quad.axes import BodyAxes, Vector
 from drake_quad.compilation import compile_diagram, compiled_part
 from drake_quad.framework.formulas import kernel
 from drake_quad.framework.records import ROW, layout_of
-from drake_quad.quaternion import Quaternion
+from drake_quad.geometry.axes import BodyAxes, Vector
+from drake_quad.geometry.quaternion import Quaternion
 from drake_quad.signals import Attitude, AttitudeTarget
 from drake_quad.vehicle.attitude_kinematics import RotationSince
 from drake_quad.vehicle.effects import Effects

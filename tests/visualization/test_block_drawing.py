@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from drake_quad import load_scenario
-from drake_quad.assembly.tracking import build_tracking_diagram
-from drake_quad.scenario import draw_sample
+from drake_quad.flight.mission import build_tracking_diagram
+from drake_quad.scenario.batch import draw_sample
 from drake_quad.visualization.block_drawing import digest, drawings, svg
 
 ROOT = Path(__file__).parent.parent.parent

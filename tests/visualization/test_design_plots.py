@@ -7,12 +7,14 @@ import pytest
 import scipy
 
 from drake_quad import load_scenario
-from drake_quad.analysis.cascade_design import design_cascade
-from drake_quad.analysis.closed_loop import closed_loop
-from drake_quad.analysis.sensitivity import Sensitivities
-from drake_quad.analysis.stability_map import StabilityMap
-from drake_quad.assembly.planning import plan_demand, plan_route, planned_parameters
+from drake_quad.design.cascade import design_cascade
+from drake_quad.design.sensitivity import Sensitivities
+from drake_quad.design.stability_map import StabilityMap
+from drake_quad.flight.mission import plan_route
 from drake_quad.laboratory.metrics import Metrics
+from drake_quad.linear.closed_loop import closed_loop
+from drake_quad.planning.believed import planned_parameters
+from drake_quad.planning.feasibility import plan_demand
 from drake_quad.reference.path_problem import Limits
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.reference.regions import Box, Polytope, Sphere

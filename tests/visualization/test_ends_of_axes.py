@@ -11,11 +11,12 @@ from pydrake.math import RollPitchYaw
 from test_study_plots import no_crash, study
 
 from drake_quad import load_scenario, simulate
-from drake_quad.analysis.cascade_design import design_cascade
-from drake_quad.assembly.planning import plan_route, planned_parameters
+from drake_quad.design.cascade import design_cascade
+from drake_quad.flight.mission import plan_route
 from drake_quad.identification.flown_again.prediction import Predictions
 from drake_quad.identification.identified import Fitted, Identification
 from drake_quad.identification.results.estimates import Estimates, Source
+from drake_quad.planning.believed import planned_parameters
 from drake_quad.signals import Reference, State
 from drake_quad.visualization import block_drawing, curves, design_plots, identification_plots, plots, study_plots
 from drake_quad.visualization.comparison_plots import plot_comparison

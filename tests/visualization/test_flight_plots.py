@@ -6,7 +6,7 @@ from figure_content import curve, legends
 from matplotlib.colors import to_hex
 
 from drake_quad import load_scenario, simulate
-from drake_quad.assembly.planning import plan_route
+from drake_quad.flight.mission import plan_route
 from drake_quad.laboratory.wind.fans import jet_speed
 from drake_quad.scenario.winds.fan import jets
 from drake_quad.signals import State

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drake_quad import load_scenario
-from drake_quad.assembly.planning import plan_route
+from drake_quad.flight.mission import plan_route
 from drake_quad.visualization import labels as placement
 from drake_quad.visualization import plan_plots
 from drake_quad.visualization.frames import Camera

@@ -8,8 +8,9 @@ from test_identification_plots import compared  # noqa: F401 - a fixture
 from test_study_plots import study
 
 from drake_quad import load_scenario, simulate
-from drake_quad.assembly.planning import plan_route, planned_parameters
+from drake_quad.flight.mission import plan_route
 from drake_quad.identification.results.estimates import Estimates, Source
+from drake_quad.planning.believed import planned_parameters
 from drake_quad.scenario.layouts import rotors_of
 from drake_quad.space.shapes import Ball
 from drake_quad.space.space import Obstacle, Space

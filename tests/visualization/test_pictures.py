@@ -8,9 +8,10 @@ from matplotlib.colors import to_hex
 from matplotlib.text import Annotation
 
 from drake_quad import load_scenario, simulate
-from drake_quad.analysis.cascade_design import design_cascade
-from drake_quad.assembly.planning import plan_route, planned_parameters
+from drake_quad.design.cascade import design_cascade
+from drake_quad.flight.mission import plan_route
 from drake_quad.laboratory.metrics import Metrics
+from drake_quad.planning.believed import planned_parameters
 from drake_quad.visualization.comparison_plots import plot_comparison
 from drake_quad.visualization.curves import dashes, tell_apart
 from drake_quad.visualization.design_plots import plot_bode

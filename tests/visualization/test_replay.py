@@ -12,7 +12,7 @@ from matplotlib.transforms import Bbox
 from PIL import Image
 
 from drake_quad import load_scenario, simulate
-from drake_quad.flight import simulate_samples
+from drake_quad.flight.simulation import simulate_samples
 from drake_quad.signals import RotorSpeed
 from drake_quad.vehicle.rotors import Rotors
 from drake_quad.visualization.places import places

@@ -9,7 +9,7 @@ from pydrake.geometry import Cylinder, Sphere
 from test_scene import FRAME, X_LAYOUT, Scene, flights  # noqa: F401 - a fixture
 
 from drake_quad import load_scenario, simulate
-from drake_quad.scenario import draw_sample
+from drake_quad.scenario.batch import draw_sample
 from drake_quad.visualization.places import places
 from drake_quad.visualization.replay import page
 from drake_quad.visualization.replay.live import LiveView

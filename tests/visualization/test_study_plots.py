@@ -8,7 +8,9 @@ from figure_content import curve, legends
 
 from drake_quad import InputError, load_scenario
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.studies import Study, statistics
+from drake_quad.statistics.estimates import mean_interval, quantile_interval, running_mean, share_interval
+from drake_quad.studies import statistics
+from drake_quad.studies.study import Study
 from drake_quad.visualization import study_plots as plots
 from drake_quad.visualization.comparison_plots import plot_comparison
 from drake_quad.visualization.overview import plot_study
@@ -75,7 +77,7 @@ def test_estimates_converge_with_the_number_of_samples():
     count, mean = curve(left, "one")
     np.testing.assert_array_equal(count, np.arange(10, len(values) + 1))
     np.testing.assert_allclose(mean, [values[:n].mean() for n in range(10, len(values) + 1)])
-    low, high = np.array(statistics.running_mean(values))[1:, 9:]
+    low, high = np.array(running_mean(values))[1:, 9:]
     corners = left.collections[0].get_paths()[0].vertices
     assert corners[:, 1].min() == pytest.approx(low.min())
     assert corners[:, 1].max() == pytest.approx(high.max())
@@ -94,7 +96,7 @@ def test_the_convergence_of_a_quantile_is_shown_without_crashes():
     found = no_crash()
     left, right = plots.plot_convergence({"one": found}, "peak_error").axes
     stops, values = curve(right, "one")
-    expected = [statistics.quantile_interval(found.metrics.peak_error[: int(n)], 0.95) for n in stops]
+    expected = [quantile_interval(found.metrics.peak_error[: int(n)], 0.95) for n in stops]
     np.testing.assert_allclose(values, [each.value for each in expected])
     # No interval holds the quantile of a few samples.
     known = np.isfinite([each.high for each in expected])
@@ -224,8 +226,8 @@ def test_labels_of_metrics_have_units(name, label):
 def test_the_overview_of_studies_has_their_means_and_crashes():
     found = {"one": study(), "other": study(3, 5, 80)}
     _, axes = plot_study(found, "peak_error")
-    means = [statistics.mean_interval(each.metrics.peak_error[~each.metrics.crashed]) for each in found.values()]
-    crashes = [statistics.share_interval(30, 200), statistics.share_interval(5, 80)]
+    means = [mean_interval(each.metrics.peak_error[~each.metrics.crashed]) for each in found.values()]
+    crashes = [share_interval(30, 200), share_interval(5, 80)]
     for part, expected, size in (("mean", means, 1.0), ("crashes", crashes, 100.0)):
         (container,) = axes[part].containers
         np.testing.assert_allclose(

@@ -26,8 +26,8 @@ from collections.abc import Sequence
 from typing import Annotated, Any, NamedTuple
 
 from drake_quad.control.lqg.design import AxisLoop
-from drake_quad.flatness import Tilt, angular_accelerations, attitude_of, body_rates, in_heading, tilt_of
 from drake_quad.framework.elementary import maximum, minimum, sin_cos, sqrt, where, wrapped
+from drake_quad.geometry.flatness import Tilt, angular_accelerations, attitude_of, body_rates, in_heading, tilt_of
 from drake_quad.signals import (
     Acceleration,
     AttitudeTarget,

@@ -10,7 +10,7 @@ actions are in `reference_heading`: they do not change when vehicle and referenc
 
 from typing import Literal
 
-from drake_quad.axes import BodyAxes
+from drake_quad.geometry.axes import BodyAxes
 from drake_quad.signals import Angle
 
 LevelFrame = Literal["world", "heading", "reference_heading"]

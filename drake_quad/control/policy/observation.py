@@ -6,9 +6,9 @@ Vectors are expressed along the axes of a frame of `drake_quad.control.policy.fr
 from collections.abc import Callable
 from typing import Literal, NamedTuple
 
-from drake_quad.axes import BodyAxes, Vector
 from drake_quad.control.policy.frames import LevelFrame, level_axes
 from drake_quad.framework.elementary import sin_cos
+from drake_quad.geometry.axes import BodyAxes, Vector
 from drake_quad.signals import Attitude, BodyRates, PositionW, Reference, RotorRate, RotorSpeed, Row, State, Wind
 
 Frame = Literal[LevelFrame, "body"]

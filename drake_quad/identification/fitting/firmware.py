@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from drake_quad.assembly.effects import thrust_curve
-from drake_quad.assembly.planning import nominal_parameters
 from drake_quad.errors import InputError
-from drake_quad.scenario import Scenario
+from drake_quad.planning.believed import nominal_parameters, thrust_curve
+from drake_quad.scenario.models import Scenario
 from drake_quad.signals import Wrench
 from drake_quad.vehicle.allocation import RotorModel, allocate
 from drake_quad.vehicle.motors import ThrottleModel, allocate_throttle

@@ -19,9 +19,9 @@ import numpy as np
 
 from drake_quad.assembly.effects import vehicle_effects
 from drake_quad.assembly.laboratory import vehicle_parameters
-from drake_quad.axes import BodyAxes, Vector, plus
 from drake_quad.framework.formulas import kernel
 from drake_quad.framework.records import Layout, layout_of
+from drake_quad.geometry.axes import BodyAxes, Vector, plus
 from drake_quad.identification.fitting.windows import Cut, Window
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.scenario.paths import replaced

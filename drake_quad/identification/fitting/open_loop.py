@@ -22,12 +22,12 @@ from drake_quad.assembly.laboratory import vehicle_parameters
 from drake_quad.errors import InputError, shown
 from drake_quad.framework.formulas import kernel
 from drake_quad.framework.records import layout_of
+from drake_quad.geometry.kinematics import small_rotation
 from drake_quad.identification.fitting.firmware import allocated_commands
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import scenario_path
-from drake_quad.kinematics import small_rotation
-from drake_quad.scenario import Scenario
 from drake_quad.scenario.autopilots import AttitudeResponse as ResponseOfScenario
+from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import replaced
 from drake_quad.scenario.winds.source import steady_wind
 from drake_quad.signals import Attitude, AttitudeTarget, RotorSpeed, Row, State, Throttle, Wind

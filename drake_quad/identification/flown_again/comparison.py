@@ -6,16 +6,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.assembly.planning import flight_duration, plan_route
 from drake_quad.errors import InputError, shown
-from drake_quad.flight import Flight, simulate
-from drake_quad.flight.fleet_simulation import simulate_fleet
+from drake_quad.fleets.fleet_simulation import simulate_fleet
+from drake_quad.flight.flight import Flight
+from drake_quad.flight.mission import plan_route
+from drake_quad.flight.simulation import simulate
 from drake_quad.identification.flown_again.reference import LoggedReference, logged_reference
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.laboratory.metrics import Metrics
+from drake_quad.planning.duration import flight_duration
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import evaluate
-from drake_quad.scenario import Batch, Scenario
+from drake_quad.scenario.batch import Batch
+from drake_quad.scenario.models import Scenario
 from drake_quad.signals import Reference, State
 
 # Of what an error is told: along each axis of W, and its norm.

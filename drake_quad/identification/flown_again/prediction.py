@@ -30,8 +30,8 @@ from drake_quad.identification.fitting.open_loop import (
 from drake_quad.identification.fitting.windows import airborne, held_out, pieces, within_half_a_turn
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import quantile
-from drake_quad.scenario import Scenario
-from drake_quad.studies.interval import Interval
+from drake_quad.scenario.models import Scenario
+from drake_quad.statistics.interval import Interval
 
 HORIZONS = (0.1, 0.2, 0.5, 1.0, 2.0)
 # Between starts, s.

@@ -13,7 +13,7 @@ from drake_quad.identification.logs.mapping import ATTITUDES, Mapping, SignalSou
 from drake_quad.identification.logs.record import COLUMNS, FlightRecord
 from drake_quad.identification.logs.timing import rising, timing_remarks
 from drake_quad.identification.logs.units import QUANTITIES, UNITS
-from drake_quad.scenario.marked_tree import Mark
+from drake_quad.scenario.files.marked_tree import Mark
 
 # Signals that hold until the next sample; the others are measured and lie on lines between their samples.
 _HELD = ("motor_command", "thrust_share", "battery_voltage")

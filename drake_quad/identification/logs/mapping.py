@@ -31,8 +31,8 @@ from drake_quad.errors import InputError, listed, shown
 from drake_quad.identification.logs.record import COLUMNS
 from drake_quad.identification.logs.units import QUANTITIES, UNITS
 from drake_quad.scenario.distributions import Model, Real
-from drake_quad.scenario.library import Library
-from drake_quad.scenario.loading import validated
+from drake_quad.scenario.files.library import Library
+from drake_quad.scenario.files.loading import validated
 
 # Signals of angles, which a log may have as a quaternion.
 ATTITUDES = ("attitude", "attitude_command")

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import IO, Any, NamedTuple
 
 from drake_quad.errors import InputError
-from drake_quad.scenario.marked_tree import Mark
-from drake_quad.scenario.reading import opened
+from drake_quad.scenario.files.marked_tree import Mark
+from drake_quad.scenario.files.reading import opened
 
 # Of a log, unpacked: an hour at 1 kHz of 50 bytes each has 180 million.
 MOST_BYTES = 200_000_000

@@ -14,7 +14,7 @@ from drake_quad.identification.fitting.random_effects import Variation
 from drake_quad.scenario.correlation import checked_deviations
 from drake_quad.scenario.limits import LARGEST, LONGEST, SHORTEST, SMALLEST
 from drake_quad.scenario.paths import joined
-from drake_quad.studies.interval import CONFIDENCE, Interval
+from drake_quad.statistics.interval import CONFIDENCE, Interval
 
 
 class Kind(NamedTuple):

@@ -24,14 +24,14 @@ from ruamel.yaml.representer import RoundTripRepresenter
 from drake_quad.errors import InputError, shown
 from drake_quad.files import output_folder, write_whole
 from drake_quad.identification.results.estimates import CONFIDENCE, KINDS, Estimates, field_path, kind_of, split
-from drake_quad.scenario import Scenario, load_undesigned
 from drake_quad.scenario.autopilots import AttitudeResponse
 from drake_quad.scenario.correlation import correlated_normals
-from drake_quad.scenario.library import Library, is_shipped, split_spec
+from drake_quad.scenario.files.library import Library, is_shipped, split_spec
+from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.limits import LARGEST
-from drake_quad.scenario.models import NAME, Nominal
+from drake_quad.scenario.models import NAME, Nominal, Scenario
 from drake_quad.scenario.paths import value_at
-from drake_quad.studies.interval import Interval
+from drake_quad.statistics.interval import Interval
 from drake_quad.vehicle.motors import ThrustCurve, thrust_of
 from drake_quad.vehicle.rigid_body import inertia_flaw, nearest_rigid
 

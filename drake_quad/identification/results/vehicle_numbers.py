@@ -5,8 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from drake_quad.identification.results.estimates import Estimates, scenario_path
-from drake_quad.scenario import Scenario
 from drake_quad.scenario.effects import BodyDrag, RotorAerodynamics, ThrottleMotors
+from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import leaves, replaced
 
 # Of the top speed, beyond which throttles do not bring rotors.

@@ -9,7 +9,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus
 
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario import Scenario, draw_sample
+from drake_quad.scenario.batch import draw_sample
+from drake_quad.scenario.models import Scenario
 from drake_quad.signals import SIGNALS, Reference, RotorSpeed, State, Wind
 from drake_quad.visualization.places import places
 from drake_quad.visualization.replay.scene import draw_surroundings, wind_blows_elsewhere

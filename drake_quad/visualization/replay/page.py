@@ -12,7 +12,7 @@ from pydrake.geometry import Meshcat, MeshcatAnimation, Sphere
 from pydrake.math import RigidTransform
 
 from drake_quad.files import output_folder, write_text
-from drake_quad.flight import Flight
+from drake_quad.flight.flight import Flight
 from drake_quad.signals import RotorSpeed, State, Wind
 from drake_quad.visualization.places import places
 from drake_quad.visualization.replay.scene import Room, draw_surroundings, local_meshcat, wind_blows_elsewhere

@@ -8,10 +8,10 @@ import numpy as np
 from pydrake.geometry import Box, Meshcat, MeshcatParams
 from pydrake.math import RigidTransform
 
-from drake_quad.assembly.space import space_of
+from drake_quad.planning.space import space_of
 from drake_quad.process_settings import without_drake_remarks
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario import Scenario
+from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.winds.fan import jets
 from drake_quad.visualization.replay.shapes import Frame, draw_fan, draw_solid, rgba
 from drake_quad.visualization.style import AXES

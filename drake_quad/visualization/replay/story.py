@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from drake_quad.flight import Flight
+from drake_quad.flight.flight import Flight
 from drake_quad.visualization.replay.scene import Room
 from drake_quad.visualization.replay.shapes import Frame
 from drake_quad.visualization.style import AXES

@@ -10,7 +10,7 @@ from pydrake.autodiffutils import InitializeAutoDiff
 from drake_quad import load_scenario
 from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets, firing_strengths
 from drake_quad.control.fuzzy.inputs import input_values, moved_on, route_phase, signals_of
-from drake_quad.scenario import Batch
+from drake_quad.scenario.batch import Batch
 from drake_quad.signals import Acceleration, PositionError, PositionErrorRate, State
 
 SIGNALS = {

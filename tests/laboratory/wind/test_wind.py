@@ -10,7 +10,8 @@ from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 
 from drake_quad import InputError, load_scenario, simulate
 from drake_quad.assembly.user_systems import UserSystems
-from drake_quad.flight import StudyFleet
+from drake_quad.fleets.study_fleet import StudyFleet
+from drake_quad.flight.mission import plan_route
 from drake_quad.laboratory.wind.fans import Direction, Jet, Outlet, jet_speed
 from drake_quad.laboratory.wind.gust import Gust, GustNumbers
 from drake_quad.laboratory.wind.sine import SineNumbers, SineWind
@@ -201,6 +202,6 @@ def test_a_wind_of_ones_own_blows_beside_that_of_the_scenario_in_every_fleet(dia
     np.testing.assert_allclose(wind.x[5:], 1.0, atol=1e-12)
     assert wind.y[5:].max() > 0.5
     own = UserSystems(wind=lambda num_vehicles: OwnJets([jet], num_vehicles))
-    fleet = StudyFleet(scenario, 2, own=own)
+    fleet = StudyFleet(scenario, plan_route(scenario), 2, own=own)
     for _ in range(2):  # the second time in a context that has flown
         assert fleet.fly([0, 1]).rmse[1] == pytest.approx(flight.metrics.rmse, rel=1e-9)

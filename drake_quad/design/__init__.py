@@ -1,0 +1,1 @@
+"""Design of controllers: gains, LQG, maps of stable gains, sensitivities, tuning."""

@@ -1,0 +1,386 @@
+"""PD gains from the linear model of the laboratory, with its delays, holds, lags and filters in the loop.
+
+The attitude loops are designed first, each on its own: the plant is what lies between a commanded angular acceleration
+and the measured angle and rate. Then the position loops around them: a commanded acceleration a on X asks for the
+pitch a / g, on Y for the roll -a / g. Height is a loop of its own, like an attitude's.
+
+Families of gains, each of one number that says how hard the loop works; the hardest that keeps the margins is taken, or
+the one that is asked for:
+
+- `PolePair`: the two gains put two poles of the sampled loop exactly at exp(s h), s = ω (-ζ ± i √(1 - ζ²)), for a
+  bandwidth ω and a damping ζ; these two must stay the slowest of the loop.
+- `Regulator`: the two gains with the least quadratic cost, against a disturbance at the plant's input; what a full
+  linear-quadratic regulator, which knows every delay line, would do better is stated.
+- `Proportional`: the one gain of a loop on board.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Protocol
+
+import numpy as np
+import scipy
+from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
+
+from drake_quad.control.integral import Integration
+from drake_quad.errors import InputError
+from drake_quad.linear.margins import FastMargins, Margins, fast_margins, frequencies, margins
+from drake_quad.linear.modes import is_stabilizable
+from drake_quad.linear.sampled_system import SampledSystem
+
+# Bandwidths that are tried, rad/s: from far below what any laboratory allows up to a third of half the sampling rate.
+_SLOWEST, _FASTEST_SHARE, _TRIED = 0.05, 1.0 / 3.0, 120
+# How often the step to the effort that is too much is halved.
+_HALVINGS = 12
+# Of the integral's corner in the crossover of its PD: the reset time of four over it of usual rules for PIDs.
+_LARGEST_SHARE = 0.25
+# Where the search for a regulator's gains may start, rad/s: at the fastest of these that is stable.
+_STARTS = (0.2, 0.05, 0.0125, 0.003)
+
+
+class AxisGains(NamedTuple):
+    """k_P (1/s²) and k_D (1/s) of an axis."""
+
+    k_p: float
+    k_d: float
+
+
+class PidGains(NamedTuple):
+    """k_P (1/s²), k_D (1/s) and k_I (1/s³) of an axis."""
+
+    k_p: float
+    k_d: float
+    k_i: float
+
+
+class ProportionalGain(NamedTuple):
+    """k (1/s) of a loop on board."""
+
+    k: float
+
+
+Gains = AxisGains | PidGains | ProportionalGain
+
+_NONE = AxisGains(math.nan, math.nan)
+_SYMBOLS = {"k_p": "k_P", "k_d": "k_D", "k": "k"}
+
+
+class Requirements(NamedTuple):
+    """Margins that a loop must keep.
+
+    Attributes:
+        phase: degrees.
+        gain: dB.
+        delay: s.
+    """
+
+    phase: float = 45.0
+    gain: float = 6.0
+    delay: float = 0.0
+
+    def share_met(self, found: FastMargins) -> float:
+        """The least share of a required margin that is there; 1 or more if all are."""
+        pairs = ((getattr(found, name), needed) for name, needed in self._asdict().items() if needed > 0.0)
+        return min((float(have) / needed for have, needed in pairs), default=1.0)
+
+    def broken_by(self, found: FastMargins) -> dict[str, str]:
+        """What falls short, and by how much, in words."""
+        units = {"phase": ("°", 1.0), "gain": (" dB", 1.0), "delay": (" ms", 1e3)}
+        return {
+            f"{name} margin": f"{factor * float(getattr(found, name)):.1f}{unit}, less than"
+            f" {factor * getattr(self, name):g}{unit}"
+            for name, (unit, factor) in units.items()
+            if not getattr(found, name) >= getattr(self, name)
+        }
+
+
+@dataclass(frozen=True)
+class LoopDesign:
+    """A designed loop.
+
+    Attributes:
+        axis: its name.
+        gains: of its PD or PID, or of its proportional law.
+        plant: from the commanded acceleration to the measured value and rate, and with a PID to the integral of the
+            value; for a proportional law, from what it commands to what it controls.
+        margins: that were reached.
+        bandwidth: of the pole pair, rad/s; None for other families.
+        cost_ratio: of the PD to the full regulator; None for other families.
+        limits: what a faster loop of the same family would break; empty for gains that were asked for.
+    """
+
+    axis: str
+    gains: Gains
+    plant: SampledSystem
+    margins: Margins
+    bandwidth: float | None = None
+    cost_ratio: float | None = None
+    limits: tuple[str, ...] = ()
+
+
+class Family(Protocol):
+    """Gains that work the harder the larger a number is."""
+
+    def gains(self, plant: SampledSystem, effort: float) -> AxisGains | ProportionalGain:
+        """The gains for a plant."""
+
+    def efforts(self, plant: SampledSystem) -> np.ndarray:
+        """The numbers to try, rising."""
+
+
+class PolePair(NamedTuple):
+    """Gains that place a pair of poles; the effort is its bandwidth ω, rad/s.
+
+    Attributes:
+        damping: ζ, between 0 and 1.
+    """
+
+    damping: float
+
+    def gains(self, plant: SampledSystem, effort: float) -> AxisGains:
+        """See `Family`: 1 + k_P G_value(z) + k_D G_rate(z) = 0 at the pole is linear in the gains."""
+        s = effort * complex(-self.damping, math.sqrt(1.0 - self.damping**2))
+        value, rate = plant.response(np.array([np.exp(s * plant.period)]))[0, :, 0]
+        determinant = value.real * rate.imag - rate.real * value.imag
+        if determinant == 0.0:  # the measurements do not tell value and rate apart
+            return _NONE
+        return AxisGains(-rate.imag / determinant, value.imag / determinant)
+
+    def efforts(self, plant: SampledSystem) -> np.ndarray:
+        """See `Family`."""
+        return np.geomspace(_SLOWEST, _FASTEST_SHARE * math.pi / plant.period, _TRIED)
+
+
+class Proportional(NamedTuple):
+    """A single gain, which is the effort, 1/s."""
+
+    def gains(self, plant: SampledSystem, effort: float) -> ProportionalGain:
+        """See `Family`."""
+        return ProportionalGain(effort)
+
+    def efforts(self, plant: SampledSystem) -> np.ndarray:
+        """See `Family`: what acts on an integrator crosses over at its gain."""
+        return np.geomspace(_SLOWEST, _FASTEST_SHARE * math.pi / plant.period, _TRIED)
+
+
+class Regulator(NamedTuple):
+    """Gains of least cost Σ value² + (rate_time · rate)² + (u / effort)² after an impulse at the plant's input.
+
+    Attributes:
+        rate_time: what a rate weighs beside a value, s.
+    """
+
+    rate_time: float
+
+    def gains(self, plant: SampledSystem, effort: float) -> AxisGains:
+        """See `Family`: the least over k_P and k_D, from those of a slow double integrator."""
+        slow = [AxisGains(frequency**2, 1.6 * frequency) for frequency in _STARTS]
+        start = next((gains for gains in slow if math.isfinite(self.cost(plant, gains, effort))), None)
+        if start is None:
+            return _NONE
+
+        def logarithm_of_cost(logs: np.ndarray) -> float:
+            return math.log(self.cost(plant, AxisGains(*np.exp(logs)), effort))
+
+        best = scipy.optimize.minimize(logarithm_of_cost, np.log(start), method="Nelder-Mead", options={"xatol": 1e-4})
+        return AxisGains(*(float(gain) for gain in np.exp(best.x)))
+
+    def cost(self, plant: SampledSystem, gains: AxisGains, effort: float) -> float:
+        """The cost of a PD, by Lyapunov's equation; infinite if it is not stable."""
+        feedback = np.array([gains]) @ plant.C
+        closed = plant.A - plant.B @ feedback
+        if np.abs(np.linalg.eigvals(closed)).max() > 1.0 - 1e-7:
+            return math.inf
+        weight = self._state_weight(plant) + feedback.T @ feedback / effort**2
+        return (plant.B.T @ scipy.linalg.solve_discrete_lyapunov(closed.T, weight, method="bilinear") @ plant.B).item()
+
+    def least_cost(self, plant: SampledSystem, effort: float) -> float:
+        """The cost of the full linear-quadratic regulator, which feeds back every state."""
+        _, S = DiscreteTimeLinearQuadraticRegulator(plant.A, plant.B, self._state_weight(plant), np.eye(1) / effort**2)
+        return (plant.B.T @ S @ plant.B).item()
+
+    def efforts(self, plant: SampledSystem) -> np.ndarray:
+        """See `Family`."""
+        return np.geomspace(1e-2, 1e3, _TRIED // 6)
+
+    def _state_weight(self, plant: SampledSystem) -> np.ndarray:
+        return plant.C.T @ np.diag([1.0, self.rate_time**2]) @ plant.C
+
+
+def pd_loop(plant: SampledSystem, gains: Gains) -> SampledSystem:
+    """The loop transfer function k_P G_value + k_D G_rate of a PD around a plant with these two outputs.
+
+    Of a PID around a plant `with_integral` there is k_I G_integral besides; of a proportional law around a plant with
+    one output it is k G.
+    """
+    row = np.array([gains])
+    return replace(plant, C=row @ plant.C, D=row @ plant.D, outputs=("loop",))
+
+
+def design_loop(
+    plant: SampledSystem,
+    family: Family,
+    requirements: Requirements,
+    *,
+    axis: str,
+    effort: float | None = None,
+) -> LoopDesign:
+    """Designs the PD, or the proportional law, of one axis.
+
+    Args:
+        plant: from a commanded acceleration to the measured value and rate; for a proportional law it has one output.
+        family: of gains.
+        requirements: margins to keep.
+        axis: its name, for people.
+        effort: that is asked for; the largest that meets the requirements if not given.
+
+    Raises:
+        InputError: the plant cannot be stabilised, or the requirements cannot be met.
+    """
+    if not is_stabilizable(plant.A, plant.B, period=plant.period):
+        raise InputError(f"the plant of {axis} cannot be stabilised: its command does not reach every mode that lasts")
+    grid = frequencies(plant.period)
+    response = plant.response(np.exp(1j * grid * plant.period))[..., 0]
+
+    def trial(tried: float) -> _Trial:
+        gains = _rounded(family.gains(plant, tried))
+        unsound = _unsound(plant, family, tried, gains)
+        found = fast_margins(response @ np.array(gains), grid)
+        share = -math.inf if unsound else requirements.share_met(found)
+        return _Trial(tried, gains, unsound or requirements.broken_by(found), share)
+
+    def finished(best: _Trial, limits: Iterable[str]) -> LoopDesign:
+        return _finished(plant, family, axis, best, tuple(limits))
+
+    if effort is not None:
+        asked = trial(effort)
+        if asked.flaws:
+            what = f"a bandwidth of {effort:g} rad/s" if isinstance(family, PolePair) else f"an effort of {effort:g}"
+            raise InputError(f"{axis} cannot have {what}: {_listed(asked.flaws)}")
+        return finished(asked, ())
+    trials = [trial(tried) for tried in family.efforts(plant)]
+    first = next((i for i, each in enumerate(trials) if not each.flaws), None)
+    if first is None:
+        closest = max(trials, key=lambda each: each.share)
+        raise InputError(f"no gains of this kind are good enough for {axis}; at best {_listed(closest.flaws)}")
+    last = next((i for i in range(first, len(trials)) if trials[i].flaws), len(trials)) - 1
+    best = trials[last]
+    if last + 1 == len(trials):
+        return finished(best, ())
+    beyond = trials[last + 1]
+    for _ in range(_HALVINGS):
+        middle = trial(math.sqrt(best.effort * beyond.effort))
+        best, beyond = (best, middle) if middle.flaws else (middle, beyond)
+    return finished(best, beyond.flaws)
+
+
+def with_integral(plant: SampledSystem, integration: Integration = "forward_euler") -> SampledSystem:
+    """Return a plant with the integral i of its value as an additional output, as a PID computes it.
+
+    At every tick i⁺ = i + h value. The output is i with the integration `forward_euler`, and i⁺ with `backward_euler`.
+    """
+    n = len(plant.A)
+    value, *_ = plant.C
+    direct, *_ = plant.D
+    own = plant.period if integration == "backward_euler" else 0.0
+    integral = np.append(own * value, 1.0)[np.newaxis]
+    return replace(
+        plant,
+        A=np.block([[plant.A, np.zeros((n, 1))], [plant.period * value, np.ones((1, 1))]]),
+        B=np.vstack([plant.B, plant.period * direct]),
+        C=np.vstack([np.hstack([plant.C, np.zeros((len(plant.C), 1))]), integral]),
+        D=np.vstack([plant.D, own * direct]),
+        states=(*plant.states, "integral"),
+        outputs=(*plant.outputs, "integral"),
+    )
+
+
+def add_integral(
+    design: LoopDesign, requirements: Requirements, *, cost: float, integration: Integration = "forward_euler"
+) -> LoopDesign:
+    """Add an integral to a PD: the largest that costs no more than a given share of its phase margin.
+
+    k_I is at most a quarter of k_P times the crossover frequency of the PD loop. With a larger integral, errors decay
+    in a slow oscillation, whatever the margins at the crossover.
+
+    Args:
+        design: design of the PD.
+        requirements: requirements that the PID must meet.
+        cost: share of the phase margin that the integral may cost, between 0 and 1.
+        integration: integration rule of the PID, see `drake_quad.control.integral`.
+    """
+    pd, plant = design.gains, with_integral(design.plant, integration)
+    assert isinstance(pd, AxisGains)
+    grid = frequencies(plant.period)
+    response = plant.response(np.exp(1j * grid * plant.period))[..., 0]
+    kept = requirements._replace(phase=max(requirements.phase, (1.0 - cost) * design.margins.phase))
+
+    def pid(share: float) -> PidGains:
+        return PidGains(*pd, float(f"{share * pd.k_p * design.margins.crossover:.4g}"))
+
+    def fits(share: float) -> bool:
+        gains = np.array(pid(share))
+        stable = np.abs(plant.with_feedback(gains[np.newaxis]).poles()).max() < 1.0
+        return bool(stable and not kept.broken_by(fast_margins(response @ gains, grid)))
+
+    low, high = 0.0, _LARGEST_SHARE
+    if fits(high):
+        low = high
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if fits(middle) else (low, middle)
+    gains = pid(low)
+    return replace(design, gains=gains, plant=plant, margins=margins(pd_loop(plant, gains)))
+
+
+class _Trial(NamedTuple):
+    """Gains of some effort: what is wrong with them, in words, and the least share of a margin that they have."""
+
+    effort: float
+    gains: AxisGains | ProportionalGain
+    flaws: dict[str, str]
+    share: float
+
+
+def _unsound(
+    plant: SampledSystem, family: Family, effort: float, gains: AxisGains | ProportionalGain
+) -> dict[str, str]:
+    """What is wrong with the loop apart from its margins, and how, in words."""
+    if not all(map(math.isfinite, gains)):
+        return {"no gains": "none have this effect"}
+    if not min(gains) > 0.0:
+        return {"a negative gain": ", ".join(f"{_SYMBOLS[name]} {k:g}" for name, k in gains._asdict().items())}
+    size = np.abs(plant.with_feedback(np.array([gains])).poles()).max()
+    if not size < 1.0:
+        return {"no stability": f"a pole of size {size:.4f}"}
+    if isinstance(family, PolePair):
+        decay = -math.log(size) / plant.period
+        if decay < 0.98 * effort * family.damping:
+            return {"a slower pole": f"it decays at {decay:.3g} 1/s, the pair at {effort * family.damping:.3g}"}
+    return {}
+
+
+def _listed(flaws: dict[str, str]) -> str:
+    return "; ".join(f"{name}: {value}" for name, value in flaws.items())
+
+
+def _finished(plant: SampledSystem, family: Family, axis: str, best: _Trial, limits: tuple[str, ...]) -> LoopDesign:
+    gains, effort = best.gains, best.effort
+    ratio = None
+    if isinstance(family, Regulator) and isinstance(gains, AxisGains):
+        ratio = family.cost(plant, gains, effort) / family.least_cost(plant, effort)
+    return LoopDesign(
+        axis=axis,
+        gains=gains,
+        plant=plant,
+        margins=margins(pd_loop(plant, gains)),
+        bandwidth=effort if isinstance(family, PolePair) else None,
+        cost_ratio=ratio,
+        limits=limits,
+    )
+
+
+def _rounded(gains: AxisGains | ProportionalGain) -> AxisGains | ProportionalGain:
+    """Four significant digits, as they are written down."""
+    return type(gains)(*(float(f"{gain:.4g}") for gain in gains))

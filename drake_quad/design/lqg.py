@@ -1,0 +1,619 @@
+"""Design of linear-quadratic-Gaussian control: the few numbers of `control.kind: lqg`, for several plants at once.
+
+A textbook design for one plant has hardly any margin. So the numbers are those that make the mean square of the
+position error least over several plants, with other lags, later frames and longer delays of the link, in the wind and
+noise of the scenario, within limits on the peak sensitivity, the delay margin and the size of the commands. Each trial
+is two Riccati equations, and for each plant a Lyapunov equation of the closed loop, lifted over a tick: nothing flies.
+The chain of an axis is not quite the vehicle, which has drag and leans in the wind: where the whole loop breaks a limit
+that the chain keeps, the chain's is narrowed, and the search goes on.
+"""
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy
+
+from drake_quad.assembly.lqg import lateral_loop, vertical_loop
+from drake_quad.control.lqg.chains import (
+    Answer,
+    ContinuousModel,
+    Disturbances,
+    Noise,
+    attitude_model,
+    lagging_attitude_model,
+    sampled,
+    sampled_noise,
+    torque_model,
+    vertical_model,
+)
+from drake_quad.control.lqg.design import AxisLoop, Timing
+from drake_quad.design.cascade import design_cascade
+from drake_quad.errors import InputError
+from drake_quad.flight.mission import plan_route
+from drake_quad.linear.closed_loop import laboratory_plant
+from drake_quad.linear.disturbances import Spectrum, disturbances_along, spectrum
+from drake_quad.linear.link_margins import link_margins
+from drake_quad.linear.margins import Margins, fast_margins
+from drake_quad.linear.sampled_system import SampledSystem
+from drake_quad.process_settings import single_threaded_blas
+from drake_quad.scenario.autopilots import AttitudeAutopilot, AttitudeResponse
+from drake_quad.scenario.batch import Batch, at_quantile, middle_of
+from drake_quad.scenario.lqg import ColouredNoise, LateralAxis, LqgControl, VerticalAxis, YawPd
+from drake_quad.scenario.models import Control, Scenario
+from drake_quad.scenario.paths import distributions_in
+from drake_quad.scenario.policy import PolicyControl
+
+# Samples in whose wind the spectra are taken, and times of correlation of what lasts for a flight and of the bias, s:
+# so long that the filter takes them for constants, as an integral does.
+_SAMPLES, _LASTING, _BIAS = 32, 50.0, 20.0
+# Least deviations, so that a calm and ideal laboratory has a design, too: of disturbances (m/s²), of the bias (m/s⁴)
+# and of the noise of position (m) and attitude (rad), half of what laboratory.yaml has.
+_CALM, _UNBIASED, _SHARP, _LEVEL = 0.05, 0.5, 5e-4, 2e-3
+# By how much a plant that is written as one number may be off: the lag or its inverse as a factor, frames and ticks.
+_LAG_SPREAD, _ANSWER_SPREAD, _LATER = 1.6, 1.15, 1
+# Points at which margins are looked at and the lowest frequency, rad/s; weight of what breaks a limit, of the logarithm
+# of the error; evaluations of a search.
+_POINTS, _SLOWEST, _PENALTY, _EVALUATIONS = 120, 0.3, 9.0, 600
+# Root mean square of the command along x and y relative to the torque that it must hold. With 1, 2 and 3, designs for
+# a Crazyflie crash in 17, 2.4 and 3.4 % of 1,000 flights of its bad day.
+_TORQUE_HEADROOM = 2.0
+# Searches until the whole loop keeps the limits, and the factor by which a broken one is narrowed besides.
+_ROUNDS, _NARROWER = 5, 0.998
+
+
+class Limits(NamedTuple):
+    """What a design keeps to.
+
+    Attributes:
+        sensitivity: peak of |1 / (1 + L)|, broken where commands go over the link, of the middle plant's whole loop.
+        delay: margin there, s.
+        snap: root mean square of the command along x and y with torques over the link, m/s⁴; see `snap_limit`.
+        acceleration: of that along z, and along x and y with an autopilot, m/s².
+    """
+
+    sensitivity: float = 3.0
+    delay: float = 0.03
+    snap: float = 40.0
+    acceleration: float = 3.0
+
+
+class Plant(NamedTuple):
+    """What may lie between the command and the vehicle.
+
+    Attributes:
+        lags: whether the attitude lags behind the rotors, too; not if its answer is known as a whole.
+        lag: of the rotors, s.
+        answer: of the attitude with an autopilot; None without one.
+        latency_frames: after which a frame can be read, beside the one that it always takes.
+        delay_ticks: of the link.
+        thrust_gain: change of the thrust over that of its command near hover.
+    """
+
+    lags: bool
+    lag: float
+    answer: Answer | None
+    latency_frames: int
+    delay_ticks: int
+    thrust_gain: float = 1.0
+
+
+class Conditions(NamedTuple):
+    """In what a vehicle flies.
+
+    Attributes:
+        lateral: disturbing acceleration along x and y.
+        vertical: along z.
+        bias: deviation of what turns the vehicle, m/s⁴.
+        position_noise: deviation, m.
+        attitude_noise: deviation, rad.
+        loss_rate: share of the commands that are lost.
+    """
+
+    lateral: Spectrum
+    vertical: Spectrum
+    bias: float
+    position_noise: float
+    attitude_noise: float
+    loss_rate: float
+
+
+class Truth(NamedTuple):
+    """A plant as it is, sampled at the frames, with what acts on it.
+
+    Attributes:
+        A: (n, n).
+        B: (n, 1).
+        C: (p, n).
+        Q: (n, n) covariance of what disturbs it for a frame.
+        R: (p, p) covariance of what is measured.
+        plant: whose frames and commands are late.
+        loss_rate: share of the commands that are lost.
+    """
+
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    Q: np.ndarray
+    R: np.ndarray
+    plant: Plant
+    loss_rate: float
+
+    @classmethod
+    def of(cls, model: ContinuousModel, plant: Plant, found: Conditions, timing: Timing, gravity: float) -> "Truth":
+        """The plant of a model, in conditions that are found."""
+        noise = np.array([found.position_noise, gravity * found.attitude_noise])[: len(model.C)]
+        Q = sampled_noise(model.A, model.Q, timing.frame)
+        return cls(*sampled(model.A, model.B, timing.frame), model.C, Q, np.diag(noise**2), plant, found.loss_rate)
+
+
+class Predicted(NamedTuple):
+    """What the linear model of an axis predicts.
+
+    Attributes:
+        error: root mean square of the position error at the ticks, m; infinite if the loop is unstable.
+        command: of the command, in its unit.
+        pole: size of the largest.
+    """
+
+    error: float
+    command: float
+    pole: float
+
+
+@dataclass(frozen=True)
+class LqgDesign:
+    """A design.
+
+    Attributes:
+        control: as the block `control` of a scenario has it.
+        plants: for which it was made, the nominal one first.
+        conditions: in which they fly.
+        lateral: what is predicted along x, or y, for each plant.
+        vertical: along z.
+    """
+
+    control: LqgControl
+    plants: tuple[Plant, ...]
+    conditions: Conditions
+    lateral: tuple[Predicted, ...]
+    vertical: tuple[Predicted, ...]
+
+
+def design_lqg(scenario: Scenario, limits: Limits = Limits()) -> LqgDesign:
+    """Designs the linear-quadratic-Gaussian control of a scenario; without an autopilot its yaw as in a cascade.
+
+    Args:
+        scenario: with or without distributions; its control does not matter.
+        limits: to keep to.
+
+    Raises:
+        InputError: no design is stable for the nominal plant, or there is none for the yaw.
+    """
+    on_board = scenario.laboratory.autopilot.command == "attitude_target"
+    plants, found = plants_of(scenario), conditions_of(scenario)
+    nominal, *_ = plants
+    timings = believed_timings(scenario, plants)
+    gravity = scenario.nominal.gravity
+
+    def lateral_axis(weight: float, noise: float, first: float, second: float, bias: float, seen: float) -> LateralAxis:
+        answer = nominal.answer
+        return LateralAxis(
+            lag=nominal.lag if nominal.lags else None,
+            natural_frequency=answer.natural_frequency if answer else None,
+            damping=answer.damping if answer else None,
+            bias=ColouredNoise(deviation=bias, time=_BIAS),
+            attitude_noise=float(f"{seen * found.attitude_noise:.4g}"),
+            **_common(weight, noise, first, second, found.lateral.time, found.position_noise),
+        )
+
+    def vertical_axis(weight: float, noise: float, first: float) -> VerticalAxis:
+        # The thrust of the lateral axes is the weight less the estimated disturbance along z. With a larger deviation
+        # the height is held a little better, but the estimate shakes, and with it the commanded tilt.
+        second = float(f"{found.vertical.deviation:.4g}")
+        common = _common(weight, noise, first, second, found.vertical.time, found.position_noise)
+        return VerticalAxis(lag=nominal.lag, **common)
+
+    # Where the search begins: the numbers of controllers/lqg.yaml, or as much for a command that is an acceleration.
+    weight, noise = (1e-2, 0.3) if on_board else (1e-5, 3.3)
+
+    def search_along_x(timing: Timing) -> _Search:
+        return _Search(
+            lateral_axis,
+            lambda axis: lateral_loop(axis, timing, gravity),
+            [Truth.of(lateral_truth(plant, found), plant, found, timing, gravity) for plant in plants],
+            limits.acceleration if on_board else snap_limit(limits, found),
+            timing,
+            (weight, noise, max(found.lateral.mean, _CALM), 0.8, max(found.bias, 5.0), 0.5),
+            limits,
+        )
+
+    lateral = min((search_along_x(timing).advanced() for timing in timings), key=lambda search: search.cost)
+    timing = lateral.timing
+    vertical = _Search(
+        vertical_axis,
+        lambda axis: vertical_loop(axis, timing),
+        [Truth.of(vertical_truth(plant, found), plant, found, timing, gravity) for plant in plants],
+        limits.acceleration,
+        timing,
+        (1e-3, 0.03, max(found.vertical.mean, _CALM)),
+        limits,
+    ).advanced()
+    yaw = None if on_board else _yaw(scenario)
+    for _ in range(_ROUNDS):
+        (along, of_lateral), (up, of_vertical) = lateral.found(), vertical.found()
+        control = LqgControl(
+            kind="lqg",
+            delay_ticks=timing.delay_ticks,
+            lateral=along,
+            vertical=up,
+            yaw=yaw,
+            **_limits_of(scenario.control),
+        )
+        design = LqgDesign(control, plants, found, of_lateral, of_vertical)
+        thrust, roll, pitch, _ = link_margins(middle_of(scenario.model_copy(update={"control": control}))).values()
+        narrowed = lateral.narrowed(limits, (roll, pitch)), vertical.narrowed(limits, (thrust,))
+        if narrowed == (lateral, vertical):
+            break
+        lateral, vertical = (search.advanced() for search in narrowed)
+    return design
+
+
+def plants_of(scenario: Scenario) -> tuple[Plant, ...]:
+    """The plants for which a controller of a scenario shall be good: the middle one, and the corners around it.
+
+    Where the scenario has a distribution, the corners are its tenth and its last; else they are what a model that is
+    written as one number may be off by.
+    """
+    middle, low, high = (at_quantile(scenario, share) for share in (0.5, 0.1, 0.9))
+    varied = distributions_in(scenario)
+
+    def ends(path: str, number: Callable[[Scenario], float], lower: float, upper: float) -> tuple[float, float]:
+        if path in varied:
+            return number(low), number(high)
+        return lower * number(middle), upper * number(middle)
+
+    lags = ends("vehicle.rotor_time_constant", _lag, 1.0 / _LAG_SPREAD, _LAG_SPREAD)
+    frames, ticks = int(_latency(middle)), int(_delay(middle))
+    late = "laboratory.motion_capture.latency_frames" in varied, "laboratory.command_link.delay_ticks" in varied
+    early = int(_latency(low)) if late[0] else frames, int(_delay(low)) if late[1] else ticks
+    after = (
+        int(_latency(high)) if late[0] else frames + _LATER,
+        int(_delay(high)) if late[1] else ticks + _LATER,
+    )
+    gain = _thrust_gain(middle)
+    answer, lags_too = _answer(middle), not isinstance(scenario.laboratory.autopilot, AttitudeResponse)
+    corners = [
+        Plant(lags_too, lag, answer and _faster(answer, factor), *when, gain)
+        for (lag, factor), when in itertools.product(
+            zip(lags, (_ANSWER_SPREAD, 1.0 / _ANSWER_SPREAD), strict=True), (early, after)
+        )
+    ]
+    return Plant(lags_too, _lag(middle), answer, frames, ticks, gain), *corners
+
+
+def snap_limit(limits: Limits, found: Conditions) -> float:
+    """Return the root mean square that a command over the link along x and y may have, m/s⁴.
+
+    It is that of the limits, or a multiple of the torque that the command has to hold if that is more. The torque of a
+    centre of mass beside the rotors' middle turns a vehicle of mass m and inertia I by m g r / I. A small vehicle has a
+    large mass over its inertia: 0.3 mm turn a Crazyflie by 5 rad/s², five times as much as the paper's vehicle.
+    """
+    return max(limits.snap, _TORQUE_HEADROOM * found.bias)
+
+
+def believed_timings(scenario: Scenario, plants: Sequence[Plant]) -> list[Timing]:
+    """When things happen, with the delays that may be believed: the mean of the plants', and the next later tick.
+
+    Of a mean between two ticks the later one has more phase, the nearer one less to wait for.
+    """
+    cameras, link = scenario.laboratory.motion_capture, scenario.laboratory.command_link
+    delays = [plant.delay_ticks + plant.latency_frames * cameras.period / link.period for plant in plants]
+    mean = sum(delays) / len(delays)
+    return [Timing(cameras.period, link.period, ticks) for ticks in sorted({round(mean), math.ceil(mean)})]
+
+
+def conditions_of(scenario: Scenario) -> Conditions:
+    """The wind, the noise and the faults in which a scenario is flown, from samples along its plan."""
+    batch = Batch.draw(scenario, range(_SAMPLES))
+    disturbed = disturbances_along(batch, plan_route(scenario))
+    x, y, z = disturbed.acceleration
+    gravity = scenario.nominal.gravity
+    cameras, link = scenario.laboratory.motion_capture, scenario.laboratory.command_link
+    position, attitude = (_size(noise) for noise in (cameras.position_noise, cameras.attitude_noise))
+    lateral, vertical = (
+        each._replace(deviation=max(each.deviation, _CALM), time=max(each.time, 5.0 * link.period))
+        for each in (spectrum(np.array([x, y]), disturbed.step), spectrum(z, disturbed.step))
+    )
+    bias = gravity * float(np.sqrt((disturbed.turning**2).mean()))
+    if isinstance(scenario.laboratory.autopilot, AttitudeResponse):
+        bias = 0.0  # the attitude answers as a whole
+    return Conditions(
+        lateral,
+        vertical,
+        max(bias, _UNBIASED),
+        max(position, _SHARP),
+        max(attitude, _LEVEL),
+        _size(link.loss_rate),
+    )
+
+
+def predicted(loop: AxisLoop, truth: Truth, timing: Timing) -> Predicted:
+    """What the linear model of an axis predicts for a plant that may be another than the loop believes."""
+    return _Lifted.of(loop, truth, timing).predicted(truth)
+
+
+def loop_transfer(loop: AxisLoop, truth: Truth, timing: Timing) -> SampledSystem:
+    """L of an axis, broken where commands go over the link."""
+    return _Lifted.of(loop, truth, timing).opened
+
+
+@dataclass(frozen=True)
+class _Lifted:
+    """The loop of an axis over a tick: the chain as it is, frames under way, the filter, and commands under way.
+
+    Attributes:
+        A: of the closed loop.
+        Q: covariance of the noise of a tick.
+        command: row of what is sent.
+        change: row of its change.
+        lost: column of what is sent in place of it.
+        opened: from what goes over the link to minus what is sent.
+    """
+
+    A: np.ndarray
+    Q: np.ndarray
+    command: np.ndarray
+    change: np.ndarray
+    lost: np.ndarray
+    opened: SampledSystem
+
+    @classmethod
+    def of(cls, loop: AxisLoop, truth: Truth, timing: Timing) -> "_Lifted":
+        """The loop of a filter and a regulator around a plant."""
+        A, B, plant = truth.A, truth.B, truth.plant
+        n, p, m, believed = len(A), len(truth.C), len(loop.K), len(loop.K_pending)
+        sizes = n, p * (plant.latency_frames + 1), m, believed + 1, plant.delay_ticks + 1
+        ends = np.cumsum((0, *sizes))
+        chain, line, filtered, told, sent = (slice(*pair) for pair in itertools.pairwise(ends))
+        size = int(ends[-1])
+        # Of the filter and the line of frames, at every frame.
+        F, H, L, gain = (np.array(part) for part in (loop.A, loop.B, loop.L, loop.K))
+        C = np.eye(m)[[loop.K._fields.index(name) for name in ("position", "thrust")[:p]]]
+        update = np.eye(size)
+        update[filtered, filtered] = F @ (np.eye(m) - L.T @ C)
+        update[filtered, line.stop - p : line.stop] = F @ L.T
+        update[filtered, told.stop - 1] = H
+        camera = np.eye(size)
+        camera[line, line] = np.eye(line.stop - line.start, k=-p)
+        camera[line.start : line.start + p, chain] = truth.C
+        moved = np.eye(size)
+        moved[chain, chain], moved[chain, sent.stop - 1] = A, B.ravel()
+        # What is told to the filter and what is sent, the newest first, move up at a tick.
+        row = np.zeros(size)
+        row[filtered] = -gain
+        row[told.start : told.stop - 1] = -np.array(loop.K_pending)[::-1]
+        shifted = np.eye(size)
+        for part in (told, sent):
+            shifted[part, part] = np.eye(part.stop - part.start, k=-1)
+        shifted[told.start] = row
+        into = np.zeros((size, 1))
+        into[sent.start] = 1.0
+        noise = np.zeros((size, size))
+        noise[chain, chain] = truth.Q
+        noise[line.start : line.start + p, line.start : line.start + p] = truth.R
+        frame = moved @ camera @ update
+        first = moved @ camera @ shifted @ update
+        asked = row @ update
+        closed, Q, opened, column = (
+            first + moved @ camera @ into @ asked[np.newaxis],
+            noise,
+            first,
+            moved @ camera @ into,
+        )
+        for _ in range(round(timing.tick / timing.frame) - 1):
+            closed, opened, column = frame @ closed, frame @ opened, frame @ column
+            Q = frame @ Q @ frame.T + noise
+        before = np.zeros(size)
+        before[sent.start] = 1.0
+        names = tuple(str(i) for i in range(size))
+        loop_model = SampledSystem(
+            opened, column, -asked[np.newaxis], np.zeros((1, 1)), timing.tick, names, ("u",), ("loop",)
+        )
+        return cls(closed, Q, asked, asked - before, column, loop_model)
+
+    def predicted(self, truth: Truth) -> Predicted:
+        """See the function of that name; the plant hears the last command once more where one is lost."""
+        pole = float(np.abs(np.linalg.eigvals(self.A)).max())
+        if pole >= 1.0 - 1e-9:
+            return Predicted(math.inf, math.inf, pole)
+        X = scipy.linalg.solve_discrete_lyapunov(self.A, self.Q, method="bilinear")
+        error, command = X[0, 0], self.command @ X @ self.command
+        if truth.loss_rate:
+            # A lost command is noise of the size of its change, to which that noise adds.
+            one = scipy.linalg.solve_discrete_lyapunov(self.A, self.lost @ self.lost.T, method="bilinear")
+            echo = truth.loss_rate * (self.change @ one @ self.change)
+            if echo >= 0.9:
+                return Predicted(math.inf, math.inf, pole)
+            size = truth.loss_rate * (self.change @ X @ self.change) / (1.0 - echo)
+            error, command = error + size * one[0, 0], command + size * (self.command @ one @ self.command)
+        return Predicted(math.sqrt(error), math.sqrt(command), pole)
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """The search for the numbers of an axis.
+
+    Attributes:
+        axis_of: the axis that has some numbers.
+        loop_of: filter and regulator of an axis.
+        truths: of the plants, the nominal one first.
+        most: the root mean square of the command is to be at most this.
+        timing: of frames and ticks.
+        numbers: the best so far, or where to begin.
+        allowed: limits of the loop of the nominal chain.
+        cost: of these numbers.
+    """
+
+    axis_of: Callable[..., Any]
+    loop_of: Callable[[Any], AxisLoop]
+    truths: Sequence[Truth]
+    most: float
+    timing: Timing
+    numbers: Sequence[float]
+    allowed: Limits
+    cost: float = math.inf
+
+    def cost_of(self, logs: np.ndarray) -> float:
+        """The logarithm of the error, and a penalty for what breaks a limit, of numbers by their logarithms."""
+        try:
+            loop = self.loop_of(self.axis_of(*np.exp(logs).tolist()))
+        except (np.linalg.LinAlgError, ValueError):
+            return 1e3
+        lifted = [_Lifted.of(loop, truth, self.timing) for truth in self.truths]
+        answers = [each.predicted(truth) for each, truth in zip(lifted, self.truths, strict=True)]
+        stable = [answer for answer in answers if math.isfinite(answer.error)]
+        broken = sum(5.0 + 20.0 * max(answer.pole - 1.0, 0.0) for answer in answers if answer not in stable)
+        first, *_ = answers
+        if not math.isfinite(first.error):
+            return 50.0 + first.pole
+        grid = np.geomspace(_SLOWEST, 0.999 * math.pi / self.timing.tick, _POINTS)
+        response = lifted[0].opened.response(np.exp(1j * grid * self.timing.tick))[:, 0, 0]
+        delay = float(fast_margins(response, grid).delay)
+        broken += max(0.0, np.abs(1.0 / (1.0 + response)).max() / self.allowed.sensitivity - 1.0)
+        broken += max(0.0, 1.0 - delay / self.allowed.delay)
+        broken += max(0.0, math.log(first.command / self.most))
+        return float(0.5 * math.log(np.mean([answer.error**2 for answer in stable])) + _PENALTY * broken)
+
+    def advanced(self) -> "_Search":
+        """Return the search with the numbers of the lowest cost that it finds, starting from its present numbers."""
+        logs = np.log(self.numbers)
+        first, *_ = steps = np.eye(len(logs))
+        with single_threaded_blas():
+            # The weight of the command decides most: its best decade first.
+            begin = min((logs + shift * first for shift in np.arange(-7.0, 7.1, 1.75)), key=self.cost_of)
+            signed = (
+                begin + sign * step for step, sign in zip(0.8 * steps, itertools.cycle((-1.0, 1.0)), strict=False)
+            )
+            options = {"maxfev": _EVALUATIONS, "initial_simplex": np.vstack([begin, *signed])}
+            best = scipy.optimize.minimize(self.cost_of, begin, method="Nelder-Mead", options=options)
+        return replace(self, numbers=np.exp(best.x).tolist(), cost=float(best.fun))
+
+    def found(self) -> tuple[Any, tuple[Predicted, ...]]:
+        """The axis that has the numbers, and what is predicted of it for each plant."""
+        axis = self.axis_of(*(float(f"{number:.4g}") for number in self.numbers))
+        loop = self.loop_of(axis)
+        answers = tuple(predicted(loop, truth, self.timing) for truth in self.truths)
+        if not math.isfinite(answers[0].error):
+            raise InputError(f"no design of this kind is stable: at best there is a pole of size {answers[0].pole:.4f}")
+        return axis, answers
+
+    def narrowed(self, limits: Limits, exact: Sequence[Margins | None]) -> "_Search":
+        """This search if the whole loop keeps the limits, else one with limits that much narrower."""
+        looped = [margins for margins in exact if margins is not None]
+        sensitivity = max((margins.sensitivity for margins in looped), default=0.0)
+        delay = min((margins.delay for margins in looped), default=math.inf)
+        allowed = self.allowed
+        if sensitivity > limits.sensitivity:
+            narrower = _NARROWER * allowed.sensitivity * limits.sensitivity / sensitivity
+            allowed = allowed._replace(sensitivity=narrower)
+        if delay < limits.delay:
+            allowed = allowed._replace(delay=allowed.delay * limits.delay / (_NARROWER * delay))
+        return self if allowed == self.allowed else replace(self, allowed=allowed)
+
+
+def _common(
+    weight: float, noise: float, first: float, second: float, time: float, position_noise: float
+) -> dict[str, Any]:
+    """The fields that all axes have."""
+    return {
+        "first": ColouredNoise(deviation=first, time=_LASTING),
+        "second": ColouredNoise(deviation=second, time=float(f"{time:.3g}")),
+        "command_noise": noise,
+        "position_noise": float(f"{position_noise:.4g}"),
+        "command_weight": weight,
+    }
+
+
+def lateral_truth(plant: Plant, found: Conditions) -> ContinuousModel:
+    """The chain along x, or y, of a plant and what disturbs it."""
+    disturbances = _disturbing(found.lateral, Noise(found.bias, _BIAS))
+    if plant.answer is None:
+        return torque_model(plant.lag, disturbances)
+    if plant.lags:
+        return lagging_attitude_model(plant.answer, plant.lag, disturbances)
+    return attitude_model(plant.answer, disturbances)
+
+
+def vertical_truth(plant: Plant, found: Conditions) -> ContinuousModel:
+    """The chain along z of a plant and what disturbs it."""
+    model = vertical_model(plant.lag, _disturbing(found.vertical, None))
+    return model._replace(B=plant.thrust_gain * model.B)
+
+
+def _disturbing(found: Spectrum, bias: Noise | None) -> Disturbances:
+    return Disturbances(Noise(found.mean, _LASTING), Noise(found.deviation, found.time), bias, 0.0)
+
+
+def _yaw(scenario: Scenario) -> YawPd:
+    """The yaw's PD, as a cascade has it."""
+    gains: Any = design_cascade(middle_of(scenario)).loops["yaw"].gains
+    return YawPd(k_p=gains.k_p, k_d=gains.k_d)
+
+
+def _limits_of(control: Control | LqgControl | PolicyControl) -> dict[str, Any]:
+    """The limits of tilt and thrust that a scenario has."""
+    limits = control if isinstance(control, LqgControl) else control.thrust_vectoring
+    return {name: getattr(limits, name) for name in ("max_tilt", "min_thrust", "max_thrust")}
+
+
+def _lag(scenario: Scenario) -> float:
+    """The lag of the rotors; the geometric mean of those upwards and downwards if they differ, s."""
+    up, down = scenario.vehicle.rotor_time_constant, scenario.vehicle.rotor_time_constant_down
+    return float(f"{up if down is None else math.sqrt(up * down):.4g}")
+
+
+def _thrust_gain(scenario: Scenario) -> float:
+    """By how much more the thrust changes than is believed, from the answer of the height to a slow command."""
+    period, mass, slow = scenario.laboratory.command_link.period, scenario.nominal.mass, 2.0
+    plant = laboratory_plant(scenario, vehicle="as it is").system
+    command = f"{scenario.laboratory.autopilot.command}.thrust"
+    answer = plant.between([command], ["measurement.z"]).response(np.exp([1j * slow * period])).item()
+    return float(f"{abs(answer) * mass * slow**2 * math.hypot(1.0, slow * _lag(scenario)):.3g}")
+
+
+def _latency(scenario: Scenario) -> float:
+    return float(scenario.laboratory.motion_capture.latency_frames)
+
+
+def _delay(scenario: Scenario) -> float:
+    return float(scenario.laboratory.command_link.delay_ticks)
+
+
+def _answer(scenario: Scenario) -> Answer | None:
+    """How the attitude answers an autopilot: as it is written, or as its loops ask for, which rotors follow."""
+    autopilot = scenario.laboratory.autopilot
+    if isinstance(autopilot, AttitudeResponse):
+        omega, *_ = autopilot.natural_frequency
+        zeta, *_ = autopilot.damping
+        return Answer(float(omega), float(zeta))
+    if isinstance(autopilot, AttitudeAutopilot):
+        k_attitude, k_rate = (float(rows[0]) for rows in (autopilot.k_attitude, autopilot.k_rate))
+        omega = math.sqrt(k_attitude * k_rate)
+        return Answer(float(f"{omega:.4g}"), float(f"{0.5 * k_rate / omega:.4g}"))
+    return None
+
+
+def _faster(answer: Answer, factor: float) -> Answer:
+    return answer._replace(natural_frequency=factor * answer.natural_frequency)
+
+
+def _size(quantity: Any) -> float:
+    """The root mean square of a quantity that may be a distribution."""
+    if isinstance(quantity, float):
+        return quantity
+    drawn = quantity.quantile((np.arange(101) + 0.5) / 101)
+    return float(np.sqrt(np.mean(drawn**2)))

@@ -1,0 +1,203 @@
+"""Maps which gains stabilise a loop, and how well they fly."""
+
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from drake_quad.design.cascade import turned_on_board
+from drake_quad.errors import InputError
+from drake_quad.fleets.study_fleet import StudyFleet
+from drake_quad.flight.mission import plan_route
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.linear.closed_loop import loop_by_axes, on_board_plant
+from drake_quad.linear.margins import fast_margins, frequencies
+from drake_quad.linear.sampled_system import SampledSystem
+from drake_quad.scenario.batch import Batch, draw_sample
+from drake_quad.scenario.models import Scenario
+from drake_quad.scenario.paths import replaced
+
+Loop = Literal["position", "attitude"]
+_ON_BOARD = "laboratory.autopilot"
+
+# Modes that die faster than this within a tick are delay lines, whose damping means nothing.
+_FAST = 0.05
+_POINTS = 300
+# Of a gain, between two linear models that differ by it alone; any would do.
+_STEP = 1.0
+# Beside the largest, what these differences show of a state that has no part in them.
+_ROUNDING = 1e-9
+
+
+class MappedGains(NamedTuple):
+    """The two gains of a map.
+
+    Attributes:
+        block: of a scenario that they are fields of, by its path.
+        fields: their names there.
+        symbols: k_P and k_D as they are written, or the names of gains on board.
+        units: of both.
+    """
+
+    block: str
+    fields: tuple[str, str]
+    symbols: tuple[str, str]
+    units: tuple[str, str]
+
+    @property
+    def labels(self) -> tuple[str, str]:
+        """Symbols with their units."""
+        first, second = (f"{symbol} ({unit})" for symbol, unit in zip(self.symbols, self.units, strict=True))
+        return first, second
+
+
+class StabilityMap(NamedTuple):
+    """Stability of the linear loop over a grid of gains, as arrays (k_p, k_d).
+
+    Attributes:
+        size: largest magnitude of a pole; the loop is stable if it is below 1.
+        damping: smallest damping ratio of all poles; NaN where the loop is unstable.
+        delay: delay margin, s, interpolated between frequencies with a relative error of about 1e-3; NaN where the loop
+            is unstable.
+    """
+
+    size: np.ndarray
+    damping: np.ndarray
+    delay: np.ndarray
+
+    @property
+    def stable(self) -> np.ndarray:
+        """True where all poles lie inside the unit circle."""
+        return self.size < 1.0 - 1e-9  # an integrator that is left alone is found on either side of 1
+
+
+def mapped_gains(scenario: Scenario, loop: Loop) -> MappedGains:
+    """Which gains of a scenario's loop are mapped: those of the PD on the ground, or those of an autopilot.
+
+    Raises:
+        InputError: the attitude is asked for and responds as a whole, without gains.
+    """
+    kind = scenario.laboratory.autopilot.kind
+    if loop == "position" or kind == "none":
+        return MappedGains(f"control.{loop}", ("k_p", "k_d"), ("k_P", "k_D"), ("1/s²", "1/s"))
+    if kind == "attitude":
+        fields = "k_attitude", "k_rate"
+        return MappedGains(_ON_BOARD, fields, fields, ("1/s", "1/s"))
+    raise InputError(f"with laboratory.autopilot of kind {kind} the attitude has no gains that could be mapped")
+
+
+def linear_map(scenario: Scenario, loop: Loop, first: np.ndarray, second: np.ndarray) -> StabilityMap:
+    """The map of a scenario's loop in its linear model, see `mapped_plant`.
+
+    Args:
+        scenario: whose loop it is.
+        loop: position or attitude.
+        first: (rows,) of the first of the `mapped_gains`.
+        second: (columns,) of the second.
+
+    Raises:
+        InputError: see `mapped_gains` and `mapped_plant`.
+    """
+    make = cascade_map if mapped_gains(scenario, loop).block == _ON_BOARD else stability_map
+    return make(mapped_plant(scenario, loop), first, second)
+
+
+def stability_map(plant: SampledSystem, k_p: np.ndarray, k_d: np.ndarray) -> StabilityMap:
+    """The map of a PD around a plant, from the poles and the frequency response of every loop.
+
+    Args:
+        plant: from a commanded acceleration to the measured value and rate.
+        k_p: (rows,) 1/s².
+        k_d: (columns,) 1/s.
+    """
+    return _mapped(plant, np.stack(np.meshgrid(k_p, k_d, indexing="ij"), axis=-1))
+
+
+def cascade_map(plant: SampledSystem, k_attitude: np.ndarray, k_rate: np.ndarray) -> StabilityMap:
+    """The map of an attitude loop around a rate loop: u = k_rate (k_attitude (θ_r - θ) - q).
+
+    Args:
+        plant: from a commanded angular acceleration to the angle and its rate.
+        k_attitude: (rows,) 1/s.
+        k_rate: (columns,) 1/s.
+    """
+    outer, inner = np.meshgrid(k_attitude, k_rate, indexing="ij")
+    return _mapped(plant, np.stack([inner * outer, inner], axis=-1))
+
+
+def _mapped(plant: SampledSystem, gains: np.ndarray) -> StabilityMap:
+    """The map of (rows, columns, 2) gains on a value and its rate."""
+    closed = plant.A - plant.B @ (gains[..., np.newaxis, :] @ plant.C)
+    poles = np.linalg.eigvals(closed)
+    lasting = np.where(np.abs(poles) > _FAST, poles, _FAST)
+    rates = np.log(lasting.astype(complex))
+    damping = np.where(np.abs(poles) > _FAST, -rates.real / np.maximum(np.abs(rates), 1e-12), 1.0).min(axis=-1)
+    grid = frequencies(plant.period, points=_POINTS)
+    response = plant.response(np.exp(1j * grid * plant.period))[..., 0]
+    delay = fast_margins(gains @ response.T, grid).delay
+    whole = StabilityMap(np.abs(poles).max(axis=-1), damping, delay)
+    return StabilityMap(whole.size, *(np.where(whole.stable, values, np.nan) for values in whole[1:]))
+
+
+def mapped_plant(scenario: Scenario, loop: Loop) -> SampledSystem:
+    """What the gains of one of a scenario's loops act on along x, with all else of the loop as it is.
+
+    On the ground that is made of linear models of the whole loop, whose matrix from tick to tick is A - b (k_P c_P +
+    k_D c_D), since a PD acts at one place. So everything around the PD is in it, the other loop of the cascade,
+    integrals and estimates; but no network, which learns and has no linear model. For the attitude on board it is what
+    the autopilot turns, over a period of the autopilot; the position loop, which ticks less often, is not in it.
+
+    Raises:
+        InputError: there is no such plant, or the attitude has no gains, see `mapped_gains`.
+    """
+    mapped = mapped_gains(scenario, loop)
+    scenario = draw_sample(scenario, scenario.sample) if scenario.sample is not None else scenario
+    if mapped.block == _ON_BOARD:
+        whole = on_board_plant(scenario, vehicle="as it is")
+        return turned_on_board(whole, "pitch", scenario.nominal.inertia[1])
+    control = scenario.cascade.model_copy(update={"network": None})
+    axis = 0 if loop == "position" else 1
+    gains = [float(getattr(getattr(control, loop), name)[axis]) for name in mapped.fields]
+
+    def model(pair: Sequence[float]) -> SampledSystem:
+        values = {f"{mapped.block}.{name}.{axis}": value for name, value in zip(mapped.fields, pair, strict=True)}
+        with_gains = scenario.model_copy(update={"control": control})
+        return loop_by_axes(replaced(with_gains, lambda path, value: values.get(path, value)))
+
+    own = model(gains)
+    slopes = [(own.A - model(np.add(gains, step)).A) / _STEP for step in _STEP * np.eye(2)]
+    outer, sizes, rows = np.linalg.svd(np.hstack(slopes), full_matrices=False)
+    b, c = (np.where(np.abs(x) > _ROUNDING * np.abs(x).max(), x, 0.0) for x in (outer[:, :1], sizes[0] * rows[0]))
+    c = c.reshape(2, -1)
+    outputs = tuple(f"{mapped.block}.{name}" for name in mapped.fields)
+    alone = own.A + b @ np.atleast_2d(gains) @ c
+    return SampledSystem(alone, b, c, np.zeros((2, 1)), own.period, own.states, ("command",), outputs).connected()
+
+
+def flown_map(
+    scenario: Scenario, loop: Loop, first: np.ndarray, second: np.ndarray, *, sample: int = 0, compiled: bool = True
+) -> Metrics:
+    """Flies a scenario with every pair of gains in one fleet, all in the same wind and noise.
+
+    Args:
+        scenario: whose route is flown.
+        loop: whose gains differ: on x and y of the position, or on roll and pitch.
+        first: (rows,) of the first of the `mapped_gains`.
+        second: (columns,) of the second.
+        sample: of the scenario's study.
+        compiled: whether the diagram is compiled to machine code; else it flies as it is wired.
+
+    Returns:
+        (rows, columns) arrays of each metric.
+    """
+    scenario = draw_sample(scenario, sample)
+    mapped = mapped_gains(scenario, loop)
+    pairs = [grid.ravel() for grid in np.meshgrid(first, second, indexing="ij")]
+    varying = {
+        f"{mapped.block}.{name}.{axis}": values
+        for name, values in zip(mapped.fields, pairs, strict=True)
+        for axis in (0, 1)
+    }
+    batch = Batch(scenario, (sample,) * len(pairs[0]), varying)
+    metrics = StudyFleet(scenario, plan_route(scenario), len(batch), compiled=compiled).fly_batch(batch)
+    return Metrics(*(values.reshape(len(first), len(second)) for values in metrics))

@@ -1,0 +1,1 @@
+"""Fleets in one diagram under Drake's simulator."""

@@ -1,0 +1,92 @@
+"""A fleet that flies the samples of a study, batch after batch, in one diagram."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from drake_quad.assembly.user_systems import UserSystems
+from drake_quad.errors import InputError
+from drake_quad.fleets.fleet_simulation import simulate_fleet
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.memory import check_fleet_fits
+from drake_quad.planning.duration import flight_duration
+from drake_quad.reference.plan import Plan
+from drake_quad.scenario.batch import Batch
+from drake_quad.scenario.models import Scenario
+
+
+class StudyFleet:
+    """Flies samples of a scenario's study side by side, up to N at a time.
+
+    The diagram is built once; its context is reset for every batch of samples.
+
+    Args:
+        scenario: with or without distributions.
+        plan: plan that is flown, such as that of `drake_quad.plan_route`.
+        num_vehicles: N.
+        own: functions that make systems of the user's for N vehicles.
+        compiled: whether the diagram is compiled to machine code; else it flies as it is wired.
+
+    Raises:
+        InputError: the route holds a distribution, or the rotors cannot fly it; the vehicle has no time step; or the
+            fleet does not fit into memory.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        plan: Plan,
+        num_vehicles: int,
+        *,
+        own: UserSystems = UserSystems(),
+        compiled: bool = True,
+    ) -> None:
+        if scenario.vehicle.time_step == 0.0:
+            # An integrator chooses its steps by all vehicles of a fleet.
+            raise InputError("vehicle.time_step is 0; samples fly alike in any fleet only with a time step")
+        check_fleet_fits(num_vehicles, "num_vehicles")
+        self.scenario, self.num_vehicles = scenario, num_vehicles
+        self._plan = plan
+        self.duration = flight_duration(scenario, plan)
+        batch = Batch.draw(scenario, range(num_vehicles))
+        self._simulation = simulate_fleet(batch, self._plan, own=own.made(num_vehicles), compiled=compiled)
+
+    def fly(
+        self,
+        samples: Sequence[int],
+        *,
+        duration: float | None = None,
+        progress: Callable[[float, float], None] | None = None,
+    ) -> Metrics:
+        """Flies samples and returns the (n,) metrics of each.
+
+        Args:
+            samples: n numbers of samples, from 1 to N of them.
+            duration: after which to stop, s; that of the flight if not given.
+            progress: called now and then with the time flown and the time to fly, s.
+
+        Raises:
+            InputError: a sample's drag is too much for the vehicle's time step.
+        """
+        return self.fly_batch(Batch.draw(self.scenario, samples), duration=duration, progress=progress)
+
+    def fly_batch(
+        self,
+        batch: Batch,
+        *,
+        duration: float | None = None,
+        progress: Callable[[float, float], None] | None = None,
+    ) -> Metrics:
+        """Flies a batch of n vehicles, from 1 to N of them, and returns the (n,) metrics of each.
+
+        With fewer than N the last is flown several times: what a vehicle does depends on no other.
+        """
+        if not 0 < len(batch) <= self.num_vehicles:
+            raise ValueError(f"a fleet of {self.num_vehicles} cannot fly {len(batch)} samples at once")
+        self._simulation.reset(batch.padded(self.num_vehicles))
+        self._simulation.fly(self.duration if duration is None else duration, progress=progress)
+        return Metrics(*(values[: len(batch)] for values in self._simulation.metrics()))
+
+    def touched(self) -> np.ndarray:
+        """(N,) number of the obstacle that each vehicle last crashed into, from 1 on; 0 if it touched none."""
+        return self._simulation.touched()

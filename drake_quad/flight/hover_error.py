@@ -1,0 +1,149 @@
+"""Prediction of the position error in hover by simulation in wind and noise.
+
+The hovers are simulated in the scenario's own laboratory, with its lost frames and packets. A linear model
+(`drake_quad.linear.hover_covariance`) omits these losses and the products of noises, which together cause most of the
+error in weak wind. The number of simulated hovers grows until the confidence interval of the RMS error is short
+enough. This takes about a second for most controllers.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from drake_quad.errors import InputError
+from drake_quad.fleets.study_fleet import StudyFleet
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.planning.route import plan_in
+from drake_quad.reference.polynomial_path import evaluate
+from drake_quad.scenario.hovering import in_hover, with_believed_vehicle
+from drake_quad.scenario.models import Scenario, Window
+from drake_quad.scenario.routes import HoverRoute
+from drake_quad.statistics.estimates import mean_interval, positive
+from drake_quad.statistics.interval import Interval
+
+SETTLING_TIME = 20.0
+"""Time from the start of a hover until its error counts, s: several time constants of the slowest shipped integral."""
+
+HOVER_TIME = 40.0
+"""Duration of a hover, s."""
+
+_FLEET_SIZE = 64
+_MAX_HOVERS = 1024
+# Further hovers are simulated until half the width of each 95 % interval is below one of these two limits. The absolute
+# limit applies to axes whose error is nothing but rounding.
+_RELATIVE_PRECISION = 0.05
+_ABSOLUTE_PRECISION = 1e-7  # m
+# The default seed is fixed, so that a plan does not depend on the seed of a study.
+_SEED = 20_261_107
+# Number of points along the route at which the error is predicted if the wind depends on the place.
+_NUM_PLACES = 9
+
+
+class HoverError(NamedTuple):
+    """RMS position error in hover, m, with 95 % confidence intervals.
+
+    Attributes:
+        x: RMS error along X.
+        y: RMS error along Y.
+        z: RMS error along Z.
+        rms: RMS distance from the reference.
+        num_hovers: number of simulated hovers.
+    """
+
+    x: Interval
+    y: Interval
+    z: Interval
+    rms: Interval
+    num_hovers: int
+
+
+def hover_error(scenario: Scenario, *, seed: int = _SEED) -> HoverError:
+    """Simulate hovers of the true vehicle and return their RMS error between `SETTLING_TIME` and `HOVER_TIME`.
+
+    The vehicle hovers where the scenario's route hovers, or at (0, 0, 1). Winds that change with time, the battery and
+    rotor failures are left out. The error of a controller that learns may change after this time.
+
+    Args:
+        scenario: scenario without distributions.
+        seed: seed of wind and noise.
+
+    Raises:
+        InputError: if the scenario contains a distribution, or a hover crashes.
+    """
+    hovering = _hover_to_fly(scenario, seed)
+    fleet = StudyFleet(hovering, plan_in(hovering, None).plan, _FLEET_SIZE)
+    squares = np.empty((4, 0))
+    while True:
+        flown = squares.shape[1]
+        metrics = fleet.fly(range(flown, flown + _FLEET_SIZE))
+        _refuse_crashes(scenario, metrics)
+        errors = metrics.rmse_x, metrics.rmse_y, metrics.rmse_z, metrics.rmse
+        squares = np.concatenate([squares, np.square(errors)], axis=1)
+        found = [_root_of_mean(each) for each in squares]
+        if all(map(_is_precise, found)) or squares.shape[1] >= _MAX_HOVERS:
+            x, y, z, rms = found
+            return HoverError(x, y, z, rms, squares.shape[1])
+
+
+def believed_tracking_error(scenario: Scenario) -> HoverError:
+    """Return the `hover_error` of the nominal vehicle in a scenario's wind.
+
+    A planner can allow for this error, since it does not depend on the unknown true vehicle. If a wind
+    depends on the place, the result is the largest error of hovers along the route, which is planned without obstacles
+    for this purpose.
+
+    Raises:
+        InputError: an error of `hover_error`, or a wind changes with time, and the error with it.
+    """
+    for number, source in enumerate(scenario.laboratory.wind):
+        if source.depends_on_time:
+            raise InputError(
+                f"laboratory.wind.{number} is a {source.kind}; hovers predict the error in steady wind and turbulence"
+                " only"
+            )
+    believed = with_believed_vehicle(scenario).model_copy(update={"space": None})
+    places = [np.array(HoverRoute(kind="hover").position)]
+    if any(source.depends_on_place for source in scenario.laboratory.wind):
+        path = plan_in(believed, None).plan.path
+        places = list(np.transpose(evaluate(path, np.linspace(path.times[0], path.times[-1], _NUM_PLACES))))
+    routes = [HoverRoute(kind="hover", position=tuple(place.tolist())) for place in places]
+    errors = (hover_error(believed.model_copy(update={"route": route})) for route in routes)
+    return max(errors, key=lambda error: error.rms.value)
+
+
+def _hover_to_fly(scenario: Scenario, seed: int) -> Scenario:
+    """Return the scenario in hover, with a metric window from `SETTLING_TIME` on."""
+    hovering = in_hover(scenario)
+    vehicle = hovering.vehicle
+    if vehicle.time_step == 0.0:
+        # Fleets need a time step. The shortest period fits the grids of all ticks, and RK4 is accurate enough with it.
+        vehicle = vehicle.model_copy(update={"time_step": min(hovering.periods.values())})
+    return hovering.model_copy(
+        update={
+            "route": hovering.route.model_copy(update={"duration": HOVER_TIME}),
+            "vehicle": vehicle,
+            "metrics": Window(start=SETTLING_TIME),
+            "seed": seed,
+        }
+    )
+
+
+def _refuse_crashes(scenario: Scenario, metrics: Metrics) -> None:
+    crashed = metrics.crashed
+    if crashed.any():
+        raise InputError(
+            f"{crashed.sum()} of {len(crashed)} hovers of {scenario.name} crash, the first after"
+            f" {metrics.crash_time.min():.1f} s: there is no RMS error to predict"
+        )
+
+
+def _root_of_mean(squares: np.ndarray) -> Interval:
+    """Return the RMS error from the mean squared errors (n,) of independent hovers, with its interval."""
+    return Interval(*(math.sqrt(end) for end in positive(mean_interval(squares))))
+
+
+def _is_precise(error: Interval) -> bool:
+    """Return whether the interval of an error is short enough."""
+    half_width = 0.5 * (error.high - error.low)
+    return half_width <= max(_RELATIVE_PRECISION * error.value, _ABSOLUTE_PRECISION)

@@ -1,0 +1,115 @@
+"""From a scenario to its plan and its diagram."""
+
+from typing import Any
+
+from pydrake.systems.framework import Diagram
+
+from drake_quad.assembly.tracking import build_fleet_diagram
+from drake_quad.assembly.user_systems import UserSystems
+from drake_quad.caching import ThreadSafeCache
+from drake_quad.errors import InputError
+from drake_quad.flight.hover_error import believed_tracking_error
+from drake_quad.memory import check_fleet_fits
+from drake_quad.planning.route import Planned, plan_in
+from drake_quad.planning.space import space_of
+from drake_quad.reference.plan import Plan
+from drake_quad.scenario.batch import Batch
+from drake_quad.scenario.models import Mission, Scenario
+from drake_quad.scenario.paths import distributions_in, refuse_distributions
+from drake_quad.space.space import Space
+
+# Cache of the plans around obstacles, by the text of the scenario.
+_MAX_OBSTACLE_PLANS = 16
+_obstacle_plans: "ThreadSafeCache[Planned]" = ThreadSafeCache(_MAX_OBSTACLE_PLANS)
+
+
+def plan_route(mission: Mission) -> Plan:
+    """The plan for the route of a scenario, for the nominal vehicle.
+
+    Raises:
+        InputError: the route holds a distribution, or no path or no rotors can keep to what it asks, or obstacles leave
+            it no way.
+    """
+    return planned(mission).plan
+
+
+def planned(mission: Mission) -> Planned:
+    """Return the plan for the route of a scenario, with the problem that it solves; errors are those of `plan_route`.
+
+    Planning around obstacles takes seconds, so these plans are cached.
+    """
+    if mission.space is None:
+        return plan_in(mission, None)
+    # Of what is no part of a mission only the tracking error depends.
+    depends = None if mission.space.tracking else set(Mission.model_fields)
+
+    def make() -> Planned:
+        space = space_to_plan_in(mission)
+        return plan_in(mission, space)._replace(space=space)
+
+    return _obstacle_plans.get(mission.model_dump_json(include=depends), make)
+
+
+def build_tracking_diagram(
+    scenario: Scenario,
+    num_vehicles: int = 1,
+    *,
+    position_controller: Any = None,
+    control: Any = None,
+    wind: Any = None,
+    plan: Plan | None = None,
+    record: bool = False,
+    drake_random: bool = False,
+) -> Diagram:
+    """Builds the closed loop of a scenario, for vehicles that all fly the same.
+
+    Each is in the wind and noise of a sample of its own: the scenario's sample, or 0, the next one, and so on.
+
+    Its subsystems are `reference`, `control`, `laboratory`, `monitor` and, if asked for, `recorder`. Every signal of
+    the loop is exported under its name; what the control does not have is left out. The default context is hover at
+    the reference's first point.
+
+    Args:
+        scenario: with numbers only.
+        num_vehicles: N.
+        position_controller: a system that stands in for the scenario's and its network: from `measurement` (12 rows)
+            and `reference` (11 rows) to `acceleration_command` (3 rows, m/s²). The diagram takes it over.
+        control: a system that stands in for the whole cascade: from `measurement` and `reference` to `wrench`
+            (4 rows: F_z in N; τ_x, τ_y, τ_z in N m) or, with an autopilot on board, to `attitude_target` (7 rows: F_z
+            in N; roll, pitch, yaw in rad; p, q, r in rad/s). The diagram takes it over.
+        wind: a source of wind beside the scenario's: one output port of 3 rows, the velocity of the air in W (m/s), and
+            perhaps the input port `state` (12 rows). The diagram takes it over, and samples it at the vehicle's time
+            step, unless it is a FleetSystem that updates itself, as those of `drake_quad.laboratory` do.
+        plan: flown instead of that of the scenario's route.
+        record: whether to add a recorder of all signals, sampled at every tick of the control.
+        drake_random: whether wind and noise come from Drake's random sources, for its own Monte Carlo tools, in place
+            of those of the samples.
+
+    Raises:
+        InputError: the scenario holds a distribution, the rotors cannot fly the route, a system that is given does not
+            fit, or the fleet does not fit into memory.
+    """
+    check_fleet_fits(num_vehicles, "num_vehicles")
+    refuse_distributions(distributions_in(scenario))
+    first = scenario.sample or 0
+    batch = Batch.draw(scenario, range(first, first + num_vehicles))
+    own = UserSystems(position_controller, control, wind)
+    plan = plan or plan_route(scenario)
+    return build_fleet_diagram(batch, plan, own=own, record=record, drake_random=drake_random)
+
+
+def space_to_plan_in(mission: Mission) -> Space | None:
+    """Return `space_of` with the tracking error that `space.tracking` multiplies; the error is predicted if needed.
+
+    Raises:
+        InputError: if the prediction is not possible, see `believed_tracking_error`.
+    """
+    if mission.space is None or not mission.space.tracking:
+        return space_of(mission)
+    if not isinstance(mission, Scenario):
+        raise InputError("space.tracking asks for a prediction, but without laboratory and control there is none")
+    try:
+        predicted = believed_tracking_error(mission)
+    except InputError as error:
+        raise InputError(f"space.tracking: {error}") from error
+    return space_of(mission, tracking_error=predicted.rms.value)

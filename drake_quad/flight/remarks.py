@@ -1,0 +1,154 @@
+"""Warnings about a scenario that a user should read before using the results of its flights."""
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from drake_quad.errors import listed
+from drake_quad.flight.mission import plan_route
+from drake_quad.planning.duration import goes_on_in_motion
+from drake_quad.reference.plan import YAW_ORDERS, Plan
+from drake_quad.reference.polynomial_path import evaluate
+from drake_quad.reference.rest import moves_at_end
+from drake_quad.scenario.description import unit_at
+from drake_quad.scenario.distributions import Distribution
+from drake_quad.scenario.layouts import arm_length_of, rotors_of
+from drake_quad.scenario.models import Scenario
+from drake_quad.scenario.paths import distributions_in, leaves
+
+# A field of the flown vehicle is reported if it differs from the nominal one by more than both limits: a relative
+# difference larger than the error of any scale or data sheet, and a multiple of the flown value's standard deviation.
+_MIN_RELATIVE_DIFFERENCE = 0.2
+# The same limit for an offset of the centre of mass, relative to the arm length. At this offset, hover takes 10 % more
+# thrust from a rotor on one side, and 10 % less from one on the other side.
+_MIN_RELATIVE_OFFSET = 0.1
+_MIN_STANDARD_DEVIATIONS = 5.0
+# The rotors' speed limits are not compared: they depend on how the rotors are driven.
+_COMPARED_FIELDS = ("mass", "inertia.0", "inertia.1", "inertia.2", "thrust_factor", "drag_factor", "gravity")
+# Probability that a normal variable is more than one standard deviation below its mean.
+_LOWER_SIGMA_PROBABILITY = 0.5 * math.erfc(math.sqrt(0.5))
+
+
+def flight_remarks(scenario: Scenario, plan: Plan | None = None) -> tuple[str, ...]:
+    """Return remarks on the vehicle of a scenario and on its flight after the end of the route.
+
+    Args:
+        scenario: scenario that is flown; it may contain distributions.
+        plan: plan that is flown; the plan for the scenario's route if not given.
+
+    Raises:
+        InputError: if the route cannot be planned.
+    """
+    return (*_mixed_vehicles(scenario), *_braking(scenario, plan))
+
+
+def unequal_conditions(scenarios: Mapping[str, Scenario]) -> list[str]:
+    """Return a remark on each controller that does not fly under the same conditions as the first one.
+
+    The conditions are all fields of a scenario but its control and the nominal vehicle, on which a control may rely.
+
+    Args:
+        scenarios: scenarios by the names of their controllers.
+    """
+    (first, expected), *others = ((name, _conditions(scenario)) for name, scenario in scenarios.items())
+    found = []
+    for name, conditions in others:
+        paths = [path for path in {**expected, **conditions} if conditions.get(path) != expected.get(path)]
+        changes = [f"{path} {_shown(conditions.get(path))} (not {_shown(expected.get(path))})" for path in paths]
+        if changes:
+            found.append(f"{name} does not fly under the same conditions as {first}: {listed(changes, 4)}")
+    return found
+
+
+def _conditions(scenario: Scenario) -> dict[str, Any]:
+    return {path: value for path, value in leaves(scenario) if path.partition(".")[0] not in ("control", "nominal")}
+
+
+def _shown(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else "none" if value is None else str(value)
+
+
+def _mixed_vehicles(scenario: Scenario) -> list[str]:
+    """Return a remark if the flown vehicle differs strongly from the nominal one, which the controllers assume."""
+    found = [
+        f"{name} {_median(flown):.4g}{unit} (nominal {believed:.4g})"
+        for name, believed, flown, unit in _airframes(scenario)
+        if abs(_median(flown) - believed)
+        > max(_MIN_RELATIVE_DIFFERENCE * believed, _MIN_STANDARD_DEVIATIONS * _deviation(flown))
+    ]
+    found += _rotor_differences(scenario)
+    if not found:
+        return []
+    return [
+        f"`vehicle` differs strongly from `nominal`, for which its controllers compute: {', '.join(found)}; check that"
+        " both describe the same vehicle"
+    ]
+
+
+def _rotor_differences(scenario: Scenario) -> list[str]:
+    """Return the differences in the places and directions of the rotors, and of the centre of mass among them."""
+    vehicle, nominal = scenario.vehicle, scenario.nominal
+    arm = arm_length_of(nominal)
+    found = [
+        f"centre_of_mass.{i} {_median(each):.4g} m (nominal 0)"
+        for i, each in enumerate(vehicle.centre_of_mass)
+        if abs(_median(each)) > max(_MIN_RELATIVE_OFFSET * arm, _MIN_STANDARD_DEVIATIONS * _deviation(each))
+    ]
+    if distributions_in(vehicle.layout):
+        return found
+    if isinstance(vehicle.arm_length, Distribution):
+        vehicle = vehicle.model_copy(update={"arm_length": _median(vehicle.arm_length)})
+    # The size of the vehicle is compared by itself, so places are compared as multiples of the arm length.
+    scale = arm / arm_length_of(vehicle)
+    pairs = [*enumerate(zip(rotors_of(vehicle), rotors_of(nominal), strict=True), start=1)]
+    turned = [str(i) for i, (flown, believed) in pairs if flown.direction != believed.direction]
+    if turned:
+        found.append(f"direction of rotor {', '.join(turned)}")
+    for i, (flown, believed) in pairs:
+        if math.hypot(scale * flown.x - believed.x, scale * flown.y - believed.y) > _MIN_RELATIVE_DIFFERENCE * arm:
+            places = (f"({rotor.x:.3g}, {rotor.y:.3g}) m" for rotor in (flown, believed))
+            found.append(f"rotor {i} at {next(places)} (nominal {next(places)})")
+            break
+    return found
+
+
+def _airframes(scenario: Scenario) -> Iterator[tuple[str, float, Any, str]]:
+    """Yield the name, nominal value, flown value and unit of each compared quantity."""
+    for path in _COMPARED_FIELDS:
+        name, _, item = path.partition(".")
+        values = [getattr(part, name) for part in (scenario.nominal, scenario.vehicle)]
+        believed, flown = (value[int(item)] if item else value for value in values)
+        yield path, believed, flown, f" {unit_at(scenario, f'vehicle.{path}')}"
+    if not (distributions_in(scenario.vehicle.layout) or isinstance(scenario.vehicle.arm_length, Distribution)):
+        yield "arm length", arm_length_of(scenario.nominal), arm_length_of(scenario.vehicle), " m"
+
+
+def _median(value: Any) -> float:
+    return float(value.quantile(0.5)) if isinstance(value, Distribution) else value
+
+
+def _deviation(value: Any) -> float:
+    """Return half the width of the central interval with the probability of mean ± one standard deviation."""
+    if not isinstance(value, Distribution):
+        return 0.0
+    return 0.5 * float(value.quantile(1.0 - _LOWER_SIGMA_PROBABILITY) - value.quantile(_LOWER_SIGMA_PROBABILITY))
+
+
+def _braking(scenario: Scenario, plan: Plan | None) -> list[str]:
+    """Return a remark if the flight continues after a route that ends in motion, so that the reference brakes."""
+    if scenario.duration is None:
+        return []
+    plan = plan or plan_route(scenario)
+    if not goes_on_in_motion(scenario, plan):
+        return []
+    end = float(plan.path.times[-1])
+    motion = f"{np.linalg.norm(evaluate(plan.path, [end], 1)):.2f} m/s"
+    if moves_at_end(plan.yaw, YAW_ORDERS):
+        motion += f", {evaluate(plan.yaw, [end], 1).item():.2f} rad/s of yaw"
+    distance = float(np.linalg.norm(plan.flown_path.waypoints[-1] - plan.path.waypoints[-1]))
+    return [
+        f"the route ends in motion ({motion}) at {end:.2f} s, before the end of the flight; the reference then"
+        f" brakes and comes to rest at {plan.rest_time:.2f} s, {distance:.2f} m beyond the end of the route"
+    ]

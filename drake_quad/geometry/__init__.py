@@ -1,0 +1,1 @@
+"""Attitudes, axes and the differential flatness of a quadrotor."""

@@ -1,0 +1,1 @@
+"""Linear models of a loop in hover, with their modes, margins and responses."""

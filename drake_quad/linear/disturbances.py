@@ -1,0 +1,141 @@
+"""What disturbs a vehicle along its plan: how much, and for how long at a time.
+
+A vehicle that is where its plan wants it, turned as the plan wants it, with rotors as fast as the nominal vehicle would
+need them, is accelerated otherwise than planned by wind, drag, and whatever of the vehicle is not as believed. That
+difference is the disturbing acceleration, and a controller that shall stay on the plan must make up for it.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from drake_quad.assembly.effects import vehicle_effects
+from drake_quad.assembly.laboratory import laboratory_recipes, vehicle_parameters
+from drake_quad.geometry.axes import BodyAxes
+from drake_quad.laboratory.wind.wind import build_wind
+from drake_quad.planning.believed import nominal_parameters
+from drake_quad.planning.duration import flight_duration
+from drake_quad.planning.feasibility import plan_demand
+from drake_quad.randomness.noise import Samples, connect_noise, random_streams
+from drake_quad.randomness.streams import Kind
+from drake_quad.reference.plan import Plan
+from drake_quad.reference.polynomial_path import evaluate
+from drake_quad.scenario.batch import Batch
+from drake_quad.signals import RotorSpeed, Wind
+from drake_quad.vehicle.dynamics import Motion
+from drake_quad.vehicle.motion import accelerations, turning
+
+# Wind and drag change within tenths of a second.
+_STEP = 0.02
+# Second-order, critically damped noise with time constant T has the autocorrelation (1 + x) exp(-x) at the lag x T. It
+# is 1/2 at this x.
+_HALF_CORRELATION_LAG = 1.67835
+
+
+class Disturbed(NamedTuple):
+    """Disturbing accelerations along a plan, at equal steps.
+
+    Attributes:
+        step: s.
+        acceleration: (3, times, N) along the axes of W, m/s².
+        turning: (2, times, N) of roll and pitch, rad/s².
+    """
+
+    step: float
+    acceleration: np.ndarray
+    turning: np.ndarray
+
+
+class Spectrum(NamedTuple):
+    """Statistics of a disturbance: a constant part of each flight, and a fluctuating rest.
+
+    Attributes:
+        mean: root mean square, over flights, of the part that is constant during a flight.
+        deviation: standard deviation of the fluctuating rest.
+        time: time constant of second-order, critically damped noise whose autocorrelation falls to 1/2 at the same lag
+            as that of the rest, s.
+    """
+
+    mean: float
+    deviation: float
+    time: float
+
+
+def disturbances_along(batch: Batch, plan: Plan) -> Disturbed:
+    """Sample the disturbances of the vehicles of a batch along a plan.
+
+    Args:
+        batch: vehicles, wind and random numbers.
+        plan: plan that is flown.
+    """
+    scenario, fleet = batch.scenario, batch.fleet_scenario
+    times = np.arange(0.0, flight_duration(scenario, plan), _STEP)
+    position, velocity, acceleration = (np.array(evaluate(plan.flown_path, times, order)) for order in range(3))
+    wind = _wind_along(batch, plan, times, position, velocity)
+    demand = plan_demand(plan, nominal_parameters(scenario), times)
+    # Rows of (times, 1), so that numbers of the vehicles, of (N,), make them (times, N).
+    columns: list[Any] = [np.asarray(row)[:, np.newaxis] for row in (*velocity, *demand.body_rates)]
+    angles: list[Any] = [np.asarray(angle)[:, np.newaxis] for angle in demand.attitude]
+    speeds: list[Any] = [np.asarray(row)[:, np.newaxis] for row in demand.rotor_speed]
+    rotors = RotorSpeed(*speeds)
+    parameters = vehicle_parameters(fleet.vehicle)
+    # What stands before the rotors' speeds, and what swings, is no disturbance of the path.
+    effects = vehicle_effects(fleet.vehicle)._replace(thrust_curve=None, battery=None, slung_load=None)
+    spinning = turning(rotors, rotors, parameters, effects)
+    height = position[2][:, np.newaxis]
+    axes, motion = BodyAxes.of(*angles), Motion(*columns)
+    rates = accelerations(axes, motion, None, height, spinning, Wind(*wind), parameters, effects).motion
+    believed = nominal_parameters(scenario)
+    still = Wind(0.0, 0.0, 0.0)
+    as_believed = turning(rotors, rotors, believed, effects)
+    planned = accelerations(axes, motion, None, height, as_believed, still, believed, effects).motion
+    shape = 1, len(times), len(batch)
+    pushed = [row - a[:, np.newaxis] for row, a in zip((rates.v_x, rates.v_y, rates.v_z), acceleration, strict=True)]
+    turned = [rates.p - planned.p, rates.q - planned.q]
+    whole, tilting = (np.concatenate([np.broadcast_to(row, shape) for row in rows]) for rows in (pushed, turned))
+    return Disturbed(_STEP, whole, tilting)
+
+
+def spectrum(disturbance: np.ndarray, step: float) -> Spectrum:
+    """Return the statistics of a disturbance over several flights.
+
+    Args:
+        disturbance: (..., times, N) samples of one kind of disturbance.
+        step: sampling period, s.
+    """
+    mean = disturbance.mean(axis=-2, keepdims=True)
+    rest = disturbance - mean
+    variance = float((rest**2).mean())
+    lags = range(1, rest.shape[-2])
+    half = next((lag for lag in lags if (rest[..., lag:, :] * rest[..., :-lag, :]).mean() < 0.5 * variance), 1)
+    return Spectrum(float(np.sqrt((mean**2).mean())), float(np.sqrt(variance)), half * step / _HALF_CORRELATION_LAG)
+
+
+def _wind_along(batch: Batch, plan: Plan, times: np.ndarray, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    """(3, times, N) the wind where vehicles on the plan are, of the scenario's own sources."""
+    scenario, N = batch.scenario, len(batch)
+    recipes = laboratory_recipes(batch, plan, flight_duration(scenario, plan))
+    sources = {path.removeprefix("wind."): each.build(N) for path, each in recipes.items() if path.startswith("wind.")}
+    builder = DiagramBuilder()
+    streams = random_streams(sources, Kind.WIND)
+    air = builder.AddNamedSystem("wind", build_wind(sources, streams=streams, num_vehicles=N))
+    ports = {stream: air.GetInputPort(stream.name) for each in streams.values() for stream in each}
+    connect_noise(builder, ports, Samples(scenario.seed, batch.samples))
+    placed = air.HasInputPort("state")
+    if placed:
+        builder.ExportInput(air.GetInputPort("state"), "state")
+    builder.ExportOutput(air.GetOutputPort("wind"), "wind")
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    context, found = simulator.get_mutable_context(), []
+    nothing = np.zeros(3)
+    for time, p, v in zip(times, position.T, velocity.T, strict=True):
+        if placed:
+            diagram.GetInputPort("state").FixValue(context, np.repeat([*p, *nothing, *v, *nothing], N))
+        # What is sampled at an instant shall be there at that instant.
+        simulator.AdvanceTo(time)
+        simulator.AdvancePendingEvents()
+        found.append(diagram.GetOutputPort("wind").Eval(context).reshape(3, N))
+    return np.array(found).transpose(1, 0, 2)

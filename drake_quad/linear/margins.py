@@ -1,0 +1,243 @@
+"""How far a sampled loop is from instability."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from drake_quad.linear.sampled_system import SampledSystem
+
+_MIN_FREQUENCY = 1e-4  # rad/s, lowest frequency of the grid
+_NUM_FREQUENCIES = 2000  # points of the grid, which ends at half the sampling rate
+_NUM_PARTS = 32  # subintervals into which each refinement divides an interval of the grid
+_NUM_DIVISIONS = 3  # refinements around a peak, whose relative error is then about 1e-9
+_NUM_PEAKS = 8  # number of largest local maxima that are refined
+_MAX_NARROW_DECAY = 0.1  # per radian; the grid can miss the peaks of modes that decay more slowly
+_MIN_INTEGRATOR_GAIN = 1e6  # only integrators reach this |L| at zero frequency
+
+
+class Margins(NamedTuple):
+    """Margins of a loop of one signal, broken where its transfer function L is taken.
+
+    Attributes:
+        gain: gain margin, the factor by which the gain may increase, dB.
+        gain_reduction: factor by which the gain may decrease, dB, as a positive number; infinite if it may become zero.
+        phase: phase margin, degrees.
+        delay: delay margin, the additional delay at which the loop becomes unstable, s.
+        disk: disk margin, the largest α such that the loop tolerates every gain between (1 - α/2) / (1 + α/2) and its
+            inverse, with the corresponding phases (P. Seiler, A. Packard and P. Gahinet, "An introduction to disk
+            margins", 2020).
+        crossover: highest frequency at which |L| = 1, rad/s.
+        sensitivity: peak of |1 / (1 + L)|.
+        bandwidth: lowest frequency at which |L / (1 + L)| falls below -3 dB, rad/s; 0 if it is below at all low
+            frequencies.
+    """
+
+    gain: float
+    gain_reduction: float
+    phase: float
+    delay: float
+    disk: float
+    crossover: float
+    sensitivity: float
+    bandwidth: float
+
+
+def margins(loop: SampledSystem) -> Margins:
+    """Return the margins of a stable loop with one input and one output.
+
+    The margins follow from the frequency response: from its crossings of the negative real axis, of the unit circle
+    and of -3 dB, and from its closest approach to -1. These are located on a grid of 2,000 frequencies and refined
+    between its points. A transfer function with polynomials in z would lose too many digits for a dozen states.
+    """
+    grid = frequencies(loop.period)
+    response = _response(loop, grid)
+    crossovers = _crossings(loop, grid, response, lambda L: 1.0 - 2.0 / (1.0 + np.abs(L)))
+    phases = np.degrees(np.angle(-_response(loop, crossovers)))
+    turns = _crossings(loop, grid, response, lambda L: np.angle(-L))
+    sizes = np.abs(_response(loop, turns))
+    gains = np.array([*1.0 / sizes, *(_gain_where_real(loop, z) for z in (1.0, -1.0))])
+    closed = _sensitivity(loop)
+    further = np.append(_near_modes(closed, grid), math.pi / loop.period)
+    places = np.append(grid, further)
+    order = np.argsort(places)
+    places, S = places[order], np.append(1.0 / (1.0 + response), _response(closed, further))[order]
+    return Margins(
+        gain=_decibel(np.min(gains[gains > 1.0], initial=np.inf)),
+        gain_reduction=-_decibel(np.max(gains[gains < 1.0], initial=0.0)),
+        phase=float(np.min(np.abs(phases), initial=np.inf)),
+        delay=float(np.min(np.radians(phases % 360.0) / crossovers, initial=np.inf)),
+        disk=1.0 / _peak(closed, places, S, lambda s: np.abs(s - 0.5)),
+        crossover=float(np.max(crossovers, initial=0.0)),
+        sensitivity=_peak(closed, places, S, np.abs),
+        bandwidth=_bandwidth(loop, grid, response),
+    )
+
+
+class FastMargins(NamedTuple):
+    """Gain (dB), phase (degrees) and delay (s) margin of many loops at once, arrays of one shape."""
+
+    gain: np.ndarray
+    phase: np.ndarray
+    delay: np.ndarray
+
+
+def fast_margins(responses: np.ndarray, grid: np.ndarray) -> FastMargins:
+    """The margins of many stable loops, by linear interpolation between frequencies, for searches and maps.
+
+    Args:
+        responses: (..., frequencies) of L.
+        grid: (frequencies,) rad/s.
+    """
+    size = np.log(np.maximum(np.abs(responses), 1e-300))
+    angle = np.angle(-responses)  # from -1, so that 0 is the critical point
+    logs = np.log(grid)
+    crosses = size[..., :-1] * size[..., 1:] < 0.0
+    share = np.where(crosses, size[..., :-1] / (size[..., :-1] - size[..., 1:] + ~crosses), 0.0)
+    phase = _wrapped(angle[..., :-1] + share * _wrapped(np.diff(angle, axis=-1)))
+    frequency = np.exp(logs[:-1] + share * np.diff(logs))
+    # Where the curve passes the critical direction it does not jump to the other side of the circle.
+    flips = (angle[..., :-1] * angle[..., 1:] < 0.0) & (np.abs(np.diff(angle, axis=-1)) < np.pi)
+    part = np.where(flips, angle[..., :-1] / (angle[..., :-1] - angle[..., 1:] + ~flips), 0.0)
+    gain = -(size[..., :-1] + part * np.diff(size, axis=-1)) * 20.0 / math.log(10.0)
+    through = 20.0 * np.log10(_gain_at_half_the_rate(responses))
+    return FastMargins(
+        np.minimum(np.where(flips & (gain > 0.0), gain, np.inf).min(axis=-1), np.where(through > 0.0, through, np.inf)),
+        np.degrees(np.where(crosses, np.abs(phase), np.inf).min(axis=-1)),
+        np.where(crosses, (phase % (2.0 * np.pi)) / frequency, np.inf).min(axis=-1),
+    )
+
+
+def _wrapped(angles: np.ndarray) -> np.ndarray:
+    """Return the same angles in [-π, π], rad."""
+    turns: np.ndarray = np.rint(angles / (2.0 * np.pi))
+    return angles - 2.0 * np.pi * turns
+
+
+def frequencies(period: float, *, points: int = _NUM_FREQUENCIES, lowest: float = _MIN_FREQUENCY) -> np.ndarray:
+    """Return (points,) frequencies from the lowest one (rad/s) to just below half the sampling rate, rad/s."""
+    return np.geomspace(lowest, 0.9999 * math.pi / period, points)
+
+
+def _response(loop: SampledSystem, grid: np.ndarray) -> np.ndarray:
+    """(frequencies,) L of a loop with one input and one output."""
+    return loop.response(np.exp(1j * grid * loop.period))[:, 0, 0]
+
+
+def _crossings(
+    loop: SampledSystem, grid: np.ndarray, response: np.ndarray, of: Callable[[np.ndarray], np.ndarray]
+) -> np.ndarray:
+    """Return the frequencies (crossings,) at which a function of L passes zero without a jump, to 1e-9 of themselves.
+
+    Args:
+        loop: loop with one input and one output.
+        grid: (frequencies,) grid that separates the zeros of the function, rad/s.
+        response: (frequencies,) L on the grid.
+        of: elementwise function of L; steps by π or more count as jumps.
+    """
+    values = of(response)
+    ends = np.stack([grid[:-1], grid[1:]], axis=1)[_passes_zero(values)]
+    for _ in range(2):
+        inside = np.linspace(ends[:, 0], ends[:, 1], _NUM_PARTS + 1, axis=1)
+        values = of(_response(loop, inside.ravel())).reshape(inside.shape)
+        passes = _passes_zero(values)
+        # What changed sign from end to end may have done so by a jump inside.
+        real = passes.any(axis=1)
+        inside, values, first = inside[real], values[real], np.argmax(passes[real], axis=1)
+        places = np.stack([first, first + 1], axis=1)
+        ends, values = (np.take_along_axis(each, places, axis=1) for each in (inside, values))
+    (low, high), (start, end) = ends.T, values.T
+    share = np.divide(start, start - end, out=np.zeros_like(start), where=start != end)
+    return low + np.clip(share, 0.0, 1.0) * (high - low)
+
+
+def _passes_zero(values: np.ndarray) -> np.ndarray:
+    """The mask of the steps along the last axis that do."""
+    return np.diff(values > 0.0, axis=-1) & (np.abs(np.diff(values, axis=-1)) < np.pi)
+
+
+def _gain_at_half_the_rate(responses: np.ndarray) -> np.ndarray:
+    """The factor at which a pole leaves through z = -1, where L is real: the end of the grid; infinite if it cannot."""
+    end = responses[..., -1].real
+    return np.where(end < 0.0, -1.0 / np.where(end < 0.0, end, -1.0), np.inf)
+
+
+def _gain_where_real(loop: SampledSystem, z: float) -> float:
+    """Return the gain at which a pole crosses the unit circle at z = 1 or -1.
+
+    The gain is infinite if no pole can cross there, as at z = 1 in a loop with an integrator.
+    """
+    if np.abs(loop.poles() - z).min() < 1e-9:
+        return math.inf
+    # Rounding takes the poles of several integrators apart.
+    try:
+        value = loop.response(np.array([z])).item().real
+    except np.linalg.LinAlgError:
+        return math.inf
+    if abs(value) > _MIN_INTEGRATOR_GAIN:
+        return math.inf
+    return -1.0 / value if value < 0.0 else math.inf
+
+
+def _sensitivity(loop: SampledSystem) -> SampledSystem:
+    """Return S = 1 / (1 + L), the closed loop from an addition to the signal to the signal."""
+    through = 1.0 / (1.0 + loop.D)
+    fed_back = through * loop.C
+    return replace(loop, A=loop.A - loop.B @ fed_back, B=loop.B @ through, C=-fed_back, D=through)
+
+
+def _near_modes(system: SampledSystem, grid: np.ndarray) -> np.ndarray:
+    """Return additional frequencies (rad/s) around modes whose peaks can be narrower than the steps of a grid."""
+    poles = system.poles()
+    poles = poles[poles.imag > 0.0]
+    frequency, decay = np.angle(poles) / system.period, -np.log(np.abs(poles)) / system.period
+    narrow = decay < _MAX_NARROW_DECAY * frequency
+    places = (frequency[narrow, np.newaxis] + np.outer(decay[narrow], np.linspace(-4.0, 4.0, _NUM_PARTS + 1))).ravel()
+    return places[(places > grid[0]) & (places < grid[-1])]
+
+
+def _peak(
+    system: SampledSystem, grid: np.ndarray, response: np.ndarray, size: Callable[[np.ndarray], np.ndarray]
+) -> float:
+    """Return the largest size of a response over all frequencies, with a relative error of about 1e-9.
+
+    Args:
+        system: system with one input and one output.
+        grid: (frequencies,) grid with at most one peak between neighbouring frequencies, rad/s.
+        response: (frequencies,) response of the system on the grid.
+        size: elementwise function of the response that is maximised.
+    """
+    values = size(response)
+    padded = np.pad(values, 1, constant_values=-np.inf)
+    tops = np.flatnonzero((values >= padded[:-2]) & (values >= padded[2:]))
+    tops = tops[np.argsort(values[tops])[-_NUM_PEAKS:]]
+    low, high = grid[np.maximum(tops - 1, 0)], grid[np.minimum(tops + 1, len(grid) - 1)]
+    for _ in range(_NUM_DIVISIONS):
+        inside = np.linspace(low, high, _NUM_PARTS + 1, axis=1)
+        values = size(_response(system, inside.ravel())).reshape(inside.shape)
+        best = np.argmax(values, axis=1)[:, np.newaxis]
+        low, high = (
+            np.take_along_axis(inside, place, axis=1)[:, 0]
+            for place in (np.maximum(best - 1, 0), np.minimum(best + 1, _NUM_PARTS))
+        )
+    return float(values.max())
+
+
+def _bandwidth(loop: SampledSystem, grid: np.ndarray, response: np.ndarray) -> float:
+    """Return the lowest frequency at which |L / (1 + L)| falls below -3 dB, rad/s.
+
+    The result is 0 if the first frequency of the grid is already below -3 dB, and infinite if no frequency is.
+    """
+
+    def excess(L: np.ndarray) -> np.ndarray:
+        return 0.5 - 1.0 / (1.0 + math.sqrt(2.0) * np.abs(L / (1.0 + L)))
+
+    if excess(response[0]) < 0.0:
+        return 0.0
+    return float(np.min(_crossings(loop, grid, response, excess), initial=np.inf))
+
+
+def _decibel(factor: float) -> float:
+    return 20.0 * math.log10(factor) if factor > 0.0 else -math.inf

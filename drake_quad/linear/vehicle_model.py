@@ -1,0 +1,192 @@
+"""Operating points of the vehicle, and its linear models there.
+
+Their inputs are rotor speeds: what stands before these, a thrust curve and a battery, is left out. A payload is there
+or not as it is at the beginning of a flight.
+"""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
+from pydrake.solvers import MathematicalProgram, SnoptSolver
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.systems.primitives import (
+    AffineSystem,
+    Demultiplexer,
+    FirstOrderTaylorApproximation,
+    Linearize,
+    LinearSystem,
+)
+
+from drake_quad.errors import InputError
+from drake_quad.geometry.axes import BodyAxes
+from drake_quad.linear.context_vector import port_rows, undotted
+from drake_quad.signals import RotorSpeed, State, Wind
+from drake_quad.vehicle.dynamics import Motion, hover_rotor_speeds
+from drake_quad.vehicle.effects import NO_EFFECTS, Effects, as_in_hover
+from drake_quad.vehicle.motion import accelerations, turning
+from drake_quad.vehicle.parameters import QuadrotorParameters
+from drake_quad.vehicle.quadrotor import Kinematics, Quadrotor, QuadrotorNumbers
+from drake_quad.vehicle.slung_load import HANGING, rod_of
+
+if TYPE_CHECKING:
+    import control
+
+_NUM_ROTORS, _NUM_WIND = len(RotorSpeed._fields), len(Wind._fields)
+OUTPUTS = port_rows("state", len(State._fields))
+STATES = (*State._fields, *port_rows("rotor_speed", _NUM_ROTORS))
+# Of a vehicle with a slung load, behind the others.
+SWING_STATES = tuple(port_rows("swing", len(HANGING)))
+INPUTS = (*port_rows("rotor_speed_command", _NUM_ROTORS), *port_rows("wind", _NUM_WIND))
+# What counts as standing still (m/s², rad/s²), and how far from upright an operating point is sought (rad).
+_STILL, _LARGEST_TILT = 1e-9, 1.4
+# Of Newton's method.
+_STEPS = 3
+
+
+class Trim(NamedTuple):
+    """An operating point: the vehicle flies straight on.
+
+    Attributes:
+        state: (12,) that of the vehicle.
+        rotor_speed: (4,) rad/s, as commanded.
+        wind: (3,) in W, m/s.
+    """
+
+    state: np.ndarray
+    rotor_speed: np.ndarray
+    wind: np.ndarray
+
+
+def find_trim(
+    parameters: QuadrotorParameters,
+    *,
+    velocity: Sequence[float] = (0.0, 0.0, 0.0),
+    wind: Sequence[float] = (0.0, 0.0, 0.0),
+    position: Sequence[float] = (0.0, 0.0, 0.0),
+    yaw: float = 0.0,
+    kinematics: Kinematics = "exact",
+    effects: Effects = NO_EFFECTS,
+) -> Trim:
+    """Find roll, pitch and rotor speeds at which velocity and attitude are constant.
+
+    SNOPT finds them within the rotors' limits, and Newton's method makes them exact.
+
+    Args:
+        parameters: parameters of one vehicle.
+        velocity: velocity in W, m/s.
+        wind: velocity of the air in W, m/s.
+        position: position in W, m.
+        yaw: yaw, rad.
+        kinematics: kinematics of the `Quadrotor`. The trim is the same for both, since the vehicle does not rotate.
+        effects: effects on the vehicle.
+
+    Raises:
+        InputError: there is no trim within the rotors' limits.
+    """
+    effects = _of_motion(effects)
+    hover = np.array([float(speed) for speed in hover_rotor_speeds(as_in_hover(parameters, effects, position[2]))])
+    scale = np.concatenate([[0.1, 0.1], np.maximum(hover, 1.0)])
+
+    def unbalanced(scaled: np.ndarray) -> np.ndarray:
+        """Return the linear and angular accelerations (6,) for roll, pitch and rotor speeds in units of `scale`."""
+        roll, pitch, *speeds = scaled * scale
+        v_x, v_y, v_z = velocity
+        axes, motion = BodyAxes.of(roll, pitch, yaw), Motion(v_x, v_y, v_z, 0.0, 0.0, 0.0)
+        rotors = turning(RotorSpeed(*speeds), RotorSpeed(*speeds), parameters, effects)
+        rod = None if effects.slung_load is None else rod_of(HANGING)
+        found = accelerations(axes, motion, rod, position[2], rotors, Wind(*wind), parameters, effects)
+        return np.array(found.motion)
+
+    program = MathematicalProgram()
+    x = program.NewContinuousVariables(6)
+    program.AddConstraint(unbalanced, np.zeros(6), np.zeros(6), vars=x)
+    slowest, fastest = float(parameters.min_rotor_speed), float(parameters.max_rotor_speed)
+    low, high = [-_LARGEST_TILT] * 2 + [slowest] * 4, [_LARGEST_TILT] * 2 + [fastest] * 4
+    program.AddBoundingBoxConstraint(low / scale, high / scale, x)
+    result = SnoptSolver().Solve(program, np.concatenate([[0.0, 0.0], np.clip(hover, slowest, fastest) / scale[2:]]))
+    found = result.GetSolution(x)
+    if result.is_success():
+        for _ in range(_STEPS):
+            values = unbalanced(InitializeAutoDiff(found).ravel())
+            found = found - np.linalg.solve(ExtractGradient(values), ExtractValue(values).ravel())
+    left = np.abs(unbalanced(found)).max()
+    if not left < _STILL:
+        raise InputError(
+            f"there is no steady flight at {_vector(velocity)} m/s in a wind of {_vector(wind)} m/s with rotors between"
+            f" {slowest:g} and {fastest:g} rad/s: {left:.3g} m/s² or rad/s² are left where they come closest"
+        )
+    roll, pitch, *speeds = found * scale
+    state = np.array([*position, roll, pitch, yaw, *velocity, 0.0, 0.0, 0.0], dtype=float)
+    return Trim(state, np.array(speeds), np.array(wind, dtype=float))
+
+
+def linear_vehicle(
+    trim: Trim, parameters: QuadrotorParameters, *, kinematics: Kinematics = "exact", effects: Effects = NO_EFFECTS
+) -> LinearSystem:
+    """Drake's Linearize at an equilibrium: a continuous system from `INPUTS` to `OUTPUTS` with `STATES`.
+
+    With a slung load its states, `SWING_STATES`, stand behind the others.
+
+    Raises:
+        InputError: the vehicle moves there; `affine_vehicle` has a model for that.
+    """
+    diagram, context = _at(trim, parameters, kinematics, effects)
+    rates = diagram.EvalTimeDerivatives(context).CopyToVector()
+    worst = int(np.argmax(np.abs(rates)))
+    if not np.abs(rates[worst]) < 1e-6:
+        raise InputError(
+            f"the operating point is not an equilibrium: {(*STATES, *SWING_STATES)[worst]} changes by"
+            f" {rates[worst]:.3g} per second; affine_vehicle has a model of it"
+        )
+    return Linearize(diagram, context)
+
+
+def affine_vehicle(
+    trim: Trim, parameters: QuadrotorParameters, *, kinematics: Kinematics = "exact", effects: Effects = NO_EFFECTS
+) -> AffineSystem:
+    """Drake's FirstOrderTaylorApproximation at any point: ẋ = A x + B u + f₀ and y = C x + D u + y₀."""
+    diagram, context = _at(trim, parameters, kinematics, effects)
+    return FirstOrderTaylorApproximation(diagram, context)
+
+
+def to_state_space(system: LinearSystem) -> "control.StateSpace":
+    """The model as python-control's StateSpace, named, in deviations from the operating point."""
+    import control
+
+    states = (*STATES, *SWING_STATES)[: len(system.A())]
+    names = {"states": undotted(states), "inputs": undotted(INPUTS), "outputs": undotted(OUTPUTS)}
+    return control.ss(system.A(), system.B(), system.C(), system.D(), **names)
+
+
+def _of_motion(effects: Effects) -> Effects:
+    """The effects without those that stand before the rotors' speeds."""
+    return effects._replace(thrust_curve=None, battery=None)
+
+
+def _at(
+    trim: Trim, parameters: QuadrotorParameters, kinematics: Kinematics, effects: Effects
+) -> tuple[Diagram, Context]:
+    """The vehicle with a continuous state and all its inputs in one port, at an operating point."""
+    builder = DiagramBuilder()
+    acting = _of_motion(effects)
+    numbers = QuadrotorNumbers(parameters, effects=acting)
+    vehicle = builder.AddNamedSystem(
+        "vehicle", Quadrotor(time_step=0.0, kinematics=kinematics, effects=acting.names, numbers=numbers)
+    )
+    inputs = builder.AddNamedSystem("inputs", Demultiplexer([_NUM_ROTORS, _NUM_WIND]))
+    for i, name in enumerate(("rotor_speed_command", "wind")):
+        builder.Connect(inputs.get_output_port(i), vehicle.GetInputPort(name))
+    builder.ExportInput(inputs.get_input_port(), "inputs")
+    builder.ExportOutput(vehicle.GetOutputPort("state"), "state")
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    hanging = [] if acting.slung_load is None else HANGING
+    context.SetContinuousState(np.concatenate([trim.state, trim.rotor_speed, hanging]))
+    diagram.get_input_port().FixValue(context, np.concatenate([trim.rotor_speed, trim.wind]))
+    return diagram, context
+
+
+def _vector(values: Sequence[float]) -> str:
+    return "(" + ", ".join(f"{value:g}" for value in values) + ")"

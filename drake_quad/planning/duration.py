@@ -1,0 +1,119 @@
+"""Duration of a flight and of its metric window."""
+
+import math
+
+import numpy as np
+
+from drake_quad.errors import InputError
+from drake_quad.planning.feasibility import check_obstacles, check_rotors
+from drake_quad.planning.space import space_of
+from drake_quad.reference.plan import PATH_ORDERS, Plan
+from drake_quad.reference.polynomial_path import PolynomialPath, evaluate
+from drake_quad.reference.rest import moves_at_end
+from drake_quad.scenario.limits import MOST_TICKS
+from drake_quad.scenario.models import Scenario
+
+# Number of times at which a braking piece, a polynomial of degree 6, is checked.
+_NUM_BRAKING_SAMPLES = 200
+# Distance by which a position may lie outside a box, m. Planners end paths on the faces of boxes, to about 1e-6 m.
+_BOX_TOLERANCE = 1e-4
+
+
+def flight_duration(scenario: Scenario, plan: Plan) -> float:
+    """Return the duration of a scenario's flight, s, a whole number of ticks of the control.
+
+    Raises:
+        InputError: if the metric window begins after the end of the flight, the flight has too many ticks, or the
+            vehicle cannot fly the braking at the end of a plan that ends in motion.
+    """
+    shortest, period = min(scenario.periods.values()), scenario.laboratory.command_link.period
+    wanted = scenario.duration if scenario.duration is not None else float(plan.path.times[-1])
+    duration = _whole_ticks(wanted, scenario)
+    if duration > MOST_TICKS * shortest + period:
+        raise InputError(
+            f"the flight would take {duration:g} s, but must take at most {MOST_TICKS * shortest:g} s, {MOST_TICKS:,}"
+            " times the shortest period"
+        )
+    start = window_start(scenario, plan)
+    if start >= duration:
+        raise InputError(f"metrics.start is {start:g}, but must be before the end of the flight at {duration:g} s")
+    if goes_on_in_motion(scenario, plan):
+        _check_braking(scenario, plan)
+    return duration
+
+
+def _whole_ticks(time: float, scenario: Scenario) -> float:
+    """Return the time of the first tick at or after a given time, s, and at least one tick."""
+    period = scenario.laboratory.command_link.period
+    return max(1, math.ceil(time / period - 1e-9)) * period
+
+
+def goes_on_in_motion(scenario: Scenario, plan: Plan) -> bool:
+    """Return whether the plan ends in motion and the flight of the scenario continues after its end."""
+    return (
+        scenario.duration is not None
+        and plan.brakes
+        and _whole_ticks(scenario.duration, scenario) > _whole_ticks(float(plan.path.times[-1]), scenario)
+    )
+
+
+def _check_braking(scenario: Scenario, plan: Plan) -> None:
+    """Raise InputError if the vehicle cannot fly the braking at the end of a plan, or must not fly where it leads."""
+    end, demand = float(plan.path.times[-1]), "end the route at rest, or leave duration out"
+    times = np.linspace(end, plan.rest_time, _NUM_BRAKING_SAMPLES)
+    try:
+        check_rotors(plan, scenario, times)
+        if moves_at_end(plan.path, PATH_ORDERS):
+            _check_room(evaluate(plan.flown_path, times), scenario)
+            if scenario.space is not None:
+                braking = PolynomialPath(plan.flown_path.times[-3:-1], plan.flown_path.coefficients[-2:-1])
+                check_obstacles(braking, space_of(scenario))
+    except InputError as error:
+        raise InputError(
+            f"duration is {scenario.duration:g} s, but the route ends in motion at {end:.2f} s, and the braking after"
+            f" it cannot be flown ({error}); {demand}"
+        ) from None
+
+
+def _check_room(positions: np.ndarray, scenario: Scenario) -> None:
+    """Raise InputError if positions (3, n), m, leave the boxes that contain the plan, or are below `crash.height`."""
+    boxes = {
+        "space.bounds": None if scenario.space is None else scenario.space.bounds,
+        "route.space": getattr(scenario.route, "space", None),
+    }
+    for name, region in boxes.items():
+        box = None if region is None else region.box()
+        beyond = (
+            0.0 if box is None else float(np.max([box.low - positions.min(axis=1), positions.max(axis=1) - box.high]))
+        )
+        if beyond > _BOX_TOLERANCE:
+            raise InputError(f"it leaves {name} by {beyond:.2f} m")
+    lowest = float(positions[2].min())
+    if lowest < scenario.crash.height:
+        raise InputError(f"it descends to {lowest:.2f} m, and crash.height is {scenario.crash.height:g} m")
+
+
+def window_end(scenario: Scenario, plan: Plan) -> float:
+    """Return the end of the metric window, s; infinite if the window ends with the flight.
+
+    The metrics of laps end with the last lap, even if the flight continues after it.
+    """
+    window = scenario.metrics
+    if window.end is not None:
+        return window.end
+    return math.inf if window.first_lap is None else _whole_ticks(plan.lap_times[-1], scenario)
+
+
+def window_start(scenario: Scenario, plan: Plan) -> float:
+    """Return the start of the metric window, s.
+
+    Raises:
+        InputError: if the window begins with a lap that the plan does not have.
+    """
+    window = scenario.metrics
+    if window.first_lap is None:
+        return window.start
+    starts = plan.lap_times[:-1]
+    if window.first_lap > len(starts):
+        raise InputError(f"metrics.first_lap is {window.first_lap}, but the number of laps is {len(starts)}")
+    return starts[window.first_lap - 1]

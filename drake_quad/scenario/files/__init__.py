@@ -1,0 +1,1 @@
+"""Readers of scenario files, and of the files that they name."""

@@ -1,0 +1,179 @@
+"""Merging of scenarios that are layered over each other.
+
+Mappings are merged field by field, and any other value is replaced. Three parts are replaced as a whole, because a
+mixture of two of them makes no sense: the vehicle, the control, and the route with the fields that belong to it.
+"""
+
+from drake_quad.errors import InputError, listed
+from drake_quad.scenario.distributions import is_distribution
+from drake_quad.scenario.files.marked_tree import Tree
+from drake_quad.scenario.files.relative import (
+    are_relative,
+    is_relative,
+    laid_on_value,
+    laid_on_values,
+    relative_part,
+)
+
+DEFAULT_VEHICLE = "default_vehicle"
+"""Key of the vehicle that flies if no layer describes a vehicle."""
+# Kind of each field that may omit `kind`.
+SILENT_KINDS = {"control": "cascade"}
+# Fields of `nominal` that describe an airframe, together with one of the fields that give the positions of the rotors.
+_AIRFRAME_FIELDS = (
+    "mass",
+    "inertia",
+    "thrust_factor",
+    "drag_factor",
+    "rotor_inertia",
+    "min_rotor_speed",
+    "max_rotor_speed",
+)
+_ROTOR_POSITION_FIELDS = ("layout", "arm_length")
+# Fields that a new vehicle keeps, since they are not part of the airframe: gravity, the integration of the motion, and
+# the events and loads of the flight.
+_FLIGHT_FIELDS = {
+    "nominal": ("gravity",),
+    "vehicle": ("time_step", "attitude_kinematics", "rotor_failure", "payload", "slung_load"),
+}
+# A new route replaces all of these fields, since the duration and the metric window belong to the route.
+_ROUTE_FIELDS = ("route", "metrics", "duration")
+
+
+def merged(base: Tree, extension: Tree, silent: str | None = None) -> Tree:
+    """Return a deep merge: mappings are merged by key, and any other value of the extension replaces the base.
+
+    A mapping with another `kind`, or a distribution, is replaced as a whole, because its fields have another meaning.
+    A mapping of the extension without `kind` has the kind of the base. A relative distribution keeps the value of the
+    base, to which it applies.
+
+    Args:
+        base: lower layer.
+        extension: upper layer.
+        silent: kind of a base that does not state its kind.
+    """
+    old, new = base.value, extension.value
+    if is_relative(extension):
+        return laid_on_value(base, extension)
+    if are_relative(extension):
+        return laid_on_values(base, extension)
+    if not (isinstance(old, dict) and isinstance(new, dict)) or is_relative(base):
+        return extension
+    before = old["kind"].value if "kind" in old else silent
+    other_kind = "kind" in new and before is not None and new["kind"].value != before
+    if other_kind or _is_distribution(old) or _is_distribution(new):
+        return extension
+    joined = {key: merged(old[key], tree, SILENT_KINDS.get(key)) if key in old else tree for key, tree in new.items()}
+    return Tree({**old, **joined}, extension.mark)
+
+
+def _is_distribution(fields: dict[str, Tree]) -> bool:
+    return is_distribution({name: tree.value for name, tree in fields.items()})
+
+
+def changed(base: Tree, override: Tree) -> Tree:
+    """Return a scenario with the fields of an override merged into it.
+
+    A layout with distances determines the arm length, so it removes the arm length of the base.
+    """
+    fields = dict(base.value)
+    for section in ("nominal", "vehicle"):
+        (layout, depth), (_, arm) = override.at((section, "layout")), override.at((section, "arm_length"))
+        if depth == 2 and arm < 2 and isinstance(layout.value, dict) and layout.value.keys() & {"length", "rotors"}:
+            kept, found = base.at((section,))
+            if found and isinstance(kept.value, dict):
+                own = {name: part for name, part in kept.value.items() if name != "arm_length"}
+                fields[section] = kept._replace(value=own)
+    return merged(base._replace(value=fields), override)
+
+
+def laid_over(base: Tree, layer: Tree) -> Tree:
+    """Return a scenario with another one layered over it.
+
+    - A layer that describes a vehicle replaces the whole airframe. Relative distributions of the base apply to the new
+      vehicle. If the base's autopilot is a response that was identified with the old vehicle, the autopilot and the
+      control, which relies on it, are removed.
+    - A control with a kind replaces the control of the base.
+    - A route with a kind replaces the route of the base, together with the duration and the metric window.
+    """
+    beneath, new_vehicle = dict(base.value), describes_vehicle(layer)
+    if new_vehicle:
+        beneath = _without_airframe(beneath)
+    if _has_kind(layer, "control"):
+        beneath.pop("control", None)
+    if _has_kind(layer, "route") and "route" in beneath:
+        beneath = {key: tree for key, tree in beneath.items() if key not in _ROUTE_FIELDS}
+    result = changed(base._replace(value=beneath), layer)
+    if not new_vehicle:
+        return result
+    # Relative distributions apply to the new vehicle, so they are merged last: first those of the base, then those of
+    # the layer, which take precedence.
+    for fields, mark in ((beneath, base.mark), (layer.value, layer.mark)):
+        spreads = relative_part(fields["vehicle"]) if "vehicle" in fields else None
+        if spreads is not None:
+            result = merged(result, Tree({"vehicle": spreads}, mark))
+    return result
+
+
+def describes_vehicle(tree: Tree) -> bool:
+    """Return whether a scenario describes a vehicle, with all fields of an airframe in its `nominal`."""
+    nominal = tree.value.get("nominal")
+    return nominal is not None and isinstance(nominal.value, dict) and not _missing(nominal)
+
+
+def check_description(tree: Tree) -> None:
+    """Raise InputError if a scenario without `extends` describes a vehicle incompletely.
+
+    The missing fields would be those of the paper's vehicle, which has a mass of 0.68 kg.
+    """
+    nominal = tree.value.get("nominal")
+    if nominal is None or not isinstance(nominal.value, dict) or not {"mass", "inertia"} <= nominal.value.keys():
+        return
+    if missing := _missing(nominal):
+        raise InputError(
+            f"{nominal.mark}: nominal has a mass and an inertia, but not {listed(missing)}; add what is missing, since"
+            " the defaults are those of the paper's vehicle"
+        )
+
+
+def with_default_vehicle(tree: Tree) -> Tree:
+    """Return a scenario on top of its default vehicle, unless it describes a vehicle itself."""
+    default = tree.value.get(DEFAULT_VEHICLE)
+    if default is None:
+        return tree
+    own = tree._replace(value={key: part for key, part in tree.value.items() if key != DEFAULT_VEHICLE})
+    return own if describes_vehicle(own) else changed(default, own)
+
+
+def _missing(nominal: Tree) -> list[str]:
+    """Return the fields of an airframe that `nominal` does not have."""
+    missing = [name for name in _AIRFRAME_FIELDS if name not in nominal.value]
+    return missing if any(name in nominal.value for name in _ROTOR_POSITION_FIELDS) else ["layout", *missing]
+
+
+def _without_airframe(fields: dict[str, Tree]) -> dict[str, Tree]:
+    """Return the fields of a scenario without its airframe, of which only relative distributions remain."""
+    kept = dict(fields)
+    for section, names in _FLIGHT_FIELDS.items():
+        if section in kept and isinstance(kept[section].value, dict):
+            spreads = relative_part(kept[section])
+            own = {name: part for name, part in kept[section].value.items() if name in names}
+            kept[section] = kept[section]._replace(value={**({} if spreads is None else spreads.value), **own})
+    laboratory = kept.get("laboratory")
+    if laboratory is not None and isinstance(laboratory.value, dict) and _is_identified(laboratory):
+        others = {name: part for name, part in laboratory.value.items() if name != "autopilot"}
+        kept["laboratory"] = laboratory._replace(value=others)
+        kept.pop("control", None)
+    return kept
+
+
+def _is_identified(laboratory: Tree) -> bool:
+    """Return whether the autopilot of a laboratory is a response, which was identified with one vehicle."""
+    autopilot = laboratory.value.get("autopilot")
+    kind = autopilot.value.get("kind") if autopilot is not None and isinstance(autopilot.value, dict) else None
+    return kind is not None and kind.value == "response"
+
+
+def _has_kind(tree: Tree, field: str) -> bool:
+    part = tree.value.get(field)
+    return part is not None and isinstance(part.value, dict) and "kind" in part.value

@@ -1,0 +1,234 @@
+"""The files of a scenario, and `extends` between them."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from drake_quad.errors import InputError, listed, shortened, shown
+from drake_quad.scenario.files.documents import parse_document
+from drake_quad.scenario.files.layers import DEFAULT_VEHICLE, check_description, laid_over
+from drake_quad.scenario.files.marked_tree import Mark, Tree
+from drake_quad.scenario.files.mesh_file import mesh_points
+from drake_quad.scenario.files.piece_table import is_piece_table, parse_piece_table
+from drake_quad.scenario.files.policy_file import policy_network
+from drake_quad.scenario.files.reading import read_text
+from drake_quad.scenario.files.robot_files import robot_instead_of_scenario
+from drake_quad.scenario.files.shipped import shipped_file, unknown
+from drake_quad.scenario.files.waypoint_table import name_of, parse_waypoint_table
+from drake_quad.scenario.limits import MOST_BASES, MOST_BYTES, MOST_NODES
+
+_SUFFIXES = (".yaml", ".yml", ".csv")
+
+
+class Library:
+    """Files from which a scenario is loaded, with limits; each file and each scenario in it is read once."""
+
+    def __init__(self) -> None:
+        self._bytes, self._nodes, self._bases = MOST_BYTES, MOST_NODES, MOST_BASES
+        self._documents: dict[Path, Tree] = {}
+        self._resolved: dict[str, Tree] = {}
+
+    def find(self, spec: str | Path) -> tuple[str, Tree]:
+        """Finds a scenario and merges it with what it extends.
+
+        Args:
+            spec: FILE, or FILE:NAME where the file holds several; or a shipped one without its suffix, see `shipped`.
+
+        Returns:
+            The scenario's name and tree, without `extends`.
+
+        Raises:
+            InputError: a file or name does not exist, extensions go in a circle, or it is more than a scenario may be.
+        """
+        path, name = located(str(spec))
+        return self._resolve(path, name, Mark(str(spec), 0), ())
+
+    def mapping(self, path: Path) -> Tree:
+        """Reads a file that is no scenario, but a mapping of fields.
+
+        Raises:
+            InputError: it cannot be read, or is something else.
+        """
+        tree = self.parse(read_text(path, most=self._bytes), str(path), numbered=True)
+        if not isinstance(tree.value, dict):
+            raise InputError(f"{tree.mark}: must be a mapping of fields")
+        return tree
+
+    def pieces(self, path: Path) -> Tree:
+        """Reads a file of pieces of a trajectory, see `parse_piece_table`.
+
+        Raises:
+            InputError: it cannot be read, or is something else.
+        """
+        text = read_text(path, most=self._bytes)
+        self._bytes -= len(text)
+        return parse_piece_table(text, path)
+
+    def points(self, path: Path) -> Tree:
+        """Reads the points of a mesh, see `mesh_points`.
+
+        Raises:
+            InputError: it cannot be read, or is something else.
+        """
+        return mesh_points(path)
+
+    def policy(self, path: Path, output: str | None = None) -> Tree:
+        """Read the network of a policy, see `policy_network`.
+
+        Raises:
+            InputError: it cannot be read, or is something else.
+        """
+        return policy_network(path, output)
+
+    def parse(self, text: str, source: str, *, numbered: bool) -> Tree:
+        """Parses YAML as a part of the scenario; see `parse_document`."""
+        if len(text) > self._bytes:
+            raise InputError(f"{Mark(source, 0)}: is too large: a scenario may have {MOST_BYTES:,} bytes in all")
+        tree = parse_document(text, source, numbered=numbered)  # cached for this text, so without the present limit
+        if tree.size() > self._nodes:
+            tree = parse_document(text, source, numbered=numbered, most=self._nodes)
+        self._bytes -= len(text)
+        self._nodes -= tree.size()
+        return tree
+
+    def count(self, mark: Mark) -> None:
+        """Counts a name or value that is given otherwise than in YAML.
+
+        Raises:
+            InputError: there are too many.
+        """
+        self._nodes -= 1
+        if self._nodes < 0:
+            raise InputError(f"{mark}: is too large: a scenario may have {MOST_NODES:,} names and values in all")
+
+    def _document(self, path: Path) -> Tree:
+        if path not in self._documents:
+            text = read_text(path, most=self._bytes)
+            if path.suffix == ".csv":
+                self._bytes -= len(text)
+                parse = _parse_trajectory if is_piece_table(text) else parse_waypoint_table
+                self._documents[path] = parse(text, path)
+            else:
+                self._documents[path] = self.parse(text, str(path), numbered=True)
+        return self._documents[path]
+
+    def _resolve(self, path: Path, name: str | None, asked_by: Mark, stack: tuple[str, ...]) -> tuple[str, Tree]:
+        if stack and not os.path.isfile(path):  # noqa: PTH113 - Path.is_file raises where a name is too long
+            raise InputError(f"{asked_by}: extends {Mark(str(path), 0)}, which does not exist")
+        scenarios = self._document(path).value
+        file = Mark(str(path), 0)
+        if not isinstance(scenarios, dict) or not scenarios:
+            raise InputError(f"{file}: holds no scenario; the first level of the file must be names of scenarios")
+        if name is None:
+            if len(scenarios) > 1:
+                asking = "" if asked_by == file else f"{asked_by}: "
+                called = file if stack else str(asked_by).removesuffix(":")  # a shipped one by its short name
+                names = listed([*scenarios])
+                raise InputError(f"{asking}{file} holds several scenarios; choose one as {called}:NAME from {names}")
+            name = next(iter(scenarios))
+        if name not in scenarios:
+            raise InputError(
+                f"{asked_by}: there is no scenario {shown(name)} in {file}; it holds {listed([*scenarios])}"
+            )
+        identity = f"{os.path.realpath(path)}:{name}"
+        if identity in stack:
+            raise InputError(f"{asked_by}: {shortened(name)} extends itself")
+        if identity not in self._resolved:
+            self._resolved[identity] = self._with_bases(path, name, scenarios[name], (*stack, identity))
+        return name, self._resolved[identity]
+
+    def _with_bases(self, path: Path, name: str, tree: Tree, stack: tuple[str, ...]) -> Tree:
+        """Return a scenario of a file, layered over the scenarios that it extends."""
+        if not isinstance(tree.value, dict):
+            raise InputError(f"{tree.mark}: scenario {shortened(name)} must be a mapping of fields")
+        own = Tree({key: value for key, value in tree.value.items() if key != "extends"}, tree.mark)
+        if DEFAULT_VEHICLE in own.value:
+            (default,) = self._extended(tree.value[DEFAULT_VEHICLE], path, stack)
+            own.value[DEFAULT_VEHICLE] = default
+        if "extends" not in tree.value:
+            check_description(own)
+            return own
+        result: Tree | None = None
+        for base in self._extended(tree.value["extends"], path, stack):
+            result = base if result is None else laid_over(result, base)
+        return own if result is None else laid_over(result, own)
+
+    def _extended(self, names: Tree, path: Path, stack: tuple[str, ...]) -> Iterator[Tree]:
+        """Yield the scenarios that a scenario of a file extends."""
+        for spec in _bases(names):
+            self._bases -= 1
+            if self._bases < 0:
+                raise InputError(f"{spec.mark}: extends too many scenarios: {MOST_BASES} in all, at most")
+            base_path, base_name = _base(spec, path, self._document(path))
+            yield self._resolve(base_path, base_name, spec.mark, stack)[1]
+
+
+def _base(spec: Tree, path: Path, document: Tree) -> tuple[Path, str | None]:
+    """The file and the name that a scenario of a file extends: beside the file, in it, or else shipped."""
+    file, name = split_spec(spec.value)
+    if file.endswith(_SUFFIXES):
+        return path.parent / file, name
+    if file not in document.value and (flaw := robot_instead_of_scenario(file)):
+        raise InputError(f"{spec.mark}: extends {shown(file)}, which {flaw}")
+    of_this = ":" not in file and "/" not in file
+    if of_this and file in document.value:
+        return path, file
+    found = _shipped(file)
+    if found is not None:
+        return found
+    if of_this:
+        return path, file
+    raise InputError(f"{spec.mark}: extends {unknown(file)}")
+
+
+def _parse_trajectory(text: str, path: Path) -> Tree:
+    """A document with one scenario, called after the file, that has nothing but the trajectory of a table of pieces."""
+    pieces = parse_piece_table(text, path)
+    route = {"kind": Tree("trajectory", pieces.mark), "pieces": pieces}
+    scenario = Tree({"route": Tree(route, pieces.mark)}, pieces.mark)
+    return Tree({name_of(path): scenario}, pieces.mark)
+
+
+def located(spec: str) -> tuple[Path, str | None]:
+    """The path of a file, and the name in it if one is given, of what is in the working directory or is shipped.
+
+    Raises:
+        InputError: it has no suffix, and is neither a file nor shipped; or it describes a robot in another format.
+    """
+    file, name = split_spec(spec)
+    if flaw := robot_instead_of_scenario(file):
+        raise InputError(f"{Mark(file, 0)}: {flaw}")
+    if file.endswith(_SUFFIXES) or os.path.isfile(file):  # noqa: PTH113 - Path.is_file raises where a name is too long
+        return Path(file), name
+    found = _shipped(file)
+    if found is not None:
+        return found
+    if os.path.exists(file):  # noqa: PTH110 - as above
+        return Path(file), name
+    raise InputError(unknown(file))
+
+
+def is_shipped(spec: str) -> bool:
+    """Whether a spec names a scenario that comes with the package, and no file."""
+    return not split_spec(spec)[0].endswith(_SUFFIXES) and not os.path.isfile(spec) and _shipped(spec) is not None  # noqa: PTH113 - as above
+
+
+def _shipped(spec: str) -> tuple[Path, str | None] | None:
+    file, _, name = spec.partition(":")
+    path = shipped_file(file)
+    return None if path is None else (path, name or None)
+
+
+def split_spec(spec: str) -> tuple[str, str | None]:
+    """The file, and the name in it if one is given, of FILE or FILE:NAME."""
+    path, separator, name = spec.rpartition(":")
+    if separator and path.endswith(_SUFFIXES):
+        return path, name
+    return spec, None
+
+
+def _bases(tree: Tree) -> list[Tree]:
+    bases = tree.value if isinstance(tree.value, list) else [tree]
+    if not bases or not all(isinstance(base.value, str) and base.value for base in bases):
+        raise InputError(f"{tree.mark}: extends must name a scenario as FILE, FILE:NAME or NAME, or several in a list")
+    return bases

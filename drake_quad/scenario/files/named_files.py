@@ -1,0 +1,85 @@
+"""Fields of a scenario that may contain a file name in place of the contents of the file."""
+
+import os
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+from drake_quad.errors import InputError
+from drake_quad.scenario.files.library import Library
+from drake_quad.scenario.files.marked_tree import Mark, Tree
+from drake_quad.scenario.paths import joined
+
+_WILDCARD = "*"  # element of a path that matches every key of a mapping
+# Paths of the fields that may contain a file name, and the method of a library that reads the file.
+_FILE_FIELDS: dict[tuple[str, ...], Callable[..., Tree]] = {
+    ("control", "network", "learned"): Library.mapping,
+    ("control", "policy"): Library.policy,
+    ("route", "pieces"): Library.pieces,
+    ("space", "obstacles", _WILDCARD, "points"): Library.points,
+}
+
+# Fields in which FILE:NAME chooses an output of a network, and the suffix of such a file.
+_FIELDS_WITH_OUTPUTS = ("control.policy",)
+_NETWORK_ENDING = ".onnx"
+
+
+def with_named_files(tree: Tree, library: Library) -> Tree:
+    """Return a scenario with the contents of files in place of their names.
+
+    As in `extends`, a file name is relative to the folder of the file that contains it.
+
+    Args:
+        tree: scenario with file names.
+        library: library that reads the files.
+
+    Raises:
+        InputError: a file does not exist, cannot be read or has another format.
+    """
+    for path, read in _FILE_FIELDS.items():
+        tree = _with_file(tree, path, partial(read, library))
+    return tree
+
+
+def _with_file(tree: Tree, path: tuple[str, ...], read: Callable[..., Tree], parent: str = "") -> Tree:
+    """Return a tree with the contents of a file in place of its name.
+
+    Args:
+        tree: scenario, or a part of it.
+        path: path of the field within the tree.
+        read: function that reads the file, given its path and, if one is chosen, the name of an output.
+        parent: path of the tree within the scenario.
+
+    Raises:
+        InputError: if the file does not exist, or `read` rejects it.
+    """
+    if not path:
+        return read(*_named_file(tree, parent)) if isinstance(tree.value, str) else tree
+    field, *inside = path
+    if not isinstance(tree.value, dict):
+        return tree
+    fields = [field] if field != _WILDCARD else [*tree.value]
+    read_fields = {
+        each: _with_file(tree.value[each], tuple(inside), read, joined(parent, each))
+        for each in fields
+        if each in tree.value
+    }
+    return Tree({**tree.value, **read_fields}, tree.mark)
+
+
+def _named_file(tree: Tree, path: str) -> tuple[Path, *tuple[str, ...]]:
+    """Return the path of the file that a field names, and the name of an output if the field chooses one.
+
+    Raises:
+        InputError: if the file does not exist.
+    """
+    folder = Path(tree.mark.source).parent if tree.mark.line else Path()
+    name, separator, output = tree.value.partition(f"{_NETWORK_ENDING}:")
+    if separator and path in _FIELDS_WITH_OUTPUTS:
+        file, outputs = folder / f"{name}{_NETWORK_ENDING}", [output]
+    else:
+        file, outputs = folder / tree.value, []
+    if not os.path.isfile(file):  # noqa: PTH113 - Path.is_file raises an error if a name is too long
+        flaw = "is not a file" if os.path.exists(file) else "does not exist"  # noqa: PTH110 - as above
+        raise InputError(f"{tree.mark}: {path} names {Mark(str(file), 0)}, which {flaw}")
+    return (file, *outputs)

@@ -1,0 +1,122 @@
+"""Networks of policies from files: NumPy's .npz, and ONNX.
+
+For each layer k, counted from 0, an .npz file contains the arrays of one of two kinds:
+
+- Dense layer: `weights_k` (outputs, inputs) and `biases_k` (outputs,), and optionally the name `activation_k` and its
+  parameter `alpha_k`.
+- Gated recurrent units: `weights_input_k` (3 units, inputs), `biases_input_k` (3 units,), `weights_hidden_k` (3 units,
+  units) and `biases_hidden_k` (3 units,), with the reset, update and new gates in this order, and optionally
+  `initial_k` (units,).
+
+In addition the file may contain `offset` (inputs,), `scale` (inputs,) and `limit`.
+"""
+
+import io
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from pydantic import ValidationError
+
+from drake_quad.errors import InputError, listed
+from drake_quad.files import read_arrays
+from drake_quad.scenario.files.marked_tree import Mark, Tree
+from drake_quad.scenario.files.onnx_file import network_of_onnx
+from drake_quad.scenario.files.reading import opened
+from drake_quad.scenario.limits import MOST_NETWORK_BYTES
+from drake_quad.scenario.policy import TrainedNetwork
+from drake_quad.scenario.policy_layers import Layers, UnreadableError
+
+# Of a file: its numbers may be of double precision though single would do, and a critic and more stand beside a policy.
+_MOST_BYTES = 8 * MOST_NETWORK_BYTES
+# In the paths of its errors.
+_LAYER_KINDS = ("dense", "gru")
+
+
+def policy_network(path: Path, output: str | None = None) -> Tree:
+    """Read a network as the mapping `policy` of a control.
+
+    Args:
+        path: path of an .npz or .onnx file.
+        output: name of the output that is the action, for an .onnx file with several outputs.
+
+    Raises:
+        InputError: if the file cannot be read, has another format, or has unsupported layers.
+    """
+    mark = Mark(str(path), 0)
+    readers: dict[str, Callable[[bytes], tuple[TrainedNetwork, str]]] = {
+        ".npz": lambda data: (_of_npz(data), ""),
+        ".onnx": partial(network_of_onnx, file=str(mark), output=output),
+    }
+    read = readers.get(path.suffix.lower())
+    if read is None:
+        raise InputError(f"{mark}: is not a network that can be read: its name must end in .npz or .onnx")
+    with opened(path) as file:
+        data = file.read(_MOST_BYTES + 1)
+    if len(data) > _MOST_BYTES:
+        raise InputError(f"{mark}: is too large: a network may have {MOST_NETWORK_BYTES:,} bytes of numbers")
+    try:
+        # Computations with the constants of a file may overflow. Validation later rejects numbers that are not finite.
+        with np.errstate(all="ignore"):
+            network, remark = read(data)
+    except UnreadableError as error:
+        raise InputError(f"{mark}: {error}") from None
+    except ImportError as error:
+        raise InputError(f"{mark}: cannot be read: {error}") from None
+    except ValidationError as error:
+        problem = error.errors(include_url=False)[0]
+        steps = (*problem["loc"], *problem.get("ctx", {}).get("path", ()))
+        place = ".".join([str(step) for step in steps if step not in _LAYER_KINDS])
+        demand = problem["msg"].replace("Input should", "must")
+        raise InputError(f"{mark}: is no network that can be flown: {place} {demand}".replace("  ", " ")) from None
+    fields = network.model_dump(mode="json", exclude_defaults=True)
+    return Tree.of(fields, mark._replace(remark=remark))
+
+
+def _of_npz(data: bytes) -> TrainedNetwork:
+    try:
+        arrays = read_arrays(io.BytesIO(data), max_bytes=_MOST_BYTES)
+    except ValueError as error:
+        raise UnreadableError(str(error)) from None
+    for name, array in arrays.items():
+        if array.dtype.kind not in ("U" if name.startswith("activation_") else "fiu"):
+            raise UnreadableError(f"has {name} of type {array.dtype}, which is none of numbers")
+    layers, k = Layers(), 0
+    while True:
+        names = [name for name in arrays if name.endswith(f"_{k}")]
+        if not names:
+            break
+        own = {name.removesuffix(f"_{k}"): arrays.pop(name) for name in names}
+        if "weights" in own:
+            activation, alpha = str(own.pop("activation", "identity")), own.pop("alpha", None)
+            parameter = None if alpha is None else _single(alpha, f"alpha_{k}")
+            layers.dense(*_numbers(own, "weights", "biases"), activation, parameter)
+        else:
+            of_input, of_memory = (_numbers(own, f"weights_{of}", f"biases_{of}") for of in ("input", "hidden"))
+            initial = own.pop("initial", None)
+            layers.gru(of_input, of_memory, None if initial is None else initial.astype(float))
+        if own:
+            raise UnreadableError(f"has arrays that belong to no layer: {listed([f'{name}_{k}' for name in own])}")
+        k += 1
+    for name in ("offset", "scale"):
+        if name in arrays:
+            layers.prepared[name] = tuple(arrays.pop(name).astype(float).ravel().tolist())
+    if "limit" in arrays:
+        layers.prepared["limit"] = _single(arrays.pop("limit"), "limit")
+    if arrays:
+        raise UnreadableError(f"has arrays that belong to no layer: {listed([*arrays])}")
+    return layers.network()
+
+
+def _single(array: np.ndarray, name: str) -> float:
+    if array.size != 1:
+        raise UnreadableError(f"has {name} of {array.size} numbers, but it must be one number")
+    return float(array.item())
+
+
+def _numbers(own: dict[str, np.ndarray], weights: str, biases: str) -> tuple[np.ndarray, np.ndarray]:
+    for name in (weights, biases):
+        if name not in own:
+            raise UnreadableError(f"has a layer without {name}")
+    return own.pop(weights).astype(float), own.pop(biases).astype(float)

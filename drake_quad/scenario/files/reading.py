@@ -1,0 +1,53 @@
+"""Text files, as far as they may be read."""
+
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+
+from drake_quad.errors import InputError
+from drake_quad.scenario.files.marked_tree import Mark
+from drake_quad.scenario.limits import MOST_BYTES
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[IO[bytes]]:
+    """A file that is open to be read, and no device or pipe, which need not end.
+
+    Raises:
+        InputError: it cannot be opened, or not be read in the context.
+    """
+    mark = Mark(str(path), 0)
+    try:
+        if not stat.S_ISREG(path.stat().st_mode):
+            raise InputError(f"{mark}: cannot be read: it is not a file")
+        with path.open("rb") as file:
+            yield file
+    except OSError as error:
+        raise InputError(f"{mark}: cannot be read: {(error.strerror or str(error)).lower()}") from None
+    except ValueError as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{mark}: cannot be read: a path cannot have such characters") from None
+
+
+def read_text(path: Path, *, most: int = MOST_BYTES) -> str:
+    """Reads a file of UTF-8 text, without its byte-order mark.
+
+    Args:
+        path: of a file.
+        most: bytes that it may have.
+
+    Raises:
+        InputError: it cannot be read, is not UTF-8 text, or is larger.
+    """
+    with opened(path) as file:
+        data = file.read(most + 1)
+    mark = Mark(str(path), 0)
+    if len(data) > most:
+        raise InputError(f"{mark}: is too large: a scenario and what it extends may have {MOST_BYTES:,} bytes in all")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError(f"{mark}: is not UTF-8 text") from None

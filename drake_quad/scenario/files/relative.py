@@ -1,0 +1,277 @@
+"""Distributions relative to a vehicle, written `{relative: {to: 0.68, normal: {...}}}`.
+
+The numbers of such a distribution apply to a vehicle whose field has the value `to`. For any other vehicle they are
+scaled in proportion. A scenario can therefore describe how much vehicles vary without naming a vehicle. While layers
+are merged, a relative distribution is stored together with the value of the lower layers. When all layers are merged,
+the two become an ordinary distribution.
+"""
+
+from typing import Any
+
+from pydantic import ValidationError
+
+from drake_quad.errors import InputError, listed, shown
+from drake_quad.scenario.distributions import DISTRIBUTIONS
+from drake_quad.scenario.files.marked_tree import Tree
+from drake_quad.scenario.layouts import arm_length_of
+from drake_quad.scenario.paths import is_item, joined
+
+RELATIVE = "relative"
+# Key of the value that a relative distribution is laid on. It contains a space, so that no path can name it.
+_BASE_VALUE = "value beneath"
+# Key of an item that stands for the item of the value that its list is laid on.
+_PLACEHOLDER = "item beneath"
+_REFERENCE_VALUE = "to"
+# Fields that are dimensionless shares, so that they have no nominal value and are not scaled.
+_SHARE_FIELDS = ("thrust_factor_error", "battery_sag")
+# Fields of distributions that have the unit of the quantity.
+_SCALED_FIELDS = ("mean", "standard_deviation", "min", "max")
+
+
+def is_relative(tree: Tree) -> bool:
+    """Return whether a tree is a relative distribution."""
+    return isinstance(tree.value, dict) and RELATIVE in tree.value
+
+
+def are_relative(tree: Tree) -> bool:
+    """Return whether a tree is a list in which some item is a relative distribution."""
+    return isinstance(tree.value, list) and any(map(is_relative, tree.value))
+
+
+def _has_relative(tree: Tree) -> bool:
+    """Return whether a tree is or contains a relative distribution."""
+    if is_relative(tree):
+        return True
+    parts = tree.value.values() if isinstance(tree.value, dict) else tree.value
+    return isinstance(tree.value, dict | list) and any(map(_has_relative, parts))
+
+
+def _is_placeholder(tree: Tree) -> bool:
+    """Return whether a tree stands for the item of the value that a list is laid on."""
+    return isinstance(tree.value, dict) and _PLACEHOLDER in tree.value
+
+
+def laid_on_value(beneath: Tree, distribution: Tree) -> Tree:
+    """Return a relative distribution together with the value that it is laid on, a number or a distribution."""
+    if is_relative(beneath):
+        if _BASE_VALUE not in beneath.value:
+            return distribution
+        beneath = beneath.value[_BASE_VALUE]
+    return distribution._replace(value={RELATIVE: distribution.value[RELATIVE], _BASE_VALUE: beneath})
+
+
+def laid_on_values(beneath: Tree, distributions: Tree) -> Tree:
+    """Return a list in which each relative distribution is stored with the item that it is laid on.
+
+    A placeholder of `relative_part` is replaced by the item that it is laid on.
+    """
+    if not isinstance(beneath.value, list) or len(beneath.value) != len(distributions.value):
+        return distributions
+    pairs = zip(beneath.value, distributions.value, strict=True)
+    return distributions._replace(value=[_laid_on_item(old, new) for old, new in pairs])
+
+
+def _laid_on_item(beneath: Tree, item: Tree) -> Tree:
+    if _is_placeholder(item):
+        return beneath
+    return laid_on_value(beneath, item) if is_relative(item) else item
+
+
+def relative_part(tree: Tree) -> Tree | None:
+    """Return the relative distributions of a tree, without the values that they are laid on; None if it has none.
+
+    In a list, placeholders replace the other items.
+    """
+    if is_relative(tree):
+        return tree._replace(value={RELATIVE: tree.value[RELATIVE]})
+    if are_relative(tree):
+        placeholder = Tree({_PLACEHOLDER: Tree(None, tree.mark)}, tree.mark)
+        return tree._replace(value=[relative_part(item) if is_relative(item) else placeholder for item in tree.value])
+    if not isinstance(tree.value, dict):
+        return None
+    parts = {key: relative_part(part) for key, part in tree.value.items()}
+    kept = {key: part for key, part in parts.items() if part is not None}
+    return tree._replace(value=kept) if kept else None
+
+
+def with_absolute_distributions(tree: Tree, nominal: Any, defaults: Any) -> tuple[Tree, dict[str, Tree]]:
+    """Return a scenario in which ordinary distributions replace the relative distributions of `vehicle`.
+
+    A field that is zero or that the vehicle does not have, such as body drag, gets no distribution.
+
+    Args:
+        tree: scenario with all its layers merged.
+        nominal: `Nominal` of the scenario, with the values of fields that `vehicle` leaves out.
+        defaults: `Vehicle` with the defaults of all other fields.
+
+    Returns:
+        The scenario, and the relative distributions that it no longer contains, by path, since the vehicle has no value
+        to which they could apply.
+
+    Raises:
+        InputError: a relative field is not a distribution, it applies to a negative number, or it is one of several
+            items of a list and has no value to apply to.
+    """
+    vehicle = tree.value.get("vehicle")
+    dropped: dict[str, Tree] = {}
+    if vehicle is not None and isinstance(vehicle.value, dict) and _has_relative(vehicle):
+        fields = {}
+        for name, field in vehicle.value.items():
+            default = getattr(nominal, name, getattr(defaults, name, None))
+            if name == "centre_of_mass":
+                default = (arm_length_of(nominal),) * 2
+            elif name in _SHARE_FIELDS:
+                default = 1.0
+            is_unknown = name not in type(defaults).model_fields
+            fields[name] = field if is_unknown else _absolute(field, default, f"vehicle.{name}", dropped)
+        kept = {name: field for name, field in fields.items() if field is not None}
+        tree = tree._replace(value={**tree.value, "vehicle": vehicle._replace(value=kept)})
+    return tree, dropped
+
+
+def _absolute(tree: Tree, reference: Any, path: str, dropped: dict[str, Tree]) -> Tree | None:
+    """Return a field with ordinary distributions.
+
+    Args:
+        tree: value of the field.
+        reference: default value of the field, to which a distribution applies that is laid on no value: a number, a
+            model, a tuple or None.
+        path: path of the field in the scenario.
+        dropped: receives the distributions of quantities that the vehicle does not have, by path.
+
+    Returns:
+        The field; None if it contains only distributions of quantities that the vehicle does not have.
+    """
+    if is_relative(tree):
+        beneath = tree.value.get(_BASE_VALUE)
+        number = reference if beneath is None else _median(beneath)
+        if path.split(".")[1] in (*_SHARE_FIELDS, "centre_of_mass"):
+            number = reference
+        if number is None:
+            dropped[path] = tree
+            return None
+        return _scaled(tree, number, path)
+    if _is_placeholder(tree):
+        return None if reference is None else Tree(reference, tree.mark)
+    if isinstance(tree.value, list) and _has_relative(tree):
+        references = reference if isinstance(reference, tuple) else (reference,) * len(tree.value)
+        if len(references) != len(tree.value):
+            return tree
+        items = [
+            _absolute(item, each, f"{path}.{i}", dropped)
+            for i, (item, each) in enumerate(zip(tree.value, references, strict=True))
+        ]
+        if None not in items:
+            return tree._replace(value=items)
+        if not all(is_relative(item) or _is_placeholder(item) for item in tree.value):
+            i = items.index(None)
+            refuse_dropped(tree.value[i], f"{path}.{i}")
+        return None
+    if not isinstance(tree.value, dict):
+        return tree
+    parts = {
+        key: _absolute(part, _part_of(reference, key), f"{path}.{key}", dropped) for key, part in tree.value.items()
+    }
+    kept = {key: part for key, part in parts.items() if part is not None}
+    return None if parts and not kept else tree._replace(value=kept)
+
+
+def refuse_dropped(distribution: Tree, path: str) -> None:
+    """Raise InputError for a relative distribution that a vehicle needs but that has no value to apply to."""
+    raise InputError(
+        f"{distribution.mark}: {joined(*path.split('.'))} is relative, but the vehicle has no value to which the"
+        " distribution could apply; make the distribution absolute"
+    )
+
+
+def _part_of(reference: Any, key: str) -> Any:
+    """Return the field of a model, or the item whose index is the key; None if it does not exist.
+
+    A number is the reference of all items. An index beyond the last item, which validation rejects later, has the
+    reference of the last item.
+    """
+    if is_item(key) and isinstance(reference, tuple | float):
+        return reference if isinstance(reference, float) else reference[min(int(key), len(reference) - 1)]
+    return getattr(reference, key, None)
+
+
+def _median(tree: Tree) -> float | None:
+    """Return the number in a tree, or the median of the distribution in it; None if it contains neither."""
+    plain = tree.plain()
+    if isinstance(plain, dict):
+        for name, model in DISTRIBUTIONS.items():
+            if name in plain:
+                try:
+                    return float(model.model_validate(plain).quantile(0.5))
+                except ValidationError:
+                    return None
+    return float(plain) if isinstance(plain, int | float) and not isinstance(plain, bool) else None
+
+
+def _scaled(tree: Tree, number: float, path: str) -> Tree:
+    """Return the ordinary distribution that a relative one becomes for a vehicle with the value `number`."""
+    body = tree.value[RELATIVE]
+    names = [name for name in DISTRIBUTIONS if isinstance(body.value, dict) and name in body.value]
+    if len(names) != 1 or not body.value.keys() <= {names[0], _REFERENCE_VALUE}:
+        raise InputError(
+            f"{body.mark}: {path}.relative must be one of the distributions {listed([*DISTRIBUTIONS])}, and may also"
+            " have `to`, the value to which the distribution applies"
+        )
+    (name,) = names
+    reference = body.value[_REFERENCE_VALUE].value if _REFERENCE_VALUE in body.value else 1.0
+    if isinstance(reference, bool) or not isinstance(reference, int | float) or not reference > 0.0:
+        raise InputError(
+            f"{body.value[_REFERENCE_VALUE].mark}: {path}.relative.to is {shown(reference)}, but must be positive"
+        )
+    if number < 0.0:
+        raise InputError(
+            f"{tree.mark}: {path} is {number:g}, and a negative number has no relative distribution; make the"
+            " distribution absolute"
+        )
+    if number == 0.0 and path.split(".")[1] not in _SHARE_FIELDS:
+        return Tree(0.0, tree.mark)
+    factor = number / reference
+    inside = body.value[name]
+    if name == "choice" and isinstance(inside.value, list):
+        scaled = inside._replace(value=[_times(item, factor) for item in inside.value])
+    elif isinstance(inside.value, dict):
+        scaled = inside._replace(
+            value={key: _times(each, factor) if key in _SCALED_FIELDS else each for key, each in inside.value.items()}
+        )
+    else:
+        scaled = inside
+    return Tree({name: scaled}, tree.mark)
+
+
+def _times(tree: Tree, factor: float) -> Tree:
+    """Return a number times a factor; other values are returned unchanged, and validation rejects them later."""
+    number = tree.value
+    return (
+        tree._replace(value=number * factor)
+        if isinstance(number, int | float) and not isinstance(number, bool)
+        else tree
+    )
+
+
+def refuse_elsewhere(tree: Tree) -> None:
+    """Raise InputError if a scenario has a relative distribution outside `vehicle`."""
+    for name, part in tree.value.items():
+        if name != "vehicle":
+            _refuse(part, name)
+
+
+def _refuse(tree: Tree, path: str) -> None:
+    """Raise InputError if a part of a scenario contains a relative distribution.
+
+    Args:
+        tree: part of the scenario.
+        path: path of the part in the scenario.
+    """
+    if is_relative(tree):
+        raise InputError(
+            f"{tree.value[RELATIVE].mark}: {path} is relative, but only fields of `vehicle` can be relative, since"
+            " only they have a nominal value; make the distribution absolute"
+        )
+    if isinstance(tree.value, dict | list):
+        for key, part in tree.value.items() if isinstance(tree.value, dict) else enumerate(tree.value):
+            _refuse(part, f"{path}.{key}")

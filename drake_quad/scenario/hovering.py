@@ -1,0 +1,138 @@
+"""Scenarios in hover: without what changes with time, without losses, without noise."""
+
+from typing import Any
+
+from drake_quad.errors import InputError
+from drake_quad.scenario.autopilots import AttitudeAutopilot, Autopilot
+from drake_quad.scenario.effects import Payload
+from drake_quad.scenario.layouts import are_paired
+from drake_quad.scenario.models import Nominal, Scenario, Vehicle, Window
+from drake_quad.scenario.paths import distributions_in
+from drake_quad.scenario.routes import HoverRoute
+
+_HOVER = HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))
+
+
+def at_rest(scenario: Scenario) -> Scenario:
+    """Return the scenario in hover, without random or time-varying effects.
+
+    The vehicle hovers where the scenario's route hovers, or at (0, 0, 1). Noise, lost frames and packets, turbulence,
+    gusts, sinusoidal wind, battery sag, the battery, rotor failures and obstacles are removed. Delays, lags, filters,
+    drag, errors of the vehicle, the bias of the gyroscope, fans and steady wind remain. A payload remains if the
+    vehicle carries it at the start of the flight.
+
+    Raises:
+        InputError: if the scenario contains a distribution.
+    """
+    hovering = without_losses(in_hover(scenario))
+    laboratory = hovering.laboratory
+    cameras = laboratory.motion_capture.model_copy(
+        update={"position_noise": 0.0, "attitude_noise": 0.0, "velocity_drift": (0.0, 0.0, 0.0)}
+    )
+    still = {
+        "motion_capture": cameras,
+        "autopilot": _with(laboratory.autopilot, gyroscope_noise=0.0, attitude_noise=0.0),
+        "wind": tuple(calm for source in laboratory.wind if (calm := source.without_turbulence()) is not None),
+    }
+    return hovering.model_copy(update={"laboratory": laboratory.model_copy(update=still)})
+
+
+def in_hover(scenario: Scenario) -> Scenario:
+    """Return the scenario in hover like `at_rest`, but with its noise, turbulence, lost frames and lost packets.
+
+    Raises:
+        InputError: if the scenario contains a distribution.
+    """
+    for path in distributions_in(scenario):
+        if not path.startswith("route."):
+            raise InputError(
+                f"{path} is a distribution; the analysis of hover needs a number: give one, or select a sample"
+            )
+    laboratory = scenario.laboratory
+    lasting = tuple(source for source in laboratory.wind if not source.depends_on_time)
+    payload = None if scenario.vehicle.payload is None else _lasting(scenario.vehicle.payload)
+    steady = {"battery_sag": 0.0, "battery": None, "rotor_failure": None, "payload": payload}
+    vehicle = scenario.vehicle.model_copy(update=steady)
+    route = scenario.route
+    if not isinstance(route, HoverRoute) or any(path.startswith("route.") for path in distributions_in(scenario)):
+        route = _HOVER
+    nowhere = scenario.crash.model_copy(update={"position_error": 1e6, "height": -1e6})
+    return scenario.model_copy(
+        update={
+            "route": route,
+            "vehicle": vehicle,
+            "laboratory": laboratory.model_copy(update={"wind": lasting}),
+            "duration": None,
+            "sample": None,
+            "crash": nowhere,
+            "space": None,
+            "metrics": Window(),
+        }
+    )
+
+
+def without_losses(scenario: Scenario) -> Scenario:
+    """Return the scenario without lost frames and packets, which a linear model cannot represent."""
+    laboratory = scenario.laboratory
+    reliable = {
+        "motion_capture": laboratory.motion_capture.model_copy(update={"dropout_rate": 0.0}),
+        "command_link": laboratory.command_link.model_copy(update={"loss_rate": 0.0}),
+    }
+    return scenario.model_copy(update={"laboratory": laboratory.model_copy(update=reliable)})
+
+
+def _lasting(payload: Payload) -> Payload | None:
+    """A payload that stays if it is there when the flight begins; None if it is not."""
+    if (payload.event == "dropped") == (payload.time == 0.0):
+        return None
+    return payload.model_copy(update={"time": 0.0, "event": "picked_up"})
+
+
+def as_believed(scenario: Scenario) -> Scenario:
+    """The scenario in hover at (0, 0, 1) in still air with the vehicle that the ground believes in, for design.
+
+    Of the vehicle as it is, only what the ground knows besides `nominal` stays: the lag of the rotors that speed up,
+    the drag, and what the air does to the rotors.
+    """
+    return _even(with_believed_vehicle(at_rest(scenario)))
+
+
+def with_believed_vehicle(scenario: Scenario) -> Scenario:
+    """The scenario with the vehicle that the ground believes in, see `as_believed`."""
+    believed = {name: getattr(scenario.nominal, name) for name in Nominal.model_fields}
+    kept = (
+        *("rotor_time_constant", "linear_drag", "quadratic_drag", "body_drag", "rotor_aerodynamics"),
+        *("attitude_kinematics", "time_step"),
+    )
+    vehicle = Vehicle().model_copy(update=believed | {name: getattr(scenario.vehicle, name) for name in kept})
+    return scenario.model_copy(update={"vehicle": vehicle})
+
+
+def _even(resting: Scenario) -> Scenario:
+    """A resting scenario in hover at (0, 0, 1) without what couples the axes or leans it.
+
+    That is wind, uneven rotors, misalignment, the spin that is left over where rotors hover at different speeds, and
+    whatever acts beside the middle: drag of the body, a payload, and a gyroscope's bias.
+    """
+    layouts = resting.vehicle.layout, resting.nominal.layout
+    even: dict[str, Any] = {
+        "thrust_factor_error": (0.0, 0.0, 0.0, 0.0),
+        "centre_of_mass": (0.0, 0.0),
+        "rotor_inertia": 0.0,
+        "layout": layouts[0] if all(map(are_paired, layouts)) else layouts[1],
+    }
+    drag, payload = resting.vehicle.body_drag, resting.vehicle.payload
+    if drag is not None:
+        even["body_drag"] = drag.model_copy(update={"centre_of_pressure": (0.0, 0.0, 0.0)})
+    if payload is not None:
+        even["payload"] = payload.model_copy(update={"position": (0.0, 0.0, payload.position[2])})
+    cameras = resting.laboratory.motion_capture.model_copy(update={"misalignment": (0.0, 0.0, 0.0)})
+    autopilot = _with(resting.laboratory.autopilot, gyroscope_bias=(0.0, 0.0, 0.0))
+    laboratory = resting.laboratory.model_copy(update={"wind": (), "motion_capture": cameras, "autopilot": autopilot})
+    vehicle = resting.vehicle.model_copy(update=even)
+    return resting.model_copy(update={"route": _HOVER, "vehicle": vehicle, "laboratory": laboratory})
+
+
+def _with(autopilot: Autopilot, **numbers: Any) -> Autopilot:
+    """An autopilot with other numbers, if it is of a kind that has them."""
+    return autopilot.model_copy(update=numbers) if isinstance(autopilot, AttitudeAutopilot) else autopilot

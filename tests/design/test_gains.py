@@ -1,0 +1,646 @@
+"""Designed gains: where they put the poles, what they cost, and what the flying loop stands."""
+
+import argparse
+import re
+import shlex
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
+from ruamel.yaml import YAML
+
+from drake_quad import InputError, load_scenario
+from drake_quad.command_line.design import add_design_options, design_options
+from drake_quad.design.cascade import (
+    CascadeDesign,
+    LoopOptions,
+    attitude_plant,
+    default_options,
+    design_cascade,
+    position_plant,
+    with_gains,
+    with_integrals,
+)
+from drake_quad.design.gains import (
+    AxisGains,
+    LoopDesign,
+    PidGains,
+    PolePair,
+    Regulator,
+    Requirements,
+    add_integral,
+    design_loop,
+    pd_loop,
+    with_integral,
+)
+from drake_quad.linear.closed_loop import closed_loop, laboratory_plant
+from drake_quad.linear.margins import FastMargins, fast_margins, frequencies, margins
+from drake_quad.linear.sampled_system import SampledSystem
+from drake_quad.linear.step_response import release
+from drake_quad.scenario.hovering import as_believed, at_rest
+
+ROOT = Path(__file__).parent.parent.parent
+SHIPPED = {"figure_eight": "figure_eight", "laboratory": "laboratory:nominal"}
+
+
+@pytest.fixture(scope="module", params=SHIPPED)
+def shipped(request):
+    return request.param, with_shipped_gains(request.param)
+
+
+def with_shipped_gains(name, overrides=()):
+    return load_scenario(SHIPPED[name], overrides, layers=[ROOT / "diagrams" / "gains" / f"{name}.yaml"])
+
+
+@pytest.fixture(scope="module")
+def pitch():
+    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml")
+    return attitude_plant(laboratory_plant(scenario), scenario, "pitch")
+
+
+def test_the_pair_lies_where_it_was_put(pitch):
+    for damping, bandwidth in ((0.5, 2.0), (0.8, 4.0), (0.7, 6.0)):
+        gains = PolePair(damping).gains(pitch, bandwidth)
+        s = bandwidth * complex(-damping, np.sqrt(1.0 - damping**2))
+        poles = pitch.with_feedback(np.array([gains])).poles()
+        assert np.abs(poles - np.exp(s * pitch.period)).min() < 1e-9
+
+
+@pytest.mark.slow
+def test_the_fastest_is_at_the_edge_of_what_is_required(pitch):
+    requirements = Requirements(phase=50.0, gain=6.0, delay=0.04)
+    design = design_loop(pitch, PolePair(0.8), requirements, axis="pitch")
+    assert design.limits == ("phase margin",)
+    assert 50.0 <= design.margins.phase < 50.05
+    assert design.margins.gain > 6.0
+    assert design.margins.delay > 0.04
+    with pytest.raises(InputError, match=r"pitch cannot have a bandwidth of .* phase margin: 4\d\.\d°, less than 50°"):
+        design_loop(pitch, PolePair(0.8), requirements, axis="pitch", effort=1.02 * design.bandwidth)
+    asked = design_loop(pitch, PolePair(0.8), requirements, axis="pitch", effort=2.0)
+    assert (asked.bandwidth, asked.limits) == (2.0, ())
+
+
+@pytest.mark.parametrize(
+    ("requirements", "limit"),
+    [
+        (Requirements(phase=1.0, gain=14.0), "gain margin"),
+        (Requirements(phase=1.0, gain=1.0, delay=0.2), "delay margin"),
+        (Requirements(phase=1.0, gain=0.5), "a slower pole"),
+    ],
+)
+def test_what_binds_is_named(pitch, requirements, limit):
+    assert design_loop(pitch, PolePair(0.8), requirements, axis="pitch").limits == (limit,)
+
+
+def test_textbook_margins_are_required_if_none_are_given():
+    assert Requirements() == (45.0, 6.0, 0.0)
+
+
+def test_what_is_broken_is_told_in_its_unit():
+    found = FastMargins(gain=5.5, phase=80.0, delay=1.0)
+    broken = Requirements(delay=2.0).broken_by(found)
+    assert {name: (text.split()[0], text.split()[-1]) for name, text in broken.items()} == {
+        "gain margin": ("5.5", "dB"),
+        "delay margin": ("1000.0", "ms"),
+    }
+
+
+def test_requirements_that_no_gains_meet(pitch):
+    with pytest.raises(InputError, match=r"for pitch; at best phase margin: \d\d\.\d°, less than 80°"):
+        design_loop(pitch, PolePair(0.8), Requirements(phase=80.0), axis="pitch")
+
+
+def test_rates_that_are_not_seen_leave_no_gains(pitch):
+    blind = replace(pitch, C=pitch.C * [[1.0], [0.0]])
+    with pytest.raises(InputError, match="no gains of this kind are good enough for pitch; at best no gains"):
+        design_loop(blind, PolePair(0.8), Requirements(), axis="pitch")
+
+
+def test_a_bandwidth_beyond_the_delay_needs_a_negative_gain(pitch):
+    with pytest.raises(InputError, match="pitch cannot have a bandwidth of 10 rad/s: a negative gain: k_P -5.0"):
+        design_loop(pitch, PolePair(0.8), Requirements(), axis="pitch", effort=10.0)
+
+
+@pytest.mark.slow
+def test_a_regulator_is_found_under_any_delay():
+    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["laboratory.command_link.delay_ticks=50"])
+    plant = attitude_plant(laboratory_plant(scenario), scenario, "pitch")
+    family = Regulator(0.2)
+    assert np.isfinite(family.cost(plant, family.gains(plant, 0.1), 0.1))
+    with pytest.raises(InputError, match=r"pitch cannot have an effort of 30: phase margin"):
+        design_loop(plant, family, Requirements(phase=60.0), axis="pitch", effort=30.0)
+
+
+def test_a_plant_that_cannot_be_stabilised(pitch):
+    n = len(pitch.A)
+    A = np.block([[pitch.A, np.zeros((n, 1))], [np.zeros((1, n)), np.ones((1, 1))]])
+    B, C = np.vstack([pitch.B, [[0.0]]]), np.hstack([pitch.C, [[1.0], [0.0]]])
+    stuck = replace(pitch, A=A, B=B, C=C, states=(*pitch.states, "stuck"))
+    with pytest.raises(InputError, match="the plant of pitch cannot be stabilised"):
+        design_loop(stuck, PolePair(0.8), Requirements(), axis="pitch")
+
+
+def double_integrator(h=0.02):
+    """Sampled with a zero-order hold: a PD is full state feedback."""
+    A, B = np.array([[1.0, h], [0.0, 1.0]]), np.array([[0.5 * h * h], [h]])
+    return SampledSystem(A, B, np.eye(2), np.zeros((2, 1)), h, ("x", "v"), ("u",), ("x", "v"))
+
+
+def test_where_a_pd_knows_everything_it_is_the_regulator():
+    plant, family = double_integrator(), Regulator(0.3)
+    gains = family.gains(plant, 20.0)
+    assert family.cost(plant, gains, 20.0) == pytest.approx(family.least_cost(plant, 20.0), rel=1e-6)
+    # Drake's own gain for the same weights.
+    K, _ = DiscreteTimeLinearQuadraticRegulator(plant.A, plant.B, np.diag([1.0, 0.09]), np.eye(1) / 400.0)
+    np.testing.assert_allclose(gains, K[0], rtol=1e-2)
+
+
+@pytest.mark.slow
+def test_the_hardest_regulator_that_keeps_the_margins_states_what_full_state_would_do_better(pitch):
+    family, required = Regulator(0.2), Requirements()
+    design = design_loop(pitch, family, required, axis="pitch")
+    assert design.limits
+    assert design.bandwidth is None
+    cost = [family.cost(pitch, design.gains, effort) / family.least_cost(pitch, effort) for effort in (0.01, 1e3)]
+    assert design.cost_ratio >= 1.0
+    # Its effort is not said; of what was tried, the ratio is that of one between the ends.
+    np.testing.assert_array_less(1.0, cost)
+    efforts = family.efforts(pitch)
+    assert (efforts[0], efforts[-1], len(efforts)) == (pytest.approx(0.01), pytest.approx(1e3), 20)
+    asked = design_loop(pitch, family, required, axis="pitch", effort=2.0)
+    ratio = family.cost(pitch, asked.gains, 2.0) / family.least_cost(pitch, 2.0)
+    assert asked.cost_ratio == pytest.approx(ratio)
+    assert asked.gains.k_p < design.gains.k_p
+
+
+def test_the_cost_is_the_sum_over_a_simulated_impulse(pitch):
+    family, gains, effort = Regulator(0.2), AxisGains(6.0, 4.0), 30.0
+    x, total = pitch.B.copy(), 0.0
+    for _ in range(5000):
+        value, rate = (pitch.C @ x)[:, 0]
+        u = -gains.k_p * value - gains.k_d * rate
+        total += value**2 + (0.2 * rate) ** 2 + (u / effort) ** 2
+        x = pitch.A @ x + pitch.B * u
+    assert family.cost(pitch, gains, effort) == pytest.approx(total, rel=1e-9)
+    best = family.gains(pitch, effort)
+    least = family.cost(pitch, best, effort)
+    for factor in ((1.03, 1.0), (0.97, 1.0), (1.0, 1.03), (1.0, 0.97)):
+        assert family.cost(pitch, AxisGains(best.k_p * factor[0], best.k_d * factor[1]), effort) > least
+    assert least > family.least_cost(pitch, effort)
+
+
+UNEVEN = [
+    "nominal.mass=0.75",
+    "nominal.inertia=[0.0065, 0.0085, 0.0126]",
+    "control.position={k_p: [0.22, 0.3, 6.0], k_d: [0.66, 0.8, 3.7]}",
+    "control.attitude={k_p: [4.5, 6.0, 5.2], k_d: [3.1, 3.7, 3.4]}",
+]
+
+
+@pytest.mark.parametrize("overrides", [[], UNEVEN])
+def test_the_design_is_the_diagram(shipped, overrides):
+    """The poles of the designed loops, inner and outer, are the multipliers of the whole diagram with these gains."""
+    scenario = with_shipped_gains(shipped[0], overrides)
+    loop = closed_loop(as_believed(scenario))
+    position, attitude = scenario.control.position, scenario.control.attitude
+    laboratory = laboratory_plant(scenario)
+    expected = []
+    for axis, block, i in (("z", position, 2), ("yaw", attitude, 2)):
+        plant = attitude_plant(laboratory, scenario, axis)
+        expected.append(plant.with_feedback(np.array([[block.k_p[i], block.k_d[i]]])).poles())
+    for axis, tilt, i in (("x", 1, 0), ("y", 0, 1)):
+        plant = position_plant(laboratory, scenario, axis, AxisGains(attitude.k_p[tilt], attitude.k_d[tilt]))
+        expected.append(plant.with_feedback(np.array([[position.k_p[i], position.k_d[i]]])).poles())
+    wanted, found = np.concatenate(expected), loop.system.poles()
+    lasting = wanted[np.abs(wanted) > 0.1]
+    assert len(lasting) == (np.abs(found) > 0.1).sum()
+    for pole in lasting:
+        assert np.abs(found - pole).min() < 1e-6
+
+
+@pytest.mark.slow
+def test_shipped_gains_are_what_their_call_makes(shipped):
+    """The comment in the file names the call; the gains follow from it, and the scenario has them."""
+    name, scenario = shipped
+    text = (ROOT / "diagrams" / "gains" / f"{name}.yaml").read_text(encoding="utf-8")
+    command = shlex.split(re.match(r"# drake-quad (.*)\n", text).group(1))
+    assert command == ["design", SHIPPED[name]]
+    arguments = argparse.ArgumentParser()
+    arguments.add_argument("scenario")
+    add_design_options(arguments)
+    options = design_options(arguments.parse_args(command[1:]), scenario.laboratory.command_link.period)
+    assert options == default_options(scenario.laboratory.command_link.period)
+    made = design_cascade(scenario, options).gains()
+    written = YAML(typ="safe").load(text)["gains"]["control"]
+    assert {block: {name: written[block][name] for name in gains} for block, gains in made.items()} == made
+    for block, gains in made.items():
+        for kind, values in gains.items():
+            assert list(getattr(getattr(scenario.control, block), kind)) == values
+
+
+@pytest.mark.slow
+def test_shipped_gains_have_the_margins_that_are_asked_for(shipped):
+    """45°, 6 dB, and two ticks in the attitude loops, by python-control."""
+    _, scenario = shipped
+    design = design_cascade(scenario)
+    for axis, loop in design.loops.items():
+        found = margins(pd_loop(loop.plant, loop.gains))
+        assert found.phase >= 45.0
+        assert found.gain >= 6.0
+        if axis in ("roll", "pitch", "yaw"):
+            assert found.delay >= 2 * 0.02
+
+
+def peaks(scenario, displacement, duration):
+    """How far the flying diagram is off in the four quarters of a time after a small displacement."""
+    response = release(closed_loop(scenario), displacement, duration=duration)
+    (row,) = displacement
+    column = ("x", "y", "z", "roll", "pitch", "yaw").index(row)
+    return [part.max() for part in np.array_split(np.abs(response.nonlinear[:, column]), 4)]
+
+
+def grows(scenario, displacement, duration):
+    """Whether a small displacement does, once the fast modes are gone."""
+    _, _, third, last = peaks(scenario, displacement, duration)
+    return last > third
+
+
+def scaled(scenario, block, factor, axes):
+    """The scenario with the gains of some axes of a block multiplied."""
+    part = getattr(scenario.control, block)
+    gains = {
+        kind: tuple(value * (factor if i in axes else 1.0) for i, value in enumerate(getattr(part, kind)))
+        for kind in ("k_p", "k_d")
+    }
+    control = scenario.control.model_copy(update={block: part.model_copy(update=gains)})
+    return scenario.model_copy(update={"control": control})
+
+
+def with_delay(scenario, ticks):
+    link = scenario.laboratory.command_link
+    longer = link.model_copy(update={"delay_ticks": link.delay_ticks + ticks})
+    return scenario.model_copy(update={"laboratory": scenario.laboratory.model_copy(update={"command_link": longer})})
+
+
+@pytest.mark.slow
+def test_the_flying_loop_stands_the_margins_that_are_stated(shipped):
+    """With 6 dB more gain in one loop after the other, and with two more ticks of delay, everything still decays."""
+    _, scenario = shipped
+    resting = at_rest(as_believed(scenario))
+    cases = [("attitude", (0, 1), {"pitch": 1e-3}), ("attitude", (2,), {"yaw": 1e-3})]
+    cases += [("position", (0, 1), {"x": 1e-3}), ("position", (2,), {"z": 1e-3})]
+    for block, axes, displacement in cases:
+        assert peaks(scaled(resting, block, 2.0, axes), displacement, 20.0)[-1] < 1e-4
+    for displacement in ({"pitch": 1e-3}, {"yaw": 1e-3}, {"x": 1e-3}, {"z": 1e-3}):
+        assert peaks(with_delay(resting, 2), displacement, 20.0)[-1] < 1e-4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("block", "axes", "row", "duration"),
+    [("attitude", (2,), "yaw", 8.0), ("position", (2,), "z", 8.0), ("position", (0, 1), "x", 60.0)],
+)
+def test_the_edge_of_stability_in_the_gain_is_where_simulation_has_it(shipped, block, axes, row, duration):
+    """2 %: below it a small displacement decays, above it grows."""
+    _, scenario = shipped
+    loop = design_cascade(scenario).loops[row]
+    factor = 10.0 ** (loop.margins.gain / 20.0)
+    resting = at_rest(as_believed(scenario))
+    assert not grows(scaled(resting, block, 0.98 * factor, axes), {row: 1e-5}, duration)
+    assert grows(scaled(resting, block, 1.02 * factor, axes), {row: 1e-5}, duration)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ticks", [1, 3])
+def test_the_edge_of_stability_in_the_delay_is_where_simulation_has_it(shipped, ticks):
+    """2 %: gains whose delay margin is that much more, or less, than a number of ticks, flown with these ticks."""
+    _, scenario = shipped
+    loop = design_cascade(scenario).loops["yaw"]
+    resting = at_rest(as_believed(scenario))
+
+    grid = frequencies(0.02)
+    response = pd_loop(loop.plant, loop.gains).response(np.exp(1j * grid * 0.02))[:, 0, 0]
+
+    def factor_for(delay):
+        low, high = 1.0, 10.0 ** (loop.margins.gain / 20.0)
+        for _ in range(50):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if fast_margins(middle * response, grid).delay > delay else (low, middle)
+        return low
+
+    for share, stands in ((1.02, True), (0.98, False)):
+        factor = factor_for(share * ticks * 0.02)
+        assert factor > 1.05, "the designed margin must be larger for this to mean anything"
+        # Only the yaw loop works hard: the others are slow enough to stand any of these delays.
+        slow = scaled(scaled(resting, "attitude", 0.3, (0, 1)), "position", 0.1, (0, 1, 2))
+        driven = with_delay(scaled(slow, "attitude", factor, (2,)), ticks)
+        assert grows(driven, {"yaw": 1e-5}, 12.0) != stands
+
+
+@pytest.mark.slow
+def test_options_reach_the_axes():
+    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml")
+    options = {
+        "yaw": LoopOptions(PolePair(0.9), Requirements(phase=60.0)),
+        "z": LoopOptions(PolePair(0.8), Requirements(), 2.0),
+    }
+    design = design_cascade(scenario, options)
+    assert design.loops["yaw"].margins.phase >= 60.0
+    assert design.loops["z"].bandwidth == 2.0
+    assert design.loops["pitch"].margins.phase < 46.0
+    assert design.gains()["attitude"]["k_p"][2] == design.loops["yaw"].gains.k_p
+
+
+@pytest.mark.slow
+def test_a_vehicle_of_thirty_grams_gets_the_same_gains():
+    """Gains are those of double integrators: size and units of the vehicle do not matter, but for its lag."""
+    small = [
+        "nominal.mass=0.03",
+        "nominal.inertia=[1.4e-5, 1.4e-5, 2.2e-5]",
+        "nominal.thrust_factor=2.9e-8",
+        "nominal.drag_factor=7e-10",
+        "nominal.arm_length=0.046",
+        "nominal.layout={kind: x, rotor_1_turns: anticlockwise}",
+        "nominal.min_rotor_speed=200",
+        "nominal.max_rotor_speed=2600",
+    ]
+    gains = [
+        design_cascade(load_scenario(ROOT / "diagrams" / "figure_eight.yaml", overrides)).gains()
+        for overrides in ([], small)
+    ]
+    assert gains[0] == gains[1]
+
+
+def test_the_least_share_of_a_required_margin_counts():
+    found = FastMargins(gain=5.0, phase=60.0, delay=0.03)
+    assert Requirements(40.0, 4.0, 0.02).share_met(found) == pytest.approx(1.25)
+    assert Requirements(50.0, 4.0, 0.02).share_met(found) == pytest.approx(1.2)
+    assert Requirements(40.0, 10.0, 0.02).share_met(found) == pytest.approx(0.5)
+    assert Requirements(40.0, 4.0, 0.1).share_met(found) == pytest.approx(0.3)
+    assert Requirements(0.0, 4.0, 0.0).share_met(found) == pytest.approx(1.25)
+    assert Requirements(0.0, 0.0, 0.0).share_met(found) == 1.0
+    assert Requirements(60.0, 5.0, 0.03).broken_by(found) == {}
+
+
+def test_bandwidths_are_tried_up_to_a_third_of_half_the_sampling_rate():
+    efforts = PolePair(0.7).efforts(double_integrator(h=0.01))
+    assert (efforts[0], efforts[-1], len(efforts)) == (pytest.approx(0.05), pytest.approx(np.pi / 0.03), 120)
+    np.testing.assert_allclose(efforts[1:] / efforts[:-1], efforts[1] / efforts[0])
+
+
+def test_gains_that_meet_everything_are_limited_by_nothing():
+    """Of a double integrator without delay the fastest that is tried, without a bound that it would break."""
+    design = design_loop(double_integrator(), PolePair(0.8), Requirements(1.0, 0.1), axis="x")
+    assert (design.axis, design.limits) == ("x", ())
+    assert design.bandwidth == pytest.approx(np.pi / 0.06)
+    assert design.gains == tuple(float(f"{gain:.4g}") for gain in PolePair(0.8).gains(design.plant, design.bandwidth))
+
+
+@pytest.mark.slow
+def test_the_edge_is_found_to_a_thousandth(pitch):
+    """Between two bandwidths of which the second is larger by 6 %."""
+    requirements = Requirements(phase=50.0, gain=6.0)
+    found = design_loop(pitch, PolePair(0.8), requirements, axis="pitch").bandwidth
+    design_loop(pitch, PolePair(0.8), requirements, axis="pitch", effort=found)
+    with pytest.raises(InputError, match="phase margin"):
+        design_loop(pitch, PolePair(0.8), requirements, axis="pitch", effort=1.001 * found)
+
+
+def with_slow_mode(decay):
+    """A double integrator with a mode that its value sees and that decays so fast, 1/s, hardly touched by the loop."""
+    plant = double_integrator()
+    A = np.diag([0.0, 0.0, np.exp(-decay * plant.period)])
+    A[:2, :2] = plant.A
+    B, C = np.vstack([plant.B, [[1e-6]]]), np.hstack([plant.C, [[1e-3], [0.0]]])
+    return replace(plant, A=A, B=B, C=C, states=("x", "v", "slow"))
+
+
+@pytest.mark.parametrize(("decay", "slower"), [(1.57, False), (1.56, True)])
+def test_the_pair_must_be_the_slowest_but_for_two_per_cent(decay, slower):
+    """Of ω ζ = 1.6 1/s."""
+    plant, none = with_slow_mode(decay), Requirements(0.0, 0.0, 0.0)
+    if slower:
+        words = r"x cannot have a bandwidth of 2 rad/s: a slower pole: it decays at 1\.56 1/s, the pair at 1\.6"
+        with pytest.raises(InputError, match=words):
+            design_loop(plant, PolePair(0.8), none, axis="x", effort=2.0)
+    else:
+        assert design_loop(plant, PolePair(0.8), none, axis="x", effort=2.0).bandwidth == 2.0
+
+
+class Fixed:
+    """A family of gains in proportion to the effort."""
+
+    def __init__(self, k_p, k_d):
+        self.k_p, self.k_d = k_p, k_d
+
+    def gains(self, plant, effort):
+        return AxisGains(self.k_p * effort, self.k_d * effort)
+
+    def efforts(self, plant):
+        return np.array([1.0, 2.0, 3.0])
+
+
+@pytest.mark.parametrize(
+    ("gains", "words"),
+    [
+        ((1.0, -0.5), r"x cannot have an effort of 1: a negative gain: k_P 1, k_D -0\.5"),
+        ((-1.0, 0.5), r"a negative gain: k_P -1, k_D 0\.5"),
+        ((1.0, 0.0), r"a negative gain: k_P 1, k_D 0"),
+        ((np.nan, 1.0), "no gains: none have this effect"),
+        ((1.0, 0.001), r"no stability: a pole of size 1\.000\d"),
+        ((1.0, 120.0), r"no stability: a pole of size 1\.\d{4}"),
+    ],
+)
+def test_gains_that_are_none_say_why(gains, words):
+    with pytest.raises(InputError, match=words):
+        design_loop(double_integrator(), Fixed(*gains), Requirements(0.0, 0.0, 0.0), axis="x", effort=1.0)
+
+
+@pytest.mark.slow
+def test_of_gains_that_are_all_too_weak_the_nearest_is_told():
+    """The phase margin of these rises with the effort; the last has the most of what is asked for."""
+    plant = double_integrator()
+    phases = [margins(pd_loop(plant, AxisGains(effort, 0.5 * effort))).phase for effort in (1.0, 2.0, 3.0)]
+    assert phases == sorted(phases)
+    with pytest.raises(InputError, match=rf"at best phase margin: {phases[2]:.1f}°, less than 60°"):
+        design_loop(plant, Fixed(1.0, 0.5), Requirements(60.0, 0.0), axis="x")
+
+
+def test_a_loop_that_is_not_stable_costs_without_end():
+    family, plant = Regulator(0.2), double_integrator()
+    assert family.cost(plant, AxisGains(1.0, 0.001), 10.0) == np.inf
+    assert family.cost(plant, AxisGains(0.0, 1.0), 10.0) == np.inf
+    assert np.isfinite(family.cost(plant, AxisGains(1.0, 1.0), 10.0))
+    # Nothing steadies what its command does not reach.
+    stuck = replace(plant, B=np.zeros((2, 1)))
+    assert np.isnan(family.gains(stuck, 1.0)).all()
+
+
+def test_gains_stand_in_a_scenario_axis_by_axis(pitch):
+    axes = {name: 10.0 + place for place, name in enumerate(("roll", "pitch", "yaw", "x", "y", "z"))}
+    found = margins(pd_loop(pitch, AxisGains(6.0, 4.0)))
+    design = CascadeDesign({name: LoopDesign(name, AxisGains(k, 0.5 * k), pitch, found) for name, k in axes.items()})
+    assert design.gains() == {
+        "position": {"k_p": [13.0, 14.0, 15.0], "k_d": [6.5, 7.0, 7.5]},
+        "attitude": {"k_p": [10.0, 11.0, 12.0], "k_d": [5.0, 5.5, 6.0]},
+    }
+    before = load_scenario(ROOT / "diagrams" / "figure_eight.yaml")
+    after = with_gains(before, design.gains())
+    for block, gains in design.gains().items():
+        for kind, values in gains.items():
+            assert list(getattr(getattr(after.control, block), kind)) == values
+    assert with_gains(after, {"attitude": {"k_p": [1.0, 2.0, 3.0]}}).control.attitude.k_d == (5.0, 5.5, 6.0)
+    assert with_gains(after, CascadeDesign(design.loops).gains()) == after
+    restored = after.control.model_copy(update={name: getattr(before.control, name) for name in design.gains()})
+    assert after.model_copy(update={"control": restored}) == before
+
+
+@pytest.mark.slow
+def test_axes_that_are_alike_have_the_same_gains_and_others_their_own():
+    """An uneven vehicle's roll and pitch are alike, too: commands are accelerations; other requirements are not."""
+    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["nominal.inertia=[0.0065, 0.0085, 0.0126]"])
+    options = default_options(0.02)
+    assert list(options) == ["roll", "pitch", "yaw", "z", "x", "y"]
+    for axis, each in options.items():
+        delay = 0.04 if axis in ("roll", "pitch", "yaw") else 0.0
+        assert each == (PolePair(0.8), Requirements(45.0, 6.0, delay), None)
+    design = design_cascade(scenario, {"pitch": options["pitch"]._replace(effort=2.0)})
+    loops = design.loops
+    assert [loop.axis for loop in loops.values()] == list(loops)
+    assert loops["pitch"].bandwidth == 2.0
+    assert loops["roll"].gains == loops["yaw"].gains != loops["pitch"].gains
+    # Around another attitude the same position needs other gains.
+    assert loops["x"].gains != loops["y"].gains
+
+
+class Listed(Fixed):
+    """A family of gains that stand in a list."""
+
+    def __init__(self, *gains):
+        self.listed = gains
+
+    def gains(self, plant, effort):
+        return self.listed[round(effort) - 1]
+
+
+def test_gains_that_are_not_stable_are_never_the_nearest():
+    """Though the curve of the second and the third crosses nothing, so that no margin is missing."""
+    family = Listed(AxisGains(1.0, 0.2), AxisGains(1.0, 120.0), AxisGains(np.nan, 1.0))
+    phase = margins(pd_loop(double_integrator(), AxisGains(1.0, 0.2))).phase
+    with pytest.raises(InputError, match=rf"at best phase margin: {phase:.1f}°, less than 60°"):
+        design_loop(double_integrator(), family, Requirements(60.0, 0.0), axis="x")
+
+
+def behind(ticks):
+    """A double integrator that is told what to do so many seconds late, once a second."""
+    plant = double_integrator(h=1.0)
+    n = 2 + ticks
+    A, B, C = np.zeros((n, n)), np.zeros((n, 1)), np.hstack([plant.C, np.zeros((2, ticks))])
+    A[:2, :2] = plant.A
+    if ticks:
+        A[:2, 2:3] = plant.B
+        A[2:-1, 3:] = np.eye(ticks - 1)
+        B[-1] = 1.0
+    else:
+        B[:] = plant.B
+    return replace(plant, A=A, B=B, C=C, states=tuple(map(str, range(n))))
+
+
+@pytest.mark.parametrize(("ticks", "frequency"), [(0, 0.2), (2, 0.2), (8, 0.05), (30, 0.0125), (120, 0.003)])
+def test_a_search_for_a_regulator_starts_at_the_fastest_that_is_stable(monkeypatch, ticks, frequency):
+    """The longer the delay the slower: a quarter of what it takes to turn by a radian is already too much."""
+    monkeypatch.setattr("scipy.optimize.minimize", lambda function, start, **_: SimpleNamespace(x=start))
+    found = Regulator(0.2).gains(behind(ticks), 1.0)
+    assert found == pytest.approx((frequency**2, 1.6 * frequency))
+
+
+def test_a_regulator_s_gains_are_found_to_a_thousandth():
+    plant, family = double_integrator(), Regulator(0.3)
+    for effort in (0.5, 20.0):
+        K, _ = DiscreteTimeLinearQuadraticRegulator(plant.A, plant.B, np.diag([1.0, 0.09]), np.eye(1) / effort**2)
+        np.testing.assert_allclose(family.gains(plant, effort), K[0], rtol=1e-3)
+
+
+def designed_pid(integration):
+    scenario = with_integrals(load_scenario(ROOT / "diagrams" / "laboratory.yaml:nominal", UNEVEN))
+    position = scenario.control.position.model_copy(update={"integration": integration})
+    control = scenario.control.model_copy(update={"position": position})
+    scenario = scenario.model_copy(update={"control": control})
+    return scenario, design_cascade(scenario, integral=0.2)
+
+
+@pytest.fixture(scope="module")
+def pid_design():
+    return designed_pid("forward_euler")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("integration", ["forward_euler", "backward_euler"])
+def test_a_pid_is_designed_as_it_flies(integration, pid_design):
+    """The poles of the designed loops are multipliers of the whole diagram with these gains."""
+    scenario, design = pid_design if integration == "forward_euler" else designed_pid(integration)
+    found = closed_loop(as_believed(with_gains(scenario, design.gains()))).system.poles()
+    for axis in ("x", "y", "z"):
+        loop = design.loops[axis]
+        poles = loop.plant.with_feedback(np.array([loop.gains])).poles()
+        for pole in poles[np.abs(poles) > 0.1]:
+            assert np.abs(found - pole).min() < 1e-6
+
+
+@pytest.mark.slow
+def test_an_integral_costs_no_more_than_was_said_and_the_margins_are_those_with_it(pid_design):
+    """The PD has 45° / 0.8, of which a fifth is for the integral; with more of it 45° are gone, or it is a quarter."""
+    _, design = pid_design
+    for axis in ("x", "y", "z"):
+        loop = design.loops[axis]
+        k_p, k_d, k_i = loop.gains
+        pd = margins(pd_loop(loop.plant, PidGains(k_p, k_d, 0.0)))
+        assert pd.phase >= 45.0 / 0.8
+        assert loop.margins == margins(pd_loop(loop.plant, loop.gains))
+        assert loop.margins.phase >= max(0.8 * pd.phase, 45.0) - 0.02
+        largest = k_i == pytest.approx(0.25 * k_p * pd.crossover, rel=1e-3)
+        more = margins(pd_loop(loop.plant, PidGains(k_p, k_d, 1.05 * k_i)))
+        assert k_i > 0.0
+        assert largest or more.phase < max(0.8 * pd.phase, 45.0)
+
+
+@pytest.mark.slow
+def test_a_loop_with_phase_to_spare_pays_for_its_integral_with_no_more_than_the_part(pid_design):
+    """Slower than it might be, the PD has more than 45°: of that, too, only a part is given away, but all of it."""
+    scenario, _ = pid_design
+    plant = attitude_plant(laboratory_plant(scenario), scenario, "z")
+    slow = design_loop(plant, PolePair(0.8), Requirements(), axis="z", effort=1.0)
+    assert slow.margins.phase > 55.0
+    found = add_integral(slow, Requirements(), cost=0.05).margins.phase
+    assert 0.95 * slow.margins.phase - 0.02 <= found < 0.96 * slow.margins.phase
+
+
+@pytest.mark.parametrize(("integration", "own"), [("forward_euler", 0.0), ("backward_euler", 0.02)])
+def test_the_integral_is_the_discrete_sum_of_the_measured_value(integration, own):
+    """The integral is h / (z - 1) times the value by forward Euler and h z / (z - 1) by backward Euler."""
+    plant = SampledSystem(
+        np.array([[0.9, 0.1], [-0.2, 0.8]]),
+        np.array([[0.3], [0.5]]),
+        np.array([[1.0, 0.4], [0.2, 1.1]]),
+        np.array([[0.06], [0.0]]),
+        0.02,
+        ("a", "b"),
+        ("u",),
+        ("value", "rate"),
+    )
+    z = np.array([1.1 + 0.3j, -0.7 + 0.2j])
+    value, rate, integral = np.moveaxis(with_integral(plant, integration).response(z)[..., 0], -1, 0)
+    np.testing.assert_allclose(np.stack([value, rate], axis=-1), plant.response(z)[..., 0])
+    np.testing.assert_allclose(integral, (0.02 / (z - 1.0) + own) * value)
+
+
+def test_a_controller_is_made_a_pid_once():
+    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml")
+    pid = with_integrals(scenario)
+    assert (pid.control.position.kind, pid.control.position.k_i) == ("pid", (0.0, 0.0, 0.0))
+    assert pid.control.position.k_p == scenario.control.position.k_p
+    assert (pid.control.position.feed_forward, pid.control.position.derivative) == ("snap", "tracking_error")
+    assert with_integrals(pid) is pid

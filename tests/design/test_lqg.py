@@ -1,0 +1,349 @@
+"""Linear models of an axis against the whole diagram and against flights; designs against their limits."""
+
+import dataclasses
+import types
+
+import numpy as np
+import pytest
+
+from drake_quad import InputError, load_scenario
+from drake_quad.assembly.lqg import lateral_loop, lqg_timing, vertical_loop
+from drake_quad.control.lqg.chains import Answer
+from drake_quad.control.lqg.design import Timing
+from drake_quad.design import lqg as lqg_design
+from drake_quad.design.cascade import design_cascade
+from drake_quad.design.lqg import (
+    Conditions,
+    Limits,
+    Plant,
+    Truth,
+    believed_timings,
+    conditions_of,
+    design_lqg,
+    lateral_truth,
+    loop_transfer,
+    middle_of,
+    plants_of,
+    predicted,
+    snap_limit,
+    vertical_truth,
+)
+from drake_quad.flight.simulation import simulate_batch
+from drake_quad.linear.disturbances import Spectrum
+from drake_quad.linear.link_margins import link_loops, link_margins
+from drake_quad.scenario.batch import Batch
+
+STILL = Spectrum(0.0, 0.0, 0.5)
+# With no drag the chain is the vehicle.
+FREE = ("vehicle.linear_drag=0", "vehicle.quadratic_drag=0", "laboratory.motion_capture.dropout_rate=0")
+LATE = (*FREE, "laboratory.motion_capture.latency_frames=1", "laboratory.command_link.delay_ticks=2")
+
+
+@pytest.fixture(scope="module")
+def shipped(diagrams):
+    def loaded(*overrides):
+        return load_scenario(
+            f"{diagrams}/laboratory.yaml:nominal", overrides, layers=[f"{diagrams}/controllers/lqg.yaml:lqg"]
+        )
+
+    return loaded
+
+
+def axes_of(scenario, plant, conditions):
+    """(loop, truth) along x and along z."""
+    timing, gravity = lqg_timing(scenario), scenario.nominal.gravity
+    control = scenario.control
+    loops = lateral_loop(control.lateral, timing, gravity), vertical_loop(control.vertical, timing)
+    models = lateral_truth(plant, conditions), vertical_truth(plant, conditions)
+    truths = [Truth.of(model, plant, conditions, timing, gravity) for model in models]
+    return [*zip(loops, truths, strict=True)], timing
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("overrides", "plant"), [(FREE, (0, 1)), (LATE, (1, 2))])
+def test_the_loop_of_an_axis_is_that_of_the_whole_diagram(shipped, overrides, plant):
+    scenario = shipped(*overrides)
+    conditions = Conditions(STILL, STILL, 0.0, 1e-3, 4e-3, 0.0)
+    axes, timing = axes_of(scenario, Plant(True, 0.05, None, *plant), conditions)
+    exact = link_loops(scenario)
+    z = np.exp(1j * np.geomspace(0.5, 100.0, 40) * timing.tick)
+    for (loop, truth), signal in zip(axes, ("tau_y", "thrust"), strict=True):
+        found, expected = (each.response(z)[:, 0, 0] for each in (loop_transfer(loop, truth, timing), exact[signal]))
+        np.testing.assert_allclose(found, expected, rtol=2e-2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("overrides", "plant", "loss"), [(FREE, (0, 1), 0.01), (LATE, (1, 2), 0.05)])
+def test_the_error_that_is_predicted_is_that_of_flights_in_hover(shipped, overrides, plant, loss):
+    """Noise and lost commands alone, after the beginning; 64 flights of 10 s tell it within some per cent."""
+    scenario = shipped(
+        *overrides,
+        "route={kind: hover, position: [0, 0, 1], duration: 12}",
+        "metrics={start: 2, end: null}",
+        f"laboratory.command_link.loss_rate={loss}",
+    )
+    axes, timing = axes_of(scenario, Plant(True, 0.05, None, *plant), Conditions(STILL, STILL, 0.0, 1e-3, 4e-3, loss))
+    errors = [predicted(loop, truth, timing).error for loop, truth in axes]
+    flights = simulate_batch(Batch.draw(scenario, range(64)), compiled=True)
+    flown = np.sqrt(np.mean([(flight["state"][100:, :3] - [0, 0, 1]) ** 2 for flight in flights], axis=(0, 1)))
+    np.testing.assert_allclose(flown, [errors[0], errors[0], errors[1]], rtol=0.1)
+
+
+def test_a_loop_that_is_unstable_has_no_error(shipped):
+    axes, timing = axes_of(shipped(), Plant(True, 0.05, None, 0, 6), Conditions(STILL, STILL, 0.0, 1e-3, 4e-3, 0.0))
+    for loop, truth in axes:
+        found = predicted(loop, truth, timing)
+        assert found.error == np.inf
+        assert found.pole > 1.0
+
+
+def test_plants_are_what_the_scenario_draws_or_what_its_numbers_may_be_off_by(diagrams):
+    drawn = plants_of(load_scenario(f"{diagrams}/robustness.yaml"))
+    assert {(each.latency_frames, each.delay_ticks) for each in drawn[1:]} == {(0, 1), (1, 3)}
+    assert sorted({round(each.lag, 4) for each in drawn}) == [0.035, 0.055, 0.075]
+    written = plants_of(load_scenario(f"{diagrams}/laboratory.yaml:nominal"))
+    assert written[0]._replace(thrust_gain=1.0) == Plant(True, 0.05, None, 0, 1)
+    assert written[0].thrust_gain == pytest.approx(1.0, abs=0.01)
+    assert {(round(each.lag, 5), each.latency_frames, each.delay_ticks) for each in written[1:]} == {
+        *((0.03125, 0, 1), (0.03125, 1, 2)),
+        *((0.08, 0, 1), (0.08, 1, 2)),
+    }
+    on_board = plants_of(load_scenario(f"{diagrams}/onboard.yaml"))
+    assert on_board[0].answer == Answer(8.817, 0.7259)
+    assert on_board[0].lags
+    whole, *others = plants_of(load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:still"))
+    assert (whole.answer, whole.lags) == (Answer(6.75, 0.48), False)
+    # The curve of its motors has a slope of 18.27 N where 14.27 N are believed.
+    assert whole.thrust_gain == pytest.approx(18.2656 / 14.27, rel=0.02)
+    # Quick rotors have a quick attitude.
+    assert all((other.lag < whole.lag) == (other.answer.natural_frequency > 6.75) for other in others)
+
+
+def test_conditions_are_the_scenario_s(diagrams):
+    found = conditions_of(load_scenario(f"{diagrams}/laboratory.yaml:low_wind"))
+    # What was fitted to flights when the shipped controller was found: 0.205 m/s² with 0.6 s, and 0.063 m/s².
+    assert found.lateral.deviation == pytest.approx(0.19, abs=0.03)
+    assert found.lateral.time == pytest.approx(0.7, abs=0.1)
+    assert (found.position_noise, found.attitude_noise, found.loss_rate) == (1e-3, 4e-3, 0.01)
+    bad_day = conditions_of(load_scenario(f"{diagrams}/robustness.yaml"))
+    # A log-uniform number has the mean square (b² - a²) / (2 log(b / a)); 1 mm of lever turns by 9.5 m/s⁴.
+    assert bad_day.position_noise == pytest.approx(np.sqrt((0.004**2 - 0.0005**2) / (2.0 * np.log(8.0))), rel=0.01)
+    assert 5.0 < bad_day.bias < 14.0
+
+
+def test_nothing_turns_a_vehicle_whose_attitude_answers_as_a_whole(diagrams):
+    """Its bias is the least that a design allows for, that of a calm and ideal laboratory."""
+    whole = conditions_of(
+        load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:wind_8", ["duration=2", "metrics.start=0"])
+    )
+    ideal = conditions_of(load_scenario(f"{diagrams}/figure_eight.yaml", ["duration=2", "metrics.start=0"]))
+    assert whole.bias == ideal.bias
+    assert whole.lateral.mean > 5.0 * ideal.lateral.mean
+
+
+@pytest.mark.slow
+def test_a_command_may_be_as_large_as_the_torque_that_it_holds_twice():
+    """A centre of mass that is r off turns a vehicle by m g r / I, a Crazyflie five times as fast as the paper's."""
+    limits, turning, largest = Limits(), {}, {}
+    for name in ("bad_day:crazyflie", "robustness"):
+        scenario = load_scenario(name)
+        found, vehicle = conditions_of(scenario), middle_of(scenario).vehicle
+        levers = Batch.draw(scenario, range(32)).varying["vehicle.centre_of_mass.0"]
+        turning[name] = vehicle.mass * vehicle.gravity**2 * np.sqrt(np.mean(levers**2)) / vehicle.inertia[0]
+        # A turn of 1 rad/s² is a snap of g. Rotors that differ by half a per cent turn it, too.
+        assert 0.6 * found.bias < turning[name] < 1.2 * found.bias
+        largest[name] = snap_limit(limits, found)
+    assert largest["robustness"] == limits.snap
+    assert largest["bad_day:crazyflie"] > 1.8 * turning["bad_day:crazyflie"] > limits.snap
+
+
+def test_the_delays_that_may_be_believed_are_the_mean_of_the_plants_and_the_tick_after(diagrams):
+    # Frames late by 10 ms at most, and 1 to 3 ticks of 20 ms: 2.3 ticks in the mean of the middle and the corners.
+    bad_day = load_scenario(f"{diagrams}/robustness.yaml")
+    assert believed_timings(bad_day, plants_of(bad_day)) == [Timing(0.01, 0.02, ticks) for ticks in (2, 3)]
+    late = [Plant(True, 0.05, None, 1, ticks) for ticks in (1, 1, 2)]
+    assert [each.delay_ticks for each in believed_timings(bad_day, late)] == [2]
+
+
+@pytest.mark.slow
+def test_a_design_flies_within_its_limits(diagrams, monkeypatch):
+    """A vehicle with drag leans, of which the chains know nothing; the whole loop keeps the limits all the same."""
+    monkeypatch.setattr(lqg_design, "_EVALUATIONS", 30)
+    scenario = load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:wind_8_sine", ["route.laps=2", "metrics.start=6.3"])
+    design = design_lqg(scenario, Limits(sensitivity=2.2, delay=0.05))
+    assert all(np.isfinite(each.error) for each in (*design.lateral, *design.vertical))
+    assert design.control.yaw is None
+    # The estimate along z sets the thrust, and with it the tilt, so it must not believe in more than there is.
+    assert design.control.vertical.second.deviation == pytest.approx(design.conditions.vertical.deviation, rel=1e-3)
+    assert design.control.max_tilt == 1.2
+    designed = scenario.model_copy(update={"control": design.control})
+    margins = [each for each in link_margins(middle_of(designed)).values() if each is not None]
+    assert max(each.sensitivity for each in margins) <= 2.2
+    assert min(each.delay for each in margins) >= 0.05
+    (flight,) = simulate_batch(Batch.draw(designed, [0]), compiled=True)
+    (other,) = simulate_batch(Batch.draw(scenario, [0]), compiled=True)
+    assert flight.metrics.rmse < 0.2 * other.metrics.rmse
+
+
+@pytest.mark.parametrize(
+    ("lags", "answer", "polynomial"),
+    [
+        (True, None, [0.05, 1.0, 0.0, 0.0]),
+        (False, Answer(7.0, 0.6), [1.0, 2.0 * 0.6 * 7.0, 7.0**2]),
+        (True, Answer(7.0, 0.6), [0.05, 1.0, 2.0 * 0.6 * 7.0, 7.0**2]),
+    ],
+)
+def test_the_attitude_follows_its_command_and_the_position_the_attitude(lags, answer, polynomial):
+    """Each plant has the transfer function of its lag, 1 / (s² (T s + 1)), or of the autopilot's response."""
+    conditions = Conditions(STILL, STILL, 0.0, 1e-3, 4e-3, 0.0)
+    plant = Plant(lags, 0.05, answer, 0, 1, thrust_gain=1.3)
+    s = 2.0 + 3.0j
+    _, A, B, C, _ = lateral_truth(plant, conditions)
+    position, thrust = (C @ np.linalg.solve(s * np.eye(len(A)) - A, B)).ravel()
+    expected = (1.0 if answer is None else answer.natural_frequency**2) / np.polyval(polynomial, s)
+    np.testing.assert_allclose([position, thrust], [expected / s**2, expected], rtol=1e-12)
+    _, A, B, C, _ = vertical_truth(plant, conditions)
+    height = (C @ np.linalg.solve(s * np.eye(len(A)) - A, B)).item()
+    assert height == pytest.approx(1.3 / (s**2 * (0.05 * s + 1.0)), rel=1e-12)
+
+
+@pytest.fixture(scope="module")
+def search_of(shipped):
+    """The search for the numbers of the shipped axis along x, around plants with some delays of the link (ticks)."""
+    scenario = shipped()
+    timing, control = lqg_timing(scenario), scenario.control
+    loop = lateral_loop(control.lateral, timing, scenario.nominal.gravity)
+    conditions = Conditions(STILL, STILL, 0.0, 1e-3, 4e-3, 0.0)
+
+    def make(*delays, limits=Limits(sensitivity=1e3, delay=1e-6), most=1e6, loop_of=lambda axis: loop):
+        plants = [Plant(True, 0.05, None, 0, delay) for delay in delays]
+        truths = [
+            Truth.of(lateral_truth(plant, conditions), plant, conditions, timing, scenario.nominal.gravity)
+            for plant in plants
+        ]
+        return lqg_design._Search(lambda number: control.lateral, loop_of, truths, most, timing, (1.0,), limits)
+
+    return make
+
+
+def test_the_cost_is_the_logarithm_of_the_error_over_all_plants_unless_a_limit_is_broken(search_of):
+    search = search_of(1, 2)
+    _, (first, second) = search.found()
+    cost = search.cost_of(np.zeros(1))
+    assert cost == pytest.approx(0.5 * np.log(0.5 * (first.error**2 + second.error**2)), rel=1e-9)
+    assert search_of(1).cost_of(np.zeros(1)) == pytest.approx(np.log(first.error), rel=1e-9)
+    for change in ({"limits": Limits(1.01, 1e-6)}, {"limits": Limits(1e3, 1.0)}, {"most": 0.5 * first.command}):
+        assert search_of(1, 2, **change).cost_of(np.zeros(1)) > cost + 0.1
+    assert search_of(1, 2, most=1.01 * first.command).cost_of(np.zeros(1)) == cost
+
+
+def test_a_design_that_is_unstable_costs_more_than_any_that_is_stable_and_one_that_fails_most(search_of):
+    """The larger the pole of a plant, the more; the nominal plant comes first."""
+    stable, late, later = (search_of(*delays).cost_of(np.zeros(1)) for delays in ((1,), (1, 6), (1, 9)))
+    unstable, worse = (search_of(delay, 1).cost_of(np.zeros(1)) for delay in (6, 9))
+    assert stable + 10.0 < late
+    assert late < unstable
+    poles = [predicted(each.loop_of(None), each.truths[0], each.timing).pole for each in map(search_of, (6, 9))]
+    assert (late < later) == (unstable < worse) == (poles[0] < poles[1])
+
+    def failing(axis):
+        raise np.linalg.LinAlgError
+
+    assert search_of(1, loop_of=failing).cost_of(np.zeros(1)) > max(unstable, worse)
+    with pytest.raises(InputError, match=r"no design of this kind is stable: at best there is a pole of size 1\.\d{4}"):
+        search_of(6).found()
+
+
+class Bowl(lqg_design._Search):
+    """A search whose cost is the squared distance of the logarithms from those of known numbers, and even far away."""
+
+    best = np.log([3e-3, 0.7, 40.0])
+
+    def cost_of(self, logs):
+        return min(float(np.sum((logs - self.best) ** 2)), 9.0)
+
+
+@pytest.mark.parametrize("first", [3e-6, 3e-3, 3.0])
+def test_a_search_finds_the_numbers_of_least_cost_wherever_the_first_begins(search_of, first):
+    """The others begin within a factor of a few."""
+    start = search_of(1)
+    begun = Bowl(*(getattr(start, name) for name in start.__dataclass_fields__))
+    found = dataclasses.replace(begun, numbers=(first, 0.3, 60.0)).advanced()
+    np.testing.assert_allclose(found.numbers, np.exp(Bowl.best), rtol=1e-3)
+    assert found.cost == pytest.approx(found.cost_of(np.log(found.numbers)), abs=1e-12)
+    assert (found.truths, found.timing) == (start.truths, start.timing)
+
+
+def test_limits_are_narrowed_until_the_whole_loop_keeps_them(search_of):
+    """Limits shrink by slightly more than the loop exceeds them. A loop without feedback cannot be narrowed."""
+    limits = Limits(sensitivity=3.0, delay=0.03)
+    search = search_of(1, limits=limits._replace(sensitivity=2.5, delay=0.04))
+
+    def found(sensitivity, delay):
+        return types.SimpleNamespace(sensitivity=sensitivity, delay=delay)
+
+    assert search.narrowed(limits, (found(3.0, 0.03), None)) is search
+    assert search.narrowed(limits, (None, None)) is search
+    peaked = search.narrowed(limits, (found(2.0, 0.05), found(4.0, 0.05), None)).allowed
+    assert 0.99 * 2.5 * 3.0 / 4.0 < peaked.sensitivity < 2.5 * 3.0 / 4.0
+    assert peaked.delay == 0.04
+    late = search.narrowed(limits, (found(2.0, 0.02), found(2.0, 0.05))).allowed
+    assert 0.04 * 0.03 / 0.02 < late.delay < 1.01 * 0.04 * 0.03 / 0.02
+    assert late.sensitivity == 2.5
+
+
+@pytest.mark.slow
+def test_the_yaw_is_controlled_as_in_a_cascade(diagrams):
+    scenario = load_scenario(f"{diagrams}/laboratory.yaml:nominal")
+    gains = design_cascade(scenario).loops["yaw"].gains
+    yaw = lqg_design._yaw(scenario)
+    assert (yaw.k_p, yaw.k_d) == (gains.k_p, gains.k_d)
+    assert yaw.k_p > 1.2 * yaw.k_d
+
+
+@pytest.mark.slow
+def test_a_design_is_made_of_what_is_believed_and_of_what_disturbs(diagrams, monkeypatch):
+    """Without an autopilot, and with limits that no design breaks."""
+    monkeypatch.setattr(lqg_design, "_EVALUATIONS", 1)
+    scenario = load_scenario(f"{diagrams}/laboratory.yaml:low_wind", ["duration=4", "metrics.start=0"])
+    design = design_lqg(scenario, Limits(sensitivity=1e3, delay=1e-6))
+    control, found, gravity = design.control, design.conditions, scenario.nominal.gravity
+    x, z, plant = control.lateral, control.vertical, design.plants[0]
+    assert (x.lag, x.natural_frequency, x.damping, z.lag) == (plant.lag, None, None, plant.lag)
+    assert [axis.second.time for axis in (x, z)] == pytest.approx([found.lateral.time, found.vertical.time], rel=5e-3)
+    assert x.position_noise == z.position_noise == pytest.approx(found.position_noise, rel=1e-3)
+    assert z.second.deviation == pytest.approx(found.vertical.deviation, rel=1e-3)
+    # The first disturbance model stands for a constant, so it changes more slowly than the second.
+    assert x.first.time == z.first.time > 10.0 * max(x.second.time, z.second.time)
+    limits = scenario.control.thrust_vectoring
+    assert (control.max_tilt, control.min_thrust, control.max_thrust) == (
+        *(limits.max_tilt, limits.min_thrust, limits.max_thrust),
+    )
+    assert control.yaw == lqg_design._yaw(scenario)
+    timing = Timing(0.01, 0.02, control.delay_ticks)
+    assert timing in believed_timings(scenario, design.plants)
+    for loop, model, answers in (
+        (lateral_loop(x, timing, gravity), lateral_truth, design.lateral),
+        (vertical_loop(z, timing), vertical_truth, design.vertical),
+    ):
+        truths = [Truth.of(model(plant, found), plant, found, timing, gravity) for plant in design.plants]
+        assert answers == tuple(predicted(loop, truth, timing) for truth in truths)
+
+
+def test_noise_of_a_truth_is_that_of_the_cameras():
+    """The specific thrust sideways is seen by the attitude, times g."""
+    conditions = Conditions(STILL, STILL, 0.0, 1e-3, 4e-3, 0.03)
+    plant, timing = Plant(True, 0.05, None, 0, 1), Timing(0.01, 0.02, 2)
+    truth = Truth.of(lateral_truth(plant, conditions), plant, conditions, timing, 9.79)
+    np.testing.assert_allclose(truth.R, np.diag([1e-3**2, (9.79 * 4e-3) ** 2]), rtol=1e-12)
+    height = Truth.of(vertical_truth(plant, conditions), plant, conditions, timing, 9.79)
+    np.testing.assert_allclose(height.R, [[1e-3**2]], rtol=1e-12)
+    assert (truth.loss_rate, height.plant) == (0.03, plant)
+
+
+def test_rotors_that_slow_down_otherwise_count_with_the_mean_of_both_lags(diagrams):
+    scenario = load_scenario(f"{diagrams}/laboratory.yaml:nominal", ["vehicle.rotor_time_constant=0.04"])
+    assert lqg_design._lag(scenario) == 0.04
+    down = load_scenario(f"{diagrams}/hover.yaml", ["vehicle.rotor_time_constant=0.04"])
+    down = down.model_copy(update={"vehicle": down.vehicle.model_copy(update={"rotor_time_constant_down": 0.09})})
+    assert lqg_design._lag(down) == 0.06

@@ -1,0 +1,220 @@
+"""Derivatives of metrics through the simulator, against differences of whole flights."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydantic import TypeAdapter
+
+from drake_quad import InputError, load_scenario, simulate
+from drake_quad.design.sensitivity import _ABOVE, _AROUND, _BELOW, DIFFERENTIABLE, flight_sensitivities
+from drake_quad.scenario.controllers import PositionController
+from drake_quad.scenario.networks import Network
+from drake_quad.scenario.numbers import number_at, with_number
+
+ROOT = Path(__file__).parent.parent.parent
+FIELDS = (
+    "vehicle.mass",
+    "vehicle.rotor_time_constant",
+    "nominal.inertia.0",
+    "control.position.k_p.1",
+    "control.attitude.k_d.0",
+    "laboratory.motion_capture.derivative_bandwidth",
+    "laboratory.wind.0.flow",
+)
+SMOOTH = ("rmse", "rmse_y", "peak_error", "effort_x", "effort_z")
+
+
+@pytest.fixture(scope="module")
+def windy():
+    return load_scenario(ROOT / "diagrams" / "laboratory.yaml:low_wind", ["duration=4"])
+
+
+@pytest.mark.slow
+def test_derivatives_are_those_of_whole_flights(windy):
+    found = flight_sensitivities(windy, FIELDS, sample=2)
+    nominal = simulate(windy, sample=2)
+    for name in DIFFERENTIABLE:
+        assert found.metrics[name] == pytest.approx(getattr(nominal.metrics, name), rel=1e-9)
+    for i, field in enumerate(FIELDS):
+        step = 1e-4 * found.values[i]
+        ends = [
+            simulate(with_number(windy, field, found.values[i] + side * step), sample=2).metrics for side in (-1.0, 1.0)
+        ]
+        for name in SMOOTH:
+            low, high = (getattr(metrics, name) for metrics in ends)
+            scale = found.metrics[name] / found.values[i]
+            assert found.gradients[name][i] == pytest.approx((high - low) / (2.0 * step), rel=1e-3, abs=1e-6 * scale)
+
+
+@pytest.mark.slow
+def test_what_the_vehicle_does_not_say_follows_nominal():
+    """As with `--set nominal.mass`: the belief and the vehicle change together; not so if the vehicle has its own."""
+    course = ROOT / "diagrams" / "figure_eight.yaml"
+    for own in ([], ["vehicle.mass=0.68"]):
+        scenario = load_scenario(course, ["duration=2", *own])
+        found = flight_sensitivities(scenario, ["nominal.mass"]).gradients["effort_z"][0]
+        ends = [
+            simulate(load_scenario(course, ["duration=2", f"nominal.mass={mass}", *own])) for mass in (0.6799, 0.6801)
+        ]
+        low, high = (flight.metrics.effort_z for flight in ends)
+        assert found == pytest.approx((high - low) / 0.0002, rel=1e-3, abs=1e-6)
+
+
+def test_a_metric_that_is_zero_has_no_derivative():
+    found = flight_sensitivities(load_scenario(ROOT / "diagrams" / "hover.yaml", ["duration=1"]), ["vehicle.mass"])
+    assert found.metrics["rmse"] == 0.0
+    assert np.isnan(found.gradients["rmse"]).all()
+
+
+def test_a_crash_before_anything_counts():
+    wild = ["duration=3", "metrics={start: 2.5}", "control.attitude.k_p=[900, 900, 9]"]
+    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", wild)
+    with pytest.raises(InputError, match=r"crashed at \d\.\d\d s, before a tick counted"):
+        flight_sensitivities(scenario, ["vehicle.mass"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("reset", ["never", "at_segments"])
+def test_derivatives_reach_through_what_is_learned(windy, reset):
+    """Also where the covariance begins anew, as it does here after the rise of 2.3 s."""
+    learning = {
+        "kind": "type_2",
+        "learning": {"kind": "covariance", "slope": 2.0, "initial_covariance": 6.0, "reset": reset},
+    }
+    gains = {"kind": "pd", "k_p": (1.4, 1.4, 6.0), "k_d": (1.4, 1.4, 3.5), "derivative": "measurement"}
+    parts = {
+        "position": TypeAdapter(PositionController).validate_python(gains),
+        "network": TypeAdapter(Network).validate_python(learning),
+    }
+    scenario = windy.model_copy(update={"control": windy.control.model_copy(update=parts)})
+    fields = [f"control.network.{name}" for name in ("learning.slope", "learning.initial_covariance", "a1", "q")]
+    found = flight_sensitivities(scenario, fields, sample=1)
+    for i, field in enumerate(fields):
+        step = 1e-4 * found.values[i]
+        low, high = (
+            simulate(with_number(scenario, field, found.values[i] + side * step), sample=1).metrics.rmse
+            for side in (-1.0, 1.0)
+        )
+        assert found.gradients["rmse"][i] == pytest.approx((high - low) / (2.0 * step), rel=1e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("field", "bound", "step"), [("vehicle.linear_drag", 0.0, 1e-6), ("control.network.q", 1.0, -1e-4)]
+)
+def test_a_number_at_its_bound_is_varied_to_one_side(asymmetric, field, bound, step):
+    """Upwards from the least that it can be, downwards from the most."""
+    scenario = asymmetric("pd_t2fnn", "duration=2", f"{field}={bound}", "metrics.start=0")
+    found = flight_sensitivities(scenario, [field])
+    with pytest.raises(InputError, match=f"{field} cannot be"):
+        with_number(scenario, field, bound - step)
+    ends = [simulate(with_number(scenario, field, value)).metrics.rmse for value in (bound, bound + step)]
+    assert found.gradients["rmse"][0] == pytest.approx((ends[1] - ends[0]) / step, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("field", "words"),
+    [
+        ("vehicle.wings", "there is no field vehicle.wings in the scenario"),
+        ("control.position.k_p.3", "there is no field control.position.k_p.3"),
+        ("control.position.k_p.-1", "there is no field control.position.k_p.-1"),
+        ("control.position.kind", "control.position.kind is 'pd', not a real number"),
+        ("seed", "seed is 0, not a real number"),
+        ("route.radius", "route.radius changes the plan"),
+        ("laboratory.command_link.loss_rate", "decides when something happens; a flight depends on it in jumps"),
+        ("crash.tilt", "crash.tilt is not a number that the flight depends on smoothly"),
+        ("laboratory.motion_capture.position_noise", "changes the structure of the diagram at 0"),
+        ("laboratory.motion_capture.attitude_noise", "changes the structure of the diagram at 0"),
+        ("laboratory.motion_capture.misalignment.1", "changes the structure of the diagram at 0"),
+        ("laboratory.wind.0.velocity.1", "changes the structure of the diagram at 0"),
+        ("vehicle.battery_sag", "changes the structure of the diagram at 0"),
+    ],
+)
+def test_what_has_no_derivative_is_told(field, words):
+    """Also what is left out of the diagram when it is zero, with a derivative filter that would be there anyway."""
+    still = [
+        "laboratory.wind=[{kind: steady, velocity: [0, 0, 0]}]",
+        "laboratory.motion_capture.derivative_bandwidth=80",
+    ]
+    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["duration=1", *still])
+    with pytest.raises(InputError, match=words):
+        flight_sensitivities(scenario, [field])
+
+
+def test_numbers_are_read_and_replaced_by_path(windy):
+    assert number_at(windy, "control.position.k_p.2") == windy.control.position.k_p[2]
+    changed = with_number(windy, "laboratory.wind.1.position.0", 2.5)
+    assert changed.laboratory.wind[1].position == (2.5, -5.5, 1.5)
+    assert windy.laboratory.wind[1].position[0] == 1.2
+    assert changed.model_copy(update={"laboratory": windy.laboratory}) == windy
+    with pytest.raises(InputError, match="vehicle.mass cannot be -1"):
+        with_number(windy, "vehicle.mass", -1.0)
+
+
+def test_nothing_to_differentiate_by_is_refused():
+    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["duration=1"])
+    with pytest.raises(InputError, match="there is no field to differentiate by"):
+        flight_sensitivities(scenario, [])
+
+
+@pytest.mark.slow
+def test_the_sample_that_the_scenario_names_is_flown_if_no_other_is_given(windy):
+    named = windy.model_copy(update={"sample": 2, "duration": 0.3})
+    found = flight_sensitivities(named, ["vehicle.mass"])
+    assert found.fields == ("vehicle.mass",)
+    for sample in (2, 1):
+        other = flight_sensitivities(named.model_copy(update={"sample": None}), ["vehicle.mass"], sample=sample)
+        assert (other.metrics["rmse"] == found.metrics["rmse"]) == (sample == 2)
+    assert found.crash_time == np.inf
+    first = flight_sensitivities(named, ["vehicle.mass"], sample=0)
+    alone = flight_sensitivities(named.model_copy(update={"sample": None}), ["vehicle.mass"])
+    assert first.metrics["rmse"] == alone.metrics["rmse"] != found.metrics["rmse"]
+
+
+def test_a_distribution_needs_a_sample():
+    scenario = load_scenario(
+        ROOT / "diagrams" / "figure_eight.yaml", ["duration=1", "vehicle.mass={uniform: {min: 0.6, max: 0.7}}"]
+    )
+    with pytest.raises(InputError, match=r"vehicle\.mass"):
+        flight_sensitivities(scenario, ["vehicle.linear_drag"])
+    found = flight_sensitivities(scenario, ["vehicle.mass"], sample=3)
+    assert found.values[0] == simulate(scenario, sample=3).scenario.vehicle.mass
+    assert 0.6 < found.values[0] < 0.7
+
+
+def test_a_crash_ends_what_is_differentiated():
+    wild = ["duration=3", "control.attitude.k_p=[900, 900, 9]"]
+    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", wild)
+    assert flight_sensitivities(scenario, ["vehicle.mass"]).crash_time == simulate(scenario).metrics.crash_time < 3.0
+
+
+def test_a_number_that_can_be_neither_more_nor_less_is_told_with_why():
+    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["duration=1"])
+    words = r"^laboratory\.command_link\.period cannot be 0\.01996: must be the shortest period"
+    with pytest.raises(InputError, match=words):
+        flight_sensitivities(scenario, ["laboratory.command_link.period"])
+
+
+@pytest.mark.parametrize("field", ["laboratory.motion_capture.dropout_rate", "vehicle.rotor_failure.time"])
+def test_what_only_decides_when_something_happens_has_no_derivative(field):
+    failing = ["duration=1", "vehicle.rotor_failure={rotor: 1, time: 0.5}"]
+    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", failing)
+    with pytest.raises(InputError, match="decides when something happens"):
+        flight_sensitivities(scenario, [field])
+
+
+@pytest.mark.parametrize("weights", [_AROUND, _ABOVE, _BELOW])
+def test_differences_are_exact_for_polynomials_of_the_fourth_degree(weights):
+    """Beside the number itself, whose weight is what makes the sum zero; on one side, those of the second kind."""
+    for power in range(1, 5):
+        assert sum(weight * steps**power for steps, weight in weights.items()) == pytest.approx(float(power == 1))
+
+
+def test_a_number_of_a_layout_that_only_nominal_has_is_changed_for_the_vehicle_alone():
+    scenario = load_scenario(
+        ROOT / "diagrams" / "figure_eight.yaml", ["nominal.layout={kind: h, length: 0.2, width: 0.3}"]
+    )
+    changed = with_number(scenario, "vehicle.layout.width", 0.31)
+    assert (changed.vehicle.layout.length, changed.vehicle.layout.width) == (0.2, 0.31)
+    assert changed.nominal.layout == scenario.nominal.layout

@@ -1,0 +1,134 @@
+"""The map of stable gains, against the poles of single loops and against lone flights."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drake_quad import load_scenario, simulate
+from drake_quad.design.gains import AxisGains, pd_loop
+from drake_quad.design.stability_map import flown_map, mapped_plant, stability_map
+from drake_quad.linear.closed_loop import closed_loop
+from drake_quad.linear.margins import margins
+from drake_quad.linear.modes import modes
+from drake_quad.linear.sampled_system import SampledSystem
+from drake_quad.scenario.batch import draw_sample
+from drake_quad.scenario.paths import replaced
+
+ROOT = Path(__file__).parent.parent.parent
+SOFT = ROOT / "diagrams" / "gains" / "laboratory.yaml"
+K_P, K_D = np.array([0.1, 0.3, 0.8]), np.array([0.2, 0.7, 1.5, 3.5])
+
+
+@pytest.fixture(scope="module")
+def scenario():
+    return soft("duration=3", "crash.position_error=0.5")
+
+
+def soft(*overrides):
+    return load_scenario(ROOT / "diagrams" / "laboratory.yaml:nominal", overrides, layers=[SOFT])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("loop", ["position", "attitude"])
+def test_each_place_of_the_map_is_a_loop_of_its_own(scenario, loop):
+    plant = mapped_plant(scenario, loop)
+    k_p, k_d = (K_P, K_D) if loop == "position" else (np.array([1.0, 8.0, 60.0]), 8.0 * K_D)
+    found = stability_map(plant, k_p, k_d)
+    assert 0 < found.stable.sum() < found.stable.size
+    for i, j in np.ndindex(found.stable.shape):
+        gains = AxisGains(k_p[i], k_d[j])
+        closed = plant.with_feedback(np.array([gains]))
+        assert found.size[i, j] == pytest.approx(np.abs(closed.poles()).max(), rel=1e-9)
+        if not found.stable[i, j]:
+            assert np.isnan(found.damping[i, j])
+            assert np.isnan(found.delay[i, j])
+            continue
+        lasting = [mode for mode in modes(closed.A, closed.states, period=0.02) if mode.pole.real > np.log(0.05) / 0.02]
+        assert found.damping[i, j] == pytest.approx(min(mode.damping for mode in lasting), rel=1e-3)
+        assert found.delay[i, j] == pytest.approx(margins(pd_loop(plant, gains)).delay, rel=5e-3)
+
+
+def test_a_position_that_is_left_alone_is_not_held(scenario):
+    """Without k_P the integrator stays at 1, on either side as far as numbers go."""
+    found = stability_map(mapped_plant(scenario, "position"), np.array([0.0]), K_D[:3])
+    np.testing.assert_allclose(found.size, 1.0, atol=1e-8)
+    assert not found.stable.any()
+
+
+@pytest.mark.parametrize("loop", ["position", "attitude"])
+@pytest.mark.parametrize("controller", [None, "pid", "disturbance_observer", "indi"])
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        [],
+        ["vehicle.mass=0.75", "vehicle.inertia=[0.01, 0.01, 0.012]"],
+        [
+            "nominal.inertia=[0.0065, 0.0085, 0.0126]",
+            "vehicle.inertia=[0.0071, 0.0079, 0.0131]",
+            "control.position={k_p: [0.25, 0.4, 5.5], k_d: [0.65, 0.9, 3.4]}",
+            "control.attitude={k_p: [4.5, 6.5, 5.0], k_d: [3.1, 3.9, 3.3]}",
+        ],
+    ],
+)
+def test_the_mapped_loop_is_the_diagram(loop, overrides, controller):
+    """Closed with gains that are not the scenario's it has multipliers of the whole diagram that has them."""
+    laid = [ROOT / "diagrams" / "controllers" / "designed" / f"laboratory.yaml:{controller}"] if controller else [SOFT]
+    scenario = load_scenario(ROOT / "diagrams" / "laboratory.yaml:nominal", overrides, layers=laid)
+    block, i = getattr(scenario.control, loop), 0 if loop == "position" else 1
+    gains = {f"control.{loop}.k_p.{i}": 1.1 * block.k_p[i], f"control.{loop}.k_d.{i}": 0.95 * block.k_d[i]}
+    poles = mapped_plant(scenario, loop).with_feedback(np.array([[*gains.values()]])).poles()
+    changed = replaced(scenario, lambda path, value: gains.get(path, value))
+    multipliers = closed_loop(changed).system.poles()
+    lasting = poles[np.abs(poles) > 0.1]
+    assert len(lasting) >= 5
+    for pole in lasting:
+        assert np.abs(multipliers - pole).min() < 1e-6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("loop", ["position", "attitude"])
+def test_each_place_of_the_flown_map_is_a_flight_of_its_own(scenario, loop):
+    """All with the wind and noise of one sample; also one that crashes."""
+    k_p, k_d = (K_P, np.array([0.2, 0.7])) if loop == "position" else (np.array([6.0, 90.0]), np.array([0.3, 4.0]))
+    found = flown_map(scenario, loop, k_p, k_d, sample=3)
+    assert found.rmse.shape == (len(k_p), len(k_d))
+    first = flown_map(scenario, loop, k_p[:1], k_d[:1]).rmse
+    np.testing.assert_array_equal(first, flown_map(scenario, loop, k_p[:1], k_d[:1], sample=0).rmse)
+    assert first != pytest.approx(found.rmse[:1, :1], rel=1e-6)
+    crashed = 0
+    for i, j in np.ndindex(found.rmse.shape):
+        block = getattr(scenario.control, loop)
+        gains = [
+            f"control.{loop}.{name}=[{value}, {value}, {getattr(block, name)[2]}]"
+            for name, value in (("k_p", k_p[i]), ("k_d", k_d[j]))
+        ]
+        overrides = ["duration=3", "crash.position_error=0.5", *gains]
+        alone = simulate(soft(*overrides), sample=3)
+        assert found.rmse[i, j] == pytest.approx(alone.metrics.rmse, rel=1e-9)
+        assert found.crash_time[i, j] == alone.metrics.crash_time
+        crashed += alone.metrics.crashed
+    assert loop == "position" or crashed > 0
+
+
+def test_delay_lines_have_no_damping_of_their_own():
+    """Poles below 0.05 die within a tick, even if they alternate; one of -0.06 turns by π in a tick, and counts."""
+    for pole, damping in ((0.01, 1.0), (-0.04, 1.0), (-0.06, 0.66719)):
+        plant = SampledSystem(
+            np.diag([pole, 0.001]), np.zeros((2, 1)), np.eye(2), np.zeros((2, 1)), 0.02, ("a", "b"), ("u",), ("a", "b")
+        )
+        found = stability_map(plant, np.array([1.0]), np.array([1.0, 2.0]))
+        np.testing.assert_allclose(found.damping, [[damping, damping]], rtol=1e-4)
+        np.testing.assert_allclose(found.size, abs(pole))
+
+
+def test_a_scenario_that_names_a_sample_is_mapped_for_it(scenario):
+    drawn = load_scenario(
+        ROOT / "diagrams" / "laboratory.yaml:nominal", ["vehicle.mass={uniform: {min: 0.6, max: 0.8}}"]
+    )
+    first, second = (mapped_plant(drawn.model_copy(update={"sample": sample}), "position") for sample in (0, 1))
+    own = load_scenario(
+        ROOT / "diagrams" / "laboratory.yaml:nominal", [f"vehicle.mass={draw_sample(drawn, 1).vehicle.mass!r}"]
+    )
+    np.testing.assert_allclose(mapped_plant(own, "position").A, second.A, atol=1e-12)
+    assert np.abs(first.A - second.A).max() > 1e-4

@@ -1,0 +1,122 @@
+"""The search finds what a plain look at every pair of gains finds, and keeps the limit."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from drake_quad import load_scenario
+from drake_quad.design.tuning import Budget, Knob, LoopLimit, delay_stood, tune, with_later_frames, with_numbers
+from drake_quad.linear.link_margins import link_margins
+from drake_quad.studies.comparison import fly_samples
+
+K_P = Knob(("control.position.k_p.0", "control.position.k_p.1"), 0.5, 12.0)
+K_D = Knob(("control.position.k_d.0", "control.position.k_d.1"), 0.5, 8.0)
+
+
+def stiffness(most):
+    """A limit on k_P."""
+    return lambda scenario: np.array([most / scenario.control.position.k_p[0]])
+
+
+@pytest.fixture(scope="module")
+def laboratory(diagrams):
+    return load_scenario(diagrams / "laboratory.yaml:low_wind", ["duration=2", "control.position.k_p=[9, 9, 6.14]"])
+
+
+@pytest.mark.slow
+def test_the_best_that_keeps_the_limit_is_found(laboratory, diagrams):
+    budget = Budget(rounds=4, candidates=32, samples=2, checks=4, steps=20)
+    found = tune([laboratory], [K_P, K_D], stiffness(2.0), budget=budget)
+    assert found.share >= 1.0
+    flown = fly_samples(with_numbers(laboratory, [K_P, K_D], found.numbers), range(2))
+    assert found.error == pytest.approx(float(flown.rmse.mean()), rel=1e-9)
+    grid = itertools.product((1.0, 2.0), (1.5, 3.0))
+    gains = [f"control.position.{name}=[{{0}}, {{0}}, 6.14]" for name in ("k_p", "k_d")]
+    for pair in grid:
+        overrides = ["duration=2", *(text.format(gain) for text, gain in zip(gains, pair, strict=True))]
+        other = fly_samples(load_scenario(diagrams / "laboratory.yaml:low_wind", overrides), range(2))
+        assert found.error < 1.02 * float(other.rmse.mean())
+
+
+@pytest.mark.slow
+def test_where_no_candidate_keeps_the_limit_the_one_nearest_to_it_is_taken(laboratory):
+    found = tune(
+        [laboratory], [K_P], stiffness(0.25), budget=Budget(rounds=3, candidates=16, samples=1, checks=4, steps=10)
+    )
+    assert found.numbers[0] == pytest.approx(0.5, rel=0.1)
+    assert found.share == pytest.approx(0.25 / found.numbers[0])
+
+
+@pytest.mark.slow
+def test_the_share_of_a_limit_is_that_of_the_worst_loop(laboratory, diagrams):
+    scenario = load_scenario(diagrams / "laboratory.yaml:nominal")
+    found = link_margins(scenario)
+    peak = max(margins.sensitivity for margins in found.values())
+    delay = min(margins.delay for margins in found.values())
+    assert LoopLimit(0.8 * peak, 1e-3).shares_met(scenario).min() == pytest.approx(0.8, rel=5e-3)
+    assert LoopLimit(50.0, 1.6 * delay).shares_met(scenario).min() == pytest.approx(1.0 / 1.6, rel=5e-3)
+    stiff = load_scenario(diagrams / "laboratory.yaml:nominal", ["control.attitude.k_p=[900, 900, 5]"])
+    assert LoopLimit().shares_met(stiff).max() == 0.0
+
+
+@pytest.mark.slow
+def test_what_was_found_before_is_not_lost(laboratory):
+    budget = Budget(rounds=1, candidates=4, samples=1, checks=1, steps=4)
+    alone = tune([laboratory], [K_P, K_D], stiffness(12.0), budget=budget)
+    good = tune([laboratory], [K_P, K_D], stiffness(12.0), budget=Budget(3, 32, 1, 4, 30))
+    again = tune([laboratory], [K_P, K_D], stiffness(12.0), budget=budget, before=good.numbers)
+    assert again.error <= good.error + 1e-9 < alone.error
+
+
+@pytest.mark.slow
+def test_the_vertical_axis_is_tuned_by_itself_and_without_a_limit_less_error_is_all(laboratory):
+    height = Knob(("control.position.k_p.2",), 0.5, 30.0)
+    budget = Budget(rounds=3, candidates=16, samples=1, steps=10)
+    found = tune([laboratory, laboratory], [height, K_P], None, budget=budget)
+    assert height.vertical
+    assert not K_P.vertical
+    assert found.share == np.inf
+    flown = fly_samples(with_numbers(laboratory, [height, K_P], found.numbers), range(1))
+    assert found.error == pytest.approx(float(flown.rmse.mean()), rel=1e-9)
+    for number in ((0.6, found.numbers[1]), (found.numbers[0], 0.6)):
+        other = fly_samples(with_numbers(laboratory, [height, K_P], number), range(1))
+        assert found.error < float(other.rmse.mean())
+
+
+def test_later_frames_are_later_than_the_own(diagrams):
+    """In whole frames of 10 ms, also where the scenario draws whether a frame is late."""
+    for name, expected in (("laboratory.yaml:nominal", 3.0), ("robustness.yaml", (3.0, 4.0))):
+        later = with_later_frames(load_scenario(diagrams / name), 0.03).laboratory.motion_capture.latency_frames
+        assert getattr(later, "choice", later) == expected
+
+
+@pytest.fixture(scope="module")
+def narrow(diagrams):
+    """A loop of 53 ms of delay margin in a narrow corridor."""
+    layers = [diagrams / "controllers" / "designed" / "priced.yaml:indi@3"]
+    overrides = ["duration=3", "crash.position_error=0.1"]
+    return load_scenario(diagrams / "laboratory.yaml:low_wind", overrides, layers=layers)
+
+
+@pytest.mark.slow
+def test_the_delay_that_is_stood_is_the_most_with_which_no_training_flight_crashes(narrow):
+    def crashes(later):
+        return fly_samples(with_later_frames(narrow, later), range(2)).crashed.any()
+
+    stood = delay_stood([narrow], 0.09, budget=Budget(samples=2))
+    assert 0.0 < stood < 0.09
+    assert crashes(stood + 0.01)
+    assert not crashes(stood)
+    assert delay_stood([narrow], stood - 0.01, budget=Budget(samples=2)) == pytest.approx(stood - 0.01)
+
+
+@pytest.mark.slow
+def test_where_a_limit_is_flown_late_crashes_are_charged(narrow):
+    """Each with what it is charged with for how early it was, beside the error of the flights in time."""
+    knob, budget = Knob(("control.position.k_p.0",), 3.3, 3.301), Budget(rounds=1, candidates=4, samples=2, steps=1)
+    timely, late = (tune([narrow], [knob], None, budget=budget, later=later).error for later in (0.0, 0.09))
+    flown = fly_samples(with_numbers(with_later_frames(narrow, 0.09), [knob], [3.3]), range(2))
+    assert flown.crashed.all()
+    assert timely < 0.1
+    assert late - timely == pytest.approx(float((2.0 - flown.crash_time / 3.0).mean()), rel=1e-3)

@@ -1,0 +1,103 @@
+"""Fleets under Drake's simulator: when they end, what they record, and what is left after a reset."""
+
+import numpy as np
+import pytest
+
+from drake_quad import load_scenario
+from drake_quad.fleets.fleet_simulation import simulate_fleet
+from drake_quad.flight.mission import plan_route
+from drake_quad.scenario.batch import Batch
+
+
+@pytest.fixture(scope="module")
+def scenario(diagrams):
+    """Hover in turbulence with one rotor that slows down after a while."""
+    overrides = [
+        "route.duration=20",
+        "laboratory.wind=[{kind: dryden, level: light}]",
+        "vehicle.rotor_failure={rotor: 2, time: 0.1, speed_factor: {uniform: {min: 0.95, max: 0.99}}}",
+    ]
+    return load_scenario(diagrams / "hover.yaml", overrides)
+
+
+def begun(scenario, samples, compiled, factors=None):
+    """The simulation of some samples, whose rotors keep given shares of their speed."""
+    batch = Batch.draw(scenario, samples)
+    if factors is not None:
+        batch = batch.with_varying({"vehicle.rotor_failure.speed_factor": np.array(factors)})
+    return batch, simulate_fleet(batch, plan_route(scenario), record=True, compiled=compiled)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("compiled", [False, True])
+def test_a_fleet_that_is_reset_flies_as_one_that_is_new(scenario, compiled):
+    """Compiled, the first wind is made by other code, which may round its last bit differently."""
+    first, simulation = begun(scenario, [3, 5], compiled)
+    flown = []
+    for batch in (first, Batch.draw(scenario, [8, 1]), first):
+        simulation.reset(batch)
+        assert simulation.simulator.get_context().get_time() == 0.0
+        assert not simulation.metrics().crashed.any()
+        simulation.fly(0.4)
+        time, signals = simulation.recording()
+        new = simulate_fleet(batch, plan_route(scenario), record=True, compiled=compiled)
+        new.fly(0.4)
+        np.testing.assert_array_equal(time, new.recording()[0])
+        for name, values in new.recording()[1].items():
+            np.testing.assert_allclose(signals[name], values, rtol=1e-9, atol=1e-12, err_msg=name)
+        np.testing.assert_allclose(np.array(simulation.metrics()), np.array(new.metrics()), rtol=1e-9)
+        flown.append(signals["state"])
+    assert np.abs(flown[0] - flown[1])[-1].max() > 1e-4
+    np.testing.assert_allclose(flown[2], flown[0], rtol=1e-9, atol=1e-12)
+
+
+def test_a_continuous_fleet_that_is_reset_stops_where_its_new_rotors_fail(diagrams):
+    """Before and after the failure its steps are as those of a fleet that is new, to the last bit."""
+    failure = "{rotor: 2, time: {uniform: {min: 0.05, max: 0.25}}, speed_factor: 0.5}"
+    overrides = ["vehicle.time_step=0", "crash.tilt=null", f"vehicle.rotor_failure={failure}"]
+    continuous = load_scenario(diagrams / "hover.yaml", overrides)
+    _, simulation = begun(continuous, [0], False)
+    batch, new = begun(continuous, [1], False)
+    simulation.reset(batch)
+    for fleet in (simulation, new):
+        fleet.fly(0.3)
+    np.testing.assert_array_equal(simulation.recording()[1]["state"], new.recording()[1]["state"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("compiled", [False, True])
+def test_a_fleet_ends_when_all_have_crashed(scenario, compiled):
+    told = []
+    _, simulation = begun(scenario, [0, 1], compiled, [0.0, 0.5])
+    simulation.fly(20.0, progress=lambda *now: told.append(now))
+    crash_times = simulation.metrics().crash_time
+    assert crash_times.max() < 3.0
+    times = [time for time, _ in told]
+    strides = np.diff([0.0, *times])
+    np.testing.assert_allclose(strides, strides[0])
+    assert times[-1] - strides[0] <= crash_times.max() <= times[-1] < 6.0
+    assert {duration for _, duration in told} == {20.0}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("compiled", [False, True])
+def test_a_fleet_flies_on_as_long_as_one_has_not_crashed(scenario, compiled):
+    """To the duration and no further, also if that is no multiple of what is flown between two checks."""
+    told = []
+    _, simulation = begun(scenario, [0, 1], compiled, [0.0, 0.99])
+    simulation.fly(5.5, progress=lambda time, _: told.append(time))
+    assert told[-1] == simulation.simulator.get_context().get_time() == 5.5
+    np.testing.assert_array_equal(np.isfinite(simulation.metrics().crash_time), [True, False])
+    time, signals = simulation.recording()
+    np.testing.assert_allclose(time, 0.02 * np.arange(276), atol=1e-12)
+    assert {len(values) for values in signals.values()} == {276}
+    states = signals["state"].reshape(276, 12, 2)
+    # A vehicle that has crashed is frozen from the next tick on.
+    crashed = time > simulation.metrics().crash_time[0]
+    np.testing.assert_array_equal(states[crashed, :, 0], np.tile(states[-1, :, 0], (crashed.sum(), 1)))
+    assert np.ptp(states[crashed, 0, 1]) > 0.0
+
+
+@pytest.mark.slow
+def test_what_is_simulated_says_whether_it_is_compiled(scenario):
+    assert [begun(scenario, [0], compiled)[1].compiled for compiled in (False, True)] == [False, True]

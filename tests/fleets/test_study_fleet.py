@@ -1,0 +1,258 @@
+"""Samples put into a fleet that is there fly as in one that is built for them."""
+
+import resource
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from drake_quad import InputError, load_scenario, simulate
+from drake_quad.assembly.tracking import build_fleet_diagram, reset_fleet
+from drake_quad.assembly.user_systems import UserSystems
+from drake_quad.control.axes import PerAxis
+from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
+from drake_quad.fleets.fleet_simulation import fly, read_metrics
+from drake_quad.fleets.study_fleet import StudyFleet
+from drake_quad.flight.mission import plan_route
+from drake_quad.flight.simulation import simulate_samples
+from drake_quad.framework.wiring import subsystem
+from drake_quad.scenario.batch import Batch
+
+
+@pytest.fixture(scope="module")
+def scenario(diagrams):
+    """Half a second of the study of robustness, with overrides and perhaps another of the paper's controllers."""
+
+    def load(*overrides, controller=None):
+        paper = diagrams / "controllers" / "paper.yaml"
+        layers = [] if controller is None else [f"{paper}:{controller}"]
+        return load_scenario(diagrams / "robustness.yaml", ["duration=0.5", *overrides], layers=layers)
+
+    return load
+
+
+def flown(study, batch):
+    """The metrics of a fleet that is built for a batch, and never reset."""
+    diagram = build_fleet_diagram(batch, plan_route(study))
+    simulator = Simulator(diagram)
+    fly(simulator, study.duration)
+    return read_metrics(diagram, simulator.get_context())
+
+
+CONTROLLERS = ["pd", "pid", "pd_t1fnn", "pd_t2fnn", "pd_feed_forward"]
+SIGN = ["control.network.learning={kind: sign, rate: {uniform: {min: 0.5, max: 1.0}}}"]
+NETWORK = [
+    "control.network.a1={uniform: {min: 1.1, max: 1.5}}",
+    "control.network.learning.initial_covariance={uniform: {min: 1.0, max: 6.0}}",
+    "control.network.learning.initial_weight={uniform: {min: -0.1, max: 0.1}}",
+    "vehicle.rotor_failure={rotor: {choice: [1, 2]}, time: 0.2, speed_factor: {uniform: {min: 0.8, max: 0.9}}}",
+]
+PD = "k_p: [1.5, 1.6, 5.0], k_d: [2.0, 2.1, 3.2], feed_forward: snap"
+SEEN = "response: {kind: tilt, lag: {uniform: {min: 0.05, max: 0.09}}}"
+BELIEVED = "response: {kind: commanded, lag: [{uniform: {min: 0.2, max: 0.3}}, 0.25, 0.07]}"
+ESTIMATORS = [
+    [
+        f"control.position={{kind: indi, {PD}, {SEEN}, bandwidth: [2.0, {{uniform: {{min: 1.0, max: 3.0}}}}, 4.0]}}",
+        "control.attitude={kind: indi, k_p: [15.0, 15.0, 5.0], k_d: [6.5, 6.5, 3.4],"
+        " lag: {uniform: {min: 0.05, max: 0.09}}, bandwidth: 1.0}",
+    ],
+    [
+        f"control.position={{kind: l1, {PD}, {BELIEVED}, bandwidth: [1.0, 1.1, 1.2],"
+        " adaptation: {uniform: {min: 0.5, max: 2.0}}}",
+        "control.attitude={kind: geometric, k_p: [15.0, 15.0, 5.0], k_d: [6.5, 6.5, 3.4]}",
+    ],
+]
+
+
+@pytest.mark.parametrize(
+    ("overrides", "controller"),
+    [
+        *(([], name) for name in CONTROLLERS),
+        (NETWORK, "pd_t2fnn"),
+        (SIGN, "pd_t1fnn"),
+        *((overrides, None) for overrides in ESTIMATORS),
+    ],
+)
+def test_other_samples_fly_as_in_a_fleet_of_their_own(scenario, overrides, controller):
+    """With every kind of system and every number that may differ, also when they come second.
+
+    As wired, bit for bit. Compiled, the first frame of the cameras and the first wind are made by other code, which
+    rounds the last bit of some samples differently.
+    """
+    study = scenario(*overrides, controller=controller)
+    wired, compiled = (
+        StudyFleet(study, plan_route(study), 3, compiled=False),
+        StudyFleet(study, plan_route(study), 3),
+    )
+    for samples in ([7, 8, 9], [3, 1, 2], [7, 8, 9]):
+        expected = flown(study, Batch.draw(study, samples))
+        for found, wanted in zip(wired.fly(samples), expected, strict=True):
+            np.testing.assert_array_equal(found, wanted)
+        for found, wanted in zip(compiled.fly(samples), expected, strict=True):
+            np.testing.assert_allclose(found, wanted, rtol=1e-12)
+
+
+def test_what_is_made_to_vary_flies_as_in_a_fleet_of_its_own(scenario):
+    """Numbers that were not drawn: gains, an item of a list, a whole number of ticks."""
+    study = scenario("laboratory.command_link.delay_ticks={choice: [0, 2]}", controller="pd_t2fnn")
+    varying = {
+        "laboratory.command_link.delay_ticks": np.array([2.0, 0.0, 1.0]),
+        "control.position.k_p.0": np.array([0.8, 1.0, 1.2]),
+        "control.network.learning.gain": np.array([0.2, 0.5, 0.7]),
+        "vehicle.mass": np.array([0.68, 0.7, 0.72]),
+    }
+    fleet, drawn = StudyFleet(study, plan_route(study), 3), Batch.draw(study, [5, 5, 2])
+    varied = drawn.with_varying(varying)
+    metrics = fleet.fly_batch(varied)
+    for found, expected in zip(metrics, flown(study, varied), strict=True):
+        np.testing.assert_array_equal(found, expected)
+    # Each as the scenario that is its own.
+    for i in range(3):
+        alone = simulate(varied.scenario_of(i)).metrics
+        np.testing.assert_allclose([float(value[i]) for value in metrics], alone, rtol=1e-9)
+    # And nothing of it is left.
+    for found, expected in zip(fleet.fly_batch(drawn), flown(study, drawn), strict=True):
+        np.testing.assert_array_equal(found, expected)
+
+
+BEYOND = {
+    "laboratory.command_link.delay_ticks": [0.0, 1.0, 3.0],
+    "laboratory.command_link.loss_rate": [0.0, 0.2, 0.4],
+    "laboratory.motion_capture.latency_frames": [0.0, 2.0, 3.0],
+    "laboratory.motion_capture.position_noise": [0.0, 0.01, 0.02],
+    "laboratory.motion_capture.dropout_rate": [0.0, 0.2, 0.4],
+    "laboratory.motion_capture.misalignment.1": [0.0, 0.02, -0.02],
+    "laboratory.motion_capture.derivative_bandwidth": [20.0, 40.0, 60.0],
+    "laboratory.wind.0.velocity.1": [0.0, 1.0, -1.0],
+    "vehicle.battery_sag": [0.0, 0.1, 0.2],
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", BEYOND)
+def test_what_the_scenario_has_none_of_can_be_made_to_vary_where_the_diagram_is_built_for_it(diagrams, path):
+    """And is refused in a diagram that was built without it: nothing is left out in silence."""
+    calm = "laboratory.wind=[{kind: steady, velocity: [0.0, 0.0, 0.0]}]"
+    ideal = load_scenario(diagrams / "figure_eight.yaml", ["duration=2", "vehicle.linear_drag=0.2", calm])
+    varied = Batch.draw(ideal, [0, 0, 0]).with_varying({path: np.array(BEYOND[path])})
+    metrics = flown(ideal, varied)
+    alone = [simulate(varied.scenario_of(i)).metrics.rmse for i in range(3)]
+    assert len(set(alone)) == 3
+    np.testing.assert_allclose(metrics.rmse, alone, rtol=1e-9)
+    with pytest.raises((ValueError, RuntimeError), match="was built with|steady"):
+        StudyFleet(ideal, plan_route(ideal), 3).fly_batch(varied)
+
+
+def test_a_context_that_is_reset_is_the_default_one_of_the_fleet_of_its_batch(scenario):
+    """Every parameter, state and random number; also those that do not show in the metrics."""
+    study = scenario(*NETWORK)
+    plan = plan_route(study)
+    first, second = Batch.draw(study, range(4)), Batch.draw(study, [9, 8, 7, 6])
+    diagrams = [build_fleet_diagram(batch, plan) for batch in (first, second)]
+    contexts = [diagram.CreateDefaultContext() for diagram in diagrams]
+    reset_fleet(diagrams[0], contexts[0], second, plan)
+    sizes = [(context.num_numeric_parameter_groups(), context.num_discrete_state_groups()) for context in contexts]
+    assert sizes[0] == sizes[1]
+    assert sizes[0][0] > 10
+    for i in range(sizes[0][0]):
+        found, expected = (context.get_numeric_parameter(i).CopyToVector() for context in contexts)
+        np.testing.assert_array_equal(found, expected)
+    for i in range(sizes[0][1]):
+        found, expected = (context.get_discrete_state(i).CopyToVector() for context in contexts)
+        np.testing.assert_array_equal(found, expected)
+
+
+def test_a_flown_context_is_reset_to_the_beginning(scenario):
+    """Time, states and what a user's system remembers: nothing of the flight before is left."""
+    study = scenario(*NETWORK)
+    plan, batch = plan_route(study), Batch.draw(study, range(2))
+    own = UserSystems(position_controller=stiff).made(2)
+    diagram = build_fleet_diagram(batch, plan, own=own)
+    simulator = Simulator(diagram)
+    context = simulator.get_mutable_context()
+    simulator.AdvanceTo(0.3)
+    pd = subsystem(diagram, ("control", "position", "pd"))
+    of_pd = pd.GetMyMutableContextFromRoot(context)
+    pd.set_parameter(of_pd, "gains", PdGains(PerAxis(1.0, 1.0, 1.0), PerAxis(1.0, 1.0, 1.0)))
+    reset_fleet(diagram, context, batch, plan, own=own)
+    fresh = diagram.CreateDefaultContext()
+    assert context.get_time() == 0.0
+    for i in range(fresh.num_discrete_state_groups()):
+        found, expected = (each.get_discrete_state(i).CopyToVector() for each in (context, fresh))
+        np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(pd.get_parameter(of_pd, "gains").k_p.z, 6.0)
+
+
+@pytest.mark.slow
+def test_the_size_of_a_fleet_does_not_matter(scenario):
+    study = scenario()
+    whole = StudyFleet(study, plan_route(study), 70).fly(range(70))
+    for size in (1, 7, 64):
+        fleet = StudyFleet(study, plan_route(study), size)
+        for first in range(0, 70, size)[:3]:
+            samples = range(first, min(first + size, 70))
+            for found, expected in zip(fleet.fly(samples), whole, strict=True):
+                np.testing.assert_allclose(found, expected[first : first + len(samples)], rtol=1e-9)
+
+
+@pytest.mark.slow
+def test_a_batch_without_an_error_that_others_have_is_flown_in_the_same_diagram(scenario):
+    """What a distribution can make zero, or as long as a delay can get, is there in every batch."""
+    study = scenario(
+        "laboratory.motion_capture.latency_frames={choice: [0, 2]}",
+        "laboratory.command_link.delay_ticks={choice: [0, 2]}",
+        "laboratory.motion_capture.dropout_rate={choice: [0.0, 0.1]}",
+    )
+    fleet = StudyFleet(study, plan_route(study), 1)
+    for sample in range(5):
+        alone = simulate(study, sample=sample).metrics
+        np.testing.assert_allclose([float(value[0]) for value in fleet.fly([sample])], alone, rtol=1e-9)
+
+
+def stiff(num_vehicles):
+    """A position controller of a user's."""
+    gains = PdGains(PerAxis(2.0, 2.0, 6.0), PerAxis(2.0, 2.0, 3.5))
+    return build_position_controller(ProportionalDerivative(num_vehicles=num_vehicles, numbers=gains))
+
+
+def test_a_fleet_flies_with_a_controller_of_the_user_s_own(scenario):
+    study = scenario()
+    fleet = StudyFleet(study, plan_route(study), 2, own=UserSystems(position_controller=stiff))
+    for sample in (0, 5):
+        alone = simulate(study, sample=sample, position_controller=stiff(1)).metrics
+        assert fleet.fly([sample]).rmse[0] == pytest.approx(alone.rmse, rel=1e-9)
+
+
+def test_too_many_samples_or_none_are_refused(scenario):
+    fleet = StudyFleet(scenario(), plan_route(scenario()), 2)
+    for samples in ([], [0, 1, 2]):
+        with pytest.raises(ValueError, match="cannot fly"):
+            fleet.fly(samples)
+
+
+@pytest.mark.parametrize("override", ["route.radius={uniform: {min: 1.2, max: 1.4}}", "vehicle.time_step=0"])
+def test_what_would_make_samples_depend_on_each_other_is_refused(scenario, override):
+    with pytest.raises(InputError, match=override.partition("=")[0]):
+        StudyFleet(scenario(override), plan_route(scenario(override)), 2)
+
+
+def test_a_recorded_fleet_flies_one_route_too(scenario):
+    with pytest.raises(InputError, match="route.radius is a distribution"):
+        simulate_samples(scenario("route.radius={uniform: {min: 1.2, max: 1.4}}"), [0, 1])
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="needs Linux's /proc")
+def test_batch_after_batch_takes_no_more_memory(scenario):
+    """A diagram that was built for each, or a context, would be megabytes a time."""
+
+    def resident():
+        return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
+
+    fleet = StudyFleet(scenario(), plan_route(scenario()), 512)
+    for batch in range(40):
+        if batch == 10:
+            before = resident()
+        fleet.fly(range(512 * batch, 512 * (batch + 1)), duration=0.02)
+    assert resident() - before < 5e6

@@ -1,0 +1,179 @@
+"""The position error that is predicted in hover, compared with other flights and with the linear model."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drake_quad import InputError, load_scenario
+from drake_quad.evaluation.designs import designs_in
+from drake_quad.fleets.study_fleet import StudyFleet
+from drake_quad.flight.hover_error import HOVER_TIME, SETTLING_TIME, believed_tracking_error, hover_error
+from drake_quad.flight.mission import plan_route
+from drake_quad.flight.simulation import simulate_samples
+from drake_quad.linear.hover_covariance import linear_hover_error
+
+CONTROLLERS = Path(__file__).parent.parent.parent / "diagrams" / "controllers"
+DESIGNED = CONTROLLERS / "designed" / "laboratory.yaml"
+# The error of a learning controller does not settle, and model predictive control is slow to simulate.
+SETTLING_CONTROLLERS = [
+    f"designed/laboratory.yaml:{name}"
+    for name, design in designs_in(DESIGNED).items()
+    if not design["control"].get("network") and design["control"].get("kind") != "mpc"
+]
+AXES = ("x", "y", "z")
+
+
+def in_laboratory(layer, *overrides):
+    return load_scenario("laboratory:nominal", overrides, layers=[CONTROLLERS / layer])
+
+
+def hovering(layer, start, end):
+    """Return `laboratory:nominal` with a hover whose error counts from `start` to `end`, s."""
+    route = f"route={{kind: hover, position: [0, 0, 1], duration: {end}}}"
+    return in_laboratory(layer, route, f"metrics.start={start}", "seed=7")
+
+
+def values(error):
+    return np.array([getattr(error, axis).value for axis in AXES])
+
+
+def half_widths(error):
+    return np.array([0.5 * (getattr(error, axis).high - getattr(error, axis).low) for axis in AXES])
+
+
+def root_mean_square(metrics):
+    return np.sqrt([np.mean(getattr(metrics, f"rmse_{axis}") ** 2) for axis in AXES])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("layer", [*SETTLING_CONTROLLERS, "lqg.yaml:lqg_low_wind", "lqg.yaml:lqg_robustness"])
+def test_other_flights_have_the_predicted_error(layer):
+    """The error on each axis agrees to a tenth, later in the flight and with other random numbers."""
+    error = hover_error(in_laboratory(layer))
+    fleet = StudyFleet(hovering(layer, 40, 80), plan_route(hovering(layer, 40, 80)), 128)
+    np.testing.assert_allclose(root_mean_square(fleet.fly(range(128))), values(error), rtol=0.1)
+    assert np.all(half_widths(error) < 0.05 * values(error))
+
+
+@pytest.mark.slow
+def test_the_error_of_a_learning_controller_is_predicted_for_the_same_time_span():
+    error = hover_error(in_laboratory("designed/laboratory.yaml:pd_t2fnn"))
+    fleet = StudyFleet(
+        hovering("designed/laboratory.yaml:pd_t2fnn", SETTLING_TIME, HOVER_TIME),
+        plan_route(hovering("designed/laboratory.yaml:pd_t2fnn", SETTLING_TIME, HOVER_TIME)),
+        192,
+    )
+    np.testing.assert_allclose(root_mean_square(fleet.fly(range(192))), values(error), rtol=0.1)
+
+
+@pytest.mark.slow
+def test_model_predictive_control_has_the_hover_error_of_its_regulator():
+    flown = [
+        StudyFleet(
+            hovering(f"designed/laboratory.yaml:{name}", 2.0, 8.0),
+            plan_route(hovering(f"designed/laboratory.yaml:{name}", 2.0, 8.0)),
+            8,
+        ).fly(range(8))
+        for name in ("mpc", "lqg")
+    ]
+    np.testing.assert_allclose(*map(root_mean_square, flown), rtol=1e-3)
+
+
+@pytest.mark.slow
+def test_the_hover_error_is_the_root_mean_square_of_recorded_position_errors():
+    layer = "designed/laboratory.yaml:lqg"
+    error = hover_error(in_laboratory(layer), seed=7)
+    flights = simulate_samples(hovering(layer, 0, HOVER_TIME), range(error.num_hovers), compiled=True)
+    offset = np.array([[flight.record("state")[i] - (0, 0, 1)[i] for i in range(3)] for flight in flights])
+    late = offset[:, :, flights[0].time >= SETTLING_TIME]
+    np.testing.assert_allclose(values(error), np.sqrt(np.mean(late**2, axis=(0, 2))), rtol=1e-9)
+    assert error.rms.value == pytest.approx(np.sqrt(np.sum(values(error) ** 2)))
+    assert error.rms.low < error.rms.value < error.rms.high
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["pd", "indi", "l1"])
+def test_the_hover_error_in_small_noise_matches_the_linear_model(name):
+    small = [
+        "laboratory.motion_capture.position_noise=1e-5",
+        "laboratory.motion_capture.attitude_noise=4e-5",
+        "laboratory.command_link.loss_rate=0",
+    ]
+    scenario = in_laboratory(f"designed/laboratory.yaml:{name}", *small)
+    error, linear = hover_error(scenario), linear_hover_error(scenario)
+    # The half-width of a 95 % interval is two standard errors.
+    assert np.all(np.abs(values(error) - np.hypot(*linear)) < 2.0 * half_widths(error))
+
+
+@pytest.mark.slow
+def test_the_linear_model_underestimates_the_error_in_the_shipped_noise():
+    """Products of noise terms disturb the vehicle and lengthen the thrust vector; lost packets disturb it further."""
+    layer = "designed/laboratory.yaml:indi"
+    lossless = "laboratory.command_link.loss_rate=0"
+    error, linear = hover_error(in_laboratory(layer, lossless)), linear_hover_error(in_laboratory(layer))
+    x, y, z = values(error) / np.hypot(*linear)
+    assert min(x, y) > 1.4
+    assert z > 3.0
+    assert np.all(values(hover_error(in_laboratory(layer)))[:2] > 2.0 * values(error)[:2])
+
+
+@pytest.mark.slow
+def test_the_hover_error_depends_neither_on_the_seed_nor_on_the_time_step():
+    layer = "designed/laboratory.yaml:pid"
+    assert hover_error(in_laboratory(layer, "seed=3", "vehicle.time_step=0")) == hover_error(in_laboratory(layer))
+
+
+@pytest.mark.slow
+def test_the_hover_error_without_noise_is_the_offset_in_steady_wind():
+    silent = ["laboratory.motion_capture.position_noise=0", "laboratory.motion_capture.attitude_noise=0"]
+    wind = "laboratory.wind=[{kind: steady, velocity: [1, -0.5, 0]}]"
+    scenario = in_laboratory("designed/laboratory.yaml:pd", *silent, wind)
+    error = hover_error(scenario)
+    np.testing.assert_allclose(values(error), np.abs(linear_hover_error(scenario).offset), rtol=1e-4, atol=1e-7)
+    # Lost packets differ between hovers. Without noise they change only how the vehicle settles.
+    np.testing.assert_allclose(half_widths(error), 0.0, atol=1e-8)
+    assert error.num_hovers == 64
+
+
+@pytest.mark.slow
+def test_crashing_hovers_are_refused():
+    scenario = load_scenario("laboratory:nominal", ["laboratory.command_link.delay_ticks=9"])
+    with pytest.raises(InputError, match=r"64 of 64 hovers of nominal crash, the first after \d+\.\d s"):
+        hover_error(scenario)
+
+
+@pytest.mark.slow
+def test_the_believed_error_is_that_of_the_nominal_vehicle_in_the_strongest_jets():
+    def error(*overrides):
+        return believed_tracking_error(load_scenario("laboratory:low_wind", overrides, layers=layer)).rms
+
+    layer = [f"{DESIGNED}:pd"]
+    predicted = error()
+    assert error("vehicle.mass={uniform: {min: 0.6, max: 0.7}}", "vehicle.centre_of_mass=[0.01, 0.0]") == predicted
+    still = error("laboratory.wind=[]")
+    assert still.high < 0.4 * predicted.value
+    # The jets of the fans are hardly felt at (0, 0, 1).
+    hover = hover_error(load_scenario("laboratory:low_wind", layers=layer)).rms
+    assert hover.high < 0.9 * predicted.value
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides", "message"),
+    [
+        (
+            "laboratory:nominal",
+            ["laboratory.wind=[{kind: gust, speed: 1.0, heading: 0.0, start: 1.0, rise_time: 0.5}]"],
+            r"wind\.0 is a gust; hovers predict the error in steady wind",
+        ),
+        ("robustness", [], r"laboratory\.wind\.4 is a gust"),
+        (
+            "laboratory:nominal",
+            ["laboratory.wind=[{kind: steady, speed: {uniform: {min: 0, max: 1}}, heading: 0}]"],
+            r"laboratory\.wind\.0\.speed is a distribution",
+        ),
+    ],
+)
+def test_what_cannot_be_predicted_is_refused(name, overrides, message):
+    with pytest.raises(InputError, match=message):
+        believed_tracking_error(load_scenario(name, overrides))

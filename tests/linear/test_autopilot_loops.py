@@ -1,0 +1,342 @@
+"""Linear models and designed gains where attitude is controlled on board: two rates, and a loop known as a whole."""
+
+import re
+import shlex
+from argparse import ArgumentParser
+
+import numpy as np
+import pytest
+import scipy
+from pydrake.systems.analysis import InitializeParams, Simulator
+from ruamel.yaml import YAML
+
+from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
+from drake_quad.command_line.design import add_design_options, design_options
+from drake_quad.design.cascade import (
+    attitude_plant,
+    default_options,
+    design_cascade,
+    on_board_attitude_plant,
+    on_board_options,
+    position_plant,
+    with_autopilot_gains,
+    with_gains,
+)
+from drake_quad.design.gains import Proportional, ProportionalGain, Requirements, design_loop, pd_loop
+from drake_quad.design.stability_map import flown_map, linear_map, mapped_gains, mapped_plant, stability_map
+from drake_quad.linear.closed_loop import WATCHERS, closed_loop, laboratory_plant, on_board_plant
+from drake_quad.linear.context_vector import ContextVector
+from drake_quad.linear.margins import margins
+from drake_quad.linear.sampled_system import at_tick, linearize
+from drake_quad.linear.step_response import release
+from drake_quad.scenario.hovering import as_believed, at_rest
+
+RESPONSE = [
+    "laboratory.autopilot={kind: response, natural_frequency: [6.8, 6.1, 3.0], damping: [0.45, 0.5, 0.7]}",
+    "control.position.feed_forward=acceleration",
+]
+KINDS = {"attitude": [], "response": RESPONSE}
+UNEVEN = [
+    "nominal.inertia=[0.0065, 0.0085, 0.0126]",
+    "control.position={k_p: [1.2, 1.5, 5.5], k_d: [1.5, 1.7, 3.4]}",
+]
+ON_BOARD_GAINS = {"k_attitude": (5.0, 6.0, 4.0), "k_rate": (14.0, 12.0, 10.0)}
+# Delays, filters, wind, a vehicle that is not even, a biased gyroscope, and steps twice as often as the autopilot.
+REAL = [
+    "vehicle={time_step: 0.00125, centre_of_mass: [0.0005, -0.0003]}",
+    "laboratory.motion_capture={derivative_bandwidth: 60, latency_frames: 1, misalignment: [0.01, 0.02, 0.0]}",
+    "laboratory.command_link.delay_ticks=2",
+    "laboratory.wind=[{kind: steady, velocity: [1, 0.5, 0]},"
+    " {kind: fan, position: [-2, 0, 1], direction: [1, 0, 0], flow: 2, diameter: 0.7, turbulence: 0}]",
+]
+
+
+@pytest.fixture(scope="module")
+def onboard(diagrams):
+    return lambda *overrides: load_scenario(diagrams / "onboard.yaml", overrides)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("overrides", [[], REAL])
+def test_the_jacobian_of_a_loop_with_an_autopilot_against_differences(onboard, kind, overrides):
+    """Over a tick of the control, in which the autopilot has eight and the vehicle as many or twice as many steps."""
+    scenario = at_rest(onboard(*KINDS[kind], *overrides))
+    diagram = build_tracking_diagram(scenario)
+    context = at_tick(diagram, 0.08)
+    system, _ = linearize(diagram, context, period=0.02, without=WATCHERS)
+    layout = ContextVector(diagram, without=WATCHERS)
+    start = layout.read(diagram, context)
+
+    def after(state):
+        root = context.Clone()
+        layout.write(diagram, root, state)
+        simulator = Simulator(diagram, root)
+        keep = InitializeParams()
+        keep.suppress_initialization_events = True
+        simulator.Initialize(keep)
+        simulator.AdvanceTo(0.1)
+        return layout.read(diagram, root)
+
+    step = 1e-5
+    numeric = [(after(start + step * unit) - after(start - step * unit)) / (2.0 * step) for unit in np.eye(len(start))]
+    np.testing.assert_allclose(system.A, np.array(numeric).T, atol=1e-6)
+    names = {"attitude": "laboratory.autopilot.wrench.tau_x", "response": "laboratory.vehicle.state.pitch_rate"}
+    assert names[kind] in system.states
+    assert "laboratory.command_link.attitude_target.roll" in system.states
+
+
+def test_the_plant_on_board_is_a_double_integrator_behind_the_rotors(onboard):
+    """With a zero-order hold over a period of the autopilot, by matrix exponentials; and no delay."""
+    h, lag = 0.0025, 0.05
+    A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0 / lag]])
+    B = np.array([[0.0], [0.0], [1.0 / lag]])
+    held = scipy.linalg.expm(np.block([[A, B], [np.zeros((1, 4))]]) * h)
+    for time_step in (0.0025, 0.00125):
+        whole = on_board_plant(onboard(*UNEVEN, f"vehicle.time_step={time_step}"))
+        assert whole.period == h
+        for torque, angle, rate, inertia in (
+            ("tau_x", "roll", "p", 0.0065),
+            ("tau_y", "pitch", "q", 0.0085),
+            ("tau_z", "yaw", "r", 0.0126),
+        ):
+            plant = whole.between([f"wrench.{torque}"], [f"state.{angle}", f"state.{rate}"])
+            for frequency in (0.3, 10.0, 300.0):
+                z = np.exp(1j * frequency * h)
+                expected = np.linalg.solve(z * np.eye(3) - held[:3, :3], held[:3, 3])[:2]
+                np.testing.assert_allclose(inertia * plant.response(np.array([z]))[0, :, 0], expected, rtol=1e-5)
+
+
+def test_loops_on_board_turn_the_yaw_of_the_whole_diagram(onboard):
+    """Nothing else does: eight periods of the autopilot make a tick, and poles to the eighth power its multipliers."""
+    scenario = with_autopilot_gains(onboard(*UNEVEN), ON_BOARD_GAINS)
+    turned = on_board_plant(scenario).between(["wrench.tau_z"], ["state.yaw", "state.r"])
+    turned = turned.connected().scaled(0.0126, "acceleration_command")
+    outer = on_board_attitude_plant(turned, 10.0)
+    assert (outer.inputs, outer.outputs) == (("rate_command",), ("state.yaw",))
+    poles = outer.with_feedback(np.array([[4.0]])).poles() ** 8
+    multipliers = closed_loop(as_believed(scenario)).system.poles()
+    assert len(poles) == 3
+    for pole in poles:
+        assert np.abs(multipliers - pole).min() < 1e-6
+
+
+def test_an_attitude_that_responds_has_the_modes_that_are_written(onboard):
+    """Of yaw, which no position loop turns: exp(s h) with s = ω_n (-ζ ± i √(1 - ζ²))."""
+    multipliers = closed_loop(as_believed(onboard(*RESPONSE))).system.poles()
+    pole = np.exp(3.0 * 0.02 * complex(-0.7, np.sqrt(1.0 - 0.49)))
+    assert np.abs(multipliers - pole).min() < 1e-9
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_design_is_the_diagram(onboard, kind):
+    """The poles of the position loops around an autopilot are the multipliers of the whole diagram with these gains."""
+    scenario = onboard(*KINDS[kind], *UNEVEN)
+    if kind == "attitude":
+        scenario = with_autopilot_gains(scenario, ON_BOARD_GAINS)
+    position, laboratory = scenario.control.position, laboratory_plant(scenario)
+    plants = [position_plant(laboratory, scenario, "x", None), position_plant(laboratory, scenario, "y", None)]
+    plants.append(attitude_plant(laboratory, scenario, "z"))
+    found = closed_loop(as_believed(scenario)).system.poles()
+    for plant, k_p, k_d in zip(plants, position.k_p, position.k_d, strict=True):
+        assert plant.outputs[1].startswith("measurement.v_")
+        poles = plant.with_feedback(np.array([[k_p, k_d]])).poles()
+        lasting = poles[np.abs(poles) > 0.1]
+        assert len(lasting) >= 4
+        for pole in lasting:
+            assert np.abs(found - pole).min() < 1e-6
+    found = stability_map(mapped_plant(scenario, "position"), np.array([1.2, 40.0]), np.array([1.5]))
+    np.testing.assert_array_equal(found.stable, [[True], [False]])
+
+
+@pytest.mark.slow
+def test_of_a_proportional_loop_the_fastest_within_its_margins_is_found(onboard):
+    """The rate loop k / (s (T s + 1)) has 60° where ω T = tan 30°, at k = ω √(1 + ω² T²), but for the hold of h / 2."""
+    plant = on_board_plant(onboard()).between(["wrench.tau_x"], ["state.p"]).connected().scaled(0.007, "a")
+    found = design_loop(plant, Proportional(), Requirements(phase=60.0, gain=10.0), axis="roll rate")
+    assert isinstance(found.gains, ProportionalGain)
+    assert found.limits == ("phase margin",)
+    assert 60.0 <= found.margins.phase < 60.05
+    omega = found.margins.crossover
+    assert np.arctan(omega * 0.05) + 0.5 * omega * 0.0025 == pytest.approx(np.radians(30.0), rel=2e-3)
+    assert found.gains.k == pytest.approx(omega * np.hypot(1.0, 0.05 * omega), rel=1e-3)
+    efforts = Proportional().efforts(plant)
+    assert (efforts[0], efforts[-1]) == (pytest.approx(0.05), pytest.approx(np.pi / 0.0075))
+    with pytest.raises(
+        InputError, match=r"no gains of this kind are good enough for p; at best phase margin: 8\d\.\d°"
+    ):
+        design_loop(plant, Proportional(), Requirements(phase=89.9, gain=10.0), axis="p")
+
+
+@pytest.fixture(scope="module")
+def designed(onboard):
+    return design_cascade(onboard(), on_board=True)
+
+
+@pytest.mark.slow
+def test_loops_on_board_are_designed_from_the_inside_out_with_their_margins(onboard, designed):
+    angles = ("roll", "pitch", "yaw")
+    assert list(designed.on_board) == [loop for angle in angles for loop in (f"{angle} rate", angle)]
+    assert list(designed.loops) == ["z", "x", "y"]
+    assert designed.all_loops == {**designed.on_board, **designed.loops}
+    for name, loop in designed.all_loops.items():
+        found = margins(pd_loop(loop.plant, loop.gains))
+        phase, gain = (60.0, 10.0) if name in designed.on_board else (45.0, 6.0)
+        assert found.phase >= phase
+        assert found.gain >= gain
+        assert loop.plant.period == (0.0025 if name in designed.on_board else 0.02)
+        assert min(found.phase / phase, found.gain / gain) < 1.01
+    assert designed.gains().keys() == {"position"}
+    assert designed.autopilot_gains()["k_rate"] == [designed.on_board[f"{angle} rate"].gains.k for angle in angles]
+    # The position is designed around what has just been designed, not around what the scenario has.
+    soft = with_autopilot_gains(onboard(), {"k_attitude": (2.0,) * 3, "k_rate": (6.0,) * 3})
+    assert design_cascade(soft, on_board=True).gains() == designed.gains()
+    around_soft = design_cascade(soft)
+    assert around_soft.loops["x"].gains.k_p < designed.loops["x"].gains.k_p
+    assert (around_soft.on_board, around_soft.autopilot_gains()) == ({}, {})
+
+
+@pytest.mark.slow
+def test_shipped_gains_are_what_their_call_makes(root, onboard, designed):
+    text = (root / "diagrams" / "gains" / "onboard.yaml").read_text(encoding="utf-8")
+    command = shlex.split(re.match(r"# drake-quad (.*)\n", text).group(1))
+    assert command == ["design", "onboard", "--on-board"]
+    arguments = ArgumentParser()
+    arguments.add_argument("scenario")
+    add_design_options(arguments)
+    options = design_options(arguments.parse_args(command[1:]), 0.02)
+    assert options == default_options(0.02) | on_board_options()
+    written = YAML(typ="safe").load(text)["gains"]
+    position = {"kind": "pd", "derivative": "tracking_error", "feed_forward": "jerk"} | designed.gains()["position"]
+    assert written["control"] == {"kind": "cascade", "position": position}
+    assert written["laboratory"] == {"autopilot": designed.autopilot_gains()}
+    scenario = onboard()
+    made = with_autopilot_gains(with_gains(scenario, designed.gains()), designed.autopilot_gains())
+    assert made == scenario
+
+
+def grows(scenario, row, duration):
+    """Whether a small displacement of the flying diagram does, once the fast modes are gone."""
+    response = release(closed_loop(scenario), {row: 1e-5}, duration=duration)
+    column = ("x", "y", "z", "roll", "pitch", "yaw").index(row)
+    _, _, third, last = [part.max() for part in np.array_split(np.abs(response.nonlinear[:, column]), 4)]
+    return last > third
+
+
+def with_position_scaled(scenario, factor, axes):
+    position = scenario.control.position
+    gains = {
+        kind: [value * (factor if i in axes else 1.0) for i, value in enumerate(getattr(position, kind))]
+        for kind in ("k_p", "k_d")
+    }
+    return with_gains(scenario, {"position": gains})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("row", "axes", "duration"), [("z", (2,), 8.0), ("x", (0, 1), 12.0)])
+def test_the_edge_of_stability_of_the_position_is_where_flights_begin_to_oscillate(onboard, kind, row, axes, duration):
+    """2 %: below it a small displacement decays, above it grows."""
+    scenario = onboard(*KINDS[kind])
+    loop = design_cascade(scenario).loops[row]
+    resting = at_rest(as_believed(with_gains(scenario, design_cascade(scenario).gains())))
+    factor = 10.0 ** (loop.margins.gain / 20.0)
+    assert not grows(with_position_scaled(resting, 0.98 * factor, axes), row, duration)
+    assert grows(with_position_scaled(resting, 1.02 * factor, axes), row, duration)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [0.98, 1.02])
+def test_the_edge_of_stability_on_board_is_where_flights_begin_to_oscillate(onboard, designed, share):
+    """2 %, of the attitude loop of yaw around its rate loop, at the rate of the autopilot."""
+    factor = share * 10.0 ** (designed.on_board["yaw"].margins.gain / 20.0)
+    resting = at_rest(as_believed(onboard()))
+    gains = designed.autopilot_gains()
+    roll, pitch, yaw = gains["k_attitude"]
+    driven = with_autopilot_gains(resting, {**gains, "k_attitude": (roll, pitch, factor * yaw)})
+    assert grows(driven, "yaw", 4.0) == (share > 1.0)
+
+
+def test_a_resting_autopilot_has_no_noise_and_the_believed_one_no_bias_either(onboard):
+    scenario = onboard("laboratory.autopilot={attitude_noise: 0.1, gyroscope_bias: [0.1, 0.2, 0.3]}")
+    resting, believed = (change(scenario).laboratory.autopilot for change in (at_rest, as_believed))
+    assert resting == scenario.laboratory.autopilot.model_copy(update={"gyroscope_noise": 0.0, "attitude_noise": 0.0})
+    assert believed == resting.model_copy(update={"gyroscope_bias": (0.0, 0.0, 0.0)})
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (RESPONSE, "laboratory.autopilot is of kind response, which has no loops on board that could be designed"),
+        (["vehicle.time_step=0"], "vehicle.time_step is 0 s, but loops on board are designed for a vehicle that steps"),
+    ],
+)
+def test_loops_on_board_that_cannot_be_designed(onboard, overrides, words):
+    with pytest.raises(InputError, match=words):
+        design_cascade(onboard(*overrides), on_board=True)
+
+
+THROTTLES = [
+    "nominal.motors={kind: throttle, curve: [0.1, 1.0, 2.8]}",
+    "vehicle.motors={kind: throttle, curve: [0.11, 1.05, 2.6]}",
+]
+
+
+@pytest.mark.parametrize("motors", [[], THROTTLES], ids=["speed", "throttle"])
+def test_the_map_on_board_is_the_diagram_with_a_position_left_alone(onboard, motors):
+    """The vehicle as it is, not as it is believed; eight periods of the autopilot make a tick of the multipliers."""
+    real = [
+        *("vehicle.mass=0.75", "vehicle.inertia=[0.0071, 0.0079, 0.0131]", "vehicle.rotor_time_constant=0.04"),
+        "control.position={k_p: [1e-7, 1e-7, 5.5], k_d: [1e-7, 1e-7, 3.4]}",
+        "laboratory.autopilot.gyroscope_bias=[0, 0, 0]",
+    ]
+    scenario = onboard(*UNEVEN, *real, *motors)
+    k_attitude, k_rate = np.array([5.0, 30.0]), np.array([8.0, 14.0, 22.0])
+    found = linear_map(scenario, "attitude", k_attitude, k_rate)
+    np.testing.assert_array_equal(found.stable, [[True] * 3, [False] * 3])
+    plant = mapped_plant(scenario, "attitude")
+    assert plant.period == 0.0025
+    driven = with_autopilot_gains(scenario, {"k_attitude": (4.0, 5.0, 4.0), "k_rate": (12.0, 22.0, 10.0)})
+    multipliers = closed_loop(driven).system.poles()
+    poles = plant.with_feedback(np.array([[5.0 * 22.0, 22.0]])).poles()
+    assert len(poles) == 3
+    for pole in poles**8:
+        assert np.abs(multipliers - pole).min() < 1e-6
+    assert found.size[0, 2] == pytest.approx(np.abs(poles).max(), rel=1e-9)
+
+
+def test_on_board_the_edge_of_stability_of_the_attitude_is_that_of_routh(onboard):
+    """Of s² (T s + 1) + k_rate (1 - s h / 2) (s + k_attitude): a lag of the rotors, and a hold that delays by h / 2."""
+    lag, hold = 0.05, 0.0025
+    for k_rate in (4.0, 30.0):
+        rest = 1.0 - 0.5 * k_rate * hold
+        edge = rest / (lag + 0.5 * hold * rest)
+        found = linear_map(onboard(), "attitude", edge * np.array([0.998, 1.002]), np.array([k_rate, 50.0]))
+        np.testing.assert_array_equal(found.stable[:, 0], [True, False])
+
+
+@pytest.mark.slow
+def test_each_place_of_the_flown_map_on_board_is_a_flight_of_its_own(onboard):
+    short = ["duration=2", "crash.position_error=0.5"]
+    k_attitude, k_rate = np.array([5.0, 60.0]), np.array([6.0, 14.0])
+    found = flown_map(onboard(*short), "attitude", k_attitude, k_rate, sample=3)
+    for i, j in np.ndindex(found.rmse.shape):
+        gains = {"k_attitude": [k_attitude[i]] * 2 + [6.073], "k_rate": [k_rate[j]] * 2 + [12.8]}
+        metrics = simulate(with_autopilot_gains(onboard(*short), gains), sample=3).metrics
+        assert found.rmse[i, j] == pytest.approx(metrics.rmse, rel=1e-9)
+        assert found.crash_time[i, j] == metrics.crash_time
+    assert found.crashed.any()
+    assert not found.crashed.all()
+
+
+def test_a_vehicle_that_cannot_hover_has_no_map(onboard):
+    for loop in ("position", "attitude"):
+        with pytest.raises(InputError, match="the rotors cannot hold onboard in hover: they would turn at 545 rad/s"):
+            mapped_plant(onboard("vehicle.mass=5"), loop)
+
+
+def test_an_attitude_that_responds_has_no_gains_to_map(onboard):
+    words = "with laboratory.autopilot of kind response the attitude has no gains that could be mapped"
+    for refused in (mapped_plant, mapped_gains):
+        with pytest.raises(InputError, match=words):
+            refused(onboard(*RESPONSE), "attitude")

@@ -1,0 +1,344 @@
+"""The loop at rest: equilibria, and multipliers that tell how the diagram itself decays or grows."""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import InitializeParams, Simulator
+
+from drake_quad import InputError, build_tracking_diagram, load_scenario
+from drake_quad.assembly.tracking import build_fleet_diagram
+from drake_quad.flight.mission import plan_route
+from drake_quad.linear import closed_loop as closed_loop_module
+from drake_quad.linear.closed_loop import WATCHERS, closed_loop, laboratory_plant
+from drake_quad.linear.context_vector import ContextVector
+from drake_quad.linear.sampled_system import tick_after
+from drake_quad.linear.step_response import release
+from drake_quad.scenario.batch import Batch
+from drake_quad.scenario.hovering import as_believed, at_rest
+from drake_quad.vehicle.quadrotor import Place
+
+
+@pytest.fixture
+def laboratory(diagrams):
+    soft = [diagrams / "gains" / "laboratory.yaml"]
+    return lambda *overrides: load_scenario(diagrams / "laboratory.yaml:nominal", overrides, layers=soft)
+
+
+def fleet_after(scenario, start, equilibrium, deviations, end):
+    """(n, N) deviations from an equilibrium (n,) at a tick, of a fleet that starts at another from some (n, N)."""
+    n, N = deviations.shape
+    single = ContextVector(build_tracking_diagram(scenario), without=WATCHERS)
+    fleet = build_fleet_diagram(Batch(scenario, (0,) * N, {}), plan_route(scenario))
+    layout = ContextVector(fleet, without=WATCHERS)
+    # Both hold their groups in the same order; a fleet's group of k rows is one of k N elements, row after row.
+    assert len(layout.names) == n * N
+    assert len(single.names) == n
+    simulator = Simulator(fleet)
+    simulator.AdvanceTo(start)
+    context = simulator.get_mutable_context()
+    layout.write(fleet, context, (equilibrium[:, None] + deviations).ravel())
+    keep = InitializeParams()
+    keep.suppress_initialization_events = True
+    simulator.Initialize(keep)
+    simulator.AdvanceTo(end)
+    return layout.read(fleet, context).reshape(n, N) - equilibrium[:, None]
+
+
+@pytest.mark.parametrize(
+    ("overrides", "grows"),
+    [
+        ([], False),
+        (["laboratory.wind=[{kind: steady, velocity: [2, 1, 0]}]"], False),
+        (["control.position.k_p=[1.6, 1.6, 6]"], True),
+        (["laboratory.motion_capture.period=0.04"], False),
+        (["nominal.layout={kind: x}", "vehicle.layout={kind: x, length: 0.2, width: 0.29}"], False),
+    ],
+)
+def test_multipliers_predict_how_a_fleet_decays_or_grows(laboratory, overrides, grows):
+    """1 %, in the direction of every mode that lasts: x_k = z^k x_0 in the nonlinear diagram."""
+    scenario = at_rest(laboratory(*overrides))
+    loop = closed_loop(scenario)
+    values, vectors = np.linalg.eig(loop.system.A)
+    assert (np.abs(values).max() > 1.0) == grows
+    size = np.abs(values) ** (0.02 / loop.system.period)
+    lasting = [i for i, value in enumerate(values) if size[i] > 0.9 and value.imag >= 0.0]
+    assert len(lasting) >= 6
+    start = np.array([1e-5 * (vectors[:, i] / np.abs(vectors[:, i]).max()).real for i in lasting]).T
+    periods = round(0.8 / loop.system.period)
+    layout = ContextVector(loop.diagram, without=WATCHERS)
+    equilibrium = layout.read(loop.diagram, loop.context)
+    begin = loop.context.get_time()
+    found = fleet_after(scenario, begin, equilibrium, start, tick_after(begin, loop.system.period, periods))
+    for column, i in enumerate(lasting):
+        mode = 1e-5 * vectors[:, i] / np.abs(vectors[:, i]).max()
+        expected = (mode * values[i] ** periods).real
+        assert np.linalg.norm(found[:, column] - expected) < 0.01 * np.linalg.norm(expected)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_in_wind_it_settles_beside_the_reference(laboratory, side):
+    """By D / (m k_P), leaning by atan(D / m g); whatever the wind comes from. It is sought after four ticks."""
+    scenario = laboratory(f"laboratory.wind=[{{kind: steady, velocity: [{2.0 * side}, 0.0, 0.0]}}]")
+    loop = closed_loop(scenario)
+    assert loop.context.get_time() == 4 * 0.02
+    state = loop.diagram.GetOutputPort("state").Eval(loop.context)
+    drag = side * (0.1 * 2.0 + 0.01 * 4.0)
+    assert state[0] == pytest.approx(drag / (0.68 * scenario.control.position.k_p[0]), rel=1e-9)
+    assert np.tan(state[4]) == pytest.approx(-drag / (0.68 * 9.81), rel=1e-9)
+    assert np.abs(loop.system.poles()).max() < 1.0
+
+
+def test_what_is_random_or_passes_is_left_out(diagrams):
+    scenario = load_scenario(
+        diagrams / "outdoor.yaml", ["vehicle.battery_sag=0.1", "vehicle.rotor_failure={rotor: 1, time: 1.0}"]
+    )
+    resting = at_rest(scenario)
+    assert [source.kind for source in resting.laboratory.wind] == ["steady"]
+    assert resting.laboratory.motion_capture.attitude_noise == 0.0
+    assert (
+        resting.laboratory.motion_capture.derivative_bandwidth
+        == scenario.laboratory.motion_capture.derivative_bandwidth
+    )
+    assert resting.laboratory.command_link.loss_rate == 0.0
+    assert (resting.vehicle.battery_sag, resting.vehicle.rotor_failure) == (0.0, None)
+    assert resting.vehicle.linear_drag == 0.1
+    believed = as_believed(load_scenario(diagrams / "outdoor.yaml", ["vehicle.mass=0.8"]))
+    assert (believed.vehicle.mass, believed.vehicle.linear_drag, believed.laboratory.wind) == (0.68, 0.1, ())
+
+
+def test_hover_is_where_the_route_hovers(laboratory):
+    assert at_rest(laboratory("route={kind: hover, position: [0, -4, 1.5]}")).route.position == (0.0, -4.0, 1.5)
+    assert at_rest(laboratory()).route.position == (0.0, 0.0, 1.0)
+    assert as_believed(laboratory("route={kind: hover, yaw: 1}")).route.yaw == 0.0
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("laboratory.motion_capture.period=0.04", "laboratory.motion_capture.period is 0.04 s, but gains are designed"),
+        ("vehicle.time_step=0", "vehicle.time_step is 0 s"),
+        ("nominal.mass=3", "the rotors cannot fly this route"),
+    ],
+)
+def test_a_laboratory_that_gains_cannot_be_designed_for(laboratory, override, words):
+    with pytest.raises(InputError, match=words):
+        laboratory_plant(laboratory(override))
+
+
+def test_the_plant_of_the_vehicle_as_it_is(laboratory):
+    """A heavier one in hover, with what couples the axes left out; the gain from thrust to height tells the mass."""
+    flawed = ["vehicle.mass=0.85", "vehicle.centre_of_mass=[0.002, 0]", "vehicle.thrust_factor_error=[0.1, 0, 0, 0]"]
+    gains = []
+    for vehicle in ("believed", "as it is"):
+        plant, specific_thrust = laboratory_plant(laboratory(*flawed), vehicle=vehicle)
+        thrust = plant.between(["wrench.thrust"], ["measurement.z"])
+        assert specific_thrust == pytest.approx(9.81 * (1.0 if vehicle == "believed" else 0.85 / 0.68), rel=1e-12)
+        gains.append(abs(thrust.response(np.exp([1j * 0.5 * 0.02]))[0, 0, 0]))
+        rolled = plant.between(["wrench.thrust"], ["measurement.roll", "measurement.pitch"])
+        np.testing.assert_allclose(rolled.response(np.exp([1j * 0.5 * 0.02])), 0.0, atol=1e-12)
+    # Drag of 0.1 N s/m beside 0.5 rad/s of the mass.
+    assert gains[0] / gains[1] == pytest.approx(np.hypot(0.85, 0.2) / np.hypot(0.68, 0.2), rel=1e-3)
+
+
+def test_no_equilibrium_is_told(laboratory):
+    storm = "laboratory.wind=[{kind: steady, velocity: [60, 0, 0]}]"
+    with pytest.raises(InputError, match="has no equilibrium near hover: .* still moves by"):
+        closed_loop(laboratory(storm))
+    with pytest.raises(InputError, match="vehicle.mass is a distribution"):
+        closed_loop(laboratory("vehicle.mass={choice: [0.6, 0.7]}"))
+
+
+def test_small_steps_are_those_of_the_linear_model(laboratory):
+    loop = closed_loop(as_believed(laboratory()))
+    for row in ("x", "z", "yaw"):
+        response = release(loop, {row: 1e-4}, duration=4.0)
+        np.testing.assert_allclose(response.nonlinear, response.linear, atol=1e-7)
+        column = ("x", "y", "z", "roll", "pitch", "yaw").index(row)
+        assert response.linear[0, column] == pytest.approx(1e-4)
+        assert abs(response.linear[-1, column]) < 0.3e-4
+    with pytest.raises(InputError, match="there is no row height in the state"):
+        release(loop, {"height": 1e-4}, duration=1.0)
+    # A large step is not: the tilt is limited.
+    response = release(loop, {"x": 40.0}, duration=4.0)
+    assert np.abs(response.nonlinear - response.linear)[:, 0].max() > 1.0
+
+
+def test_a_release_is_a_flight_that_begins_beside_the_reference(laboratory):
+    """Where the cameras, too, have seen the vehicle from the first frame on: on all rows that they see, late or not."""
+    beside = {"x": 0.3, "y": -0.2, "z": 0.1, "yaw": -0.4}
+    for latency in (0, 2):
+        scenario = as_believed(laboratory(f"laboratory.motion_capture.latency_frames={latency}"))
+        found = release(closed_loop(scenario), beside, duration=1.0).nonlinear
+        diagram = build_tracking_diagram(scenario)
+        simulator = Simulator(diagram)
+        vehicle = diagram.GetSubsystemByName("laboratory").GetSubsystemByName("vehicle")
+        context = vehicle.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+        vehicle.set_hover(context, Place(0.3, -0.2, 1.1, -0.4))
+        simulator.Initialize()
+        equilibrium = np.array([0.0, 0.0, 1.0] + [0.0] * 9)
+        for tick, deviation in enumerate(found):
+            if tick:
+                simulator.AdvanceTo(tick * 0.02)
+            state = vehicle.GetOutputPort("state").Eval(context)
+            np.testing.assert_allclose(state - equilibrium, deviation, atol=1e-9)
+        assert np.abs(found[-1, 0:3] - found[0, 0:3]).min() > 1e-3
+
+
+def test_a_distribution_has_no_linear_model():
+    scenario = load_scenario("diagrams/hover.yaml", ["vehicle.mass={uniform: {min: 0.6, max: 0.7}}"])
+    with pytest.raises(InputError, match="vehicle.mass is a distribution; the analysis of hover needs a number"):
+        closed_loop(scenario)
+
+
+def test_at_rest_nothing_ends_the_flight_and_all_of_it_counts(laboratory):
+    scenario = laboratory("duration=3", "metrics.start=1", "crash.position_error=0.1", "crash.tilt=0.5")
+    resting = at_rest(scenario.model_copy(update={"sample": 4}))
+    assert (resting.sample, resting.duration) == (None, None)
+    assert resting.metrics == type(resting.metrics)()
+    assert resting.crash.position_error > 1e5
+    assert resting.crash.height < -1e5
+    assert resting.crash.tilt == 0.5
+    cameras = resting.laboratory.motion_capture
+    assert (cameras.position_noise, cameras.attitude_noise, cameras.dropout_rate) == (0.0, 0.0, 0.0)
+
+
+def test_a_fan_blows_on_without_its_turbulence_and_gusts_do_not(laboratory):
+    fan = "{kind: fan, position: [-2, 0, 1], direction: [1, 0, 0], flow: 2, diameter: 0.7, turbulence: 0.3}"
+    scenario = laboratory(f"laboratory.wind=[{fan}, {{kind: steady, velocity: [1, 0, 0]}}]")
+    found, steady = at_rest(scenario).laboratory.wind
+    assert found == scenario.laboratory.wind[0].model_copy(update={"turbulence": 0.0})
+    assert steady == scenario.laboratory.wind[1]
+
+
+def test_a_route_that_is_drawn_is_hover_in_the_middle(laboratory):
+    drawn = laboratory("route={kind: hover, position: [0, 0, {uniform: {min: 1, max: 2}}]}")
+    assert at_rest(drawn).route.position == (0.0, 0.0, 1.0)
+
+
+def test_the_believed_vehicle_has_the_lag_and_the_drag_of_the_one_that_flies(laboratory):
+    flawed = ["vehicle.mass=0.85", "vehicle.rotor_time_constant=0.07", "vehicle.quadratic_drag=0.03"]
+    uneven = ["vehicle.centre_of_mass=[0.002, 0]", "laboratory.motion_capture.misalignment=[0.01, 0.02, 0.03]"]
+    believed = as_believed(laboratory(*flawed, *uneven, "vehicle.time_step=0.005", "nominal.thrust_factor=4.2e-5"))
+    vehicle = believed.vehicle
+    assert (vehicle.mass, vehicle.thrust_factor, vehicle.time_step) == (0.68, 4.2e-5, 0.005)
+    assert (vehicle.rotor_time_constant, vehicle.linear_drag, vehicle.quadratic_drag) == (0.07, 0.1, 0.03)
+    assert vehicle.centre_of_mass == (0.0, 0.0)
+    assert believed.laboratory.motion_capture.misalignment == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("limit", "words"),
+    [
+        ("max_rotor_speed=190", "at 201 rad/s, but can at 60 to 190 rad/s"),
+        ("min_rotor_speed=210", "at 201 rad/s, but can at 210 to 300 rad/s"),
+    ],
+)
+def test_a_vehicle_that_its_rotors_do_not_hold_has_no_plant(laboratory, limit, words):
+    with pytest.raises(InputError, match=f"the rotors cannot hold nominal in hover: they would turn {words}"):
+        laboratory_plant(laboratory(f"vehicle.{limit}"), vehicle="as it is")
+
+
+def test_the_rotors_state_is_a_thrust_and_three_torques(laboratory):
+    """Each only reaches what it turns or lifts, from one tick to the next."""
+    plant, _ = laboratory_plant(laboratory())
+    names = [f"vehicle.rotors.{name}" for name in ("thrust", "tau_x", "tau_y", "tau_z")]
+    for name, row in zip(names, ("v_z", "p", "q", "r"), strict=True):
+        column = plant.A[:, plant.states.index(name)]
+        assert column[plant.states.index(f"vehicle.state.{row}")] > 0.0
+        others = [f"vehicle.state.{other}" for other in ("v_z", "p", "q", "r") if other != row]
+        np.testing.assert_allclose(column[[plant.states.index(other) for other in others]], 0.0, atol=1e-12)
+        decay = column[[plant.states.index(other) for other in names]]
+        np.testing.assert_allclose(decay, np.exp(-0.4) * np.array([other == name for other in names]), atol=1e-3)
+    assert plant.inputs == ("wrench.thrust", "wrench.tau_x", "wrench.tau_y", "wrench.tau_z")
+    assert plant.period == 0.02
+
+
+ANYWHERE = (
+    "{kind: rotors, rotors: [{position: [0.14, -0.11, 0.02], turns: clockwise},"
+    "{position: [-0.09, -0.13, 0.01], turns: anticlockwise, thrust_factor: 4.1e-5},"
+    "{position: [-0.13, 0.10, 0.0], turns: clockwise, drag_factor: 8.2e-7},"
+    "{position: [0.11, 0.14, 0.03], turns: anticlockwise}]}"
+)
+
+
+@pytest.mark.parametrize("layout", ["{kind: x}", "{kind: h, length: 0.2, width: 0.3}", ANYWHERE])
+def test_a_loop_does_not_see_the_layout_of_a_vehicle_that_is_as_believed(laboratory, layout):
+    """A wrench is a wrench, whoever gives it: the plant answers as that of the plus does."""
+    plus, _ = laboratory_plant(laboratory())
+    found, specific_thrust = laboratory_plant(laboratory(f"nominal.layout={layout}"))
+    assert specific_thrust == pytest.approx(9.81, rel=1e-12)
+    points = np.exp(1j * 0.02 * np.array([0.5, 3.0, 20.0, 100.0]))
+    scale = np.abs(plus.response(points)).max(axis=(0, 1))
+    difference = np.abs(found.response(points) - plus.response(points)).max(axis=(0, 1))
+    np.testing.assert_array_less(difference, 1e-9 * scale + 1e-9)
+    # What the rotors' speeds are turned into reaches what it is called after, and nothing else.
+    rates = [found.states.index(f"vehicle.state.{row}") for row in ("v_z", "p", "q", "r")]
+    rotors = [found.states.index(f"vehicle.rotors.{name}") for name in ("thrust", "tau_x", "tau_y", "tau_z")]
+    reached = found.A[np.ix_(rates, rotors)]
+    assert (np.diag(reached) > 0.0).all()
+    np.testing.assert_allclose(reached, np.diag(np.diag(reached)), atol=1e-9 * reached.max())
+
+
+def test_arms_that_are_longer_than_believed_are_gain_on_roll_and_pitch(laboratory):
+    """Of an x, by the share that they are longer, each distance on its own axis; yaw and thrust stay as they are."""
+    scenario = laboratory(
+        "nominal.layout={kind: x, length: 0.2, width: 0.3}", "vehicle.layout={kind: x, length: 0.22, width: 0.36}"
+    )
+    believed, real = (laboratory_plant(scenario, vehicle=vehicle).system for vehicle in ("believed", "as it is"))
+    point = np.exp([1j * 3.0 * 0.02])
+    for torque, angle, gain in (("tau_x", "roll", 1.2), ("tau_y", "pitch", 1.1), ("tau_z", "yaw", 1.0)):
+        gains = [
+            plant.between([f"wrench.{torque}"], [f"measurement.{angle}"]).response(point)[0, 0, 0]
+            for plant in (believed, real)
+        ]
+        assert gains[1] / gains[0] == pytest.approx(gain, rel=1e-9)
+
+
+def known(monkeypatch, moved, **entries):
+    """Has linearisations move by known numbers, the first ones, and A have known entries."""
+    linearize, calls = closed_loop_module.linearize, []
+
+    def moving(*arguments, **options):
+        system, others = linearize(*arguments, **options)
+        calls.append(1)
+        others[:] = 0.0
+        others[: len(moved)] = moved
+        system.A[0, 0] = entries.get("A", system.A[0, 0])
+        return system, others
+
+    monkeypatch.setattr(closed_loop_module, "linearize", moving)
+    return calls
+
+
+@pytest.mark.parametrize(
+    ("moved", "words"),
+    [
+        ([1e-10, -2e-9, 1.5e-9], "moves by -2e-09 a tick"),
+        ([1e-10, 1.5e-9, 3e-9], "moves by 3e-09 a tick"),
+        ([9e-10, -9e-10], None),
+    ],
+)
+def test_an_equilibrium_moves_by_less_than_a_billionth_either_way(laboratory, monkeypatch, moved, words):
+    known(monkeypatch, moved)
+    scenario = laboratory()
+    if words is None:
+        closed_loop(scenario)
+        laboratory_plant(scenario)
+        return
+    place = 1 if moved[1] < 0.0 else 2
+    names = ContextVector(build_tracking_diagram(scenario), without=WATCHERS).names
+    with pytest.raises(InputError, match=rf"no equilibrium near hover: {names[place]} still {words}"):
+        closed_loop(scenario)
+    with pytest.raises(InputError, match=rf"hover is not an equilibrium of nominal: \S+ {words}"):
+        laboratory_plant(scenario)
+
+
+@pytest.mark.parametrize(
+    ("moved", "entries", "calls"),
+    [([1e-3], {}, 20), ([1e-3, np.inf], {}, 1), ([np.nan, 1e-3], {}, 1), ([1e-3], {"A": np.nan}, 1)],
+)
+def test_what_is_no_number_any_more_is_not_gone_on_with(laboratory, monkeypatch, moved, entries, calls):
+    """Otherwise Newton's method has twenty steps."""
+    made = known(monkeypatch, moved, **entries)
+    with pytest.raises(InputError, match="no equilibrium near hover"):
+        closed_loop(laboratory())
+    assert len(made) == calls

@@ -1,0 +1,77 @@
+"""What disturbs a vehicle along its plan, where that can be worked out by hand."""
+
+import numpy as np
+import pytest
+
+from drake_quad.flight.mission import plan_route
+from drake_quad.linear.disturbances import disturbances_along, spectrum
+from drake_quad.scenario.batch import Batch
+
+HOVER = "route={kind: hover, position: [0, 0, 1], duration: 0.4}"
+CLEAN = (
+    *("laboratory.wind=[]", "vehicle.quadratic_drag=0", "vehicle.thrust_factor_error=[0, 0, 0, 0]"),
+    *("vehicle.centre_of_mass=[0, 0]", "vehicle.mass=0.7", "vehicle.gravity=9.79", "vehicle.thrust_factor=4.0e-5"),
+    *("vehicle.arm_length=0.16", "metrics={start: 0, end: null}"),
+)
+
+
+def disturbed(scenario, samples=(0,)):
+    return disturbances_along(Batch.draw(scenario, samples), plan_route(scenario))
+
+
+def test_a_wind_drags_a_hovering_vehicle_by_drag_over_mass(asymmetric):
+    steady = "laboratory.wind=[{kind: steady, velocity: [2.0, -1.5, 0.5]}]"
+    found = disturbed(asymmetric("pid", *CLEAN, HOVER, steady))
+    expected = 0.12 / 0.7 * np.array([2.0, -1.5, 0.5])
+    np.testing.assert_allclose(found.acceleration[:, :, 0], np.repeat(expected[:, None], 20, axis=1), atol=1e-9)
+    np.testing.assert_allclose(found.turning, 0.0, atol=1e-9)
+
+
+def test_a_path_is_held_back_by_the_drag_of_its_velocity(asymmetric):
+    scenario = asymmetric("pid", *CLEAN)
+    plan = plan_route(scenario)
+    found = disturbed(scenario)
+    times = found.step * np.arange(found.acceleration.shape[1])
+    velocity = plan.derivative(1).vector_values(times)
+    np.testing.assert_allclose(found.acceleration[:, :, 0], -0.12 / 0.7 * velocity, atol=1e-9)
+
+
+def test_a_centre_of_mass_beside_the_middle_turns_each_vehicle_as_it_is_drawn(asymmetric):
+    beside = "vehicle.centre_of_mass=[{uniform: {min: -0.002, max: 0.002}}, 0.001]"
+    scenario = asymmetric("pid", *(each for each in CLEAN if "centre" not in each), HOVER, beside)
+    batch = Batch.draw(scenario, range(4))
+    found = disturbances_along(batch, plan_route(scenario))
+    lever = batch.varying["vehicle.centre_of_mass.0"]
+    # The weight of a vehicle that hovers, at the lever, over what it has of inertia.
+    np.testing.assert_allclose(found.turning[1, 0], 0.7 * 9.79 * lever / 0.0079, rtol=1e-6)
+    np.testing.assert_allclose(found.turning[0, 0], -0.7 * 9.79 * 0.001 / 0.0071, rtol=1e-6)
+    assert len({*lever}) == 4
+
+
+def test_a_fan_is_felt_where_it_blows_and_every_sample_has_its_own_turbulence(asymmetric):
+    fan = (
+        "laboratory.wind=[{kind: fan, position: [-2, 0, 1], direction: [1, 0, 0], flow: 2, diameter: 0.8,"
+        " turbulence: 0.2}]"
+    )
+    found = disturbed(asymmetric("pid", *CLEAN, HOVER, fan), samples=(0, 1))
+    x, y, _ = found.acceleration
+    assert (x.mean(axis=0) > 0.1).all()
+    assert np.abs(y.mean()) < 0.2 * x.mean()
+    assert x[-1, 0] != x[-1, 1]
+
+
+def test_a_spectrum_tells_what_lasts_from_what_comes_and_goes():
+    """A noise of second order, stepped exactly, around means of ±0.5 in two flights out of four."""
+    rng, step, time, deviation = np.random.default_rng(2), 0.02, 0.4, 0.7
+    poles = np.exp(-step / time)
+    values, inner, outer = [], np.zeros(4), np.zeros(4)
+    for _ in range(40000):
+        inner = poles * inner + rng.normal(size=4)
+        outer = poles * outer + inner
+        values.append(outer)
+    noise = np.array(values)
+    noise *= deviation / noise.std()
+    found = spectrum((noise - noise.mean(axis=0) + np.array([0.5, -0.5, 0.5, -0.5]))[np.newaxis], step)
+    assert found.mean == pytest.approx(0.5)
+    assert found.deviation == pytest.approx(0.7, rel=0.01)
+    assert found.time == pytest.approx(0.4, rel=0.06)

@@ -1,0 +1,116 @@
+"""The loop at the link against those of the design, and against a flight with more delay."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drake_quad import load_scenario
+from drake_quad.design.cascade import attitude_plant
+from drake_quad.design.gains import AxisGains, pd_loop
+from drake_quad.linear.closed_loop import closed_loop, laboratory_plant
+from drake_quad.linear.link_margins import link_loops
+from drake_quad.linear.margins import frequencies, margins
+from drake_quad.scenario.hovering import as_believed
+
+UNEVEN = [
+    "nominal.mass=0.75",
+    "nominal.inertia=[0.0065, 0.0085, 0.0126]",
+    "control.position={k_p: [2.2, 2.6, 6.0], k_d: [1.6, 1.8, 3.7]}",
+    "control.attitude={k_p: [12.5, 13.5, 5.2], k_d: [5.1, 5.6, 3.4]}",
+]
+OBSERVER = (
+    "control.position={kind: disturbance_observer, k_p: [1.8, 2.0, 5.0], k_d: [1.9, 2.1, 3.7], feed_forward: snap,"
+    " position_noise: 0.001, deviation: [0.05, 0.06, 0.04], time_constant: [1.0, 1.2, 1.4],"
+    " response: {kind: tilt, lag: 0.06}}"
+)
+
+
+@pytest.fixture(scope="module")
+def loaded(diagrams):
+    soft = [diagrams / "gains" / "laboratory.yaml"]
+    return lambda *overrides: load_scenario(diagrams / "laboratory.yaml:nominal", overrides, layers=soft)
+
+
+def loop_of_the_torque(laboratory, scenario, axis, outer, inner):
+    """By hand: the torque of a PD of the tilt, whose command is that of a PD of the position along an axis, eq (7)."""
+    torque, tilt, rate, inertia, sign = {
+        "x": ("tau_y", "pitch", "q", 0.0085, 1.0),
+        "y": ("tau_x", "roll", "p", 0.0065, -1.0),
+    }[axis]
+    rows = [f"measurement.{name}" for name in (tilt, rate, axis, f"v_{axis}")]
+    plant = laboratory.system.between([f"wrench.{torque}"], rows)
+    k_p, k_d = (sign * gain / laboratory.specific_thrust for gain in outer)
+    gains = inertia * np.array([[inner.k_p, inner.k_d, inner.k_p * k_p, inner.k_p * k_d]])
+    return replace(plant, C=gains @ plant.C, D=gains @ plant.D, outputs=("loop",))
+
+
+def link_loop(scenario, row):
+    """The loop of a row, with the vehicle that is believed."""
+    return link_loops(as_believed(scenario))[row]
+
+
+def responses(loop):
+    return loop.response(np.exp(1j * frequencies(loop.period, points=50) * loop.period)).ravel()
+
+
+@pytest.mark.slow
+def test_the_loop_of_a_torque_is_that_of_the_attitude_in_flight_and_of_thrust_that_of_the_height(loaded):
+    scenario = loaded(*UNEVEN)
+    laboratory = laboratory_plant(scenario)
+    position, attitude = scenario.control.position, scenario.control.attitude
+    loops = link_loops(as_believed(scenario))
+    for row, axis, i, tilt in (("tau_y", "x", 0, 1), ("tau_x", "y", 1, 0)):
+        outer = AxisGains(position.k_p[i], position.k_d[i])
+        expected = loop_of_the_torque(
+            laboratory, scenario, axis, outer, AxisGains(attitude.k_p[tilt], attitude.k_d[tilt])
+        )
+        np.testing.assert_allclose(responses(loops[row]), responses(expected), rtol=1e-6)
+    expected = pd_loop(attitude_plant(laboratory, scenario, "z"), AxisGains(6.0, 3.7))
+    np.testing.assert_allclose(responses(loops["thrust"]), responses(expected), rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_closed_it_has_the_poles_of_the_diagram_with_an_estimator(loaded):
+    scenario = loaded(*UNEVEN, OBSERVER)
+    found = closed_loop(as_believed(scenario)).system.poles()
+    loop = link_loop(scenario, "tau_y")
+    poles = loop.with_feedback(np.eye(1)).poles()
+    for pole in poles[np.abs(poles) > 0.1]:
+        assert np.abs(found - pole).min() < 1e-6
+
+
+@pytest.mark.slow
+def test_the_delay_margin_is_when_the_loop_becomes_unstable(loaded):
+    """With ticks of delay on the link below the margin it is stable, with one more it is not."""
+    scenario = loaded(*UNEVEN, OBSERVER)
+    loop = link_loop(scenario, "tau_x")
+    ticks = int(margins(loop).delay / loop.period)
+    assert ticks >= 3
+
+    def largest(later):
+        """The largest pole with so many more ticks of delay."""
+        late = loaded(*UNEVEN, OBSERVER, f"laboratory.command_link.delay_ticks={1 + later}")
+        return np.abs(closed_loop(as_believed(late)).system.poles()).max()
+
+    assert largest(ticks) < 1.0 < largest(ticks + 1)
+
+
+DESIGNS = {f"laboratory.yaml:{name}": 2.215 for name in ("pd", "pid", "disturbance_observer", "l1", "indi")}
+DESIGNS |= {"priced.yaml:indi@3": 3.015}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", DESIGNS)
+def test_the_designed_controllers_keep_to_their_limit(diagrams, name):
+    """The peak of sensitivity and the delay margin, on a lateral and on the vertical axis."""
+    layers = [diagrams / "controllers" / "designed" / name]
+    scenario = load_scenario(diagrams / "laboratory.yaml:nominal", layers=layers)
+    sensitivity, delay = DESIGNS[name], 0.05
+    loops = link_loops(as_believed(scenario))
+    for row in ("tau_y", "thrust"):
+        loop = loops[row]
+        found = margins(loop)
+        assert np.abs(loop.with_feedback(np.eye(1)).poles()).max() < 1.0
+        assert found.sensitivity < sensitivity
+        assert found.delay > delay

@@ -1,0 +1,159 @@
+"""Margins of any control where it goes over the link, against those of designs, and against flights."""
+
+import functools
+
+import numpy as np
+import pytest
+
+from drake_quad import InputError, load_scenario
+from drake_quad.assembly.control import build_control, control_recipes
+from drake_quad.design.cascade import design_cascade, with_gains
+from drake_quad.flight.mission import plan_route
+from drake_quad.linear.closed_loop import closed_loop
+from drake_quad.linear.link_margins import fast_link_margins, link_loops, link_margins
+from drake_quad.linear.step_response import release
+from drake_quad.scenario.batch import Batch
+from drake_quad.scenario.hovering import as_believed, at_rest
+from drake_quad.scenario.mpc import MpcControl
+from drake_quad.signals import AttitudeTarget, Wrench
+
+pytestmark = pytest.mark.slow
+TICK = 0.02
+
+
+@pytest.fixture(scope="module")
+def laboratory(diagrams):
+    def loaded(controller=None, *overrides):
+        layers = [f"{diagrams}/controllers/{controller}"] if controller else []
+        return load_scenario(f"{diagrams}/laboratory.yaml:nominal", overrides, layers=layers)
+
+    return loaded
+
+
+@pytest.fixture(scope="module")
+def asymmetric_lqg(asymmetric):
+    return asymmetric("lqg", "laboratory.wind=[]", "laboratory.motion_capture.dropout_rate=0")
+
+
+def grows(scenario, row, duration):
+    """Whether a small displacement of the flying diagram does, once the fast modes are gone."""
+    response = release(closed_loop(scenario), {row: 1e-6}, duration=duration)
+    column = ("x", "y", "z", "roll", "pitch", "yaw").index(row)
+    _, _, third, last = [part.max() for part in np.array_split(np.abs(response.nonlinear[:, column]), 4)]
+    return last > third
+
+
+def test_loops_that_nothing_is_nested_around_have_the_margins_that_they_were_designed_for(laboratory):
+    """Thrust and yaw: what is broken in a design, the commanded acceleration, is what goes over the link there."""
+    scenario = laboratory()
+    designed = design_cascade(scenario)
+    found = link_margins(with_gains(as_believed(scenario), designed.gains()))
+    for name, axis in (("thrust", "z"), ("tau_z", "yaw")):
+        np.testing.assert_allclose(found[name], designed.loops[axis].margins, rtol=1e-4)
+
+
+def test_a_loop_with_an_autopilot_is_the_position_s(diagrams):
+    """Roll and pitch go over the link, and a commanded acceleration is made of nothing else; the yaw is on board."""
+    scenario = load_scenario(f"{diagrams}/onboard.yaml")
+    designed = design_cascade(scenario)
+    found = link_margins(with_gains(as_believed(scenario), designed.gains()))
+    assert [*found] == [*AttitudeTarget._fields[:4]]
+    assert found["yaw"] is None
+    # The rates that are fed forward hang on the reference alone.
+    np.testing.assert_allclose(found["pitch"], designed.loops["x"].margins, rtol=1e-3)
+    np.testing.assert_allclose(found["roll"], designed.loops["y"].margins, rtol=1e-3)
+
+
+def test_a_control_of_one_s_own_has_the_margins_that_it_has_as_the_scenario_s(laboratory):
+    scenario = laboratory("paper.yaml:pd")
+    batch = Batch.draw(scenario, [0])
+    own = build_control(scenario, control_recipes(batch, plan_route(scenario)), 1)
+    found, expected = link_margins(scenario, control=own), link_margins(scenario)
+    assert [*found] == [*Wrench._fields]
+    for name in Wrench._fields:
+        np.testing.assert_allclose(found[name], expected[name], rtol=1e-6)
+
+
+def test_the_loop_is_one_over_the_sensitivity_less_one(asymmetric_lqg):
+    """Closed again by hand it has the poles of the whole loop, those that its signal reaches."""
+    scenario = asymmetric_lqg
+    poles = closed_loop(scenario).system.poles()
+    for loop in link_loops(scenario).values():
+        closed = loop.with_feedback(np.eye(1)).poles()
+        slow = closed[np.abs(closed) > 0.7]
+        assert len(slow) > 4
+        assert all(np.abs(poles - pole).min() < 1e-5 for pole in slow)
+
+
+CONTROLLERS = ("lqg.yaml:lqg", "paper.yaml:pd")
+
+
+@pytest.fixture(scope="module")
+def margins_of(laboratory):
+    return functools.cache(lambda controller: link_margins(laboratory(controller)))
+
+
+def test_model_predictive_control_has_the_margins_of_its_regulator(laboratory, margins_of):
+    """In hover, where no limit is near: also with a corridor around it."""
+    lqg = laboratory("lqg.yaml:lqg")
+    corridor = {"kind": "tube", "half_width": (0.02, 0.02, 0.02)}
+    mpc = MpcControl(**dict(lqg.control) | {"kind": "mpc", "corridor": corridor})
+    found = link_margins(lqg.model_copy(update={"control": mpc}))
+    for name, expected in margins_of("lqg.yaml:lqg").items():
+        np.testing.assert_allclose(found[name], expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("controller", CONTROLLERS)
+def test_fast_margins_equal_the_reported_margins(laboratory, margins_of, controller):
+    fast = fast_link_margins(laboratory(controller))
+    exact = [*margins_of(controller).values()]
+    np.testing.assert_allclose(fast.sensitivity, [margins.sensitivity for margins in exact], rtol=2e-5)
+    np.testing.assert_allclose(fast.delay, [margins.delay for margins in exact], rtol=2e-4)
+
+
+@pytest.mark.parametrize("controller", CONTROLLERS)
+def test_flights_diverge_at_the_delay_that_the_margins_tell_within_a_tick(laboratory, margins_of, controller):
+    found = margins_of(controller)
+    ticks = int(min(margins.delay for margins in found.values()) / TICK)
+    assert ticks >= 2
+    for more, diverges in ((ticks, False), (ticks + 1, True)):
+        scenario = at_rest(laboratory(controller, f"laboratory.command_link.delay_ticks={1 + more}"))
+        assert any(grows(scenario, row, 12.0) for row in ("y", "z", "yaw")) == diverges
+
+
+@pytest.mark.parametrize(
+    ("controller", "signal", "side"),
+    [
+        ("lqg.yaml:lqg", "tau_x", "gain"),
+        ("lqg.yaml:lqg", "tau_y", "gain_reduction"),
+        ("paper.yaml:pd", "tau_y", "gain"),
+        ("paper.yaml:pd", "tau_x", "gain_reduction"),
+    ],
+)
+def test_flights_diverge_at_the_gain_that_the_margins_tell_within_two_percent(
+    laboratory, margins_of, controller, signal, side
+):
+    """A vehicle whose moment of inertia is smaller than believed by a factor responds more strongly by this factor.
+
+    No rigid body has such moments of inertia, and no loaded scenario may have them.
+    """
+    sign = 1.0 if side == "gain" else -1.0
+    limit = 10.0 ** (sign * getattr(margins_of(controller)[signal], side) / 20.0)
+
+    def diverges(factor):
+        inertia = {"tau_x": 0.007, "tau_y": 0.007, "tau_z": 0.012}
+        inertia[signal] /= factor
+        scenario = laboratory(controller)
+        vehicle = scenario.vehicle.model_copy(update={"inertia": tuple(inertia.values())})
+        scenario = scenario.model_copy(update={"vehicle": vehicle})
+        return grows(at_rest(scenario), {"tau_x": "roll", "tau_y": "pitch"}[signal], 16.0)
+
+    assert not diverges(limit * (1.0 - 0.02 * sign))
+    assert diverges(limit * (1.0 + 0.02 * sign))
+
+
+def test_an_unstable_loop_has_no_margins_and_slow_cameras_no_link(laboratory):
+    with pytest.raises(InputError, match="the loop of nominal is unstable in hover: a pole of size 1"):
+        link_margins(laboratory("lqg.yaml:lqg", "laboratory.command_link.delay_ticks=6"))
+    with pytest.raises(InputError, match=r"motion_capture.period is 0.04 s, but what goes over the link is looked at"):
+        link_margins(laboratory("paper.yaml:pd", "laboratory.motion_capture.period=0.04"))

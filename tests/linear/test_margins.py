@@ -1,0 +1,369 @@
+"""Margins, against what they mean."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy
+
+from drake_quad.linear.margins import _crossings, fast_margins, frequencies, margins
+from drake_quad.linear.sampled_system import SampledSystem
+
+PERIOD = 0.02
+
+
+def loop_of(k_p, k_d, *, lag=0.05, delay_ticks=2):
+    """A PD around a double integrator with a lag, a zero-order hold and whole ticks of delay."""
+    A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0 / lag]])
+    B = np.array([[0.0], [0.0], [1.0 / lag]])
+    Ad, Bd, *_ = scipy.signal.cont2discrete((A, B, np.eye(3), np.zeros((3, 1))), PERIOD)
+    n = 3 + delay_ticks
+    whole = np.zeros((n, n))
+    whole[:3, :3], whole[:3, 3:4] = Ad, Bd
+    whole[3:-1, 4:] = np.eye(delay_ticks - 1)
+    into = np.zeros((n, 1))
+    into[-1] = 1.0
+    out = np.zeros((1, n))
+    out[0, :2] = k_p, k_d
+    names = tuple(f"x{i}" for i in range(n))
+    return SampledSystem(whole, into, out, np.zeros((1, 1)), PERIOD, names, ("u",), ("y",))
+
+
+def is_stable(loop, factor=1.0, more_delay=0):
+    """Whether the loop is, closed with another gain and more ticks of delay."""
+    n = len(loop.A)
+    A = np.zeros((n + more_delay, n + more_delay))
+    A[:n, :n] = loop.A
+    B = np.zeros((n + more_delay, 1))
+    if more_delay:
+        A[:n, n : n + 1] = loop.B
+        A[n:-1, n + 1 :] = np.eye(more_delay - 1)
+        B[-1] = 1.0
+    else:
+        B[:n] = loop.B
+    C = np.hstack([loop.C, np.zeros((1, more_delay))])
+    return np.abs(np.linalg.eigvals(A - factor * B @ C)).max() < 1.0
+
+
+CASES = [(5.0, 4.0), (9.0, 6.0), (2.0, 1.0), (20.0, 8.0)]
+
+
+@pytest.mark.parametrize(("k_p", "k_d"), CASES)
+def test_the_gain_margin_is_where_the_closed_loop_gives_up(k_p, k_d):
+    loop = loop_of(k_p, k_d)
+    factor = 10.0 ** (margins(loop).gain / 20.0)
+    assert is_stable(loop, 0.9999 * factor)
+    assert not is_stable(loop, 1.0001 * factor)
+
+
+@pytest.mark.parametrize(("k_p", "k_d"), CASES[:2])
+def test_margins_are_those_of_python_control(k_p, k_d):
+    """Of the same frequency response, interpolated by splines; its polynomial in z has too few digits."""
+    import control
+
+    loop = loop_of(k_p, k_d)
+    grid = frequencies(PERIOD)
+    data = control.FrequencyResponseData(loop.response(np.exp(1j * grid * PERIOD))[:, 0, 0], grid, smooth=True)
+    gain, phase, _, _, crossover, _ = control.stability_margins(data)
+    found = margins(loop)
+    assert found.gain == pytest.approx(20.0 * np.log10(gain), rel=1e-8)
+    assert found.phase == pytest.approx(phase, rel=1e-8)
+    assert found.crossover == pytest.approx(crossover, rel=1e-8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ticks", [1, 2, 5])
+def test_the_delay_margin_is_where_the_closed_loop_gives_up(ticks):
+    """Gains for which it is a whole number of ticks: a little less or more decides."""
+    low, high = 0.02, 50.0  # scales of the gains
+    grid = frequencies(PERIOD)
+    for _ in range(60):
+        middle = np.sqrt(low * high)
+        loop = loop_of(2.0 * middle, 2.0 * np.sqrt(middle))
+        found = fast_margins(loop.response(np.exp(1j * grid * PERIOD))[:, 0, 0], grid).delay
+        low, high = (middle, high) if found > ticks * PERIOD else (low, middle)
+    for scale, stands in ((0.999 * low, True), (1.001 * low, False)):
+        loop = loop_of(2.0 * scale, 2.0 * np.sqrt(scale))
+        assert (margins(loop).delay > ticks * PERIOD) == stands
+        assert is_stable(loop, more_delay=ticks) == stands
+
+
+def nearest(L):
+    """The least angle between -1 and where a fine Nyquist curve passes the unit circle, degrees."""
+    passes = np.flatnonzero(np.diff(np.abs(L) > 1.0))
+    return np.degrees(np.abs(np.angle(-L[passes]))).min()
+
+
+def resonance(*, gain, delay_ticks, frequency=4.0, damping=0.02):
+    """A loop of a frequency, rad/s, behind whole ticks of delay; and what is sampled of it without them."""
+    A = np.array([[0.0, 1.0], [-(frequency**2), -2.0 * damping * frequency]])
+    B = np.array([[0.0], [gain * frequency**2]])
+    Ad, Bd, *_ = scipy.signal.cont2discrete((A, B, np.eye(2), np.zeros((2, 1))), PERIOD)
+    n = 2 + delay_ticks
+    whole, into, out = np.zeros((n, n)), np.zeros((n, 1)), np.zeros((1, n))
+    whole[:2, :2], whole[:2, 2:3] = Ad, Bd
+    whole[2:-1, 3:] = np.eye(delay_ticks - 1)
+    into[-1], out[0, 0] = 1.0, 1.0
+    names = tuple(map(str, range(n)))
+    return SampledSystem(whole, into, out, np.zeros((1, 1)), PERIOD, names, ("u",), ("y",)), (Ad, Bd)
+
+
+def test_where_the_response_is_real_and_positive_there_is_no_gain_margin():
+    """A resonance of the wrong sign passes there, larger than where it is negative."""
+    loop, _ = resonance(gain=-0.02, delay_ticks=2)
+    factor = 10.0 ** (margins(loop).gain / 20.0)
+    response = loop.response(np.exp(1j * frequencies(PERIOD) * PERIOD))[:, 0, 0]
+    assert response.real[np.abs(response.imag) < 0.1 * np.abs(response.real)].max() > 2.0 / factor
+    assert is_stable(loop, 0.999 * factor)
+    assert not is_stable(loop, 1.001 * factor)
+
+
+def test_a_turn_that_jumps_between_two_frequencies_is_no_crossing():
+    """A sharp resonance turns by more than π within a step of the grid: its sign changes where L is positive."""
+    loop, _ = resonance(gain=0.1, delay_ticks=10, frequency=20.0, damping=1e-5)
+    grid = frequencies(PERIOD)
+
+    def response(frequencies):
+        return loop.response(np.exp(1j * frequencies * PERIOD))[:, 0, 0]
+
+    turns = _crossings(loop, grid, response(grid), lambda L: np.angle(-L))
+    assert len(turns) > 2
+    np.testing.assert_allclose(np.angle(-response(turns)), 0.0, atol=1e-3)
+
+
+@pytest.mark.slow
+def test_a_resonance_that_is_late_by_more_than_a_turn_stands_what_is_left_of_the_turn():
+    """Of 4 rad/s, damped to 0.02, with a gain of 0.1 and 55 ticks of delay: 0.497 s, as closed loops confirm.
+
+    At its two crossovers the phase is far beyond -180°; it is the delay to the next -180° that counts, not the nearest.
+    """
+    delay_ticks = 55
+    loop, (Ad, Bd) = resonance(gain=0.1, delay_ticks=delay_ticks)
+    grid = frequencies(PERIOD)
+    fast = fast_margins(loop.response(np.exp(1j * grid * PERIOD))[:, 0, 0], grid)
+    z = np.exp(1j * np.geomspace(1.0, 20.0, 200_001) * PERIOD)
+    numerator, denominator = scipy.signal.ss2tf(Ad, Bd, np.array([[1.0, 0.0]]), np.zeros((1, 1)))
+    phase = nearest(np.polyval(numerator[0], z) / np.polyval(denominator, z) * z**-delay_ticks)
+    found = margins(loop)
+    assert found.delay == pytest.approx(0.497, abs=5e-4)
+    assert fast.delay == pytest.approx(found.delay, rel=1e-3)
+    # The phase may turn either way: it is the nearest -180° that counts, here on the other side.
+    assert found.phase == pytest.approx(phase, abs=0.05)
+    assert fast.phase == pytest.approx(phase, abs=0.05)
+    assert [is_stable(loop, more_delay=ticks) for ticks in (0, 19, 20, 24, 25)] == [True, True, True, True, False]
+
+
+@pytest.mark.parametrize(("k_p", "k_d"), CASES)
+def test_the_disk_margin_stands_every_gain_and_phase_within_it(k_p, k_d):
+    import control
+
+    loop = loop_of(k_p, k_d)
+    found = margins(loop)
+    low = (1.0 - 0.5 * found.disk) / (1.0 + 0.5 * found.disk)
+    assert is_stable(loop, 1.001 * low)
+    assert is_stable(loop, 0.999 / low)
+    grid = frequencies(PERIOD)
+    response = loop.response(np.exp(1j * grid * PERIOD))[:, 0, 0]
+    # The disk of -1 / f touches the Nyquist curve and holds none of it.
+    middle, radius = -0.5 * (low + 1.0 / low), 0.5 * (1.0 / low - low)
+    assert np.abs(response - middle).min() == pytest.approx(radius, rel=1e-3)
+    top = int(np.argmax(np.abs(1.0 / (1.0 + response) - 0.5)))
+    fine = np.linspace(grid[top - 1], grid[top + 1], 1001)
+    assert found.disk == pytest.approx(control.disk_margins(loop.to_state_space(), fine)[0], rel=1e-8)
+    # Its consequences cannot be larger than the margins themselves.
+    assert -20.0 * np.log10(low) <= found.gain * (1.0 + 1e-6)
+    assert np.degrees(2.0 * np.arctan(0.5 * found.disk)) <= found.phase * (1.0 + 1e-6)
+
+
+def test_a_pole_may_leave_through_minus_one():
+    """A double integrator without delay: the phase stays above -180° up to half the sampling rate."""
+    h, k_p, k_d = 0.02, 2.0, 2.0
+    A, B, C = np.array([[1.0, h], [0.0, 1.0]]), np.array([[0.5 * h * h], [h]]), np.array([[k_p, k_d]])
+    loop = SampledSystem(A, B, C, np.zeros((1, 1)), h, ("x", "v"), ("u",), ("y",))
+    factor = 10.0 ** (margins(loop).gain / 20.0)
+    assert is_stable(loop, 0.999 * factor)
+    assert not is_stable(loop, 1.001 * factor)
+    grid = frequencies(h)
+    fast = fast_margins(loop.response(np.exp(1j * grid * h))[:, 0, 0], grid)
+    assert fast.gain == pytest.approx(margins(loop).gain, abs=1e-6)
+
+
+@pytest.mark.parametrize(("k_p", "k_d"), CASES)
+def test_crossover_bandwidth_and_peaks_match_direct_evaluation(k_p, k_d):
+    """Evaluate L by elimination at each frequency, and find its crossings and maxima with SciPy."""
+    loop, found = loop_of(k_p, k_d), margins(loop_of(k_p, k_d))
+
+    def L(frequency):
+        z = np.exp(1j * frequency * PERIOD)
+        return (loop.C @ np.linalg.solve(z * np.eye(len(loop.A)) - loop.A, loop.B)).item()
+
+    def peak(size):
+        grid = np.geomspace(0.3, np.pi / PERIOD, 300)
+        top = int(np.argmax([size(L(frequency)) for frequency in grid]))
+        ends = grid[top - 1], grid[min(top + 1, len(grid) - 1)]
+        best = scipy.optimize.minimize_scalar(lambda w: -size(L(w)), bounds=ends, method="bounded")
+        return -best.fun
+
+    assert found.crossover == pytest.approx(scipy.optimize.brentq(lambda w: abs(L(w)) - 1.0, 0.5, 50.0), rel=1e-8)
+    follows = scipy.optimize.brentq(lambda w: abs(L(w) / (1.0 + L(w))) - np.sqrt(0.5), found.crossover, 100.0)
+    assert found.bandwidth == pytest.approx(follows, rel=1e-8)
+    assert found.sensitivity == pytest.approx(peak(lambda L: abs(1.0 / (1.0 + L))), rel=1e-8)
+    assert found.disk == pytest.approx(1.0 / peak(lambda L: abs(1.0 / (1.0 + L) - 0.5)), rel=1e-8)
+
+
+def second_order(frequency, damping):
+    """Return a loop of a PD controller and a sampled double integrator, and one of its closed-loop poles.
+
+    The closed-loop poles have the given frequency (rad/s) and damping ratio.
+    """
+    pole = np.exp((-damping + 1j * np.sqrt(1.0 - damping**2)) * frequency * PERIOD)
+    trace, determinant = 2.0 * pole.real, abs(pole) ** 2
+    A = np.array([[1.0, PERIOD], [0.0, 1.0]])
+    B = np.array([[0.5 * PERIOD**2], [PERIOD]])
+    # The trace of A - B C is 2 - k_p h² / 2 - k_d h, and its determinant is 1 + k_p h² / 2 - k_d h.
+    k_p = (1.0 - trace + determinant) / PERIOD**2
+    k_d = (3.0 - trace - determinant) / (2.0 * PERIOD)
+    return SampledSystem(A, B, np.array([[k_p, k_d]]), np.zeros((1, 1)), PERIOD, ("x", "v"), ("u",), ("y",)), pole
+
+
+@pytest.mark.parametrize("damping", [0.8, 0.3, 0.1])
+@pytest.mark.parametrize("frequency", [3.0, 20.3, 111.0])
+def test_peaks_of_a_second_order_loop_match_the_closed_form(frequency, damping):
+    """The sensitivity S is (z - 1)² / (z² - t z + d), so |S|² is a quotient of quadratics in x = cos ω.
+
+    It is largest at an end of [-1, 1] or at a root of its derivative. The same holds for |S - 1/2|².
+    """
+    loop, pole = second_order(frequency, damping)
+
+    def squared(first, second, third):
+        middle = first**2 + second**2 + third**2 - 2.0 * first * third
+        return np.poly1d([4.0 * first * third, 2.0 * second * (first + third), middle])
+
+    def peak(numerator, denominator):
+        N = squared(*numerator)
+        D = squared(*denominator)
+        roots = (N.deriv() * D - N * D.deriv()).roots
+        places = [-1.0, 1.0, *(root.real for root in roots if abs(root.imag) < 1e-9 and abs(root.real) < 1.0)]
+        return max(np.sqrt(N(x) / D(x)) for x in places)
+
+    integrators, closed = np.array([1.0, -2.0, 1.0]), np.array([1.0, -2.0 * pole.real, abs(pole) ** 2])
+    found = margins(loop)
+    assert found.sensitivity == pytest.approx(peak(integrators, closed), rel=1e-8)
+    assert found.disk == pytest.approx(1.0 / peak(integrators - 0.5 * closed, closed), rel=1e-8)
+
+
+@pytest.mark.parametrize("damping", [1e-2, 1e-4, 1e-6])
+@pytest.mark.parametrize("frequency", [3.0, 20.3, 111.0])
+def test_a_peak_narrower_than_the_grid_spacing_is_found(frequency, damping):
+    loop, pole = second_order(frequency, damping)
+
+    def lost(turn):
+        z = np.exp(1j * turn)
+        return -(abs(z - 1.0) ** 2) / (abs(z - pole) * abs(z - pole.conj()))
+
+    middle, reach = np.angle(pole), -np.log(abs(pole))
+    best = scipy.optimize.minimize_scalar(
+        lost, bounds=(middle - reach, middle + reach), options={"xatol": 1e-6 * reach}
+    )
+    # Rounding moves a pole by about 1e-15, which changes the height of its peak.
+    assert margins(loop).sensitivity == pytest.approx(-best.fun, rel=max(1e-8, 1e-14 / reach))
+
+
+@pytest.mark.slow
+def test_the_gain_of_an_unstable_plant_may_not_fall_too_far():
+    """Around a pole of 2 1/s: below a gain reduction that closed loops confirm, it falls."""
+    pole, h = np.exp(2.0 * PERIOD), PERIOD
+    loop = SampledSystem(*(np.array([[x]]) for x in (pole, 1.0, 0.2, 0.0)), h, ("x",), ("u",), ("y",))
+    factor = 10.0 ** (-margins(loop).gain_reduction / 20.0)
+    assert factor == pytest.approx((pole - 1.0) / 0.2, rel=1e-3)
+    assert is_stable(loop, 1.001 * factor)
+    assert not is_stable(loop, 0.999 * factor)
+    assert margins(loop_of(5.0, 4.0)).gain_reduction == np.inf
+
+
+@pytest.mark.slow
+def test_many_at_once_are_the_same():
+    grid = frequencies(PERIOD)
+    loops = [loop_of(*gains) for gains in CASES]
+    responses = np.array([loop.response(np.exp(1j * grid * PERIOD))[:, 0, 0] for loop in loops])
+    fast = fast_margins(responses, grid)
+    for i, loop in enumerate(loops):
+        exact = margins(loop)
+        assert fast.gain[i] == pytest.approx(exact.gain, abs=1e-3)
+        assert fast.phase[i] == pytest.approx(exact.phase, abs=1e-3)
+        assert fast.delay[i] == pytest.approx(exact.delay, rel=1e-4)
+
+
+def test_a_loop_that_never_reaches_one_has_every_margin():
+    weak = replace(loop_of(1.0, 1.0), A=0.5 * np.eye(5))
+    found = margins(weak)
+    assert (found.gain, found.phase, found.delay) == (np.inf, np.inf, np.inf)
+    assert found.crossover == 0.0
+
+
+def test_the_grid_ends_just_below_half_the_sampling_rate():
+    for period in (0.02, 0.005):
+        grid = frequencies(period)
+        assert len(grid) == 2000
+        assert grid[0] == pytest.approx(1e-4, rel=1e-12)
+        assert 0.9998 < grid[-1] * period / np.pi < 0.99999
+        np.testing.assert_allclose(grid[1:] / grid[:-1], grid[1] / grid[0])
+    assert len(frequencies(0.02, points=17)) == 17
+
+
+def first_order(pole, gain, direct=0.0):
+    """gain / (z - pole) + direct."""
+    matrices = (np.array([[number]]) for number in (pole, 1.0, gain, direct))
+    return SampledSystem(*matrices, PERIOD, ("x",), ("u",), ("y",))
+
+
+@pytest.mark.slow
+def test_what_always_follows_has_a_bandwidth_without_end():
+    found = margins(first_order(0.5, 0.0, direct=10.0))
+    assert found.bandwidth == np.inf
+    assert found.sensitivity == pytest.approx(1.0 / 11.0)
+
+
+def test_a_pole_may_leave_through_one_or_minus_one():
+    """1 + f L vanishes at z = 1 and at z = -1 for a gain that is worked out by hand; a sign more, and it may rise."""
+    for gain in (0.1, -0.1):
+        found, loop = margins(first_order(0.5, gain)), first_order(0.5, gain)
+        # L(1) = 2 gain, L(-1) = -gain / 1.5.
+        limits = [-1.0 / limit for limit in (2.0 * gain, -gain / 1.5) if limit < 0.0]
+        assert 10.0 ** (found.gain / 20.0) == pytest.approx(min(limits), rel=1e-12)
+        # |S| is largest at half the sampling rate or at zero frequency.
+        assert found.sensitivity == pytest.approx(max(1.5 / (1.5 - gain), 0.5 / (0.5 + gain)), rel=1e-8)
+        assert is_stable(loop, 0.999 * min(limits))
+        assert not is_stable(loop, 1.001 * min(limits))
+        assert found.gain_reduction == np.inf
+
+
+def test_a_pole_near_one_is_no_integrator():
+    """As of a slow leak: what is below holds back its pole, at 1 + 1e-6, with a gain from 1e-6 on."""
+    assert margins(first_order(1.0 + 1e-6, 1e-3)).gain_reduction == pytest.approx(60.0, abs=0.01)
+    assert margins(first_order(1.0, 1e-3)).gain_reduction == np.inf
+
+
+def test_fast_margins_of_loops_that_cross_nothing_are_without_end():
+    grid = frequencies(PERIOD)
+    quiet = np.full((2, len(grid)), [[0.1], [-0.1]], dtype=complex)
+    found = fast_margins(quiet, grid)
+    np.testing.assert_array_equal(found.phase, [np.inf, np.inf])
+    np.testing.assert_array_equal(found.delay, [np.inf, np.inf])
+    assert found.gain[0] == np.inf
+    assert found.gain[1] == pytest.approx(20.0)
+    silent = fast_margins(np.zeros((1, len(grid)), dtype=complex), grid)
+    np.testing.assert_array_equal([silent.gain[0], silent.phase[0], silent.delay[0]], [np.inf] * 3)
+
+
+@pytest.mark.parametrize("turns", np.linspace(0.02, 0.98, 10))
+@pytest.mark.parametrize("steepness", [-7.0, 7.0])
+def test_fast_margins_are_exact_where_the_logarithm_of_the_response_is_a_line(turns, steepness):
+    """L = (ω / ω_c)^(-1 + i steepness) e^(2πi turns): at ω_c it has the size one, and a phase of so many turns."""
+    crossover, grid = 3.0, np.geomspace(0.11, 50.0, 20)
+    # From one frequency to the next the phase turns by two radians.
+    assert 2.0 < abs(steepness) * np.log(grid[1] / grid[0]) < np.pi
+    logs = np.log(grid / crossover)
+    found = fast_margins(np.exp((-1.0 + 1j * steepness) * logs + 2j * np.pi * turns)[None], grid)
+    assert found.phase[0] == pytest.approx(360.0 * abs(turns - 0.5))
+    assert found.delay[0] == pytest.approx(2.0 * np.pi * ((turns - 0.5) % 1.0) / crossover)

@@ -1,0 +1,321 @@
+"""The Jacobian of a period, against classical sampling and against differences."""
+
+from dataclasses import replace
+
+import control
+import numpy as np
+import pytest
+import scipy
+from pydrake.common.value import AbstractValue
+from pydrake.systems.analysis import InitializeParams, Simulator
+from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import ConstantVectorSource, ZeroOrderHold
+
+from drake_quad import InputError, build_tracking_diagram, load_scenario
+from drake_quad.linear.closed_loop import WATCHERS, laboratory_plant
+from drake_quad.linear.context_vector import ContextVector
+from drake_quad.linear.sampled_system import SampledSystem, at_tick, linearize, tick_after
+
+REAL = [
+    "route={kind: hover}",
+    "vehicle.linear_drag=0.1",
+    "vehicle.centre_of_mass=[0.0005, -0.0003]",
+    "laboratory.motion_capture={derivative_bandwidth: 60, latency_frames: 1, misalignment: [0.01, 0.02, 0.0]}",
+    "laboratory.command_link.delay_ticks=2",
+    "laboratory.wind=[{kind: steady, velocity: [1, 0.5, 0]},"
+    " {kind: fan, position: [-2, 0, 1], direction: [1, 0, 0], flow: 2, diameter: 0.7, turbulence: 0}]",
+]
+
+
+@pytest.fixture
+def hover(diagrams):
+    return lambda *overrides: load_scenario(diagrams / "hover.yaml", overrides)
+
+
+def classical(frequency, *, delay_ticks, h=0.01):
+    """The response from a commanded acceleration to the value and the rate of a double integrator with rotor lag.
+
+    Zero-order hold over ticks of 2h, a whole number of ticks of delay, and a frame that is h old, by matrix
+    exponentials.
+    """
+    A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -20.0]])
+    B = np.array([[0.0], [0.0], [20.0]])
+
+    def held(time):
+        exponential = scipy.linalg.expm(np.block([[A, B], [np.zeros((1, 4))]]) * time)
+        return exponential[:3, :3], exponential[:3, 3:]
+
+    phi, gamma = held(2.0 * h)
+    phi_half, gamma_half = held(h)
+    z = np.exp(2j * frequency * h)
+    x = np.linalg.solve(z * np.eye(3) - phi, gamma)  # the state at a tick, for an input that acts from that tick on
+    # The frame that a tick reads was taken h earlier, in the middle of the period before.
+    seen = (phi_half @ x + gamma_half) / z
+    return (seen[:2, 0]) / z**delay_ticks
+
+
+@pytest.mark.parametrize("delay_ticks", [0, 1, 3])
+@pytest.mark.parametrize(
+    ("torque", "inertia", "rows"), [("tau_x", 0.007, ("roll", "p")), ("thrust", 0.68, ("z", "v_z"))]
+)
+def test_the_ideal_laboratory_is_the_classical_sampled_model(hover, delay_ticks, torque, inertia, rows):
+    plant = laboratory_plant(hover(f"laboratory.command_link.delay_ticks={delay_ticks}")).system
+    plant = plant.between([f"wrench.{torque}"], [f"measurement.{row}" for row in rows]).connected()
+    for frequency in (0.3, 3.0, 30.0, 100.0):
+        found = inertia * plant.response(np.exp(1j * np.array([frequency]) * plant.period))[0, :, 0]
+        # The step is Runge and Kutta's: it takes the integral of an exponential by Simpson's rule.
+        np.testing.assert_allclose(found, classical(frequency, delay_ticks=delay_ticks), rtol=1e-4)
+
+
+@pytest.mark.parametrize("overrides", [[], REAL])
+def test_the_jacobian_of_the_whole_loop_against_differences(hover, overrides):
+    scenario = hover(*overrides)
+    diagram = build_tracking_diagram(scenario)
+    context = at_tick(diagram, 0.08)
+    system, _ = linearize(diagram, context, period=0.02, without=WATCHERS)
+    layout = ContextVector(diagram, without=WATCHERS)
+    start = layout.read(diagram, context)
+
+    def after(state):
+        root = context.Clone()
+        layout.write(diagram, root, state)
+        simulator = Simulator(diagram, root)
+        keep = InitializeParams()
+        keep.suppress_initialization_events = True
+        simulator.Initialize(keep)
+        simulator.AdvanceTo(0.1)
+        return layout.read(diagram, root)
+
+    step = 1e-5
+    numeric = [(after(start + step * unit) - after(start - step * unit)) / (2.0 * step) for unit in np.eye(len(start))]
+    np.testing.assert_allclose(system.A, np.array(numeric).T, atol=2e-8)
+
+
+def test_the_state_has_names_and_no_watchers(hover):
+    diagram = build_tracking_diagram(hover(*REAL), record=True)
+    names = ContextVector(diagram, without=WATCHERS).names
+    assert len(names) == len(set(names))
+    assert "laboratory.vehicle.state.pitch" in names
+    assert "laboratory.motion_capture.measurement_under_way.0.v_x" in names
+    assert "laboratory.command_link.wrench_under_way.1.thrust" in names
+    assert "laboratory.wind.fans.wind.x" in names
+    assert not any(name.startswith(WATCHERS) for name in names)
+
+
+def test_a_continuous_vehicle_has_the_same_period(hover):
+    """A stepping vehicle and one that Drake integrates: the same A for what both have."""
+    found = []
+    for time_step in (0.01, 0.0):
+        diagram = build_tracking_diagram(hover(f"vehicle.time_step={time_step}"))
+        system, _ = linearize(diagram, at_tick(diagram, 0.08), period=0.02, without=WATCHERS)
+        found.append(
+            {tuple(np.round(pole, 4)) for pole in np.column_stack([system.poles().real, abs(system.poles().imag)])}
+        )
+    stepping, continuous = found
+    assert {pole for pole in stepping if pole[0] > 0.5} == {pole for pole in continuous if pole[0] > 0.5}
+
+
+class Mine(LeafSystem):
+    """A position controller without another scalar type, perhaps with a state that is no vector."""
+
+    def __init__(self, abstract=False):
+        super().__init__()
+        for name, size in (("measurement", 12), ("reference", 11)):
+            self.DeclareVectorInputPort(name, BasicVector(size))
+        self.DeclareVectorOutputPort("acceleration_command", BasicVector(3), self.command)
+        if abstract:
+            self.DeclareAbstractState(AbstractValue.Make("a memory"))
+
+    def command(self, context, output):
+        output.SetFromVector([0.0, 0.0, 0.0])
+
+
+def test_a_system_that_cannot_be_differentiated_is_named(hover):
+    for abstract, words in (
+        (False, "control.position has no version for AutoDiffXd"),
+        (True, "control.position holds"),
+    ):
+        diagram = build_tracking_diagram(hover(), position_controller=Mine(abstract))
+        with pytest.raises(InputError, match=words):
+            linearize(diagram, at_tick(diagram, 0.04), period=0.02)
+
+
+def random_system(rng):
+    A = rng.normal(size=(5, 5))
+    A *= 0.9 / np.abs(np.linalg.eigvals(A)).max()
+    names = [tuple(f"{kind}{i}" for i in range(size)) for kind, size in (("x.", 5), ("u.", 2), ("y.", 3))]
+    return SampledSystem(A, rng.normal(size=(5, 2)), rng.normal(size=(3, 5)), rng.normal(size=(3, 2)), 0.02, *names)
+
+
+def test_algebra_against_python_control():
+    rng = np.random.default_rng(1)
+    system = random_system(rng)
+    z = np.exp(1j * np.array([0.1, 0.7, 2.0]))
+    model = system.to_control()
+    assert (model.dt, model.state_labels[0], model.input_labels, model.output_labels) == (
+        0.02,
+        "x_0",
+        ["u_0", "u_1"],
+        ["y_0", "y_1", "y_2"],
+    )
+    np.testing.assert_allclose(system.response(z), np.moveaxis(model(z), -1, 0), atol=1e-12)
+    part = system.between(["u.1"], ["y.2", "y.0"])
+    np.testing.assert_allclose(part.response(z), system.response(z)[:, [2, 0], 1:], atol=1e-12)
+    turned = system.transformed([1, 3], np.array([[1.0, 2.0], [-1.0, 1.0]]), ["a", "b"])
+    np.testing.assert_allclose(turned.response(z), system.response(z), atol=1e-11)
+    assert turned.states == ("x.0", "a", "x.2", "b", "x.4")
+    delayed = replace(system, D=0.0 * system.D)
+    gain = rng.normal(size=(2, 3)) * 0.1
+    G = delayed.response(z)
+    closed = np.linalg.solve(np.eye(3) + G @ gain, G)
+    np.testing.assert_allclose(delayed.with_feedback(gain).response(z), closed, atol=1e-11)
+
+
+def test_python_control_and_scipy_have_the_same_poles_and_steps():
+    system = random_system(np.random.default_rng(2))
+    ours = [np.zeros(5)]
+    for _ in range(40):
+        ours.append(system.A @ ours[-1] + system.B @ [1.0, 0.0])
+    steps = np.array(ours[:-1]) @ system.C.T + system.D[:, 0]
+    by_control, by_scipy = system.to_control(), system.to_scipy()
+    assert by_scipy.dt == by_control.dt == system.period
+    for poles in (by_control.poles(), np.linalg.eigvals(by_scipy.A)):
+        np.testing.assert_allclose(np.sort_complex(poles), np.sort_complex(system.poles()), atol=1e-12)
+    times = system.period * np.arange(40)
+    response = control.step_response(by_control, times, input=0).outputs
+    np.testing.assert_allclose(response[:, 0].T, steps, atol=1e-12)
+    found = scipy.signal.dstep(by_scipy, n=40)
+    np.testing.assert_allclose(found[1][0], steps, atol=1e-12)
+
+
+def test_what_no_input_reaches_and_no_output_sees_is_left_out():
+    A = np.diag([0.5, 0.6, 0.7, 0.8]) + np.diag([0.1, 0.0, 0.1], k=-1)  # 0 → 1, 2 → 3
+    B, C = np.array([[1.0], [0.0], [0.0], [0.0]]), np.array([[0.0, 1.0, 0.0, 1.0]])
+    system = SampledSystem(A, B, C, np.zeros((1, 1)), 0.02, ("a", "b", "c", "d"), ("u",), ("y",))
+    small = system.connected()
+    assert small.states == ("a", "b")
+    z = np.exp(1j * np.array([0.1, 1.0]))
+    np.testing.assert_allclose(small.response(z), system.response(z), atol=1e-14)
+    # Whatever the units: what counts is the size beside others in the same row.
+    faint = replace(system, B=1e-14 * system.B, C=1e-14 * system.C)
+    assert faint.connected().states == ("a", "b")
+    rounding = replace(system, A=system.A + 1e-16 * np.ones((4, 4)))
+    assert rounding.connected().states == ("a", "b")
+
+
+def test_an_output_that_depends_on_nothing_has_no_derivative():
+    builder = DiagramBuilder()
+    hold = builder.AddNamedSystem("hold", ZeroOrderHold(0.1, 1))
+    constant = builder.AddNamedSystem("constant", ConstantVectorSource([3.0]))
+    builder.ExportInput(hold.get_input_port(), "u")
+    builder.ExportOutput(hold.get_output_port(), "y")
+    builder.ExportOutput(constant.get_output_port(), "c")
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    diagram.get_input_port().FixValue(context, [0.0])
+    system, _ = linearize(diagram, at_tick(diagram, 0.2, context), period=0.1, outputs=["y", "c"])
+    np.testing.assert_array_equal(system.C, [[1.0], [0.0]])
+
+
+def two_inputs():
+    """Two holds over 0.1 s, of two numbers and of one, and what they hold."""
+    builder = DiagramBuilder()
+    for name, size in (("first", 2), ("second", 1)):
+        hold = builder.AddNamedSystem(name, ZeroOrderHold(0.1, size))
+        builder.ExportInput(hold.get_input_port(), f"u_{name}")
+        builder.ExportOutput(hold.get_output_port(), f"y_{name}")
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    for name, values in (("first", [1.0, 2.0]), ("second", [5.0])):
+        diagram.GetInputPort(f"u_{name}").FixValue(context, values)
+    return diagram, context
+
+
+@pytest.mark.parametrize("order", [("first", "second"), ("second", "first"), ("second",)])
+def test_inputs_and_outputs_stand_in_the_order_in_which_they_are_asked_for(order):
+    """What is put into a hold is what it holds a period later, and it forgets what was there."""
+    diagram, context = two_inputs()
+    inputs, outputs = [f"u_{name}" for name in order], [f"y_{name}" for name in order[::-1]]
+    system, moved = linearize(diagram, at_tick(diagram, 0.2, context), period=0.1, inputs=inputs, outputs=outputs)
+    rows = {"first": ("first.group_0.0", "first.group_0.1"), "second": ("second.group_0.0",)}
+    assert system.states == (*rows["first"], *rows["second"])
+    assert system.inputs == tuple(f"u_{name}.{i}" for name in order for i in range(len(rows[name])))
+    assert system.outputs == tuple(f"y_{name}.{i}" for name in order[::-1] for i in range(len(rows[name])))
+    places = [system.states.index(row) for name in order for row in rows[name]]
+    np.testing.assert_array_equal(system.A, np.zeros((3, 3)))
+    np.testing.assert_array_equal(system.B, np.eye(3)[:, places])
+    seen = [system.states.index(row) for name in order[::-1] for row in rows[name]]
+    np.testing.assert_array_equal(system.C, np.eye(3)[seen])
+    np.testing.assert_array_equal(system.D, np.zeros((len(seen), len(places))))
+    np.testing.assert_array_equal(moved, np.zeros(3))
+    assert system.period == 0.1
+
+
+def test_how_far_the_state_moves_is_what_it_is_after_less_what_it_was():
+    diagram, context = two_inputs()
+    root = at_tick(diagram, 0.2, context)
+    diagram.GetInputPort("u_second").FixValue(root, [9.0])
+    _, moved = linearize(diagram, root, period=0.1)
+    np.testing.assert_array_equal(moved, [0.0, 0.0, 4.0])
+    assert root.get_time() == 0.2
+
+
+def test_without_inputs_and_outputs_there_are_no_columns_and_no_rows():
+    diagram, context = two_inputs()
+    system, _ = linearize(diagram, at_tick(diagram, 0.2, context), period=0.1, without=("first",))
+    assert system.states == ("second.group_0.0",)
+    assert [matrix.shape for matrix in (system.A, system.B, system.C, system.D)] == [(1, 1), (1, 0), (0, 1), (0, 0)]
+
+
+def test_a_tick_is_counted_as_drake_counts_it():
+    assert tick_after(0.3 - 1e-12, 0.1) == 4 * 0.1
+    assert tick_after(0.3, 0.1, 0) == 3 * 0.1 != 0.3
+    assert tick_after(0.1, 0.1, 6) == 7 * 0.1 != 0.7
+
+
+@pytest.mark.parametrize(("size", "kept"), [(2e-12, ("a", "b")), (-2e-12, ("a", "b")), (0.5e-12, ("b",))])
+def test_an_entry_of_a_billionth_of_a_thousandth_counts(size, kept):
+    """Beside the largest of its row: the only way from the input through the first state to the second."""
+    A = np.array([[0.5, 0.0], [size, 1.0]])
+    system = SampledSystem(
+        A, np.array([[1.0], [1.0]]), np.array([[0.0, 1.0]]), np.zeros((1, 1)), 0.02, ("a", "b"), ("u",), ("y",)
+    )
+    assert system.connected().states == kept
+    assert system.connected(tolerance=1e-15).states == ("a", "b")
+    assert system.connected(tolerance=1e-9).states == ("b",)
+
+
+def test_a_scaled_input_has_another_name():
+    system = random_system(np.random.default_rng(3)).between(["u.0"], ["y.1"])
+    scaled = system.scaled(-3.0, "push")
+    z = np.exp(1j * np.array([0.1, 1.0]))
+    np.testing.assert_allclose(scaled.response(z), -3.0 * system.response(z))
+    assert (scaled.inputs, scaled.outputs) == (("push",), ("y.1",))
+
+
+def test_one_input_that_reaches_and_one_output_that_sees_are_enough():
+    """Of two each: the first state is between the first ones, the second between the others, the third is not."""
+    B, C = np.array([[1.0, 0.0], [0.0, -1.0], [0.0, 1.0]]), np.array([[-1.0, 0.0, 0.0], [0.0, 2.0, 0.0]])
+    system = SampledSystem(
+        np.diag([0.5, -0.6, 0.7]), B, C, np.zeros((2, 2)), 0.02, ("a", "b", "c"), ("u", "v"), ("y", "z")
+    )
+    small = system.connected()
+    assert small.states == ("a", "b")
+    np.testing.assert_array_equal(small.A, np.diag([0.5, -0.6]))
+    np.testing.assert_array_equal(small.B, B[:2])
+    np.testing.assert_array_equal(small.C, C[:, :2])
+
+
+def test_what_is_reached_by_many_steps_is_reached():
+    A = np.eye(5, k=-1)
+    system = SampledSystem(A, np.eye(5)[:, :1], np.eye(5)[-1:], np.zeros((1, 1)), 0.02, tuple("abcde"), ("u",), ("y",))
+    assert system.connected().states == tuple("abcde")
+
+
+def test_a_system_has_no_response_at_its_poles():
+    system = SampledSystem(
+        np.diag([0.5, 0.25]), np.ones((2, 1)), np.ones((1, 2)), np.zeros((1, 1)), 0.02, ("a", "b"), ("u",), ("y",)
+    )
+    assert system.response(np.array([1.0])).item() == pytest.approx(1.0 / 0.5 + 1.0 / 0.75)
+    with pytest.raises(np.linalg.LinAlgError, match="a point is a pole"):
+        system.response(np.array([1.0, 0.25]))

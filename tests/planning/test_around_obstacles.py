@@ -1,0 +1,187 @@
+import numpy as np
+import pytest
+
+from drake_quad import load_scenario
+from drake_quad.errors import InputError
+from drake_quad.flight.hover_error import believed_tracking_error
+from drake_quad.flight.mission import plan_route, planned
+from drake_quad.planning.space import space_of
+from drake_quad.reference.polynomial_path import evaluate, peak_norm
+from drake_quad.scenario.models import Mission
+from drake_quad.space.distance import nearest_approach
+
+# Each plans a way, which takes seconds.
+pytestmark = pytest.mark.slow
+
+ROOM = """
+pillars:
+  extends: figure_eight
+  route: {kind: waypoints, waypoints: [[0, 0, 1], [3, 3, 1.2], [6, 0, 1]], top_speed: 2.0, top_acceleration: 2.0}
+  space:
+    bounds: {min: [-1, -2, 0.3], max: [7, 5, 2.2]}
+    margin: 0.1
+    obstacles:
+      pillar: {kind: cylinder, centre: [1.5, 1.5, 1.25], radius: 0.25, height: 2.5}
+      wall: {kind: box, centre: [4.5, 1.5, 1.25], size: [0.2, 3.0, 2.5], rotation: [0, 0, 0.3]}
+      ball: {kind: sphere, centre: [2.5, 2.6, 1.2], radius: 0.2}
+"""
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory):
+    path = tmp_path_factory.mktemp("rooms") / "pillars.yaml"
+    path.write_text(ROOM, encoding="utf-8")
+    return lambda *overrides: load_scenario(path, list(overrides))
+
+
+def least(scenario, plan):
+    """Distance of the centre of mass to an obstacle, as densely sampled as can be waited for, m."""
+    space = space_of(scenario)
+    return space.nearest(evaluate(plan.path, np.linspace(0.0, plan.duration, 10_000)).T)[0].min()
+
+
+TIMES = {
+    "shortest": "route.times=shortest",
+    "heuristic": "route.times=heuristic",
+    "least_snap": "route.times={kind: least_snap, duration: 10}",
+    "given": "route.times=[0, 5, 12]",
+}
+
+
+@pytest.mark.parametrize("times", TIMES.values(), ids=TIMES)
+def test_every_timing_keeps_the_clearance_and_its_limits(room, times):
+    scenario = room(times)
+    plan, problem, waypoints, _ = planned(scenario)
+    assert space_of(scenario).clearance == pytest.approx(0.27)
+    assert least(scenario, plan) >= 0.27
+    passed = plan.waypoints[waypoints]
+    np.testing.assert_allclose(passed, [[0, 0, 1], [3, 3, 1.2], [6, 0, 1]], atol=1e-9)
+    assert len(problem.places) == len(plan.path.times) > 3
+    if "[0, 5, 12]" in times:
+        np.testing.assert_allclose(plan.path.times[waypoints], [0, 5, 12])
+    else:
+        assert peak_norm(plan.path, 1) <= 2.0 + 1e-9
+        assert peak_norm(plan.path, 2) <= 2.0 + 1e-9
+
+
+def test_a_yaw_is_had_where_its_waypoint_is_passed(room):
+    waypoints = (
+        "route.waypoints=[{point: [0, 0, 1], yaw: 0}, {point: [3, 3, 1.2], yaw: 1.0}, {point: [6, 0, 1], yaw: 2}]"
+    )
+    plan, _, numbers, _ = planned(room("route.heading=waypoints", waypoints, "route.times=heuristic"))
+    yaws = evaluate(plan.yaw, plan.path.times[numbers])[0]
+    np.testing.assert_allclose(yaws, [0.0, 1.0, 2.0], atol=1e-9)
+
+
+def test_gates_and_a_corridor_of_ones_own_are_kept(room):
+    waypoints = (
+        "route.waypoints=[[0, 0, 1], {box: {min: [3, 2.6, 0.8], max: [3, 3.4, 1.6]}},"
+        " {sphere: {centre: [5.5, 3.5, 1.2], radius: 0.3}}, [6, 0, 1], [0, 0, 1]]"
+    )
+    corridors = "route.corridors=[null, null, null, {min: [-1, -2, 0.3], max: [7, 0.5, 2.0]}]"
+    scenario = room(waypoints, corridors, "route.times=heuristic")
+    plan, _, numbers, _ = planned(scenario)
+    assert least(scenario, plan) >= 0.27
+    gate, ball = plan.waypoints[numbers[1]], plan.waypoints[numbers[2]]
+    np.testing.assert_array_compare(np.less_equal, [3.0 - 1e-9, 2.6, 0.8], gate)
+    np.testing.assert_array_compare(np.less_equal, gate, [3.0 + 1e-9, 3.4, 1.6])
+    assert np.linalg.norm(ball - [5.5, 3.5, 1.2]) <= 0.3 + 1e-6
+    last = evaluate(plan.path, np.linspace(plan.path.times[numbers[3]], plan.duration, 3000))
+    assert last[1].max() <= 0.5 + 1e-6
+
+
+def test_a_gate_is_passed_where_it_is_free(room):
+    gate = "route.waypoints=[[0, 0, 1], {box: {min: [3, 2.0, 0.8], max: [3, 3.4, 1.6]}}, [6, 0, 1]]"
+    scenario = room(gate, "space.obstacles.ball.centre=[3, 2.7, 1.2]", "route.times=heuristic")
+    plan, _, numbers, _ = planned(scenario)
+    assert least(scenario, plan) >= 0.27
+    assert 2.0 - 1e-9 <= plan.waypoints[numbers[1]][1] <= 3.4 + 1e-9
+
+
+def test_what_is_not_in_the_way_changes_nothing(room):
+    away = [f"space.obstacles.{name}.centre=[1, 9, 1]" for name in ("pillar", "wall", "ball")]
+    beside = plan_route(room("route.times=heuristic", "space.bounds=null", *away))
+    alone = plan_route(room("route.times=heuristic").model_copy(update={"space": None}))
+    np.testing.assert_array_equal(alone.path.coefficients, beside.path.coefficients)
+
+
+REFUSED = {
+    "a waypoint too near": (
+        ["space.obstacles.ball.centre=[3, 3, 1.5]"],
+        r"waypoint 1, \(3, 3, 1.2\) m, is 0.1 m from ball, but the clearance is 0.27 m \(radius 0.17 \+ margin 0.1\)",
+    ),
+    "a waypoint out of bounds": (["space.bounds.max=[5, 5, 2]"], r"waypoint 2, \(6, 0, 1\) m, lies outside the bounds"),
+    "no bounds": (["space.bounds=null"], r"m from .* nearer than 0.27 m; space.bounds is needed"),
+    "a wall across": (
+        ["space.obstacles.wall.size=[0.2, 9, 2.6]", "space.obstacles.wall.rotation=[0, 0, 0]"],
+        r"no way from waypoint 1 to waypoint 2 at 0.27 m .* without wall, there would be one",
+    ),
+    "two walls, each enough": (
+        [
+            "space.obstacles.wall.size=[0.2, 9, 2.6]",
+            "space.obstacles.wall.rotation=[0, 0, 0]",
+            "space.obstacles.other={kind: box, centre: [5.2, 1.5, 1.25], size: [0.2, 9, 2.6]}",
+        ],
+        r"no way from waypoint 1 to waypoint 2 at .* without wall and other, there would be one",
+    ),
+    "a corridor that the wall closes": (
+        ["route.corridors=[null, {min: [2.5, -0.5, 0.5], max: [6.5, 3.5, 2.0]}]", "space.obstacles.wall.size.1=4.5"],
+        r"no way from waypoint 1 to waypoint 2 in the corridor of segment 1 at .* without wall, there would be one",
+    ),
+    "a gate in a wall": (
+        ["route.waypoints=[[0, 0, 1], {box: {min: [2.45, 2.55, 1.15], max: [2.55, 2.65, 1.25]}}, [6, 0, 1]]"],
+        "waypoint 1, .* leaves no room at 0.27 m from obstacles .*: ball is too near",
+    ),
+    "another route": (
+        ["route={kind: circle, radius: 2.1, height: 1.2}"],
+        r"the route comes to 0 m from (pillar|ball) at .* nearer than the radius of the vehicle, 0.17 m",
+    ),
+}
+
+
+@pytest.mark.parametrize(("overrides", "message"), REFUSED.values(), ids=REFUSED)
+def test_refused_in_a_sentence(room, overrides, message):
+    with pytest.raises(InputError, match=message):
+        plan_route(room(*overrides))
+
+
+def test_a_way_is_found_once(room):
+    assert planned(room("route.times=heuristic")) is planned(room("route.times=heuristic"))
+
+
+def test_tighter_margins_make_faster_flights(room):
+    wide, tight = (plan_route(room(f"space.margin={margin}", "route.times=heuristic")) for margin in (0.25, 0.0))
+    approach = nearest_approach(tight.path, space_of(room("space.margin=0")))
+    assert tight.duration < wide.duration
+    assert approach.distance >= 0.17
+
+
+def test_a_plan_keeps_a_share_of_the_predicted_tracking_error(room):
+    """The prediction depends on wind and control, and so does the plan."""
+    wind = "laboratory.wind=[{kind: dryden, level: light, intensity: 0.05, height: 3.048}]"
+    dragged = ["vehicle.linear_drag=0.1", "route.times=heuristic"]
+    calm, windy = (planned(room("space.tracking=0.5", *dragged, *each)) for each in ((), (wind,)))
+    predicted = believed_tracking_error(room(wind, *dragged)).rms.value
+    # The share counts for planning only, not for collisions in flight.
+    assert space_of(room("space.tracking=0.5")).clearance == pytest.approx(0.27)
+    assert windy.space.tracking == pytest.approx(0.5 * predicted)
+    assert windy.space.clearance > calm.space.clearance + 0.01
+    nearest = windy.space.nearest(evaluate(windy.plan.path, np.linspace(0.0, windy.plan.duration, 10_000)).T)[0]
+    assert nearest.min() >= windy.space.clearance
+
+
+def test_the_forest_that_is_shipped_has_a_way():
+    """Drake's own search for the regions that hold a place gives up in it."""
+    scenario = load_scenario("forest", ["route.times=heuristic"])
+    found = planned(scenario)
+    assert least(scenario, found.plan) >= found.space.clearance
+
+
+def test_without_control_there_is_no_tracking_error_to_keep(room):
+    scenario = room("space.tracking=3")
+    mission = Mission(**{name: getattr(scenario, name) for name in Mission.model_fields})
+    with pytest.raises(InputError, match="space.tracking asks for a prediction"):
+        plan_route(mission)
+    gust = "laboratory.wind=[{kind: gust, speed: 1.0, heading: 0.0, start: 1.0, rise_time: 0.5}]"
+    with pytest.raises(InputError, match=r"space\.tracking: laboratory\.wind\.0 is a gust"):
+        plan_route(room("space.tracking=3", gust))

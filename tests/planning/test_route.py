@@ -1,0 +1,257 @@
+import math
+
+import numpy as np
+import pytest
+
+from drake_quad import load_scenario, simulate
+from drake_quad.errors import InputError
+from drake_quad.flight.mission import plan_route
+from drake_quad.planning.believed import nominal_parameters, planned_parameters
+from drake_quad.planning.duration import flight_duration, window_end, window_start
+from drake_quad.planning.feasibility import plan_demand
+from drake_quad.reference.polynomial_path import evaluate, peak_norm
+from drake_quad.reference.trajectory_files import save_plan
+from drake_quad.scenario.files.loading import load_mission
+
+
+@pytest.fixture
+def slalom(diagrams):
+    return lambda *overrides: load_mission(diagrams / "slalom.yaml", overrides)
+
+
+def samples(plan):
+    return np.linspace(*plan.path.times[[0, -1]], 500)
+
+
+@pytest.mark.slow
+def test_the_slalom_keeps_to_all_that_it_asks(slalom):
+    mission = slalom()
+    plan = plan_route(mission)
+    problem = mission.route.problem()
+    assert peak_norm(plan.path, 1) <= 2.0 * (1.0 + 1e-6)
+    assert peak_norm(plan.path, 2) <= 1.5 * (1.0 + 1e-6)
+    for place, position in zip(problem.places, evaluate(plan.path, plan.path.times).T, strict=True):
+        np.testing.assert_allclose(place.nearest(position), position, atol=1e-6)
+    for order in (1, 2, 3):
+        np.testing.assert_allclose(evaluate(plan.path, plan.path.times[4:5], order), 0.0, atol=1e-9)
+    np.testing.assert_allclose(evaluate(plan.path, plan.path.times[5:6], 1)[:, 0], [-1.2, 0.0, 0.0], atol=1e-9)
+    position = evaluate(plan.path, samples(plan)).T
+    assert (position >= np.array([-1.0, -2.0, 0.5]) - 1e-5).all()
+    assert (position <= np.array([9.0, 3.2, 2.5]) + 1e-5).all()
+
+
+@pytest.mark.slow
+def test_headings(slalom):
+    yaws = {}
+    for heading in ("constant", "along_path"):
+        plan = plan_route(slalom(f"route.heading={heading}", "route.yaw=0.3"))
+        yaws[heading] = evaluate(plan.yaw, samples(plan))[0]
+    np.testing.assert_allclose(yaws["constant"], 0.3)
+    v_x, v_y, _ = evaluate(plan.path, samples(plan), 1)
+    fast = np.hypot(v_x, v_y) > 1.0
+    assert np.mean(np.cos(yaws["along_path"] - np.arctan2(v_y, v_x))[fast]) > 0.95
+
+
+def test_yaw_through_waypoints_one_of_them_repeated(slalom):
+    waypoints = "[{point: [0, 0, 1], yaw: 0}, [1, 0, 1], {point: [1, 0, 1], yaw: 1.0}, {point: [2, 0, 1], yaw: 4}]"
+    route = f"{{kind: waypoints, waypoints: {waypoints}, heading: waypoints}}"
+    plan = plan_route(slalom("route=" + route, "route.corridors=null", "route.space=null"))
+    assert len(plan.path.times) == 3
+    np.testing.assert_allclose(evaluate(plan.yaw, plan.path.times)[0], [0.0, 1.0, 4.0], atol=1e-12)
+
+
+@pytest.mark.slow
+def test_a_saved_plan_is_flown_as_the_plan_itself(slalom, diagrams, tmp_path):
+    plan = plan_route(slalom())
+    save_plan(plan, tmp_path, name="slalom")
+    path = tmp_path / "loop.yaml"
+    path.write_text(f"loop:\n  extends: [{diagrams / 'figure_eight.yaml'}, trajectory.yaml:slalom]\n")
+    again = plan_route(load_mission(path))
+    for order in range(5):
+        wanted = evaluate(plan.path, samples(plan), order)
+        np.testing.assert_allclose(evaluate(again.path, samples(plan), order), wanted, atol=1e-9 * np.abs(wanted).max())
+    np.testing.assert_allclose(evaluate(again.yaw, samples(plan)), evaluate(plan.yaw, samples(plan)), atol=1e-12)
+    table = np.genfromtxt(tmp_path / "trajectory.csv", delimiter=",", skip_header=1)
+    assert table.shape[1] == 18
+    np.testing.assert_allclose(table[:, 1:4].T, evaluate(plan.path, table[:, 0]), atol=1e-7)
+    np.testing.assert_allclose(table[:, 13:16].T, evaluate(plan.path, table[:, 0], 4), atol=1e-5)
+    np.testing.assert_allclose(table[:, 16], evaluate(plan.yaw, table[:, 0])[0], atol=1e-7)
+    assert table[-1, 0] == pytest.approx(plan.path.times[-1])
+    flights = [simulate(load_scenario(file, ["duration=4"])) for file in (path, diagrams / "slalom.yaml")]
+    np.testing.assert_allclose(flights[0]["state"], flights[1]["state"], atol=1e-9)
+
+
+@pytest.mark.slow
+def test_a_plan_made_in_python_is_flown(slalom, diagrams):
+    scenario = load_scenario(diagrams / "slalom.yaml", ["duration=6", "route.heading=constant"])
+    other = plan_route(slalom("route.heading=constant", "route.top_acceleration=0.7"))
+    flight = simulate(scenario, plan=other)
+    assert flight.plan is other
+    reference = flight.record("reference")
+    np.testing.assert_allclose([reference.x, reference.y, reference.z], evaluate(other.path, flight.time), atol=1e-9)
+
+
+@pytest.mark.slow
+def test_a_turning_yaw_costs_little_accuracy(diagrams):
+    rmse = [
+        simulate(load_scenario(diagrams / "figure_eight.yaml", [f"route.heading={heading}"])).metrics.rmse
+        for heading in ("constant", "along_path")
+    ]
+    assert max(rmse) < 0.03
+
+
+def test_a_trajectory_without_yaw_looks_along_x(slalom):
+    knots = "[{time: 0.5, position: [0, 0, 1]}, {time: 4, position: [1, 0, 1]}]"
+    plan = plan_route(slalom(f"route={{kind: trajectory, knots: {knots}}}"))
+    np.testing.assert_array_equal(plan.path.times, [0.5, 4.0])
+    np.testing.assert_array_equal(evaluate(plan.yaw, samples(plan)), 0.0)
+    assert peak_norm(plan.path, 1) == pytest.approx(2.1875 / 3.5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("route.times={kind: given, times: [0, 1, 2, 3, 4, 5, 6]}", "the .* limit of .* cannot be kept on segment"),
+        ("route.times={kind: least_snap, duration: 8}", "times slower it is feasible|cannot be kept"),
+        ("route.top_acceleration={uniform: {min: 1, max: 2}}", "route.top_acceleration is a distribution"),
+        ("nominal.max_rotor_speed=205", "the rotors cannot fly this route"),
+    ],
+)
+def test_what_cannot_be_flown_is_explained(slalom, override, words):
+    with pytest.raises(InputError, match=words):
+        plan_route(slalom(override))
+
+
+def test_a_yaw_that_turns_too_fast_for_the_rotors_is_refused(slalom):
+    waypoints = f"[{{point: [0, 0, 1], yaw: 0}}, {{point: [0.02, 0, 1], yaw: {math.pi / 2}}}]"
+    route = f"{{kind: waypoints, waypoints: {waypoints}, heading: waypoints, times: [0, 0.8]}}"
+    with pytest.raises(InputError, match="the rotors cannot fly this route"):
+        plan_route(slalom("route=" + route, "route.corridors=null", "route.space=null"))
+
+
+@pytest.mark.parametrize(
+    ("overrides", "limit"),
+    [
+        ([], None),
+        (["nominal.motors.curve=[0.0, 0.3, 1.36]"], 200.49),  # 1.66 N of 1.668 N in hover
+        (["nominal.motors.curve=[0.0, 0.3, 1.38]"], None),
+        (["nominal.motors.curve=[1.68, 0.3, 2.0]"], 201.69),
+        (["nominal.motors.curve=[1.66, 0.3, 2.0]"], None),
+        (["nominal.max_rotor_speed=200"], 200.0),
+        (["nominal.min_rotor_speed=202"], 202.0),
+    ],
+)
+def test_a_plan_keeps_to_the_narrower_limits_of_rotors_and_throttles(diagrams, overrides, limit):
+    """In hover, where each rotor of the paper's vehicle gives m g / 4 = 1.668 N at 200.95 rad/s."""
+    curve = "nominal.motors={kind: throttle, curve: [0.1, 0.3, 3.0]}"
+    mission = load_mission(diagrams / "hover.yaml", [curve, *overrides])
+    if limit is None:
+        plan_route(mission)
+        return
+    with pytest.raises(InputError, match=r"rotor 1 would have to turn at 201 rad/s, but its limit") as refused:
+        plan_route(mission)
+    of_throttle = "" if limit in (200.0, 202.0) else ", that of the throttle"
+    assert str(refused.value).endswith(f"but its limit is {limit:.0f} rad/s{of_throttle}")
+
+
+def test_full_throttle_is_a_speed_by_the_mean_thrust_factor(diagrams):
+    places = [((0.2, 0.1), "clockwise", 4e-5), ((-0.1, -0.2), "anticlockwise", 4.4e-5)]
+    places += [((-0.2, -0.1), "clockwise", 4.1e-5), ((0.1, 0.2), "anticlockwise", 3.9e-5)]
+    rotors = [
+        f"{{position: [{x}, {y}, 0], turns: {turns}, thrust_factor: {factor}}}" for (x, y), turns, factor in places
+    ]
+    layout = f"nominal.layout={{kind: rotors, rotors: [{', '.join(rotors)}]}}"
+    mission = load_mission(diagrams / "hover.yaml", [layout, "nominal.motors={kind: throttle, curve: [0.2, 0.5, 2.3]}"])
+    planned, mean = planned_parameters(mission), 4.1e-5
+    assert planned == nominal_parameters(mission)._replace(
+        min_rotor_speed=pytest.approx(np.sqrt(0.2 / mean)), max_rotor_speed=pytest.approx(np.sqrt(3.0 / mean))
+    )
+
+
+def test_a_plan_that_goes_up_and_down_asks_for_weight_and_acceleration(diagrams):
+    """z = 0.3 sin(2π t / 3) by rotors that are alike: 4 b ω² = m (g + z̈), and ω of all four."""
+    route = "{kind: lissajous, centre: [0, 0, 1], amplitude: [0, 0, 0.3], turns: [0, 0, 1], period: 3, laps: 2}"
+    mission = load_mission(diagrams / "hover.yaml", [f"route={route}"])
+    plan, parameters = plan_route(mission), nominal_parameters(mission)
+    times = np.linspace(0.0, 6.0, 61)
+    thrust = 0.68 * (9.81 + evaluate(plan.path, times, 2)[2])
+    assert np.ptp(thrust) > 1.5
+    speeds = np.array(plan_demand(plan, parameters, times).rotor_speed)
+    np.testing.assert_allclose(speeds, np.sqrt(thrust / (4.0 * 4.13e-5)) * np.ones((4, 1)), rtol=1e-9)
+
+
+def test_a_flight_takes_whole_ticks_of_the_control(diagrams):
+    """Of 20 ms, though the vehicle steps and is seen every 10 ms."""
+    for wanted, duration in ((0.001, 0.02), (0.02, 0.02), (0.05, 0.06), (0.06, 0.06), (0.061, 0.08), (0.14, 0.14)):
+        scenario = load_scenario(diagrams / "hover.yaml", [f"duration={wanted}"])
+        assert flight_duration(scenario, plan_route(scenario)) == pytest.approx(duration, rel=1e-12)
+
+
+def test_the_metrics_of_laps_count_whole_ticks_until_the_end_of_the_last_lap(diagrams):
+    route = "route={kind: lissajous, amplitude: [0.4, 0.3, 0.0], period: 4.01, laps: 3}"
+
+    def window(*metrics):
+        scenario = load_scenario(diagrams / "hover.yaml", [route, *metrics])
+        plan = plan_route(scenario)
+        return window_start(scenario, plan), window_end(scenario, plan)
+
+    for lap in (1, 2, 3):
+        assert window(f"metrics={{first_lap: {lap}}}") == pytest.approx((4.01 * (lap - 1), 12.04))
+    assert window("metrics={start: 1.5}") == (1.5, math.inf)
+    assert window("metrics={start: 1.5, end: 6.0}") == (1.5, 6.0)
+    assert window("metrics={first_lap: 2, end: 6.0}") == pytest.approx((4.01, 6.0))
+
+
+def test_a_trajectory_passes_its_knots_moved_to_its_origin_and_slowed_by_its_scale(slalom):
+    """The k-th derivative is divided by the k-th power of the scale."""
+    moved = [[0.3, -0.2, 1.0], [0.4, 0.1, -0.1], [0.2, -0.3, 0.05], [0.1, 0.2, -0.15]]
+    knots = [
+        f"{{time: {time}, position: {position}, velocity: {velocity}, acceleration: {acceleration}, jerk: {jerk}}}"
+        for time, (position, velocity, acceleration, jerk) in ((1.0, moved), (3.0, (np.array(moved) + 0.5).tolist()))
+    ]
+    yaw_knots = "[{time: 1.0, yaw: 0.4, yaw_rate: 0.2}, {time: 2.0, yaw: 0.9}, {time: 3.0, yaw: 1.1, yaw_rate: -0.3}]"
+    placed = f"knots: [{', '.join(knots)}], origin: [3.0, 2.0, 1.0], time_scale: 2.5"
+    for yaws in (None, yaw_knots):
+        plan = plan_route(slalom(f"route={{kind: trajectory, {placed}, yaw_knots: {yaws or 'null'}}}"))
+        assert plan.path.times.tolist() == [2.5, 7.5]
+        for order, first in enumerate(moved):
+            expected = np.column_stack([first, np.array(first) + 0.5])
+            if order == 0:
+                expected = expected + np.array([[3.0], [2.0], [1.0]])
+            np.testing.assert_allclose(evaluate(plan.path, [2.5, 7.5], order), expected / 2.5**order, atol=1e-9)
+        if yaws is None:
+            assert (plan.yaw.times[0], plan.yaw.times[-1]) == (2.5, 7.5)
+            continue
+        assert plan.yaw.times.tolist() == [2.5, 5.0, 7.5]
+        np.testing.assert_allclose(evaluate(plan.yaw, [2.5, 5.0, 7.5])[0], [0.4, 0.9, 1.1], atol=1e-12)
+        np.testing.assert_allclose(evaluate(plan.yaw, [2.5, 5.0, 7.5], 1)[0], [0.08, 0.0, -0.12], atol=1e-9)
+
+
+def test_a_constant_yaw_is_there_from_the_beginning_to_the_end_of_the_path(diagrams):
+    for route in ("{kind: figure_eight, yaw: 0.3}", "{kind: circle, yaw: 0.3}"):
+        plan = plan_route(load_mission(diagrams / "figure_eight.yaml", [f"route={route}"]))
+        assert plan.yaw.times.tolist() == plan.path.times[[0, -1]].tolist()
+        assert plan.initial_yaw == 0.3
+
+
+def test_a_flight_takes_at_least_a_tick(diagrams):
+    """A trajectory without duration takes one, too."""
+    knots = "[{time: 0, position: [0, 0, 1]}, {time: 1, position: [0, 0, 1]}]"
+    scenario = load_scenario(
+        diagrams / "hover.yaml", [f"route={{kind: trajectory, knots: {knots}, time_scale: 1e-12}}"]
+    )
+    assert flight_duration(scenario, plan_route(scenario)) == 0.02
+
+
+@pytest.mark.slow
+def test_a_vehicle_that_looks_along_its_path_needs_the_yaw_of_the_path():
+    mission = load_scenario("figure_eight", ["route={kind: circle, heading: along_path}"])
+    plan = plan_route(mission)
+    demand = plan_demand(plan, planned_parameters(mission), samples(plan))
+    (yaw,) = evaluate(plan.flown_yaw, samples(plan))
+    assert np.ptp(yaw) > 2.0 * math.pi
+    np.testing.assert_allclose(np.exp(1j * np.array(demand.attitude.yaw)), np.exp(1j * yaw), atol=1e-12)
+    # In a turn that tilts the vehicle little, the rate about its own axis is nearly that of the yaw.
+    (yaw_rate,) = evaluate(plan.flown_yaw, samples(plan), 1)
+    np.testing.assert_allclose(demand.body_rates.r, yaw_rate, atol=0.1 * np.abs(yaw_rate).max())
