@@ -4,6 +4,7 @@ import argparse
 import inspect
 import itertools
 import re
+from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 from docutils import nodes
@@ -139,8 +140,35 @@ def _cell(text: str) -> str:
     return text.replace("|", r"\|").replace("\n", " ").replace("<", "&lt;")
 
 
+def write_reference(app: Any) -> None:
+    """Write a page for each folder of the package, with all of its modules, and an index with the public names."""
+    package = Path(__file__).parents[1] / "drake_quad"
+    pages = {"modules": [path.stem for path in sorted(package.glob("*.py")) if not path.stem.startswith("_")]}
+    for folder in sorted(path.parent for path in package.glob("*/__init__.py")):
+        files = sorted(folder.rglob("*.py"), key=lambda path: (path.parent, path.stem != "__init__", path))
+        modules = [".".join(path.relative_to(package).with_suffix("").parts) for path in files]
+        pages[folder.name] = [module.removesuffix(".__init__") for module in modules]
+    texts = {name: f"# {name}\n{''.join(map(_module, modules))}" for name, modules in pages.items()}
+    imports = re.findall(r"from \.([\w.]+) import (\w+)", (package / "__init__.pyi").read_text())
+    names = "\n".join(sorted(f"   drake_quad.{module}.{name}" for module, name in imports))
+    tree = "\n".join(sorted(texts))
+    texts["index"] = (
+        "# Reference of the package\n\nThese names can be imported from `drake_quad` itself:\n\n"
+        f"```{{eval-rst}}\n.. autosummary::\n\n{names}\n```\n\n```{{toctree}}\n:maxdepth: 1\n\n{tree}\n```\n"
+    )
+    output = Path(app.srcdir) / "reference" / "api"
+    output.mkdir(exist_ok=True)
+    for name, text in texts.items():
+        (output / f"{name}.md").write_text(text)
+
+
+def _module(name: str) -> str:
+    return f"\n```{{eval-rst}}\n.. automodule:: drake_quad.{name}\n```\n"
+
+
 def setup(app: Any) -> None:
-    """Tells Sphinx of what is ours."""
+    """Register the extensions of this file with Sphinx."""
+    app.connect("builder-inited", write_reference)
     app.connect("source-read", with_commands)
     app.add_directive("pydrake_system", PortBlock)
     app.connect("autodoc-process-docstring", as_written, priority=400)

@@ -9,7 +9,7 @@ import pytest
 from drake_quad.signals import SIGNALS
 
 # Where formulas, laws and metrics stand: there is no integer index here at all.
-FORMULAS = ("vehicle", "control", "laboratory", "signals.py", "flatness.py", "kinematics.py")
+FORMULAS = ("geometry", "vehicle", "control", "laboratory", "signals.py")
 
 
 def files(root: Path, *places: str) -> list[Path]:

@@ -1,1 +1,1 @@
-"""From a scenario to a named diagram."""
+"""From a scenario to a diagram."""

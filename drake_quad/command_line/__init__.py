@@ -1,1 +1,1 @@
-"""The command `drake-quad`: the only place that prints."""
+"""The command `drake-quad`, and all that is printed."""

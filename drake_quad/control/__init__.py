@@ -1,1 +1,1 @@
-"""Controllers: position, estimators, fuzzy networks that learn, thrust vectoring, attitude, and their cascade."""
+"""Controllers: position, estimators, fuzzy networks, attitude, LQG, MPC, trained policies."""

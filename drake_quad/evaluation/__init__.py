@@ -1,1 +1,1 @@
-"""Comparison of controllers by one protocol: equal budgets and limits of tuning, and the same samples."""
+"""Comparison of tuned controllers by one protocol, and a report."""

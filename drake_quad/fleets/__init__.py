@@ -1,1 +1,1 @@
-"""Fleets in one diagram under Drake's simulator."""
+"""Simulation of fleets in one diagram, by Drake's simulator."""

@@ -1,1 +1,1 @@
-"""Flights of a scenario: plan, simulation, records and export."""
+"""Flights of a scenario: plan, simulation, recorded signals, export."""

@@ -1,4 +1,4 @@
-"""Systems that carry fleets and say what they compute, and their formulas, from Python to machine code."""
+"""Declared systems for fleets, and their formulas, from Python to machine code."""
 
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, Expression, FleetSystem, fleet_system
 from drake_quad.framework.wiring import split_output, subsystem

@@ -1,1 +1,1 @@
-"""Attitudes, axes and the differential flatness of a quadrotor."""
+"""Attitudes, axes and differential flatness."""

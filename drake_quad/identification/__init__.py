@@ -1,1 +1,1 @@
-"""From flight logs to a vehicle with its uncertainty, and back: the same flight flown and predicted."""
+"""Identification of vehicles from flight logs, and prediction of flights."""

@@ -1,1 +1,1 @@
-"""Surroundings of the vehicle: motion capture, command link, wind, and the monitor of a flight."""
+"""Surroundings of the vehicle: motion capture, command link, wind, flight monitor."""

@@ -1,4 +1,4 @@
-"""Random numbers: seeds, streams, and the sources that feed random input ports."""
+"""Seeds, streams and sources of random numbers."""
 
 from drake_quad.randomness.noise import NoiseSource, Samples, Stream
 from drake_quad.randomness.streams import Kind

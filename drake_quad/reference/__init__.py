@@ -1,1 +1,1 @@
-"""The reference: minimum snap, routes, time allocation, feasibility."""
+"""Reference trajectories: minimum snap, routes, times of waypoints, yaw."""

@@ -1,1 +1,1 @@
-"""The replication: the paper's experiment flown again, and its claims judged by the numbers."""
+"""Replication of the paper: its experiment, its claims, and a report."""

@@ -1,1 +1,1 @@
-"""The scenario language: a closed loop described in YAML."""
+"""The scenario language: a closed loop in YAML."""

@@ -1,1 +1,1 @@
-"""Where there is no flying: solid obstacles, and the room between them."""
+"""Obstacles, and corridors between them."""

@@ -1,1 +1,1 @@
-"""Confidence intervals."""
+"""Confidence intervals of means, ratios, quantiles and probabilities."""

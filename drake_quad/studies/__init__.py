@@ -1,1 +1,1 @@
-"""Monte Carlo studies: thousands of samples of a scenario, on one machine or many, and their statistics."""
+"""Monte Carlo studies, on one machine or many, and their statistics."""

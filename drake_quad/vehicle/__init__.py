@@ -1,1 +1,1 @@
-"""The aircraft: parameters, rigid body and rotors, the effects on them, allocation, autopilot."""
+"""Aircraft: rigid body, rotors, effects on them, allocation, autopilot."""

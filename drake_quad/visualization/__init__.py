@@ -1,1 +1,1 @@
-"""Figures, drawings and replays: flights, plans, studies, designs and diagrams."""
+"""Plots, drawings of diagrams, and replays."""

@@ -1,0 +1,94 @@
+"""The table of folders in CONTRIBUTING.md: each import leads from a higher level to a lower one."""
+
+import ast
+import re
+from collections import defaultdict
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+PACKAGE = ROOT / "drake_quad"
+# Rows of the table: | level | `folder/` | contents |
+ROW = re.compile(r"^\| (\d+) \| `(\w+)/` \| (.+) \|$", re.MULTILINE)
+LEVELS = {folder: int(level) for level, folder, _ in ROW.findall((ROOT / "CONTRIBUTING.md").read_text())}
+# Modules beside the folders are at level 0, except for these, which are above all folders.
+ABOVE = ("__init__", "__main__", "testing")
+
+
+def folder_of(module):
+    """Return the folder of a module, or its name if it is beside the folders."""
+    return module.removeprefix("drake_quad").lstrip(".").partition(".")[0] or "__init__"
+
+
+def level_of(module):
+    folder = folder_of(module)
+    return LEVELS.get(folder, max(LEVELS.values()) + 1 if folder in ABOVE else 0)
+
+
+def imported_modules(path):
+    """Return the modules of the package that a file imports, also inside of functions."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            submodules = [f"{node.module}.{alias.name}" for alias in node.names]
+            found |= {name if is_module(name) else node.module for name in submodules}
+        elif isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+    return {name for name in found if name.partition(".")[0] == "drake_quad"}
+
+
+def is_module(name):
+    path = ROOT.joinpath(*name.split("."))
+    return path.is_dir() or path.with_suffix(".py").is_file()
+
+
+def imports():
+    """Return the imports of each module of the package."""
+    found = {}
+    for path in sorted(PACKAGE.rglob("*.py")):
+        name = ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+        found[name] = imported_modules(path)
+    return found
+
+
+def test_the_table_has_each_folder_with_its_docstring():
+    rows = {folder: contents for _, folder, contents in ROW.findall((ROOT / "CONTRIBUTING.md").read_text())}
+    docstrings = {
+        path.parent.name: ast.get_docstring(ast.parse(path.read_text())).partition("\n")[0].rstrip(".")
+        for path in PACKAGE.glob("*/__init__.py")
+    }
+    assert rows == docstrings
+
+
+def test_each_import_leads_to_a_lower_level():
+    """Folders at the same level do not import each other."""
+    # The version is the only name that is imported from the package itself.
+    upward = [
+        (module, target)
+        for module, targets in imports().items()
+        for target in targets - {"drake_quad"}
+        if folder_of(module) != folder_of(target) and level_of(target) >= level_of(module) > 0
+    ]
+    assert not upward
+
+
+def test_modules_beside_the_folders_import_no_folder():
+    upward = [
+        (module, target)
+        for module, targets in imports().items()
+        for target in targets
+        if level_of(module) == 0 and level_of(target) > 0
+    ]
+    assert not upward
+
+
+def test_no_modules_import_each_other_in_a_cycle():
+    remaining = imports()
+    while free := [module for module, targets in remaining.items() if not targets & remaining.keys()]:
+        for module in free:
+            del remaining[module]
+    users = defaultdict(set)
+    for module, targets in remaining.items():
+        for target in targets & remaining.keys():
+            users[target].add(module)
+    in_cycles = {module: targets & remaining.keys() for module, targets in remaining.items() if users[module]}
+    assert not in_cycles
