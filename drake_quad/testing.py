@@ -9,8 +9,8 @@ from pydrake.systems.analysis import Simulator_
 from pydrake.systems.framework import Diagram, DiagramBuilder, PortDataType
 from pydrake.systems.primitives import ConstantVectorSource, ZeroOrderHold
 
-from drake_quad.compilation import compile_diagram
 from drake_quad.compilation.blocks import block_of
+from drake_quad.compilation.compile_diagram import compile_diagram
 
 # Outputs are compared at this number of times.
 _NUM_TIMES = 6

@@ -82,14 +82,14 @@ def predicted(overrides: tuple[str, ...] = (), *, measured: bool = True) -> list
         overrides: overrides of the vehicle.
         measured: True for positions that the cameras measure, False for true positions.
     """
-    flights = [simulate(load_scenario(f"{_VEHICLE}:{name}", overrides), compiled=True) for name in FLOWN]
+    flights = [simulate(load_scenario(f"{_VEHICLE}:{name}", overrides)) for name in FLOWN]
     return [measured_rmse(flight) if measured else float(flight.metrics.rmse) for flight in flights]
 
 
 def predicted_in_laboratory() -> list[float]:
     """Return the mean predicted RMS errors of the five flights with noise and turbulence, m."""
     scenarios = (load_scenario(f"{_LABORATORY}:{name}") for name in FLOWN)
-    fleets = (simulate_samples(scenario, range(_NUM_SAMPLES), compiled=True) for scenario in scenarios)
+    fleets = (simulate_samples(scenario, range(_NUM_SAMPLES)) for scenario in scenarios)
     return [float(np.mean([measured_rmse(flight) for flight in flights])) for flights in fleets]
 
 
@@ -119,7 +119,7 @@ def print_phases() -> None:
     """Print the smallest and the largest error over all phases of the sinusoidal wind."""
     phases = np.linspace(0.0, 2.0 * math.pi, _NUM_PHASES, endpoint=False)
     batch = Batch.draw(load_scenario(f"{_VEHICLE}:wind_8_sine"), [0] * _NUM_PHASES)
-    flights = simulate_batch(batch.with_varying({"laboratory.wind.1.phase": phases}), compiled=True)
+    flights = simulate_batch(batch.with_varying({"laboratory.wind.1.phase": phases}))
     errors = [measured_rmse(flight) for flight in flights]
     low, high = int(np.argmin(errors)), int(np.argmax(errors))
     print(
@@ -132,7 +132,7 @@ def print_log(path: Path) -> None:
     """Print the sinusoidal wind that is estimated from a log, and the error that is predicted with it."""
     amplitude, phase = sine_in_log(path)
     sine = {"laboratory.wind.1.phase": phase, "laboratory.wind.1.velocity": [-amplitude, 0.0, 0.0]}
-    error = measured_rmse(simulate(load_scenario(f"{_VEHICLE}:wind_8_sine", sine), compiled=True))
+    error = measured_rmse(simulate(load_scenario(f"{_VEHICLE}:wind_8_sine", sine)))
     print(f"{path.name}: {amplitude:.2f} m/s and {phase:.2f} rad, with which {100.0 * error:.1f} cm are predicted")
 
 

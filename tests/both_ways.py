@@ -34,7 +34,7 @@ def assert_metrics_alike(found, expected):
 
 def assert_flown_alike(batch, *, plan=None):
     """That a batch flies compiled as it does wired; returns its flights."""
-    wired = simulate_batch(batch, plan=plan)
+    wired = simulate_batch(batch, plan=plan, compiled=False)
     compiled = simulate_batch(batch, plan=plan, compiled=True)
     assert all(flight.compiled for flight in compiled)
     assert not any(flight.compiled for flight in wired)

@@ -7,9 +7,9 @@ import pytest
 from all_systems import FLEET_SYSTEMS
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 
-from drake_quad.framework import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.broadcast import Broadcast
 from drake_quad.framework.elementary import sqrt
+from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import rows_layout
 from drake_quad.framework.symbols import Symbol
 from drake_quad.randomness.noise import NoiseSource

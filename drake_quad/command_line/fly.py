@@ -12,7 +12,7 @@ from pydrake.systems.analysis import Simulator
 
 from drake_quad import Flight, InputError, Scenario, save_network, simulate
 from drake_quad.command_line.flight_remarks import print_flight_remarks
-from drake_quad.command_line.options import add_vector, check_extra, folder_of, parser, scenario_of
+from drake_quad.command_line.options import add_vector, add_wired, check_extra, folder_of, parser, scenario_of
 from drake_quad.command_line.output import print_files, print_table, remark
 from drake_quad.command_line.progress import flight_progress
 from drake_quad.files import output_folder
@@ -33,7 +33,7 @@ def options() -> argparse.ArgumentParser:
         scenario="figure_eight",
     )
     result.add_argument("--sample", type=int, help="which sample of the scenario's study to fly, from 0 on")
-    result.add_argument("--compiled", action="store_true", help="compile the diagram to machine code first")
+    add_wired(result)
     result.add_argument("--meshcat", action="store_true", help="show the flight live in a browser on this machine")
     result.add_argument(
         "--rate", type=float, default=1.0, help="of real time, with --meshcat; 0 is as fast as can be (default: 1)"
@@ -57,8 +57,6 @@ def main(arguments: argparse.Namespace) -> None:
     """Run the command."""
     if not (math.isfinite(arguments.rate) and arguments.rate >= 0.0):
         raise InputError(f"--rate is {arguments.rate}, but must be 0 or more")
-    if arguments.compiled and arguments.meshcat:
-        raise InputError("--meshcat shows the diagram as it is wired, which --compiled does not fly; give one of them")
     scenario = scenario_of(arguments)
     if arguments.save_network and scenario.control.network is None:
         raise InputError("--save-network needs a network, but the scenario has none")
@@ -72,9 +70,8 @@ def main(arguments: argparse.Namespace) -> None:
     plan = plan_route(drawn)
     prepare = None if meshcat is None else live_view(meshcat, drawn, plan, arguments.rate)
     with flight_progress() as progress:
-        flight = simulate(
-            scenario, sample=sample, plan=plan, compiled=arguments.compiled, prepare=prepare, progress=progress
-        )
+        compiled = False if arguments.wired else None
+        flight = simulate(scenario, sample=sample, plan=plan, compiled=compiled, prepare=prepare, progress=progress)
     # Matplotlib takes half a second to load, which an error need not wait for.
     from drake_quad.visualization.plots import save_plots
     from drake_quad.visualization.replay.page import save_replay
@@ -137,7 +134,7 @@ def summary(flight: Flight) -> list[tuple[str, str, str]]:
 
     end = flight.crash.removesuffix(" s") or f"{flight.time[-1]:.2f}"
     return [
-        ("flown", end, "s, compiled" if flight.compiled else "s"),
+        ("flown", end, "s"),
         ("RMSE", number(100.0 * metrics.rmse, 2), "cm"),
         *((f"RMSE on {axis.upper()}", number(100.0 * getattr(metrics, f"rmse_{axis}"), 2), "cm") for axis in "xyz"),
         ("peak error", number(100.0 * metrics.peak_error, 2), "cm"),

@@ -118,9 +118,11 @@ def check_ranges(arguments: argparse.Namespace, ranges: Mapping[str, tuple[float
 
 
 def add_wired(options: argparse.ArgumentParser) -> None:
-    """Adds the option that flies diagrams as they are wired."""
+    """Add the option to simulate diagrams without compiling them."""
     options.add_argument(
-        "--wired", action="store_true", help="fly diagrams as they are wired, not compiled to machine code: slower"
+        "--wired",
+        action="store_true",
+        help="simulate diagrams without compiling them to machine code, slower",
     )
 
 

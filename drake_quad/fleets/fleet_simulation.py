@@ -12,7 +12,7 @@ from drake_quad.assembly.laboratory import jump_times
 from drake_quad.assembly.recorder import clear_recorder, read_recorder
 from drake_quad.assembly.tracking import build_fleet_diagram, reset_fleet
 from drake_quad.assembly.user_systems import UserSystems
-from drake_quad.compilation import compile_diagram, compiled_part, or_stand_in
+from drake_quad.compilation.compile_diagram import compile_diagram, compiled_part, or_stand_in
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import Batch

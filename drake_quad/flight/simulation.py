@@ -37,7 +37,7 @@ def simulate(
     wind: Any = None,
     policy: Any = None,
     plan: Plan | None = None,
-    compiled: bool = False,
+    compiled: bool | None = None,
     until: float | None = None,
     prepare: Callable[[Simulator], None] | None = None,
     progress: Callable[[float, float], None] | None = None,
@@ -55,8 +55,9 @@ def simulate(
         policy: system that replaces the network of a control of kind `policy`, from `observation`, which is optional,
             to `action`.
         plan: plan that is flown instead of that of the scenario's route.
-        compiled: True to compile the diagram to machine code, as for studies. Otherwise the original diagram is
-            simulated, whose ports and states can be inspected at any time.
+        compiled: True to compile the diagram to machine code, False to simulate the original diagram, whose subsystems
+            can be inspected at any time; both give the same numbers. By default the diagram is compiled unless
+            `prepare` or a system is given, or the vehicle has a continuous state.
         until: time at which the simulation stops, s; the end of the flight if not given.
         prepare: function that is called with Drake's simulator before the simulation, for example to set a monitor or a
             real-time rate.
@@ -77,6 +78,8 @@ def simulate(
     if until is not None and not 0.0 < until < end + drawn.laboratory.command_link.period:
         raise InputError(f"until is {until}, but must be larger than 0 and at most the end of the flight, {end:g} s")
     own = UserSystems(position_controller, control, wind, policy)
+    if compiled is None:
+        compiled = _is_compiled_by_default(drawn) and not own.given and prepare is None
     simulation = simulate_fleet(batch, plan, own=own, record=True, compiled=compiled)
     simulator = simulation.simulator
     # For a vehicle with a continuous state; a stepping one does not use the integrator.
@@ -105,7 +108,7 @@ def simulate_samples(
     *,
     seed: int | None = None,
     plan: Plan | None = None,
-    compiled: bool = False,
+    compiled: bool | None = None,
 ) -> list[Flight]:
     """Flies samples of a study side by side and records every signal of each, as `simulate` does of one.
 
@@ -123,7 +126,7 @@ def simulate_samples(
     return simulate_batch(Batch.draw(scenario, samples, seed=seed), plan=plan, compiled=compiled)
 
 
-def simulate_batch(batch: Batch, *, plan: Plan | None = None, compiled: bool = False) -> list[Flight]:
+def simulate_batch(batch: Batch, *, plan: Plan | None = None, compiled: bool | None = None) -> list[Flight]:
     """Flies a batch and records every signal of each vehicle: a few megabytes a flight of half a minute.
 
     Args:
@@ -135,9 +138,16 @@ def simulate_batch(batch: Batch, *, plan: Plan | None = None, compiled: bool = F
         InputError: the route holds a distribution, or the rotors cannot fly it.
     """
     plan = plan or plan_route(batch.scenario)
+    if compiled is None:
+        compiled = _is_compiled_by_default(batch.scenario)
     simulation = simulate_fleet(batch, plan, record=True, compiled=compiled)
     simulation.fly(flight_duration(batch.scenario, plan))
     return _flights(batch, plan, simulation)
+
+
+def _is_compiled_by_default(scenario: Scenario) -> bool:
+    """Return whether the vehicle has no continuous state, which only Drake's integrators can simulate."""
+    return scenario.vehicle.time_step > 0.0
 
 
 def _flights(batch: Batch, plan: Plan, simulation: FleetSimulation, own: UserSystems = UserSystems()) -> list[Flight]:

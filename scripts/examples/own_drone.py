@@ -39,7 +39,7 @@ for axis, loop in design.loops.items():
     print(f"{axis}: {margins.phase:.0f}°, {margins.gain:.1f} dB, {1000.0 * margins.delay:.0f} ms")
 
 designed = with_gains(laboratory, design.gains())
-flight = simulate(designed, compiled=True)
+flight = simulate(designed)
 hover = math.sqrt(0.25 * MASS * designed.nominal.gravity / designed.nominal.thrust_factor)
 print(
     f"hovers at {100.0 * hover / SPEED:.0f} % of full speed, flies with an RMSE of {100.0 * flight.metrics.rmse:.1f} cm"

@@ -42,7 +42,7 @@ if __name__ == "__main__":  # worker processes import this file
     )
     policy = save_trained(model.learn(int(steps)), path)
     for name in ("figure_eight", "hover"):
-        flight = simulate(load_scenario(name, layers=[policy]), compiled=True)
+        flight = simulate(load_scenario(name, layers=[policy]))
         print(f"RMSE, {name}: {100 * flight.metrics.rmse:.1f} cm")
     windy = run_monte_carlo(load_scenario("laboratory:low_wind", layers=[policy]), 200, UNSEEN).metrics
     print(f"crashes in low wind: {windy.crashed.sum()} of 200")

@@ -7,8 +7,8 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
-from drake_quad.framework import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.elementary import exp, log, maximum
+from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.recipe import Recipe
 from drake_quad.scenario.quantities import NonNegative, Positive
 from drake_quad.scenario.winds.source import WINDS, BlowingSource, Surroundings

@@ -128,7 +128,7 @@ def test_each_vehicle_of_a_fleet_flies_as_it_would_alone(figure_eight):
     np.testing.assert_array_equal(metrics.crashed, [False, True, False])
     assert 1.0 < metrics.crash_time[1] < duration
 
-    alone = simulate(scenario)
+    alone = simulate(scenario, compiled=False)
     state = fleet.GetOutputPort("state").Eval(context).reshape(12, n)
     for i in (0, 2):
         np.testing.assert_allclose(state[:3, i], alone["state"][-1, :3], rtol=0.0, atol=1e-9)

@@ -7,7 +7,7 @@ from drake_quad import InputError, build_tracking_diagram, load_scenario, run_mo
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.fleets.study_fleet import StudyFleet
 from drake_quad.flight.mission import plan_route
-from drake_quad.framework import FleetSystem, fleet_system
+from drake_quad.framework.fleet_system import FleetSystem, fleet_system
 from drake_quad.laboratory.wind.dryden import DrydenTurbulence, Turbulence, TurbulenceNumbers
 from drake_quad.signals import Acceleration
 

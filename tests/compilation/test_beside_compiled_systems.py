@@ -10,7 +10,7 @@ from pydrake.systems.primitives import Adder, DiscreteTimeDelay, FirstOrderLowPa
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
 from drake_quad.assembly.user_systems import UserSystems
-from drake_quad.compilation import compile_diagram, compiled_part, or_stand_in
+from drake_quad.compilation.compile_diagram import compile_diagram, compiled_part, or_stand_in
 from drake_quad.compilation.stand_in import StandIn
 from drake_quad.control.axes import PerAxis
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller

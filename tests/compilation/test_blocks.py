@@ -24,7 +24,7 @@ from pydrake.systems.primitives import (
 from pydrake.trajectories import PiecewisePolynomial
 
 from drake_quad import InputError
-from drake_quad.compilation import compile_diagram, compiled_part
+from drake_quad.compilation.compile_diagram import compile_diagram, compiled_part
 from drake_quad.framework.broadcast import Broadcast
 from drake_quad.framework.elementary import exp, where
 from drake_quad.framework.fleet_system import TIME, FleetSystem, TickOf, fleet_system

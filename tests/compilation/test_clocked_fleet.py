@@ -49,7 +49,7 @@ def test_vehicles_that_began_at_different_times_fly_as_they_would_alone(windy):
     for vehicle, sample, first, last in [(0, 0, 0, 45), (LANES + 1, LANES + 1, 0, 45), (1, 1, 0, 17)] + [
         (each, 40 + k, 17, 45) for k, each in enumerate(late)
     ]:
-        flight = simulate(windy, sample=sample, until=2.0)
+        flight = simulate(windy, sample=sample, until=2.0, compiled=False)
         for name in SHOWN:
             found = np.array([rows[vehicle] for rows in shown[name][first:last]])
             np.testing.assert_allclose(found, flight[name][1 : 1 + last - first], rtol=0.0, atol=1e-9)
@@ -64,7 +64,7 @@ def test_what_the_judge_will_know_is_what_it_knows_a_tick_later(windy):
         fleet.advance(np.zeros((n, 0)))
     sums = fleet.judged("sums")
     for vehicle in range(n):
-        metrics = simulate(windy, sample=vehicle, until=0.5).metrics
+        metrics = simulate(windy, sample=vehicle, until=0.5, compiled=False).metrics
         np.testing.assert_allclose(np.sqrt(sums.error.x[vehicle] / 26), metrics.rmse_x, rtol=1e-9)
     assert sums.ticks.tolist() == [26.0] * n  # the first and the last among them
     assert fleet.judged("crash_time").crash_time.tolist() == [np.inf] * n

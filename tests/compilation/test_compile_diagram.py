@@ -9,7 +9,7 @@ from pydrake.systems.framework import DiagramBuilder, EventStatus
 from pydrake.systems.primitives import Sine, VectorLogSink, ZeroOrderHold
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario
-from drake_quad.compilation import compile_diagram, compiled_part
+from drake_quad.compilation.compile_diagram import compile_diagram, compiled_part
 from drake_quad.flight.mission import plan_route
 from drake_quad.framework.wiring import subsystem
 from drake_quad.laboratory.laboratory import build_laboratory

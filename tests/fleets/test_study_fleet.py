@@ -109,7 +109,7 @@ def test_what_is_made_to_vary_flies_as_in_a_fleet_of_its_own(scenario):
         np.testing.assert_array_equal(found, expected)
     # Each as the scenario that is its own.
     for i in range(3):
-        alone = simulate(varied.scenario_of(i)).metrics
+        alone = simulate(varied.scenario_of(i), compiled=False).metrics
         np.testing.assert_allclose([float(value[i]) for value in metrics], alone, rtol=1e-9)
     # And nothing of it is left.
     for found, expected in zip(fleet.fly_batch(drawn), flown(study, drawn), strict=True):
@@ -137,7 +137,7 @@ def test_what_the_scenario_has_none_of_can_be_made_to_vary_where_the_diagram_is_
     ideal = load_scenario(diagrams / "figure_eight.yaml", ["duration=2", "vehicle.linear_drag=0.2", calm])
     varied = Batch.draw(ideal, [0, 0, 0]).with_varying({path: np.array(BEYOND[path])})
     metrics = flown(ideal, varied)
-    alone = [simulate(varied.scenario_of(i)).metrics.rmse for i in range(3)]
+    alone = [simulate(varied.scenario_of(i), compiled=False).metrics.rmse for i in range(3)]
     assert len(set(alone)) == 3
     np.testing.assert_allclose(metrics.rmse, alone, rtol=1e-9)
     with pytest.raises((ValueError, RuntimeError), match="was built with|steady"):
@@ -206,7 +206,7 @@ def test_a_batch_without_an_error_that_others_have_is_flown_in_the_same_diagram(
     )
     fleet = StudyFleet(study, plan_route(study), 1)
     for sample in range(5):
-        alone = simulate(study, sample=sample).metrics
+        alone = simulate(study, sample=sample, compiled=False).metrics
         np.testing.assert_allclose([float(value[0]) for value in fleet.fly([sample])], alone, rtol=1e-9)
 
 

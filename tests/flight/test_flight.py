@@ -12,7 +12,7 @@ from drake_quad.design.sensitivity import flight_sensitivities
 from drake_quad.fleets.fleet_simulation import fly
 from drake_quad.flight.mission import plan_route
 from drake_quad.flight.simulation import simulate_samples
-from drake_quad.framework import FleetSystem, fleet_system
+from drake_quad.framework.fleet_system import FleetSystem, fleet_system
 from drake_quad.scenario.batch import Batch, draw_sample
 from drake_quad.signals import SIGNALS, State, Wind
 from drake_quad.visualization.plots import PLOTS, save_plots
@@ -154,7 +154,7 @@ def test_the_same_sample_is_the_same_flight_bit_for_bit(everything):
 @pytest.mark.slow
 def test_a_sample_flies_the_same_in_any_fleet_and_at_any_place(everything):
     """1e-9 m at the end."""
-    alone = simulate(everything, seed=3, sample=7)["state"][-1, :3]
+    alone = simulate(everything, seed=3, sample=7, compiled=False)["state"][-1, :3]
     for samples, place in (([7, 2], 0), (range(12), 7), ([40, 7, 1], 1)):
         found = final_positions(everything, samples, seed=3)[:, place]
         np.testing.assert_allclose(found, alone, rtol=0.0, atol=1e-9)
@@ -164,7 +164,7 @@ def test_vehicles_that_all_fly_the_same_have_wind_and_noise_of_their_own(diagram
     """Those of the scenario's sample, of the next one, and so on."""
     scenario = load_scenario(diagrams / "outdoor.yaml", ["duration=1", "sample=3"])
     diagram = build_tracking_diagram(scenario, 3)
-    alone = [simulate(scenario, sample=sample)["wind"][-1] for sample in (3, 4, 5)]
+    alone = [simulate(scenario, sample=sample, compiled=False)["wind"][-1] for sample in (3, 4, 5)]
     assert np.ptp(alone, axis=0).min() > 1e-3
     # What is recorded at the last tick blew until then.
     simulator = Simulator(diagram)
@@ -176,7 +176,7 @@ def test_vehicles_that_all_fly_the_same_have_wind_and_noise_of_their_own(diagram
 def test_a_recorded_fleet_is_its_flights(everything):
     """With the scenario that each flew: its own numbers, and the number of its sample."""
     flights = simulate_samples(everything, [40, 7], seed=3)
-    alone = simulate(everything, seed=3, sample=7)
+    alone = simulate(everything, seed=3, sample=7, compiled=False)
     assert [flight.scenario.sample for flight in flights] == [40, 7]
     assert flights[1].scenario == alone.scenario
     assert flights[0].scenario.vehicle.mass != alone.scenario.vehicle.mass

@@ -10,8 +10,9 @@ from pydrake.systems.framework import BasicVector, LeafSystem
 
 from drake_quad import load_scenario, read_flight, run_monte_carlo, simulate
 from drake_quad.flight.cause import not_a_number
-from drake_quad.framework import TIME, FleetSystem, fleet_system
 from drake_quad.framework.elementary import where
+from drake_quad.framework.fleet_system import FleetSystem, fleet_system
+from drake_quad.framework.formulas import TIME
 from drake_quad.signals import Acceleration, Wrench
 
 # s, the control tick from which on the user's system returns a non-finite number.

@@ -86,7 +86,7 @@ def test_a_policy_flies_compiled_and_in_fleets_as_it_is_wired(action, tmp_path, 
     policy = with_policy(scenario, arrays, tmp_path, action=means, observation=seen)
     batch = Batch.draw(policy, range(10))
     assert_flown_alike(batch)
-    alone = simulate(policy, sample=7)
+    alone = simulate(policy, sample=7, compiled=False)
     study = run_monte_carlo(policy, 10, num_workers=1)
     np.testing.assert_allclose(study.metrics.rmse[7], alone.metrics.rmse, rtol=1e-9)
 

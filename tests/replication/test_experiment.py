@@ -50,7 +50,7 @@ def scenario(name, *overrides):
 def test_recorded_samples_are_those_flown_alone():
     study = scenario("low_wind_pd_t2fnn")
     for sample, flight in zip((4, 2), simulate_samples(study, [4, 2]), strict=True):
-        alone = simulate(study, sample=sample)
+        alone = simulate(study, sample=sample, compiled=False)
         assert flight.scenario == alone.scenario
         np.testing.assert_array_equal(flight.time, alone.time)
         for name, values in alone.signals.items():
@@ -67,7 +67,7 @@ def test_settings_of_a_fleet_are_those_of_scenarios():
         f"control.network.a1={a1}",
         f"control.network.a2={a2}",
     ]
-    alone = simulate(scenario("no_wind_pd_t2fnn", *overrides), sample=3).metrics
+    alone = simulate(scenario("no_wind_pd_t2fnn", *overrides), sample=3, compiled=False).metrics
     assert found.rmse.shape == (2, 2)
     assert found.rmse[1, 1] == pytest.approx(alone.rmse, rel=1e-9)
 

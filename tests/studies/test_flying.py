@@ -90,7 +90,7 @@ def test_what_is_forked_has_flown_for_two_ticks(job, fleet):
 def test_rows_are_samples_their_numbers_and_their_metrics(job):
     scenario = job.scenario
     (row,) = fly_batch(job, [6])
-    alone = simulate(scenario, sample=6)
+    alone = simulate(scenario, sample=6, compiled=False)
     assert row[0] == 6.0
     assert row[1] == pytest.approx(alone.scenario.vehicle.mass, rel=1e-12)
     assert row[-1] == alone.metrics.crash_time == np.inf

@@ -83,7 +83,7 @@ def test_batches_and_workers_do_not_matter(whole, options, tmp_path):
 def test_a_wind_of_ones_own_blows_in_every_worker(whole):
     found = run(num_samples=4, batch_size=2, wind=Draught)
     assert found.failures == {}
-    alone = simulate(study(), seed=5, sample=3, wind=Draught(1)).metrics
+    alone = simulate(study(), seed=5, sample=3, wind=Draught(1), compiled=False).metrics
     assert found.metrics.rmse[3] == pytest.approx(alone.rmse, rel=1e-9)
     assert found.metrics.rmse[3] != pytest.approx(whole[1].metrics.rmse[3], rel=1e-6)
 
@@ -106,7 +106,7 @@ def test_nor_does_the_executor(whole):
 def test_a_sample_flown_alone_has_the_metrics_of_its_row(whole):
     """To 1e-9, and the first to crash."""
     for sample in {0, int(np.argmin(whole[1].metrics.crash_time))}:
-        alone = simulate(study(), seed=5, sample=sample)
+        alone = simulate(study(), seed=5, sample=sample, compiled=False)
         row = [values[sample] for values in whole[1].metrics]
         np.testing.assert_allclose(alone.metrics, row, rtol=1e-9)
         assert alone.scenario.vehicle.mass == pytest.approx(whole[1].parameters["vehicle.mass"][sample], rel=1e-12)

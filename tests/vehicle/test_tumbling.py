@@ -12,7 +12,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 from scipy.spatial.transform import Rotation
 from tumbling import Tumbles, degrees_apart, flown, random_tumbles, rotations
 
-from drake_quad.compilation import compile_diagram, compiled_part
+from drake_quad.compilation.compile_diagram import compile_diagram, compiled_part
 from drake_quad.framework.formulas import kernel
 from drake_quad.framework.records import ROW, layout_of
 from drake_quad.geometry.axes import BodyAxes, Vector
