@@ -126,7 +126,7 @@ def test_a_setting_is_restored_after_an_error():
 KERNELS_PROGRAM = """
 import sys, threading
 import numpy as np
-from drake_quad.framework.fleet_system import machine_code
+from drake_quad.framework import machine_code
 from drake_quad.framework.formulas import kernel
 from drake_quad.framework.records import ROW
 

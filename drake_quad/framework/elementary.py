@@ -15,7 +15,7 @@ import scipy
 from pydrake import symbolic
 from pydrake.autodiffutils import AutoDiffXd
 
-from drake_quad.framework.fleet_system import approximations
+from drake_quad.framework import approximations
 from drake_quad.framework.symbols import Matrix, Symbol, branched, layer
 from drake_quad.signals import Row
 

@@ -13,7 +13,7 @@ import llvmlite.binding as llvm
 import numpy as np
 
 from drake_quad.caching import ThreadSafeCache
-from drake_quad.framework.fleet_system import code_cache
+from drake_quad.framework import code_cache
 
 # So that LLVM leaves instructions in the order of `drake_quad.framework.scheduling`, since its own schedulers look less
 # far. These are options of the whole process.

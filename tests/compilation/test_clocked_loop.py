@@ -6,7 +6,7 @@ import pytest
 from drake_quad.compilation.clocked_loop import ClockedLoop
 from drake_quad.compilation.parts import Sizes
 from drake_quad.compilation.trace import INPUTS, PARAMETERS, STATE
-from drake_quad.framework.fleet_system import elementary
+from drake_quad.framework import elementary
 from drake_quad.framework.machine_code import LANES
 from drake_quad.framework.symbols import Listing
 

@@ -9,7 +9,7 @@ from drake_quad.compilation import parts
 from drake_quad.compilation.loop import Loop
 from drake_quad.compilation.parts import Sizes
 from drake_quad.compilation.trace import INPUTS, PARAMETERS, STATE
-from drake_quad.framework.fleet_system import elementary, scheduling
+from drake_quad.framework import elementary, scheduling
 from drake_quad.framework.machine_code import LANES
 from drake_quad.framework.symbols import Listing
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from drake_quad.caching import ThreadSafeCache
-from drake_quad.framework.fleet_system import code_cache, machine_code
+from drake_quad.framework import code_cache, machine_code
 
 NAME = f"kernel_{'1' * 32}"
 OTHER_NAME = f"kernel_{'2' * 32}"

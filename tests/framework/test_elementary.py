@@ -6,7 +6,7 @@ import scipy
 from pydrake.autodiffutils import AutoDiffXd
 from pydrake.symbolic import Expression, Variable
 
-from drake_quad.framework.fleet_system import elementary
+from drake_quad.framework import elementary
 
 # Arithmetic on Expression leaves floating-point flags behind that mean nothing.
 pytestmark = pytest.mark.filterwarnings("ignore:invalid value encountered")

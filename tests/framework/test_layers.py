@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from pydrake.autodiffutils import AutoDiffXd
 
+from drake_quad.framework import elementary
 from drake_quad.framework.elementary import dense
-from drake_quad.framework.fleet_system import elementary
 from drake_quad.framework.formulas import kernel
 from drake_quad.framework.records import rows_layout
 from drake_quad.framework.symbols import Matrix

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drake_quad.framework.fleet_system import elementary, kernels
+from drake_quad.framework import elementary, kernels
 from drake_quad.framework.formulas import TIME, kernel
 from drake_quad.framework.machine_code import LANES
 from drake_quad.framework.records import ROW, layout_of
@@ -431,7 +431,7 @@ def test_a_formula_that_returns_something_else_is_refused():
 
 PROGRAM = """
 import numpy as np
-from drake_quad.framework.fleet_system import machine_code
+from drake_quad.framework import machine_code
 from drake_quad.framework.formulas import kernel
 from drake_quad.framework.records import ROW
 import user_formula

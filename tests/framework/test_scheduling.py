@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from drake_quad.framework.fleet_system import scheduling
+from drake_quad.framework import scheduling
 from drake_quad.framework.scheduling import scheduled
 from drake_quad.framework.symbols import LEAVES, Listing
 
