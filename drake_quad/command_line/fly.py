@@ -19,6 +19,7 @@ from drake_quad.files import output_folder
 from drake_quad.flight.mcap_file import save_mcap
 from drake_quad.flight.mission import plan_route
 from drake_quad.flight.px4_table import save_px4_table
+from drake_quad.laboratory.metrics import METRICS
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import draw_sample
 
@@ -126,21 +127,11 @@ def show_again(meshcat: Meshcat, name: str, flight: Flight) -> None:
 
 
 def summary(flight: Flight) -> list[tuple[str, str, str]]:
-    """The metrics as rows of name, value and unit, with a dash for a value that could not be measured."""
-    metrics = flight.metrics
-
-    def number(value: float, digits: int) -> str:
-        return f"{value:.{digits}f}" if math.isfinite(value) else "–"
-
-    end = flight.crash.removesuffix(" s") or f"{flight.time[-1]:.2f}"
-    return [
-        ("flown", end, "s"),
-        ("RMSE", number(100.0 * metrics.rmse, 2), "cm"),
-        *((f"RMSE on {axis.upper()}", number(100.0 * getattr(metrics, f"rmse_{axis}"), 2), "cm") for axis in "xyz"),
-        ("peak error", number(100.0 * metrics.peak_error, 2), "cm"),
-        *(
-            (f"control effort on {axis.upper()}", number(getattr(metrics, f"effort_{axis}"), 4), "m²/s⁴")
-            for axis in "xyz"
-        ),
-        ("rotors saturated", number(100.0 * metrics.saturation_share, 1), "% of the ticks"),
-    ]
+    """Return rows of name, value and unit for the metrics, with a dash for an unknown value."""
+    rows = [("flown", flight.crash.removesuffix(" s") or f"{flight.time[-1]:.2f}", "s")]
+    for name, metric in METRICS.items():
+        if metric.display is not None:
+            value = getattr(flight.metrics, name) / metric.display.size
+            text = f"{value:.{metric.display.digits}f}" if math.isfinite(value) else "–"
+            rows.append((metric.label, text, metric.display.unit))
+    return rows

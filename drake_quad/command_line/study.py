@@ -14,7 +14,7 @@ from drake_quad.command_line.options import add_vector, add_wired, check_extra, 
 from drake_quad.command_line.output import print_columns, print_files, remark
 from drake_quad.command_line.progress import study_progress
 from drake_quad.errors import listed
-from drake_quad.laboratory.metrics import UNITS
+from drake_quad.laboratory.metrics import METRICS
 from drake_quad.scenario.correlation import correlated_pairs
 from drake_quad.scenario.paths import distributions_in
 from drake_quad.studies.cluster import dask_crew
@@ -54,7 +54,7 @@ def options() -> argparse.ArgumentParser:
     result.add_argument("--resume", action="store_true", help="go on with the study in the folder, if there is one")
     result.add_argument(
         "--metric",
-        choices=[name for name in UNITS if name != "crash_time"],
+        choices=[*METRICS],
         default="rmse",
         help="that is drawn and compared (default: %(default)s)",
     )

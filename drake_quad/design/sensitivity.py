@@ -18,7 +18,7 @@ from drake_quad.errors import InputError
 from drake_quad.fleets.fleet_simulation import fly, read_metrics
 from drake_quad.flight.mission import build_tracking_diagram, plan_route
 from drake_quad.framework.wiring import subsystem
-from drake_quad.laboratory.metrics import Metrics
+from drake_quad.laboratory.metrics import METRICS
 from drake_quad.linear.context_vector import ContextVector, leaf_paths
 from drake_quad.linear.sampled_system import to_autodiff
 from drake_quad.planning.duration import flight_duration
@@ -29,7 +29,7 @@ from drake_quad.scenario.numbers import number_at, with_number
 from drake_quad.scenario.paths import distributions_in, refuse_distributions
 
 # The metrics that depend on a flight smoothly, as long as it does not crash.
-DIFFERENTIABLE = tuple(name for name in Metrics._fields if name not in ("crash_time", "saturation_share"))
+DIFFERENTIABLE = tuple(name for name, metric in METRICS.items() if metric.differentiable)
 # Metrics are sizes: what is less than this, in SI units, is nothing but rounding.
 _NO_ERROR = 1e-12
 # Numbers that are only compared with others.

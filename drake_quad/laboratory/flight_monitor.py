@@ -8,7 +8,7 @@ from pydrake.systems.framework import Context
 
 from drake_quad.framework.elementary import maximum, minimum, where, where_needed
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fleet_system
-from drake_quad.laboratory.metrics import Metrics, PerAxis, Sums, add_tick, summarized
+from drake_quad.laboratory.metrics import SUMS_OF_PORTS, Metrics, Sums, Tick, add_tick, summarized
 from drake_quad.signals import (
     Acceleration,
     AttitudeTarget,
@@ -168,7 +168,7 @@ def judged(
     complete = True
     for part in shortfall:
         complete = complete & (part == 0.0)
-    after = add_tick(sums, error, command, where(complete, 0.0, 1.0))
+    after = add_tick(sums, Tick(error, command, where(complete, 0.0, 1.0)))
     counts = (time >= window.start) & (time <= window.end)
     return Judgement(
         Crashed(where(flying, 0.0, 1.0)),
@@ -220,6 +220,11 @@ def nearest_solid(x: Row, y: Row, z: Row, solids: tuple[Solid, ...]) -> tuple[Ro
     return least, number
 
 
+def _unknown(value: Any) -> Any:
+    """Return NaN in place of a sum, or of each field of a record of sums."""
+    return type(value)(*[np.nan] * len(value)) if hasattr(value, "_fields") else np.nan
+
+
 @fleet_system(float, AutoDiffXd)
 class FlightMonitor(FleetSystem):
     """Detection of crashes, and accumulation of the sums from which the metrics follow.
@@ -267,25 +272,24 @@ class FlightMonitor(FleetSystem):
         """Declare ports and states."""
         self._period = period
         state, reference = self.input("state"), self.input("reference")
-        self._command = self.input("acceleration_command", absent=Acceleration(0.0, 0.0, 0.0))
+        command = self.input("acceleration_command", absent=Acceleration(0.0, 0.0, 0.0))
         sent = self.input("wrench"), self.input("attitude_target")
-        self._shortfall = self.input("shortfall", absent=Wrench(0.0, 0.0, 0.0, 0.0))
+        shortfall = self.input("shortfall", absent=Wrench(0.0, 0.0, 0.0, 0.0))
         crashed = self.state("crashed", lambda _: Crashed(0.0))
         crash_time, sums = self.state("crash_time", lambda _: CrashTime(math.inf)), self.state("sums", lambda _: Sums())
         touched = self.state("touched", lambda _: Touched())
         held = crash_time, touched, self.state("free", lambda _: FreeBall()), sums
-        reads = state, reference, self._command, *sent, self._shortfall, *held, TIME, limits, surroundings, window
+        reads = state, reference, command, *sent, shortfall, *held, TIME, limits, surroundings, window
         self.update(period, judged, *reads, writes=[crashed, *held])
         self.state_output(crashed)
         self.state_output(crash_time)
 
     def metrics(self, context: Context) -> Metrics:
-        """The metrics so far, (N,) arrays; those of what is not connected are NaN."""
-        sums, unknown = self._arrays(context, "sums"), PerAxis(np.nan, np.nan, np.nan)
-        if not self.get_input_port(self._command.index).HasValue(context):
-            sums = sums._replace(effort=unknown, variation=unknown)
-        if not self.get_input_port(self._shortfall.index).HasValue(context):
-            sums = sums._replace(saturated=np.nan)
+        """Return the metrics so far, (N,) arrays; those of input ports that are not connected are NaN."""
+        sums = self._arrays(context, "sums")
+        for port, names in SUMS_OF_PORTS.items():
+            if not self.GetInputPort(port).HasValue(context):
+                sums = sums._replace(**{name: _unknown(getattr(sums, name)) for name in names})
         return summarized(sums, self._arrays(context, "crash_time").crash_time, self._period)
 
     def touched(self, context: Context) -> np.ndarray:

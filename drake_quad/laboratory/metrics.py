@@ -1,4 +1,4 @@
-"""What a flight is worth: sums gathered tick by tick, and the metrics that follow from them.
+"""Metrics of a flight, and the sums over its ticks from which they are computed.
 
 For a tick k of n, with the position error e_k and the commanded acceleration u_k of each axis:
 
@@ -13,16 +13,13 @@ Ticks count within the scenario's window and until the vehicle crashes.
 """
 
 import math
+from collections.abc import Callable
 from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
 
 import numpy as np
 
 from drake_quad.framework.elementary import maximum, minimum
 from drake_quad.signals import Acceleration, PositionError, Quantity, Row
-
-_Length = Annotated[Any, Quantity("m")]
-_Effort = Annotated[Any, Quantity("m²/s⁴")]
-_Variation = Annotated[Any, Quantity("m/s³")]
 
 
 class PerAxis(NamedTuple):
@@ -33,17 +30,31 @@ class PerAxis(NamedTuple):
     z: Row = 0.0
 
 
-class Sums(NamedTuple):
-    """What is gathered tick by tick; all zero at the beginning.
+class Tick(NamedTuple):
+    """Values at a tick from which metrics are computed.
 
     Attributes:
-        ticks: n.
+        error: position of the reference minus true position.
+        command: commanded acceleration.
+        saturated: 1 if the rotors cannot give the commanded wrench, else 0.
+    """
+
+    error: PositionError
+    command: Acceleration
+    saturated: Row
+
+
+class Sums(NamedTuple):
+    """Sums over the ticks of a flight, initially zero.
+
+    Attributes:
+        ticks: number n of ticks.
         peak: max |e|², m².
-        saturated: ticks at which the rotors cannot give the wrench.
+        saturated: number of ticks at which the rotors cannot give the wrench.
         error: Σ e², m².
         effort: Σ u², m²/s⁴.
         variation: Σ |Δu|, m/s².
-        last: u of the tick before, m/s².
+        last: u of the previous tick, m/s².
     """
 
     ticks: Row = 0.0
@@ -55,37 +66,129 @@ class Sums(NamedTuple):
     last: PerAxis = PerAxis()
 
 
-class Metrics(NamedTuple):
-    """Metrics of a flight, or (N,) arrays of them for a fleet; NaN where no tick counted or nothing was commanded.
+SUMS_OF_PORTS = {"acceleration_command": ("effort", "variation"), "shortfall": ("saturated",)}
+"""Sums that are unknown if an optional input port of the flight monitor is not connected."""
+
+
+def add_tick(sums: Sums, tick: Tick) -> Sums:
+    """Return the sums with one more tick."""
+    e_x, e_y, e_z = (e * e for e in tick.error)
+    started = minimum(sums.ticks, 1.0)
+    changes = [started * abs(command - last) for command, last in zip(tick.command, sums.last, strict=True)]
+    return Sums(
+        ticks=sums.ticks + 1.0,
+        peak=maximum(sums.peak, e_x + e_y + e_z),
+        saturated=sums.saturated + tick.saturated,
+        error=PerAxis(sums.error.x + e_x, sums.error.y + e_y, sums.error.z + e_z),
+        effort=PerAxis._make(total + u * u for total, u in zip(sums.effort, tick.command, strict=True)),
+        variation=PerAxis._make(total + change for total, change in zip(sums.variation, changes, strict=True)),
+        last=PerAxis(*tick.command),
+    )
+
+
+class Display(NamedTuple):
+    """Format of a metric in tables.
 
     Attributes:
-        rmse: of the Euclidean position error.
-        rmse_x: of the position error along X of W.
-        rmse_y: along Y.
-        rmse_z: along Z.
-        peak_error: largest Euclidean position error.
-        effort_x: control effort on X.
-        effort_y: on Y.
-        effort_z: on Z.
-        variation_x: total variation of the commanded acceleration on X.
-        variation_y: on Y.
-        variation_z: on Z.
-        saturation_share: between 0 and 1.
-        crash_time: infinite for a vehicle that did not crash.
+        unit: unit that is printed.
+        size: size of this unit in the metric's own unit.
+        digits: number of digits after the decimal point, for one flight.
     """
 
-    rmse: _Length
-    rmse_x: _Length
-    rmse_y: _Length
-    rmse_z: _Length
-    peak_error: _Length
-    effort_x: _Effort
-    effort_y: _Effort
-    effort_z: _Effort
-    variation_x: _Variation
-    variation_y: _Variation
-    variation_z: _Variation
-    saturation_share: Annotated[Any, Quantity("1")]
+    unit: str
+    size: float
+    digits: int
+
+
+class Metric(NamedTuple):
+    """Definition of a metric.
+
+    Attributes:
+        unit: unit; "1" for a share between 0 and 1.
+        label: label in tables and plots.
+        value: function from (N,) sums, with NaN for zero ticks, and the duration of a tick, s, to the (N,) metric.
+        display: format in tables; None if tables omit the metric.
+        differentiable: whether the metric is a differentiable function of the trajectory.
+    """
+
+    unit: str
+    label: str
+    value: Callable[[Sums, float], Any]
+    display: Display | None = None
+    differentiable: bool = True
+
+
+def _if_any(ticks: Any, value: Any) -> Any:
+    """Return a value, or NaN if no tick counted."""
+    return value * np.where(ticks > 0.0, 1.0, np.nan)
+
+
+def _rms(axis: str) -> Metric:
+    return Metric("m", f"RMSE on {axis.upper()}", lambda s, _: np.sqrt(getattr(s.error, axis) / s.ticks), _CENTIMETRES)
+
+
+def _effort(axis: str) -> Metric:
+    label = f"control effort on {axis.upper()}"
+    return Metric("m²/s⁴", label, lambda s, _: getattr(s.effort, axis) / s.ticks, Display("m²/s⁴", 1.0, 4))
+
+
+def _variation(axis: str) -> Metric:
+    def value(sums: Sums, period: float) -> Any:
+        return getattr(sums.variation, axis) / (np.where(sums.ticks > 1.0, sums.ticks - 1.0, np.nan) * period)
+
+    return Metric("m/s³", f"total variation of the command on {axis.upper()}", value)
+
+
+_CENTIMETRES = Display("cm", 0.01, 2)
+
+_SATURATION = Metric(
+    "1",
+    "share of ticks with saturated rotors",
+    lambda s, _: s.saturated / s.ticks,
+    Display("%", 0.01, 1),
+    differentiable=False,
+)
+
+
+class Metrics(NamedTuple):
+    """Metrics of a flight, or (N,) arrays of them for a fleet; NaN if no tick counted or nothing was commanded.
+
+    The definition of each metric is in its annotation.
+
+    Attributes:
+        rmse: root mean square of the Euclidean position error.
+        rmse_x: root mean square of the position error along X of W.
+        rmse_y: the same along Y.
+        rmse_z: the same along Z.
+        peak_error: largest Euclidean position error.
+        effort_x: control effort on X.
+        effort_y: control effort on Y.
+        effort_z: control effort on Z.
+        variation_x: total variation of the commanded acceleration on X.
+        variation_y: total variation on Y.
+        variation_z: total variation on Z.
+        saturation_share: share of the ticks at which the rotors cannot give the wrench.
+        crash_time: time of the crash; infinite for a vehicle that did not crash.
+    """
+
+    rmse: Annotated[
+        Any,
+        Metric("m", "RMSE", lambda s, _: np.sqrt((s.error.x + s.error.y + s.error.z) / s.ticks), _CENTIMETRES),
+    ]
+    rmse_x: Annotated[Any, _rms("x")]
+    rmse_y: Annotated[Any, _rms("y")]
+    rmse_z: Annotated[Any, _rms("z")]
+    peak_error: Annotated[
+        Any,
+        Metric("m", "peak error", lambda s, _: np.sqrt(s.peak * np.where(s.ticks > 0.0, 1.0, np.nan)), _CENTIMETRES),
+    ]
+    effort_x: Annotated[Any, _effort("x")]
+    effort_y: Annotated[Any, _effort("y")]
+    effort_z: Annotated[Any, _effort("z")]
+    variation_x: Annotated[Any, _variation("x")]
+    variation_y: Annotated[Any, _variation("y")]
+    variation_z: Annotated[Any, _variation("z")]
+    saturation_share: Annotated[Any, _SATURATION]
     crash_time: Annotated[Any, Quantity("s")]
 
     @property
@@ -94,61 +197,25 @@ class Metrics(NamedTuple):
         return self.crash_time < math.inf
 
     def taken(self, places: Any) -> "Metrics":
-        """The metrics of some vehicles, given their places or a mask."""
+        """Return the metrics of some vehicles, given their indices or a mask."""
         return Metrics._make(values[places] for values in self)
 
 
-_HINTS = get_type_hints(Metrics, include_extras=True)
-UNITS = {name: quantity.unit for name, (_, quantity) in zip(_HINTS, map(get_args, _HINTS.values()), strict=True)}
-"""The unit of each metric."""
-
-
-def add_tick(sums: Sums, error: PositionError, command: Acceleration, saturated: Row) -> Sums:
-    """Returns the sums with one more tick.
-
-    Args:
-        sums: until now.
-        error: reference minus true position.
-        command: commanded acceleration.
-        saturated: 1 where the rotors cannot give the commanded wrench, else 0.
-    """
-    e_x, e_y, e_z = (e * e for e in error)
-    started = minimum(sums.ticks, 1.0)
-    return Sums(
-        ticks=sums.ticks + 1.0,
-        peak=maximum(sums.peak, e_x + e_y + e_z),
-        saturated=sums.saturated + saturated,
-        error=PerAxis(sums.error.x + e_x, sums.error.y + e_y, sums.error.z + e_z),
-        effort=PerAxis._make(total + u * u for total, u in zip(sums.effort, command, strict=True)),
-        variation=PerAxis._make(
-            total + started * abs(u - last) for total, u, last in zip(sums.variation, command, sums.last, strict=True)
-        ),
-        last=PerAxis(*command),
-    )
+_DEFINITIONS = {name: get_args(hint)[1] for name, hint in get_type_hints(Metrics, include_extras=True).items()}
+METRICS: dict[str, Metric] = {name: metric for name, metric in _DEFINITIONS.items() if isinstance(metric, Metric)}
+"""Definition of each metric, without the crash time."""
+UNITS = {name: definition.unit for name, definition in _DEFINITIONS.items()}
+"""Unit of each metric and of the crash time."""
 
 
 def summarized(sums: Sums, crash_time: np.ndarray, period: float) -> Metrics:
-    """Returns the metrics of each vehicle.
+    """Return the metrics of each vehicle.
 
     Args:
-        sums: of (N,) arrays.
+        sums: sums of (N,) arrays.
         crash_time: (N,), s; infinite for a vehicle that did not crash.
-        period: of the ticks, s.
+        period: duration of a tick, s.
     """
-    ticks = np.where(sums.ticks > 0.0, sums.ticks, np.nan)
-    time = np.where(sums.ticks > 1.0, sums.ticks - 1.0, np.nan) * period
-    return Metrics(
-        rmse=np.sqrt((sums.error.x + sums.error.y + sums.error.z) / ticks),
-        rmse_x=np.sqrt(sums.error.x / ticks),
-        rmse_y=np.sqrt(sums.error.y / ticks),
-        rmse_z=np.sqrt(sums.error.z / ticks),
-        peak_error=np.sqrt(sums.peak * np.where(sums.ticks > 0.0, 1.0, np.nan)),
-        effort_x=sums.effort.x / ticks,
-        effort_y=sums.effort.y / ticks,
-        effort_z=sums.effort.z / ticks,
-        variation_x=sums.variation.x / time,
-        variation_y=sums.variation.y / time,
-        variation_z=sums.variation.z / time,
-        saturation_share=sums.saturated / ticks,
-        crash_time=crash_time,
-    )
+    ticks: Any = np.where(sums.ticks > 0.0, sums.ticks, np.nan)
+    counted = sums._replace(ticks=ticks)
+    return Metrics(**{name: metric.value(counted, period) for name, metric in METRICS.items()}, crash_time=crash_time)

@@ -17,7 +17,7 @@ import numpy as np
 import scipy
 
 from drake_quad.errors import InputError, listed
-from drake_quad.laboratory.metrics import Metrics
+from drake_quad.laboratory.metrics import UNITS, Metrics
 from drake_quad.scenario.correlation import correlated_groups
 from drake_quad.scenario.paths import distributions_in
 from drake_quad.statistics.estimates import (
@@ -48,7 +48,7 @@ def metric_mean(metrics: Metrics, name: str, confidence: float = CONFIDENCE) -> 
         confidence: confidence of the interval.
     """
     values = of_survivors(metrics, name)
-    if name == "saturation_share":
+    if UNITS[name] == "1":
         return share_mean_interval(values, confidence)
     return positive(mean_interval(values, confidence))
 

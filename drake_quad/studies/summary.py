@@ -6,23 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.laboratory.metrics import UNITS
+from drake_quad.laboratory.metrics import METRICS, UNITS
 from drake_quad.statistics.estimates import positive, quantile_interval, share_interval
 from drake_quad.statistics.interval import Interval
 from drake_quad.studies.statistics import compare_studies, crash_probability, metric_mean, of_survivors, with_crashes
 from drake_quad.studies.study import Study
 
-# Name, unit, and size of the unit in SI units of each metric in a summary.
-_SUMMARY_METRICS = [
-    ("rmse", "cm", 0.01),
-    ("rmse_x", "cm", 0.01),
-    ("rmse_y", "cm", 0.01),
-    ("rmse_z", "cm", 0.01),
-    ("peak_error", "cm", 0.01),
-    ("effort_x", "m²/s⁴", 1.0),
-    ("effort_y", "m²/s⁴", 1.0),
-    ("saturation_share", "% of the ticks", 0.01),
-]
 _QUANTILES = (0.05, 0.5, 0.95)
 
 
@@ -67,17 +56,20 @@ def summary_of(study: Study) -> Summary:
     crashed, count = int(metrics.crashed.sum()), len(study.samples)
     beyond = "crash" if crashed else "∞"
     rows: list[tuple[str, ...]] = []
-    for metric, unit, size in _SUMMARY_METRICS:
+    for metric, definition in METRICS.items():
+        if definition.display is None:
+            continue
+        size = definition.display.size
         values, everyone = of_survivors(metrics, metric), with_crashes(metrics, metric)
         spread = float(np.std(values, ddof=1)) if len(values) > 1 else math.nan
         quantiles = (_quantile(everyone, share) for share in _QUANTILES)
         rows.append(
             (
-                metric,
+                definition.label,
                 metric_mean(metrics, metric).text(size=size),
                 Interval(spread, math.nan, math.nan).text(size=size),
                 *(quantile.text(size=size, infinite=beyond) for quantile in quantiles),
-                unit,
+                definition.display.unit,
             )
         )
     names = ("median" if share == 0.5 else f"{100.0 * share:.0f} % quantile" for share in _QUANTILES)

@@ -12,7 +12,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocato
 from matplotlib.transforms import ScaledTranslation
 
 from drake_quad.errors import InputError
-from drake_quad.laboratory.metrics import UNITS
+from drake_quad.laboratory.metrics import METRICS, UNITS
 from drake_quad.scenario.description import unit_at
 from drake_quad.statistics.estimates import quantile_interval, running_mean, share_interval
 from drake_quad.studies.statistics import (
@@ -28,7 +28,6 @@ from drake_quad.studies.study import Study
 from drake_quad.visualization.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, new_figure, styled
 
 _LINES = [(BLUE, "-"), (VERMILION, "--"), (GREEN, "-."), (PURPLE, ":"), (ORANGE, "-"), (SKY, "--"), (BLACK, "-.")]
-_NAMES = {"rmse": "RMSE", "peak_error": "peak error", "saturation_share": "share of ticks with saturated rotors"}
 # Fields that a tornado shows at most.
 _MOST_FIELDS = 16
 # Between the points of one controller and the next, in points of print.
@@ -39,11 +38,7 @@ def metric_label(name: str) -> str:
     """The label of an axis for a metric, with its unit."""
     if name == "crashed":
         return "share of the samples that crashed"
-    words = name.split("_")
-    if words[-1] in ("x", "y", "z"):
-        base = {"rmse": "RMSE", "effort": "control effort", "variation": "total variation of the command"}[words[0]]
-        return f"{base} on {words[-1].upper()} ({UNITS[name]})"
-    return f"{_NAMES.get(name, name)} ({UNITS[name]})"
+    return f"{METRICS[name].label} ({UNITS[name]})"
 
 
 def plot_distribution(studies: Mapping[str, Study], name: str = "rmse") -> Figure:

@@ -15,8 +15,8 @@ from pydrake.systems.primitives import (
 from pydrake.trajectories import PiecewisePolynomial
 
 from drake_quad.caching import ThreadSafeCache
-from drake_quad.compilation import compile_diagram, program
-from drake_quad.compilation.compile_diagram import compiled_part
+from drake_quad.compilation import program
+from drake_quad.compilation.compile_diagram import compile_diagram, compiled_part
 from drake_quad.framework.broadcast import Broadcast
 from drake_quad.framework.fleet_system import FleetSystem, fleet_system
 from drake_quad.framework.records import ROW

@@ -45,11 +45,11 @@ def flown(monkeypatch):
                 flights = list(zip(rows, batch.samples, strict=True))
                 times = np.array([float(crash(row, sample, self.scenario)) for row, sample in flights])
                 rmse = np.array([float(error(row, sample, self.scenario)) for row, sample in flights])
-                return Metrics(rmse, *[rmse] * 11, times)
+                return Metrics(rmse, *[rmse] * (len(Metrics._fields) - 2), times)
 
             def fly(self, samples):
                 times = np.array([float(crash({}, sample, self.scenario)) for sample in samples])
-                return Metrics(*[times] * 12, times)
+                return Metrics(*[times] * (len(Metrics._fields) - 1), times)
 
         monkeypatch.setattr(tuning, "StudyFleet", Fleet)
         return kept

@@ -90,7 +90,7 @@ def test_the_fair_comparison_has_a_row_for_each_controller_and_wind():
     cells = {
         cell: Study(
             None, 27.0, np.arange(9), {},
-            Metrics(*((1.0 + 0.1 * i) * rng.uniform(0.9, 1.1, 9) for _ in range(12)), np.full(9, np.inf)),
+            Metrics(*((1.0 + 0.1 * i) * rng.uniform(0.9, 1.1, 9) for _ in Metrics._fields[1:]), np.full(9, np.inf)),
         )
         for i, cell in enumerate(cells_of(COMPARED))
     }  # fmt: skip

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError, load_scenario
-from drake_quad.laboratory.metrics import Metrics
+from drake_quad.laboratory.metrics import METRICS, Metrics
 from drake_quad.statistics.estimates import (
     mean_interval,
     positive,
@@ -49,7 +49,7 @@ def test_no_interval_is_of_crashes_only_and_none_leaves_what_can_be(count, crash
         numbers = [float(number) for number in re.findall(r"-?\d+\.\d+", cell)]
         assert all(number >= 0.0 for number in numbers), cell
         assert not (crashed == 0 and "crash" in cell)
-    (shares,) = (row for row in summary.rows if row[0] == "saturation_share")
+    (shares,) = (row for row in summary.rows if row[-1] == "%")
     assert all(float(number) <= 100.0 for cell in shares[1:-1] for number in re.findall(r"\d+\.\d+", cell))
     assert words.startswith(f"{crashed} crashed, ")
     if count == crashed > 0:
@@ -79,11 +79,14 @@ def test_a_summary_has_errors_in_centimetres_and_saturation_in_parts_of_a_hundre
     rows = {name: getattr(found.metrics, name) * (1.0 + 0.1 * i) for i, name in enumerate(Metrics._fields[:-1])}
     found = Study(found.scenario, 10.0, found.samples, {}, found.metrics._replace(**rows))
     errors = ["rmse", "rmse_x", "rmse_y", "rmse_z", "peak_error"]
+    names = {metric.label: name for name, metric in METRICS.items() if metric.display is not None}
+    assert {*errors, "effort_x", "saturation_share"} <= {*names.values()}
     summary = summary_of(found)
-    assert [row[0] for row in summary.rows] == [*errors, "effort_x", "effort_y", "saturation_share"]
+    assert [row[0] for row in summary.rows] == [*names]
     assert summary.headings == ("", "mean", "deviation", "5 % quantile", "median", "95 % quantile", "")
-    sizes = {"cm": 0.01, "m²/s⁴": 1.0, "% of the ticks": 0.01}
-    for name, mean, deviation, *quantiles, unit in summary.rows:
+    sizes = {"cm": 0.01, "m²/s⁴": 1.0, "%": 0.01}
+    for label, mean, deviation, *quantiles, unit in summary.rows:
+        name = names[label]
         assert (unit == "cm") == (name in errors)
         kept = rows[name][2:]
         assert mean == metric_mean(found.metrics, name).text(size=sizes[unit])

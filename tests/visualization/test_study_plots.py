@@ -215,7 +215,6 @@ def test_controllers_with_the_same_numbers_are_drawn_side_by_side():
         ("effort_x", "control effort on X (m²/s⁴)"),
         ("variation_y", "total variation of the command on Y (m/s³)"),
         ("peak_error", "peak error (m)"),
-        ("crash_time", "crash_time (s)"),
         ("crashed", "share of the samples that crashed"),
     ],
 )
