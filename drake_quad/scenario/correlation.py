@@ -33,14 +33,9 @@ _TOLERANCE, _FLOOR = 0.02, 1e-9
 _ROUNDING = 1e-6
 
 
-def correlations_of(distribution: Distribution) -> Mapping[str, float]:
-    """The correlations of a distribution with shared normal variables, by their names; empty if there are none."""
-    return distribution.normal.shared if isinstance(distribution, Normal) else {}
-
-
 def shared_names(distributions: Iterable[Distribution]) -> list[str]:
     """The normal variables that some of the distributions share, as one comes upon them."""
-    return list(dict.fromkeys(name for each in distributions for name in correlations_of(each)))
+    return list(dict.fromkeys(name for each in distributions for name in each.correlations))
 
 
 def drawn_values(
@@ -68,7 +63,7 @@ def drawn_values(
         return np.clip(scipy.special.ndtr(total), _NEVER, 1.0 - _NEVER)
 
     return {
-        stream: np.asarray(each.quantile(probability(stream, correlations_of(each))))
+        stream: np.asarray(each.quantile(probability(stream, each.correlations)))
         for stream, each in distributions.items()
     }
 
@@ -89,7 +84,7 @@ def correlation_matrix(distributions: Sequence[Distribution]) -> np.ndarray:
     Limits that cut off much make correlations of the values a little smaller.
     """
     names = shared_names(distributions)
-    rows = [[correlations_of(each).get(name, 0.0) for name in names] for each in distributions]
+    rows = [[each.correlations.get(name, 0.0) for name in names] for each in distributions]
     weights = np.reshape(rows, (len(distributions), len(names)))
     found = weights @ weights.T
     np.fill_diagonal(found, 1.0)
@@ -117,7 +112,7 @@ def correlated_pairs(distributions: Mapping[str, Distribution], least: float = _
         distributions: by the path of their field, as of `distributions_in`.
         least: size of the correlations that count.
     """
-    chosen = {path: each for path, each in distributions.items() if correlations_of(each)}
+    chosen = {path: each for path, each in distributions.items() if each.correlations}
     paths, matrix = list(chosen), correlation_matrix(list(chosen.values()))
     pairs = [
         CorrelatedPair(paths[i], paths[j], float(matrix[i, j]))
@@ -134,7 +129,7 @@ def correlated_groups(distributions: Mapping[str, Distribution]) -> dict[str, tu
     Args:
         distributions: by the path of their field, as of `distributions_in`.
     """
-    paths = [path for path, each in distributions.items() if correlations_of(each)]
+    paths = [path for path, each in distributions.items() if each.correlations]
     related = np.abs(correlation_matrix([distributions[path] for path in paths])) >= _LEAST
     _, groups = scipy.sparse.csgraph.connected_components(related, directed=False)
     members = {group: tuple(np.array(paths)[groups == group].tolist()) for group in set(groups.tolist())}

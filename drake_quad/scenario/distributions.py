@@ -2,8 +2,12 @@
 
 import math
 import re
+from abc import abstractmethod
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, LiteralString
+from functools import reduce
+from operator import or_
+from types import UnionType
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, LiteralString, TypeVar
 
 import numpy as np
 import scipy
@@ -28,6 +32,7 @@ Real = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 _IDENTIFIER = "[A-Za-z_][A-Za-z0-9_]{0,59}"
 # By which squares of correlations that sum to 1 may miss it when they are written in decimals of a float.
 _ROUNDING = 1e-12
+_AnyDistribution = TypeVar("_AnyDistribution", bound="Distribution")
 
 
 class Model(BaseModel):
@@ -134,7 +139,49 @@ class Bell(Model):
         return self
 
 
-class Uniform(Model):
+class Distribution(Model):
+    """Distribution of a number, which a scenario gives as a mapping with one field, the name of the distribution.
+
+    Attributes:
+        parameters: type that contains the parameters in a YAML document.
+        dimensionless: parameters that do not have the unit of the number, such as correlations.
+    """
+
+    parameters: ClassVar[type | UnionType] = Mapping
+    dimensionless: ClassVar[tuple[str, ...]] = ()
+
+    @abstractmethod
+    def extremes(self) -> Iterator[float | None]:
+        """Yield numbers between which all values lie; None stands for no bound."""
+
+    @abstractmethod
+    def quantile(self, probability: Any) -> Any:
+        """Return the value that a drawn number does not exceed with a probability."""
+
+    @property
+    def values(self) -> tuple[float, ...] | None:
+        """All values, if their number is finite; None otherwise."""
+        return None
+
+    @property
+    def correlations(self) -> Mapping[str, float]:
+        """Correlations with shared standard normal variables, by the names of these."""
+        return {}
+
+
+DISTRIBUTIONS: dict[str, type[Distribution]] = {}
+"""Distributions by their names."""
+
+
+def _named(model: type[_AnyDistribution]) -> type[_AnyDistribution]:
+    """Add a distribution to `DISTRIBUTIONS`."""
+    (name,) = model.model_fields
+    DISTRIBUTIONS[name] = model
+    return model
+
+
+@_named
+class Uniform(Distribution):
     """Every number of a range is equally likely."""
 
     uniform: Range
@@ -144,15 +191,16 @@ class Uniform(Model):
         return f"uniform({self.uniform.min:g}, {self.uniform.max:g})"
 
     def extremes(self) -> Iterator[float | None]:
-        """Numbers between which all values lie; None where there is no bound."""
+        """Yield the bounds of the values."""
         yield from (self.uniform.min, self.uniform.max)
 
     def quantile(self, probability: Any) -> Any:
-        """The value below which this share of all values lies."""
+        """Return the quantile."""
         return self.uniform.min + probability * (self.uniform.max - self.uniform.min)
 
 
-class LogUniform(Model):
+@_named
+class LogUniform(Distribution):
     """The logarithm is uniform: for scale factors."""
 
     log_uniform: PositiveRange
@@ -162,18 +210,20 @@ class LogUniform(Model):
         return f"log_uniform({self.log_uniform.min:g}, {self.log_uniform.max:g})"
 
     def extremes(self) -> Iterator[float | None]:
-        """Numbers between which all values lie; None where there is no bound."""
+        """Yield the bounds of the values."""
         yield from (self.log_uniform.min, self.log_uniform.max)
 
     def quantile(self, probability: Any) -> Any:
-        """The value below which this share of all values lies."""
+        """Return the quantile."""
         return self.log_uniform.min * (self.log_uniform.max / self.log_uniform.min) ** probability
 
 
-class Normal(Model):
+@_named
+class Normal(Distribution):
     """A normal distribution, which may be correlated with others; a bounded quantity needs limits."""
 
     normal: Bell
+    dimensionless: ClassVar = ("shared",)
 
     def __repr__(self) -> str:
         """Short, as in `normal(0.7, 0.03, min=0.6)`."""
@@ -183,11 +233,16 @@ class Normal(Model):
         return f"normal({', '.join([f'{bell.mean:g}', f'{bell.standard_deviation:g}', *limits, *shared])})"
 
     def extremes(self) -> Iterator[float | None]:
-        """Numbers between which all values lie; None where there is no bound."""
+        """Yield the bounds of the values."""
         yield from (self.normal.min, self.normal.max)
 
+    @property
+    def correlations(self) -> Mapping[str, float]:
+        """The correlations of the normal distribution."""
+        return self.normal.shared
+
     def quantile(self, probability: Any) -> Any:
-        """The value below which this share of all values lies."""
+        """Return the quantile."""
         mean, deviation = self.normal.mean, self.normal.standard_deviation
         low, high = self.normal.min, self.normal.max
         below = 0.0 if low is None else scipy.special.ndtr((low - mean) / deviation)
@@ -196,32 +251,29 @@ class Normal(Model):
         return np.clip(value, low, high)
 
 
-class Choice(Model):
+@_named
+class Choice(Distribution):
     """One of these numbers, all equally likely."""
 
     choice: Annotated[tuple[Real, ...], Field(strict=False, min_length=1)]
+    parameters: ClassVar = list | tuple
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """The values."""
+        return self.choice
 
     def __repr__(self) -> str:
         """Short, as in `choice(0, 1, 2)`."""
         return f"choice({', '.join(f'{each:g}' for each in self.choice)})"
 
     def extremes(self) -> Iterator[float | None]:
-        """Numbers between which all values lie; None where there is no bound."""
+        """Yield the bounds of the values."""
         yield from (min(self.choice), max(self.choice))
 
     def quantile(self, probability: Any) -> Any:
-        """The value below which this share of all values lies, in the order given."""
+        """Return the quantile in the given order of the values."""
         return np.array(self.choice)[(np.asarray(probability) * len(self.choice)).astype(int)]
-
-
-Distribution = Uniform | LogUniform | Normal | Choice
-
-DISTRIBUTIONS: dict[str, type[Distribution]] = {
-    "uniform": Uniform,
-    "log_uniform": LogUniform,
-    "normal": Normal,
-    "choice": Choice,
-}
 
 
 def is_distribution(fields: Mapping[str, Any]) -> bool:
@@ -236,7 +288,7 @@ def is_distribution(fields: Mapping[str, Any]) -> bool:
     name, *others = fields or [""]
     if others or name not in DISTRIBUTIONS:
         return False
-    return isinstance(fields[name], list | tuple if DISTRIBUTIONS[name] is Choice else Mapping)
+    return isinstance(fields[name], DISTRIBUTIONS[name].parameters)
 
 
 def _tag(value: Any) -> str | None:
@@ -250,15 +302,12 @@ if TYPE_CHECKING:
     # Whoever computes with a scenario has refused or drawn its distributions first; the fields are numbers then.
     NumberOrDistribution = Any
 else:
+    _NUMBER: Any = Annotated[Real, Tag("number")]
     NumberOrDistribution = Annotated[
-        Annotated[Real, Tag("number")]
-        | Annotated[Uniform, Tag("uniform")]
-        | Annotated[LogUniform, Tag("log_uniform")]
-        | Annotated[Normal, Tag("normal")]
-        | Annotated[Choice, Tag("choice")],
+        reduce(or_, (Annotated[model, Tag(name)] for name, model in DISTRIBUTIONS.items()), _NUMBER),
         Discriminator(
             _tag,
             custom_error_type="distribution",
-            custom_error_message="must be a number or one of the distributions uniform, log_uniform, normal, choice",
+            custom_error_message=f"must be a number or one of the distributions {', '.join(DISTRIBUTIONS)}",
         ),
     ]

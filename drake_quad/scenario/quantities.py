@@ -7,8 +7,13 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
-from drake_quad.scenario.distributions import Choice, Model, NumberOrDistribution, Real
+from drake_quad.scenario.distributions import Distribution, Model, NumberOrDistribution, Real
 from drake_quad.scenario.limits import LARGEST, LONGEST, SHORTEST, SMALLEST
+
+
+def _values_of(value: NumberOrDistribution) -> tuple[float, ...] | None:
+    """Return all values of a quantity, if their number is finite; None otherwise."""
+    return value.values if isinstance(value, Distribution) else (value,)
 
 
 def extremes(value: NumberOrDistribution) -> tuple[float | None, float | None]:
@@ -90,8 +95,8 @@ def whole(*, least: int, most: int) -> AfterValidator:
     """A validator that holds a number, or a choice of numbers, to whole ones within bounds."""
 
     def check(value: NumberOrDistribution) -> NumberOrDistribution:
-        numbers = value.choice if isinstance(value, Choice) else (value,)
-        if not all(isinstance(number, float) and number.is_integer() and least <= number <= most for number in numbers):
+        numbers = _values_of(value)
+        if numbers is None or not all(number.is_integer() and least <= number <= most for number in numbers):
             raise PydanticCustomError(
                 "whole",
                 "must be a whole number from {least} to {most}, or a choice of such",
@@ -109,8 +114,9 @@ def can_differ_from_zero(value: NumberOrDistribution) -> bool:
 
 def excludes_zero(value: NumberOrDistribution) -> bool:
     """True if a quantity cannot be zero, nor so small that it might as well be, whatever is drawn."""
-    if isinstance(value, Choice):
-        return all(abs(number) >= SMALLEST for number in value.choice)
+    values = _values_of(value)
+    if values is not None:
+        return all(abs(number) >= SMALLEST for number in values)
     lowest, highest = extremes(value)
     return (lowest is not None and lowest >= SMALLEST) or (highest is not None and highest <= -SMALLEST)
 

@@ -9,6 +9,7 @@ import jsonschema
 import pytest
 from ruamel.yaml import YAML
 
+from drake_quad.scenario.distributions import DISTRIBUTIONS
 from drake_quad.scenario.schema import file_schema, language_page
 
 ROOT = Path(__file__).parent.parent.parent
@@ -86,5 +87,6 @@ def test_every_field_is_on_the_page():
     assert {"centre_of_mass", "derivative_bandwidth", "initial_covariance", "turbulence", "corridors"} <= fields
     headings = {heading.lower() for heading in re.findall(r"^## (\w+)", page, re.MULTILINE)}
     # A distribution leads to the first of them.
-    reached = set(re.findall(r"\]\(#(\w+)\)", page)) | {"scenario", "loguniform", "normal", "choice"}
+    distributions = {model.__name__.lower() for model in DISTRIBUTIONS.values()}
+    reached = {*re.findall(r"\]\(#(\w+)\)", page), "scenario", *distributions}
     assert reached == headings

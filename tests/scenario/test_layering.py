@@ -254,7 +254,7 @@ def test_the_limits_of_a_laboratory_do_not_apply_in_another_one(load):
             "only fields of `vehicle`",
         ),
         ("nominal.mass={relative: {uniform: {min: 0, max: 2}}}", "only fields of `vehicle`"),
-        ("vehicle.mass={relative: 3}", "must be one of the distributions uniform, log_uniform, normal, choice"),
+        ("vehicle.mass={relative: 3}", "must be one of the distributions uniform, log_uniform, normal"),
         ("vehicle.mass={relative: {uniform: {min: 1, max: 2}, of: 3}}", "must be one of the distributions"),
         ("vehicle.mass={relative: {to: 0, uniform: {min: 1, max: 2}}}", "relative.to is 0, but must be positive"),
         ("vehicle.mass={relative: {to: x, uniform: {min: 1, max: 2}}}", "but must be positive"),

@@ -24,8 +24,6 @@ _PLACEHOLDER = "item beneath"
 _REFERENCE_VALUE = "to"
 # Fields that are dimensionless shares, so that they have no nominal value and are not scaled.
 _SHARE_FIELDS = ("thrust_factor_error", "battery_sag")
-# Fields of distributions that have the unit of the quantity.
-_SCALED_FIELDS = ("mean", "standard_deviation", "min", "max")
 
 
 def is_relative(tree: Tree) -> bool:
@@ -232,11 +230,14 @@ def _scaled(tree: Tree, number: float, path: str) -> Tree:
         return Tree(0.0, tree.mark)
     factor = number / reference
     inside = body.value[name]
-    if name == "choice" and isinstance(inside.value, list):
+    if isinstance(inside.value, list):
         scaled = inside._replace(value=[_times(item, factor) for item in inside.value])
     elif isinstance(inside.value, dict):
         scaled = inside._replace(
-            value={key: _times(each, factor) if key in _SCALED_FIELDS else each for key, each in inside.value.items()}
+            value={
+                key: each if key in DISTRIBUTIONS[name].dimensionless else _times(each, factor)
+                for key, each in inside.value.items()
+            }
         )
     else:
         scaled = inside
