@@ -16,9 +16,8 @@ from drake_quad.command_line.options import add_vector, add_wired, check_extra, 
 from drake_quad.command_line.output import print_files, print_table, remark
 from drake_quad.command_line.progress import flight_progress
 from drake_quad.files import output_folder
-from drake_quad.flight.mcap_file import save_mcap
+from drake_quad.flight.formats.flight_format import FORMATS
 from drake_quad.flight.mission import plan_route
-from drake_quad.flight.px4_table import save_px4_table
 from drake_quad.laboratory.metrics import METRICS
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import draw_sample
@@ -44,12 +43,8 @@ def options() -> argparse.ArgumentParser:
         metavar="FILE",
         help="write what the network has learned, for `control.network.learned: FILE` of another flight",
     )
-    result.add_argument(
-        "--mcap", action="store_true", help="write the flight also as flight.mcap, which Foxglove shows"
-    )
-    result.add_argument(
-        "--px4", action="store_true", help="write the flight also as px4.csv, with the names of PX4's logs"
-    )
+    for written in FORMATS:
+        result.add_argument(f"--{written.option}", action="store_true", help=written.help)
     add_vector(result)
     return result
 
@@ -61,8 +56,11 @@ def main(arguments: argparse.Namespace) -> None:
     scenario = scenario_of(arguments)
     if arguments.save_network and scenario.control.network is None:
         raise InputError("--save-network needs a network, but the scenario has none")
-    if arguments.mcap:
-        check_extra("--mcap", "mcap", "mcap.writer")
+    formats = [written for written in FORMATS if getattr(arguments, written.option)]
+    for written in formats:
+        if written.library is not None:
+            module, extra = written.library
+            check_extra(f"--{written.option}", extra, module)
     folder = output_folder(folder_of(arguments, scenario.name))
     sample = scenario.sample if arguments.sample is None else arguments.sample
     meshcat = opened_meshcat() if arguments.meshcat else None
@@ -79,10 +77,7 @@ def main(arguments: argparse.Namespace) -> None:
 
     replay = save_replay({scenario.name: flight}, folder / "replay.html")
     files = [*flight.save(folder), *save_plots(flight, folder, vector=arguments.vector), replay]
-    if arguments.mcap:
-        files.append(save_mcap(flight, folder / "flight.mcap"))
-    if arguments.px4:
-        files.append(save_px4_table(flight, folder / "px4.csv"))
+    files += [written.write(flight, folder / written.file_name) for written in formats]
     if arguments.save_network:
         files.append(save_network(flight, arguments.save_network))
     which = [("sample", str(sample), f"of seed {scenario.seed}")] if sample is not None else []

@@ -33,6 +33,7 @@ from drake_quad.design.tuning import Budget, Knob
 from drake_quad.evaluation.families import FAMILIES
 from drake_quad.evaluation.judging import QUICK, Sizes
 from drake_quad.evaluation.results import PRICED, Traits
+from drake_quad.flight.formats.flight_format import FORMATS
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication.experiment import QUICK as QUICK_EXPERIMENT
@@ -405,7 +406,14 @@ def flown(replaced, monkeypatch):
         metrics=SimpleNamespace(**numbers), crash="", compiled=False, time=np.array([1.0]), cause=None,
         save=lambda folder: [folder / "flight.csv"],
     )  # fmt: skip
-    calls = replaced("fly", simulate=flight, save_mcap="flight.mcap", save_px4_table="px4.csv", save_network="net.yaml")
+    calls = replaced("fly", simulate=flight, save_network="net.yaml")
+    calls["written"] = []
+
+    def written(name):
+        return lambda *given: calls["written"].append((name, *given)) or name
+
+    formats = [each._replace(write=written(each.file_name)) for each in FORMATS]
+    monkeypatch.setattr("drake_quad.command_line.fly.FORMATS", formats)
     monkeypatch.setattr("drake_quad.visualization.plots.save_plots", lambda *_, **named: [named["vector"]])
     monkeypatch.setattr("drake_quad.visualization.replay.page.save_replay", lambda flights, path: path)
     calls["flight"] = flight
@@ -436,8 +444,7 @@ def test_files_for_other_programs_are_written_if_asked_for(run, flown, tmp_path)
     result = run(*given, "--px4", "--vector", "pdf", "--save-network", tmp_path / "net.yaml")
     written = [line.strip() for line in result.stdout.split("wrote\n")[1].splitlines()]
     assert written == [str(tmp_path / "flight.csv"), "pdf", str(tmp_path / "replay.html"), "px4.csv", "net.yaml"]
-    assert not flown["save_mcap"]
-    assert flown["save_px4_table"] == [((flown["flight"], tmp_path / "px4.csv"), {})]
+    assert flown["written"] == [("px4.csv", flown["flight"], tmp_path / "px4.csv")]
     assert flown["save_network"] == [((flown["flight"], str(tmp_path / "net.yaml")), {})]
     for wrong, words in (
         (["--rate", "inf"], "--rate is inf, but must be 0 or more"),

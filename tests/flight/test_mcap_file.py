@@ -13,7 +13,7 @@ from pydrake.math import RollPitchYaw
 from ruamel.yaml import YAML
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.flight.mcap_file import messages_of, save_mcap
+from drake_quad.flight.formats.mcap_file import messages_of, save_mcap
 
 # What must be there in messages of Foxglove's, by its SDK's schemas/jsonschema at ca8a1ce.
 REQUIRED = {

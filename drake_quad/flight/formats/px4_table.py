@@ -27,6 +27,7 @@ import numpy as np
 
 from drake_quad.files import write_table
 from drake_quad.flight.flight import Flight
+from drake_quad.flight.formats.flight_format import FORMATS, FlightFormat
 from drake_quad.geometry.quaternion import Quaternion
 
 # By which the rows of a vector are multiplied that is turned by half a turn about x.
@@ -97,3 +98,8 @@ def _attitude(name: str, *angles: Any) -> _Columns:
     """Return the columns of a quaternion from FRD to NED, for roll, pitch and yaw."""
     turn: Any = Quaternion.of(*angles)
     return {f"{name}[{i}]": part for i, part in enumerate((turn.w, turn.x, -turn.y, -turn.z))}
+
+
+FORMATS.append(
+    FlightFormat("px4", "write the flight also as px4.csv, with the names of PX4's logs", "px4.csv", save_px4_table)
+)

@@ -30,6 +30,7 @@ from drake_quad.errors import InputError
 from drake_quad.extras import needed
 from drake_quad.files import write_whole
 from drake_quad.flight.flight import Flight
+from drake_quad.flight.formats.flight_format import FORMATS, FlightFormat
 from drake_quad.geometry.quaternion import Quaternion
 from drake_quad.scenario.layouts import rotors_of
 from drake_quad.signals import SIGNALS, Reference, State, quantities, row_names
@@ -323,3 +324,14 @@ def signal_schema(signal: str, flight: Flight) -> dict[str, Any]:
         for quantity in quantities(signal, count)
     ]
     return _object(f"drake_quad.{signal}", {"timestamp": _TIME, **dict(zip(keys, described, strict=True))})
+
+
+FORMATS.append(
+    FlightFormat(
+        "mcap",
+        "write the flight also as flight.mcap, for Foxglove",
+        "flight.mcap",
+        save_mcap,
+        library=("mcap.writer", "mcap"),
+    )
+)

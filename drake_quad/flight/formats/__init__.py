@@ -1,0 +1,5 @@
+"""Formats in which flights are written for other programs."""
+
+from drake_quad.scenario.unions import import_members
+
+import_members(__name__, __path__)
