@@ -111,7 +111,7 @@ def skipped(app: Any, what: str, name: str, obj: Any, skip: bool, options: Any) 
     """Leaves out the fields of records, which the text of the record has, and what is not ours."""
     if type(obj).__name__ == "_tuplegetter" or "[" in name or name in ("model_config", "ToAutoDiffXd", "ToSymbolic"):
         return True
-    return True if getattr(obj, "__module__", "").startswith("pydrake") else None
+    return True if str(getattr(obj, "__module__", "")).startswith(("pydrake", "matplotlib")) else None
 
 
 def with_commands(app: Any, page: str, source: list[str]) -> None:
