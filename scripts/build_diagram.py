@@ -22,19 +22,18 @@ from drake_quad.reference.source import build_reference
 
 scenario = load_scenario("laboratory:low_wind")
 plan, believed = plan_route(scenario), nominal_parameters(scenario)
-law = ProportionalDerivative(numbers=PdGains(k_p=PerAxis(1.0, 1.0, 6.0), k_d=PerAxis(1.5, 1.5, 3.5)))
+gains = PdGains(k_p=PerAxis(1.0, 1.0, 6.0), k_d=PerAxis(1.5, 1.5, 3.5))
 limits = ThrustLimits(slope=0.7, min_thrust=2.0, max_thrust=12.0)  # N, 6.7 N in hover
 angles = AttitudeNumbers(PerAngle(25.0, 25.0, 5.0), PerAngle(8.0, 8.0, 3.5), *believed.inertia)
 
 builder = DiagramBuilder()
 reference = builder.AddSystem(build_reference(plan))
-position = builder.AddSystem(build_position_controller(law))
+position = builder.AddSystem(build_position_controller(ProportionalDerivative(feeds_forward=True, numbers=gains)))
 vectoring = ThrustVectoring(numbers=VectoringNumbers(believed.mass, believed.gravity, limits))
 commands = split_output(builder, "vectoring", vectoring)  # adds the system and takes its output apart
 attitude = builder.AddSystem(AttitudeController(numbers=angles))
 wrench = builder.AddSystem(Multiplexer([1, 3]))
-laboratory = builder.AddSystem(build_laboratory_diagram(scenario, plan=plan))
-
+laboratory = builder.AddSystem(build_laboratory_diagram(scenario))
 for system in (position, vectoring):
     builder.Connect(reference.GetOutputPort("reference"), system.GetInputPort("reference"))
 for name in ("reference_jerk", "reference_snap"):
@@ -52,7 +51,8 @@ logger = LogVectorOutput(laboratory.GetOutputPort("state"), builder, publish_per
 simulator = Simulator(builder.Build())
 simulator.AdvanceTo(plan.duration)
 log = logger.FindLog(simulator.get_context())
-flown, planned = log.data()[:3], plan.reference().vector_values(log.sample_times())[:3]
+# A log is written before the updates of its instant: it has the state of a time step before.
+flown, planned = log.data()[:3], plan.derivative(0).vector_values(log.sample_times() - scenario.vehicle.time_step)
 print(f"RMSE {100.0 * np.sqrt(np.mean(np.sum((flown - planned) ** 2, axis=0))):.1f} cm in low wind")
 plt.plot(*planned[:2], "--", *flown[:2])
 plt.gca().set(xlabel="x (m)", ylabel="y (m)", aspect="equal", title="planned (dashed) and flown")

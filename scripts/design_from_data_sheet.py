@@ -1,17 +1,17 @@
-"""From a data sheet to a vehicle that flies: constants, gains and their margins, a flight, a file to go on with."""
+"""Describe a drone by its data sheet, design gains for it, print their margins, and fly it."""
 
 import math
 from pathlib import Path
 
 from drake_quad import design_cascade, load_undesigned, save_scenario, simulate, with_gains
 
-# An x: its mass with the battery (kg), and how far its motors are from the middle (m).
+# Mass of the drone with its battery (kg), and distance of its motors from the middle (m). Its layout is an x.
 MASS, ARM = 1.05, 0.177
-# Of a rotor at full throttle, from the data sheet of its motor: thrust (N), mechanical power (W), speed (rad/s).
+# Thrust (N), mechanical power (W) and speed (rad/s) of a rotor at full throttle, from the data sheet of the motor.
 THRUST, POWER, SPEED = 7.6, 110.0, 8600.0 * 2.0 * math.pi / 60.0
-# A propeller (kg) and its diameter (m); a motor, what of it turns (kg), and the radius of that (m).
+# Mass (kg) and diameter (m) of a propeller; mass of a motor and of its rotating bell (kg), and radius of the bell (m).
 PROPELLER, DIAMETER, MOTOR, BELL, RADIUS = 0.009, 0.24, 0.055, 0.025, 0.014
-# Frame and battery as a box (m).
+# Frame and battery are a box of this size (m).
 LENGTH, WIDTH, HEIGHT = 0.16, 0.10, 0.07
 
 rotors = 4.0 * (PROPELLER + MOTOR)
@@ -44,4 +44,5 @@ hover = math.sqrt(0.25 * MASS * designed.nominal.gravity / designed.nominal.thru
 print(
     f"hovers at {100.0 * hover / SPEED:.0f} % of full speed, flies with an RMSE of {100.0 * flight.metrics.rmse:.1f} cm"
 )
-save_scenario(designed, Path("own_drone.yaml"))
+Path("out").mkdir(exist_ok=True)
+save_scenario(designed, Path("out/own_drone.yaml"))

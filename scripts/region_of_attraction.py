@@ -1,7 +1,7 @@
 """Certify a region of attraction of a planar vehicle's hover by sums of squares, and simulate from its boundary.
 
-In e = (x, z, s = sin θ, v_x, v_z, q) and c = 1 - cos θ the loop of an LQR is polynomial. With V = eᵀ S e + S_θθ c² and S
-of the LQR, V decreases where V < ρ if (V - ρ) (|e|² + c²) + λ V' + μ (s² + c² - 2 c) is a sum of squares.
+The loop of an LQR is polynomial in e = (x, z, s = sin θ, v_x, v_z, q) and c = 1 - cos θ. With its cost-to-go S, let
+V = eᵀ S e + S_θθ c². If (V - ρ) (|e|² + c²) + λ V' + μ (s² + c² - 2 c) is a sum of squares, V decreases where V < ρ.
 """
 
 from pathlib import Path

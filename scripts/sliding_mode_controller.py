@@ -1,4 +1,4 @@
-"""Flies the figure eight under a position controller of your own, a sliding mode, beside the scenario's PD."""
+"""Fly the figure eight under a position controller of your own, a sliding mode, and under the scenario's PD."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Tracks the figure eight by Drake's time-varying linear-quadratic regulator of the nonlinear vehicle.
+"""Track the figure eight by Drake's time-varying linear-quadratic regulator of the nonlinear vehicle.
 
 The regulator knows the state of the vehicle and commands its rotors. The vehicle starts 0.5 m beside the reference.
 """
@@ -13,29 +13,28 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, Multiplexer
 from pydrake.trajectories import PiecewisePolynomial
 
-from drake_quad import load_scenario
-from drake_quad.flight.mission import plan_route
+from drake_quad import build_vehicle, load_scenario, plan_route
+from drake_quad.planning.believed import nominal_parameters
 from drake_quad.signals import Jerk, Reference, Snap, State
 from drake_quad.vehicle.inverse_dynamics import rotor_demand
-from drake_quad.vehicle.parameters import QuadrotorParameters
-from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers
 
-PARAMETERS, HORIZON = QuadrotorParameters(), 6.0
+HORIZON = 6.0  # s
 # Errors and commands that cost as much: m, rad, m/s, rad/s; rad/s.
 ERROR = np.array([*State(0.05, 0.05, 0.05, 0.2, 0.2, 0.2, 0.5, 0.5, 0.5, 2.0, 2.0, 2.0), *4 * [100.0]])
 COMMAND = np.array(4 * [30.0])
 
 # The state and the command along the plan, by differential flatness. Rotors lag behind their commands.
-plan = plan_route(load_scenario("figure_eight"))
+scenario = load_scenario("figure_eight", ["vehicle.time_step=0"])
+plan = plan_route(scenario)
 times = np.linspace(0.0, HORIZON, 300)
 rows = plan.reference().vector_values(times)
-demand = rotor_demand(Reference(*rows[:11]), Jerk(*rows[11:14]), Snap(*rows[14:]), PARAMETERS)
+demand = rotor_demand(Reference(*rows[:11]), Jerk(*rows[11:14]), Snap(*rows[14:]), nominal_parameters(scenario))
 speeds = np.array(demand.rotor_speed)
 states = np.vstack([rows[:3], demand.attitude, rows[3:6], demand.body_rates, speeds])
-commands = speeds + PARAMETERS.rotor_time_constant * np.gradient(speeds, times, axis=1)
+commands = speeds + scenario.vehicle.rotor_time_constant * np.gradient(speeds, times, axis=1)
 
 builder = DiagramBuilder()
-vehicle = builder.AddSystem(Quadrotor(time_step=0.0, numbers=QuadrotorNumbers(PARAMETERS)))
+vehicle = builder.AddSystem(build_vehicle(scenario))
 options = FiniteHorizonLinearQuadraticRegulatorOptions()
 options.x0 = PiecewisePolynomial.CubicShapePreserving(times, states)
 options.u0 = PiecewisePolynomial.CubicShapePreserving(times, commands)

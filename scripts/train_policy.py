@@ -1,6 +1,7 @@
-"""Trains a policy from nothing that hovers and tracks, and flies it in the ideal laboratory and in the wind.
+"""Train a policy that hovers and tracks, and fly it in the ideal laboratory and in the wind.
 
-It needs Stable-Baselines3: pip install 'drake_quad[learn]'. Steps, laboratory and file may be given.
+It needs Stable-Baselines3: pip install 'drake_quad[learn]'. Its optional arguments are the number of steps, the
+laboratory, and the file to write.
 """
 
 import sys
@@ -13,9 +14,9 @@ from drake_quad import load_scenario, mean_interval, run_monte_carlo, simulate
 from drake_quad.gym import QuadrotorVectorEnv
 from drake_quad.gym.stable_baselines3 import StableVectorEnv, save_trained
 
-# Farther off a vehicle begins anew: what it learns there is of no use.
+# An episode ends farther than this from the reference (m), where a vehicle learns nothing useful.
 CLOSE = {"crash.position_error": 1.0}
-# Vehicles learn in the studies of seeds 0 to 63, and are judged in that of another.
+# The vehicles learn with the seeds 0 to 63; the test uses another seed.
 UNSEEN = 1000
 
 if __name__ == "__main__":  # worker processes import this file

@@ -1,6 +1,6 @@
 """A kind of wind of your own for scenarios: it grows with height by the power law of the boundary layer over land.
 
-Commands know it after `--import scripts/examples/wind_shear.py`.
+The option `--import scripts/wind_shear.py` makes it known to a command.
 """
 
 from typing import Annotated, ClassVar, Literal, NamedTuple
@@ -14,8 +14,6 @@ from drake_quad.scenario.quantities import NonNegative, Positive
 from drake_quad.scenario.winds.source import WINDS, BlowingSource, Surroundings
 from drake_quad.signals import Number, Quantity, State, VelocityW, Wind
 
-_MIN_HEIGHT = 0.01  # m; the derivative of the power law is infinite at height 0
-
 
 class ShearNumbers(NamedTuple):
     """Parameters of the power law. The velocity is that of the air at the reference height."""
@@ -27,7 +25,7 @@ class ShearNumbers(NamedTuple):
 
 def shear_wind(state: State, shear: ShearNumbers) -> Wind:
     """Return the velocity of the air at a vehicle, v (z / h)^a."""
-    share = exp(shear.exponent * log(maximum(state.z, _MIN_HEIGHT) / shear.reference_height))
+    share = exp(shear.exponent * log(maximum(state.z, 0.01) / shear.reference_height))  # its slope is infinite at 0 m
     return Wind._make(share * part for part in shear.velocity)
 
 
@@ -36,7 +34,6 @@ class ShearWind(FleetSystem):
     """Wind that grows with height."""
 
     def declare(self, *, period: float = 0.01, numbers: ShearNumbers) -> None:
-        """Declare the system."""
         state, shear = self.input("state"), self.parameter("shear", lambda shear: shear)
         wind = self.state("wind", lambda _: Wind(0.0, 0.0, 0.0))
         self.initialize(shear_wind, state, shear, writes=[wind])
@@ -56,10 +53,8 @@ class ShearSource(BlowingSource):
 
     def max_speed(self) -> VelocityW:
         """Return the speed at ten times the reference height, m/s."""
-        share: float = 10.0**self.exponent
-        return share * super().max_speed()
+        return float(10.0**self.exponent) * super().max_speed()
 
     def recipe(self, surroundings: Surroundings) -> Recipe:
-        """Return the recipe for a `ShearWind`."""
         numbers = ShearNumbers(self.full_velocity(), self.reference_height, self.exponent)
         return Recipe(ShearWind, {"period": surroundings.period}, numbers)

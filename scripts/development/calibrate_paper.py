@@ -13,13 +13,13 @@ from drake_quad.files import output_folder, write_table
 from drake_quad.replication.calibration import HYPOTHESES, NETWORK_CELL, PD_CELL, Calibration, calibrate
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
 
-_PAPER = Path(__file__).parent.parent / "diagrams" / "paper.yaml"
+_PAPER = Path(__file__).parents[2] / "diagrams" / "paper.yaml"
 
 
 def main() -> None:
     options = argparse.ArgumentParser(
         description=__doc__,
-        epilog="example: python scripts/calibrate_paper.py --quick",
+        epilog="example: python scripts/development/calibrate_paper.py --quick",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     options.add_argument("--samples", type=int, help="flights of each cell, whose errors are averaged (default: 64)")

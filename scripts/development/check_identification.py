@@ -26,7 +26,7 @@ from drake_quad.identification.results.estimates import quantile
 from drake_quad.statistics.estimates import share_interval
 from drake_quad.studies.processes import Workers
 
-_DIAGRAMS = Path(__file__).parent.parent / "diagrams"
+_DIAGRAMS = Path(__file__).parents[2] / "diagrams"
 # The first line says what is flown, the second what the columns are.
 _COMMENT, _HEADER = "# ", ("sample", *Checked._fields)
 # Flights that are simulated together.
@@ -37,7 +37,7 @@ _RANGES = {"samples": (1, 10_000), "processes": (1, 256), "seed": (0, 2**31)}
 def main() -> None:
     options = argparse.ArgumentParser(
         description=__doc__,
-        epilog="example: python scripts/check_identification.py rotors --samples 100 --processes 2",
+        epilog="example: python scripts/development/check_identification.py rotors --samples 100 --processes 2",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     options.add_argument("flights", choices=[*KNOWN], help="what is commanded: rotors, or an autopilot")

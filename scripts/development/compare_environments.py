@@ -12,14 +12,17 @@ import multiprocessing
 import os
 import resource
 import statistics
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from importlib import import_module
+from pathlib import Path
 from typing import Any, NamedTuple
 
+sys.path.append(str(Path(__file__).parents[1]))  # of benchmark.py
 from benchmark import EVERYTHING, machine
 from drake_quad.command_line.running import run
 
@@ -56,7 +59,7 @@ class Contender(NamedTuple):
 def main() -> None:
     options = argparse.ArgumentParser(
         description=__doc__,
-        epilog="example: python scripts/compare_environments.py --quick",
+        epilog="example: python scripts/development/compare_environments.py --quick",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     options.add_argument("--quick", action="store_true", help="64 vehicles, one round of a tenth of a second")

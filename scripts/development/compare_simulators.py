@@ -10,6 +10,7 @@ import math
 import multiprocessing
 import os
 import statistics
+import sys
 import tempfile
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
@@ -18,6 +19,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
+sys.path.append(str(Path(__file__).parents[1]))  # of benchmark.py
 from benchmark import machine, timed
 from drake_quad.command_line.running import run
 
@@ -31,7 +33,7 @@ from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import hermite_path
 from drake_quad.scenario.batch import Batch
 
-_DIAGRAMS = Path(__file__).parent.parent / "diagrams"
+_DIAGRAMS = Path(__file__).parents[2] / "diagrams"
 # One turn of 1 m radius, 1 m above the ground, at 0.63 m/s.
 _DURATION = 10.0
 _RATE = 2.0 * math.pi / _DURATION
@@ -61,7 +63,7 @@ class Contender(NamedTuple):
 def main() -> None:
     options = argparse.ArgumentParser(
         description=__doc__,
-        epilog="example: python scripts/compare_simulators.py --quick",
+        epilog="example: python scripts/development/compare_simulators.py --quick",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     options.add_argument("--quick", action="store_true", help="fleets of 50, each flown once")

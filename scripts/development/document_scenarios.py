@@ -14,7 +14,7 @@ from drake_quad.scenario.schema import file_schema, language_page
 def main() -> None:
     options = argparse.ArgumentParser(
         description=__doc__,
-        epilog="example: python scripts/document_scenarios.py --output docs/reference",
+        epilog="example: python scripts/development/document_scenarios.py --output docs/reference",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     options.add_argument("--output", type=Path, default=Path("out/docs"), help="folder (default: %(default)s)")

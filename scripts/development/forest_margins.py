@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 MARGINS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4)  # m
 # A regulator, and the best of the others on that day without a forest (drake_quad's comparison of controllers).
 CONTROLLERS = {"lqg": "lqg:lqg_robustness", "indi_t2fnn": "designed/robustness:indi_t2fnn"}
-_DIAGRAMS = Path(__file__).parent.parent / "diagrams"
+_DIAGRAMS = Path(__file__).parents[2] / "diagrams"
 
 
 class Point(NamedTuple):
@@ -52,7 +52,7 @@ class Point(NamedTuple):
 def main() -> None:
     options = argparse.ArgumentParser(
         description=__doc__,
-        epilog="example: python scripts/forest_margins.py --samples 100",
+        epilog="example: python scripts/development/forest_margins.py --samples 100",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     options.add_argument("--samples", type=int, default=1000, help="flights of each plan (default: %(default)s)")

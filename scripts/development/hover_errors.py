@@ -21,7 +21,7 @@ from drake_quad.flight.hover_error import hover_error
 from drake_quad.linear.hover_covariance import linear_hover_error
 from drake_quad.scenario.paths import replaced
 
-_CONTROLLERS = Path(__file__).parent.parent / "diagrams" / "controllers"
+_CONTROLLERS = Path(__file__).parents[2] / "diagrams" / "controllers"
 _DESIGNED = _CONTROLLERS / "designed" / "laboratory.yaml"
 _LQG = ("lqg_low_wind", "lqg_robustness")
 _LOSSLESS = "laboratory.command_link.loss_rate=0"
@@ -33,7 +33,7 @@ _NOISE_FACTORS = (0.01, 0.1, 0.3, 1.0, 2.0)
 def main() -> None:
     options = argparse.ArgumentParser(
         description=__doc__,
-        epilog="example: python scripts/hover_errors.py",
+        epilog="example: python scripts/development/hover_errors.py",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     options.add_argument(

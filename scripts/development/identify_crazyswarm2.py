@@ -32,7 +32,7 @@ from drake_quad.scenario.correlation import correlated_normals
 from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.models import Scenario
 
-_ROOT = Path(__file__).parent.parent
+_ROOT = Path(__file__).parents[2]
 _FILE = _ROOT / "diagrams" / "crazyswarm2.yaml"
 _LOGS = _ROOT / "tests" / "data" / "crazyflie" / "crazyswarm2"
 _FLIGHTS = ("08", "100", "145", "180")
@@ -69,7 +69,7 @@ _BEGINNING_OF_VEHICLES = "\n# What the logs show"
 def main() -> None:
     options = argparse.ArgumentParser(
         description=__doc__,
-        epilog="example: python scripts/identify_crazyswarm2.py --output mine.yaml",
+        epilog="example: python scripts/development/identify_crazyswarm2.py --output mine.yaml",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     options.add_argument(

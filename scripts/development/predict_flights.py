@@ -20,7 +20,7 @@ from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.winds.sine import SineSource
 from drake_quad.scenario.winds.steady import SteadySource
 
-_DIAGRAMS = Path(__file__).parent.parent / "diagrams"
+_DIAGRAMS = Path(__file__).parents[2] / "diagrams"
 _VEHICLE = _DIAGRAMS / "vehicles" / "neural_fly.yaml"
 _LABORATORY = _DIAGRAMS / "neural_fly.yaml"
 # RMS error over the last six laps with the baseline, m, by the scenario that flies it: O'Connell et al., 2022.
@@ -50,7 +50,7 @@ VARIANTS: dict[str, tuple[str, ...]] = {
 def main() -> None:
     options = argparse.ArgumentParser(
         description=__doc__,
-        epilog="example: python scripts/predict_flights.py",
+        epilog="example: python scripts/development/predict_flights.py",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     options.add_argument(

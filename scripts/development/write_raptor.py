@@ -25,7 +25,7 @@ _SCALE = np.repeat([-1.0, 1.0, -1.0, 1.0, 1.0], [3, 9, 3, 3, 4])
 def main() -> None:
     options = argparse.ArgumentParser(
         description=__doc__,
-        epilog="example: python scripts/write_raptor.py --output diagrams/policies",
+        epilog="example: python scripts/development/write_raptor.py --output diagrams/policies",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     options.add_argument("--output", default="out/policies", help="folder to write to (default out/policies)")
