@@ -11,6 +11,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from pydrake.symbolic import Polynomial
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput
@@ -201,6 +202,11 @@ def test_a_region_of_attraction_is_certified_and_holds_in_the_scenarios_vehicle(
     step = 1e-6
     rate = (value(*(states + step * flow(states))) - value(*(states - step * flow(states)))) / (2.0 * step)
     assert (rate < 0.0).all()
+    # The polynomial of the certificate is this rate.
+    x, z, theta, v_x, v_z, q = states
+    points = np.array([x, z, np.sin(theta), v_x, v_z, q, 1.0 - np.cos(theta)])
+    polynomial = Polynomial(found["decrease"]).EvaluateIndeterminates(found["y"], points)
+    np.testing.assert_allclose(polynomial, rate, rtol=1e-4, atol=1e-6)
 
     overrides = {"rotor_time_constant": 0.001, "rotor_inertia": 0.0, "drag_factor": 1e-12, "time_step": 0.005}
     scenario, num_vehicles = load_scenario("hover", {"vehicle": overrides}), 200
