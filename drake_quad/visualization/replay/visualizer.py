@@ -34,20 +34,13 @@ _FRAME = 1.0 / 32.0  # s, the publish period of Drake's MeshcatVisualizer
 class QuadrotorVisualizer(LeafSystem):
     """Meshcat visualizer of one quadrotor, for any diagram.
 
-    .. pydrake_system::
+    It draws the vehicle 32 times a second, and the trail that the vehicle leaves. A Meshcat recording contains the poses
+    of all frames, but shows the whole trail at any time. Input ports, of which all but `state` may be unconnected:
 
-        name: QuadrotorVisualizer
-        input_ports:
-        - state
-        - rotor_speed
-        - reference
-        - wind
-
-    It draws the vehicle at `state` (12 rows: x, y, z in m; roll, pitch, yaw in rad; velocity and body rates) 32 times a
-    second, and the trail that the vehicle leaves. The other ports may be left unconnected: `rotor_speed` (4 rows,
-    rad/s) turns the rotors, in slow motion; `reference` (11 rows, of which x, y and z are used, m) places a point;
-    `wind` (3 rows, m/s) turns and stretches an arrow above the vehicle. A Meshcat recording contains all poses, but the
-    whole trail at any time.
+    - `state` (12 rows): x, y, z in m, roll, pitch, yaw in rad, and rates, which are not used.
+    - `rotor_speed` (4 rows): in rad/s; the rotors turn at a tenth of it, so that a viewer sees them turn.
+    - `reference` (11 rows): a point is drawn at its x, y, z in m.
+    - `wind` (3 rows): velocity of the air in m/s; an arrow above the vehicle shows it.
 
     Args:
         meshcat: server that shows the scene.
