@@ -30,9 +30,9 @@ def pd(e: State, fast: float) -> Wrench:
     """Return the change of the wrench for a deviation from hover, by the natural frequency of the attitude (rad/s)."""
     slow, g = fast / 6.0, believed.gravity
     a_x, a_y, a_z = (-slow * (slow * p + 2.0 * damping * v) for p, v in ((e.x, e.v_x), (e.y, e.v_y), (e.z, e.v_z)))
-    turns = ((-a_y / g - e.roll, e.p), (a_x / g - e.pitch, e.q), (-e.yaw, e.r))
-    turns = (fast * (fast * angle - 2.0 * damping * rate) for angle, rate in turns)
-    return Wrench(believed.mass * a_z, *(moment * turn for moment, turn in zip(believed.inertia, turns, strict=True)))
+    angles = np.array([-a_y / g - e.roll, a_x / g - e.pitch, -e.yaw])
+    turns = fast * (fast * angles - 2.0 * damping * np.array([e.p, e.q, e.r]))
+    return Wrench(believed.mass * a_z, *(believed.inertia * turns))
 
 
 for fast in np.arange(15.0, 1.0, -0.1):

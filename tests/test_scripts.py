@@ -167,8 +167,8 @@ def deviation(states):
 def test_a_region_of_attraction_is_certified_and_holds_in_the_scenarios_vehicle(printed, tmp_path):
     """The certificate is checked by sampling V', and by flights of the vehicle from its boundary.
 
-    The vehicle is the scenario's, with almost no lag, which the certificate neglects. Its rotors have no angular momentum
-    and almost no drag, whose torques would turn it out of the plane.
+    The vehicle is the scenario's, with almost no lag, which the certificate neglects. Its rotors have no angular
+    momentum and almost no drag, whose torques would turn it out of the plane.
     """
     text, found = printed("region_of_attraction.py")
     metres, degrees = numbers("certified: # m, or # degrees", text)

@@ -22,7 +22,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
-sys.path.append(str(Path(__file__).parents[1]))  # of benchmark.py
+sys.path.append(str(Path(__file__).parents[1]))  # benchmark.py is there
 from benchmark import EVERYTHING, machine
 from drake_quad.command_line.running import run
 

@@ -19,7 +19,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
-sys.path.append(str(Path(__file__).parents[1]))  # of benchmark.py
+sys.path.append(str(Path(__file__).parents[1]))  # benchmark.py is there
 from benchmark import machine, timed
 from drake_quad.command_line.running import run
 

@@ -33,8 +33,7 @@ class Cascade(LeafSystem):
         m = State(*self.measurement.Eval(context).reshape(12, -1))
         r = Reference(*self.reference.Eval(context).reshape(11, -1))
         a_x, a_y, a_z = (
-            e + 1.4 * v
-            for e, v in ((r.x - m.x, r.v_x - m.v_x), (r.y - m.y, r.v_y - m.v_y), (r.z - m.z, r.v_z - m.v_z))
+            e + 1.4 * v for e, v in ((r.x - m.x, r.v_x - m.v_x), (r.y - m.y, r.v_y - m.v_y), (r.z - m.z, r.v_z - m.v_z))
         )
         wrench = Wrench(
             0.68 * (9.81 + a_z),

@@ -1,7 +1,6 @@
 """Parts of a replay are no larger than their vehicle, and its trails, rotors and rates are those of the flight."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +8,6 @@ from pydrake.geometry import Cylinder, Sphere
 from test_scene import FRAME, X_LAYOUT, Scene, flights  # noqa: F401 - a fixture
 
 from drake_quad import load_scenario, simulate
-from drake_quad.scenario.batch import draw_sample
 from drake_quad.visualization.places import places
 from drake_quad.visualization.replay import page
 from drake_quad.visualization.replay.shapes import Frame, draw_quadrotor
@@ -84,7 +82,7 @@ def test_a_flight_is_seen_until_any_of_its_numbers_is_not_finite(flights):  # no
 @pytest.mark.parametrize(("wind", "blows"), [("[]", False), ("[{kind: steady, velocity: [1, 0, 0]}]", True)])
 def test_wind_is_shown_by_an_arrow_where_it_blows(wind, blows):
     scenario = load_scenario("hover", ["duration=0.1", f"laboratory.wind={wind}"])
-    flight, scene = simulate(scenario), Recording()
+    flight = simulate(scenario)
     assert page._blows_unseen(flight) == blows
     gust = np.ones_like(flight["wind"])
     assert page._blows_unseen(replace(flight, signals={**flight.signals, "wind": gust}))

@@ -34,8 +34,9 @@ _FRAME = 1.0 / 32.0  # s, the publish period of Drake's MeshcatVisualizer
 class QuadrotorVisualizer(LeafSystem):
     """Meshcat visualizer of one quadrotor, for any diagram.
 
-    It draws the vehicle 32 times a second, and the trail that the vehicle leaves. A Meshcat recording contains the poses
-    of all frames, but shows the whole trail at any time. Input ports, of which all but `state` may be unconnected:
+    It draws the vehicle 32 times a second, and the trail that the vehicle leaves. A Meshcat recording contains the
+    poses of all frames, but shows the whole trail at any time. Input ports, of which all but `state` may be
+    unconnected:
 
     - `state` (12 rows): x, y, z in m, roll, pitch, yaw in rad, and rates, which are not used.
     - `rotor_speed` (4 rows): in rad/s; the rotors turn at a tenth of it, so that a viewer sees them turn.
