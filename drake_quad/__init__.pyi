@@ -33,6 +33,5 @@ from .studies.statistics import compare_studies as compare_studies
 from .studies.study import Study as Study
 from .studies.study import read_studies as read_studies
 from .studies.study import read_study as read_study
-from .visualization.replay.visualizer import QuadrotorVisualizer as QuadrotorVisualizer
 
 __version__: str

@@ -10,8 +10,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
-from drake_quad import QuadrotorVisualizer, build_tracking_diagram, load_scenario, plan_route
+from drake_quad import build_tracking_diagram, load_scenario, plan_route
 from drake_quad.visualization.replay.scene import local_meshcat
+from drake_quad.visualization.replay.visualizer import QuadrotorVisualizer
 
 scenario = load_scenario("figure_eight", ["vehicle.mass=0.7"])  # the controller believes in 0.68 kg
 plan = plan_route(scenario)

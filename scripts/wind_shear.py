@@ -53,7 +53,7 @@ class ShearSource(BlowingSource):
 
     def max_speed(self) -> VelocityW:
         """Return the speed at ten times the reference height, m/s."""
-        return float(10.0**self.exponent) * super().max_speed()
+        return super().max_speed() * 10.0**self.exponent
 
     def recipe(self, surroundings: Surroundings) -> Recipe:
         numbers = ShearNumbers(self.full_velocity(), self.reference_height, self.exponent)

@@ -8,11 +8,12 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from test_replay_parts import Recording
 
-from drake_quad import QuadrotorVisualizer, build_laboratory_diagram, build_tracking_diagram, load_scenario, plan_route
+from drake_quad import build_laboratory_diagram, build_tracking_diagram, load_scenario, plan_route
 from drake_quad.scenario.batch import draw_sample
 from drake_quad.signals import Reference, State
 from drake_quad.visualization.replay.scene import local_meshcat
 from drake_quad.visualization.replay.shapes import Frame
+from drake_quad.visualization.replay.visualizer import QuadrotorVisualizer
 
 HOVER = load_scenario("hover")
 PLACED = State(1.0, -2.0, 3.0, 0.1, -0.2, 0.3, *6 * [0.0])
