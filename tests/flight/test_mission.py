@@ -48,7 +48,7 @@ class Cascade(LeafSystem):
 @pytest.mark.parametrize("num_vehicles", [1, 3])
 def test_a_loop_that_is_closed_by_hand_flies_like_the_tracking_diagram(num_vehicles):
     """With the same wind, noise and losses, to the bit."""
-    scenario = load_scenario("laboratory:low_wind", ["sample=5"])
+    scenario = load_scenario("laboratory:low_wind", ["sample=5", "seed=7"])
     builder = DiagramBuilder()
     reference = builder.AddSystem(build_reference(plan_route(scenario), num_vehicles=num_vehicles))
     control = builder.AddSystem(Cascade(num_vehicles))
