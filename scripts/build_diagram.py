@@ -23,7 +23,7 @@ from drake_quad.reference.source import build_reference
 scenario = load_scenario("laboratory:low_wind")
 plan, believed = plan_route(scenario), nominal_parameters(scenario)
 gains = PdGains(k_p=PerAxis(1.0, 1.0, 6.0), k_d=PerAxis(1.5, 1.5, 3.5))
-limits = ThrustLimits(slope=0.7, min_thrust=2.0, max_thrust=12.0)  # N, 6.7 N in hover
+limits = ThrustLimits(slope=0.7, min_thrust=2.0, max_thrust=12.0)  # N; hover takes 6.7 N
 angles = AttitudeNumbers(PerAngle(25.0, 25.0, 5.0), PerAngle(8.0, 8.0, 3.5), *believed.inertia)
 
 builder = DiagramBuilder()

@@ -1,6 +1,6 @@
 """Fly the figure eight in Drake's Simulator, print its errors, and write a recording for the browser.
 
-The closed loop of a scenario is a Drake diagram. Here it is a block of a larger one, beside a visualizer and logs.
+The closed loop of a scenario is a Drake diagram. Here it is a block of a larger one, beside a visualizer and a log.
 """
 
 from pathlib import Path

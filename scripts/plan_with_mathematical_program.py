@@ -1,7 +1,7 @@
 """Plan a path through three gates by a MathematicalProgram, and fly it.
 
-The path is a B-spline of degree 7 with the least squared snap at 200 instants. Its speed stays below 1.2 m/s along each
-axis, since a spline and its derivatives lie in the hull of their control points.
+The path is a B-spline of degree 7 that minimises the squared snap, summed over 200 instants. Its speed along each axis
+is limited by the control points of its derivative: a spline lies in the convex hull of its control points.
 """
 
 from pathlib import Path
@@ -16,7 +16,7 @@ from drake_quad import load_scenario, simulate
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import hermite_path
 
-DURATION, NUM_POINTS, MAX_SPEED = 10.0, 24, 1.2  # s, of control, m/s
+DURATION, MAX_SPEED, NUM_POINTS = 10.0, 1.2, 24  # s, m/s, number of control points
 START, END = np.array([0.0, 0.0, 1.0]), np.array([5.0, 0.0, 1.0])
 # Middles of the gates (m) by the time at which they are passed (s), and how far beside them the path may be (m).
 GATES, ROOM = {2.5: [1.0, 1.5, 1.5], 5.0: [2.5, -1.0, 2.0], 7.5: [4.0, 1.0, 1.2]}, np.array([0.02, 0.3, 0.3])
