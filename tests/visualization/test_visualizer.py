@@ -95,6 +95,28 @@ def test_an_arrow_is_drawn_only_for_wind_that_is_not_drawn_as_jets(wind, blows):
     assert builder.IsConnectedOrExported(visualizer.GetInputPort("wind")) == blows
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["laboratory:low_wind", "outdoor"])
+def test_a_simulator_is_watched_from_its_beginning_whenever_it_begins_again(name):
+    scenario, scene = load_scenario(name), Recording()
+    diagram = build_tracking_diagram(scenario)
+    simulator = Simulator(diagram)
+    QuadrotorVisualizer(scene, scenario).watch(simulator)
+    simulator.AdvanceTo(0.2)
+    first = [pose.translation() for pose in scene.every.pop("/vehicle")]
+    simulator.reset_context(diagram.CreateDefaultContext())
+    simulator.AdvanceTo(0.2)
+    np.testing.assert_array_equal([pose.translation() for pose in scene.every["/vehicle"]], first)
+    assert ("/vehicle_wind/arrow" in scene.objects) == (name == "outdoor")  # fans are drawn
+
+
+def test_without_a_state_drake_names_the_port():
+    builder = DiagramBuilder()
+    QuadrotorVisualizer.add_to_builder(builder, Recording(), HOVER)
+    with pytest.raises(RuntimeError, match="state"):
+        Simulator(builder.Build()).AdvanceTo(0.1)
+
+
 def test_the_vehicle_of_the_sample_is_drawn():
     scenario = load_scenario("hover", ["sample=3", "vehicle.arm_length={choice: [0.1, 0.3]}"])
     scene = Recording()

@@ -11,7 +11,7 @@ from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, Leaf
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import draw_sample
 from drake_quad.scenario.models import Scenario
-from drake_quad.signals import SIGNALS
+from drake_quad.signals import SIGNALS, State
 from drake_quad.visualization.places import places
 from drake_quad.visualization.replay.scene import draw_surroundings, wind_blows_elsewhere
 from drake_quad.visualization.replay.shapes import (
@@ -61,6 +61,8 @@ class QuadrotorVisualizer(LeafSystem):
         self._size = shrunk(frame.rotors)
         for signal in ("state", "rotor_speed", "reference", "wind"):
             self.DeclareVectorInputPort(signal, len(SIGNALS[signal]._fields))
+        # The jets of fans are drawn, so that only other wind needs an arrow.
+        self._shown = ["state", "rotor_speed", "reference", *(["wind"] if wind_blows_elsewhere(scenario) else [])]
         self.DeclarePeriodicPublishEvent(_FRAME, 0.0, self._show)
         if plan is not None:
             draw_surroundings(meshcat, drawn, plan, np.empty((0, 3)))
@@ -96,8 +98,7 @@ class QuadrotorVisualizer(LeafSystem):
             RuntimeError: an output port is not of one vehicle.
         """
         visualizer = builder.AddNamedSystem(f"{name}_visualizer", cls(meshcat, scenario, plan, name=name))
-        signals = ["state", "rotor_speed", "reference", *(["wind"] if wind_blows_elsewhere(scenario) else [])]
-        for signal in signals:
+        for signal in visualizer._shown:
             source = next((each for each in sources if each.HasOutputPort(signal)), None)
             if source is not None:
                 builder.Connect(source.GetOutputPort(signal), visualizer.GetInputPort(signal))
@@ -111,22 +112,21 @@ class QuadrotorVisualizer(LeafSystem):
                 diagram with this visualizer.
         """
         diagram, own = simulator.get_system(), self.CreateDefaultContext()
-        ports = [self.get_input_port(i) for i in range(self.num_input_ports())]
-        seen = [port for port in ports if diagram.HasOutputPort(port.get_name())]
+        signals = [signal for signal in self._shown if diagram.HasOutputPort(signal)]
 
         def show(context: Context) -> EventStatus:
-            if context.get_time() < self._last + _FRAME - 1e-9:
+            if self._last <= context.get_time() < self._last + _FRAME - 1e-9:
                 return EventStatus.DidNothing()
             own.SetTime(context.get_time())
-            for port in seen:
-                port.FixValue(own, diagram.GetOutputPort(port.get_name()).Eval(context))
+            for signal in signals:
+                self.GetInputPort(signal).FixValue(own, diagram.GetOutputPort(signal).Eval(context))
             return self._show(own)
 
         simulator.set_monitor(show)
 
     def _show(self, context: Context) -> EventStatus:
         """Draw a frame."""
-        time, state = context.get_time(), self._signal("state", context)
+        time, state = context.get_time(), State(*self.GetInputPort("state").Eval(context))
         if time < self._last:
             self._forget()
         elapsed = time - self._last if np.isfinite(self._last) else 0.0
