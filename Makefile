@@ -75,7 +75,7 @@ figures: $(VENV)/.installed
 		--controller controllers/lqg:lqg_robustness --controller controllers/designed/robustness:indi_t2fnn
 	$(VENV)/bin/python tests/visualization/browser.py out/forest_replay/replay.html 9 docs/pictures/forest.png \
 		3.2 -3.6 4.6 -0.6 -0.6 0.6
-	$(VENV)/bin/python scripts/forest_margins.py
+	$(VENV)/bin/python scripts/development/forest_margins.py
 	cp out/forest_margins/forest_margins.png out/forest_margins/forest_margins.csv docs/pictures
 	$(VENV)/bin/drake-quad fly laboratory:low_wind
 	cp out/low_wind/wind.png docs/pictures/wind.png
@@ -95,11 +95,11 @@ figures: $(VENV)/.installed
 	$(VENV)/bin/drake-quad study $(foreach name,pd pd_t1fnn pd_t2fnn pd_feed_forward, \
 		--controller controllers/paper:$(name))
 	cp out/monte_carlo/robustness/distribution.png docs/pictures/robustness.png
-	$(VENV)/bin/python scripts/document_scenarios.py --output docs/reference
+	$(VENV)/bin/python scripts/development/document_scenarios.py --output docs/reference
 	rm -rf diagrams/drawings
 	for scenario in $(DRAWN); do \
 		$(VENV)/bin/drake-quad draw $$scenario --output diagrams/drawings/$${scenario##*:} || exit; done
-	$(VENV)/bin/python scripts/calibrate_paper.py
+	$(VENV)/bin/python scripts/development/calibrate_paper.py
 	cp out/calibration/calibration.csv drake_quad/replication
 	$(VENV)/bin/drake-quad replicate
 	cp -r $(addprefix out/paper/,report.md report.html figures table_ii.csv table_ii.md claims.csv fair.csv effort.csv) docs/replication

@@ -7,7 +7,9 @@ from .fleets.study_fleet import StudyFleet as StudyFleet
 from .flight.flight import Flight as Flight
 from .flight.flight import read_flight as read_flight
 from .flight.learned import save_network as save_network
+from .flight.mission import build_laboratory_diagram as build_laboratory_diagram
 from .flight.mission import build_tracking_diagram as build_tracking_diagram
+from .flight.mission import build_vehicle as build_vehicle
 from .flight.mission import plan_route as plan_route
 from .flight.simulation import simulate as simulate
 from .flight.simulation import simulate_samples as simulate_samples

@@ -1,11 +1,4 @@
-"""Measures the speed of single flights, fleets, studies and planning, and prints it as tables in Markdown.
-
-Others fly the same pieces by turns if they are there: the commit before diagrams were compiled, and crazyflow:
-
-    git worktree add ../before d4354ba && make -C ../before .venv/.installed
-    pip install --constraint constraints.txt crazyflow==0.4.0
-    python scripts/benchmark.py --before ../before
-"""
+"""Measure the speed of single flights, fleets, studies and planning, and print tables in Markdown."""
 
 import argparse
 import gc
@@ -14,23 +7,21 @@ import math
 import os
 import platform
 import statistics
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
 from functools import partial
 from importlib.metadata import version
-from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
 from drake_quad.command_line.running import run
 
 import numpy as np
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from drake_quad import InputError, Scenario, load_scenario
+from drake_quad import Scenario, load_scenario
+from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.fleets.fleet_simulation import simulate_fleet
 from drake_quad.flight.mission import plan_route
 from drake_quad.planning.duration import flight_duration
@@ -86,126 +77,17 @@ def main() -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     options.add_argument("--quick", action="store_true", help="fewer repetitions and sizes")
-    options.add_argument("--before", type=Path, metavar="FOLDER", help="a checkout of d4354ba with its environment")
-    options.add_argument("--beside", action="store_true", help="nothing but what others fly, too")
-    arguments = options.parse_args()
-    quick, before = arguments.quick, None if arguments.before is None else arguments.before.resolve()
-    if before is not None and not (before / ".venv" / "bin" / "python").exists():
-        raise InputError(f"--before is {arguments.before}, which has no environment in .venv")
+    quick = options.parse_args().quick
     repetitions = 5 if quick else 15
     print(f"{machine()}\n")
-    print_beside(before, 3 if quick else 5, quick=quick)
-    if arguments.beside:
-        return
-    print(f"\nMedians (and best) of {repetitions} runs on one core, of studies {repetitions // 3}.\n")
+    print(f"Medians (and best) of {repetitions} runs on one core, of studies {repetitions // 3}.\n")
     print_flights(repetitions, (1, 64, 1024) if quick else (1, 8, 64, 512, 1024, 4096, 16384))
+    print_plain_python(repetitions)
     print_rules(repetitions)
     print_controllers(repetitions)
     print_obstacles(repetitions)
     print_studies(repetitions // 3, 3_000 if quick else 10_000)
     print_planning(repetitions)
-
-
-# What others fly, too: the piece of `contestants.py`, and its words.
-_PIECES = {
-    "circle_1": "one recorded flight, ideal circle",
-    "ideal_1": "one recorded flight, ideal figure eight",
-    "everything_1": "one recorded flight, everything and networks",
-    "circle_1000": "1,000 vehicles, ideal circle",
-    "everything_1024": "1,024 vehicles, everything and networks",
-    "python_1": "one recorded flight, position controller in plain Python",
-    "python_1000": "1,000 vehicles, position controller in plain Python",
-    "study_10000": "study of 10,000 of `robustness.yaml`, two workers, start included",
-}
-
-
-# How often those who are compared are launched: one and the same program differs by a quarter from launch to launch.
-_LAUNCHES = 4
-
-
-def print_beside(before: Path | None, rounds: int, *, quick: bool) -> None:
-    """Prints how fast short pieces are flown by those who can, by turns, and the ratios."""
-    who: dict[str, list[str]] = {"compiled": [], "wired": []}
-    if before is not None:
-        who["before"] = [str(before / "scripts")]
-    if find_spec("crazyflow") is not None:
-        who["crazyflow"] = []
-    pieces = [piece for piece in _PIECES if not (quick and piece.startswith("study"))]
-    costs: dict[str, dict[str, list[float]]] = {piece: {name: [] for name in who} for piece in pieces}
-    for _ in range(1 if quick else _LAUNCHES):
-        with ExitStack() as stack:
-            flyers = [
-                stack.enter_context(Contestant(name, rest, None if name != "before" else before))
-                for name, rest in who.items()
-            ]
-            for piece in pieces:
-                turns = [
-                    [flyer.cost(piece) for flyer in flyers] for _ in range(1 if piece.startswith("study") else rounds)
-                ]
-                for name, found in zip(who, zip(*turns, strict=True), strict=True):
-                    costs[piece][name].append(min(found))
-    print("| vehicle-seconds per second of the processor: best | " + " | ".join(who) + " | compiled × |")
-    print("|---" * (len(who) + 2) + "|")
-    for piece in pieces:
-        speeds = ["–" if math.isnan(cost[0]) else f"{1.0 / min(cost):,.0f}" for cost in costs[piece].values()]
-        others = [name for name, cost in costs[piece].items() if name != "compiled" and not math.isnan(cost[0])]
-        ratios = ", ".join(f"{name} {ratio_of(costs[piece][name], costs[piece]['compiled'])}" for name in others)
-        print(f"| {_PIECES[piece]} | {' | '.join(speeds)} | {ratios} |", flush=True)
-
-
-def ratio_of(theirs: Sequence[float], ours: Sequence[float]) -> str:
-    """The ratio of the least costs, and the least and the largest ratio of a launch."""
-    each = [one / other for one, other in zip(theirs, ours, strict=True)]
-    return f"{min(theirs) / min(ours):.3g} ({min(each):.3g} to {max(each):.3g})"
-
-
-class Contestant:
-    """A process that flies pieces when it is asked to; see `contestants.py`.
-
-    Args:
-        name: of who flies.
-        rest: of its arguments.
-        before: the checkout whose environment it runs in; this one's if None.
-    """
-
-    def __init__(self, name: str, rest: list[str], before: Path | None) -> None:
-        self._name = name
-        python = sys.executable if before is None else str(before / ".venv" / "bin" / "python")
-        environment = dict(os.environ) | ({} if before is None else {"PYTHONPATH": str(before)})
-        command = [python, str(Path(__file__).resolve().with_name("contestants.py")), name, *rest]
-        pipe = subprocess.PIPE
-        self._process = subprocess.Popen(
-            command,
-            # crazyflow leaves a log where it runs.
-            cwd=tempfile.gettempdir(),
-            env=environment,
-            stdin=pipe,
-            stdout=pipe,
-            stderr=subprocess.DEVNULL,
-            text=True,
-        )
-
-    def __enter__(self) -> "Contestant":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._process.kill()
-        self._process.communicate()
-
-    def cost(self, piece: str) -> float:
-        """The processor's seconds for a second of a vehicle's flight; not a number for a piece that it does not have.
-
-        Raises:
-            RuntimeError: the process ended.
-        """
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._process.stdin.write(f"{piece}\n")
-        self._process.stdin.flush()
-        answer = self._process.stdout.readline()
-        if not answer:
-            raise RuntimeError(f"{self._name} does not fly {piece}")
-        return float(answer)
 
 
 def print_flights(repetitions: int, sizes: Sequence[int]) -> None:
@@ -223,6 +105,38 @@ def print_flights(repetitions: int, sizes: Sequence[int]) -> None:
         steppers = [Stepper(scenario, size, compiled=compiled) for scenario in (ideal, real, learning)]
         costs = interleaved(steppers, repetitions)
         print(f"| {name}, {how} | {' | '.join(spread(cost, size) for cost in costs)} |", flush=True)
+
+
+def print_plain_python(repetitions: int) -> None:
+    """Print how fast fleets fly with a position controller in plain Python, compiled and as they are wired."""
+    print("\n| position controller in plain Python, vehicle-seconds per second | one vehicle | 1,024 |")
+    print("|---|---|---|")
+    scenario = load_scenario(_DIAGRAMS / "laboratory.yaml:nominal", layers=[_DIAGRAMS / "gains" / "laboratory.yaml"])
+    sizes = (1, 1024)
+    for compiled in (True, False):
+        steppers = [
+            Stepper(scenario, size, compiled=compiled, own=UserSystems(position_controller=PlainPython(size)))
+            for size in sizes
+        ]
+        costs = interleaved(steppers, repetitions)
+        cells = [spread(cost, size) for cost, size in zip(costs, sizes, strict=True)]
+        print(f"| {'compiled' if compiled else 'as it is wired'} | {' | '.join(cells)} |", flush=True)
+
+
+class PlainPython(LeafSystem):
+    """Position controller as a user would write it: PD and feed-forward in NumPy."""
+
+    def __init__(self, num_vehicles: int) -> None:
+        super().__init__()
+        self._measurement = self.DeclareVectorInputPort("measurement", BasicVector(12 * num_vehicles))
+        self._reference = self.DeclareVectorInputPort("reference", BasicVector(11 * num_vehicles))
+        self.DeclareVectorOutputPort("acceleration_command", BasicVector(3 * num_vehicles), self._command)
+
+    def _command(self, context: Context, output: BasicVector) -> None:
+        measured = self._measurement.Eval(context).reshape(12, -1)
+        reference = self._reference.Eval(context).reshape(11, -1)
+        error, rate = reference[:3] - measured[:3], reference[3:6] - measured[6:9]
+        output.SetFromVector(np.ravel(reference[6:9] + 0.2 * error + 0.7 * rate))
 
 
 def print_rules(repetitions: int) -> None:
@@ -339,13 +253,11 @@ class StudyTime(NamedTuple):
         return (self.seconds - shorter.seconds) / (self.flown - shorter.flown)
 
 
-def study(scenario: Scenario, num_samples: int, num_workers: int, *, compiled: bool = True) -> StudyTime:
+def study(scenario: Scenario, num_samples: int, num_workers: int) -> StudyTime:
     """Flies a study into a temporary folder, and returns the time that it took."""
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
-        flown = run_monte_carlo(
-            scenario, num_samples, folder=folder, num_workers=num_workers, compiled=compiled
-        ).flown_time
+        flown = run_monte_carlo(scenario, num_samples, folder=folder, num_workers=num_workers).flown_time
         return StudyTime(time.perf_counter() - began, flown)
 
 
@@ -371,11 +283,14 @@ class Stepper:
         scenario: that is flown, each vehicle a sample.
         num_vehicles: N.
         compiled: whether the diagram is compiled.
+        own: systems that replace parts of the loop.
     """
 
-    def __init__(self, scenario: Scenario, num_vehicles: int, *, compiled: bool) -> None:
+    def __init__(
+        self, scenario: Scenario, num_vehicles: int, *, compiled: bool, own: UserSystems = UserSystems()
+    ) -> None:
         self._batch, plan = Batch.draw(scenario, range(num_vehicles)), plan_route(scenario)
-        self._simulation = simulate_fleet(self._batch, plan, record=num_vehicles == 1, compiled=compiled)
+        self._simulation = simulate_fleet(self._batch, plan, own=own, record=num_vehicles == 1, compiled=compiled)
         self._duration = flight_duration(scenario, plan) if num_vehicles == 1 else 1.0
 
     def cost(self) -> float:

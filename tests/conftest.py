@@ -116,7 +116,8 @@ def run(capsys, monkeypatch):
         status = 0
         try:
             if name.endswith(".py"):
-                runpy.run_path(str(_ROOT / "scripts" / name), run_name="__main__")
+                (script,) = (_ROOT / "scripts").rglob(name)
+                runpy.run_path(str(script), run_name="__main__")
             else:
                 main(name)
         except SystemExit as stop:

@@ -118,7 +118,8 @@ class UnderstoodError(Exception):
 def commands():
     """What is called somewhere on a page, the blocks above aside."""
     text = "\n".join(re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL) for page in PAGES)
-    return sorted(set(re.findall(r"(?:`|^    )(python scripts/\w+\.py[^`\n]*|drake-quad [^`\n]+)", text, re.MULTILINE)))
+    tool = r"python scripts/(?:benchmark|development/\w+)\.py[^`\n]*"
+    return sorted(set(re.findall(rf"(?:`|^    )({tool}|drake-quad [^`\n]+)", text, re.MULTILINE)))
 
 
 @pytest.mark.parametrize("command", commands())

@@ -48,7 +48,7 @@ def test_formulas_laws_and_metrics_take_rows_by_their_names(root):
 def test_what_reads_flights_takes_rows_by_their_names(root):
     found = [
         f"{file}:{node.lineno}: {ast.unparse(node)}"
-        for file in [*files(root, "."), *sorted((root / "scripts").glob("*.py"))]
+        for file in [*files(root, "."), *sorted((root / "scripts").rglob("*.py"))]
         for node in integer_indices(ast.parse(file.read_text(encoding="utf-8")))
         if is_signal(node.value)
     ]

@@ -103,11 +103,23 @@ def opened_meshcat() -> Meshcat:
 
 
 def live_view(meshcat: Meshcat, scenario: Scenario, plan: Plan, rate: float) -> Callable[[Simulator], None]:
-    """Draws the scene of a flight, and returns a function that has a simulator show the flight in it."""
-    from drake_quad.visualization.replay.live import LiveView
+    """Draw the scene of a flight, and return a function that has a simulator show the flight in it.
 
-    view = LiveView(meshcat, scenario, plan)
-    return lambda simulator: view.watch(simulator, rate)
+    Args:
+        meshcat: server that shows the scene.
+        scenario: scenario that is flown.
+        plan: plan that is flown.
+        rate: ratio of simulated time to real time; 0 for as fast as possible.
+    """
+    from drake_quad.visualization.replay.visualizer import QuadrotorVisualizer
+
+    visualizer = QuadrotorVisualizer(meshcat, scenario, plan)
+
+    def prepare(simulator: Simulator) -> None:
+        simulator.set_target_realtime_rate(rate)
+        visualizer.watch(simulator)
+
+    return prepare
 
 
 def show_again(meshcat: Meshcat, name: str, flight: Flight) -> None:

@@ -1,17 +1,22 @@
-"""From a scenario to its plan and its diagram."""
+"""From a scenario to its plan and its diagrams: the closed loop, the laboratory without its control, the vehicle."""
 
 from typing import Any
 
 from pydrake.systems.framework import Diagram
 
+from drake_quad.assembly.laboratory import build_laboratory_of, laboratory_recipes
 from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.caching import ThreadSafeCache
 from drake_quad.errors import InputError
 from drake_quad.flight.hover_error import believed_tracking_error
+from drake_quad.framework.fleet_system import FleetSystem
+from drake_quad.framework.recipe import Recipe
 from drake_quad.memory import check_fleet_fits
+from drake_quad.planning.duration import flight_duration
 from drake_quad.planning.route import Planned, plan_in
 from drake_quad.planning.space import space_of
+from drake_quad.randomness.noise import Samples
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.models import Mission, Scenario
@@ -89,13 +94,90 @@ def build_tracking_diagram(
         InputError: the scenario holds a distribution, the rotors cannot fly the route, a system that is given does not
             fit, or the fleet does not fit into memory.
     """
-    check_fleet_fits(num_vehicles, "num_vehicles")
-    refuse_distributions(distributions_in(scenario))
-    first = scenario.sample or 0
-    batch = Batch.draw(scenario, range(first, first + num_vehicles))
+    batch = _identical_vehicles(scenario, num_vehicles)
     own = UserSystems(position_controller, control, wind)
     plan = plan or plan_route(scenario)
     return build_fleet_diagram(batch, plan, own=own, record=record, drake_random=drake_random)
+
+
+def build_laboratory_diagram(
+    scenario: Scenario, num_vehicles: int = 1, *, plan: Plan | None = None, drake_random: bool = False
+) -> Diagram:
+    """Build the laboratory of a scenario without its control: everything from a command to a measurement.
+
+    The command goes over the command link to the rotors of the vehicle, which moves in the wind and is measured by
+    motion capture. Without a connection to `crashed` no vehicle crashes. The default context is hover at the first
+    point of the plan. Wind and noise are those of the scenario's sample, as in `build_tracking_diagram`.
+
+    Input ports, with k N numbers in a port of k rows for N vehicles, row after row:
+
+    - `wrench` (4 rows): F_z in N along z of the body, and τ_x, τ_y, τ_z in N m about its axes. With an autopilot on
+      board it is `attitude_target` (7 rows): F_z in N; roll, pitch, yaw in rad; p, q, r in rad/s.
+    - `crashed` (1 row): 1 to freeze the state of a vehicle, 0 otherwise.
+
+    Output ports:
+
+    - `measurement`, `state` (12 rows): x, y, z in m, roll, pitch, yaw in rad, and v_x, v_y, v_z in m/s in the world
+      frame; p, q, r in rad/s about the axes of the body.
+    - `rotor_speed` (4 rows): in rad/s.
+    - `rotor_speed_command` (4 rows): in rad/s. For motors with a thrust curve it is `throttle_command`, from 0 to 1.
+    - `shortfall` (4 rows): the part of the wrench that the rotors cannot exert, in N and N m.
+    - `wind` (3 rows): velocity of the air at the vehicle in the world frame, in m/s.
+
+    A slung load adds the output `swing` (4 rows: roll and pitch in rad, their rates in rad/s), a battery `charge` (1
+    row, in A h), and an autopilot `wrench`.
+
+    Args:
+        scenario: with numbers only.
+        num_vehicles: N.
+        plan: at whose first point the vehicles hover at time 0; that of the scenario's route if not given.
+        drake_random: True to use Drake's random sources for wind and noise instead of those of the samples.
+
+    Raises:
+        InputError: as `build_tracking_diagram`.
+    """
+    batch = _identical_vehicles(scenario, num_vehicles)
+    samples = None if drake_random else Samples(batch.seed, batch.samples)
+    return build_laboratory_of(_recipes(batch, plan), num_vehicles, samples)
+
+
+def build_vehicle(scenario: Scenario, num_vehicles: int = 1, *, plan: Plan | None = None) -> FleetSystem:
+    """Build the vehicle of a scenario as it is, without cameras, link and allocation.
+
+    The system is a `Quadrotor`, which documents its ports: from `rotor_speed_command` (4 rows, rad/s) and `wind` (3
+    rows, m/s; the air is still if the port is not connected) to `state` (12 rows, as in `build_laboratory_diagram`) and
+    `rotor_speed` (4 rows, rad/s), with k N numbers in a port of k rows for N vehicles. Its default context is hover at
+    the first point of the plan. With `vehicle.time_step` 0 the state is continuous, as `Linearize` needs it.
+
+    With an autopilot of kind `response` the system is a `RespondingQuadrotor`.
+
+    Args:
+        scenario: with numbers only.
+        num_vehicles: N.
+        plan: at whose first point the vehicles hover at time 0; that of the scenario's route if not given.
+
+    Raises:
+        InputError: as `build_tracking_diagram`.
+    """
+    vehicle: FleetSystem = _recipes(_identical_vehicles(scenario, num_vehicles), plan)["vehicle"].build(num_vehicles)
+    return vehicle
+
+
+def _identical_vehicles(scenario: Scenario, num_vehicles: int) -> Batch:
+    """Return a batch of vehicles that differ in nothing but wind and noise.
+
+    Raises:
+        InputError: the scenario holds a distribution, or the fleet does not fit into memory.
+    """
+    check_fleet_fits(num_vehicles, "num_vehicles")
+    refuse_distributions(distributions_in(scenario))
+    first = scenario.sample or 0
+    return Batch.draw(scenario, range(first, first + num_vehicles))
+
+
+def _recipes(batch: Batch, plan: Plan | None) -> dict[str, Recipe]:
+    plan = plan or plan_route(batch.scenario)
+    return laboratory_recipes(batch, plan, flight_duration(batch.scenario, plan))
 
 
 def space_to_plan_in(mission: Mission) -> Space | None:

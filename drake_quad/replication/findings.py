@@ -22,7 +22,7 @@ class Findings(NamedTuple):
         claims: of the paper, with verdicts.
         fair: the comparison with controllers that the paper does not have.
         efforts: definitions of control effort, the closest first.
-        calibration: columns of the file that `scripts/calibrate_paper.py` writes.
+        calibration: columns of the file that `scripts/development/calibrate_paper.py` writes.
     """
 
     entries: Sequence[Entry]

@@ -193,7 +193,7 @@ needs, such as the mass of a slung load, must then be absolute. Items of a list 
 A single field is named by the way to it: `vehicle.inertia.0`. Items of lists count from 0; only rotors have names, and
 count from 1, as everywhere: `vehicle.thrust_factor_error.rotor_1`.
 
-This page is made by `scripts/document_scenarios.py` from the models that read scenarios.
+This page is made by `scripts/development/document_scenarios.py` from the models that read scenarios.
 `docs/reference/scenario.schema.json` has the same for editors: with the YAML language server, a file in `diagrams/`
 begins with
 

@@ -695,7 +695,7 @@ def test_without_graphviz_a_sentence_says_so(run, tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_simulators_are_compared_as_far_as_they_are_there():
-    command = [sys.executable, str(ROOT / "scripts" / "compare_simulators.py"), "--quick"]
+    command = [sys.executable, str(ROOT / "scripts" / "development" / "compare_simulators.py"), "--quick"]
     result = subprocess.run(command, capture_output=True, text=True, timeout=240, check=True)
     assert re.search(
         r"^\| drake_quad \S+, compiled, 100 Hz.* \| [\d,.]+ \([\d,.]+\) \| [\d,.]+ \([\d,.]+\) \|$", result.stdout, re.M
@@ -707,7 +707,7 @@ def test_simulators_are_compared_as_far_as_they_are_there():
 
 @pytest.mark.slow
 def test_environments_are_compared_as_far_as_they_are_there():
-    command = [sys.executable, str(ROOT / "scripts" / "compare_environments.py"), "--quick"]
+    command = [sys.executable, str(ROOT / "scripts" / "development" / "compare_environments.py"), "--quick"]
     result = subprocess.run(command, capture_output=True, text=True, timeout=240, check=True)
     assert re.search(r"^\| drake_quad, everything \| [\d,]+ \|$", result.stdout, re.M)
     told = "crazyflow is not installed, so it is not measured" in result.stderr

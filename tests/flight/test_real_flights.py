@@ -83,7 +83,7 @@ def test_the_amplitude_and_phase_of_the_wind_are_found_in_a_log(root, diagrams, 
     monkeypatch.syspath_prepend(root / "tests" / "identification")
     from neural_fly_flight import write_flight
 
-    script = runpy.run_path(str(root / "scripts" / "predict_flights.py"))
+    script = runpy.run_path(str(root / "scripts" / "development" / "predict_flights.py"))
     wind = ["laboratory.wind.1.phase=4.1", "laboratory.wind.1.velocity=[-1.7, 0.0, 0.0]", "route.phase=[0.6, 0.0, 1.2]"]
     scenario = load_scenario(diagrams / "vehicles" / "neural_fly.yaml:wind_8_sine", wind)
     amplitude, phase = script["sine_in_log"](write_flight(tmp_path / "flight.csv", scenario))

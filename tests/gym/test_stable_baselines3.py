@@ -151,7 +151,7 @@ def test_what_would_be_saved_otherwise_than_it_was_trained_is_refused(tmp_path):
 
 @pytest.mark.slow
 def test_the_example_trains_a_policy_that_hovers_and_tracks(root, tmp_path):
-    command = [sys.executable, str(root / "scripts" / "examples" / "train_policy.py"), "400000"]
+    command = [sys.executable, str(root / "scripts" / "train_policy.py"), "400000"]
     printed = subprocess.run(command, check=True, capture_output=True, text=True, timeout=600, cwd=tmp_path).stdout
     for name in ("figure_eight", "hover"):
         assert float(re.search(rf"RMSE, {name}: ([\d.]+) cm", printed)[1]) < 15.0

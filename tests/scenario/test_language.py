@@ -27,7 +27,7 @@ def complaints(text):
 
 
 def test_page_and_schema_are_not_stale():
-    again = "python scripts/document_scenarios.py --output docs/reference writes them again"
+    again = "python scripts/development/document_scenarios.py --output docs/reference writes them again"
     folder = ROOT / "docs" / "reference"
     assert (folder / "scenario_language.md").read_text(encoding="utf-8") == language_page(), again
     assert json.loads((folder / "scenario.schema.json").read_text(encoding="utf-8")) == file_schema(), again

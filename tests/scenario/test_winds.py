@@ -22,7 +22,7 @@ from drake_quad.scenario.winds.source import WINDS, Surroundings, WindSource, st
 from drake_quad.signals import Wind
 
 ROOT = Path(__file__).parent.parent.parent
-EXAMPLE = ROOT / "scripts" / "examples" / "wind_shear.py"
+EXAMPLE = ROOT / "scripts" / "wind_shear.py"
 # Places of four vehicles around the origin, m.
 PLACES = np.array([[0.0, 0.0, 1.0], [1.3, 0.2, 1.0], [0.4, -2.0, 1.7], [2.5, 0.1, 3.0]])
 AIR = Surroundings(Wind(0.3, -0.2, 0.1), period=0.01)

@@ -72,7 +72,7 @@ def cluster(tmp_path_factory):
 
 
 def monte_carlo(address, folder, *options):
-    script = [sys.executable, ROOT / "scripts" / "monte_carlo.py", ROOT / "diagrams" / "robustness.yaml"]
+    script = [sys.executable, "-m", "drake_quad", "study", ROOT / "diagrams" / "robustness.yaml"]
     overrides = [word for override in OVERRIDES for word in ("--set", override)]
     command = [*script, *overrides, "--cluster", address, "--output", folder, *options]
     return subprocess.Popen([*map(str, command)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)

@@ -16,7 +16,6 @@ from drake_quad.flight.simulation import simulate_samples
 from drake_quad.signals import RotorSpeed
 from drake_quad.vehicle.rotors import Rotors
 from drake_quad.visualization.places import places
-from drake_quad.visualization.replay.live import LiveView
 from drake_quad.visualization.replay.page import save_replay, save_swarm
 from drake_quad.visualization.replay.scene import Room, local_meshcat, reference_points, round_spacing
 from drake_quad.visualization.replay.shapes import Frame, draw_quadrotor, quadrotor_mesh, rotor_poses, turned_by
@@ -312,20 +311,3 @@ def test_an_h_is_drawn_as_an_h():
         bars = middles[np.abs(middles[:, 2]) < 0.01]
         on_sides, across = np.abs(np.abs(bars[:, 1]) - 0.15) < 0.01, np.abs(bars[:, 0]) < 0.01
         assert (on_sides | across).all() == (kind == "h")
-
-
-def test_a_live_view_shows_where_the_vehicle_is():
-    scenario = load_scenario("diagrams/outdoor.yaml", ["duration=1"])
-    meshcat = local_meshcat()
-    assert meshcat.web_url().startswith("http://127.0.0.1:")
-
-    def prepare(simulator):
-        view = LiveView(meshcat, scenario, flight_plan)
-        view.watch(simulator, 0.0)
-
-    flight_plan = simulate(scenario).plan
-    flight = simulate(scenario, prepare=prepare)
-    assert meshcat.HasPath("/vehicle/rotor_4")
-    assert meshcat.HasPath("/vehicle_wind/arrow")
-    assert meshcat.HasPath("/vehicle_trail/2")
-    assert flight.time[-1] == pytest.approx(1.0)

@@ -1,7 +1,6 @@
 """Parts of a replay are no larger than their vehicle, and its trails, rotors and rates are those of the flight."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,10 +8,8 @@ from pydrake.geometry import Cylinder, Sphere
 from test_scene import FRAME, X_LAYOUT, Scene, flights  # noqa: F401 - a fixture
 
 from drake_quad import load_scenario, simulate
-from drake_quad.scenario.batch import draw_sample
 from drake_quad.visualization.places import places
 from drake_quad.visualization.replay import page
-from drake_quad.visualization.replay.live import LiveView
 from drake_quad.visualization.replay.shapes import Frame, draw_quadrotor
 
 
@@ -23,8 +20,8 @@ class Recording(Scene):
         super().__init__()
         self.every = {}
 
-    def SetTransform(self, path, transform):
-        super().SetTransform(path, transform)
+    def SetTransform(self, path, transform, time_in_recording=None):
+        super().SetTransform(path, transform, time_in_recording)
         self.every.setdefault(path, []).append(transform)
 
     def StartRecording(self, rate, set_visualizations_while_recording):
@@ -82,38 +79,10 @@ def test_a_flight_is_seen_until_any_of_its_numbers_is_not_finite(flights):  # no
     assert {len(rows) for rows in seen.signals.values()} == {20}
 
 
-def test_a_live_view_turns_the_rotors_and_shows_the_sample_that_is_flown():
-    scenario = load_scenario("hover", ["duration=0.2", "sample=3", "vehicle.arm_length={choice: [0.1, 0.3]}"])
-    drawn = draw_sample(scenario, 3)
-    plan = simulate(scenario).plan
-    scene = Recording()
-    view = LiveView(scene, scenario, plan)
-    frame = Frame.of(drawn.vehicle)
-    reaches = [np.hypot(*scene.poses[f"/vehicle/disc_{i}"].translation()[:2]) for i in (1, 2, 3, 4)]
-    np.testing.assert_allclose(reaches, [np.hypot(rotor.x, rotor.y) for rotor in frame.rotors])
-    assert scene.objects["/reference/point"].radius() < 0.25 * frame.reach
-    asked = []
-    simulator = SimpleNamespace(
-        get_system=lambda: "a diagram", set_target_realtime_rate=asked.append, set_monitor=asked.append
-    )
-    view.watch(simulator, 0.5)
-    assert asked == [0.5, view._show]
-    scene = Recording()
-    flight = simulate(scenario, prepare=lambda simulator: LiveView(scene, scenario, plan).watch(simulator, 0.0))
-    speeds = flight["rotor_speed"][0]
-    for i, (rotor, speed) in enumerate(zip(frame.rotors, speeds, strict=True), start=1):
-        # The first pose is that in which it is drawn; in a thirtieth of a second it turns at a tenth of its speed.
-        _, first, *_ = scene.every[f"/vehicle/rotor_{i}"]
-        angle = 0.1 * rotor.direction * speed / 30.0
-        np.testing.assert_allclose(first.rotation().matrix()[:2, 0], [np.cos(angle), np.sin(angle)], atol=1e-9)
-
-
 @pytest.mark.parametrize(("wind", "blows"), [("[]", False), ("[{kind: steady, velocity: [1, 0, 0]}]", True)])
 def test_wind_is_shown_by_an_arrow_where_it_blows(wind, blows):
     scenario = load_scenario("hover", ["duration=0.1", f"laboratory.wind={wind}"])
-    flight, scene = simulate(scenario), Recording()
+    flight = simulate(scenario)
     assert page._blows_unseen(flight) == blows
-    LiveView(scene, scenario, flight.plan)
-    assert ("/vehicle_wind/arrow" in scene.objects) == blows
     gust = np.ones_like(flight["wind"])
     assert page._blows_unseen(replace(flight, signals={**flight.signals, "wind": gust}))

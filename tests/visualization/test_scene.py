@@ -16,7 +16,6 @@ from drake_quad.space.shapes import Cylinder as Pillar
 from drake_quad.vehicle.rotors import Rotors
 from drake_quad.visualization.places import places
 from drake_quad.visualization.replay import page
-from drake_quad.visualization.replay.live import LiveView
 from drake_quad.visualization.replay.page import draw_replay
 from drake_quad.visualization.replay.scene import Room, draw_surroundings, look_at, reference_points
 from drake_quad.visualization.replay.shapes import (
@@ -68,11 +67,19 @@ class Scene:
     def SetObject(self, path, shape, rgba=None):
         self.objects[path], self.colors[path] = shape, rgba
 
-    def SetTransform(self, path, transform):
+    def SetTransform(self, path, transform, time_in_recording=None):
         self.poses[path] = transform
 
-    def SetProperty(self, path, name, value):
+    def SetProperty(self, path, name, value, time_in_recording=None):
         self.properties[path, name] = value
+
+    def HasPath(self, path):
+        return any(f"{each}/".startswith(f"{path}/") for each in (*self.objects, *self.meshes, *self.poses))
+
+    def Delete(self, path):
+        for kept in (self.objects, self.meshes, self.poses):
+            for each in [each for each in kept if f"{each}/".startswith(f"{path}/")]:
+                del kept[each]
 
     def SetLine(self, path, points, width, rgba):
         self.lines[path], self.colors[path] = np.array(points), rgba
@@ -493,32 +500,3 @@ def test_a_story_contains_errors_and_speeds_over_time(flights):
     assert numbers == [f"{value:g}".replace("-", "−") for value in np.arange(-1.0, 3.1, 0.5)]
     assert marks[-1] == {"at": [1.0, 1.0, 1.0], "text": "post", "color": "#555555"}
     assert content["frame"] == [[0.0, 0.0, 0.0], *(mark["at"] for mark in marks)]
-
-
-def test_a_live_view_draws_thirty_frames_per_second():
-    scenario = load_scenario("figure_eight", ["duration=0.6", "laboratory.wind=[{kind: steady, velocity: [1, 0, 0]}]"])
-    plan = simulate(scenario).plan
-    scene = Scene()
-    poses = []
-
-    class RecordingScene(Scene):
-        def SetTransform(self, path, transform):
-            super().SetTransform(path, transform)
-            if path == "/vehicle":
-                poses.append(transform.translation())
-
-    scene = RecordingScene()
-    flight = simulate(scenario, prepare=lambda simulator: LiveView(scene, scenario, plan).watch(simulator, 0.0))
-    # With steps of 10 ms, the nearest interval between frames is 40 ms.
-    assert len(poses) == 16
-    way = places(flight.record("state"))
-    np.testing.assert_allclose(poses[-1], way[-1], atol=0.03)
-    for place in poses:
-        assert np.linalg.norm(way - place, axis=1).min() < 0.03
-    assert len([path for path in scene.meshes if path.startswith("/vehicle_trail/")]) == 2
-    np.testing.assert_allclose(scene.poses["/vehicle_wind"].rotation().matrix()[:, 0], [1.0, 0.0, 0.0], atol=1e-6)
-    np.testing.assert_allclose(
-        scene.poses["/reference"].translation(), places(flight.record("reference"))[-1], atol=0.05
-    )
-    assert "/vehicle/rotor_3" in scene.poses
-    assert {"/vehicle_wind/arrow", "/reference/point", "/vehicle/hub", "/floor"} <= {*scene.objects}

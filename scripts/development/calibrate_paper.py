@@ -1,0 +1,82 @@
+"""Fits what the paper does not give to two cells of its Table II, by three hypotheses, and predicts the other cells."""
+
+import argparse
+from pathlib import Path
+
+from drake_quad.command_line.running import run
+
+from drake_quad import InputError, Scenario, load_scenario
+from drake_quad.command_line.options import add_wired
+from drake_quad.command_line.output import print_columns, print_files
+from drake_quad.command_line.progress import bar_over
+from drake_quad.files import output_folder, write_table
+from drake_quad.replication.calibration import HYPOTHESES, NETWORK_CELL, PD_CELL, Calibration, calibrate
+from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
+
+_PAPER = Path(__file__).parents[2] / "diagrams" / "paper.yaml"
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(
+        description=__doc__,
+        epilog="example: python scripts/development/calibrate_paper.py --quick",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    options.add_argument("--samples", type=int, help="flights of each cell, whose errors are averaged (default: 64)")
+    options.add_argument("--quick", action="store_true", help="8 samples, and the first hypothesis alone")
+    options.add_argument("--output", type=Path, default=Path("out/calibration"), help="folder (default: %(default)s)")
+    add_wired(options)
+    arguments = options.parse_args()
+    num_samples = arguments.samples if arguments.samples is not None else 8 if arguments.quick else 64
+    if not 2 <= num_samples <= 10_000:
+        raise InputError(f"--samples is {num_samples}, but must be between 2 and 10000")
+    names = list(HYPOTHESES)[:1] if arguments.quick else list(HYPOTHESES)
+    folder = output_folder(arguments.output)
+    found = {
+        name: calibrate(HYPOTHESES[name], load, num_samples, compiled=not arguments.wired)
+        for name in bar_over(names, "fitting")
+    }
+    file = write_calibrations(folder / "calibration.csv", found)
+    for calibration in found.values():
+        print_calibration(calibration)
+    print_files([file])
+
+
+def load(cell: Cell, overrides: list[str]) -> Scenario:
+    """The scenario of a cell of Table II."""
+    return load_scenario(f"{_PAPER}:{cell.scenario}", overrides)
+
+
+def print_calibration(found: Calibration) -> None:
+    """Print the fitted numbers, and the error of every cell next to that of the paper."""
+    hypothesis = found.hypothesis
+    print(f"{hypothesis.words}: {hypothesis.pd.words} {found.pd:.4g}, {hypothesis.network.words} {found.network:.4g}")
+    rows = []
+    for cell, line in printed_table().items():
+        ours, printed = found.errors[cell], line.rmse.mean
+        rows.append(
+            (
+                WINDS[cell.wind],
+                CONTROLLERS[cell.controller],
+                ours.text(),
+                f"{printed:.3f}" if printed == printed else "–",
+                f"{100.0 * (ours.value / printed - 1.0):+.1f} %" if printed == printed else "–",
+                "fitted" if cell in (PD_CELL, NETWORK_CELL) else "predicted",
+            )
+        )
+    print_columns(("", "", "RMSE (m)", "printed", "off by", ""), rows)
+
+
+def write_calibrations(path: Path, found: dict[str, Calibration]) -> Path:
+    """Writes a row for each hypothesis and cell, and returns the path."""
+    rows = [
+        (name, each.pd, each.network, *cell, *error)
+        for name, each in found.items()
+        for cell, error in each.errors.items()
+    ]
+    header = ("hypothesis", "pd_number", "network_number", "wind", "controller", "rmse_m", "low", "high")
+    return write_table(path, dict(zip(header, zip(*rows, strict=True), strict=True)), digits=9)
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,122 @@
+"""Flies the forest with plans of several margins, and draws how often a trunk is touched."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from drake_quad.command_line.running import run
+
+from drake_quad import InputError, load_scenario, run_monte_carlo
+from drake_quad.command_line.output import print_columns, print_files
+from drake_quad.command_line.progress import bar_over
+from drake_quad.files import output_folder, write_table
+from drake_quad.flight.mission import planned
+from drake_quad.statistics.estimates import share_interval
+from drake_quad.studies.statistics import Interval
+from drake_quad.visualization.style import BLUE, VERMILION, new_figure, save_figures, styled
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MARGINS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4)  # m
+# A regulator, and the best of the others on that day without a forest (drake_quad's comparison of controllers).
+CONTROLLERS = {"lqg": "lqg:lqg_robustness", "indi_t2fnn": "designed/robustness:indi_t2fnn"}
+_DIAGRAMS = Path(__file__).parents[2] / "diagrams"
+
+
+class Point(NamedTuple):
+    """The flights of a plan.
+
+    Attributes:
+        controller: its name.
+        margin: m.
+        duration: of the plan, s.
+        flights: how many.
+        touched: how many touched a trunk.
+        crashed: how many crashed, those that touched a trunk among them.
+    """
+
+    controller: str
+    margin: float
+    duration: float
+    flights: int
+    touched: int
+    crashed: int
+
+    @property
+    def probability(self) -> Interval:
+        """Of touching a trunk."""
+        return share_interval(self.touched, self.flights)
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(
+        description=__doc__,
+        epilog="example: python scripts/development/forest_margins.py --samples 100",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    options.add_argument("--samples", type=int, default=1000, help="flights of each plan (default: %(default)s)")
+    options.add_argument(
+        "--output", type=Path, default=Path("out/forest_margins"), help="folder (default: %(default)s)"
+    )
+    arguments = options.parse_args()
+    if not 10 <= arguments.samples <= 100_000:
+        raise InputError(f"--samples is {arguments.samples}, but must be between 10 and 100000")
+    folder = output_folder(arguments.output)
+    points = [
+        flown(name, margin, arguments.samples) for name in bar_over(list(CONTROLLERS), "flying") for margin in MARGINS
+    ]
+    columns = [*zip(*points, strict=True), *zip(*(point.probability for point in points), strict=True)]
+    names = [*Point._fields, "probability", "low", "high"]
+    table = write_table(folder / "forest_margins.csv", dict(zip(names, columns, strict=True)), digits=6)
+    print_columns(
+        ("controller", "margin (m)", "duration (s)", "touched", "crashed"),
+        [
+            (p.controller, f"{p.margin:.2f}", f"{p.duration:.2f}", p.probability.percent(), f"{p.crashed}")
+            for p in points
+        ],
+    )
+    print_files([table, *save_figures({"forest_margins": draw(points)}, folder)])
+
+
+def flown(controller: str, margin: float, samples: int) -> Point:
+    """Flies samples of the forest with a plan that keeps a margin (m)."""
+    file, name = CONTROLLERS[controller].split(":")
+    layer = f"{_DIAGRAMS / 'controllers' / file}.yaml:{name}"
+    scenario = load_scenario(_DIAGRAMS / "forest.yaml", [f"space.margin={margin}"], layers=[layer])
+    study = run_monte_carlo(scenario, samples)
+    duration = planned(scenario).plan.duration
+    return Point(controller, margin, duration, samples, sum(study.touches.values()), int(study.metrics.crashed.sum()))
+
+
+def draw(points: list[Point]) -> "Figure":
+    """The probability of touching a trunk, and what the margin costs of time."""
+    with styled():
+        figure = new_figure(6.4, 4.6)
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])
+        for name, colour, shift in zip(CONTROLLERS, (BLUE, VERMILION), (-0.002, 0.002), strict=True):
+            own = [point for point in points if point.controller == name]
+            shares = [point.probability for point in own]
+            middle = [100.0 * share.value for share in shares]
+            ends = [[100.0 * (s.value - s.low) for s in shares], [100.0 * (s.high - s.value) for s in shares]]
+            above.errorbar(
+                [p.margin + shift for p in own],
+                middle,
+                ends,
+                color=colour,
+                marker="o",
+                markersize=4,
+                capsize=3,
+                label=name,
+            )
+        above.set(ylabel="flights that touch a trunk (%)", ylim=(-2.0, 102.0))
+        above.set_title(f"{points[0].flights:,} flights of each, with 95 % intervals", loc="left")
+        above.legend()
+        own = points[: len(MARGINS)]
+        below.plot([p.margin for p in own], [p.duration for p in own], color="0.3", marker="o", markersize=4)
+        below.set(xlabel="margin of the plan beyond the vehicle's radius (m)", ylabel="duration (s)")
+        return figure
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,102 @@
+"""Compare the RMS position errors of simulated hovers with those of the linear model, and print two tables.
+
+The first table lists the shipped controllers in `laboratory:nominal`. Its columns are the RMS errors along x and z of
+the linear model, of simulations without packet loss, and of simulations with the packet loss of the laboratory. The
+last column repeats the latter error along x with another seed and divides the two.
+
+The second table lists the ratio of simulated and linear errors of one controller for several noise levels.
+"""
+
+import argparse
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from drake_quad.command_line.running import run
+
+import numpy as np
+
+from drake_quad import InputError, Scenario, load_scenario
+from drake_quad.flight.hover_error import hover_error
+from drake_quad.linear.hover_covariance import linear_hover_error
+from drake_quad.scenario.paths import replaced
+
+_CONTROLLERS = Path(__file__).parents[2] / "diagrams" / "controllers"
+_DESIGNED = _CONTROLLERS / "designed" / "laboratory.yaml"
+_LQG = ("lqg_low_wind", "lqg_robustness")
+_LOSSLESS = "laboratory.command_link.loss_rate=0"
+_OTHER_SEED = 1
+_NOISE_FIELDS = ("laboratory.motion_capture.position_noise", "laboratory.motion_capture.attitude_noise")
+_NOISE_FACTORS = (0.01, 0.1, 0.3, 1.0, 2.0)
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(
+        description=__doc__,
+        epilog="example: python scripts/development/hover_errors.py",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    options.add_argument(
+        "--noise-of", default="indi", metavar="NAME", help="controller of the second table (default: %(default)s)"
+    )
+    arguments = options.parse_args()
+    print("| RMS error in hover, mm | linear, x | z | nothing lost, x | z | flown, x | z | again |")
+    print("|---|---|---|---|---|---|---|---|")
+    for name, layer in shipped():
+        print_controller(name, layer)
+    print()
+    print_noises(f"{_DESIGNED}:{arguments.noise_of}")
+
+
+def shipped() -> Iterator[tuple[str, str]]:
+    """Yield the name and the layer of each controller that is tuned for the laboratory."""
+    for name in re.findall(r"^(\w+):", _DESIGNED.read_text(encoding="utf-8"), re.MULTILINE):
+        yield name, f"{_DESIGNED}:{name}"
+    for name in _LQG:
+        yield f"{name} of `controllers/lqg.yaml`", f"{_CONTROLLERS / 'lqg.yaml'}:{name}"
+
+
+def print_controller(name: str, layer: str) -> None:
+    """Print the row of a controller in the first table."""
+    scenario, lossless = (load_scenario("laboratory:nominal", each, layers=[layer]) for each in ([], [_LOSSLESS]))
+    whole, nothing_lost = hover_error(scenario), hover_error(lossless)
+    again = hover_error(scenario, seed=_OTHER_SEED).x.value / whole.x.value
+    flown = (nothing_lost.x.value, nothing_lost.z.value, whole.x.value, whole.z.value)
+    print(f"| {name} | {' | '.join(in_millimetres(*linear_errors(lossless), *flown))} | {again:.2f} |")
+
+
+def linear_errors(scenario: Scenario) -> tuple[float, float]:
+    """Return the RMS errors along x and z that the linear model predicts, m; NaN if it predicts none."""
+    try:
+        x, _, z = np.hypot(*linear_hover_error(scenario))
+    except InputError:
+        return np.nan, np.nan
+    return float(x), float(z)
+
+
+def in_millimetres(*errors: float) -> list[str]:
+    """Return lengths in m as text in mm, with a dash for NaN."""
+    return ["–" if np.isnan(error) else f"{1e3 * error:.2f}" for error in errors]
+
+
+def print_noises(layer: str) -> None:
+    """Print the second table, with ratios of simulated and linear errors of a controller for several noise levels."""
+    print("| noise of `laboratory:nominal` times | nothing lost, x | z | flown, x | z |")
+    print("|---|---|---|---|---|")
+    for factor in _NOISE_FACTORS:
+        cells = []
+        for overrides in ([_LOSSLESS], []):
+            scenario = with_noise(load_scenario("laboratory:nominal", overrides, layers=[layer]), factor)
+            error = hover_error(scenario)
+            cells += [f"{a / b:.2f}" for a, b in zip((error.x.value, error.z.value), linear_errors(scenario))]
+        print(f"| {factor:g} | {' | '.join(cells)} |")
+
+
+def with_noise(scenario: Scenario, factor: float) -> Scenario:
+    """Return the scenario with the measurement noise of its cameras multiplied by a factor."""
+    scaled: Scenario = replaced(scenario, lambda path, value: factor * value if path in _NOISE_FIELDS else value)
+    return scaled
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,179 @@
+"""Predict the published flights of Neural-Fly in wind, with and without modelled effects, and print a table.
+
+The controller of the flights (`diagrams/vehicles/neural_fly.yaml`) is simulated in five winds. The table compares the
+RMS errors of the flights with those of the simulations; both use positions that the cameras measure. The phase of the
+sinusoidal wind is read from the log of the flight (`--log`). The line below the table has the errors for other phases.
+"""
+
+import argparse
+import math
+from pathlib import Path
+
+from drake_quad.command_line.running import run
+
+import numpy as np
+import scipy
+
+from drake_quad import Flight, load_scenario, read_log, simulate
+from drake_quad.flight.simulation import simulate_batch, simulate_samples
+from drake_quad.scenario.batch import Batch
+from drake_quad.scenario.winds.sine import SineSource
+from drake_quad.scenario.winds.steady import SteadySource
+
+_DIAGRAMS = Path(__file__).parents[2] / "diagrams"
+_VEHICLE = _DIAGRAMS / "vehicles" / "neural_fly.yaml"
+_LABORATORY = _DIAGRAMS / "neural_fly.yaml"
+# RMS error over the last six laps with the baseline, m, by the scenario that flies it: O'Connell et al., 2022.
+FLOWN = {"still": 0.119, "wind_4": 0.107, "wind_8": 0.163, "wind_12": 0.239, "wind_8_sine": 0.312}
+_NUM_SAMPLES = 16
+_NUM_PHASES = 16
+_NO_CURVE = "vehicle.motors={kind: throttle, curve: [0.0, 14.27, 0.0]}"
+_QUICK = ("laboratory.autopilot.natural_frequency=[40, 40, 40]", "laboratory.autopilot.damping=[1, 1, 1]")
+# The same residual forces, fitted by a drag that is the same from all sides.
+_ISOTROPIC = (
+    "vehicle.body_drag=null",
+    "vehicle.rotor_aerodynamics=null",
+    "vehicle.linear_drag=0.357",
+    "vehicle.quadratic_drag=0.0732",
+)
+IDENTIFIED = "as identified"
+VARIANTS: dict[str, tuple[str, ...]] = {
+    IDENTIFIED: (),
+    "without translational lift and climb": ("vehicle.rotor_aerodynamics=null",),
+    "with the thrust curve that is believed": (_NO_CURVE,),
+    "with an attitude that follows at once": _QUICK,
+    "with isotropic drag": _ISOTROPIC,
+    "with isotropic drag and the thrust curve that is believed": (*_ISOTROPIC, _NO_CURVE),
+}
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(
+        description=__doc__,
+        epilog="example: python scripts/development/predict_flights.py",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    options.add_argument(
+        "--log",
+        type=Path,
+        help="read amplitude and phase of the sinusoidal wind from a log, custom_figure8_baseline_70p20sint.csv",
+    )
+    arguments = options.parse_args()
+    print("| RMSE, cm | 0 m/s | 4.2 m/s | 8.5 m/s | 12.1 m/s | 8.5 m/s and a sine |")
+    print("|---|---|---|---|---|---|")
+    print_row("flown", list(FLOWN.values()))
+    for name, overrides in VARIANTS.items():
+        errors = predicted(overrides)
+        print_row(name, errors)
+        if name == IDENTIFIED:
+            print_differences(errors)
+            print_row("as identified, true positions", predicted(measured=False))
+    print_row(f"with noise and turbulence, {_NUM_SAMPLES} flights", predicted_in_laboratory())
+    print()
+    print_phases()
+    if arguments.log is not None:
+        print_log(arguments.log)
+
+
+def predicted(overrides: tuple[str, ...] = (), *, measured: bool = True) -> list[float]:
+    """Return the predicted RMS errors of the five flights, m.
+
+    Args:
+        overrides: overrides of the vehicle.
+        measured: True for positions that the cameras measure, False for true positions.
+    """
+    flights = [simulate(load_scenario(f"{_VEHICLE}:{name}", overrides)) for name in FLOWN]
+    return [measured_rmse(flight) if measured else float(flight.metrics.rmse) for flight in flights]
+
+
+def predicted_in_laboratory() -> list[float]:
+    """Return the mean predicted RMS errors of the five flights with noise and turbulence, m."""
+    scenarios = (load_scenario(f"{_LABORATORY}:{name}") for name in FLOWN)
+    fleets = (simulate_samples(scenario, range(_NUM_SAMPLES)) for scenario in scenarios)
+    return [float(np.mean([measured_rmse(flight) for flight in flights])) for flights in fleets]
+
+
+def measured_rmse(flight: Flight) -> float:
+    """Return the RMS error of the measured positions from the start of the metric window on, m.
+
+    A log only contains measured positions, whereas `flight.metrics.rmse` is the error of the true positions.
+    """
+    measured, reference = flight.record("measurement"), flight.record("reference")
+    counted = flight.time >= flight.scenario.metrics.start
+    errors = [np.asarray(getattr(measured, axis) - getattr(reference, axis))[counted] for axis in ("x", "y", "z")]
+    return float(np.sqrt(np.mean(np.sum(np.square(errors), axis=0))))
+
+
+def print_row(name: str, errors: list[float]) -> None:
+    """Print a row of the table, given errors in m."""
+    print(f"| {name} | {' | '.join(f'{100.0 * error:.1f}' for error in errors)} |")
+
+
+def print_differences(errors: list[float]) -> None:
+    """Print the relative differences of predicted errors from those of the flights."""
+    shares = [100.0 * (error / flown - 1.0) for error, flown in zip(errors, FLOWN.values(), strict=True)]
+    print(f"| less what was flown | {' | '.join(f'{share:+.0f} %' for share in shares)} |")
+
+
+def print_phases() -> None:
+    """Print the smallest and the largest error over all phases of the sinusoidal wind."""
+    phases = np.linspace(0.0, 2.0 * math.pi, _NUM_PHASES, endpoint=False)
+    batch = Batch.draw(load_scenario(f"{_VEHICLE}:wind_8_sine"), [0] * _NUM_PHASES)
+    flights = simulate_batch(batch.with_varying({"laboratory.wind.1.phase": phases}))
+    errors = [measured_rmse(flight) for flight in flights]
+    low, high = int(np.argmin(errors)), int(np.argmax(errors))
+    print(
+        f"phase of the sine: {100.0 * errors[low]:.1f} cm at {phases[low]:.2f} rad to {100.0 * errors[high]:.1f} cm at"
+        f" {phases[high]:.2f} rad"
+    )
+
+
+def print_log(path: Path) -> None:
+    """Print the sinusoidal wind that is estimated from a log, and the error that is predicted with it."""
+    amplitude, phase = sine_in_log(path)
+    sine = {"laboratory.wind.1.phase": phase, "laboratory.wind.1.velocity": [-amplitude, 0.0, 0.0]}
+    error = measured_rmse(simulate(load_scenario(f"{_VEHICLE}:wind_8_sine", sine)))
+    print(f"{path.name}: {amplitude:.2f} m/s and {phase:.2f} rad, with which {100.0 * error:.1f} cm are predicted")
+
+
+def sine_in_log(path: Path) -> tuple[float, float]:
+    """Estimate the amplitude (m/s) and the phase (rad) of a sinusoidal wind from the residual force in a log.
+
+    A least-squares fit over the last six laps models the force along x of the body as the vehicle's drag plus a
+    constant trim. As in the scenario, phase 0 is the time at which the reference x = 1.25 sin t passes its middle
+    towards +x.
+    """
+    record = read_log(path)
+    scenario = load_scenario(f"{_VEHICLE}:wind_8_sine")
+    steady, sine = scenario.laboratory.wind
+    drag = scenario.vehicle.body_drag
+    assert isinstance(sine, SineSource)
+    assert isinstance(steady, SteadySource)
+    assert drag is not None
+    counted = record.time >= scenario.metrics.start
+    time = sine.frequency * record.time[counted]
+    waves = np.column_stack([np.sin(time), np.cos(time)])
+    into_body = scipy.spatial.transform.Rotation.from_euler("ZYX", record.of("attitude")[counted, ::-1]).inv()
+    force = into_body.apply(record.of("residual_force")[counted])[:, 0]
+    velocity, direction = record.of("velocity")[counted], np.array([-1.0, 0.0, 0.0])
+
+    def residuals(unknowns: np.ndarray) -> np.ndarray:
+        air = steady.velocity + (waves @ unknowns[:2])[:, np.newaxis] * direction
+        relative = into_body.apply(air - velocity)
+        size = np.linalg.norm(relative, axis=1)
+        return np.asarray((drag.linear[0] + drag.quadratic[0] * size) * relative[:, 0] + unknowns[2] - force)
+
+    wind = scipy.optimize.least_squares(residuals, [1.0, 1.0, 0.0]).x[:2]
+    along = record.of("reference_position")[counted, 0]
+    reference = np.linalg.lstsq(np.column_stack([waves, np.ones(len(time))]), along, rcond=None)[0][:2]
+    return float(np.hypot(*wind)), (_phase(wind) - _phase(reference)) % (2.0 * math.pi)
+
+
+def _phase(weights: np.ndarray) -> float:
+    """Return the phase of a sine, rad, from its weights of sine and cosine."""
+    of_sine, of_cosine = weights
+    return math.atan2(of_cosine, of_sine)
+
+
+if __name__ == "__main__":
+    run(main)

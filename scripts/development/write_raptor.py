@@ -1,0 +1,56 @@
+"""Writes the weights of RAPTOR, a policy for quadrotors of all sizes, from the package that publishes it.
+
+J. Eschmann, D. Albani and G. Loianno, "RAPTOR: a foundation policy for quadrotor control", 2025 (arXiv 2509.11481); the
+package foundation-policy 1.0.2 has the network, under the MIT licence: pip install foundation-policy==1.0.2
+
+It sees position and velocity minus those of the reference, the other way round than we: they are multiplied by -1.
+"""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from drake_quad.command_line.running import run
+
+import numpy as np
+
+from drake_quad.command_line.output import print_files
+from drake_quad.extras import needed
+from drake_quad.files import output_folder, write_whole
+
+# Position error, rotation, velocity error, body rates, last action.
+_SCALE = np.repeat([-1.0, 1.0, -1.0, 1.0, 1.0], [3, 9, 3, 3, 4])
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(
+        description=__doc__,
+        epilog="example: python scripts/development/write_raptor.py --output diagrams/policies",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    options.add_argument("--output", default="out/policies", help="folder to write to (default out/policies)")
+    folder = output_folder(Path(options.parse_args().output))
+    arrays = network_of(needed("foundation_policy", "test").Raptor())
+    print_files([write_whole(folder / "raptor.npz", lambda path: np.savez(path, **arrays))])
+
+
+def network_of(raptor: Any) -> dict[str, Any]:
+    """The arrays of an .npz file with the package's network."""
+    first, memory, last = raptor.layers
+    return {
+        "scale": _SCALE,
+        "weights_0": first.weights,
+        "biases_0": first.biases.ravel(),
+        "activation_0": np.array(first.activation_function_name.lower()),
+        "weights_input_1": memory.weights_input,
+        "biases_input_1": memory.biases_input,
+        "weights_hidden_1": memory.weights_hidden,
+        "biases_hidden_1": memory.biases_hidden,
+        "initial_1": memory.initial_hidden_state,
+        "weights_2": last.weights,
+        "biases_2": last.biases.ravel(),
+    }
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,6 +1,0 @@
-"""`drake-quad replicate`, from a checkout."""
-
-from drake_quad.command_line.main import main
-
-if __name__ == "__main__":
-    main("replicate")

@@ -1,0 +1,60 @@
+"""A kind of wind of your own for scenarios: it grows with height by the power law of the boundary layer over land.
+
+The option `--import scripts/wind_shear.py` makes it known to a command.
+"""
+
+from typing import Annotated, ClassVar, Literal, NamedTuple
+
+from pydantic import Field
+
+from drake_quad.framework.elementary import exp, log, maximum
+from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.framework.recipe import Recipe
+from drake_quad.scenario.quantities import NonNegative, Positive
+from drake_quad.scenario.winds.source import WINDS, BlowingSource, Surroundings
+from drake_quad.signals import Number, Quantity, State, VelocityW, Wind
+
+
+class ShearNumbers(NamedTuple):
+    """Parameters of the power law. The velocity is that of the air at the reference height."""
+
+    velocity: Wind
+    reference_height: Annotated[float, Quantity("m")]
+    exponent: Number
+
+
+def shear_wind(state: State, shear: ShearNumbers) -> Wind:
+    """Return the velocity of the air at a vehicle, v (z / h)^a."""
+    share = exp(shear.exponent * log(maximum(state.z, 0.01) / shear.reference_height))  # its slope is infinite at 0 m
+    return Wind._make(share * part for part in shear.velocity)
+
+
+@fleet_system(float, AutoDiffXd)
+class ShearWind(FleetSystem):
+    """Wind that grows with height."""
+
+    def declare(self, *, period: float = 0.01, numbers: ShearNumbers) -> None:
+        state, shear = self.input("state"), self.parameter("shear", lambda shear: shear)
+        wind = self.state("wind", lambda _: Wind(0.0, 0.0, 0.0))
+        self.initialize(shear_wind, state, shear, writes=[wind])
+        self.update(period, shear_wind, state, shear, writes=[wind])
+        self.state_output(wind)
+
+
+@WINDS.member
+class ShearSource(BlowingSource):
+    """A wind that grows with height by a power law; its velocity is that at the reference height."""
+
+    kind: Literal["shear"]
+    reference_height: Positive = Field(default=10.0, description="height at which the velocity is given (m)")
+    exponent: NonNegative = Field(default=0.143, description="exponent of the power law (1); 1/7 over open land")
+    depends_on_place: ClassVar = True
+    depends_on_time: ClassVar = False
+
+    def max_speed(self) -> VelocityW:
+        """Return the speed at ten times the reference height, m/s."""
+        return super().max_speed() * 10.0**self.exponent
+
+    def recipe(self, surroundings: Surroundings) -> Recipe:
+        numbers = ShearNumbers(self.full_velocity(), self.reference_height, self.exponent)
+        return Recipe(ShearWind, {"period": surroundings.period}, numbers)

@@ -1,0 +1,142 @@
+"""The Meshcat visualizer, in diagrams of plain Drake: poses, rotors, wind and trail are those of the simulation."""
+
+import numpy as np
+import pytest
+from pydrake.math import RollPitchYaw
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
+from test_replay_parts import Recording
+
+from drake_quad import build_laboratory_diagram, build_tracking_diagram, load_scenario, plan_route
+from drake_quad.scenario.batch import draw_sample
+from drake_quad.signals import Reference, State
+from drake_quad.visualization.replay.scene import local_meshcat
+from drake_quad.visualization.replay.shapes import Frame
+from drake_quad.visualization.replay.visualizer import QuadrotorVisualizer
+
+HOVER = load_scenario("hover")
+PLACED = State(1.0, -2.0, 3.0, 0.1, -0.2, 0.3, *6 * [0.0])
+
+
+def shown(time, scenario=HOVER, **constants):
+    """Return a scene in which constant signals have been shown for a time (s)."""
+    builder, scene = DiagramBuilder(), Recording()
+    visualizer = QuadrotorVisualizer.add_to_builder(builder, scene, scenario, name="mine")
+    for name, value in constants.items():
+        source = builder.AddSystem(ConstantVectorSource(np.array(value, dtype=float)))
+        builder.Connect(source.get_output_port(), visualizer.GetInputPort(name))
+    Simulator(builder.Build()).AdvanceTo(time)
+    return scene
+
+
+def test_with_the_state_alone_a_vehicle_is_shown_where_it_is_and_nothing_else():
+    scene = shown(0.1, state=PLACED)
+    pose = scene.poses["/mine"]
+    np.testing.assert_allclose(pose.translation(), [1.0, -2.0, 3.0])
+    np.testing.assert_allclose(pose.rotation().matrix(), RollPitchYaw(0.1, -0.2, 0.3).ToRotationMatrix().matrix())
+    assert all(path.startswith("/mine/") for path in scene.objects)
+
+
+def test_rotors_turn_in_their_directions_at_a_tenth_of_their_speeds():
+    speeds = np.array([10.0, 20.0, 30.0, 40.0])
+    scene = shown(0.5, state=PLACED, rotor_speed=speeds)
+    for i, (rotor, speed) in enumerate(zip(Frame.of(HOVER.vehicle).rotors, speeds, strict=True), start=1):
+        angle = 0.1 * rotor.direction * speed * 0.5
+        turned = scene.poses[f"/mine/rotor_{i}"].rotation().matrix()
+        np.testing.assert_allclose(turned[:2, 0], [np.cos(angle), np.sin(angle)], atol=1e-9)
+
+
+def test_a_point_shows_the_reference_and_an_arrow_the_wind():
+    reference = np.zeros(len(Reference._fields))
+    reference[:3] = [4.0, 5.0, 6.0]
+    scene = shown(0.1, state=PLACED, reference=reference, wind=[0.0, 3.0, 4.0])
+    np.testing.assert_allclose(scene.poses["/mine_reference"].translation(), [4.0, 5.0, 6.0])
+    assert scene.objects["/mine_reference"].radius() < 0.25 * Frame.of(HOVER.vehicle).reach
+    np.testing.assert_allclose(scene.poses["/mine_wind"].rotation().matrix()[:, 0], [0.0, 0.6, 0.8], atol=1e-12)
+    # 15 cm for each m/s.
+    assert scene.properties["/mine_wind/arrow", "scale"][0] == pytest.approx(0.75)
+
+
+@pytest.mark.slow
+def test_a_flight_is_shown_32_times_a_second_and_leaves_its_trail():
+    scenario = load_scenario("figure_eight", ["laboratory.wind=[{kind: steady, velocity: [1, 0, 0]}]"])
+    builder, scene = DiagramBuilder(), Recording()
+    loop = builder.AddNamedSystem("loop", build_tracking_diagram(scenario))
+    QuadrotorVisualizer.add_to_builder(builder, scene, scenario, loop, plan=plan_route(scenario))
+    log = LogVectorOutput(loop.GetOutputPort("state"), builder, publish_period=1.0 / 32.0)
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(2.0)
+    flown = log.FindLog(simulator.get_context()).data()[:3].T
+    np.testing.assert_array_equal([pose.translation() for pose in scene.every["/vehicle"]], flown)
+    assert len(flown) == 65
+    trail = [scene.meshes[f"/vehicle_trail/{i}"][0] for i in range(8)]
+    # The sections of a tube are triangles around the points of the path.
+    middles = np.vstack([vertices.T.reshape(-1, 3, 3).mean(axis=1) for vertices in trail])
+    assert np.linalg.norm(middles[:, None] - flown, axis=2).min(axis=1).max() < 1e-9
+    np.testing.assert_allclose(middles[[0, -1]], flown[[0, 64]], atol=1e-9)
+    assert {"/vehicle_wind/arrow", "/vehicle_reference", "/floor"} <= {*scene.objects}
+
+    # Another simulation begins without the trail of the one before.
+    simulator.reset_context(diagram.CreateDefaultContext())
+    simulator.Initialize()
+    assert not scene.HasPath("/vehicle_trail")
+
+
+@pytest.mark.parametrize(("wind", "blows"), [("[]", False), ("[{kind: steady, velocity: [1, 0, 0]}]", True)])
+def test_an_arrow_is_drawn_only_for_wind_that_is_not_drawn_as_jets(wind, blows):
+    scenario = load_scenario("hover", [f"laboratory.wind={wind}"])
+    builder, laboratory = DiagramBuilder(), build_laboratory_diagram(scenario)
+    builder.AddNamedSystem("laboratory", laboratory)
+    visualizer = QuadrotorVisualizer.add_to_builder(builder, Recording(), scenario, laboratory)
+    assert builder.IsConnectedOrExported(visualizer.GetInputPort("rotor_speed"))
+    assert not builder.IsConnectedOrExported(visualizer.GetInputPort("reference"))
+    assert builder.IsConnectedOrExported(visualizer.GetInputPort("wind")) == blows
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["laboratory:low_wind", "outdoor"])
+def test_a_simulator_is_watched_from_its_beginning_whenever_it_begins_again(name):
+    scenario, scene = load_scenario(name), Recording()
+    diagram = build_tracking_diagram(scenario)
+    simulator = Simulator(diagram)
+    QuadrotorVisualizer(scene, scenario).watch(simulator)
+    simulator.AdvanceTo(0.2)
+    first = [pose.translation() for pose in scene.every.pop("/vehicle")]
+    simulator.reset_context(diagram.CreateDefaultContext())
+    simulator.AdvanceTo(0.2)
+    np.testing.assert_array_equal([pose.translation() for pose in scene.every["/vehicle"]], first)
+    assert ("/vehicle_wind/arrow" in scene.objects) == (name == "outdoor")  # fans are drawn
+
+
+def test_without_a_state_drake_names_the_port():
+    builder = DiagramBuilder()
+    QuadrotorVisualizer.add_to_builder(builder, Recording(), HOVER)
+    with pytest.raises(RuntimeError, match="state"):
+        Simulator(builder.Build()).AdvanceTo(0.1)
+
+
+def test_the_vehicle_of_the_sample_is_drawn():
+    scenario = load_scenario("hover", ["sample=3", "vehicle.arm_length={choice: [0.1, 0.3]}"])
+    scene = Recording()
+    QuadrotorVisualizer(scene, scenario)
+    reaches = [np.hypot(*scene.poses[f"/vehicle/disc_{i}"].translation()[:2]) for i in (1, 2, 3, 4)]
+    np.testing.assert_allclose(reaches, draw_sample(scenario, 3).vehicle.arm_length)
+
+
+@pytest.mark.slow
+def test_a_diagram_that_is_built_already_is_shown_too():
+    """In Drake's own Meshcat; with steps of 10 ms, the nearest interval between frames is 40 ms."""
+    scenario = load_scenario("outdoor", ["duration=1"])
+    simulator = Simulator(build_tracking_diagram(scenario))
+    meshcat, times = local_meshcat(), []
+    assert meshcat.web_url().startswith("http://127.0.0.1:")
+    visualizer = QuadrotorVisualizer(meshcat, scenario, plan_route(scenario))
+    show = visualizer._show
+    visualizer._show = lambda context: (times.append(context.get_time()), show(context))[1]
+    visualizer.watch(simulator)
+    simulator.AdvanceTo(0.8)
+    np.testing.assert_allclose(times, np.arange(0.0, 0.81, 0.04), atol=1e-9)
+    for path in ("/vehicle/rotor_4", "/vehicle_wind/arrow", "/vehicle_reference", "/vehicle_trail/1"):
+        assert meshcat.HasPath(path)
