@@ -3,6 +3,7 @@
 import argparse
 import atexit
 import gc
+import os
 import shlex
 import sys
 from collections.abc import Callable
@@ -47,6 +48,8 @@ def main(*before: str) -> None:
     # thresholds, the garbage collector visits them again and again, and at exit once more: half a second per command.
     gc.set_threshold(_GC_THRESHOLD, 20, 50)
     atexit.register(gc.freeze)
+    # On small matrices two threads can take a hundred times as long as one. NumPy and SciPy read this when loaded.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # What is loaded from here on may be interrupted by Ctrl-C without a traceback.
     from drake_quad.command_line.running import orderly_exit, run
 
