@@ -7,6 +7,8 @@
         driver.let("twice", "fadd double %number, %number")
         driver.do("store double %twice, ptr %at, align 8")
     text = driver.text()
+
+Names of values are written with `%` where they are used, and without where they are given.
 """
 
 from collections.abc import Iterator, Sequence
@@ -47,7 +49,7 @@ class Driver:
         self.do(f"%{name} = {instruction}")
 
     def at(self, name: str, pointer: str, place: str | int, kind: str = "double") -> None:
-        """Name the pointer to an element of a kind, given its place behind another pointer."""
+        """Name the pointer to an element of a kind, given the name of the pointer to the first one, and its place."""
         self.let(name, f"getelementptr {kind}, ptr %{pointer}, i64 {place}")
 
     def do(self, instruction: str) -> None:

@@ -93,7 +93,7 @@ def test_plants_that_are_predicted_together_are_predicted_as_if_alone(shipped):
 def test_stationary_covariances_are_those_of_an_independent_solver():
     rng = np.random.default_rng(0)
     A = rng.normal(size=(3, 6, 6))
-    A *= np.array([0.3, 0.9, 0.9999])[:, np.newaxis, np.newaxis] / np.abs(np.linalg.eigvals(A)).max(axis=1)[:, None, None]
+    A *= (np.array([0.3, 0.9, 0.9999]) / np.abs(np.linalg.eigvals(A)).max(axis=1))[:, np.newaxis, np.newaxis]
     roots = rng.normal(size=(2, 3, 6, 6)) * np.array([1e-6, 1.0])[:, None, None, None]
     Q = roots @ roots.transpose(0, 1, 3, 2)
     found = lqg_design._stationary_covariance(A, Q)
