@@ -92,13 +92,14 @@ def test_plants_that_are_predicted_together_are_predicted_as_if_alone(shipped):
 
 def test_stationary_covariances_are_those_of_an_independent_solver():
     rng = np.random.default_rng(0)
-    A = rng.normal(size=(3, 6, 6))
-    A *= (np.array([0.3, 0.9, 0.9999]) / np.abs(np.linalg.eigvals(A)).max(axis=1))[:, np.newaxis, np.newaxis]
-    roots = rng.normal(size=(2, 3, 6, 6)) * np.array([1e-6, 1.0])[:, None, None, None]
+    sizes = np.array([0.3, 0.5, 0.7, 0.9, 0.95, 0.99, 0.999, 0.9999])
+    A = rng.normal(size=(len(sizes), 6, 6))
+    A *= (sizes / np.abs(np.linalg.eigvals(A)).max(axis=1))[:, np.newaxis, np.newaxis]
+    roots = rng.normal(size=(2, len(sizes), 6, 6)) * np.array([1e-6, 1.0])[:, None, None, None]
     Q = roots @ roots.transpose(0, 1, 3, 2)
-    found = lqg_design._stationary_covariance(A, Q)
-    for i, j in np.ndindex(2, 3):
-        np.testing.assert_allclose(found[i, j], scipy.linalg.solve_discrete_lyapunov(A[j], Q[i, j]), rtol=1e-6)
+    for i, j in np.ndindex(2, len(sizes)):
+        (found,) = lqg_design._stationary_covariance(A[j : j + 1], Q[i, j : j + 1])
+        np.testing.assert_allclose(found, scipy.linalg.solve_discrete_lyapunov(A[j], Q[i, j]), rtol=1e-9)
 
 
 @pytest.mark.slow

@@ -1,5 +1,7 @@
 """The distributions that estimates use, written with `scipy.special`, are those of `scipy.stats`."""
 
+import math
+
 import numpy as np
 import pytest
 import scipy
@@ -15,6 +17,13 @@ def test_quantiles_of_binomial_distributions_are_scipy_s(total, probability):
     steps = scipy.stats.binom.cdf(np.arange(max(middle - 20, 0), min(middle + 20, total)), total, probability)
     for share in (0.005, 0.025, 0.5, 0.975, 0.995, *0.5 * (steps[1:] + steps[:-1])):
         assert _binomial_quantile(share, total, probability) == scipy.stats.binom.ppf(share, total, probability)
+
+
+@pytest.mark.parametrize("total", [1, 2, 3, 10])
+def test_a_count_is_a_quantile_of_its_own_share(total):
+    """With even odds these shares are exact numbers."""
+    shares = np.cumsum([math.comb(total, count) for count in range(total)]) / 2.0**total
+    assert [_binomial_quantile(share, total, 0.5) for share in shares] == [*range(total)]
 
 
 def test_equal_values_share_the_mean_of_their_ranks():
