@@ -64,7 +64,6 @@ def write_table(path: Path, columns: Mapping[str, Iterable[Any]], *, digits: int
         columns: numbers and words by the heading of their column; what is not a number leaves its cell empty.
         digits: of numbers; all of them if not given, so that they come back as they were.
     """
-
     written = repr if digits == 17 else f"{{:.{digits}g}}".format
 
     def cell(value: Any) -> str:

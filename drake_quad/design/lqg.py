@@ -436,10 +436,11 @@ class _Lifted:
         errors, commands, changes = X[..., 0, 0], _variance(self.command[stable], X), _variance(self.change[stable], X)
         # A lost command is noise of the size of its change, to which that noise adds.
         echo = self.loss_rates[stable] * changes[1]
-        size = self.loss_rates[stable] * changes[0] / (1.0 - echo)
         heard = echo < 0.9
-        for total, (own, one) in ((error, errors), (command, commands)):
-            total[stable[heard]] = np.sqrt(own + size * one)[heard]
+        size = (self.loss_rates[stable] * changes[0])[heard] / (1.0 - echo[heard])
+        for total, sizes in ((error, errors), (command, commands)):
+            own, one = sizes[:, heard]
+            total[stable[heard]] = np.sqrt(own + size * one)
         return [Predicted(*each) for each in zip(error.tolist(), command.tolist(), poles.tolist(), strict=True)]
 
     def sensitivity(self, z: np.ndarray) -> np.ndarray:
