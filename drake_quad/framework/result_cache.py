@@ -56,9 +56,10 @@ def _program() -> tuple[Any, ...] | None:
     """Return everything besides arguments that results depend on; None if it is not known."""
     digest, sources = hashlib.sha256(), sorted(_PACKAGE.rglob("*.py"))
     with suppress(OSError):
+        # A package inside of an archive has no sources that could be read.
+        if not sources or max(source.stat().st_mtime for source in sources) > _STARTED:
+            return None
         for source in sources:
-            if source.stat().st_mtime > _STARTED:
-                return None
             digest.update(f"{source.relative_to(_PACKAGE)}\0".encode() + source.read_bytes())
         processor = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
         libraries = tuple([version(name) for name in _LIBRARIES])

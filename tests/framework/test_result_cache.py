@@ -112,6 +112,11 @@ def test_nothing_is_kept_by_a_process_whose_sources_were_edited_since_it_started
     assert program() is None
 
 
+def test_a_program_without_sources_is_not_known(tmp_path, monkeypatch):
+    monkeypatch.setattr(result_cache, "_PACKAGE", tmp_path / "archive.zip" / "drake_quad")
+    assert program() is None
+
+
 def test_a_program_that_is_not_known_keeps_nothing(monkeypatch, folder):
     monkeypatch.setattr(result_cache, "_program", lambda: None)
     for _ in range(2):
