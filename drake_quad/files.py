@@ -64,13 +64,12 @@ def write_table(path: Path, columns: Mapping[str, Iterable[Any]], *, digits: int
         columns: numbers and words by the heading of their column; what is not a number leaves its cell empty.
         digits: of numbers; all of them if not given, so that they come back as they were.
     """
+    written = repr if digits == 17 else f"{{:.{digits}g}}".format
 
     def cell(value: Any) -> str:
-        if isinstance(value, str):
-            return value
         plain = value.item() if isinstance(value, np.generic) else value
         if isinstance(plain, float):
-            return "" if plain != plain else repr(plain) if digits == 17 else f"{plain:.{digits}g}"
+            return "" if plain != plain else written(plain)
         return str(plain)
 
     plain = (values.tolist() if isinstance(values, np.ndarray) else values for values in columns.values())

@@ -7,6 +7,7 @@ import math
 import os
 import platform
 import statistics
+import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -88,6 +89,44 @@ def main() -> None:
     print_obstacles(repetitions)
     print_studies(repetitions // 3, 3_000 if quick else 10_000)
     print_planning(repetitions)
+    print_waits(2 if quick else 5)
+
+
+# Commands that people wait for, with their options.
+_WAITS = {
+    "fly figure_eight": [],
+    "study robustness": ["--samples", "1000"],
+    "replay forest": [
+        *("--samples", "1", "--controller", "controllers/lqg:lqg_robustness"),
+        *("--controller", "controllers/designed/robustness:indi_t2fnn"),
+    ],
+    "plan forest": [],
+    "design-lqg laboratory:nominal": [],
+}
+
+
+def print_waits(repetitions: int) -> None:
+    """Print how long commands take in new processes, with and without a cache of machine code and plans."""
+    print("\n| a command, from its start to its end: seconds | elapsed | of the processors | elapsed without a cache |")
+    print("|---|---|---|---|")
+    for command, options in _WAITS.items():
+        with tempfile.TemporaryDirectory() as folder:
+            empty = {"DRAKE_QUAD_CACHE": str(Path(folder) / "cache")}
+            # The first process fills the cache for the others.
+            first, *others = [waited([*command.split(), *options], empty) for _ in range(repetitions + 1)]
+        elapsed, busy = zip(*others, strict=True)
+        cells = [f"{statistics.median(each):.2f} ({min(each):.2f})" for each in (elapsed, busy)]
+        print(f"| `{' '.join([command, *options[:2]])}` | {' | '.join(cells)} | {first[0]:.2f} |", flush=True)
+
+
+def waited(arguments: Sequence[str], variables: dict[str, str]) -> tuple[float, float]:
+    """Return how long a command takes, in seconds by the clock and of the processors."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "drake_quad", *arguments, "--output", folder]
+        before, start = os.times(), time.perf_counter()
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL, env=dict(os.environ) | variables)
+        elapsed, after = time.perf_counter() - start, os.times()
+    return elapsed, sum(after[2:4]) - sum(before[2:4])
 
 
 def print_flights(repetitions: int, sizes: Sequence[int]) -> None:

@@ -14,6 +14,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from drake_quad import load_scenario
 from drake_quad.command_line.main import main
+from drake_quad.framework import result_cache
 from drake_quad.scenario.winds.source import WINDS
 from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParameters
 from drake_quad.vehicle.rotors import Rotor, Rotors
@@ -37,6 +38,14 @@ def pytest_collection_finish() -> None:
     """A quarter of the time would go by looking for garbage among what has been imported."""
     gc.freeze()
     gc.set_threshold(100_000, 50, 100)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _no_kept_results():
+    """Tests replace parts of the planner, and mutants change them, so its results are neither kept nor taken."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(result_cache, "_program", lambda: None)
+        yield
 
 
 @pytest.fixture(autouse=True)

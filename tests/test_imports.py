@@ -16,6 +16,11 @@ SELDOM = [
     *(f"scipy.{part}" for part in ("integrate", "interpolate", "linalg", "optimize", "signal", "spatial", "stats")),
 ]
 HEAVY = [*SELDOM, "llvmlite", "numpy", "pydantic", "pydrake", "ruamel.yaml", "scipy"]
+# Intervals of all kinds, as a study prints and draws them.
+INTERVALS = (
+    "import numpy as np; from drake_quad.statistics.estimates import *; x = np.arange(9.0); mean_interval(x);"
+    "quantile_interval(x, 0.5); rank_correlation(x, -x); running_mean(x); two_sided_sign_test(2, 3)"
+)
 # What a flight needs besides: the banded matrices of its plan.
 FLIGHT = "from drake_quad import load_scenario, simulate; simulate(load_scenario('diagrams/figure_eight.yaml'))"
 
@@ -40,6 +45,8 @@ def test_the_package_alone_loads_no_library():
         ("from drake_quad import load_scenario", ["pydantic"], SELDOM),
         ("from drake_quad import *", ["drake_quad.studies.study"], SELDOM),
         ("from drake_quad.command_line import fly, study", ["drake_quad.command_line.options"], SELDOM),
+        (INTERVALS, ["scipy.special"], ["scipy.stats"]),
+        ("from drake_quad.visualization import plots, study_plots", ["matplotlib"], ["scipy.spatial", "scipy.stats"]),
         (FLIGHT, ["scipy.linalg"], [name for name in SELDOM if name != "scipy.linalg"]),
     ],
 )

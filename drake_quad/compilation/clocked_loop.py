@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from drake_quad.compilation.parts import EVENT, PREPARE, Sizes, aligned, divided
+from drake_quad.framework.drivers import Driver
 from drake_quad.framework.instructions import Rows, declarations
-from drake_quad.framework.kernels import elements_of
 from drake_quad.framework.machine_code import LANES, address
 from drake_quad.framework.symbols import Listing
 
@@ -95,83 +95,38 @@ def _zeros(vectors: int, rows: int, lanes: int) -> np.ndarray:
 
 
 def _taking(width: int, lanes: int) -> str:
-    """The function that copies the numbers of each vehicle of a vector from the row of its clock into rows."""
-    return "\n".join(
-        [
-            "define internal void @take(ptr %shared, ptr %table, ptr %clocks) noinline {",
-            "entry:",
-            "  br label %lane",
-            "lane:",
-            "  %l = phi i64 [0, %entry], [%l1, %next]",
-            "  %clock_at = getelementptr i64, ptr %clocks, i64 %l",
-            "  %clock = load i64, ptr %clock_at, align 8",
-            f"  %first = mul i64 %clock, {width}",
-            "  %row = getelementptr double, ptr %table, i64 %first",
-            "  %lane_of_rows = getelementptr double, ptr %shared, i64 %l",
-            "  br label %number",
-            "number:",
-            "  %k = phi i64 [0, %lane], [%k1, %number]",
-            "  %from = getelementptr double, ptr %row, i64 %k",
-            f"  %place = mul i64 %k, {lanes}",
-            "  %to = getelementptr double, ptr %lane_of_rows, i64 %place",
-            "  %x = load double, ptr %from, align 8",
-            "  store double %x, ptr %to, align 8",
-            "  %k1 = add i64 %k, 1",
-            f"  %more = icmp ult i64 %k1, {width}",
-            "  br i1 %more, label %number, label %next",
-            "next:",
-            "  %l1 = add i64 %l, 1",
-            f"  %again = icmp ult i64 %l1, {lanes}",
-            "  br i1 %again, label %lane, label %done",
-            "done:",
-            "  ret void",
-            "}",
-        ]
-    )
+    """Return the function that copies the numbers of each vehicle of a vector from the row of its clock into rows."""
+    driver = Driver("internal void @take(ptr %shared, ptr %table, ptr %clocks) noinline")
+    with driver.loop("lane", 0, lanes):
+        driver.at("clock_at", "clocks", "%lane", "i64")
+        driver.let("clock", "load i64, ptr %clock_at, align 8")
+        driver.let("first", f"mul i64 %clock, {width}")
+        driver.at("row", "table", "%first")
+        driver.at("lane_of_rows", "shared", "%lane")
+        with driver.loop("k", 0, width):
+            driver.at("from", "row", "%k")
+            driver.let("place", f"mul i64 %k, {lanes}")
+            driver.at("to", "lane_of_rows", "%place")
+            driver.let("number", "load double, ptr %from, align 8")
+            driver.do("store double %number, ptr %to, align 8")
+    return driver.text()
 
 
 def _driver(rows: Mapping[str, int], lanes: int) -> str:
-    """The function that Python calls: for vectors from the first on, what is prepared, or a tick."""
-    names = ("state", "parameters", "inputs", "kept", "log")
-    arrays = [f"{name}_rows" for name in names] + ["clock_rows", "shared_rows", "table_rows"]
-    here = [
-        line
-        for name, count in zip(names, rows.values(), strict=True)
-        for line in (
-            f"  %{name}_first = mul i64 %v, {count * lanes}",
-            f"  %{name} = getelementptr double, ptr %{name}_rows, i64 %{name}_first",
-        )
-    ]
-    pointers = ", ".join(f"ptr %{name}_array" for name in arrays)
-    return "\n".join(
-        [
-            f"define void @kernel(i64 %begin, i64 %count, i64 %prepares, {pointers}) {{",
-            "entry:",
-            *(line for name in arrays for line in elements_of(name)),
-            "  %end = add i64 %begin, %count",
-            "  %shared = getelementptr double, ptr %shared_rows, i64 0",
-            f"  %padded = add i64 0, {lanes}",
-            "  %is_ahead = icmp ne i64 %prepares, 0",
-            "  br label %vector",
-            "vector:",
-            "  %v = phi i64 [%begin, %entry], [%next, %passed]",
-            *here,
-            "  br i1 %is_ahead, label %ahead, label %tick",
-            "ahead:",
-            f"  call void {PREPARE}",
-            "  br label %passed",
-            "tick:",
-            f"  %clock_first = mul i64 %v, {lanes}",
-            "  %clocks = getelementptr i64, ptr %clock_rows, i64 %clock_first",
-            "  call void @take(ptr %shared, ptr %table_rows, ptr %clocks)",
-            f"  call void {EVENT}",
-            "  br label %passed",
-            "passed:",
-            "  %next = add i64 %v, 1",
-            "  %again = icmp ult i64 %next, %end",
-            "  br i1 %again, label %vector, label %done",
-            "done:",
-            "  ret void",
-            "}",
-        ]
-    )
+    """Return the function that Python calls: for vectors from the first on, what is prepared, or a tick."""
+    arrays = [f"{name}_rows" for name in rows]
+    driver = Driver.of_arrays("i64 %begin, i64 %count, i64 %prepares", [*arrays, "clock_rows", "shared", "table"])
+    driver.let("end", "add i64 %begin, %count")
+    driver.let("padded", f"add i64 0, {lanes}")
+    with driver.loop("vector", "%begin", "%end"):
+        for name, count in rows.items():
+            driver.let(f"{name}_first", f"mul i64 %vector, {count * lanes}")
+            driver.at(name, f"{name}_rows", f"%{name}_first")
+        with driver.when("is_ahead", "icmp ne i64 %prepares, 0"):
+            driver.do(f"call void {PREPARE}")
+        with driver.when("is_tick", "icmp eq i64 %prepares, 0"):
+            driver.let("clock_first", f"mul i64 %vector, {lanes}")
+            driver.at("clocks", "clock_rows", "%clock_first", "i64")
+            driver.do("call void @take(ptr %shared, ptr %table, ptr %clocks)")
+            driver.do(f"call void {EVENT}")
+    return driver.text()

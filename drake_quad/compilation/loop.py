@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from drake_quad.compilation.parts import EVENT, PREPARE, Part, Sizes, aligned, divided
+from drake_quad.framework.drivers import Driver, copying
 from drake_quad.framework.instructions import declarations
-from drake_quad.framework.kernels import copying, elements_of
 from drake_quad.framework.machine_code import LANES, address
 from drake_quad.framework.symbols import Listing
 
@@ -94,54 +94,30 @@ def _module(before: Part, event: Part, sizes: Sizes, num_logged: int, width: int
 
 
 def _driver(sizes: Sizes, num_logged: int, width: int, lanes: int) -> str:
-    """The function that Python calls."""
-    arrays = ("state_rows", "parameter_rows", "input_rows", "shared_rows", "log_rows", "scratch")
-    copied = {"state": sizes.state, "parameters": sizes.parameters, "inputs": sizes.inputs}
-    fleets = dict(zip(copied, arrays))
-    places = {"state": 0, "parameters": sizes.state, "inputs": sizes.state + sizes.parameters, "kept": sum(sizes)}
-    return "\n".join(
-        [
-            f"define void @kernel(i64 %n, i64 %events, {', '.join(f'ptr %{name}_array' for name in arrays)}) {{",
-            "entry:",
-            *(line for name in arrays for line in elements_of(name)),
-            *(f"  %{name} = getelementptr double, ptr %scratch, i64 {row * lanes}" for name, row in places.items()),
-            f"  %up = add i64 %n, {lanes - 1}",
-            f"  %vectors = udiv i64 %up, {lanes}",
-            f"  %padded = mul i64 %vectors, {lanes}",
-            f"  %logged = mul i64 %padded, {num_logged}",
-            "  %some = icmp ugt i64 %n, 0",
-            "  br i1 %some, label %vector, label %done",
-            "vector:",
-            "  %first = phi i64 [0, %entry], [%next, %passed]",
-            "  %left = sub i64 %n, %first",
-            f"  %full = icmp ugt i64 %left, {lanes}",
-            f"  %count = select i1 %full, i64 {lanes}, i64 %left",
-            *(f"  %{name}_there = getelementptr double, ptr %{fleets[name]}, i64 %first" for name in copied),
-            *(
-                f"  call void @gather(ptr %{name}, ptr %{name}_there, i64 {count}, i64 %n, i64 %count)"
-                for name, count in copied.items()
-            ),
-            "  call void @prepare(ptr %parameters, ptr %kept)",
-            "  %log_first = getelementptr double, ptr %log_rows, i64 %first",
-            "  %any = icmp ugt i64 %events, 0",
-            "  br i1 %any, label %event, label %passed",
-            "event:",
-            "  %k = phi i64 [0, %vector], [%k1, %event]",
-            f"  %shared_row = mul i64 %k, {width}",
-            "  %shared = getelementptr double, ptr %shared_rows, i64 %shared_row",
-            "  %log_row = mul i64 %k, %logged",
-            "  %log = getelementptr double, ptr %log_first, i64 %log_row",
-            f"  call void {EVENT}",
-            "  %k1 = add i64 %k, 1",
-            "  %more = icmp ult i64 %k1, %events",
-            "  br i1 %more, label %event, label %passed",
-            "passed:",
-            f"  call void @scatter(ptr %state, ptr %state_there, i64 {sizes.state}, i64 %n, i64 %count)",
-            f"  %next = add i64 %first, {lanes}",
-            "  %again = icmp ult i64 %next, %n",
-            "  br i1 %again, label %vector, label %done",
-            "done:",
-            "  ret void",
-            "}",
-        ]
-    )
+    """Return the function that Python calls."""
+    copied = sizes._asdict()
+    arrays = [f"{name}_rows" for name in (*copied, "shared", "log")]
+    driver = Driver.of_arrays("i64 %n, i64 %events", [*arrays, "scratch"])
+    row = 0
+    for name, count in {**copied, "kept": 0}.items():
+        driver.at(name, "scratch", row * lanes)
+        row += count
+    driver.let("up", f"add i64 %n, {lanes - 1}")
+    driver.let("vectors", f"udiv i64 %up, {lanes}")
+    driver.let("padded", f"mul i64 %vectors, {lanes}")
+    driver.let("logged", f"mul i64 %padded, {num_logged}")
+    with driver.loop("first", 0, "%n", lanes):
+        driver.let("left", "sub i64 %n, %first")
+        for name, count in copied.items():
+            driver.at(f"{name}_there", f"{name}_rows", "%first")
+            driver.do(f"call void @gather(ptr %{name}, ptr %{name}_there, i64 {count}, i64 %n, i64 %left)")
+        driver.do(f"call void {PREPARE}")
+        driver.at("log_first", "log_rows", "%first")
+        with driver.loop("k", 0, "%events"):
+            driver.let("shared_row", f"mul i64 %k, {width}")
+            driver.at("shared", "shared_rows", "%shared_row")
+            driver.let("log_row", "mul i64 %k, %logged")
+            driver.at("log", "log_first", "%log_row")
+            driver.do(f"call void {EVENT}")
+        driver.do(f"call void @scatter(ptr %state, ptr %state_there, i64 {sizes.state}, i64 %n, i64 %left)")
+    return driver.text()

@@ -343,25 +343,32 @@ def conditions_of(scenario: Scenario) -> Conditions:
 
 def predicted(loop: AxisLoop, truth: Truth, timing: Timing) -> Predicted:
     """What the linear model of an axis predicts for a plant that may be another than the loop believes."""
-    return _Lifted.of(loop, truth, timing).predicted(truth)
+    (answer,) = _Lifted.of(loop, [truth], timing).predicted()
+    return answer
 
 
 def loop_transfer(loop: AxisLoop, truth: Truth, timing: Timing) -> SampledSystem:
     """L of an axis, broken where commands go over the link."""
-    return _Lifted.of(loop, truth, timing).opened
+    lifted = _Lifted.of(loop, [truth], timing)
+    names = tuple(str(i) for i in range(lifted.command.shape[1]))
+    D = np.zeros((1, 1))
+    return SampledSystem(lifted.opened[0], lifted.lost[0], -lifted.command, D, timing.tick, names, ("u",), ("loop",))
 
 
 @dataclass(frozen=True)
 class _Lifted:
-    """The loop of an axis over a tick: the chain as it is, frames under way, the filter, and commands under way.
+    """Loops of an axis around k plants over a tick: the chain as it is, frames under way, the filter, and commands.
+
+    All plants have as many states as the one with the latest frames and commands.
 
     Attributes:
-        A: of the closed loop.
-        Q: covariance of the noise of a tick.
-        command: row of what is sent.
-        change: row of its change.
-        lost: column of what is sent in place of it.
-        opened: from what goes over the link to minus what is sent.
+        A: (k, n, n) of the closed loops.
+        Q: (k, n, n) covariance of the noise of a tick.
+        command: (k, n) rows of what is sent.
+        change: (k, n) rows of its change.
+        lost: (k, n, 1) column of what is sent in place of it.
+        opened: (k, n, n) A of the loops from what goes over the link to minus what is sent.
+        loss_rates: (k,) shares of the commands that are lost.
     """
 
     A: np.ndarray
@@ -369,29 +376,33 @@ class _Lifted:
     command: np.ndarray
     change: np.ndarray
     lost: np.ndarray
-    opened: SampledSystem
+    opened: np.ndarray
+    loss_rates: np.ndarray
 
     @classmethod
-    def of(cls, loop: AxisLoop, truth: Truth, timing: Timing) -> "_Lifted":
-        """The loop of a filter and a regulator around a plant."""
-        A, B, plant = truth.A, truth.B, truth.plant
-        n, p, m, believed = len(A), len(truth.C), len(loop.K), len(loop.K_pending)
-        sizes = n, p * (plant.latency_frames + 1), m, believed + 1, plant.delay_ticks + 1
-        ends = np.cumsum((0, *sizes))
-        chain, line, filtered, told, sent = (slice(*pair) for pair in itertools.pairwise(ends))
+    def of(cls, loop: AxisLoop, truths: Sequence[Truth], timing: Timing) -> "_Lifted":
+        """The loops of one filter and regulator around plants."""
+        nominal, plants = truths[0], [truth.plant for truth in truths]
+        n, p, m, believed = len(nominal.A), len(nominal.C), len(loop.K), len(loop.K_pending)
+        frames, ticks = (max(late) + 1 for late in zip(*((each.latency_frames, each.delay_ticks) for each in plants)))
+        ends = np.cumsum((0, n, p * frames, m, believed + 1, ticks))
+        chain, line, filtered, told, sent = (slice(*pair) for pair in itertools.pairwise(ends.tolist()))
         size = int(ends[-1])
         # Of the filter and the line of frames, at every frame.
         F, H, L, gain = (np.array(part) for part in (loop.A, loop.B, loop.L, loop.K))
         C = np.eye(m)[[loop.K._fields.index(name) for name in ("position", "thrust")[:p]]]
-        update = np.eye(size)
-        update[filtered, filtered] = F @ (np.eye(m) - L.T @ C)
-        update[filtered, line.stop - p : line.stop] = F @ L.T
-        update[filtered, told.stop - 1] = H
-        camera = np.eye(size)
-        camera[line, line] = np.eye(line.stop - line.start, k=-p)
-        camera[line.start : line.start + p, chain] = truth.C
-        moved = np.eye(size)
-        moved[chain, chain], moved[chain, sent.stop - 1] = A, B.ravel()
+        update, camera, moved = (np.tile(np.eye(size), (len(truths), 1, 1)) for _ in range(3))
+        noise = np.zeros_like(update)
+        update[:, filtered, filtered] = F @ (np.eye(m) - L.T @ C)
+        update[:, filtered, told.stop - 1] = H
+        camera[:, line, line] = np.eye(p * frames, k=-p)
+        arriving = slice(line.start, line.start + p)
+        for i, (truth, plant) in enumerate(zip(truths, plants, strict=True)):
+            read = line.start + p * plant.latency_frames
+            update[i, filtered, read : read + p] = F @ L.T
+            camera[i, arriving, chain] = truth.C
+            moved[i, chain, chain], moved[i, chain, sent.start + plant.delay_ticks] = truth.A, truth.B.ravel()
+            noise[i, chain, chain], noise[i, arriving, arriving] = truth.Q, truth.R
         # What is told to the filter and what is sent, the newest first, move up at a tick.
         row = np.zeros(size)
         row[filtered] = -gain
@@ -402,45 +413,63 @@ class _Lifted:
         shifted[told.start] = row
         into = np.zeros((size, 1))
         into[sent.start] = 1.0
-        noise = np.zeros((size, size))
-        noise[chain, chain] = truth.Q
-        noise[line.start : line.start + p, line.start : line.start + p] = truth.R
-        frame = moved @ camera @ update
-        first = moved @ camera @ shifted @ update
+        seen = moved @ camera
+        frame, opened, column = seen @ update, seen @ shifted @ update, seen @ into
         asked = row @ update
-        closed, Q, opened, column = (
-            first + moved @ camera @ into @ asked[np.newaxis],
-            noise,
-            first,
-            moved @ camera @ into,
-        )
+        closed, Q = opened + column @ asked[:, np.newaxis], noise
         for _ in range(round(timing.tick / timing.frame) - 1):
             closed, opened, column = frame @ closed, frame @ opened, frame @ column
-            Q = frame @ Q @ frame.T + noise
+            Q = frame @ Q @ frame.transpose(0, 2, 1) + noise
         before = np.zeros(size)
         before[sent.start] = 1.0
-        names = tuple(str(i) for i in range(size))
-        loop_model = SampledSystem(
-            opened, column, -asked[np.newaxis], np.zeros((1, 1)), timing.tick, names, ("u",), ("loop",)
-        )
-        return cls(closed, Q, asked, asked - before, column, loop_model)
+        return cls(closed, Q, asked, asked - before, column, opened, np.array([each.loss_rate for each in truths]))
 
-    def predicted(self, truth: Truth) -> Predicted:
-        """See the function of that name; the plant hears the last command once more where one is lost."""
-        pole = float(np.abs(np.linalg.eigvals(self.A)).max())
-        if pole >= 1.0 - 1e-9:
-            return Predicted(math.inf, math.inf, pole)
-        X = scipy.linalg.solve_discrete_lyapunov(self.A, self.Q, method="bilinear")
-        error, command = X[0, 0], self.command @ X @ self.command
-        if truth.loss_rate:
-            # A lost command is noise of the size of its change, to which that noise adds.
-            one = scipy.linalg.solve_discrete_lyapunov(self.A, self.lost @ self.lost.T, method="bilinear")
-            echo = truth.loss_rate * (self.change @ one @ self.change)
-            if echo >= 0.9:
-                return Predicted(math.inf, math.inf, pole)
-            size = truth.loss_rate * (self.change @ X @ self.change) / (1.0 - echo)
-            error, command = error + size * one[0, 0], command + size * (self.command @ one @ self.command)
-        return Predicted(math.sqrt(error), math.sqrt(command), pole)
+    def predicted(self) -> list[Predicted]:
+        """See the function of that name, for each plant; it hears the last command once more where one is lost."""
+        poles = np.abs(np.linalg.eigvals(self.A)).max(axis=1)
+        error, command = np.full((2, len(poles)), np.inf)
+        stable = np.flatnonzero(poles < 1.0 - 1e-9)
+        lost = self.lost[stable]
+        noise = np.stack([self.Q[stable], lost @ lost.transpose(0, 2, 1)])
+        # For the noise of a tick, and for noise of size 1 in place of the command: (2, stable plants) each.
+        X = _stationary_covariance(self.A[stable], noise)
+        errors, commands, changes = X[..., 0, 0], _variance(self.command[stable], X), _variance(self.change[stable], X)
+        # A lost command is noise of the size of its change, to which that noise adds.
+        echo = self.loss_rates[stable] * changes[1]
+        heard = echo < 0.9
+        size = (self.loss_rates[stable] * changes[0])[heard] / (1.0 - echo[heard])
+        for total, sizes in ((error, errors), (command, commands)):
+            own, one = sizes[:, heard]
+            total[stable[heard]] = np.sqrt(own + size * one)
+        return [Predicted(*each) for each in zip(error.tolist(), command.tolist(), poles.tolist(), strict=True)]
+
+    def sensitivity(self, z: np.ndarray) -> np.ndarray:
+        """Return 1 / (1 + L) of the first plant at points of the z-plane, as det(zI - A_opened) / det(zI - A)."""
+        zeros, poles = (np.linalg.eigvals(each[0]) for each in (self.opened, self.A))
+        S: np.ndarray = ((z[:, np.newaxis] - zeros) / (z[:, np.newaxis] - poles)).prod(axis=1)
+        return S
+
+
+def _stationary_covariance(A: np.ndarray, Q: np.ndarray) -> np.ndarray:
+    """Return X = A X Aᵀ + Q of stable A (k, n, n), for (..., k, n, n) covariances Q.
+
+    The sum over A^i Q Aᵀ^i is doubled until nothing is added (R. A. Smith, "Matrix equation XA + BX = C", 1968). For
+    stacks of small matrices that takes a fraction of the time of Schur forms.
+    """
+    X, power = Q, A
+    while True:
+        added = power @ X @ power.transpose(0, 2, 1)
+        X = X + added
+        variances, new = (np.diagonal(each, axis1=-2, axis2=-1) for each in (X, added))
+        if not (new > np.finfo(float).eps * variances).any():
+            return X
+        power = power @ power
+
+
+def _variance(row: np.ndarray, X: np.ndarray) -> np.ndarray:
+    """Return (..., k) variances of rows (k, n) of states whose covariances are X (..., k, n, n)."""
+    variance: np.ndarray = np.einsum("ki,...kij,kj->...k", row, X, row)
+    return variance
 
 
 @dataclass(frozen=True, eq=False)
@@ -473,17 +502,17 @@ class _Search:
             loop = self.loop_of(self.axis_of(*np.exp(logs).tolist()))
         except (np.linalg.LinAlgError, ValueError):
             return 1e3
-        lifted = [_Lifted.of(loop, truth, self.timing) for truth in self.truths]
-        answers = [each.predicted(truth) for each, truth in zip(lifted, self.truths, strict=True)]
+        lifted = _Lifted.of(loop, self.truths, self.timing)
+        answers = lifted.predicted()
         stable = [answer for answer in answers if math.isfinite(answer.error)]
         broken = sum(5.0 + 20.0 * max(answer.pole - 1.0, 0.0) for answer in answers if answer not in stable)
         first, *_ = answers
         if not math.isfinite(first.error):
             return 50.0 + first.pole
         grid = np.geomspace(_SLOWEST, 0.999 * math.pi / self.timing.tick, _POINTS)
-        response = lifted[0].opened.response(np.exp(1j * grid * self.timing.tick))[:, 0, 0]
-        delay = float(fast_margins(response, grid).delay)
-        broken += max(0.0, np.abs(1.0 / (1.0 + response)).max() / self.allowed.sensitivity - 1.0)
+        S = lifted.sensitivity(np.exp(1j * grid * self.timing.tick))
+        delay = float(fast_margins(1.0 / S - 1.0, grid).delay)
+        broken += max(0.0, np.abs(S).max() / self.allowed.sensitivity - 1.0)
         broken += max(0.0, 1.0 - delay / self.allowed.delay)
         broken += max(0.0, math.log(first.command / self.most))
         return float(0.5 * math.log(np.mean([answer.error**2 for answer in stable])) + _PENALTY * broken)

@@ -1,8 +1,8 @@
-"""On-disk cache of machine code, in a folder that only this user can write to.
+"""On-disk cache of machine code and results, in a folder that only this user can write to.
 
-Each file contains an object file, followed by a digest of the file's name and of the object file. The digest detects
-files that are damaged or were renamed. It does not protect against other users. For that reason, the folder and the
-files must belong to this user, and nobody else may have write permission.
+Each file contains an object file or a pickled result, followed by a digest of the file's name and of its content. The
+digest detects files that are damaged or were renamed. It does not protect against other users. For that reason, the
+folder and the files must belong to this user, and nobody else may have write permission.
 """
 
 import functools
@@ -21,18 +21,18 @@ from drake_quad.files import write_whole
 MAX_BYTES = 256 * 2**20
 _DIGEST_SIZE = 32
 # The pattern matches the cache's files and its temporary files, so that pruning deletes no foreign file.
-_CACHE_FILE_NAME = re.compile(r"\.?kernel_[0-9a-f]{32}(\.\d+)*\.o")
+_CACHE_FILE_NAME = re.compile(r"\.?(kernel|result)_[0-9a-f]{32}(\.\d+)*\.(o|pickle)")
 # Opening must not follow a symbolic link or block on a FIFO. Windows has neither, but it needs the binary mode.
 _READ_FLAGS = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 _WRITE_FLAGS = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | getattr(os, "O_BINARY", 0)
 
 
 def read(name: str) -> bytes | None:
-    """Return the cached object file with a name; None if it does not exist or cannot be trusted."""
+    """Return the cached content of a name; None if it does not exist or cannot be trusted."""
     folder = cache_folder()
     if folder is None or not _is_ours(folder):
         return None
-    path = folder / f"{name}.o"
+    path = folder / _file_name(name)
     try:
         with os.fdopen(os.open(path, _READ_FLAGS), "rb") as file:
             status = os.fstat(file.fileno())
@@ -50,7 +50,7 @@ def read(name: str) -> bytes | None:
 
 
 def write(name: str, code: bytes) -> None:
-    """Write an object file to the cache; if writing fails, the next process compiles again.
+    """Write an object file or a result to the cache; if writing fails, the next process makes it again.
 
     One write in sixteen, selected by the last digit of the name, prunes the folder to `MAX_BYTES`.
     """
@@ -65,7 +65,7 @@ def write(name: str, code: bytes) -> None:
     with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         if _is_ours(folder):
-            write_whole(folder / f"{name}.o", fill)
+            write_whole(folder / _file_name(name), fill)
             if name.endswith("0"):
                 prune(folder, MAX_BYTES)
 
@@ -73,7 +73,7 @@ def write(name: str, code: bytes) -> None:
 def prune(folder: Path, max_bytes: int) -> None:
     """Delete the least recently used files of the cache until the rest take no more than `max_bytes`.
 
-    Other processes may read, write and prune at the same time: a missing file only costs another compilation.
+    Other processes may read, write and prune at the same time: a missing file only costs time.
     """
     files = []
     with os.scandir(folder) as entries:
@@ -113,6 +113,11 @@ def cache_folder() -> Path | None:
     if sys.platform == "darwin":
         return _inside(None, home, "Library/Caches", "drake_quad")
     return _inside(_absolute(os.environ.get("XDG_CACHE_HOME")), home, ".cache", "drake_quad")
+
+
+def _file_name(name: str) -> str:
+    """Return the name of the file of a `kernel_` or a `result_`."""
+    return f"{name}.{'o' if name.startswith('kernel_') else 'pickle'}"
 
 
 def _absolute(path: str | None) -> Path | None:

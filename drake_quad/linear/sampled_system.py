@@ -27,6 +27,7 @@ from pydrake.systems.framework import Context, Diagram
 from drake_quad.errors import InputError
 from drake_quad.framework.wiring import subsystem
 from drake_quad.linear.context_vector import ContextVector, leaf_paths, port_rows, undotted
+from drake_quad.process_settings import single_threaded_blas
 
 if TYPE_CHECKING:
     import control
@@ -92,9 +93,10 @@ class SampledSystem:
         if not gaps.all():
             raise np.linalg.LinAlgError("a point is a pole")
         states = np.empty((len(self.A), *np.shape(z), self.B.shape[1]), dtype=complex)
-        for i in reversed(range(len(self.A))):
-            above = np.tensordot(triangular[i, i + 1 :], states[i + 1 :], 1)
-            states[i] = (inputs[i] + above) / gaps[:, i, np.newaxis]
+        with single_threaded_blas():
+            for i in reversed(range(len(self.A))):
+                above = np.tensordot(triangular[i, i + 1 :], states[i + 1 :], 1)
+                states[i] = (inputs[i] + above) / gaps[:, i, np.newaxis]
         return np.moveaxis(np.tensordot(self.C * scale.T @ basis, states, 1), 0, 1) + self.D
 
     @cached_property

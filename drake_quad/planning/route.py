@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drake_quad.errors import InputError
+from drake_quad.framework.result_cache import kept
 from drake_quad.planning.feasibility import check_obstacles, check_rotors
 from drake_quad.reference.feasibility import sample_times
 from drake_quad.reference.laps import LapDurations, flown_in_laps
@@ -167,7 +168,7 @@ def _around(route: WaypointRoute, space: Space) -> tuple[PolynomialPath, WayArou
             f"without a way around, the path comes to {approach}, nearer than {space.clearance:.3g} m; space.bounds is"
             " needed, the room in which to look for one"
         )
-    path, way = plan_around(space, space.bounds, problem, timing)
+    path, way = kept(plan_around, space, space.bounds, problem, timing)
     approach = nearest_approach(path, space)
     if approach is not None and approach.distance < space.clearance:
         raise RuntimeError(f"a path planned at {space.clearance:g} m from obstacles comes to {approach}")

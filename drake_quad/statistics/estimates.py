@@ -1,4 +1,7 @@
-"""Confidence intervals of means, quantiles, shares and rank correlations."""
+"""Confidence intervals of means, quantiles, shares and rank correlations.
+
+The distributions are those of `scipy.special`, since `scipy.stats` takes half a second to load.
+"""
 
 import math
 from typing import Any
@@ -62,8 +65,8 @@ def quantile_interval(values: np.ndarray, probability: float, confidence: float 
     ordered, n = np.sort(values), len(values)
     # The number of values below the quantile is binomial: each end leaves out at most half of what may be missed.
     missed = 0.5 * (1.0 - confidence)
-    first = int(scipy.stats.binom.ppf(missed, n, probability))
-    last = int(scipy.stats.binom.ppf(1.0 - missed, n, probability)) + 1
+    first = _binomial_quantile(missed, n, probability)
+    last = _binomial_quantile(1.0 - missed, n, probability) + 1
     return Interval(
         float(ordered[max(math.ceil(n * probability) - 1, 0)]),
         float(ordered[first - 1]) if first >= 1 else -math.inf,
@@ -89,7 +92,7 @@ def rank_correlation(x: np.ndarray, y: np.ndarray, confidence: float = CONFIDENC
     """
     if len(x) < 4 or np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
         return Interval(math.nan, math.nan, math.nan)
-    return _of_ranks(float(scipy.stats.spearmanr(x, y).statistic), len(x), confidence)
+    return _of_ranks(float(np.corrcoef(_ranks(x), _ranks(y))[0, 1]), len(x), confidence)
 
 
 def partial_rank_correlation(
@@ -109,7 +112,7 @@ def partial_rank_correlation(
         return rank_correlation(x, y, confidence)
     if len(x) < 4 + len(given) or np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
         return Interval(math.nan, math.nan, math.nan)
-    ranks, others = scipy.stats.rankdata([x, y], axis=1), scipy.stats.rankdata(given, axis=1)
+    ranks, others = (np.array([_ranks(row) for row in rows]) for rows in ((x, y), given))
     ranks, others = (each - each.mean(axis=1, keepdims=True) for each in (ranks, others))
     rest = ranks.T - others.T @ np.linalg.lstsq(others.T, ranks.T, rcond=None)[0]
     left, before = np.linalg.norm(rest, axis=0), np.linalg.norm(ranks, axis=1)
@@ -118,9 +121,27 @@ def partial_rank_correlation(
     return _of_ranks(float(rest[:, 0] @ rest[:, 1] / np.prod(left)), len(x) - len(given), confidence)
 
 
+def two_sided_sign_test(count: int, total: int) -> float:
+    """Return the p-value of `count` of `total` signs, if both signs are equally likely; 1 if there are none."""
+    return min(1.0, 2.0 * float(scipy.special.bdtr(min(count, total - count), total, 0.5))) if total else 1.0
+
+
+def _binomial_quantile(share: float, total: int, probability: float) -> int:
+    """Return the least count of a binomial distribution at or below which at least this share of it lies."""
+    count = math.ceil(scipy.special.bdtrik(share, total, probability))
+    return count - 1 if count and scipy.special.bdtr(count - 1, total, probability) >= share else count
+
+
+def _ranks(values: np.ndarray) -> np.ndarray:
+    """Return the ranks (n,) of values (n,), from 1 on; equal values share the mean of their ranks."""
+    _, places, counts = np.unique(values, return_inverse=True, return_counts=True)
+    ranks: np.ndarray = (np.cumsum(counts) - 0.5 * (counts - 1))[places]
+    return ranks
+
+
 def _of_ranks(rho: float, count: int, confidence: float) -> Interval:
     """The interval of a correlation of so many ranks, see `rank_correlation`."""
-    reach = scipy.stats.norm.ppf(0.5 * (1.0 + confidence)) * math.sqrt((1.0 + 0.5 * rho * rho) / (count - 3))
+    reach = scipy.special.ndtri(0.5 * (1.0 + confidence)) * math.sqrt((1.0 + 0.5 * rho * rho) / (count - 3))
     centre = math.atanh(max(min(rho, 1.0 - 1e-15), -1.0 + 1e-15))
     return Interval(rho, math.tanh(centre - reach), math.tanh(centre + reach))
 
@@ -140,4 +161,4 @@ def running_mean(values: np.ndarray, confidence: float = CONFIDENCE) -> tuple[np
 
 def _reach(deviation: Any, count: Any, confidence: float) -> Any:
     """Half of Student's interval of a mean."""
-    return scipy.stats.t.ppf(0.5 * (1.0 + confidence), count - 1) * deviation / np.sqrt(count)
+    return scipy.special.stdtrit(count - 1, 0.5 * (1.0 + confidence)) * deviation / np.sqrt(count)

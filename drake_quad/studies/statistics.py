@@ -14,7 +14,6 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 
 from drake_quad.errors import InputError, listed
 from drake_quad.laboratory.metrics import UNITS, Metrics
@@ -27,6 +26,7 @@ from drake_quad.statistics.estimates import (
     rank_correlation,
     share_interval,
     share_mean_interval,
+    two_sided_sign_test,
 )
 from drake_quad.statistics.interval import CONFIDENCE, Interval
 from drake_quad.statistics.ratios import ratio_of_means
@@ -234,7 +234,7 @@ def compare(metrics: Metrics, baseline: Metrics, name: str = "rmse") -> Comparis
         share_interval(int(np.sum(value < reference)), len(value)),
         only,
         baseline_only,
-        float(scipy.stats.binomtest(only, only + baseline_only).pvalue) if only + baseline_only else 1.0,
+        two_sided_sign_test(only, only + baseline_only),
     )
 
 

@@ -7,7 +7,6 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 from matplotlib.patheffects import withStroke
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-from scipy.spatial import ConvexHull
 
 from drake_quad.space.space import Space
 
@@ -53,4 +52,7 @@ def draw_solids(axes: Any, space: Space) -> np.ndarray:
 
 def shadow(points: np.ndarray) -> np.ndarray:
     """Returns the (corners, 2) convex polygon around points (n, 2), anticlockwise."""
+    # Imported here because flights without obstacles do not need it.
+    from scipy.spatial import ConvexHull
+
     return np.asarray(points[ConvexHull(points).vertices])

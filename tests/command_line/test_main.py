@@ -1,5 +1,6 @@
 """The command itself: help, versions, completion, names of what is shipped, interruptions."""
 
+import os
 import shutil
 import signal
 import subprocess
@@ -24,6 +25,17 @@ def test_help_names_all_commands_and_loads_none(root):
     lines = subprocess.run(command, cwd=root, check=True, capture_output=True, text=True).stdout.splitlines()
     assert [line.split()[0] for line in lines if line.startswith("  ") and line.split()[0] in COMMANDS] == [*COMMANDS]
     assert not {"numpy", "pydrake", "pydantic", "drake_quad.command_line.fly"} & {*lines[-1].split()}
+
+
+@pytest.mark.parametrize(("given", "threads"), [({}, "1"), ({"OPENBLAS_NUM_THREADS": "3"}, "3")])
+def test_commands_use_one_thread_of_linear_algebra_unless_told_otherwise(root, given, threads):
+    """And they collect garbage seldom."""
+    statement = "import gc, os, sys; from drake_quad.command_line.main import main; sys.argv = ['', '--help']\n"
+    statement += "try: main()\nexcept SystemExit: print(os.environ['OPENBLAS_NUM_THREADS'], gc.get_threshold()[0])"
+    environment = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"} | given
+    command = [sys.executable, "-c", statement]
+    lines = subprocess.run(command, cwd=root, env=environment, check=True, capture_output=True, text=True).stdout
+    assert lines.splitlines()[-1].split() == [threads, "50000"]
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -5,6 +5,7 @@ import types
 
 import numpy as np
 import pytest
+import scipy
 
 from drake_quad import InputError, load_scenario
 from drake_quad.assembly.lqg import lateral_loop, lqg_timing, vertical_loop
@@ -70,6 +71,35 @@ def test_the_loop_of_an_axis_is_that_of_the_whole_diagram(shipped, overrides, pl
     for (loop, truth), signal in zip(axes, ("tau_y", "thrust"), strict=True):
         found, expected = (each.response(z)[:, 0, 0] for each in (loop_transfer(loop, truth, timing), exact[signal]))
         np.testing.assert_allclose(found, expected, rtol=2e-2)
+
+
+def test_plants_that_are_predicted_together_are_predicted_as_if_alone(shipped):
+    """The latest plant sets the size of the matrices; an unstable one does not spoil the others."""
+    conditions = Conditions(Spectrum(0.2, 0.3, 0.5), STILL, 2.0, 1e-3, 4e-3, 0.03)
+    late = [(0, 1), (2, 0), (0, 6), (1, 2)]
+    axes = [axes_of(shipped(), Plant(True, 0.05, None, *each), conditions) for each in late]
+    timing = axes[0][1]
+    z = np.exp(1j * np.geomspace(0.5, 100.0, 40) * timing.tick)
+    for number in (0, 1):
+        loop, truths = axes[0][0][number][0], [found[number][1] for found, _ in axes]
+        together = lqg_design._Lifted.of(loop, truths, timing)
+        alone = [predicted(loop, truth, timing) for truth in truths]
+        assert np.isinf([each.error for each in alone]).tolist() == [False, False, True, False]
+        np.testing.assert_allclose(together.predicted(), alone, rtol=1e-7)
+        expected = 1.0 / (1.0 + loop_transfer(loop, truths[0], timing).response(z)[:, 0, 0])
+        np.testing.assert_allclose(together.sensitivity(z), expected, rtol=1e-6)
+
+
+def test_stationary_covariances_are_those_of_an_independent_solver():
+    rng = np.random.default_rng(0)
+    sizes = np.array([0.3, 0.5, 0.7, 0.9, 0.95, 0.99, 0.999, 0.9999])
+    A = rng.normal(size=(len(sizes), 6, 6))
+    A *= (sizes / np.abs(np.linalg.eigvals(A)).max(axis=1))[:, np.newaxis, np.newaxis]
+    roots = rng.normal(size=(2, len(sizes), 6, 6)) * np.array([1e-6, 1.0])[:, None, None, None]
+    Q = roots @ roots.transpose(0, 1, 3, 2)
+    for i, j in np.ndindex(2, len(sizes)):
+        (found,) = lqg_design._stationary_covariance(A[j : j + 1], Q[i, j : j + 1])
+        np.testing.assert_allclose(found, scipy.linalg.solve_discrete_lyapunov(A[j], Q[i, j]), rtol=1e-9)
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """Shapes of a scene, in metres: quadrotors, obstacles, fans, tubes and arrows."""
 
+import functools
 from collections.abc import Sequence
 from itertools import combinations
 from typing import Any, NamedTuple
@@ -119,9 +120,11 @@ def shrunk(rotors: Rotors) -> float:
     return min(max(float(np.hypot(rotor.x, rotor.y)) for rotor in rotors) / _FULL_REACH, 1.0)
 
 
-def _rotor_places(rotors: Rotors) -> list[np.ndarray]:
+@functools.cache
+def _rotor_places(rotors: Rotors) -> tuple[np.ndarray, ...]:
     """The positions of rotors 1 to 4 in B, m."""
-    return [np.array([rotor.x, rotor.y, rotor.z + shrunk(rotors) * _ROTOR_HEIGHT]) for rotor in rotors]
+    height = shrunk(rotors) * _ROTOR_HEIGHT
+    return tuple([np.array([rotor.x, rotor.y, rotor.z + height]) for rotor in rotors])
 
 
 def _propeller_radius(rotors: Rotors) -> float:

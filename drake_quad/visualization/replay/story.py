@@ -75,9 +75,12 @@ def _curve(group: Sequence[Flight], times: np.ndarray) -> dict[str, Any]:
 
 def _middle(values: np.ndarray, share: float = 0.5) -> list[float | None]:
     """A quantile over the flights that are still under way at each instant; None where there is none."""
-    found = np.full(values.shape[1], np.nan)
-    there = np.isfinite(values).any(axis=0)
-    found[there] = np.nanquantile(values[:, there], share, axis=0)
+    # `np.nanquantile` takes the instants one by one.
+    ordered = np.sort(values, axis=0)  # NaN comes last
+    place = share * np.maximum((~np.isnan(values)).sum(axis=0) - 1, 0)
+    ends = np.array([np.floor(place), np.ceil(place)], dtype=int)
+    low, high = np.take_along_axis(ordered, ends, axis=0)
+    found = low + (place - ends[0]) * (high - low)
     return [float(f"{value:.3g}") if np.isfinite(value) else None for value in found]
 
 
