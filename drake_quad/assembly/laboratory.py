@@ -6,15 +6,13 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Diagram
 
-from drake_quad.assembly.effects import steepest_load, swing_frequency, vehicle_effects
 from drake_quad.errors import InputError
-from drake_quad.framework.elementary import where
 from drake_quad.framework.recipe import Recipe
 from drake_quad.laboratory.command_link import CommandLink, LinkNumbers
 from drake_quad.laboratory.flight_monitor import CrashLimits, FlightMonitor, Surroundings, Window
 from drake_quad.laboratory.laboratory import build_laboratory
 from drake_quad.laboratory.motion_capture import CameraNumbers, MotionCapture, VelocityDrift, VelocityError
-from drake_quad.planning.believed import airframe_parameters, nominal_parameters, thrust_curve
+from drake_quad.planning.believed import airframe_parameters, nominal_parameters
 from drake_quad.planning.duration import window_end, window_start
 from drake_quad.planning.space import space_of
 from drake_quad.randomness.noise import Exported, Samples
@@ -31,7 +29,7 @@ from drake_quad.signals import Attitude, AttitudeTarget, BodyRates, Wrench
 from drake_quad.vehicle.allocation import Allocation, RotorModel
 from drake_quad.vehicle.authority import missing_direction
 from drake_quad.vehicle.autopilot import AttitudeAutopilot, AutopilotNumbers, Gyroscope, LoopGains, ThrustAlone
-from drake_quad.vehicle.faults import RotorFaults, SpeedFactors
+from drake_quad.vehicle.faults import RotorFaults
 from drake_quad.vehicle.motors import ThrottleAllocation, ThrottleModel
 from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Place, Quadrotor, QuadrotorNumbers
@@ -123,7 +121,7 @@ def vehicle_parameters(vehicle: Any) -> QuadrotorParameters:
 
 
 def _allocation(scenario: Scenario) -> Recipe:
-    believed, curve = nominal_parameters(scenario), thrust_curve(scenario.nominal.motors)
+    believed, curve = nominal_parameters(scenario), scenario.nominal.motors.thrust_curve()
     structure = {
         "paired": are_paired(scenario.nominal.layout),
         "priority": scenario.laboratory.allocation.priority,
@@ -136,11 +134,11 @@ def _allocation(scenario: Scenario) -> Recipe:
 def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Recipe:
     """The vehicle, with its attitude's response to commands where that is known as a whole."""
     vehicle, autopilot = scenario.vehicle, fleet.laboratory.autopilot
-    effects = vehicle_effects(fleet.vehicle)
+    effects = fleet.vehicle.effect_numbers()
     structure = {
         "time_step": vehicle.time_step,
         "kinematics": vehicle.attitude_kinematics,
-        "faulty": vehicle.rotor_failure is not None or _can_differ(vehicle.battery_sag, fleet.vehicle.battery_sag),
+        "faulty": "rotor_failure" in vehicle.effects() or _can_differ(vehicle.battery_sag, fleet.vehicle.battery_sag),
         "effects": effects.names,
     }
     parameters = vehicle_parameters(fleet.vehicle)
@@ -164,19 +162,13 @@ def jump_times(batch: Batch) -> tuple[float, ...]:
     """
     if batch.scenario.vehicle.time_step > 0.0:
         return ()
-    vehicle = batch.fleet_scenario.vehicle
-    events = [event for event in (vehicle.rotor_failure, vehicle.payload) if event is not None]
-    return tuple(sorted({float(time) for event in events for time in np.ravel(event.time)}))
+    times = [time for effect in batch.fleet_scenario.vehicle.effects().values() for time in effect.event_times()]
+    return tuple(sorted({float(time) for vehicles in times for time in np.ravel(vehicles)}))
 
 
 def _faults(fleet: Any, duration: float) -> RotorFaults:
-    faults, failure = RotorFaults(battery_sag=fleet.battery_sag / duration), fleet.rotor_failure
-    if failure is None:
-        return faults
-    left = SpeedFactors._make(
-        where(failure.rotor == number, failure.speed_factor, 1.0) for number in (1.0, 2.0, 3.0, 4.0)
-    )
-    return faults._replace(failure_time=failure.time, failure_factor=left)
+    faults = RotorFaults() if fleet.rotor_failure is None else fleet.rotor_failure.numbers()
+    return faults._replace(battery_sag=fleet.battery_sag / duration)
 
 
 def _check_step(fleet: Any) -> None:
@@ -184,18 +176,21 @@ def _check_step(fleet: Any) -> None:
     vehicle, sources = fleet.vehicle, fleet.laboratory.wind
     airspeed = speed(steady_wind(sources)) + sum(source.max_speed() for source in sources)
     drag = vehicle.linear_drag + 2.0 * vehicle.quadratic_drag * airspeed
-    rate = np.max((drag + steepest_load(vehicle, airspeed)) / vehicle.mass)
+    effects = vehicle.effects()
+    steepest = sum(effect.max_slope(vehicle, airspeed) for effect in effects.values())
+    rate = np.max((drag + steepest) / vehicle.mass)
     if vehicle.time_step * rate > _STABLE:
         raise InputError(
             f"vehicle.time_step is {vehicle.time_step:g} s, too long for this much drag, which carries a vehicle along"
             f" within {1.0 / rate:.2g} s; shorten it, or make it 0 for a continuous state"
         )
-    swings = np.max(swing_frequency(vehicle))
-    if vehicle.time_step * swings > _STABLE:
-        raise InputError(
-            f"vehicle.time_step is {vehicle.time_step:g} s, too long for this slung load, which swings with"
-            f" {swings:.2g} rad/s; shorten it, or make it 0 for a continuous state"
-        )
+    for name, effect in effects.items():
+        swings = np.max(effect.natural_frequency(vehicle))
+        if vehicle.time_step * swings > _STABLE:
+            raise InputError(
+                f"vehicle.time_step is {vehicle.time_step:g} s, too long for this {name.replace('_', ' ')}, which"
+                f" swings with {swings:.2g} rad/s; shorten it, or make it 0 for a continuous state"
+            )
     autopilot = fleet.laboratory.autopilot
     if autopilot.kind == "response":
         pairs = zip(autopilot.natural_frequency, autopilot.damping, strict=True)

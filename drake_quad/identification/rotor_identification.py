@@ -141,7 +141,7 @@ def identify(records: Sequence[FlightRecord], scenario: Scenario, *, share: floa
     """
     if not records:
         raise InputError("there is no log to identify a vehicle from")
-    signal = "rotor_speed_command" if scenario.vehicle.motors.kind == "speed" else "motor_command"
+    signal = "motor_command" if scenario.vehicle.motors.take_throttles else "rotor_speed_command"
     prepared = [_resampled(_commanded(record, scenario, signal)) for record in records]
     outputs = _outputs(prepared)
     flying = [airborne(record) for record in prepared]
@@ -215,7 +215,7 @@ def _sought(vehicle: Any, signals: set[str]) -> list[_Sought]:
     """The numbers of a vehicle that outputs may tell."""
     turning, moving = bool({"attitude", "body_rates"} & signals), bool({"position", FORCE} & signals)
     found: list[_Sought] = []
-    if vehicle.motors.kind == "throttle":
+    if vehicle.motors.take_throttles:
         top = abs(sum(vehicle.motors.curve))
         found += [_Sought(f"motors.curve[{i}]", top, -10.0 * top, 10.0 * top) for i in range(3)]
     else:
@@ -474,7 +474,7 @@ def _not_seen(vehicle: Any, names: Sequence[str], signals: set[str]) -> dict[str
         "mass": "motions tell forces over mass only; weigh it",
         "drag_factor": "motions tell it over inertia[2] only; inertia[2] rests on its value in the scenario",
     }
-    if vehicle.motors.kind == "throttle":
+    if vehicle.motors.take_throttles:
         why["thrust_factor"] = "motors that take throttles show their thrust, not their speed"
     for each in _sought(vehicle, signals):
         if each.name != DELAY and each.name not in names:

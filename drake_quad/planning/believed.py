@@ -4,7 +4,7 @@ from typing import Any
 
 from drake_quad.scenario.layouts import rotors_of
 from drake_quad.scenario.models import Mission
-from drake_quad.vehicle.motors import ThrustCurve, mean_thrust_factor, speeds_of_throttles
+from drake_quad.vehicle.motors import mean_thrust_factor, speeds_of_throttles
 from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters
 
 
@@ -15,7 +15,7 @@ def nominal_parameters(mission: Mission) -> QuadrotorParameters:
 
 def planned_parameters(mission: Mission) -> QuadrotorParameters:
     """`nominal_parameters`, where motors take throttles with the narrower limits of the believed thrust curve."""
-    parameters, curve = nominal_parameters(mission), thrust_curve(mission.nominal.motors)
+    parameters, curve = nominal_parameters(mission), mission.nominal.motors.thrust_curve()
     if curve is None:
         return parameters
     slowest, fastest = speeds_of_throttles(curve, mean_thrust_factor(parameters))
@@ -36,8 +36,3 @@ def airframe_parameters(airframe: Any) -> dict[str, Any]:
         "min_rotor_speed": airframe.min_rotor_speed,
         "max_rotor_speed": airframe.max_rotor_speed,
     }
-
-
-def thrust_curve(motors: Any) -> ThrustCurve | None:
-    """The curve of motors that take throttles; None for those that take speeds."""
-    return None if motors.kind == "speed" else ThrustCurve(*motors.curve)

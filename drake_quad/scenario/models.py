@@ -24,21 +24,12 @@ from drake_quad.scenario.autopilots import AttitudeAutopilot, AttitudeResponse, 
 from drake_quad.scenario.controllers import AttitudeControl, PositionController, ThrustVectoring
 from drake_quad.scenario.correlation import shared_names
 from drake_quad.scenario.distributions import Model, Real
-from drake_quad.scenario.effects import (
-    Battery,
-    BelievedMotors,
-    BodyDrag,
-    GroundEffect,
-    Motors,
-    Payload,
-    RotorAerodynamics,
-    SlungLoad,
-    SpeedMotors,
-)
+from drake_quad.scenario.effects.effect import EFFECTS, VehicleEffect
 from drake_quad.scenario.inertia import INERTIA_DEMAND, INERTIA_RULE, inertia_flaw
 from drake_quad.scenario.layouts import Layout, PlusLayout, has_distances, implied_arms, rotors_of
 from drake_quad.scenario.limits import MOST_SHARED, MOST_SOURCES, MOST_TICKS
 from drake_quad.scenario.lqg import LqgControl
+from drake_quad.scenario.motors import BelievedMotors, Motors, SpeedMotors
 from drake_quad.scenario.mpc import MpcControl
 from drake_quad.scenario.networks import Network
 from drake_quad.scenario.paths import distributions_in, steps_of
@@ -46,7 +37,6 @@ from drake_quad.scenario.policy import PolicyControl, RatesAction, RotorSpeedsAc
 from drake_quad.scenario.quantities import (
     AngleNoise,
     Misalignment,
-    Moment,
     NonNegative,
     Number,
     Period,
@@ -63,14 +53,16 @@ from drake_quad.scenario.quantities import (
     Ticks,
     bounded,
     extremes,
-    whole,
 )
 from drake_quad.scenario.routes import Route
 from drake_quad.scenario.space import Space
 from drake_quad.scenario.winds.source import WINDS, AnyWindSource
 from drake_quad.vehicle.allocation import Priority
 from drake_quad.vehicle.authority import hover_flaw, missing_direction
+from drake_quad.vehicle.effects import Effects, ReactionTorque
+from drake_quad.vehicle.motors import SpinDown
 from drake_quad.vehicle.parameters import QuadrotorParameters
+from drake_quad.vehicle.responding import RESPONDING_EFFECTS
 
 # What a scenario may be called, and with it folders and files.
 NAME = r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$"
@@ -178,16 +170,6 @@ class Nominal(Airframe[PlainPositive, PlainNonNegative]):
         return self
 
 
-class RotorFailure(Model):
-    """One rotor that loses speed at once."""
-
-    rotor: Annotated[Number, whole(least=1, most=4)] = Field(description="number of the rotor (1)")
-    time: Moment = Field(description="of the failure (s)")
-    speed_factor: Annotated[Number, bounded(least=0.0, below=1.0)] = Field(
-        default=0.0, description="speed from then on over the speed commanded (1)"
-    )
-
-
 class Vehicle(Airframe[Positive, NonNegative]):
     """The aircraft as it is; what is not given is as in `nominal`, and nobody on the ground knows the difference."""
 
@@ -210,20 +192,9 @@ class Vehicle(Airframe[Positive, NonNegative]):
     battery_sag: Annotated[Number, bounded(least=0.0, below=1.0)] = Field(
         default=0.0, description="share of the rotor speed that is lost by the end of the flight, evenly over it (1)"
     )
-    battery: Battery | None = Field(
-        default=None, description="that is drawn empty, if any; else the voltage is constant"
-    )
-    rotor_failure: RotorFailure | None = Field(default=None, description="of one rotor, if any")
-    body_drag: BodyDrag | None = Field(default=None, description="beside `linear_drag` and `quadratic_drag`, if any")
-    rotor_aerodynamics: RotorAerodynamics | None = Field(
-        default=None, description="lift, climb, drag and inflow of the rotors, if any"
-    )
-    ground_effect: GroundEffect | None = Field(default=None, description="thrust gained above the ground, if any")
     reaction_torque: bool = Field(
         default=False, description="whether rotors that accelerate turn the body; the paper leaves it out"
     )
-    payload: Payload | None = Field(default=None, description="fixed to the vehicle, if any")
-    slung_load: SlungLoad | None = Field(default=None, description="on a cable, if any; not beside a payload")
     attitude_kinematics: Literal["exact", "small_angle"] = Field(
         default="exact", description="small_angle takes p, q, r for the rates of roll, pitch and yaw, as eq (3)"
     )
@@ -231,10 +202,37 @@ class Vehicle(Airframe[Positive, NonNegative]):
 
     @model_validator(mode="after")
     def _one_load(self) -> "Vehicle":
-        if self.payload is not None and self.slung_load is not None:
+        if {"payload", "slung_load"} <= self.effects().keys():
             demand = "must not stand beside a payload, which moves the centre of mass away from where it hangs"
             raise self.wrong("slung_load", kind="loads", demand=demand)
         return self
+
+    def effects(self) -> dict[str, VehicleEffect]:
+        """Return the effects that are switched on, by the names of their fields."""
+        fields = {name: getattr(self, name) for name in EFFECTS.names}
+        return {name: effect for name, effect in fields.items() if effect is not None}
+
+    def effect_numbers(self) -> Effects:
+        """Return the numbers of the effects for the formulas of the motion."""
+        effects = {name: effect for name, effect in self.effects().items() if name != "rotor_failure"}
+        numbers = {name: effect.numbers() for name, effect in effects.items()}
+        own = {name: record for name, record in numbers.items() if name in Effects._fields}
+        down = self.rotor_time_constant_down
+        return Effects(
+            **own,
+            reaction_torque=ReactionTorque(self.rotor_inertia) if self.reaction_torque else None,
+            spin_down=None if down is None else SpinDown(down),
+            thrust_curve=self.motors.thrust_curve(),
+            loads=tuple([record for name, record in numbers.items() if name not in own]),
+        )
+
+    def without_response(self) -> tuple[str, ...]:
+        """Return the fields of effects that an autopilot of kind response cannot be combined with."""
+        failure = [name for name in self.effects() if name == "rotor_failure"]
+        return (*failure, *(name for name in self.effect_numbers().names if name not in RESPONDING_EFFECTS))
+
+
+EFFECTS.extend(Vehicle)
 
 
 class MotionCapture(Model):
@@ -410,7 +408,7 @@ class Mission(Model):
 class Scenario(Mission):
     """A closed loop: what flies where, under which control, for how long."""
 
-    vehicle: Vehicle = Vehicle()
+    vehicle: Vehicle = Field(default_factory=Vehicle, json_schema_extra={"default": Vehicle().model_dump(mode="json")})
     laboratory: Laboratory = Laboratory()
     control: AnyControl
     duration: PlainSpan | None = Field(default=None, description="of the flight (s); that of the route if not given")
@@ -453,7 +451,7 @@ class Scenario(Mission):
             raise whole_vehicle.wrong("min_rotor_speed", kind="idle", demand=demand, top=top)
         whole_vehicle.check_inertia()
         whole_vehicle.check_layout()
-        if whole_vehicle.motors.kind != nominal.motors.kind:
+        if whole_vehicle.motors.take_throttles != nominal.motors.take_throttles:
             demand = "must be {told}, as in nominal: the autopilot knows what it tells the motors"
             raise whole_vehicle.wrong("motors", "kind", kind="motors", demand=demand, told=nominal.motors.kind)
         return whole_vehicle
@@ -575,10 +573,9 @@ class Scenario(Mission):
             demand = "must be shorter than the period of the command link, {link} s"
             raise self.wrong("laboratory", "autopilot", "period", kind="period", demand=demand, link=link.period)
         if isinstance(autopilot, AttitudeResponse):
-            for name in ("rotor_failure", "payload", "slung_load", "battery", "reaction_torque"):
-                if getattr(self.vehicle, name):
-                    demand = "must be left out: laboratory.autopilot of kind response does not know it"
-                    raise self.wrong("vehicle", name, kind="response", demand=demand)
+            for name in self.vehicle.without_response():
+                demand = "must be left out: laboratory.autopilot of kind response does not know it"
+                raise self.wrong("vehicle", name, kind="response", demand=demand)
         return self
 
     @model_validator(mode="after")
@@ -618,4 +615,5 @@ class Scenario(Mission):
         return self
 
 
+EFFECTS.rebuild(Scenario)
 WINDS.rebuild(Laboratory, Mission, Scenario)

@@ -202,7 +202,7 @@ FAN = "kind: fan, position: [0, 0, 1]"
         (f"wind: [{{{FAN}, direction: [1, 0, 0], diameter: 1}}]", r"wind.0.flow is missing"),
         (
             "wind: [{kind: breeze}]",
-            f"wind.0.kind is 'breeze', but must be one of {str(WINDS.kinds)[1:-1]}",
+            f"wind.0.kind is 'breeze', but must be one of {str(WINDS.names)[1:-1]}",
         ),
         (
             "wind: [{kind: dryden, level: mild}]",

@@ -1,0 +1,41 @@
+"""Aerodynamic forces on the rotors."""
+
+from typing import Any, ClassVar
+
+import numpy as np
+from pydantic import Field
+
+from drake_quad.scenario.effects.effect import EFFECTS, AirLoadEffect
+from drake_quad.scenario.quantities import NonNegative, Number
+from drake_quad.signals import RotorSpeed, Row
+from drake_quad.vehicle.aerodynamics import RotorAerodynamics
+
+
+@EFFECTS.field("rotor_aerodynamics", "lift, climb, drag and inflow of the rotors, if any")
+class RotorAerodynamicsEffect(AirLoadEffect):
+    """What the air that the rotors meet does to them; the paper has nothing of it."""
+
+    lift: NonNegative = Field(
+        default=0.0, description="thrust of all rotors over the squared speed across their discs (N s²/m²)"
+    )
+    climb: Number = Field(
+        default=0.0,
+        description="thrust that all rotors lose over the speed of climb through the air, along z of B (N s/m)",
+    )
+    drag: NonNegative = Field(
+        default=0.0, description="force across z of B over airspeed and a rotor's speed in rad/s (N s²/m)"
+    )
+    inflow: NonNegative = Field(
+        default=0.0, description="the same along z of B: thrust that a rotor loses in climb (N s²/m)"
+    )
+    record: ClassVar = RotorAerodynamics
+    is_believed: ClassVar = True
+    depends_on_time: ClassVar = False
+    couples_axes: ClassVar = False
+    belongs_to_airframe: ClassVar = True
+
+    def max_slope(self, vehicle: Any, airspeed: Row) -> Row:
+        """Return the slope along the axis on which it is largest, N s/m."""
+        turning = len(RotorSpeed._fields) * vehicle.max_rotor_speed
+        along = abs(self.climb) + self.inflow * turning + 2.0 * self.lift * airspeed
+        return np.maximum(self.drag * turning, along)
