@@ -176,7 +176,8 @@ def record_like(kind: type[_Record], source: Any, **given: Any) -> _Record:
 
 def _nested(kind: Any, value: Any) -> Any:
     """Return the value of a field, as the record that its type names if that is one."""
-    records = [choice for choice in get_args(kind) or (kind,) if hasattr(choice, "_fields")]
+    choices = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+    records = [choice for choice in choices if hasattr(choice, "_fields")]
     if len(records) != 1 or value is None or hasattr(value, "_fields"):
         return value
     return records[0](*value) if isinstance(value, tuple) else record_like(records[0], value)

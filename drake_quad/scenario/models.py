@@ -21,6 +21,7 @@ from pydantic_core import PydanticCustomError
 
 from drake_quad.errors import InputError
 from drake_quad.scenario.autopilots import AttitudeAutopilot, AttitudeResponse, Autopilot, NoAutopilot
+from drake_quad.scenario.command_link import CommandLink
 from drake_quad.scenario.controllers import AttitudeControl, PositionController, ThrustVectoring
 from drake_quad.scenario.correlation import shared_names
 from drake_quad.scenario.distributions import Model, Real
@@ -29,28 +30,24 @@ from drake_quad.scenario.inertia import INERTIA_DEMAND, INERTIA_RULE, inertia_fl
 from drake_quad.scenario.layouts import Layout, PlusLayout, has_distances, implied_arms, rotors_of
 from drake_quad.scenario.limits import MOST_SHARED, MOST_SOURCES, MOST_TICKS
 from drake_quad.scenario.lqg import LqgControl
+from drake_quad.scenario.motion_capture import MotionCapture
 from drake_quad.scenario.motors import BelievedMotors, Motors, SpeedMotors
 from drake_quad.scenario.mpc import MpcControl
 from drake_quad.scenario.networks import Network
 from drake_quad.scenario.paths import distributions_in, steps_of
 from drake_quad.scenario.policy import PolicyControl, RatesAction, RotorSpeedsAction
 from drake_quad.scenario.quantities import (
-    AngleNoise,
-    Misalignment,
     NonNegative,
     Number,
-    Period,
     PlainMoment,
     PlainNonNegative,
     PlainPositive,
     PlainSpan,
     PlainTilt,
     Positive,
-    Probability,
     Share,
     Span,
     Step,
-    Ticks,
     bounded,
     extremes,
 )
@@ -233,39 +230,6 @@ class Vehicle(Airframe[Positive, NonNegative]):
 
 
 EFFECTS.extend(Vehicle)
-
-
-class MotionCapture(Model):
-    """Cameras that see position and attitude; without imperfections they see velocity and body rates too."""
-
-    period: Period = Field(default=0.01, description="time between frames (s); the paper's 100 Hz")
-    position_noise: NonNegative = Field(default=0.0, description="standard deviation on each axis (m)")
-    attitude_noise: AngleNoise = Field(default=0.0, description="standard deviation of roll, pitch and yaw (rad)")
-    misalignment: Misalignment = Field(
-        default=(0.0, 0.0, 0.0), description="roll, pitch and yaw of the frame of the markers in B (rad)"
-    )
-    derivative_bandwidth: Positive | None = Field(
-        default=None,
-        description="of the filters that make velocity and body rates (rad/s); if not given they are seen exactly",
-    )
-    velocity_error: Annotated[tuple[Share, Share, Share], Field(strict=False)] = Field(
-        default=(0.0, 0.0, 0.0), description="by which velocity along X, Y, Z is seen too large, as a share of it (1)"
-    )
-    velocity_drift: Annotated[tuple[NonNegative, NonNegative, NonNegative], Field(strict=False)] = Field(
-        default=(0.0, 0.0, 0.0),
-        description="standard deviation of a slowly changing error of velocity along X, Y, Z (m/s)",
-    )
-    drift_time: Span = Field(default=1.0, description="correlation time of the drift (s)")
-    dropout_rate: Probability = Field(default=0.0, description="share of the frames that are lost (1)")
-    latency_frames: Ticks = Field(default=0, description="whole frames from exposure to arrival")
-
-
-class CommandLink(Model):
-    """Radio link that carries the wrench, or what an autopilot takes, to the vehicle."""
-
-    period: Period = Field(default=0.02, description="time between ticks of the control (s); the paper's 50 Hz")
-    delay_ticks: Ticks = Field(default=1, description="whole ticks from sending to arrival")
-    loss_rate: Probability = Field(default=0.0, description="share of the packets that are lost (1)")
 
 
 class Allocation(Model):

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
@@ -105,6 +106,24 @@ def whole(*, least: int, most: int) -> AfterValidator:
 def can_differ_from_zero(value: NumberOrDistribution) -> bool:
     """True if a quantity is anything but the number zero; then what it stands for has a place in the diagram."""
     return not isinstance(value, float | int) or value != 0.0
+
+
+def any_nonzero(written: Any, flown: Any) -> bool:
+    """Return whether a quantity or an item of it can differ from zero.
+
+    Args:
+        written: quantity, or tuple of quantities, of a scenario.
+        flown: the same of its `Batch.fleet_scenario`.
+    """
+    if isinstance(written, tuple):
+        return any(map(any_nonzero, written, flown))
+    return can_differ_from_zero(written) or bool(np.any(np.not_equal(flown, 0.0)))
+
+
+def largest_ticks(written: Any, flown: Any) -> int:
+    """Return the largest number of ticks that a delay can take; arguments are those of `any_nonzero`."""
+    _, largest = extremes(written)
+    return int(max(largest or 0.0, np.max(flown)))
 
 
 def excludes_zero(value: NumberOrDistribution) -> bool:
