@@ -10,12 +10,13 @@ from drake_quad.caching import ThreadSafeCache
 from drake_quad.errors import InputError
 from drake_quad.flight.hover_error import believed_tracking_error
 from drake_quad.memory import check_fleet_fits
-from drake_quad.planning.route import Planned, plan_in
+from drake_quad.planning.route import plan_in
 from drake_quad.planning.space import space_of
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.models import Mission, Scenario
 from drake_quad.scenario.paths import distributions_in, refuse_distributions
+from drake_quad.scenario.routes.route import Planned
 from drake_quad.space.space import Space
 
 # Cache of the plans around obstacles, by the text of the scenario.

@@ -21,7 +21,7 @@ from drake_quad.scenario.autopilots import AttitudeAutopilot
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.hovering import _even, as_believed, at_rest
 from drake_quad.scenario.models import Scenario
-from drake_quad.scenario.routes import HoverRoute
+from drake_quad.scenario.routes.hover import HoverRoute
 from drake_quad.signals import RotorSpeed, Wrench
 from drake_quad.vehicle.dynamics import hover_rotor_speeds, rotor_action
 from drake_quad.vehicle.effects import as_in_hover

@@ -8,7 +8,7 @@ from drake_quad.scenario.effects.effect import EFFECTS
 from drake_quad.scenario.layouts import are_paired
 from drake_quad.scenario.models import Nominal, Scenario, Vehicle, Window
 from drake_quad.scenario.paths import distributions_in
-from drake_quad.scenario.routes import HoverRoute
+from drake_quad.scenario.routes.hover import HoverRoute
 
 _HOVER = HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))
 

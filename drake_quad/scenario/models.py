@@ -51,7 +51,7 @@ from drake_quad.scenario.quantities import (
     bounded,
     extremes,
 )
-from drake_quad.scenario.routes import Route
+from drake_quad.scenario.routes.route import ROUTES, AnyRoute
 from drake_quad.scenario.space import Space
 from drake_quad.scenario.winds.source import WINDS, AnyWindSource
 from drake_quad.vehicle.allocation import Priority
@@ -345,7 +345,7 @@ class Mission(Model):
         max_length=100,
         description="what plots and folders are called after; letters, digits, '_', '.' and '-'",
     )
-    route: Route
+    route: AnyRoute
     nominal: Nominal = Nominal()
     space: Space | None = Field(default=None, description="obstacles, if any")
 
@@ -580,4 +580,5 @@ class Scenario(Mission):
 
 
 EFFECTS.rebuild(Scenario)
+ROUTES.rebuild(Mission, Scenario)
 WINDS.rebuild(Laboratory, Mission, Scenario)
