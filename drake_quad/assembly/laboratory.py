@@ -18,7 +18,7 @@ from drake_quad.randomness.noise import Exported, Samples
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import autopilots
 from drake_quad.scenario.batch import Batch
-from drake_quad.scenario.layouts import are_paired, rotors_of
+from drake_quad.scenario.layouts import rotors_of
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.policy import PolicyControl
 from drake_quad.scenario.quantities import any_nonzero
@@ -113,7 +113,7 @@ def vehicle_parameters(vehicle: Any) -> QuadrotorParameters:
 def _allocation(scenario: Scenario) -> Recipe:
     believed, curve = nominal_parameters(scenario), scenario.nominal.motors.thrust_curve()
     structure = {
-        "paired": are_paired(scenario.nominal.layout),
+        "paired": scenario.nominal.layout.is_paired,
         "priority": scenario.laboratory.allocation.priority,
     }
     if curve is None:
@@ -133,7 +133,7 @@ def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Rec
     }
     parameters = vehicle_parameters(fleet.vehicle)
     # What is in pairs has all directions, whatever is drawn.
-    if not are_paired(vehicle.layout) and (missing := missing_direction(parameters.rotors)):
+    if not vehicle.layout.is_paired and (missing := missing_direction(parameters.rotors)):
         raise InputError(f"vehicle.layout gives no {missing}")
     x, y, z = plan.waypoints[0]
     place = Place(float(x), float(y), float(z), plan.initial_yaw)

@@ -36,6 +36,7 @@ from drake_quad.identification.results.estimates import (
     quantile,
     scenario_path,
 )
+from drake_quad.scenario.layouts import arm_length_of
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import value_at
 from drake_quad.statistics.interval import plus_minus
@@ -225,7 +226,7 @@ def _sought(vehicle: Any, signals: set[str]) -> list[_Sought]:
         found.append(_positive("rotor_time_constant_down", vehicle.rotor_time_constant_down))
     if turning:
         found += [_positive(f"inertia[{i}]", vehicle.inertia[i]) for i in range(3)]
-        arm = vehicle.arm_length if vehicle.layout.length is None else 0.5 * vehicle.layout.length
+        arm = arm_length_of(vehicle)
         found += [_Sought(f"centre_of_mass[{i}]", 0.2 * arm, -arm, arm) for i in range(2)]
         if vehicle.reaction_torque:
             found.append(_positive("rotor_inertia", vehicle.rotor_inertia))

@@ -5,7 +5,6 @@ from typing import Any
 from drake_quad.errors import InputError
 from drake_quad.scenario.autopilots import AttitudeAutopilot, Autopilot
 from drake_quad.scenario.effects.effect import EFFECTS
-from drake_quad.scenario.layouts import are_paired
 from drake_quad.scenario.models import Nominal, Scenario, Vehicle, Window
 from drake_quad.scenario.paths import distributions_in
 from drake_quad.scenario.routes.hover import HoverRoute
@@ -109,7 +108,7 @@ def _even(resting: Scenario) -> Scenario:
         "thrust_factor_error": (0.0, 0.0, 0.0, 0.0),
         "centre_of_mass": (0.0, 0.0),
         "rotor_inertia": 0.0,
-        "layout": layouts[0] if all(map(are_paired, layouts)) else layouts[1],
+        "layout": layouts[0] if all(layout.is_paired for layout in layouts) else layouts[1],
     }
     even |= {name: effect.symmetric() for name, effect in resting.vehicle.effects().items()}
     cameras = resting.laboratory.motion_capture.model_copy(update={"misalignment": (0.0, 0.0, 0.0)})

@@ -27,7 +27,7 @@ from drake_quad.scenario.correlation import shared_names
 from drake_quad.scenario.distributions import Model, Real
 from drake_quad.scenario.effects.effect import EFFECTS, VehicleEffect
 from drake_quad.scenario.inertia import INERTIA_DEMAND, INERTIA_RULE, inertia_flaw
-from drake_quad.scenario.layouts import Layout, PlusLayout, has_distances, implied_arms, rotors_of
+from drake_quad.scenario.layouts import LAYOUTS, Layout, PlusLayout, rotors_of
 from drake_quad.scenario.limits import MOST_SHARED, MOST_SOURCES, MOST_TICKS
 from drake_quad.scenario.lqg import LqgControl
 from drake_quad.scenario.motion_capture import MotionCapture
@@ -102,7 +102,7 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
     def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Without an arm length where distances say it: its default would contradict them."""
         fields: dict[str, Any] = write(self)
-        return {name: value for name, value in fields.items() if name != "arm_length" or not has_distances(self.layout)}
+        return {name: value for name, value in fields.items() if name != "arm_length" or not self.layout.has_distances}
 
     def check_layout(self) -> None:
         """Raises an error if the arm length is not that of the layout, or some part of a wrench cannot be given."""
@@ -121,18 +121,19 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
 
     def _check_arm(self) -> None:
         """What is written twice must be the same: a mistaken arm length would not be noticed."""
-        if "arm_length" not in self.model_fields_set or not has_distances(self.layout):
+        if "arm_length" not in self.model_fields_set or not self.layout.has_distances:
             return
         written: Any = self.arm_length
         if not isinstance(written, float):
             raise self.wrong("arm_length", kind="arm", demand="must be left out, since the layout has distances")
         if distributions_in(self.layout):
             return
-        shortest, longest = implied_arms(self.layout)
+        arms = self.layout.arms()
+        shortest, longest = min(arms), max(arms)
         if not (1.0 - _ROUNDING) * shortest <= written <= (1.0 + _ROUNDING) * longest:
-            arms = " to ".join(dict.fromkeys(f"{arm:.4g}" for arm in (shortest, longest)))
+            lengths = " to ".join(dict.fromkeys(f"{arm:.4g}" for arm in (shortest, longest)))
             demand = "must be {arms}, as the distances in the layout imply, or be left out"
-            raise self.wrong("arm_length", kind="arm", demand=demand, arms=arms)
+            raise self.wrong("arm_length", kind="arm", demand=demand, arms=lengths)
 
 
 class Nominal(Airframe[PlainPositive, PlainNonNegative]):
@@ -580,5 +581,6 @@ class Scenario(Mission):
 
 
 EFFECTS.rebuild(Scenario)
+LAYOUTS.rebuild(Nominal, Vehicle, Mission, Scenario)
 ROUTES.rebuild(Mission, Scenario)
 WINDS.rebuild(Laboratory, Mission, Scenario)

@@ -198,6 +198,7 @@ def test_an_effect_of_a_user_flies_wired_and_compiled():
     assert vehicle.effect_numbers().loads[0].share.tolist() == batch.varying["vehicle.ceiling.share"].tolist()
 
 
+@pytest.mark.slow
 def test_an_effect_of_a_user_is_part_of_the_language():
     with pytest.raises(InputError, match="vehicle.ceiling is unknown"):
         hover()
