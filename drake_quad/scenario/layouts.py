@@ -1,7 +1,7 @@
 """Where the rotors are, in the scenario language."""
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
@@ -39,10 +39,6 @@ class RotorLayout(Model):
     @abstractmethod
     def rotors_of(self, airframe: Any) -> Rotors:
         """Return the rotors of an airframe with this layout."""
-
-    @abstractmethod
-    def arms(self) -> Sequence[float]:
-        """Return the distances (m) of rotors from the middle, seen from above; the layout has distances in numbers."""
 
 
 LAYOUTS = OpenUnion(RotorLayout, "is_paired", "has_sides")
@@ -90,12 +86,6 @@ class _Alternating(RotorLayout):
             drag_factor=airframe.drag_factor,
         )
 
-    def arms(self) -> Sequence[float]:
-        """Return the distance of all rotors, m."""
-        length: Any = self.length
-        width: Any = self.width
-        return [0.5 * sqrt(length**2 + width**2)]
-
 
 @LAYOUTS.member
 class PlusLayout(_Alternating):
@@ -104,12 +94,6 @@ class PlusLayout(_Alternating):
     kind: Literal["plus"]
     _shape: ClassVar = Rotors.plus
     _distance_per_arm: ClassVar = 2.0
-
-    def arms(self) -> Sequence[float]:
-        """Return the distances of the rotors on both axes, m."""
-        length: Any = self.length
-        width: Any = self.width
-        return [0.5 * length, 0.5 * width]
 
 
 @LAYOUTS.member
@@ -161,11 +145,6 @@ class RotorsLayout(RotorLayout):
         """Return the rotors, with the factors of the airframe where they have none of their own."""
         return Rotors._make(_rotor(place, airframe) for place in self.rotors)
 
-    def arms(self) -> Sequence[float]:
-        """Return the distances of all rotors, m."""
-        places: Any = [place.position for place in self.rotors]
-        return [sqrt(x * x + y * y) for x, y, _ in places]
-
 
 def rotors_of(airframe: Any) -> Rotors:
     """Return the rotors of an airframe of a scenario, or of a `Batch.fleet_scenario`."""
@@ -173,12 +152,15 @@ def rotors_of(airframe: Any) -> Rotors:
     return rotors
 
 
+def arms_of(airframe: Any) -> tuple[float, float]:
+    """Return the distances of the nearest and the farthest rotor from the middle of an airframe, from above, m."""
+    arms = [sqrt(float(rotor.x * rotor.x + rotor.y * rotor.y)) for rotor in rotors_of(airframe)]
+    return min(arms), max(arms)
+
+
 def arm_length_of(airframe: Any) -> float:
     """Return the mean of the distances of the nearest and the farthest rotor from the middle of an airframe, m."""
-    if not airframe.layout.has_distances:
-        return float(airframe.arm_length)
-    arms = airframe.layout.arms()
-    return 0.5 * sum((min(arms), max(arms)))
+    return 0.5 * sum(arms_of(airframe)) if airframe.layout.has_distances else float(airframe.arm_length)
 
 
 def _rotor(place: Any, airframe: Any) -> Rotor:

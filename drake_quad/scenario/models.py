@@ -27,7 +27,7 @@ from drake_quad.scenario.correlation import shared_names
 from drake_quad.scenario.distributions import Model, Real
 from drake_quad.scenario.effects.effect import EFFECTS, VehicleEffect
 from drake_quad.scenario.inertia import INERTIA_DEMAND, INERTIA_RULE, inertia_flaw
-from drake_quad.scenario.layouts import LAYOUTS, Layout, PlusLayout, rotors_of
+from drake_quad.scenario.layouts import LAYOUTS, Layout, PlusLayout, arms_of, rotors_of
 from drake_quad.scenario.limits import MOST_SHARED, MOST_SOURCES, MOST_TICKS
 from drake_quad.scenario.lqg import LqgControl
 from drake_quad.scenario.motion_capture import MotionCapture
@@ -128,12 +128,11 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
             raise self.wrong("arm_length", kind="arm", demand="must be left out, since the layout has distances")
         if distributions_in(self.layout):
             return
-        arms = self.layout.arms()
-        shortest, longest = min(arms), max(arms)
+        shortest, longest = arms_of(self)
         if not (1.0 - _ROUNDING) * shortest <= written <= (1.0 + _ROUNDING) * longest:
-            lengths = " to ".join(dict.fromkeys(f"{arm:.4g}" for arm in (shortest, longest)))
+            arms = " to ".join(dict.fromkeys(f"{arm:.4g}" for arm in (shortest, longest)))
             demand = "must be {arms}, as the distances in the layout imply, or be left out"
-            raise self.wrong("arm_length", kind="arm", demand=demand, arms=lengths)
+            raise self.wrong("arm_length", kind="arm", demand=demand, arms=arms)
 
 
 class Nominal(Airframe[PlainPositive, PlainNonNegative]):

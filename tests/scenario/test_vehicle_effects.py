@@ -35,7 +35,7 @@ from drake_quad.vehicle.responding import (
 PAPER = QuadrotorParameters()
 HEIGHT = 0.3
 NUM_STATES = len(State._fields) + len(RotorSpeed._fields)
-# Fields that have no sensible default, or whose default does nothing.
+# Values of fields; other effects have 0.1 in the fields that must be given.
 FIELDS = {
     "body_drag": {"linear": [0.1, 0.2, 0.3], "quadratic": [0.03, 0.01, 0.02], "centre_of_pressure": [0.01, 0.0, 0.03]},
     "rotor_aerodynamics": {"lift": 0.02, "climb": -0.1, "drag": 1e-4, "inflow": 2e-4},
@@ -44,7 +44,6 @@ FIELDS = {
     "battery": {"voltage": 12.6, "empty_voltage": 10.2, "capacity": 0.01, "resistance": 0.02, "efficiency": 0.7},
     "slung_load": {"mass": 0.1, "length": 0.6},
     "rotor_failure": {"rotor": 2.0, "time": 0.1},
-    "ceiling": {"share": 0.2},
 }
 
 
@@ -66,6 +65,8 @@ class CeilingEffect(AirLoadEffect):
 
     share: NonNegative = Field(description="share of the thrust at the ceiling (1)")
     height: NonNegative = Field(default=3.0, description="height of the ceiling (m)")
+    field: ClassVar = "ceiling"
+    meaning: ClassVar = "above the vehicle, if any"
     record: ClassVar = Ceiling
     is_believed: ClassVar = False
     depends_on_time: ClassVar = True
@@ -79,7 +80,12 @@ class CeilingEffect(AirLoadEffect):
 
 def ceiling():
     """Register the effect of this file during a test."""
-    return EFFECTS.field("ceiling", "above the vehicle, if any")(CeilingEffect)
+    return EFFECTS.member(CeilingEffect)
+
+
+def example(name, kind):
+    required = {name: 0.1 for name, field in kind.model_fields.items() if field.is_required()}
+    return kind.model_validate(FIELDS.get(name, required))
 
 
 def with_effect(name, effect):
@@ -131,7 +137,7 @@ def slopes_along_axes(effect):
 
 
 def check_member(name, kind):
-    effect = kind(**FIELDS[name])
+    effect = example(name, kind)
     vehicle = with_effect(name, effect)
     assert isinstance(effect.numbers(), kind.record)
     assert stays(name, effect) != kind.depends_on_time
@@ -156,7 +162,7 @@ def check_member(name, kind):
 
 def check_response(name, kind):
     """A vehicle that responds as a whole takes exactly the effects that the language allows beside a response."""
-    vehicle = with_effect(name, kind(**FIELDS[name]))
+    vehicle = with_effect(name, example(name, kind))
     effects = vehicle.effect_numbers()
     response = AttitudeResponse(NaturalFrequencies(6.8, 6.4, 3.1), DampingRatios(0.5, 0.7, 1.1))
     numbers = RespondingNumbers(QuadrotorNumbers(PAPER, effects=effects), response)
@@ -217,22 +223,32 @@ def test_an_effect_of_a_user_is_part_of_the_language():
 
 def test_an_effect_without_answers_is_refused():
     class Silent(VehicleEffect):
+        meaning: ClassVar = ""
+        record: ClassVar = Ceiling
         is_believed: ClassVar = False
 
     class Steep(AirLoadEffect):
+        field: ClassVar = "steep"
+        meaning: ClassVar = ""
         record: ClassVar = Ceiling
         is_believed: ClassVar = False
         depends_on_time: ClassVar = False
         couples_axes: ClassVar = False
         belongs_to_airframe: ClassVar = False
 
-    with pytest.raises(TypeError, match="Silent must define record and depends_on_time and couples_axes and belongs"):
-        EFFECTS.field("silent", "")(Silent)
+    class Taken(CeilingEffect):
+        field: ClassVar = "battery"
+
+    class OfTheVehicle(CeilingEffect):
+        field: ClassVar = "mass"
+
+    with pytest.raises(TypeError, match="Silent must define field and depends_on_time and couples_axes and belongs"):
+        EFFECTS.member(Silent)
     with pytest.raises(TypeError, match="Steep must define max_slope"):
-        EFFECTS.field("steep", "")(Steep)
-    with pytest.raises(ValueError, match="there is another VehicleEffect in the field battery: BatteryEffect"):
-        EFFECTS.field("battery", "")(CeilingEffect)
+        EFFECTS.member(Steep)
+    with pytest.raises(ValueError, match="there is another VehicleEffect called battery: BatteryEffect"):
+        EFFECTS.member(Taken)
     with pytest.raises(ValueError, match="there is another field mass"):
-        EFFECTS.field("mass", "")(CeilingEffect)
+        EFFECTS.member(OfTheVehicle)
     with pytest.raises(TypeError, match="dict must extend VehicleEffect"):
-        EFFECTS.field("dict", "")(dict)
+        EFFECTS.member(dict)

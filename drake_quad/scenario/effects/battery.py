@@ -9,7 +9,7 @@ from drake_quad.scenario.quantities import NonNegative, Number, Positive, bounde
 from drake_quad.vehicle.battery import Battery
 
 
-@EFFECTS.field("battery", "that is drawn empty, if any; else the voltage is constant")
+@EFFECTS.member
 class BatteryEffect(VehicleEffect):
     """A battery that the rotors draw empty; its voltage sags under their current."""
 
@@ -20,6 +20,8 @@ class BatteryEffect(VehicleEffect):
     efficiency: Annotated[Number, bounded(least=0.01, most=1.0)] = Field(
         description="mechanical power of the rotors over electrical power (1)"
     )
+    field: ClassVar = "battery"
+    meaning: ClassVar = "that is drawn empty, if any; else the voltage is constant"
     record: ClassVar = Battery
     is_believed: ClassVar = False
     depends_on_time: ClassVar = True

@@ -12,7 +12,7 @@ from drake_quad.signals import Row
 from drake_quad.vehicle.aerodynamics import BodyDrag
 
 
-@EFFECTS.field("body_drag", "beside `linear_drag` and `quadratic_drag`, if any")
+@EFFECTS.member
 class BodyDragEffect(AirLoadEffect):
     """Drag of the body, along each of its axes by itself: F_k = (c1_k + c2_k |u|) u_k, u the air relative to it."""
 
@@ -23,6 +23,8 @@ class BodyDragEffect(AirLoadEffect):
     centre_of_pressure: Position = Field(
         default=NO_OFFSET, description="where it acts, x, y, z in B seen from the centre of mass (m)"
     )
+    field: ClassVar = "body_drag"
+    meaning: ClassVar = "beside `linear_drag` and `quadratic_drag`, if any"
     record: ClassVar = BodyDrag
     is_believed: ClassVar = True
     depends_on_time: ClassVar = False

@@ -1,6 +1,6 @@
 """Effects on the vehicle, and the questions about them that the rest of the library asks.
 
-An effect of your own is a class that extends `VehicleEffect` or `AirLoadEffect` and is registered with `EFFECTS.field`.
+An effect of your own is a class that extends `AirLoadEffect` and is registered with `EFFECTS.member`.
 """
 
 from abc import abstractmethod
@@ -24,6 +24,8 @@ class VehicleEffect(Model):
     Numbers that a study draws are (N,) arrays when the methods are called for a fleet.
 
     Attributes:
+        field: name of the field of a vehicle.
+        meaning: description of the field.
         record: record of `drake_quad.vehicle` whose formulas compute the effect.
         is_believed: whether the ground station knows the effect, so that controllers are designed with it.
         depends_on_time: whether the effect changes while a vehicle hovers.
@@ -31,6 +33,8 @@ class VehicleEffect(Model):
         belongs_to_airframe: whether a description of another vehicle replaces the effect.
     """
 
+    field: ClassVar[str]
+    meaning: ClassVar[str]
     record: ClassVar[type]
     is_believed: ClassVar[bool]
     depends_on_time: ClassVar[bool]
@@ -67,7 +71,10 @@ class VehicleEffect(Model):
         return ()
 
 
-EFFECTS = OpenFields(VehicleEffect, "record", "is_believed", "depends_on_time", "couples_axes", "belongs_to_airframe")
+EFFECTS = OpenFields(
+    *(VehicleEffect, "field", "meaning", "record"),
+    *("is_believed", "depends_on_time", "couples_axes", "belongs_to_airframe"),
+)
 """Models of the fields of a vehicle that are effects."""
 
 

@@ -9,12 +9,14 @@ from drake_quad.scenario.quantities import Number, Positive
 from drake_quad.vehicle.aerodynamics import GroundEffect
 
 
-@EFFECTS.field("ground_effect", "thrust gained above the ground, if any")
+@EFFECTS.member
 class NearGroundEffect(VehicleEffect):
     """Thrust that rotors gain close above the ground: 1 / (1 - (R / 4z)²), Cheeseman and Bennett 1955; at most 4/3."""
 
     rotor_radius: Positive = Field(description="R (m)")
     ground_height: Number = Field(default=0.0, description="z of the ground in W (m)")
+    field: ClassVar = "ground_effect"
+    meaning: ClassVar = "thrust gained above the ground, if any"
     record: ClassVar = GroundEffect
     is_believed: ClassVar = False
     depends_on_time: ClassVar = False

@@ -13,7 +13,7 @@ from drake_quad.signals import Row
 from drake_quad.vehicle.payload import Payload
 
 
-@EFFECTS.field("payload", "fixed to the vehicle, if any")
+@EFFECTS.member
 class PayloadEffect(VehicleEffect):
     """A mass that is fixed to the vehicle, and is picked up or dropped at a time."""
 
@@ -30,6 +30,8 @@ class PayloadEffect(VehicleEffect):
     event: Literal["picked_up", "dropped"] = Field(
         description="what happens at that time: before it is picked up and after it is dropped it is not there"
     )
+    field: ClassVar = "payload"
+    meaning: ClassVar = "fixed to the vehicle, if any"
     record: ClassVar = Payload
     is_believed: ClassVar = False
     depends_on_time: ClassVar = True

@@ -11,7 +11,7 @@ from drake_quad.signals import RotorSpeed, Row
 from drake_quad.vehicle.aerodynamics import RotorAerodynamics
 
 
-@EFFECTS.field("rotor_aerodynamics", "lift, climb, drag and inflow of the rotors, if any")
+@EFFECTS.member
 class RotorAerodynamicsEffect(AirLoadEffect):
     """What the air that the rotors meet does to them; the paper has nothing of it."""
 
@@ -28,6 +28,8 @@ class RotorAerodynamicsEffect(AirLoadEffect):
     inflow: NonNegative = Field(
         default=0.0, description="the same along z of B: thrust that a rotor loses in climb (N s²/m)"
     )
+    field: ClassVar = "rotor_aerodynamics"
+    meaning: ClassVar = "lift, climb, drag and inflow of the rotors, if any"
     record: ClassVar = RotorAerodynamics
     is_believed: ClassVar = True
     depends_on_time: ClassVar = False

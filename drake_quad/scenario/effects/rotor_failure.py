@@ -11,7 +11,7 @@ from drake_quad.signals import Row
 from drake_quad.vehicle.faults import RotorFaults, SpeedFactors
 
 
-@EFFECTS.field("rotor_failure", "of one rotor, if any")
+@EFFECTS.member
 class RotorFailureEffect(VehicleEffect):
     """One rotor that loses speed at once."""
 
@@ -20,6 +20,8 @@ class RotorFailureEffect(VehicleEffect):
     speed_factor: Annotated[Number, bounded(least=0.0, below=1.0)] = Field(
         default=0.0, description="speed from then on over the speed commanded (1)"
     )
+    field: ClassVar = "rotor_failure"
+    meaning: ClassVar = "of one rotor, if any"
     record: ClassVar = RotorFaults
     is_believed: ClassVar = False
     depends_on_time: ClassVar = True

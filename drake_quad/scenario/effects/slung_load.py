@@ -12,12 +12,14 @@ from drake_quad.signals import Row
 from drake_quad.vehicle.slung_load import SlungLoad
 
 
-@EFFECTS.field("slung_load", "on a cable, if any; not beside a payload")
+@EFFECTS.member
 class SlungLoadEffect(VehicleEffect):
     """A point mass on a rod without mass, always taut, that hangs at the centre of mass of the vehicle."""
 
     mass: Positive = Field(description="of the load (kg)")
     length: Annotated[Number, bounded(least=0.01, most=LARGEST)] = Field(description="of the rod (m)")
+    field: ClassVar = "slung_load"
+    meaning: ClassVar = "on a cable, if any; not beside a payload"
     record: ClassVar = SlungLoad
     is_believed: ClassVar = False
     depends_on_time: ClassVar = False

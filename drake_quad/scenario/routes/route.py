@@ -90,7 +90,8 @@ class MovingRoute(MissionRoute):
 
     def limits(self) -> Limits:
         """Return the limits of the path; the route holds no distributions."""
-        return Limits(speed=self.top_speed, acceleration=self.top_acceleration)
+        given = {"speed": self.top_speed, "acceleration": self.top_acceleration}
+        return Limits(**{name: limit for name, limit in given.items() if limit is not None})
 
     def yaw_of(self, path: PolynomialPath) -> PolynomialPath:
         """Return the yaw along a path."""

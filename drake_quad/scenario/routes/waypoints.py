@@ -10,7 +10,7 @@ from pydantic_core import PydanticCustomError
 from drake_quad.errors import InputError
 from drake_quad.reference.laps import LapDurations, flown_in_laps
 from drake_quad.reference.minimum_snap import rest_at_ends
-from drake_quad.reference.path_problem import Limits, PathProblem
+from drake_quad.reference.path_problem import PathProblem
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.planner import merged, passing_times, plan_path
 from drake_quad.reference.polynomial_path import PolynomialPath
@@ -179,11 +179,6 @@ class WaypointRoute(MovingRoute):
             except InputError as error:
                 raise PydanticCustomError("path", "{reason}", {"reason": str(error)}) from None
         return self
-
-    def limits(self) -> Limits:
-        """Return the limits of the path; the route holds no distributions."""
-        given = {"speed": self.top_speed, "acceleration": self.top_acceleration}
-        return Limits(**{name: limit for name, limit in given.items() if limit is not None})
 
     def known_end(self) -> KnownEnd:
         """Return the field that determines the end of the route, and this time, s; None if a plan does."""
