@@ -1,11 +1,12 @@
 """Every effect on the vehicle answers every question truthfully, and effects of one's own are equals."""
 
-from typing import ClassVar, NamedTuple
+from importlib import import_module
+from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
 from both_ways import assert_flown_alike
-from pydantic import Field
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.primitives import Linearize
 
@@ -15,10 +16,9 @@ from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.effects.effect import EFFECTS, AirLoadEffect, VehicleEffect
 from drake_quad.scenario.hovering import as_believed, in_hover
 from drake_quad.scenario.models import Vehicle
-from drake_quad.scenario.quantities import NonNegative
 from drake_quad.scenario.schema import file_schema, language_page
-from drake_quad.signals import RotorSpeed, Row, State, Wrench
-from drake_quad.vehicle.aerodynamics import Flow, Load
+from drake_quad.signals import RotorSpeed, State, Wrench
+from drake_quad.vehicle.aerodynamics import Flow
 from drake_quad.vehicle.dynamics import hover_rotor_speeds
 from drake_quad.vehicle.effects import as_in_hover
 from drake_quad.vehicle.faults import RotorFaults
@@ -32,6 +32,7 @@ from drake_quad.vehicle.responding import (
     RespondingQuadrotor,
 )
 
+EXAMPLE = Path(__file__).parent.parent.parent / "scripts" / "examples" / "ceiling_effect.py"
 PAPER = QuadrotorParameters()
 HEIGHT = 0.3
 NUM_STATES = len(State._fields) + len(RotorSpeed._fields)
@@ -47,40 +48,19 @@ FIELDS = {
 }
 
 
-class Ceiling(NamedTuple):
-    """Share of the thrust that rotors gain at a ceiling, and the height of the ceiling."""
-
-    share: Row
-    height: Row
-
-    def load(self, flow: Flow) -> Load:
-        """Return the thrust that the rotors gain, which decreases with the squared distance from the ceiling."""
-        distance = 1.0 + self.height - flow.height
-        gained = self.share * flow.wrench.thrust / (distance * distance)
-        return Load(Vector(0.0, 0.0, gained), Vector(0.0, 0.0, 0.0))
+def test_a_payload_that_is_dropped_later_stays_in_hover():
+    """The vehicle is trimmed with it, and without one that is dropped at once."""
+    dropped = {**FIELDS["payload"], "event": "dropped"}
+    payload = dict(EFFECTS.items())["payload"](**dropped)
+    assert stays("payload", payload.in_hover())
+    assert payload.model_copy(update={"time": 0.0}).in_hover() is None
 
 
-class CeilingEffect(AirLoadEffect):
-    """Thrust that rotors gain below a ceiling."""
-
-    share: NonNegative = Field(description="share of the thrust at the ceiling (1)")
-    height: NonNegative = Field(default=3.0, description="height of the ceiling (m)")
-    field: ClassVar = "ceiling"
-    meaning: ClassVar = "above the vehicle, if any"
-    record: ClassVar = Ceiling
-    is_believed: ClassVar = False
-    depends_on_time: ClassVar = True
-    couples_axes: ClassVar = False
-    belongs_to_airframe: ClassVar = False
-
-    def max_slope(self, vehicle, airspeed):
-        """Return 0, since the load depends on the place only."""
-        return 0.0
-
-
-def ceiling():
-    """Register the effect of this file during a test."""
-    return EFFECTS.member(CeilingEffect)
+@pytest.fixture
+def ceiling(monkeypatch):
+    """Return the effect of the example, which is registered during a test."""
+    monkeypatch.syspath_prepend(EXAMPLE.parent)
+    return EFFECTS.member(import_module(EXAMPLE.stem).CeilingEffect)
 
 
 def example(name, kind):
@@ -183,63 +163,58 @@ def test_every_effect_answers_truthfully(name, kind):
     check_response(name, kind)
 
 
-def test_an_effect_of_a_user_is_checked_like_ours():
-    """It becomes stronger on the way to the ceiling, so the vehicle leaves its place."""
-    check_member("ceiling", ceiling())
-    check_response("ceiling", CeilingEffect)
+def test_an_effect_of_a_user_is_checked_like_ours(ceiling):
+    check_member("ceiling", ceiling)
+    check_response("ceiling", ceiling)
 
 
 def hover(**changes):
-    ceiling = {"share": {"uniform": {"min": 0.1, "max": 0.3}}, **changes}
-    return load_scenario("hover", {"duration": 1.0, "vehicle.ceiling": ceiling})
+    fields = {"rotor_radius": {"uniform": {"min": 0.1, "max": 0.3}}, "height": 1.3, **changes}
+    return load_scenario("hover", {"duration": 1.0, "vehicle.ceiling": fields})
 
 
 @pytest.mark.slow
-def test_an_effect_of_a_user_flies_wired_and_compiled():
-    """The thrust that it adds is missing in the command after the controller has settled."""
-    ceiling()
-    batch = Batch.draw(hover(height=1.0), range(2))
-    assert_flown_alike(batch)
-    vehicle = batch.fleet_scenario.vehicle
-    assert vehicle.effect_numbers().loads[0].share.tolist() == batch.varying["vehicle.ceiling.share"].tolist()
+def test_an_effect_of_a_user_flies_wired_and_compiled(ceiling):
+    """The acceleration in the first step is that of the thrust that is gained."""
+    batch = Batch.draw(hover(), range(2))
+    for flight, radius in zip(assert_flown_alike(batch), batch.varying["vehicle.ceiling.rotor_radius"], strict=True):
+        gained = 9.81 * (0.25 * radius / 0.3) ** 2
+        assert flight.record("state").v_z[1] == pytest.approx(0.02 * gained, rel=1e-3)
 
 
 @pytest.mark.slow
-def test_an_effect_of_a_user_is_part_of_the_language():
-    with pytest.raises(InputError, match="vehicle.ceiling is unknown"):
-        hover()
-    ceiling()
+def test_an_effect_of_a_user_is_part_of_the_language(ceiling):
     assert "CeilingEffect" in file_schema()["$defs"]
-    assert "| `share` |" in language_page()
-    assert in_hover(hover(share=0.1)).vehicle.effects() == {}
-    assert as_believed(hover(share=0.1)).vehicle.effects() == {}
-    with pytest.raises(InputError, match=r"vehicle.ceiling.share is -0.1, but must be at least 0"):
-        hover(share=-0.1)
+    assert "[CeilingEffect](#ceilingeffect)" in language_page()
+    assert in_hover(hover(rotor_radius=0.1)).vehicle.effects() == {}
+    assert as_believed(hover(rotor_radius=0.1)).vehicle.effects() == {}
+    with pytest.raises(InputError, match=r"vehicle.ceiling.rotor_radius is -0.1, but must be at least 0"):
+        hover(rotor_radius=-0.1)
     EFFECTS.remove("ceiling")
     assert "CeilingEffect" not in file_schema()["$defs"]
     with pytest.raises(InputError, match="vehicle.ceiling is unknown"):
         hover()
 
 
-def test_an_effect_without_answers_is_refused():
+def test_an_effect_without_answers_is_refused(ceiling):
     class Silent(VehicleEffect):
         meaning: ClassVar = ""
-        record: ClassVar = Ceiling
+        record: ClassVar = ceiling.record
         is_believed: ClassVar = False
 
     class Steep(AirLoadEffect):
         field: ClassVar = "steep"
         meaning: ClassVar = ""
-        record: ClassVar = Ceiling
+        record: ClassVar = ceiling.record
         is_believed: ClassVar = False
         depends_on_time: ClassVar = False
         couples_axes: ClassVar = False
         belongs_to_airframe: ClassVar = False
 
-    class Taken(CeilingEffect):
+    class Taken(ceiling):
         field: ClassVar = "battery"
 
-    class OfTheVehicle(CeilingEffect):
+    class OfTheVehicle(ceiling):
         field: ClassVar = "mass"
 
     with pytest.raises(TypeError, match="Silent must define field and depends_on_time and couples_axes and belongs"):
