@@ -1,7 +1,7 @@
 """Minimum-snap path through waypoints."""
 
 import math
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
@@ -24,9 +24,11 @@ from drake_quad.scenario.quantities import RADIANS, TWO_TURNS, Point, Position, 
 from drake_quad.scenario.regions import BoxRegion, CorridorRegion, SphereRegion
 from drake_quad.scenario.routes.route import ROUTES, KnownEnd, Laps, MovingRoute, Planned, of_three_laps
 from drake_quad.scenario.routes.waypoint_times import Given, LeastSnap, Shortest, Times
-from drake_quad.space.around import WayAround, check_places, plan_around, straight_on, within
 from drake_quad.space.distance import nearest_approach
 from drake_quad.space.space import Space
+
+if TYPE_CHECKING:
+    from drake_quad.space.around import WayAround
 
 # Half a turn plus a tolerance for rounding, rad. If consecutive yaws differ by no more, they describe continuous turns.
 _HALF_TURN = math.pi + 1e-6
@@ -229,12 +231,12 @@ class WaypointRoute(MovingRoute):
         plan = Plan(path, yaw, _laps_as_legs(path, laps), laps)
         return Planned(plan, self.problem(self.laps)) if way is None else Planned(plan, way.problem, way.waypoints)
 
-    def _passing_times(self, path: PolynomialPath, way: WayAround | None) -> np.ndarray:
+    def _passing_times(self, path: PolynomialPath, way: "WayAround | None") -> np.ndarray:
         """Return the times (waypoints,) at which the waypoints are passed, s."""
         own = path if way is None else path._replace(times=path.times[way.waypoints])
         return passing_times(self.problem(self.laps), own)
 
-    def _path(self, space: Space | None) -> tuple[PolynomialPath, tuple[float, ...], WayAround | None]:
+    def _path(self, space: Space | None) -> tuple[PolynomialPath, tuple[float, ...], "WayAround | None"]:
         """Return the path, the times of its laps, s, if there are several, and its way around obstacles, if any.
 
         Where times are chosen, they are chosen for three laps, and the middle one is repeated.
@@ -271,12 +273,15 @@ class WaypointRoute(MovingRoute):
             return flown._replace(times=flown.times + start), tuple([start + time for time in laps]), None
         return flown.stretched(factor), tuple([factor * time for time in laps]), None
 
-    def _around(self, space: Space) -> tuple[PolynomialPath, WayAround]:
+    def _around(self, space: Space) -> tuple[PolynomialPath, "WayAround"]:
         """Return the path that keeps the clearance and the bounds of a space, and its way around obstacles.
 
         Raises:
             InputError: there is no such path, or none is found.
         """
+        # These import pydrake.planning, which most flights do not need.
+        from drake_quad.space.around import check_places, plan_around, straight_on, within
+
         problem, timing = self.problem(), self.times.timing()
         if not isinstance(self.times, Given):
             problem = merged(problem)
