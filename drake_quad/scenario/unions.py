@@ -119,12 +119,15 @@ class OpenFields(_Members):
         def rebuild() -> None:
             for name in {*model.model_fields} - own:
                 del model.model_fields[name]
+                delattr(model, name)
             for name, member in self.items():
                 model.model_fields[name] = FieldInfo(
                     annotation=member | None,  # type: ignore[arg-type]
                     default=None,
                     description=member.meaning,
                 )
+                # Models that were made before the member was registered lack the field.
+                setattr(model, name, None)
             model.model_rebuild(force=True)
 
         rebuild()

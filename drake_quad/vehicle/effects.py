@@ -63,6 +63,11 @@ class Effects(NamedTuple):
         return (*(load for load in own if load is not None), *self.loads)
 
     @property
+    def depend_on_height(self) -> bool:
+        """True if an effect can depend on the height of the vehicle."""
+        return self.ground_effect is not None or bool(self.loads)
+
+    @property
     def load_the_body(self) -> bool:
         """True if there are forces on the body other than those of the paper's equations."""
         return bool(self.air_loads) or self.payload is not None or self.slung_load is not None

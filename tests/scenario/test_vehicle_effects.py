@@ -168,6 +168,19 @@ def test_an_effect_of_a_user_is_checked_like_ours(ceiling):
     check_response("ceiling", ceiling)
 
 
+def test_steps_take_the_height_within_them(ceiling):
+    """A rising vehicle is where integration with error control has it."""
+    effect, ends = ceiling(rotor_radius=0.3, height=0.8), []
+    for time_step in (0.01, 0.0):
+        vehicle, context = built("ceiling", effect, time_step=time_step)
+        simulator = Simulator(vehicle, context)
+        simulator.get_mutable_integrator().set_target_accuracy(1e-11)
+        simulator.AdvanceTo(0.3 + 1e-9)  # past the last update
+        ends.append(vehicle.GetOutputPort("state").Eval(context)[[2, 8]])
+    assert ends[0][1] > 0.05
+    np.testing.assert_allclose(*ends, rtol=1e-7)
+
+
 def hover(**changes):
     fields = {"rotor_radius": {"uniform": {"min": 0.1, "max": 0.3}}, "height": 1.3, **changes}
     return load_scenario("hover", {"duration": 1.0, "vehicle.ceiling": fields})
@@ -184,6 +197,11 @@ def test_an_effect_of_a_user_flies_wired_and_compiled(ceiling):
 
 @pytest.mark.slow
 def test_an_effect_of_a_user_is_part_of_the_language(ceiling):
+    EFFECTS.remove("ceiling")
+    before = load_scenario("hover")
+    EFFECTS.member(ceiling)
+    assert before.vehicle.effects() == {}
+    assert as_believed(before).vehicle.effects() == {}
     assert "CeilingEffect" in file_schema()["$defs"]
     assert "[CeilingEffect](#ceilingeffect)" in language_page()
     assert in_hover(hover(rotor_radius=0.1)).vehicle.effects() == {}
