@@ -7,8 +7,9 @@ from pydantic import Field
 from drake_quad.framework.recipe import Recipe
 from drake_quad.framework.records import record_like
 from drake_quad.laboratory import command_link
+from drake_quad.laboratory.command_link import LinkNumbers
 from drake_quad.scenario.distributions import Model
-from drake_quad.scenario.quantities import Period, Probability, Ticks, any_nonzero, largest_ticks
+from drake_quad.scenario.quantities import Period, Probability, Ticks, any_nonzero, field_of, largest_ticks
 from drake_quad.signals import AttitudeTarget, Wrench
 
 
@@ -17,7 +18,7 @@ class CommandLink(Model):
 
     period: Period = Field(default=0.02, description="time between ticks of the control (s); the paper's 50 Hz")
     delay_ticks: Ticks = Field(default=1, description="whole ticks from sending to arrival")
-    loss_rate: Probability = Field(default=0.0, description="share of the packets that are lost (1)")
+    loss_rate: Probability = field_of(LinkNumbers, "loss_rate", "share of the packets that are lost")
 
     def recipe(self, fleet: Any, signal: command_link.Command, initial: Wrench | AttitudeTarget) -> Recipe:
         """Return the recipe for the links of a fleet.
@@ -33,6 +34,4 @@ class CommandLink(Model):
             "longest_delay": largest_ticks(self.delay_ticks, fleet.delay_ticks),
             "loses_packets": any_nonzero(self.loss_rate, fleet.loss_rate),
         }
-        return Recipe(
-            command_link.CommandLink, structure, record_like(command_link.LinkNumbers, fleet, initial=initial)
-        )
+        return Recipe(command_link.CommandLink, structure, record_like(LinkNumbers, fleet, initial=initial))

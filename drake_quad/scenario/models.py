@@ -6,7 +6,7 @@ structure of the diagram (periods, counts, choices), what the ground believes, a
 
 import math
 from functools import reduce
-from typing import Annotated, Any, Generic, Literal, TypeVar, get_args, get_type_hints
+from typing import Annotated, Any, Generic, Literal, TypeVar
 
 from pydantic import (
     BeforeValidator,
@@ -50,6 +50,7 @@ from drake_quad.scenario.quantities import (
     Step,
     bounded,
     extremes,
+    field_of,
 )
 from drake_quad.scenario.routes.route import ROUTES, AnyRoute
 from drake_quad.scenario.space import Space
@@ -73,30 +74,21 @@ _Positive = TypeVar("_Positive")
 _NonNegative = TypeVar("_NonNegative")
 
 
-def _paper(name: str, symbol: str, record: Any = _PAPER, *, rule: str = "") -> Any:
-    """Return a field with the paper's number as default; the rule follows the unit in its description."""
-    value, hint = getattr(record, name), get_type_hints(type(record), include_extras=True)[name]
-    if isinstance(value, tuple):
-        hint = next(iter(get_type_hints(type(value), include_extras=True).values()))
-    _, quantity = get_args(hint)
-    return Field(default=value, description=f"{symbol} ({quantity.unit}){rule}")
-
-
 class Airframe(Model, Generic[_Positive, _NonNegative]):
     """What a vehicle is made of; the defaults are the paper's Table I where it has them."""
 
-    mass: _Positive = _paper("mass", "m")
-    inertia: Annotated[tuple[_Positive, _Positive, _Positive], Field(strict=False)] = _paper(
-        "inertia", "I_xx, I_yy, I_zz", rule=INERTIA_RULE
+    mass: _Positive = field_of(_PAPER, "mass", "m")
+    inertia: Annotated[tuple[_Positive, _Positive, _Positive], Field(strict=False)] = field_of(
+        _PAPER, "inertia", "I_xx, I_yy, I_zz", rule=INERTIA_RULE
     )
-    rotor_inertia: _NonNegative = _paper("rotor_inertia", "J_r")
-    thrust_factor: _Positive = _paper("thrust_factor", "b", _ROTOR)
-    drag_factor: _Positive = _paper("drag_factor", "d", _ROTOR)
-    arm_length: _Positive = _paper("x", "l, from the middle of a plus or an x to its rotors", _ROTOR)
+    rotor_inertia: _NonNegative = field_of(_PAPER, "rotor_inertia", "J_r")
+    thrust_factor: _Positive = field_of(_ROTOR, "thrust_factor", "b")
+    drag_factor: _Positive = field_of(_ROTOR, "drag_factor", "d")
+    arm_length: _Positive = field_of(_ROTOR, "x", "l, from the middle of a plus or an x to its rotors")
     layout: Layout = Field(default=PlusLayout(kind="plus"), description="where the rotors are and which way they turn")
-    gravity: _Positive = _paper("gravity", "g")
-    min_rotor_speed: _NonNegative = _paper("min_rotor_speed", "idle")
-    max_rotor_speed: _Positive = _paper("max_rotor_speed", "top speed of the rotors")
+    gravity: _Positive = field_of(_PAPER, "gravity", "g")
+    min_rotor_speed: _NonNegative = field_of(_PAPER, "min_rotor_speed", "idle")
+    max_rotor_speed: _Positive = field_of(_PAPER, "max_rotor_speed", "top speed of the rotors")
 
     @model_serializer(mode="wrap")
     def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -177,9 +169,9 @@ class Vehicle(Airframe[Positive, NonNegative]):
         default=(0.0, 0.0),
         description="x and y in B, seen from the origin of `layout`, the middle of a plus, an x or an h (m)",
     )
-    linear_drag: NonNegative = _paper("linear_drag", "drag force over airspeed")
-    quadratic_drag: NonNegative = _paper("quadratic_drag", "drag force over squared airspeed")
-    rotor_time_constant: Span = _paper("rotor_time_constant", "lag of the rotor speed")
+    linear_drag: NonNegative = field_of(_PAPER, "linear_drag", "drag force over airspeed")
+    quadratic_drag: NonNegative = field_of(_PAPER, "quadratic_drag", "drag force over squared airspeed")
+    rotor_time_constant: Span = field_of(_PAPER, "rotor_time_constant", "lag of the rotor speed")
     rotor_time_constant_down: Span | None = Field(
         default=None, description="lag of rotors that slow down (s); if not given, as of those that speed up"
     )

@@ -2,10 +2,10 @@
 
 from typing import Annotated, ClassVar
 
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from drake_quad.scenario.effects.effect import EFFECTS, VehicleEffect
-from drake_quad.scenario.quantities import NonNegative, Number, Positive, bounded, extremes
+from drake_quad.scenario.quantities import NonNegative, Number, Positive, bounded, extremes, field_of
 from drake_quad.vehicle.battery import Battery
 
 
@@ -13,12 +13,12 @@ from drake_quad.vehicle.battery import Battery
 class BatteryEffect(VehicleEffect):
     """A battery that the rotors draw empty; its voltage sags under their current."""
 
-    voltage: Positive = Field(description="of the full battery without current (V)")
-    empty_voltage: Positive = Field(description="of the empty battery without current (V)")
-    capacity: Positive = Field(description="charge between the two (A h)")
-    resistance: NonNegative = Field(description="inside of the battery (Ω)")
-    efficiency: Annotated[Number, bounded(least=0.01, most=1.0)] = Field(
-        description="mechanical power of the rotors over electrical power (1)"
+    voltage: Positive = field_of(Battery, "voltage", "of the full battery without current")
+    empty_voltage: Positive = field_of(Battery, "empty_voltage", "of the empty battery without current")
+    capacity: Positive = field_of(Battery, "capacity", "charge between the two")
+    resistance: NonNegative = field_of(Battery, "resistance", "inside of the battery")
+    efficiency: Annotated[Number, bounded(least=0.01, most=1.0)] = field_of(
+        Battery, "efficiency", "mechanical power of the rotors over electrical power"
     )
     field: ClassVar = "battery"
     meaning: ClassVar = "that is drawn empty, if any; else the voltage is constant"

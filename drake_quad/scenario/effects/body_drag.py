@@ -4,10 +4,9 @@ from functools import reduce
 from typing import Any, ClassVar
 
 import numpy as np
-from pydantic import Field
 
 from drake_quad.scenario.effects.effect import EFFECTS, NO_OFFSET, AirLoadEffect, PerAxis, VehicleEffect
-from drake_quad.scenario.quantities import Position
+from drake_quad.scenario.quantities import Position, field_of
 from drake_quad.signals import Row
 from drake_quad.vehicle.aerodynamics import BodyDrag
 
@@ -16,12 +15,10 @@ from drake_quad.vehicle.aerodynamics import BodyDrag
 class BodyDragEffect(AirLoadEffect):
     """Drag of the body, along each of its axes by itself: F_k = (c1_k + c2_k |u|) u_k, u the air relative to it."""
 
-    linear: PerAxis = Field(default=NO_OFFSET, description="c1, force over airspeed along x, y, z of B (N s/m)")
-    quadratic: PerAxis = Field(
-        default=NO_OFFSET, description="c2, force over squared airspeed along x, y, z of B (N s²/m²)"
-    )
-    centre_of_pressure: Position = Field(
-        default=NO_OFFSET, description="where it acts, x, y, z in B seen from the centre of mass (m)"
+    linear: PerAxis = field_of(BodyDrag, "linear", "c1, force over airspeed along x, y, z of B")
+    quadratic: PerAxis = field_of(BodyDrag, "quadratic", "c2, force over squared airspeed along x, y, z of B")
+    centre_of_pressure: Position = field_of(
+        BodyDrag, "centre_of_pressure", "where it acts, x, y, z in B seen from the centre of mass"
     )
     field: ClassVar = "body_drag"
     meaning: ClassVar = "beside `linear_drag` and `quadratic_drag`, if any"

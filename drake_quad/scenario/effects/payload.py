@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 from drake_quad.framework.records import record_like
 from drake_quad.scenario.effects.effect import EFFECTS, NO_OFFSET, PerAxis, VehicleEffect
 from drake_quad.scenario.inertia import INERTIA_DEMAND, INERTIA_RULE, inertia_flaw
-from drake_quad.scenario.quantities import Moment, Position, Positive
+from drake_quad.scenario.quantities import Moment, Position, Positive, field_of
 from drake_quad.signals import Row
 from drake_quad.vehicle.payload import Payload
 
@@ -17,7 +17,7 @@ from drake_quad.vehicle.payload import Payload
 class PayloadEffect(VehicleEffect):
     """A mass that is fixed to the vehicle, and is picked up or dropped at a time."""
 
-    mass: Positive = Field(description="of it (kg)")
+    mass: Positive = field_of(Payload, "mass", "of it")
     position: Position = Field(
         default=NO_OFFSET,
         description="of its centre of mass, x, y, z in B seen from that of the vehicle without it (m)",

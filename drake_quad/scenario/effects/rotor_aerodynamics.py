@@ -3,10 +3,9 @@
 from typing import Any, ClassVar
 
 import numpy as np
-from pydantic import Field
 
 from drake_quad.scenario.effects.effect import EFFECTS, AirLoadEffect
-from drake_quad.scenario.quantities import NonNegative, Number
+from drake_quad.scenario.quantities import NonNegative, Number, field_of
 from drake_quad.signals import RotorSpeed, Row
 from drake_quad.vehicle.aerodynamics import RotorAerodynamics
 
@@ -15,18 +14,17 @@ from drake_quad.vehicle.aerodynamics import RotorAerodynamics
 class RotorAerodynamicsEffect(AirLoadEffect):
     """What the air that the rotors meet does to them; the paper has nothing of it."""
 
-    lift: NonNegative = Field(
-        default=0.0, description="thrust of all rotors over the squared speed across their discs (N s²/m²)"
+    lift: NonNegative = field_of(
+        RotorAerodynamics, "lift", "thrust of all rotors over the squared speed across their discs"
     )
-    climb: Number = Field(
-        default=0.0,
-        description="thrust that all rotors lose over the speed of climb through the air, along z of B (N s/m)",
+    climb: Number = field_of(
+        RotorAerodynamics, "climb", "thrust that all rotors lose over the speed of climb through the air, along z of B"
     )
-    drag: NonNegative = Field(
-        default=0.0, description="force across z of B over airspeed and a rotor's speed in rad/s (N s²/m)"
+    drag: NonNegative = field_of(
+        RotorAerodynamics, "drag", "force across z of B over airspeed and a rotor's speed in rad/s"
     )
-    inflow: NonNegative = Field(
-        default=0.0, description="the same along z of B: thrust that a rotor loses in climb (N s²/m)"
+    inflow: NonNegative = field_of(
+        RotorAerodynamics, "inflow", "the same along z of B: thrust that a rotor loses in climb"
     )
     field: ClassVar = "rotor_aerodynamics"
     meaning: ClassVar = "lift, climb, drag and inflow of the rotors, if any"

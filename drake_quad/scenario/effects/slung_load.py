@@ -3,11 +3,10 @@
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from pydantic import Field
 
 from drake_quad.scenario.effects.effect import EFFECTS, VehicleEffect
 from drake_quad.scenario.limits import LARGEST
-from drake_quad.scenario.quantities import Number, Positive, bounded
+from drake_quad.scenario.quantities import Number, Positive, bounded, field_of
 from drake_quad.signals import Row
 from drake_quad.vehicle.slung_load import SlungLoad
 
@@ -16,8 +15,8 @@ from drake_quad.vehicle.slung_load import SlungLoad
 class SlungLoadEffect(VehicleEffect):
     """A point mass on a rod without mass, always taut, that hangs at the centre of mass of the vehicle."""
 
-    mass: Positive = Field(description="of the load (kg)")
-    length: Annotated[Number, bounded(least=0.01, most=LARGEST)] = Field(description="of the rod (m)")
+    mass: Positive = field_of(SlungLoad, "mass", "of the load")
+    length: Annotated[Number, bounded(least=0.01, most=LARGEST)] = field_of(SlungLoad, "length", "of the rod")
     field: ClassVar = "slung_load"
     meaning: ClassVar = "on a cable, if any; not beside a payload"
     record: ClassVar = SlungLoad
