@@ -33,7 +33,7 @@ from drake_quad.reference.path_problem import Box, Limits, PathProblem
 from drake_quad.reference.plan import to_piecewise_polynomial
 from drake_quad.reference.planner import GivenTimes, LeastSnap, Shortest, Timing, plan_path
 from drake_quad.scenario.batch import Batch
-from drake_quad.scenario.routes import WaypointRoute
+from drake_quad.scenario.routes.waypoints import WaypointRoute
 from drake_quad.space.around import plan_around
 from drake_quad.studies.monte_carlo import run_monte_carlo
 

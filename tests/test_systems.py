@@ -4,7 +4,6 @@ import gc
 import importlib
 import importlib.metadata
 import inspect
-import math
 import pkgutil
 import re
 import weakref
@@ -16,43 +15,13 @@ from pydrake.autodiffutils import AutoDiffXd, ExtractValue
 from pydrake.systems.framework import Diagram
 
 import drake_quad
-from drake_quad.control.attitude import AttitudeController
-from drake_quad.control.disturbance.estimator import DisturbanceEstimator
-from drake_quad.control.disturbance.tilt import TiltDisturbanceEstimator
-from drake_quad.control.fuzzy.set_learning import SetLearning
-from drake_quad.control.fuzzy.systems import FuzzyRules, WeightLearning
-from drake_quad.control.geometric import GeometricAttitudeController, IntegratingAttitudeController
-from drake_quad.control.incremental_attitude import IncrementalAttitudeController
-from drake_quad.control.integral import IntegralCorrection
 from drake_quad.control.lqg.system import LinearQuadraticGaussian
-from drake_quad.control.mpc.system import PredictiveProgramme
-from drake_quad.control.policy.actuation import (
-    AccelerationActuation,
-    AttitudeActuation,
-    RatesFromTheGround,
-    RatesOnBoard,
-    RotorSpeedActuation,
-)
-from drake_quad.control.policy.systems import Observation, Policy
-from drake_quad.control.position import ProportionalDerivative
-from drake_quad.control.thrust_vectoring import ThrustVectoring
-from drake_quad.framework.broadcast import Broadcast
 from drake_quad.framework.fleet_system import FleetSystem
-from drake_quad.laboratory.command_link import CommandLink
-from drake_quad.laboratory.flight_monitor import FlightMonitor
 from drake_quad.laboratory.motion_capture import MotionCapture
-from drake_quad.laboratory.wind.dryden import DrydenTurbulence
-from drake_quad.laboratory.wind.fans import Fans
-from drake_quad.laboratory.wind.gust import Gust
-from drake_quad.laboratory.wind.sine import SineWind
-from drake_quad.laboratory.wind.wind import SteadyWind
-from drake_quad.randomness.noise import NoiseSource, TickByTick
-from drake_quad.vehicle.allocation import Allocation, RotorModel
-from drake_quad.vehicle.autopilot import AttitudeAutopilot, ThrustAlone
-from drake_quad.vehicle.motors import ThrottleAllocation
-from drake_quad.vehicle.parameters import QuadrotorParameters
-from drake_quad.vehicle.quadrotor import Quadrotor
-from drake_quad.vehicle.responding import RespondingQuadrotor
+from drake_quad.randomness.noise import NoiseSource
+from drake_quad.scenario.autopilots import AttitudeAutopilot as AttitudeAutopilotModel
+from drake_quad.scenario.models import Laboratory, Vehicle
+from drake_quad.vehicle.autopilot import AttitudeAutopilot
 
 
 def name_of(value):
@@ -301,141 +270,31 @@ def test_a_system_that_is_dropped_is_gone(documented, make):
     assert [type(part).__name__ for part in left if part is not None] == []
 
 
-ROTORS = tuple(
-    (x, y, 0.0, direction, 4.13e-5, 8.5e-7)
-    for x, y, direction in ((0.17, 0.0, -1.0), (0.0, -0.17, 1.0), (-0.17, 0.0, -1.0), (0.0, 0.17, 1.0))
-)
-DEFAULTS = {
-    Allocation: {"paired": False, "priority": "roll_pitch", "numbers": RotorModel.of(QuadrotorParameters())},
-    AttitudeAutopilot: {"period": 0.0025, "noisy": False},
-    AttitudeController: {},
-    Broadcast: {"num_rows": 1},
-    CommandLink: {
-        "signal": "wrench",
-        "period": 0.02,
-        "longest_delay": 0,
-        "loses_packets": False,
-        "numbers": (0.0, 0.0, (0.0, 0.0, 0.0, 0.0)),
-    },
-    DisturbanceEstimator: {"period": 0.02, "delay_ticks": 0},
-    DrydenTurbulence: {"period": 0.01},
-    Fans: {"period": 0.01},
-    FlightMonitor: {
-        "period": 0.02,
-        "limits": (math.radians(80.0), 5.0, -0.5),
-        "surroundings": ((), 0.0),
-        "window": (0.0, math.inf),
-    },
-    FuzzyRules: {
-        "axes": ("x", "y"),
-        "inputs": ("error", "error_rate"),
-        "lap_times": (),
-        "adaptive": False,
-        "leads": False,
-        "numbers": (((1.2, 0.8, 0.5, ((1.0, (-1.0, 0.0, 1.0), (1.0, 1.0, 1.0)),) * 2),), (0.0,)),
-    },
-    GeometricAttitudeController: {"transports": True},
-    Gust: {"period": 0.01},
-    IncrementalAttitudeController: {"period": 0.02, "delay_ticks": 0},
-    SineWind: {"period": 0.01},
-    IntegralCorrection: {"period": 0.02, "integration": "forward_euler"},
-    IntegratingAttitudeController: {"period": 0.02, "integration": "forward_euler", "transports": True},
-    LinearQuadraticGaussian: {
-        "signal": "wrench",
-        "period": 0.01,
-        "tick": 0.02,
-        "loses_frames": False,
-        "takes_correction": False,
-        "takes_perturbation": False,
-    },
-    MotionCapture: {
-        "period": 0.01,
-        "noisy": False,
-        "loses_frames": False,
-        "misaligned": False,
-        "mistaken": False,
-        "filtered": False,
-        "drifts": False,
-        "longest_latency": 0,
-        "numbers": (0.0, 0.0, 0.0, (0.0, 0.0, 0.0), 0.0, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1.0),
-    },
-    NoiseSource: {},
-    PredictiveProgramme: {
-        "tick": 0.02,
-        "num_ticks": 30,
-        "corridor": ((-math.inf,) * 3, (math.inf,) * 3, True, 1.0),
-        "tilt_weight": 10.0,
-    },
-    ProportionalDerivative: {"derivative": "tracking_error", "feeds_forward": False},
-    Quadrotor: {
-        "time_step": 0.01,
-        "kinematics": "exact",
-        "faulty": False,
-        "effects": (),
-        "numbers": (
-            (
-                *(0.68, (0.007, 0.007, 0.012), 6.5e-5, ROTORS, 9.81, 0.0, 0.0),
-                *(0.05, 60.0, 300.0, (0.0, 0.0)),
-            ),
-            (0.0, math.inf, (1.0, 1.0, 1.0, 1.0)),
-            (0.0, 0.0, 0.0, 0.0),
-            (None,) * 9,
-        ),
-    },
-    RespondingQuadrotor: {"time_step": 0.01, "kinematics": "exact", "faulty": False, "effects": ()},
-    SteadyWind: {},
-    TickByTick: {},
-    AccelerationActuation: {"frame": "world", "turn": 0.0},
-    AttitudeActuation: {},
-    RatesFromTheGround: {},
-    RatesOnBoard: {},
-    RotorSpeedActuation: {"order": (0, 1, 2, 3)},
-    Observation: {"period": 0.02, "num_ahead": 0, "clearance": None},
-    Policy: {"period": 0.02},
-    ThrottleAllocation: {"paired": False, "priority": "roll_pitch"},
-    ThrustAlone: {},
-    ThrustVectoring: {"projects": False, "sequence": "zyx"},
-    SetLearning: {
-        "period": 0.02,
-        "axes": ("x", "y"),
-        "inputs": ("error", "error_rate"),
-        "lap_times": (),
-        "learns_from": "surface",
-        "parts": ("centres", "widths", "exponents"),
-        "numbers": (
-            ((1.2, 0.8, 0.5, ((1.0, (-1.0, 0.0, 1.0), (1.0, 1.0, 1.0)),) * 2),) * 2,
-            (0.0, 0.0, 0.0),
-            (1.0, (1.0, 1.0, 1.0), (math.inf, 0.0, 0.0), 0.0),
-        ),
-    },
-    TiltDisturbanceEstimator: {"period": 0.02, "delay_ticks": 0},
-    WeightLearning: {
-        "period": 0.02,
-        "axes": ("x", "y"),
-        "num_rules": 9,
-        "learns_from": "surface",
-        "reset_times": (),
-        "initial_weights": (),
-        "leads": False,
-        "numbers": (1.0, (1.0, 1.0, 1.0), (math.inf, 0.0, 0.0), 0.0),
-    },
-}
+def loop_period(system, argument):
+    """Return the default period of a system in the scenario language, s."""
+    if system is AttitudeAutopilot:
+        return AttitudeAutopilotModel.model_fields["period"].default
+    if system is MotionCapture or (system is LinearQuadraticGaussian and argument == "period"):
+        return Laboratory().motion_capture.period
+    of_motion = system.__module__.startswith(("drake_quad.laboratory.wind.", "drake_quad.vehicle."))
+    return Vehicle().time_step if of_motion else Laboratory().command_link.period
 
 
-@pytest.mark.parametrize("system", DEFAULTS, ids=name_of)
-def test_a_system_that_is_told_nothing_else_is_one_vehicle_s_at_the_periods_of_the_loop(system):
-    """The vehicle's and the wind's is 10 ms, as is that of the cameras; commands and what learns have 20 ms."""
+@examples
+def test_defaults_are_those_of_the_language_and_of_the_records(example):
+    """A system needs no argument that has one meaning in the loop of the scenario language."""
+    system = example.system
     parameters = inspect.signature(system.declare).parameters.values()
     defaults = {each.name: each.default for each in parameters if each.default is not inspect.Parameter.empty}
-    assert defaults == DEFAULTS[system]
-    example = next(example for example in FLEET_SYSTEMS if example.system is system)
+    for name in ("period", "tick", "time_step"):
+        if name in defaults:
+            assert defaults[name] == loop_period(system, name), name
+    for value in defaults.values():
+        if hasattr(value, "_field_defaults") and value._field_defaults.keys() == {*value._fields}:
+            assert value == type(value)()
     needed = {each.name for each in parameters} - {"self", *defaults}
     numbers = example.numbers._replace(numbers=(5,)) if system is NoiseSource else example.numbers
     assert system(**{name: {"numbers": numbers, **example.structure}[name] for name in needed}).num_vehicles == 1
-
-
-def test_every_system_s_defaults_are_known():
-    assert DEFAULTS.keys() == fleet_systems_of_the_package()
 
 
 @examples

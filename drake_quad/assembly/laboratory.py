@@ -6,39 +6,34 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Diagram
 
-from drake_quad.assembly.effects import steepest_load, swing_frequency, vehicle_effects
 from drake_quad.errors import InputError
-from drake_quad.framework.elementary import where
 from drake_quad.framework.recipe import Recipe
-from drake_quad.laboratory.command_link import CommandLink, LinkNumbers
+from drake_quad.framework.records import record_like
 from drake_quad.laboratory.flight_monitor import CrashLimits, FlightMonitor, Surroundings, Window
 from drake_quad.laboratory.laboratory import build_laboratory
-from drake_quad.laboratory.motion_capture import CameraNumbers, MotionCapture, VelocityDrift, VelocityError
-from drake_quad.planning.believed import airframe_parameters, nominal_parameters, thrust_curve
+from drake_quad.planning.believed import nominal_parameters
 from drake_quad.planning.duration import window_end, window_start
 from drake_quad.planning.space import space_of
 from drake_quad.randomness.noise import Exported, Samples
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario import autopilots, models
+from drake_quad.scenario import autopilots
 from drake_quad.scenario.batch import Batch
-from drake_quad.scenario.layouts import are_paired, rotors_of
+from drake_quad.scenario.layouts import rotors_of
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.policy import PolicyControl
-from drake_quad.scenario.quantities import can_differ_from_zero, extremes
+from drake_quad.scenario.quantities import any_nonzero
 from drake_quad.scenario.winds.source import Surroundings as WindSurroundings
 from drake_quad.scenario.winds.source import WindSource, speed, steady_wind
-from drake_quad.signals import Attitude, AttitudeTarget, BodyRates, Wrench
+from drake_quad.signals import AttitudeTarget, BodyRates, Wrench
 from drake_quad.vehicle.allocation import Allocation, RotorModel
 from drake_quad.vehicle.authority import missing_direction
 from drake_quad.vehicle.autopilot import AttitudeAutopilot, AutopilotNumbers, Gyroscope, LoopGains, ThrustAlone
-from drake_quad.vehicle.faults import RotorFaults, SpeedFactors
+from drake_quad.vehicle.faults import RotorFaults
 from drake_quad.vehicle.motors import ThrottleAllocation, ThrottleModel
-from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters
+from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Place, Quadrotor, QuadrotorNumbers
 from drake_quad.vehicle.responding import (
     AttitudeResponse,
-    DampingRatios,
-    NaturalFrequencies,
     RespondingNumbers,
     RespondingQuadrotor,
 )
@@ -64,7 +59,7 @@ def laboratory_recipes(batch: Batch, plan: Plan, duration: float) -> dict[str, R
     return {
         "vehicle": _vehicle(scenario, fleet, plan, duration),
         "allocation": _allocation(scenario),
-        "motion_capture": _motion_capture(scenario.laboratory.motion_capture, fleet.laboratory.motion_capture),
+        "motion_capture": scenario.laboratory.motion_capture.recipe(fleet.laboratory.motion_capture),
         "command_link": _command_link(scenario, fleet.laboratory.command_link, plan.initial_yaw),
         **_autopilot(scenario, fleet.laboratory.autopilot),
         **{f"{_WIND}{name}": recipe for name, recipe in _wind(scenario, fleet).items()},
@@ -96,12 +91,12 @@ def wind_period(scenario: Scenario) -> float:
 
 def build_monitor(scenario: Scenario, plan: Plan, num_vehicles: int) -> FlightMonitor:
     """Build the monitor for flights of a plan in a scenario."""
-    crash, space = scenario.crash, space_of(scenario)
+    space, tilt = space_of(scenario), scenario.crash.tilt
     solids = () if space is None else tuple(obstacle.shape for obstacle in space.obstacles)
     monitor: FlightMonitor = FlightMonitor(
         num_vehicles=num_vehicles,
         period=scenario.laboratory.command_link.period,
-        limits=CrashLimits(math.inf if crash.tilt is None else crash.tilt, crash.position_error, crash.height),
+        limits=record_like(CrashLimits, scenario.crash, tilt=math.inf if tilt is None else tilt),
         surroundings=Surroundings(solids, 0.0 if space is None else space.radius),
         window=Window(window_start(scenario, plan), window_end(scenario, plan)),
     )
@@ -112,20 +107,13 @@ def vehicle_parameters(vehicle: Any) -> QuadrotorParameters:
     """The parameters of the vehicle of a scenario, or of a `Batch.fleet_scenario`, as it is."""
     rotors = rotors_of(vehicle)
     factors = (b * (1.0 + error) for b, error in zip(rotors.thrust_factors, vehicle.thrust_factor_error, strict=True))
-    own = airframe_parameters(vehicle) | {"rotors": rotors.with_thrust_factors(*factors)}
-    return QuadrotorParameters(
-        **own,
-        linear_drag=vehicle.linear_drag,
-        quadratic_drag=vehicle.quadratic_drag,
-        rotor_time_constant=vehicle.rotor_time_constant,
-        centre_of_mass=CentreOfMass(*vehicle.centre_of_mass),
-    )
+    return record_like(QuadrotorParameters, vehicle, rotors=rotors.with_thrust_factors(*factors))
 
 
 def _allocation(scenario: Scenario) -> Recipe:
-    believed, curve = nominal_parameters(scenario), thrust_curve(scenario.nominal.motors)
+    believed, curve = nominal_parameters(scenario), scenario.nominal.motors.thrust_curve()
     structure = {
-        "paired": are_paired(scenario.nominal.layout),
+        "paired": scenario.nominal.layout.is_paired,
         "priority": scenario.laboratory.allocation.priority,
     }
     if curve is None:
@@ -136,24 +124,23 @@ def _allocation(scenario: Scenario) -> Recipe:
 def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Recipe:
     """The vehicle, with its attitude's response to commands where that is known as a whole."""
     vehicle, autopilot = scenario.vehicle, fleet.laboratory.autopilot
-    effects = vehicle_effects(fleet.vehicle)
+    effects = fleet.vehicle.effect_numbers()
     structure = {
         "time_step": vehicle.time_step,
         "kinematics": vehicle.attitude_kinematics,
-        "faulty": vehicle.rotor_failure is not None or _can_differ(vehicle.battery_sag, fleet.vehicle.battery_sag),
+        "faulty": "rotor_failure" in vehicle.effects() or any_nonzero(vehicle.battery_sag, fleet.vehicle.battery_sag),
         "effects": effects.names,
     }
     parameters = vehicle_parameters(fleet.vehicle)
     # What is in pairs has all directions, whatever is drawn.
-    if not are_paired(vehicle.layout) and (missing := missing_direction(parameters.rotors)):
+    if not vehicle.layout.is_paired and (missing := missing_direction(parameters.rotors)):
         raise InputError(f"vehicle.layout gives no {missing}")
     x, y, z = plan.waypoints[0]
     place = Place(float(x), float(y), float(z), plan.initial_yaw)
     numbers = QuadrotorNumbers(parameters, _faults(fleet.vehicle, duration), place, effects)
     if autopilot.kind != "response":
         return Recipe(Quadrotor, structure, numbers)
-    response = AttitudeResponse(NaturalFrequencies(*autopilot.natural_frequency), DampingRatios(*autopilot.damping))
-    return Recipe(RespondingQuadrotor, structure, RespondingNumbers(numbers, response))
+    return Recipe(RespondingQuadrotor, structure, RespondingNumbers(numbers, record_like(AttitudeResponse, autopilot)))
 
 
 def jump_times(batch: Batch) -> tuple[float, ...]:
@@ -164,19 +151,13 @@ def jump_times(batch: Batch) -> tuple[float, ...]:
     """
     if batch.scenario.vehicle.time_step > 0.0:
         return ()
-    vehicle = batch.fleet_scenario.vehicle
-    events = [event for event in (vehicle.rotor_failure, vehicle.payload) if event is not None]
-    return tuple(sorted({float(time) for event in events for time in np.ravel(event.time)}))
+    times = [time for effect in batch.fleet_scenario.vehicle.effects().values() for time in effect.event_times()]
+    return tuple(sorted({float(time) for vehicles in times for time in np.ravel(vehicles)}))
 
 
 def _faults(fleet: Any, duration: float) -> RotorFaults:
-    faults, failure = RotorFaults(battery_sag=fleet.battery_sag / duration), fleet.rotor_failure
-    if failure is None:
-        return faults
-    left = SpeedFactors._make(
-        where(failure.rotor == number, failure.speed_factor, 1.0) for number in (1.0, 2.0, 3.0, 4.0)
-    )
-    return faults._replace(failure_time=failure.time, failure_factor=left)
+    faults = RotorFaults() if fleet.rotor_failure is None else fleet.rotor_failure.numbers()
+    return faults._replace(battery_sag=fleet.battery_sag / duration)
 
 
 def _check_step(fleet: Any) -> None:
@@ -184,18 +165,21 @@ def _check_step(fleet: Any) -> None:
     vehicle, sources = fleet.vehicle, fleet.laboratory.wind
     airspeed = speed(steady_wind(sources)) + sum(source.max_speed() for source in sources)
     drag = vehicle.linear_drag + 2.0 * vehicle.quadratic_drag * airspeed
-    rate = np.max((drag + steepest_load(vehicle, airspeed)) / vehicle.mass)
+    effects = vehicle.effects()
+    steepest = sum(effect.max_slope(vehicle, airspeed) for effect in effects.values())
+    rate = np.max((drag + steepest) / vehicle.mass)
     if vehicle.time_step * rate > _STABLE:
         raise InputError(
             f"vehicle.time_step is {vehicle.time_step:g} s, too long for this much drag, which carries a vehicle along"
             f" within {1.0 / rate:.2g} s; shorten it, or make it 0 for a continuous state"
         )
-    swings = np.max(swing_frequency(vehicle))
-    if vehicle.time_step * swings > _STABLE:
-        raise InputError(
-            f"vehicle.time_step is {vehicle.time_step:g} s, too long for this slung load, which swings with"
-            f" {swings:.2g} rad/s; shorten it, or make it 0 for a continuous state"
-        )
+    for name, effect in effects.items():
+        swings = np.max(effect.natural_frequency(vehicle))
+        if vehicle.time_step * swings > _STABLE:
+            raise InputError(
+                f"vehicle.time_step is {vehicle.time_step:g} s, too long for this {name.replace('_', ' ')}, which"
+                f" swings with {swings:.2g} rad/s; shorten it, or make it 0 for a continuous state"
+            )
     autopilot = fleet.laboratory.autopilot
     if autopilot.kind == "response":
         pairs = zip(autopilot.natural_frequency, autopilot.damping, strict=True)
@@ -205,32 +189,6 @@ def _check_step(fleet: Any) -> None:
                 f"vehicle.time_step is {vehicle.time_step:g} s, too long for an attitude that responds within"
                 f" {1.0 / fastest:.2g} s; shorten it, or make it 0 for a continuous state"
             )
-
-
-def _motion_capture(cameras: models.MotionCapture, fleet: Any) -> Recipe:
-    structure = {
-        "period": cameras.period,
-        "noisy": _can_differ(cameras.position_noise, fleet.position_noise)
-        or _can_differ(cameras.attitude_noise, fleet.attitude_noise),
-        "loses_frames": _can_differ(cameras.dropout_rate, fleet.dropout_rate),
-        "misaligned": any(map(_can_differ, cameras.misalignment, fleet.misalignment)),
-        "mistaken": any(map(_can_differ, cameras.velocity_error, fleet.velocity_error)),
-        "filtered": fleet.derivative_bandwidth is not None,
-        "drifts": any(map(_can_differ, cameras.velocity_drift, fleet.velocity_drift)),
-        "longest_latency": _longest(cameras.latency_frames, fleet.latency_frames),
-    }
-    numbers = CameraNumbers(
-        position_noise=fleet.position_noise,
-        attitude_noise=fleet.attitude_noise,
-        dropout_rate=fleet.dropout_rate,
-        misalignment=Attitude(*fleet.misalignment),
-        bandwidth=0.0 if fleet.derivative_bandwidth is None else fleet.derivative_bandwidth,
-        latency_frames=fleet.latency_frames,
-        velocity_error=VelocityError(*fleet.velocity_error),
-        velocity_drift=VelocityDrift(*fleet.velocity_drift),
-        drift_time=fleet.drift_time,
-    )
-    return Recipe(MotionCapture, structure, numbers)
 
 
 def _command_link(scenario: Scenario, fleet: Any, yaw: float) -> Recipe:
@@ -245,13 +203,7 @@ def _command_link(scenario: Scenario, fleet: Any, yaw: float) -> Recipe:
     initial: Wrench | AttitudeTarget = hover
     if scenario.laboratory.autopilot.kind != "none":
         initial = AttitudeTarget(hover.thrust, 0.0, 0.0, yaw, 0.0, 0.0, 0.0)
-    structure = {
-        "signal": scenario.laboratory.autopilot.command,
-        "period": link.period,
-        "longest_delay": _longest(link.delay_ticks, fleet.delay_ticks),
-        "loses_packets": _can_differ(link.loss_rate, fleet.loss_rate),
-    }
-    return Recipe(CommandLink, structure, LinkNumbers(fleet.delay_ticks, fleet.loss_rate, initial))
+    return link.recipe(fleet, scenario.laboratory.autopilot.command, initial)
 
 
 def _hover(scenario: Scenario) -> Wrench:
@@ -269,8 +221,8 @@ def _autopilot(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
         return {}
     structure = {
         "period": autopilot.period,
-        "noisy": _can_differ(autopilot.gyroscope_noise, fleet.gyroscope_noise)
-        or _can_differ(autopilot.attitude_noise, fleet.attitude_noise),
+        "noisy": any_nonzero(autopilot.gyroscope_noise, fleet.gyroscope_noise)
+        or any_nonzero(autopilot.attitude_noise, fleet.attitude_noise),
     }
     # Told body rates alone, it heeds no attitude, as by the type mask of MAVLink's SET_ATTITUDE_TARGET.
     told_rates = isinstance(scenario.control, PolicyControl) and scenario.control.action.kind == "rates"
@@ -283,17 +235,6 @@ def _autopilot(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
         _hover(scenario),
     )
     return {"autopilot": Recipe(AttitudeAutopilot, structure, numbers)}
-
-
-def _can_differ(written: Any, flown: Any) -> bool:
-    """Can a number differ from zero, as a scenario has it or as a fleet flies it?"""
-    return can_differ_from_zero(written) or bool(np.any(np.not_equal(flown, 0.0)))
-
-
-def _longest(written: Any, flown: Any) -> int:
-    """The most ticks that a delay can take, as a scenario has it or as a fleet flies it."""
-    _, longest = extremes(written)
-    return int(max(longest or 0.0, np.max(flown)))
 
 
 def _wind(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:

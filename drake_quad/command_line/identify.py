@@ -88,7 +88,7 @@ def main(arguments: argparse.Namespace) -> None:
     records = with_winds([read_log(log, arguments.mapping) for log in arguments.log], arguments.wind)
     vehicle = arguments.vehicle or vehicle_to_begin_with(records, arguments.log)
     base = vehicle_of(vehicle, given)
-    if base.vehicle.motors.kind == "speed" and any(record.motor_command is not None for record in records):
+    if not base.vehicle.motors.take_throttles and any(record.motor_command is not None for record in records):
         given += throttle_motors(base)
         base = vehicle_of(vehicle, given)
     print_logs(records)

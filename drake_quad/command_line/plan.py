@@ -19,7 +19,6 @@ from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import evaluate, peak_norm
 from drake_quad.reference.trajectory_files import save_plan
 from drake_quad.scenario.models import Mission
-from drake_quad.scenario.routes import CircleRoute, FigureEightRoute, WaypointRoute
 from drake_quad.space.distance import nearest_approach
 from drake_quad.visualization.plan_plots import plot_plan
 from drake_quad.visualization.style import save_figures
@@ -46,7 +45,7 @@ def main(arguments: argparse.Namespace) -> None:
     route = mission.route
     # What is between two regions around obstacles is no place of the route.
     places = () if problem is None else problem.places if waypoints is None else [problem.places[i] for i in waypoints]
-    limits = route.limits() if isinstance(route, WaypointRoute | FigureEightRoute | CircleRoute) else Limits()
+    limits = route.limits()
     figure = plot_plan(
         plan,
         planned_parameters(mission),

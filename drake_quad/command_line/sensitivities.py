@@ -11,7 +11,6 @@ from drake_quad.command_line.options import add_vector, folder_of, parser, scena
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.design.sensitivity import DIFFERENTIABLE, Sensitivities, flight_sensitivities
 from drake_quad.files import output_folder, write_table
-from drake_quad.scenario.layouts import has_distances
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import leaves
 from drake_quad.visualization.sensitivity_plots import plot_sensitivities
@@ -41,7 +40,7 @@ def default_fields(scenario: Scenario) -> tuple[str, ...]:
     if kind == "response":
         return (*_FIELDS, *_OF_ATTITUDE[kind])
     level = ["arm_length"]
-    if has_distances(layout):
+    if layout.has_distances:
         places = [path for path, _ in leaves(layout) if path in ("length", "width") or ".position." in path]
         # How high a rotor is changes nothing.
         level = [f"layout.{path}" for path in places if not path.endswith(".2")]

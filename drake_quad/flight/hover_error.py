@@ -18,7 +18,7 @@ from drake_quad.planning.route import plan_in
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.scenario.hovering import in_hover, with_believed_vehicle
 from drake_quad.scenario.models import Scenario, Window
-from drake_quad.scenario.routes import HoverRoute
+from drake_quad.scenario.routes.hover import HoverRoute
 from drake_quad.statistics.estimates import mean_interval, positive
 from drake_quad.statistics.interval import Interval
 

@@ -14,13 +14,14 @@ from drake_quad.framework.fleet_system import FleetSystem
 from drake_quad.framework.recipe import Recipe
 from drake_quad.memory import check_fleet_fits
 from drake_quad.planning.duration import flight_duration
-from drake_quad.planning.route import Planned, plan_in
+from drake_quad.planning.route import plan_in
 from drake_quad.planning.space import space_of
 from drake_quad.randomness.noise import Samples
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.models import Mission, Scenario
 from drake_quad.scenario.paths import distributions_in, refuse_distributions
+from drake_quad.scenario.routes.route import Planned
 from drake_quad.space.space import Space
 
 # Cache of the plans around obstacles, by the text of the scenario.

@@ -11,11 +11,13 @@ rows only in the layout of a value in which it is not.
 import functools
 from collections.abc import Iterator, Sequence
 from types import NoneType, UnionType
-from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, NamedTuple, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
 from drake_quad.signals import Quantity, Row
+
+_Record = TypeVar("_Record", bound=tuple[Any, ...])
 
 
 class Layout(NamedTuple):
@@ -152,6 +154,33 @@ def _joined(kind: type, types: Sequence[Any], value: Any) -> Layout:
 def _field_types(kind: Any) -> tuple[Any, ...]:
     hints = get_type_hints(kind)
     return tuple([hints[name] for name in kind._fields])
+
+
+def record_like(kind: type[_Record], source: Any, **given: Any) -> _Record:
+    """Return a record whose fields have the values of the attributes of the same names.
+
+    A tuple becomes the record that the type of the field names, and a model inside of the source is treated likewise.
+
+    Args:
+        kind: type of the record.
+        source: object with the attributes, such as a model of the scenario language.
+        given: values of fields that the source does not have.
+
+    Raises:
+        AttributeError: the source lacks a field that is not given.
+    """
+    names = kind._fields  # type: ignore[attr-defined]
+    values = [given[name] if name in given else getattr(source, name) for name in names]
+    return kind(*map(_nested, _field_types(kind), values))
+
+
+def _nested(kind: Any, value: Any) -> Any:
+    """Return the value of a field, as the record that its type names if that is one."""
+    choices = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+    records = [choice for choice in choices if hasattr(choice, "_fields")]
+    if len(records) != 1 or value is None or hasattr(value, "_fields"):
+        return value
+    return records[0](*value) if isinstance(value, tuple) else record_like(records[0], value)
 
 
 def check_signs(record: Any, path: str = "numbers") -> None:

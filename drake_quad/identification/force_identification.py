@@ -32,7 +32,6 @@ from drake_quad.identification.identified import Fitted, Spread
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import Estimates, Explained, Source, kind_of
 from drake_quad.identification.results.vehicle_numbers import number_of
-from drake_quad.planning.believed import thrust_curve
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.winds.source import steady_wind
 from drake_quad.vehicle.motors import thrust_of
@@ -310,7 +309,7 @@ def _commanded(record: FlightRecord, scenario: Scenario) -> np.ndarray:
         InputError: nothing of it is logged, or the share of hover is zero or less.
     """
     weight = scenario.vehicle.mass * scenario.vehicle.gravity
-    curve = thrust_curve(scenario.nominal.motors)
+    curve = scenario.nominal.motors.thrust_curve()
     speed = record.rotor_speed if record.rotor_speed is not None else record.rotor_speed_command
     if record.rotor_speed is None and record.thrust_share is not None and record.hover_share is not None:
         return thrust_by_share(record, weight)
@@ -542,12 +541,12 @@ def _estimates(fits: Sequence[_Fit], scenario: Scenario, stretches: _Stretches) 
     covariance = scipy.linalg.block_diag(*(fit.covariance for fit in fits))
     freedom = np.concatenate([fit.freedom for fit in fits])
     not_seen = {name: why for fit in fits for name, why in fit.not_seen.items()}
-    curve = thrust_curve(scenario.nominal.motors)
+    curve = scenario.nominal.motors.thrust_curve()
     kept = [i for i, name in enumerate(names) if name not in not_seen and name not in (_TRIM, _LEVEL, _SLOPE)]
     turned = np.eye(len(names))[kept]
     told = [names[i] for i in kept]
     freedom_of = list(freedom[kept])
-    if scenario.vehicle.motors.kind == "throttle" and curve is not None and curve.k_2 == 0.0:
+    if scenario.vehicle.motors.take_throttles and curve is not None and curve.k_2 == 0.0:
         level, slope = names.index(_LEVEL), names.index(_SLOPE)
         rows = np.zeros((2, len(names)))
         rows[0, [level, slope]] = 0.25, curve.k_0

@@ -378,7 +378,7 @@ def _outputs(records: Sequence[FlightRecord], responds: bool) -> tuple[_Output, 
 def _candidates(scenario: Scenario) -> tuple[str, ...]:
     """What is sought."""
     thrust = ("motors.curve[0]", "motors.curve[1]")
-    if scenario.vehicle.motors.kind != "throttle":
+    if not scenario.vehicle.motors.take_throttles:
         thrust = ("thrust_factor",)  # type: ignore[assignment]
     return (
         *(f"autopilot.natural_frequency[{i}]" for i in range(3)),
@@ -396,11 +396,9 @@ def _candidates(scenario: Scenario) -> tuple[str, ...]:
 
 def _rigid_candidates(scenario: Scenario) -> tuple[str, ...]:
     """What is sought of a vehicle whose rotors are commanded."""
-    thrust = (
-        ("motors.curve[0]", "motors.curve[2]") if scenario.vehicle.motors.kind == "throttle" else ("thrust_factor",)
-    )
+    thrust = ("motors.curve[0]", "motors.curve[2]") if scenario.vehicle.motors.take_throttles else ("thrust_factor",)
     # Without body drag there is no force at the centre of pressure.
-    pressure = () if scenario.vehicle.body_drag is None else ("body_drag.centre_of_pressure[2]",)
+    pressure = ("body_drag.centre_of_pressure[2]",) if "body_drag" in scenario.vehicle.effects() else ()
     return (
         *thrust,
         "rotor_time_constant",

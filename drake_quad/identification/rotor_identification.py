@@ -36,6 +36,7 @@ from drake_quad.identification.results.estimates import (
     quantile,
     scenario_path,
 )
+from drake_quad.scenario.layouts import arm_length_of
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import value_at
 from drake_quad.statistics.interval import plus_minus
@@ -141,7 +142,7 @@ def identify(records: Sequence[FlightRecord], scenario: Scenario, *, share: floa
     """
     if not records:
         raise InputError("there is no log to identify a vehicle from")
-    signal = "rotor_speed_command" if scenario.vehicle.motors.kind == "speed" else "motor_command"
+    signal = "motor_command" if scenario.vehicle.motors.take_throttles else "rotor_speed_command"
     prepared = [_resampled(_commanded(record, scenario, signal)) for record in records]
     outputs = _outputs(prepared)
     flying = [airborne(record) for record in prepared]
@@ -215,7 +216,7 @@ def _sought(vehicle: Any, signals: set[str]) -> list[_Sought]:
     """The numbers of a vehicle that outputs may tell."""
     turning, moving = bool({"attitude", "body_rates"} & signals), bool({"position", FORCE} & signals)
     found: list[_Sought] = []
-    if vehicle.motors.kind == "throttle":
+    if vehicle.motors.take_throttles:
         top = abs(sum(vehicle.motors.curve))
         found += [_Sought(f"motors.curve[{i}]", top, -10.0 * top, 10.0 * top) for i in range(3)]
     else:
@@ -225,7 +226,7 @@ def _sought(vehicle: Any, signals: set[str]) -> list[_Sought]:
         found.append(_positive("rotor_time_constant_down", vehicle.rotor_time_constant_down))
     if turning:
         found += [_positive(f"inertia[{i}]", vehicle.inertia[i]) for i in range(3)]
-        arm = vehicle.arm_length if vehicle.layout.length is None else 0.5 * vehicle.layout.length
+        arm = arm_length_of(vehicle)
         found += [_Sought(f"centre_of_mass[{i}]", 0.2 * arm, -arm, arm) for i in range(2)]
         if vehicle.reaction_torque:
             found.append(_positive("rotor_inertia", vehicle.rotor_inertia))
@@ -474,7 +475,7 @@ def _not_seen(vehicle: Any, names: Sequence[str], signals: set[str]) -> dict[str
         "mass": "motions tell forces over mass only; weigh it",
         "drag_factor": "motions tell it over inertia[2] only; inertia[2] rests on its value in the scenario",
     }
-    if vehicle.motors.kind == "throttle":
+    if vehicle.motors.take_throttles:
         why["thrust_factor"] = "motors that take throttles show their thrust, not their speed"
     for each in _sought(vehicle, signals):
         if each.name != DELAY and each.name not in names:

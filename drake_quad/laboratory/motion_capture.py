@@ -49,7 +49,7 @@ class CameraNumbers(NamedTuple):
         attitude_noise: standard deviation of roll, pitch and yaw.
         dropout_rate: share of the frames that are lost.
         misalignment: roll, pitch and yaw of the frame of the markers in B.
-        bandwidth: ω of the filter that makes velocity and body rates.
+        derivative_bandwidth: ω of the filter that makes velocity and body rates; None without a filter.
         latency_frames: whole number of frames after which one can be read.
         velocity_error: of the velocity on each axis, as a share of it.
         velocity_drift: standard deviation of a slowly changing error of the velocity on each axis.
@@ -60,7 +60,7 @@ class CameraNumbers(NamedTuple):
     attitude_noise: Angle = 0.0
     dropout_rate: Number = 0.0
     misalignment: Attitude = Attitude(0.0, 0.0, 0.0)
-    bandwidth: Annotated[Row, Quantity("rad/s")] = 0.0
+    derivative_bandwidth: Annotated[Row, Quantity("rad/s")] | None = None
     latency_frames: Number = 0.0
     velocity_error: VelocityError = VelocityError(0.0, 0.0, 0.0)
     velocity_drift: VelocityDrift = VelocityDrift(0.0, 0.0, 0.0)
@@ -68,32 +68,20 @@ class CameraNumbers(NamedTuple):
 
 
 class Cameras(NamedTuple):
-    """The same as a parameter: with the rotation of the misalignment in its place."""
+    """Parameter of the cameras.
 
-    position_noise: Row
-    attitude_noise: Row
-    dropout_rate: Row
+    Attributes:
+        errors: numbers of their errors.
+        R_BM: orientation of the markers' frame in B, from the misalignment.
+    """
+
+    errors: CameraNumbers
     R_BM: BodyAxes
-    bandwidth: Row
-    latency_frames: Row
-    velocity_error: VelocityError
-    velocity_drift: VelocityDrift
-    drift_time: Row
 
     @classmethod
     def of(cls, numbers: CameraNumbers) -> "Cameras":
-        """The parameter of these numbers."""
-        return cls(
-            numbers.position_noise,
-            numbers.attitude_noise,
-            numbers.dropout_rate,
-            BodyAxes.of(*numbers.misalignment),
-            numbers.bandwidth,
-            numbers.latency_frames,
-            numbers.velocity_error,
-            numbers.velocity_drift,
-            numbers.drift_time,
-        )
+        """Return the parameter of cameras with some numbers."""
+        return cls(numbers, BodyAxes.of(*numbers.misalignment))
 
 
 class Pose(NamedTuple):
@@ -137,7 +125,7 @@ def seen_pose(state: State, noise: Pose | None, cameras: Cameras, misaligned: bo
         roll, pitch, yaw = attitude_of_markers(Attitude(roll, pitch, yaw), cameras.R_BM)
     if noise is None:
         return Pose(x, y, z, roll, pitch, yaw)
-    along, about = cameras.position_noise, cameras.attitude_noise
+    along, about = cameras.errors.position_noise, cameras.errors.attitude_noise
     return Pose(
         x + along * noise.x,
         y + along * noise.y,
@@ -199,16 +187,17 @@ def next_frame(
     """
     factors = _factors(cameras, mistaken)
     last, pose = newest(out, under_way), seen_pose(state, noise, cameras, misaligned)
-    lost = False if random is None else random.frame < cameras.dropout_rate
+    lost = False if random is None else random.frame < cameras.errors.dropout_rate
     after = None if drift is None or drift_noise is None else _drifted(drift, drift_noise, cameras, period)
-    if before is None:
+    bandwidth = cameras.errors.derivative_bandwidth
+    if before is None or bandwidth is None:
         frame = where(lost, last, _drifting(_exact(pose, state, factors), after, 1.0))
     else:
         # The filter goes on without the drift.
         true = _drifting(last, drift, -1.0)
-        frame = _filtered(where(lost, Pose.of(last), pose), true, before, cameras.bandwidth, factors, period)
+        frame = _filtered(where(lost, Pose.of(last), pose), true, before, bandwidth, factors, period)
         frame = _drifting(frame, after, 1.0)
-    line = carried(frame, under_way, cameras.latency_frames)
+    line = carried(frame, under_way, cameras.errors.latency_frames)
     states = [*(line if under_way else [line]), *([] if before is None else [Pose.of(last)])]
     if after is not None:
         states.append(after)
@@ -225,16 +214,16 @@ def _drifting(frame: State, drift: VelocityDrift | None, sign: float) -> State:
 
 def _factors(cameras: Cameras, mistaken: bool) -> VelocityError | None:
     """What velocity is multiplied by; None if it is seen as it is."""
-    return VelocityError._make(1.0 + error for error in cameras.velocity_error) if mistaken else None
+    return VelocityError._make(1.0 + error for error in cameras.errors.velocity_error) if mistaken else None
 
 
 def _drifted(drift: VelocityDrift, drift_noise: VelocityDrift, cameras: Cameras, period: float) -> VelocityDrift:
     """The drift of the velocity, a frame later: a Gauss-Markov process."""
-    decay = exp(-period / cameras.drift_time)
+    decay = exp(-period / cameras.errors.drift_time)
     fresh = sqrt(1.0 - decay * decay)
     return VelocityDrift._make(
         decay * each + fresh * deviation * number
-        for each, deviation, number in zip(drift, cameras.velocity_drift, drift_noise, strict=True)
+        for each, deviation, number in zip(drift, cameras.errors.velocity_drift, drift_noise, strict=True)
     )
 
 
@@ -347,6 +336,9 @@ class MotionCapture(FleetSystem):
         drifts: True if the velocity has a drift.
         longest_latency: largest possible latency, in frames.
         numbers: parameters of the errors.
+
+    Raises:
+        ValueError: there are filters, but no bandwidth.
     """
 
     def declare(
@@ -363,6 +355,8 @@ class MotionCapture(FleetSystem):
         numbers: CameraNumbers = CameraNumbers(),
     ) -> None:
         """Declares the system."""
+        if filtered and numbers.derivative_bandwidth is None:
+            raise ValueError("cameras with filters need a derivative_bandwidth")
         state, cameras = self.input("state"), self.parameter("cameras", Cameras.of)
         noise = random = before = drift = drift_noise = None
         if noisy:

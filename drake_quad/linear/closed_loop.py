@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
-from drake_quad.assembly.effects import vehicle_effects
 from drake_quad.assembly.laboratory import build_laboratory_of, laboratory_recipes, vehicle_parameters
 from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.assembly.user_systems import UserSystems
@@ -15,14 +14,14 @@ from drake_quad.flight.mission import build_tracking_diagram, plan_route
 from drake_quad.framework.wiring import split_output
 from drake_quad.linear.context_vector import ContextVector
 from drake_quad.linear.sampled_system import SampledSystem, at_tick, linearize
-from drake_quad.planning.believed import nominal_parameters, thrust_curve
+from drake_quad.planning.believed import nominal_parameters
 from drake_quad.randomness.noise import Exported, Samples
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.scenario.autopilots import AttitudeAutopilot
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.hovering import _even, as_believed, at_rest
 from drake_quad.scenario.models import Scenario
-from drake_quad.scenario.routes import HoverRoute
+from drake_quad.scenario.routes.hover import HoverRoute
 from drake_quad.signals import RotorSpeed, Wrench
 from drake_quad.vehicle.dynamics import hover_rotor_speeds, rotor_action
 from drake_quad.vehicle.effects import as_in_hover
@@ -227,7 +226,7 @@ def _hover_speeds(resting: Scenario) -> RotorSpeed:
     Raises:
         InputError: they cannot.
     """
-    parameters, effects = vehicle_parameters(resting.vehicle), vehicle_effects(resting.vehicle)
+    parameters, effects = vehicle_parameters(resting.vehicle), resting.vehicle.effect_numbers()
     hover = hover_rotor_speeds(as_in_hover(parameters, effects, _HOVER.position[2]))
     if not max(hover) < parameters.max_rotor_speed or not min(hover) > parameters.min_rotor_speed:
         raise InputError(
@@ -240,7 +239,7 @@ def _hover_speeds(resting: Scenario) -> RotorSpeed:
 def _hover_wrench(resting: Scenario, hover: RotorSpeed) -> Wrench:
     """What the ground believes to command where the vehicle's rotors hover at some speeds."""
     believed, commanded = nominal_parameters(resting), hover
-    flown, known = vehicle_effects(resting.vehicle).thrust_curve, thrust_curve(resting.nominal.motors)
+    flown, known = resting.vehicle.effect_numbers().thrust_curve, resting.nominal.motors.thrust_curve()
     if flown is not None and known is not None:
         parameters = vehicle_parameters(resting.vehicle)
         commanded = told_as(hover, ThrottleModel.of(parameters, flown), ThrottleModel.of(believed, known))

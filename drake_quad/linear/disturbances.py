@@ -11,7 +11,6 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from drake_quad.assembly.effects import vehicle_effects
 from drake_quad.assembly.laboratory import laboratory_recipes, vehicle_parameters
 from drake_quad.geometry.axes import BodyAxes
 from drake_quad.laboratory.wind.wind import build_wind
@@ -82,7 +81,7 @@ def disturbances_along(batch: Batch, plan: Plan) -> Disturbed:
     rotors = RotorSpeed(*speeds)
     parameters = vehicle_parameters(fleet.vehicle)
     # What stands before the rotors' speeds, and what swings, is no disturbance of the path.
-    effects = vehicle_effects(fleet.vehicle)._replace(thrust_curve=None, battery=None, slung_load=None)
+    effects = fleet.vehicle.effect_numbers()._replace(thrust_curve=None, battery=None, slung_load=None)
     spinning = turning(rotors, rotors, parameters, effects)
     height = position[2][:, np.newaxis]
     axes, motion = BodyAxes.of(*angles), Motion(*columns)

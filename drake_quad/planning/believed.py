@@ -1,21 +1,23 @@
 """Vehicle that the ground station knows: the parameters that plans and controllers use."""
 
-from typing import Any
-
+from drake_quad.framework.records import record_like
 from drake_quad.scenario.layouts import rotors_of
-from drake_quad.scenario.models import Mission
-from drake_quad.vehicle.motors import ThrustCurve, mean_thrust_factor, speeds_of_throttles
-from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters
+from drake_quad.scenario.models import Mission, Nominal
+from drake_quad.vehicle.motors import mean_thrust_factor, speeds_of_throttles
+from drake_quad.vehicle.parameters import QuadrotorParameters
+
+_DEFAULTS = QuadrotorParameters._field_defaults
 
 
 def nominal_parameters(mission: Mission) -> QuadrotorParameters:
-    """What is believed of the vehicle: no drag, the centre of mass in the middle of its layout."""
-    return QuadrotorParameters()._replace(**airframe_parameters(mission.nominal))
+    """Return the parameters of the nominal vehicle: no drag, the centre of mass in the middle of its layout."""
+    unknown = {name: value for name, value in _DEFAULTS.items() if name not in Nominal.model_fields}
+    return record_like(QuadrotorParameters, mission.nominal, **unknown | {"rotors": rotors_of(mission.nominal)})
 
 
 def planned_parameters(mission: Mission) -> QuadrotorParameters:
     """`nominal_parameters`, where motors take throttles with the narrower limits of the believed thrust curve."""
-    parameters, curve = nominal_parameters(mission), thrust_curve(mission.nominal.motors)
+    parameters, curve = nominal_parameters(mission), mission.nominal.motors.thrust_curve()
     if curve is None:
         return parameters
     slowest, fastest = speeds_of_throttles(curve, mean_thrust_factor(parameters))
@@ -23,21 +25,3 @@ def planned_parameters(mission: Mission) -> QuadrotorParameters:
         min_rotor_speed=max(parameters.min_rotor_speed, slowest),
         max_rotor_speed=min(parameters.max_rotor_speed, fastest),
     )
-
-
-def airframe_parameters(airframe: Any) -> dict[str, Any]:
-    """The parameters that an airframe of a scenario, or of a `Batch.fleet_scenario`, gives, by name."""
-    return {
-        "mass": airframe.mass,
-        "inertia": Inertia(*airframe.inertia),
-        "rotor_inertia": airframe.rotor_inertia,
-        "rotors": rotors_of(airframe),
-        "gravity": airframe.gravity,
-        "min_rotor_speed": airframe.min_rotor_speed,
-        "max_rotor_speed": airframe.max_rotor_speed,
-    }
-
-
-def thrust_curve(motors: Any) -> ThrustCurve | None:
-    """The curve of motors that take throttles; None for those that take speeds."""
-    return None if motors.kind == "speed" else ThrustCurve(*motors.curve)

@@ -6,8 +6,8 @@ from drake_quad.flight.mission import plan_route
 from drake_quad.reference.polynomial_path import peak_norm
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.networks import CovarianceLearning, Type2Network
-from drake_quad.scenario.routes import FigureEightRoute
-from drake_quad.scenario.winds.fan import jets
+from drake_quad.scenario.routes.figure_eight import FigureEightRoute
+from drake_quad.scenario.winds.source import jets
 
 
 class Assumption(NamedTuple):

@@ -139,10 +139,11 @@ def _with_rigid_bodies(scenario: Scenario, varying: Mapping[str, np.ndarray]) ->
         varying: (N,) drawn numbers, by the path of their field.
     """
     found = dict(varying)
-    bodies = {"vehicle": scenario.vehicle, "vehicle.payload": scenario.vehicle.payload}
+    effects = {f"vehicle.{name}": effect for name, effect in scenario.vehicle.effects().items()}
+    bodies: dict[str, Any] = {"vehicle": scenario.vehicle, **effects}
     for path, body in bodies.items():
         fields = [joined(path, "inertia", axis) for axis in range(3)]
-        if body is None or not any(field in varying for field in fields):
+        if not any(field in varying for field in fields):
             continue
         drawn = [varying.get(field, moment) for field, moment in zip(fields, body.inertia, strict=True)]
         rigid = zip(fields, rigid_draws(body.inertia, drawn), strict=True)

@@ -4,11 +4,10 @@ from typing import Any
 
 from drake_quad.errors import InputError
 from drake_quad.scenario.autopilots import AttitudeAutopilot, Autopilot
-from drake_quad.scenario.effects import Payload
-from drake_quad.scenario.layouts import are_paired
+from drake_quad.scenario.effects.effect import EFFECTS
 from drake_quad.scenario.models import Nominal, Scenario, Vehicle, Window
 from drake_quad.scenario.paths import distributions_in
-from drake_quad.scenario.routes import HoverRoute
+from drake_quad.scenario.routes.hover import HoverRoute
 
 _HOVER = HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))
 
@@ -50,9 +49,8 @@ def in_hover(scenario: Scenario) -> Scenario:
             )
     laboratory = scenario.laboratory
     lasting = tuple(source for source in laboratory.wind if not source.depends_on_time)
-    payload = None if scenario.vehicle.payload is None else _lasting(scenario.vehicle.payload)
-    steady = {"battery_sag": 0.0, "battery": None, "rotor_failure": None, "payload": payload}
-    vehicle = scenario.vehicle.model_copy(update=steady)
+    steady = {name: effect.in_hover() for name, effect in scenario.vehicle.effects().items()}
+    vehicle = scenario.vehicle.model_copy(update={"battery_sag": 0.0, **steady})
     route = scenario.route
     if not isinstance(route, HoverRoute) or any(path.startswith("route.") for path in distributions_in(scenario)):
         route = _HOVER
@@ -81,13 +79,6 @@ def without_losses(scenario: Scenario) -> Scenario:
     return scenario.model_copy(update={"laboratory": laboratory.model_copy(update=reliable)})
 
 
-def _lasting(payload: Payload) -> Payload | None:
-    """A payload that stays if it is there when the flight begins; None if it is not."""
-    if (payload.event == "dropped") == (payload.time == 0.0):
-        return None
-    return payload.model_copy(update={"time": 0.0, "event": "picked_up"})
-
-
 def as_believed(scenario: Scenario) -> Scenario:
     """The scenario in hover at (0, 0, 1) in still air with the vehicle that the ground believes in, for design.
 
@@ -100,10 +91,8 @@ def as_believed(scenario: Scenario) -> Scenario:
 def with_believed_vehicle(scenario: Scenario) -> Scenario:
     """The scenario with the vehicle that the ground believes in, see `as_believed`."""
     believed = {name: getattr(scenario.nominal, name) for name in Nominal.model_fields}
-    kept = (
-        *("rotor_time_constant", "linear_drag", "quadratic_drag", "body_drag", "rotor_aerodynamics"),
-        *("attitude_kinematics", "time_step"),
-    )
+    effects = [name for name, effect in EFFECTS.items() if effect.is_believed]
+    kept = ("rotor_time_constant", "linear_drag", "quadratic_drag", "attitude_kinematics", "time_step", *effects)
     vehicle = Vehicle().model_copy(update=believed | {name: getattr(scenario.vehicle, name) for name in kept})
     return scenario.model_copy(update={"vehicle": vehicle})
 
@@ -119,13 +108,9 @@ def _even(resting: Scenario) -> Scenario:
         "thrust_factor_error": (0.0, 0.0, 0.0, 0.0),
         "centre_of_mass": (0.0, 0.0),
         "rotor_inertia": 0.0,
-        "layout": layouts[0] if all(map(are_paired, layouts)) else layouts[1],
+        "layout": layouts[0] if all(layout.is_paired for layout in layouts) else layouts[1],
     }
-    drag, payload = resting.vehicle.body_drag, resting.vehicle.payload
-    if drag is not None:
-        even["body_drag"] = drag.model_copy(update={"centre_of_pressure": (0.0, 0.0, 0.0)})
-    if payload is not None:
-        even["payload"] = payload.model_copy(update={"position": (0.0, 0.0, payload.position[2])})
+    even |= {name: effect.symmetric() for name, effect in resting.vehicle.effects().items()}
     cameras = resting.laboratory.motion_capture.model_copy(update={"misalignment": (0.0, 0.0, 0.0)})
     autopilot = _with(resting.laboratory.autopilot, gyroscope_bias=(0.0, 0.0, 0.0))
     laboratory = resting.laboratory.model_copy(update={"wind": (), "motion_capture": cameras, "autopilot": autopilot})

@@ -1,6 +1,8 @@
 """Where the rotors are, in the scenario language."""
 
-from typing import Annotated, Any, Literal
+from abc import abstractmethod
+from collections.abc import Callable
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
@@ -8,53 +10,107 @@ from pydantic_core import PydanticCustomError
 from drake_quad.framework.elementary import sqrt
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.quantities import Position, Positive
-from drake_quad.signals import Row
+from drake_quad.scenario.unions import OpenUnion
 from drake_quad.vehicle.rotors import ANTICLOCKWISE, CLOCKWISE, Rotor, Rotors
 
 _DIRECTIONS = {"clockwise": CLOCKWISE, "anticlockwise": ANTICLOCKWISE}
 _Turns = Literal["clockwise", "anticlockwise"]
 
 
-class _Alternating(Model):
+class RotorLayout(Model):
+    """Positions and directions of rotation of four rotors.
+
+    Numbers that a study draws are (N,) arrays when the methods are called for a fleet.
+
+    Attributes:
+        is_paired: whether all airframes with the layout have their rotors in pairs, see `paired_rotor_action`.
+        has_sides: whether a crossbar leads to a bar on each side; else each rotor has an arm from the middle.
+    """
+
+    kind: str
+    is_paired: ClassVar[bool]
+    has_sides: ClassVar[bool]
+
+    @property
+    @abstractmethod
+    def has_distances(self) -> bool:
+        """True if the layout determines the positions of its rotors; else the arm length does."""
+
+    @abstractmethod
+    def rotors_of(self, airframe: Any) -> Rotors:
+        """Return the rotors of an airframe with this layout."""
+
+
+LAYOUTS = OpenUnion(RotorLayout, "is_paired", "has_sides")
+"""Kinds of layouts."""
+
+Layout = Annotated[RotorLayout, LAYOUTS]
+
+
+class _Alternating(RotorLayout):
     """Four rotors that are alike, numbered clockwise from the front; neighbours turn against each other."""
 
     rotor_1_turns: _Turns = Field(default="clockwise", description="seen from above")
-
-
-class _Measured(_Alternating):
     length: Positive | None = Field(
         default=None, description="between the rotors in front and those at the back, in place of arm_length (m)"
     )
     width: Positive | None = Field(
         default=None, description="between the rotors on the right and those on the left, with length (m)"
     )
+    is_paired: ClassVar = True
+    has_sides: ClassVar = False
+    _shape: ClassVar[Callable[..., Rotors]] = Rotors.x
+    # Distance between opposite sides over the arm length.
+    _distance_per_arm: ClassVar = sqrt(2.0)
 
     @model_validator(mode="after")
-    def _both_or_none(self) -> "_Measured":
+    def _both_or_none(self) -> "_Alternating":
         if (self.length is None) != (self.width is None):
             given, other = ("length", "width") if self.width is None else ("width", "length")
             raise PydanticCustomError("distances", "must have {other} beside {given}", {"other": other, "given": given})
         return self
 
+    @property
+    def has_distances(self) -> bool:
+        """True if there are a length and a width."""
+        return self.length is not None
 
-class PlusLayout(_Measured):
+    def rotors_of(self, airframe: Any) -> Rotors:
+        """Return the rotors of an airframe, which all have its thrust factor and drag factor."""
+        distance = self._distance_per_arm * airframe.arm_length if self.length is None else None
+        return type(self)._shape(
+            length=self.length if distance is None else distance,
+            width=self.width if distance is None else distance,
+            rotor_1_direction=_DIRECTIONS[self.rotor_1_turns],
+            thrust_factor=airframe.thrust_factor,
+            drag_factor=airframe.drag_factor,
+        )
+
+
+@LAYOUTS.member
+class PlusLayout(_Alternating):
     """Rotors in front (1), on the right (2), at the back (3) and on the left (4)."""
 
     kind: Literal["plus"]
+    _shape: ClassVar = Rotors.plus
+    _distance_per_arm: ClassVar = 2.0
 
 
-class XLayout(_Measured):
+@LAYOUTS.member
+class XLayout(_Alternating):
     """Rotors on the right in front (1) and at the back (2), on the left at the back (3) and in front (4)."""
 
     kind: Literal["x"]
 
 
+@LAYOUTS.member
 class HLayout(_Alternating):
     """As an x, where front and back are not as far apart as right and left."""
 
     kind: Literal["h"]
     length: Positive = Field(description="between the rotors in front and those at the back (m)")
     width: Positive = Field(description="between the rotors on the right and those on the left (m)")
+    has_sides: ClassVar = True
 
 
 class RotorPlace(Model):
@@ -69,67 +125,42 @@ class RotorPlace(Model):
     drag_factor: Positive | None = Field(default=None, description="d; that of the airframe if not given (N m s²)")
 
 
-class RotorsLayout(Model):
+@LAYOUTS.member
+class RotorsLayout(RotorLayout):
     """Any four rotors, numbered from 1 in their order."""
 
     kind: Literal["rotors"]
     rotors: Annotated[tuple[RotorPlace, RotorPlace, RotorPlace, RotorPlace], Field(strict=False)] = Field(
         description="rotors 1 to 4"
     )
+    is_paired: ClassVar = False
+    has_sides: ClassVar = False
 
+    @property
+    def has_distances(self) -> bool:
+        """True."""
+        return True
 
-Layout = Annotated[PlusLayout | XLayout | HLayout | RotorsLayout, Field(discriminator="kind")]
+    def rotors_of(self, airframe: Any) -> Rotors:
+        """Return the rotors, with the factors of the airframe where they have none of their own."""
+        return Rotors._make(_rotor(place, airframe) for place in self.rotors)
 
 
 def rotors_of(airframe: Any) -> Rotors:
-    """The rotors of an airframe of a scenario, or of a `Batch.fleet_scenario`."""
-    layout = airframe.layout
-    if layout.kind == "rotors":
-        return Rotors._make(_rotor(place, airframe) for place in layout.rotors)
-    length, width = _distances(airframe)
-    shape = Rotors.plus if layout.kind == "plus" else Rotors.x
-    return shape(
-        length=length,
-        width=width,
-        rotor_1_direction=_DIRECTIONS[layout.rotor_1_turns],
-        thrust_factor=airframe.thrust_factor,
-        drag_factor=airframe.drag_factor,
-    )
+    """Return the rotors of an airframe of a scenario, or of a `Batch.fleet_scenario`."""
+    rotors: Rotors = airframe.layout.rotors_of(airframe)
+    return rotors
 
 
-def are_paired(layout: Layout) -> bool:
-    """True if all airframes of a layout have their rotors in pairs, see `paired_rotor_action`."""
-    return layout.kind != "rotors"
-
-
-def has_distances(layout: Layout) -> bool:
-    """True if a layout says where its rotors are; else the arm length does."""
-    return isinstance(layout, RotorsLayout) or layout.length is not None
-
-
-def implied_arms(layout: Any) -> tuple[float, float]:
-    """How far the nearest and the farthest rotor are from the middle, seen from above (m), in a layout of numbers."""
-    if layout.kind == "rotors":
-        arms = [sqrt(x * x + y * y) for x, y, _ in (place.position for place in layout.rotors)]
-    elif layout.kind == "plus":
-        arms = [0.5 * layout.length, 0.5 * layout.width]
-    else:
-        arms = [0.5 * sqrt(layout.length**2 + layout.width**2)]
+def arms_of(airframe: Any) -> tuple[float, float]:
+    """Return the distances of the nearest and the farthest rotor from the middle of an airframe, from above, m."""
+    arms = [sqrt(float(rotor.x * rotor.x + rotor.y * rotor.y)) for rotor in rotors_of(airframe)]
     return min(arms), max(arms)
 
 
 def arm_length_of(airframe: Any) -> float:
     """Return the mean of the distances of the nearest and the farthest rotor from the middle of an airframe, m."""
-    return 0.5 * sum(implied_arms(airframe.layout)) if has_distances(airframe.layout) else float(airframe.arm_length)
-
-
-def _distances(airframe: Any) -> tuple[Row, Row]:
-    """From front to back and from right to left, m."""
-    layout = airframe.layout
-    if layout.length is not None:
-        return layout.length, layout.width
-    distance = (2.0 if layout.kind == "plus" else sqrt(2.0)) * airframe.arm_length
-    return distance, distance
+    return 0.5 * sum(arms_of(airframe)) if airframe.layout.has_distances else float(airframe.arm_length)
 
 
 def _rotor(place: Any, airframe: Any) -> Rotor:

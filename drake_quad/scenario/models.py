@@ -6,7 +6,7 @@ structure of the diagram (periods, counts, choices), what the ground believes, a
 
 import math
 from functools import reduce
-from typing import Annotated, Any, Generic, Literal, TypeVar, get_args, get_type_hints
+from typing import Annotated, Any, Generic, Literal, TypeVar
 
 from pydantic import (
     BeforeValidator,
@@ -21,56 +21,46 @@ from pydantic_core import PydanticCustomError
 
 from drake_quad.errors import InputError
 from drake_quad.scenario.autopilots import AttitudeAutopilot, AttitudeResponse, Autopilot, NoAutopilot
+from drake_quad.scenario.command_link import CommandLink
 from drake_quad.scenario.controllers import AttitudeControl, PositionController, ThrustVectoring
 from drake_quad.scenario.correlation import shared_names
 from drake_quad.scenario.distributions import Model, Real
-from drake_quad.scenario.effects import (
-    Battery,
-    BelievedMotors,
-    BodyDrag,
-    GroundEffect,
-    Motors,
-    Payload,
-    RotorAerodynamics,
-    SlungLoad,
-    SpeedMotors,
-)
+from drake_quad.scenario.effects.effect import EFFECTS, VehicleEffect
 from drake_quad.scenario.inertia import INERTIA_DEMAND, INERTIA_RULE, inertia_flaw
-from drake_quad.scenario.layouts import Layout, PlusLayout, has_distances, implied_arms, rotors_of
+from drake_quad.scenario.layouts import LAYOUTS, Layout, PlusLayout, arms_of, rotors_of
 from drake_quad.scenario.limits import MOST_SHARED, MOST_SOURCES, MOST_TICKS
 from drake_quad.scenario.lqg import LqgControl
+from drake_quad.scenario.motion_capture import MotionCapture
+from drake_quad.scenario.motors import BelievedMotors, Motors, SpeedMotors
 from drake_quad.scenario.mpc import MpcControl
 from drake_quad.scenario.networks import Network
 from drake_quad.scenario.paths import distributions_in, steps_of
 from drake_quad.scenario.policy import PolicyControl, RatesAction, RotorSpeedsAction
 from drake_quad.scenario.quantities import (
-    AngleNoise,
-    Misalignment,
-    Moment,
     NonNegative,
     Number,
-    Period,
     PlainMoment,
     PlainNonNegative,
     PlainPositive,
     PlainSpan,
     PlainTilt,
     Positive,
-    Probability,
     Share,
     Span,
     Step,
-    Ticks,
     bounded,
     extremes,
-    whole,
+    field_of,
 )
-from drake_quad.scenario.routes import Route
+from drake_quad.scenario.routes.route import ROUTES, AnyRoute
 from drake_quad.scenario.space import Space
 from drake_quad.scenario.winds.source import WINDS, AnyWindSource
 from drake_quad.vehicle.allocation import Priority
 from drake_quad.vehicle.authority import hover_flaw, missing_direction
+from drake_quad.vehicle.effects import Effects, ReactionTorque
+from drake_quad.vehicle.motors import SpinDown
 from drake_quad.vehicle.parameters import QuadrotorParameters
+from drake_quad.vehicle.responding import RESPONDING_EFFECTS
 
 # What a scenario may be called, and with it folders and files.
 NAME = r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$"
@@ -84,36 +74,27 @@ _Positive = TypeVar("_Positive")
 _NonNegative = TypeVar("_NonNegative")
 
 
-def _paper(name: str, symbol: str, record: Any = _PAPER, *, rule: str = "") -> Any:
-    """Return a field with the paper's number as default; the rule follows the unit in its description."""
-    value, hint = getattr(record, name), get_type_hints(type(record), include_extras=True)[name]
-    if isinstance(value, tuple):
-        hint = next(iter(get_type_hints(type(value), include_extras=True).values()))
-    _, quantity = get_args(hint)
-    return Field(default=value, description=f"{symbol} ({quantity.unit}){rule}")
-
-
 class Airframe(Model, Generic[_Positive, _NonNegative]):
     """What a vehicle is made of; the defaults are the paper's Table I where it has them."""
 
-    mass: _Positive = _paper("mass", "m")
-    inertia: Annotated[tuple[_Positive, _Positive, _Positive], Field(strict=False)] = _paper(
-        "inertia", "I_xx, I_yy, I_zz", rule=INERTIA_RULE
+    mass: _Positive = field_of(_PAPER, "mass", "m")
+    inertia: Annotated[tuple[_Positive, _Positive, _Positive], Field(strict=False)] = field_of(
+        _PAPER, "inertia", "I_xx, I_yy, I_zz", rule=INERTIA_RULE
     )
-    rotor_inertia: _NonNegative = _paper("rotor_inertia", "J_r")
-    thrust_factor: _Positive = _paper("thrust_factor", "b", _ROTOR)
-    drag_factor: _Positive = _paper("drag_factor", "d", _ROTOR)
-    arm_length: _Positive = _paper("x", "l, from the middle of a plus or an x to its rotors", _ROTOR)
+    rotor_inertia: _NonNegative = field_of(_PAPER, "rotor_inertia", "J_r")
+    thrust_factor: _Positive = field_of(_ROTOR, "thrust_factor", "b")
+    drag_factor: _Positive = field_of(_ROTOR, "drag_factor", "d")
+    arm_length: _Positive = field_of(_ROTOR, "x", "l, from the middle of a plus or an x to its rotors")
     layout: Layout = Field(default=PlusLayout(kind="plus"), description="where the rotors are and which way they turn")
-    gravity: _Positive = _paper("gravity", "g")
-    min_rotor_speed: _NonNegative = _paper("min_rotor_speed", "idle")
-    max_rotor_speed: _Positive = _paper("max_rotor_speed", "top speed of the rotors")
+    gravity: _Positive = field_of(_PAPER, "gravity", "g")
+    min_rotor_speed: _NonNegative = field_of(_PAPER, "min_rotor_speed", "idle")
+    max_rotor_speed: _Positive = field_of(_PAPER, "max_rotor_speed", "top speed of the rotors")
 
     @model_serializer(mode="wrap")
     def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Without an arm length where distances say it: its default would contradict them."""
         fields: dict[str, Any] = write(self)
-        return {name: value for name, value in fields.items() if name != "arm_length" or not has_distances(self.layout)}
+        return {name: value for name, value in fields.items() if name != "arm_length" or not self.layout.has_distances}
 
     def check_layout(self) -> None:
         """Raises an error if the arm length is not that of the layout, or some part of a wrench cannot be given."""
@@ -132,14 +113,14 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
 
     def _check_arm(self) -> None:
         """What is written twice must be the same: a mistaken arm length would not be noticed."""
-        if "arm_length" not in self.model_fields_set or not has_distances(self.layout):
+        if "arm_length" not in self.model_fields_set or not self.layout.has_distances:
             return
         written: Any = self.arm_length
         if not isinstance(written, float):
             raise self.wrong("arm_length", kind="arm", demand="must be left out, since the layout has distances")
         if distributions_in(self.layout):
             return
-        shortest, longest = implied_arms(self.layout)
+        shortest, longest = arms_of(self)
         if not (1.0 - _ROUNDING) * shortest <= written <= (1.0 + _ROUNDING) * longest:
             arms = " to ".join(dict.fromkeys(f"{arm:.4g}" for arm in (shortest, longest)))
             demand = "must be {arms}, as the distances in the layout imply, or be left out"
@@ -178,16 +159,6 @@ class Nominal(Airframe[PlainPositive, PlainNonNegative]):
         return self
 
 
-class RotorFailure(Model):
-    """One rotor that loses speed at once."""
-
-    rotor: Annotated[Number, whole(least=1, most=4)] = Field(description="number of the rotor (1)")
-    time: Moment = Field(description="of the failure (s)")
-    speed_factor: Annotated[Number, bounded(least=0.0, below=1.0)] = Field(
-        default=0.0, description="speed from then on over the speed commanded (1)"
-    )
-
-
 class Vehicle(Airframe[Positive, NonNegative]):
     """The aircraft as it is; what is not given is as in `nominal`, and nobody on the ground knows the difference."""
 
@@ -198,9 +169,9 @@ class Vehicle(Airframe[Positive, NonNegative]):
         default=(0.0, 0.0),
         description="x and y in B, seen from the origin of `layout`, the middle of a plus, an x or an h (m)",
     )
-    linear_drag: NonNegative = _paper("linear_drag", "drag force over airspeed")
-    quadratic_drag: NonNegative = _paper("quadratic_drag", "drag force over squared airspeed")
-    rotor_time_constant: Span = _paper("rotor_time_constant", "lag of the rotor speed")
+    linear_drag: NonNegative = field_of(_PAPER, "linear_drag", "drag force over airspeed")
+    quadratic_drag: NonNegative = field_of(_PAPER, "quadratic_drag", "drag force over squared airspeed")
+    rotor_time_constant: Span = field_of(_PAPER, "rotor_time_constant", "lag of the rotor speed")
     rotor_time_constant_down: Span | None = Field(
         default=None, description="lag of rotors that slow down (s); if not given, as of those that speed up"
     )
@@ -210,20 +181,9 @@ class Vehicle(Airframe[Positive, NonNegative]):
     battery_sag: Annotated[Number, bounded(least=0.0, below=1.0)] = Field(
         default=0.0, description="share of the rotor speed that is lost by the end of the flight, evenly over it (1)"
     )
-    battery: Battery | None = Field(
-        default=None, description="that is drawn empty, if any; else the voltage is constant"
-    )
-    rotor_failure: RotorFailure | None = Field(default=None, description="of one rotor, if any")
-    body_drag: BodyDrag | None = Field(default=None, description="beside `linear_drag` and `quadratic_drag`, if any")
-    rotor_aerodynamics: RotorAerodynamics | None = Field(
-        default=None, description="lift, climb, drag and inflow of the rotors, if any"
-    )
-    ground_effect: GroundEffect | None = Field(default=None, description="thrust gained above the ground, if any")
     reaction_torque: bool = Field(
         default=False, description="whether rotors that accelerate turn the body; the paper leaves it out"
     )
-    payload: Payload | None = Field(default=None, description="fixed to the vehicle, if any")
-    slung_load: SlungLoad | None = Field(default=None, description="on a cable, if any; not beside a payload")
     attitude_kinematics: Literal["exact", "small_angle"] = Field(
         default="exact", description="small_angle takes p, q, r for the rates of roll, pitch and yaw, as eq (3)"
     )
@@ -231,43 +191,37 @@ class Vehicle(Airframe[Positive, NonNegative]):
 
     @model_validator(mode="after")
     def _one_load(self) -> "Vehicle":
-        if self.payload is not None and self.slung_load is not None:
+        if {"payload", "slung_load"} <= self.effects().keys():
             demand = "must not stand beside a payload, which moves the centre of mass away from where it hangs"
             raise self.wrong("slung_load", kind="loads", demand=demand)
         return self
 
+    def effects(self) -> dict[str, VehicleEffect]:
+        """Return the effects that are switched on, by the names of their fields."""
+        fields = {name: getattr(self, name) for name in EFFECTS.names}
+        return {name: effect for name, effect in fields.items() if effect is not None}
 
-class MotionCapture(Model):
-    """Cameras that see position and attitude; without imperfections they see velocity and body rates too."""
+    def effect_numbers(self) -> Effects:
+        """Return the numbers of the effects for the formulas of the motion."""
+        effects = {name: effect for name, effect in self.effects().items() if name != "rotor_failure"}
+        numbers = {name: effect.numbers() for name, effect in effects.items()}
+        own = {name: record for name, record in numbers.items() if name in Effects._fields}
+        down = self.rotor_time_constant_down
+        return Effects(
+            **own,
+            reaction_torque=ReactionTorque(self.rotor_inertia) if self.reaction_torque else None,
+            spin_down=None if down is None else SpinDown(down),
+            thrust_curve=self.motors.thrust_curve(),
+            loads=tuple([record for name, record in numbers.items() if name not in own]),
+        )
 
-    period: Period = Field(default=0.01, description="time between frames (s); the paper's 100 Hz")
-    position_noise: NonNegative = Field(default=0.0, description="standard deviation on each axis (m)")
-    attitude_noise: AngleNoise = Field(default=0.0, description="standard deviation of roll, pitch and yaw (rad)")
-    misalignment: Misalignment = Field(
-        default=(0.0, 0.0, 0.0), description="roll, pitch and yaw of the frame of the markers in B (rad)"
-    )
-    derivative_bandwidth: Positive | None = Field(
-        default=None,
-        description="of the filters that make velocity and body rates (rad/s); if not given they are seen exactly",
-    )
-    velocity_error: Annotated[tuple[Share, Share, Share], Field(strict=False)] = Field(
-        default=(0.0, 0.0, 0.0), description="by which velocity along X, Y, Z is seen too large, as a share of it (1)"
-    )
-    velocity_drift: Annotated[tuple[NonNegative, NonNegative, NonNegative], Field(strict=False)] = Field(
-        default=(0.0, 0.0, 0.0),
-        description="standard deviation of a slowly changing error of velocity along X, Y, Z (m/s)",
-    )
-    drift_time: Span = Field(default=1.0, description="correlation time of the drift (s)")
-    dropout_rate: Probability = Field(default=0.0, description="share of the frames that are lost (1)")
-    latency_frames: Ticks = Field(default=0, description="whole frames from exposure to arrival")
+    def without_response(self) -> tuple[str, ...]:
+        """Return the fields of effects that an autopilot of kind response cannot be combined with."""
+        failure = [name for name in self.effects() if name == "rotor_failure"]
+        return (*failure, *(name for name in self.effect_numbers().names if name not in RESPONDING_EFFECTS))
 
 
-class CommandLink(Model):
-    """Radio link that carries the wrench, or what an autopilot takes, to the vehicle."""
-
-    period: Period = Field(default=0.02, description="time between ticks of the control (s); the paper's 50 Hz")
-    delay_ticks: Ticks = Field(default=1, description="whole ticks from sending to arrival")
-    loss_rate: Probability = Field(default=0.0, description="share of the packets that are lost (1)")
+EFFECTS.extend(Vehicle)
 
 
 class Allocation(Model):
@@ -383,7 +337,7 @@ class Mission(Model):
         max_length=100,
         description="what plots and folders are called after; letters, digits, '_', '.' and '-'",
     )
-    route: Route
+    route: AnyRoute
     nominal: Nominal = Nominal()
     space: Space | None = Field(default=None, description="obstacles, if any")
 
@@ -410,7 +364,7 @@ class Mission(Model):
 class Scenario(Mission):
     """A closed loop: what flies where, under which control, for how long."""
 
-    vehicle: Vehicle = Vehicle()
+    vehicle: Vehicle = Field(default_factory=Vehicle, json_schema_extra={"default": Vehicle().model_dump(mode="json")})
     laboratory: Laboratory = Laboratory()
     control: AnyControl
     duration: PlainSpan | None = Field(default=None, description="of the flight (s); that of the route if not given")
@@ -453,7 +407,7 @@ class Scenario(Mission):
             raise whole_vehicle.wrong("min_rotor_speed", kind="idle", demand=demand, top=top)
         whole_vehicle.check_inertia()
         whole_vehicle.check_layout()
-        if whole_vehicle.motors.kind != nominal.motors.kind:
+        if whole_vehicle.motors.take_throttles != nominal.motors.take_throttles:
             demand = "must be {told}, as in nominal: the autopilot knows what it tells the motors"
             raise whole_vehicle.wrong("motors", "kind", kind="motors", demand=demand, told=nominal.motors.kind)
         return whole_vehicle
@@ -575,10 +529,9 @@ class Scenario(Mission):
             demand = "must be shorter than the period of the command link, {link} s"
             raise self.wrong("laboratory", "autopilot", "period", kind="period", demand=demand, link=link.period)
         if isinstance(autopilot, AttitudeResponse):
-            for name in ("rotor_failure", "payload", "slung_load", "battery", "reaction_torque"):
-                if getattr(self.vehicle, name):
-                    demand = "must be left out: laboratory.autopilot of kind response does not know it"
-                    raise self.wrong("vehicle", name, kind="response", demand=demand)
+            for name in self.vehicle.without_response():
+                demand = "must be left out: laboratory.autopilot of kind response does not know it"
+                raise self.wrong("vehicle", name, kind="response", demand=demand)
         return self
 
     @model_validator(mode="after")
@@ -618,4 +571,7 @@ class Scenario(Mission):
         return self
 
 
+EFFECTS.rebuild(Scenario)
+LAYOUTS.rebuild(Nominal, Vehicle, Mission, Scenario)
+ROUTES.rebuild(Mission, Scenario)
 WINDS.rebuild(Laboratory, Mission, Scenario)

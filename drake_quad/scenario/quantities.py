@@ -2,10 +2,12 @@
 
 import math
 from collections.abc import Iterator
-from typing import Annotated, Any, Literal
+from types import UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
+import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
-from pydantic_core import PydanticCustomError
+from pydantic_core import PydanticCustomError, PydanticUndefined
 
 from drake_quad.scenario.distributions import Distribution, Model, NumberOrDistribution, Real
 from drake_quad.scenario.limits import LARGEST, LONGEST, SHORTEST, SMALLEST
@@ -22,6 +24,26 @@ def extremes(value: NumberOrDistribution) -> tuple[float | None, float | None]:
         return value, value
     low, high = value.extremes()
     return low, high
+
+
+def field_of(record: Any, name: str, text: str, *, rule: str = "") -> Any:
+    """Return a field with the default and the unit of the field of the same meaning in a record.
+
+    Args:
+        record: type of the record, or a record whose values are the defaults.
+        name: name of the field in the record.
+        text: description without the unit.
+        rule: end of the description, after the unit.
+    """
+    kind = record if isinstance(record, type) else type(record)
+    hint = get_type_hints(kind, include_extras=True)[name]
+    if get_origin(hint) in (Union, UnionType):
+        hint = get_args(hint)[0]
+    if hasattr(hint, "_fields"):
+        hint = next(iter(get_type_hints(hint, include_extras=True).values()))
+    _, quantity = get_args(hint)
+    defaults = kind._field_defaults if kind is record else record._asdict()
+    return Field(default=defaults.get(name, PydanticUndefined), description=f"{text} ({quantity.unit}){rule}")
 
 
 def bounded(
@@ -110,6 +132,24 @@ def whole(*, least: int, most: int) -> AfterValidator:
 def can_differ_from_zero(value: NumberOrDistribution) -> bool:
     """True if a quantity is anything but the number zero; then what it stands for has a place in the diagram."""
     return not isinstance(value, float | int) or value != 0.0
+
+
+def any_nonzero(written: Any, flown: Any) -> bool:
+    """Return whether a quantity or an item of it can differ from zero.
+
+    Args:
+        written: quantity, or tuple of quantities, of a scenario.
+        flown: the same of its `Batch.fleet_scenario`.
+    """
+    if isinstance(written, tuple):
+        return any(map(any_nonzero, written, flown))
+    return can_differ_from_zero(written) or bool(np.any(np.not_equal(flown, 0.0)))
+
+
+def largest_ticks(written: Any, flown: Any) -> int:
+    """Return the largest number of ticks that a delay can take; arguments are those of `any_nonzero`."""
+    _, largest = extremes(written)
+    return int(max(largest or 0.0, np.max(flown)))
 
 
 def excludes_zero(value: NumberOrDistribution) -> bool:

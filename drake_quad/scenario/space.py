@@ -11,7 +11,7 @@ from drake_quad.errors import InputError, InputWarning, shortened
 from drake_quad.scenario.distributions import DISTRIBUTIONS, Model
 from drake_quad.scenario.limits import MOST_CORNERS, MOST_OBSTACLES, MOST_POINTS
 from drake_quad.scenario.quantities import PlainDirections, PlainNonNegative, PlainPositive, PlainPositives, Point
-from drake_quad.scenario.routes import BoxRegion
+from drake_quad.scenario.regions import BoxRegion
 from drake_quad.space import space as room
 from drake_quad.space.shapes import Ball, Cuboid, Cylinder, Hull, hull_of, placed
 from drake_quad.space.simplification import MAX_GROWTH, surrounding

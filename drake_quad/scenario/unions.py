@@ -1,13 +1,17 @@
-"""Unions of the scenario language to which members can be added.
+"""Unions and optional fields of the scenario language to which members can be added.
 
-The members of a union are models that `kind` tells apart. A member registers itself, and the language, its schema and
-its documentation then contain it. Code outside the union does not ask for the kind of a member. It asks the questions
-that the union's base class declares, and every member answers them.
+The members of a union are models that `kind` tells apart. The members of open fields are the models of these fields. A
+member registers itself, and the language, its schema and its documentation then contain it. Code outside the union does
+not ask for the kind of a member. It asks the questions that the base class of all members declares, and every member
+answers them.
 """
 
+import functools
 import importlib
+import operator
 import pkgutil
-from collections.abc import Callable, Iterator
+from abc import ABC, abstractmethod
+from collections.abc import Callable, ItemsView, Iterator, Set
 from typing import Annotated, Any, TypeVar, get_args
 
 from pydantic import Field, GetCoreSchemaHandler
@@ -19,8 +23,8 @@ from drake_quad.scenario.distributions import Model
 _Member = TypeVar("_Member", bound=type[Model])
 
 
-class OpenUnion:
-    """Union of models with a field `kind`, used as the annotation `Annotated[Base, union]` of a field.
+class _Members(ABC):
+    """Models that extend a base class and are registered by name.
 
     Args:
         base: class that all members extend.
@@ -30,59 +34,110 @@ class OpenUnion:
 
     def __init__(self, base: type[Model], *questions: str) -> None:
         self._base, self._questions = base, questions
-        self._members: dict[str, type[Model]] = {}
+        self._members: dict[str, type[Any]] = {}
         self._rebuilders: list[Callable[[], Any]] = []
 
-    def __iter__(self) -> Iterator[type[Model]]:
+    def __iter__(self) -> Iterator[type[Any]]:
         """Iterate over the members, in the order of their registration."""
         return iter(self._members.values())
 
     @property
-    def kinds(self) -> tuple[str, ...]:
-        """Kinds of the members, in the order of their registration."""
+    def names(self) -> tuple[str, ...]:
+        """Names of the members, in the order of their registration."""
         return tuple(self._members)
+
+    def items(self) -> ItemsView[str, type[Any]]:
+        """Return the members with their names, in the order of their registration."""
+        return self._members.items()
 
     def member(self, model: _Member) -> _Member:
         """Register a model, as a decorator of its class.
 
         Raises:
-            TypeError: if the model does not extend the base class, has no `kind`, or does not define what it must.
-            ValueError: if another model has the same kind.
+            TypeError: if the model does not extend the base class or does not define what it must.
+            ValueError: if another model has the same name.
         """
-        name = model.__name__
         if not issubclass(model, self._base):
-            raise TypeError(f"{name} must extend {self._base.__name__}")
-        fields: dict[str, FieldInfo] = model.model_fields  # type: ignore[call-overload]
-        kinds = get_args(fields["kind"].annotation) if "kind" in fields else ()
-        if len(kinds) != 1:
-            raise TypeError(f'{name} must have a field kind of one word, as in kind: Literal["{name.lower()}"]')
+            raise TypeError(f"{model.__name__} must extend {self._base.__name__}")
+        name = self._name_of(model)
         missing = [question for question in self._questions if not hasattr(model, question)]
         if missing := [*missing, *sorted(getattr(model, "__abstractmethods__", ()))]:
-            raise TypeError(f"{name} must define {' and '.join(missing)}")
-        (kind,) = kinds
-        if self._members.get(kind, model).__qualname__ != model.__qualname__:
-            raise ValueError(f"there is another {self._base.__name__} of kind {kind}: {self._members[kind].__name__}")
-        self._members[kind] = model
-        for rebuild in self._rebuilders:
-            rebuild()
+            raise TypeError(f"{model.__name__} must define {' and '.join(missing)}")
+        if self._members.get(name, model).__qualname__ != model.__qualname__:
+            raise ValueError(f"there is another {self._base.__name__} called {name}: {self._members[name].__name__}")
+        self._members[name] = model
+        self._rebuild()
         return model
 
-    def remove(self, kind: str) -> None:
+    def remove(self, name: str) -> None:
         """Remove a member, such as one that was registered for a test."""
-        del self._members[kind]
+        del self._members[name]
+        self._rebuild()
+
+    def rebuild(self, *models: type[Model]) -> None:
+        """Name the models that contain the members, innermost first. They are built again for each further member."""
+        self._rebuilders += [lambda model=model: model.model_rebuild(force=True) for model in models]  # type: ignore[misc]
+
+    def _rebuild(self) -> None:
         for rebuild in self._rebuilders:
             rebuild()
 
-    def rebuild(self, *models: type[Model]) -> None:
-        """Name the models that contain the union, innermost first. They are built again for each further member."""
-        self._rebuilders += [lambda model=model: model.model_rebuild(force=True) for model in models]  # type: ignore[misc]
+    @abstractmethod
+    def _name_of(self, model: type[Any]) -> str:
+        """Return the name of a member."""
+
+
+class OpenUnion(_Members):
+    """Union of models with a field `kind`, used as the annotation `Annotated[Base, union]` of a field."""
+
+    def _name_of(self, model: type[Any]) -> str:
+        fields: dict[str, FieldInfo] = model.model_fields
+        kinds = get_args(fields["kind"].annotation) if "kind" in fields else ()
+        if len(kinds) != 1:
+            name = model.__name__
+            raise TypeError(f'{name} must have a field kind of one word, as in kind: Literal["{name.lower()}"]')
+        return str(kinds[0])
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Return the schema of the union of the members that are registered now."""
-        union: Any = None
-        for member in self:
-            union = member if union is None else union | member
+        union = functools.reduce(operator.or_, self)
         return handler.generate_schema(Annotated[union, Field(discriminator="kind")])
+
+
+class OpenFields(_Members):
+    """Optional fields of a model, None if they are not given.
+
+    Each member has a class attribute `field`, the name of the field, and `meaning`, its description.
+    """
+
+    _taken: Set[str] = frozenset()
+
+    def extend(self, model: type[Model]) -> None:
+        """Add the fields to a model, now and whenever a further member is registered."""
+        own = self._taken = {*model.model_fields}
+
+        def rebuild() -> None:
+            for name in {*model.model_fields} - own:
+                del model.model_fields[name]
+                delattr(model, name)
+            for name, member in self.items():
+                model.model_fields[name] = FieldInfo(
+                    annotation=member | None,  # type: ignore[arg-type]
+                    default=None,
+                    description=member.meaning,
+                )
+                # Models that were made before the member was registered lack the field.
+                setattr(model, name, None)
+            model.model_rebuild(force=True)
+
+        rebuild()
+        self._rebuilders.append(rebuild)
+
+    def _name_of(self, model: type[Any]) -> str:
+        name = getattr(model, "field", "")
+        if name in self._taken:
+            raise ValueError(f"there is another field {name}")
+        return str(name)
 
 
 def import_members(package: str, path: Any) -> None:

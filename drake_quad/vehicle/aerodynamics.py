@@ -16,15 +16,52 @@ for aerodynamic effects", ICUAS 2017).
 The model neglects body rates: the air velocity at the centre of mass applies to the body and to all rotors.
 """
 
-from typing import Annotated, NamedTuple
+from collections.abc import Sequence
+from typing import Annotated, NamedTuple, Protocol
 
 from drake_quad.framework.elementary import maximum
-from drake_quad.geometry.axes import Vector, cross, plus
-from drake_quad.signals import Quantity, RotorSpeed, Row
+from drake_quad.geometry.axes import Vector, cross, length, plus
+from drake_quad.signals import PositionW, Quantity, RotorSpeed, Row, Wrench
+from drake_quad.vehicle.dynamics import mean_place_of_rotors
+from drake_quad.vehicle.parameters import QuadrotorParameters
 
 _LinearDrag = Annotated[Row, Quantity("N s/m", "B")]
 _QuadraticDrag = Annotated[Row, Quantity("N s²/m²", "B")]
 _Length = Annotated[Row, Quantity("m", "B")]
+
+
+class Load(NamedTuple):
+    """A force and its torque about the centre of mass, in the axes of B."""
+
+    force: Vector
+    torque: Vector
+
+
+class Flow(NamedTuple):
+    """State of the air and of the rotors, from which the load on a vehicle follows.
+
+    Attributes:
+        air: velocity u of the air relative to the vehicle, along the axes of B, m/s.
+        air_in_world: the same velocity along the axes of W, m/s.
+        rotors: speeds of the rotors.
+        wrench: thrust and torques of the rotors without the load.
+        height: height of the vehicle in W, m.
+        parameters: parameters of the vehicle.
+    """
+
+    air: Vector
+    air_in_world: Vector
+    rotors: RotorSpeed
+    wrench: Wrench
+    height: PositionW
+    parameters: QuadrotorParameters
+
+
+class AirLoad(Protocol):
+    """Record of the numbers of a load on the vehicle that depends on the air and on the rotors."""
+
+    def load(self, flow: Flow) -> Load:
+        """Return the force and the torque on the vehicle, in addition to those of the paper's equations."""
 
 
 class LinearDrag(NamedTuple):
@@ -58,6 +95,13 @@ class BodyDrag(NamedTuple):
     quadratic: QuadraticDrag = QuadraticDrag()
     centre_of_pressure: CentreOfPressure = CentreOfPressure()
 
+    def load(self, flow: Flow) -> Load:
+        """Return the drag of the body."""
+        # The speed is computed from the velocity in W, as that of isotropic drag.
+        speed, coefficients = length(flow.air_in_world), zip(self.linear, self.quadratic, flow.air, strict=True)
+        force = Vector._make((c_1 + c_2 * speed) * u for c_1, c_2, u in coefficients)
+        return Load(force, cross(Vector(*self.centre_of_pressure), force))
+
 
 class RotorAerodynamics(NamedTuple):
     """What the air that the rotors meet does to them.
@@ -74,6 +118,16 @@ class RotorAerodynamics(NamedTuple):
     drag: Annotated[Row, Quantity("N s²/m")] = 0.0
     inflow: Annotated[Row, Quantity("N s²/m")] = 0.0
 
+    def load(self, flow: Flow) -> Load:
+        """Return lift, climb, drag and inflow of the rotors, which act at the mean of their places."""
+        speed, air = flow.rotors, flow.air
+        turning = speed.rotor_1 + speed.rotor_2 + speed.rotor_3 + speed.rotor_4
+        drag = self.drag * turning
+        across = air.x * air.x + air.y * air.y
+        lift = self.lift * across + (self.climb + self.inflow * turning) * air.z
+        force = Vector(drag * air.x, drag * air.y, lift)
+        return Load(force, cross(mean_place_of_rotors(flow.parameters), force))
+
 
 class GroundEffect(NamedTuple):
     """Thrust that rotors gain close above the ground.
@@ -87,43 +141,7 @@ class GroundEffect(NamedTuple):
     ground_height: Annotated[Row, Quantity("m", "W")]
 
 
-class Load(NamedTuple):
-    """A force and its torque about the centre of mass, in the axes of B."""
-
-    force: Vector
-    torque: Vector
-
-
-def body_drag(air: Vector, speed: Row, body: BodyDrag) -> Load:
-    """The drag of the body.
-
-    Args:
-        air: u, its velocity relative to the vehicle in the axes of B, m/s.
-        speed: |u|, m/s.
-        body: its numbers.
-    """
-    force = Vector._make((c_1 + c_2 * speed) * u for c_1, c_2, u in zip(body.linear, body.quadratic, air, strict=True))
-    return Load(force, cross(Vector(*body.centre_of_pressure), force))
-
-
-def rotor_loads(air: Vector, speed: RotorSpeed, place: Vector, rotors: RotorAerodynamics) -> Load:
-    """Return the force and torque of the rotors' lift, climb, drag and inflow, in addition to their thrust.
-
-    Args:
-        air: velocity u of the air relative to the vehicle, along the axes of B, m/s.
-        speed: rotor speeds.
-        place: mean position of the rotors relative to the centre of mass, where the force acts, m.
-        rotors: aerodynamic parameters of the rotors.
-    """
-    turning = speed.rotor_1 + speed.rotor_2 + speed.rotor_3 + speed.rotor_4
-    drag = rotors.drag * turning
-    across = air.x * air.x + air.y * air.y
-    lift = rotors.lift * across + (rotors.climb + rotors.inflow * turning) * air.z
-    force = Vector(drag * air.x, drag * air.y, lift)
-    return Load(force, cross(place, force))
-
-
-def sum_of_loads(loads: list[Load]) -> Load:
+def sum_of_loads(loads: Sequence[Load]) -> Load:
     """The sum of one or several loads."""
     total, *others = loads
     for load in others:

@@ -1,10 +1,10 @@
-"""What acts on a vehicle beside the paper's equations, each by itself switched on or off."""
+"""Effects on a vehicle in addition to the paper's equations, each of which can be switched on."""
 
 from collections.abc import Sequence
 from typing import Annotated, NamedTuple
 
 from drake_quad.signals import PositionW, Quantity, Row
-from drake_quad.vehicle.aerodynamics import BodyDrag, GroundEffect, RotorAerodynamics, ground_effect
+from drake_quad.vehicle.aerodynamics import AirLoad, BodyDrag, GroundEffect, RotorAerodynamics, ground_effect
 from drake_quad.vehicle.battery import Battery
 from drake_quad.vehicle.motors import SpinDown, ThrustCurve
 from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters
@@ -23,18 +23,21 @@ class ReactionTorque(NamedTuple):
 
 
 class Effects(NamedTuple):
-    """The numbers of what is switched on; None for what is off.
+    """Numbers of the effects that are switched on; None for an effect that is off.
+
+    An effect has a field of its own if the formulas of the motion ask for it. All other effects are further `loads`.
 
     Attributes:
-        body_drag: drag of the body, each axis by itself, at a centre of pressure.
+        body_drag: drag of the body along each of its axes, at a centre of pressure.
         rotor_aerodynamics: lift, climb, drag and inflow of the rotors.
         ground_effect: thrust that rotors gain close above the ground.
-        reaction_torque: of rotors that accelerate.
-        spin_down: a lag of its own for rotors that slow down.
-        thrust_curve: the motors take throttles.
-        payload: a mass that is picked up or dropped.
-        battery: that is drawn empty.
-        slung_load: a load on a cable.
+        reaction_torque: torque of rotors that accelerate.
+        spin_down: time constant of rotors that slow down.
+        thrust_curve: thrust over throttle, for motors that take throttles.
+        payload: mass that is picked up or dropped.
+        battery: battery that the rotors discharge.
+        slung_load: load on a cable.
+        loads: further loads that depend on the air and on the rotors, such as a user's own.
     """
 
     body_drag: BodyDrag | None = None
@@ -46,26 +49,37 @@ class Effects(NamedTuple):
     payload: Payload | None = None
     battery: Battery | None = None
     slung_load: SlungLoad | None = None
+    loads: tuple[AirLoad, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of what is switched on."""
-        return tuple(name for name, numbers in self._asdict().items() if numbers is not None)
+        """Names of the effects that are switched on."""
+        return tuple(name for name, numbers in self._asdict().items() if numbers is not None and numbers != ())
+
+    @property
+    def air_loads(self) -> tuple[AirLoad, ...]:
+        """Numbers of all loads that depend on the air and on the rotors."""
+        own = self.body_drag, self.rotor_aerodynamics
+        return (*(load for load in own if load is not None), *self.loads)
+
+    @property
+    def depend_on_height(self) -> bool:
+        """True if an effect can depend on the height of the vehicle."""
+        return self.ground_effect is not None or bool(self.loads)
 
     @property
     def load_the_body(self) -> bool:
         """True if there are forces on the body other than those of the paper's equations."""
-        loads = self.body_drag, self.rotor_aerodynamics, self.payload, self.slung_load
-        return any(numbers is not None for numbers in loads)
+        return bool(self.air_loads) or self.payload is not None or self.slung_load is not None
 
     def only(self, names: Sequence[str]) -> "Effects":
-        """The effects of these names.
+        """Return the effects of some names.
 
         Raises:
             ValueError: one of them has no numbers.
         """
         for name in names:
-            if getattr(self, name) is None:
+            if name not in self.names:
                 raise ValueError(f"the effect {name} has no numbers")
         return Effects(**{name: getattr(self, name) for name in names})
 

@@ -2,15 +2,14 @@
 
 from typing import NamedTuple
 
-from drake_quad.geometry.axes import BodyAxes, Vector, length, plus, times
+from drake_quad.geometry.axes import BodyAxes, Vector, plus, times
 from drake_quad.signals import PositionW, RotorSpeed, Row, Wind, Wrench
-from drake_quad.vehicle.aerodynamics import body_drag, ground_effect, rotor_loads, sum_of_loads
+from drake_quad.vehicle.aerodynamics import Flow, ground_effect, sum_of_loads
 from drake_quad.vehicle.dynamics import (
     Motion,
     RotorAction,
     drag,
     equations_of_motion,
-    mean_place_of_rotors,
     residual_speed,
     rotor_action,
 )
@@ -85,8 +84,8 @@ def accelerations(
         action = _near_ground(action, ground_effect(height, effects.ground_effect))
     if not effects.load_the_body:
         return Accelerations(equations_of_motion(axes, motion, action, wind, parameters))
-    if effects.body_drag is not None or effects.rotor_aerodynamics is not None:
-        action, force = _in_air(axes, motion, rotors.speed, action, wind, parameters, effects)
+    if effects.air_loads:
+        action, force = _in_air(axes, motion, height, rotors.speed, action, wind, parameters, effects)
     if effects.slung_load is not None and rod is not None:
         free = _on_centre(axes, motion, action, wind, parameters, force)
         tension = pull(free, rod, parameters.mass, effects.slung_load)
@@ -108,6 +107,7 @@ def _near_ground(action: RotorAction, ratio: Row) -> RotorAction:
 def _in_air(
     axes: BodyAxes,
     motion: Motion,
+    height: PositionW,
     speed: RotorSpeed,
     action: RotorAction,
     wind: Wind,
@@ -116,14 +116,8 @@ def _in_air(
 ) -> tuple[RotorAction, Vector]:
     """Return the action of the rotors with the torques and the z_B force of the air, and the other forces in W, N."""
     in_world = Vector(wind.x - motion.v_x, wind.y - motion.v_y, wind.z - motion.v_z)
-    air = axes.in_body(in_world)
-    loads = []
-    if effects.body_drag is not None:
-        # Its length in W is that in B, and isotropic drag needs it, too.
-        loads.append(body_drag(air, length(in_world), effects.body_drag))
-    if effects.rotor_aerodynamics is not None:
-        loads.append(rotor_loads(air, speed, mean_place_of_rotors(parameters), effects.rotor_aerodynamics))
-    force, torque = sum_of_loads(loads)
+    flow = Flow(axes.in_body(in_world), in_world, speed, action.wrench, height, parameters)
+    force, torque = sum_of_loads([each.load(flow) for each in effects.air_loads])
     thrust, tau_x, tau_y, tau_z = action.wrench
     wrench = Wrench(thrust + force.z, tau_x + torque.x, tau_y + torque.y, tau_z + torque.z)
     return action._replace(wrench=wrench), plus(times(force.x, axes.x), times(force.y, axes.y))

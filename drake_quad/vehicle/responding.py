@@ -42,8 +42,8 @@ from drake_quad.vehicle.quadrotor import Kinematics, QuadrotorNumbers, hover
 from drake_quad.vehicle.runge_kutta import runge_kutta_step
 from drake_quad.vehicle.stepping import VehicleState, rotor_target
 
-# Effects on the motors and of the air: what else turns a vehicle is part of its attitude's response.
-RESPONDING_EFFECTS = ("body_drag", "rotor_aerodynamics", "ground_effect", "spin_down", "thrust_curve")
+RESPONDING_EFFECTS = ("body_drag", "rotor_aerodynamics", "ground_effect", "spin_down", "thrust_curve", "loads")
+"""Effects of the air and on the motors; the response of the attitude contains what else turns a vehicle."""
 
 
 class NaturalFrequencies(NamedTuple):

@@ -170,7 +170,7 @@ def step_of_flight(
 
 def _height(body: State, climb: VelocityW, time: Row, effects: Effects) -> PositionW:
     """The height of a stage of the method, where it matters."""
-    return body.z if effects.ground_effect is None else body.z + time * climb
+    return body.z + time * climb if effects.depend_on_height else body.z
 
 
 def _charge_after(

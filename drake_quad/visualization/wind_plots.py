@@ -9,8 +9,7 @@ from matplotlib.figure import Figure
 
 from drake_quad.flight.flight import Flight
 from drake_quad.laboratory.wind.fans import Jet, jet_speed
-from drake_quad.scenario.winds.fan import jets
-from drake_quad.scenario.winds.source import steady_wind
+from drake_quad.scenario.winds.source import jets, steady_wind
 from drake_quad.signals import State
 from drake_quad.visualization.places import place_by_axis
 from drake_quad.visualization.style import AXES, BLACK, PLATE, REFERENCE, new_figure, shading, styled

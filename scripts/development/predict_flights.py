@@ -17,6 +17,7 @@ import scipy
 from drake_quad import Flight, load_scenario, read_log, simulate
 from drake_quad.flight.simulation import simulate_batch, simulate_samples
 from drake_quad.scenario.batch import Batch
+from drake_quad.scenario.effects.body_drag import BodyDragEffect
 from drake_quad.scenario.winds.sine import SineSource
 from drake_quad.scenario.winds.steady import SteadySource
 
@@ -146,10 +147,10 @@ def sine_in_log(path: Path) -> tuple[float, float]:
     record = read_log(path)
     scenario = load_scenario(f"{_VEHICLE}:wind_8_sine")
     steady, sine = scenario.laboratory.wind
-    drag = scenario.vehicle.body_drag
+    drag = scenario.vehicle.effects()["body_drag"]
     assert isinstance(sine, SineSource)
     assert isinstance(steady, SteadySource)
-    assert drag is not None
+    assert isinstance(drag, BodyDragEffect)
     counted = record.time >= scenario.metrics.start
     time = sine.frequency * record.time[counted]
     waves = np.column_stack([np.sin(time), np.cos(time)])

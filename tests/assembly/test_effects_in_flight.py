@@ -7,7 +7,6 @@ import pytest
 from both_ways import assert_flown_alike
 
 from drake_quad import InputError, simulate
-from drake_quad.assembly.effects import steepest_load, swing_frequency, vehicle_effects
 from drake_quad.assembly.laboratory import laboratory_recipes
 from drake_quad.flight.mission import plan_route
 from drake_quad.flight.simulation import simulate_samples
@@ -55,7 +54,7 @@ def recipes_of(scenario):
 
 def test_effects_have_the_numbers_of_the_scenario(asymmetric):
     names = OVERRIDES.keys() - {"slung_load"}
-    found = vehicle_effects(asymmetric("pid", *overrides(*names)).vehicle)
+    found = asymmetric("pid", *overrides(*names)).vehicle.effect_numbers()
     assert found.body_drag == BodyDrag(
         LinearDrag(0.1, 0.2, 0.3), QuadraticDrag(0.01, 0.02, 0.03), CentreOfPressure(0.001, 0.002, 0.003)
     )
@@ -68,8 +67,8 @@ def test_effects_have_the_numbers_of_the_scenario(asymmetric):
     payload = Payload(0.05, PayloadPosition(0.001, 0.002, -0.03), Inertia(1e-5, 2e-5, 3e-5), 0.0, 1.2)
     assert found.payload == payload
     picked_up = asymmetric("pid", f"vehicle.payload={{{PAYLOAD}, event: picked_up}}")
-    assert vehicle_effects(picked_up.vehicle).payload == payload._replace(picked_up=1.2, dropped=math.inf)
-    assert vehicle_effects(asymmetric("pid", *overrides("slung_load")).vehicle).slung_load == SlungLoad(0.03, 0.6)
+    assert picked_up.vehicle.effect_numbers().payload == payload._replace(picked_up=1.2, dropped=math.inf)
+    assert asymmetric("pid", *overrides("slung_load")).vehicle.effect_numbers().slung_load == SlungLoad(0.03, 0.6)
 
 
 def test_what_is_off_has_no_place_in_the_diagram(asymmetric):
@@ -166,9 +165,8 @@ def test_the_steepest_load_is_the_sum_of_that_on_the_body_and_that_on_the_rotors
         text = rotors.format(climb=climb, inflow=inflow, drag=drag)
         for overrides, expected in (((text,), largest), ((body, text), 0.4 + 2.0 * 0.02 * 5.0 + largest)):
             vehicle = Batch.draw(asymmetric("pid", *overrides), (0,)).fleet_scenario.vehicle
-            assert steepest_load(vehicle, 5.0) == pytest.approx(expected, rel=1e-12)
-    none = Batch.draw(asymmetric("pid"), (0,)).fleet_scenario.vehicle
-    assert (steepest_load(none, 5.0), swing_frequency(none)) == (0.0, 0.0)
+            slopes = [effect.max_slope(vehicle, 5.0) for effect in vehicle.effects().values()]
+            assert sum(slopes) == pytest.approx(expected, rel=1e-12)
 
 
 def test_of_a_fleet_the_vehicle_with_the_fastest_drag_and_the_shortest_load_counts(asymmetric):

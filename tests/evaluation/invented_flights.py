@@ -15,7 +15,8 @@ def flights(error, *, own=0, crashed=()):
     rmse = error * (1.0 + 0.1 * NOISE[0]) + 0.001 * error * NOISE[1] * own
     time = np.full(COUNT, np.inf)
     time[list(crashed)] = 3.0
-    return Metrics(rmse, *(np.full(COUNT, 0.25 + i) for i in range(len(Metrics._fields) - 2)), time)
+    others = {name: np.full(COUNT, 0.25 + i) for i, name in enumerate(Metrics._fields[1:-1])}
+    return Metrics(rmse=rmse, **others, crash_time=time)
 
 
 def evaluation(network=0.9, other=0.8, *, crashed=()):

@@ -1,8 +1,9 @@
+from types import SimpleNamespace
 from typing import Annotated, Any, NamedTuple
 
 import pytest
 
-from drake_quad.framework.records import ROW, layout_of
+from drake_quad.framework.records import ROW, layout_of, record_like
 from drake_quad.signals import SIGNALS, Row, State
 
 
@@ -102,6 +103,25 @@ def test_what_is_made_of_other_parts_is_refused():
     for value in (Point(), None, "1.0", 1j, [1.0], {}):
         with pytest.raises(TypeError, match=f"a number or a row is wanted, not {type(value).__name__}"):
             layout.flatten(LINE._replace(width=value))
+
+
+class Frame(NamedTuple):
+    corner: Point
+    size: Row
+    hole: Point | None = None
+    marks: tuple[Point, ...] = ()
+
+
+def test_a_record_is_built_from_attributes_of_the_same_names():
+    """A tuple or an object in the source becomes the record that the type of the field names."""
+    source = SimpleNamespace(corner=(1.0, 2.0), size=3.0, hole=SimpleNamespace(x=4.0, y=5.0), marks=(), other=6.0)
+    frame = record_like(Frame, source)
+    assert frame == Frame(Point(1.0, 2.0), 3.0, Point(4.0, 5.0))
+    assert (type(frame.corner), type(frame.hole)) == (Point, Point)
+    marks = (Point(1.0, 1.0), Point(2.0, 2.0))
+    assert record_like(Frame, source, size=7.0, hole=None, marks=marks) == Frame(Point(1.0, 2.0), 7.0, None, marks)
+    with pytest.raises(AttributeError, match="size"):
+        record_like(Frame, SimpleNamespace(corner=(1.0, 2.0)))
 
 
 def test_every_signal_has_rows_with_units():

@@ -5,7 +5,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from drake_quad import load_scenario
-from drake_quad.assembly.effects import vehicle_effects
 from drake_quad.assembly.laboratory import vehicle_parameters
 from drake_quad.identification.fitting.flown_model import (
     BODY,
@@ -46,7 +45,7 @@ def scenario():
 
 @pytest.fixture(scope="module")
 def numbers(scenario):
-    return Numbers(vehicle_parameters(scenario.vehicle), vehicle_effects(scenario.vehicle))
+    return Numbers(vehicle_parameters(scenario.vehicle), scenario.vehicle.effect_numbers())
 
 
 def in_world():
@@ -93,7 +92,7 @@ def test_rotors_follow_their_commands_with_lags_of_their_own_up_and_down(scenari
 
 def test_throttles_at_rest_give_the_thrust_of_their_curve(scenario):
     vehicle = with_throttles(scenario).vehicle
-    own = Numbers(vehicle_parameters(vehicle), vehicle_effects(vehicle))
+    own = Numbers(vehicle_parameters(vehicle), vehicle.effect_numbers())
     throttles = Throttle(0.3, 0.4, 0.5, 0.6)
     k_0, k_1, k_2 = vehicle.motors.curve
     thrusts = vehicle.thrust_factor * np.square(rotors_at_rest(throttles, own))
@@ -210,7 +209,7 @@ def test_a_payload_stays_all_along_whenever_it_is_dropped():
     """Windows of a log have no clock of their own: the vehicle is as at the beginning."""
     payload = "vehicle.payload={{mass: 0.2, position: [0.02, 0.0, -0.05], time: {}, event: dropped}}"
     soon, late, never = (
-        Numbers(vehicle_parameters(own.vehicle), vehicle_effects(own.vehicle))
+        Numbers(vehicle_parameters(own.vehicle), own.vehicle.effect_numbers())
         for own in (
             load_scenario("laboratory:low_wind", overrides)
             for overrides in ([payload.format(0.5)], [payload.format(99.0)], [])

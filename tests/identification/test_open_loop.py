@@ -20,7 +20,7 @@ from drake_quad.identification.fitting.open_loop import (
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.vehicle_numbers import number_of, with_numbers
 from drake_quad.planning.believed import nominal_parameters
-from drake_quad.scenario.effects import SpeedMotors
+from drake_quad.scenario.motors import SpeedMotors
 from drake_quad.signals import Attitude, RotorSpeed
 from drake_quad.vehicle.dynamics import rotor_action
 

@@ -101,11 +101,27 @@ def test_candidates_are_parameters_of_the_vehicle_that_the_outputs_determine(sce
     assert (inertia.scale, inertia.least, inertia.most) == pytest.approx((value, 0.02 * value, 50.0 * value))
     drag = candidates["linear_drag"]
     assert (drag.scale, drag.least, drag.most) == pytest.approx((vehicle.linear_drag, 0.0, 1e3 * vehicle.linear_drag))
-    arm = vehicle.arm_length if vehicle.layout.length is None else 0.5 * vehicle.layout.length
-    centre = candidates["centre_of_mass[0]"]
-    assert (centre.scale, centre.least, centre.most) == pytest.approx((0.2 * arm, -arm, arm))
     delay = candidates[DELAY]
     assert (delay.scale, delay.least, delay.most) == pytest.approx((0.01, -0.045, 0.045))
+
+
+@pytest.mark.parametrize(
+    ("layout", "arm"),
+    [
+        ("{kind: x}", 0.17),
+        ("{kind: plus, length: 0.3, width: 0.5}", 0.2),
+        (
+            "{kind: rotors, rotors: [{position: [0.1, 0, 0], turns: clockwise}, {position: [0, -0.3, 0], turns:"
+            " anticlockwise}, {position: [-0.1, 0, 0], turns: clockwise}, {position: [0, 0.3, 0], turns:"
+            " anticlockwise}]}",
+            0.2,
+        ),
+    ],
+)
+def test_the_centre_of_mass_is_sought_within_the_mean_arm_of_any_layout(layout, arm):
+    vehicle = load_scenario("hover", [f"nominal.layout={layout}"]).vehicle
+    centre = names_of(vehicle, "attitude")["centre_of_mass[0]"]
+    assert (centre.scale, centre.least, centre.most) == pytest.approx((0.2 * arm, -arm, arm))
 
 
 def test_effects_of_the_vehicle_are_candidates_if_the_outputs_determine_them():

@@ -11,6 +11,7 @@ from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
 from drake_quad.assembly.recorder import build_recorder, read_recorder
+from drake_quad.framework.records import record_like
 from drake_quad.laboratory.command_link import CommandLink, LinkNumbers
 from drake_quad.laboratory.flight_monitor import CrashLimits, Surroundings, Window
 from drake_quad.laboratory.motion_capture import CameraNumbers, MotionCapture
@@ -121,6 +122,7 @@ def test_the_recorder_keeps_what_a_discrete_update_sees_at_each_tick_to_the_last
         np.testing.assert_allclose(signals[name], np.column_stack([time, time]) + 1.0)
 
 
+FILTERED = CameraNumbers(derivative_bandwidth=50.0)
 BREEZE = Jet(Outlet(0.0, 0.0, 0.0), Direction(1.0, 0.0, 0.0), 5.0, 1.0)
 CALM = Turbulence.at_low_altitude(height=10.0, wind_at_20_feet=5.0, airspeed=5.0)
 
@@ -128,7 +130,7 @@ CALM = Turbulence.at_low_altitude(height=10.0, wind_at_20_feet=5.0, airspeed=5.0
 def test_by_default_numbers_are_those_of_an_ideal_laboratory():
     none = 0.0, 0.0, 0.0
     assert LinkNumbers() == (0.0, 0.0, Wrench(0.0, *none))
-    assert CameraNumbers() == (0.0, 0.0, 0.0, none, 0.0, 0.0, none, none, 1.0)
+    assert CameraNumbers() == record_like(CameraNumbers, models.Laboratory().motion_capture)
     assert Surroundings() == ((), 0.0)
     assert Window() == (0.0, math.inf)
     wind = Wind(1.0, 2.0, 3.0)
@@ -148,7 +150,7 @@ def test_before_a_simulation_begins_nothing_is_seen_and_no_wind_blows():
     """The first samples are taken when it begins."""
     wind = Wind(1.0, 2.0, 3.0)
     for system in (
-        MotionCapture(filtered=True, drifts=True, longest_latency=2, num_vehicles=2),
+        MotionCapture(filtered=True, drifts=True, longest_latency=2, num_vehicles=2, numbers=FILTERED),
         Gust(numbers=GustNumbers(wind, 0.0, 1.0)),
         SineWind(numbers=SineNumbers(wind, 1.0, 1.0)),
         Fans(numbers=(BREEZE,)),

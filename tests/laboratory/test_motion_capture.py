@@ -53,7 +53,7 @@ def still(n=1):
 
 
 def filtering(bandwidth, **structure):
-    return MotionCapture(filtered=True, numbers=CameraNumbers(bandwidth=bandwidth), **structure)
+    return MotionCapture(filtered=True, numbers=CameraNumbers(derivative_bandwidth=bandwidth), **structure)
 
 
 def ramp(rates):
@@ -78,7 +78,7 @@ def test_noise_has_the_stated_deviation_and_nothing_else():
 def test_spectrum_of_the_velocity_noise(bandwidth):
     """White noise through (1 - a) / 2h (1 - z⁻²) / (1 - a z⁻¹), and its variance σ² (1 - a)² / 2h²."""
     n, sigma = 60, 1e-3
-    numbers = CameraNumbers(sigma, bandwidth=bandwidth)
+    numbers = CameraNumbers(sigma, derivative_bandwidth=bandwidth)
     camera = MotionCapture(num_vehicles=n, noisy=True, filtered=True, numbers=numbers)
     _, frames = seen(still(n), camera, duration=40.0, n=n)
     velocity = frames[6, :, 200:]
@@ -96,7 +96,7 @@ def test_spectrum_of_the_velocity_noise(bandwidth):
 def test_who_reads_every_second_frame_sees_no_noise_folded_down():
     """A velocity that hardly wanders: its mean over 4 s is position noise over 4 s, not rate noise over √200."""
     n, sigma = 200, 1e-3
-    numbers = CameraNumbers(sigma, bandwidth=100.0)
+    numbers = CameraNumbers(sigma, derivative_bandwidth=100.0)
     camera = MotionCapture(num_vehicles=n, noisy=True, filtered=True, numbers=numbers)
     _, frames = seen(still(n), camera, duration=5.0, n=n)
     mean = frames[6, :, -400::2].mean(axis=1)
@@ -150,7 +150,7 @@ def test_body_rates_are_right_for_a_body_that_turns_over(turning, misaligned):
     state[3:6] = turned.as_euler("ZYX")[:, ::-1].T
     assert np.abs(np.diff(state[3:6], axis=1)).max() > 3.0
     off = Attitude(0.1, -0.05, 0.2)
-    numbers = CameraNumbers(bandwidth=1e4, misalignment=off if misaligned else Attitude(0.0, 0.0, 0.0))
+    numbers = CameraNumbers(derivative_bandwidth=1e4, misalignment=off if misaligned else Attitude(0.0, 0.0, 0.0))
     held = PiecewisePolynomial.ZeroOrderHold(times, state)
     _, frames = seen(held, MotionCapture(filtered=True, misaligned=misaligned, numbers=numbers), duration=2.0)
     expected = np.array(turning)
@@ -216,7 +216,7 @@ def test_latency_is_a_whole_number_of_frames():
 def test_until_the_first_frame_arrives_the_cameras_show_the_start(bandwidth):
     """With its velocity and body rates where they are seen; a filter begins at rest, whatever moves."""
     start = np.array([1.0, 2.0, 3.0, 0.1, -0.2, 0.3, -0.4, 0.5, -0.6, 0.7, -0.8, 0.9])
-    numbers = CameraNumbers(bandwidth=bandwidth or 0.0, latency_frames=4)
+    numbers = CameraNumbers(derivative_bandwidth=bandwidth or 0.0, latency_frames=4)
     camera = MotionCapture(filtered=bandwidth is not None, longest_latency=4, numbers=numbers)
     _, frames = seen(PiecewisePolynomial(start[:, None]), camera, duration=0.1)
     shown = start if bandwidth is None else np.concatenate([start[:6], np.zeros(6)])
@@ -226,7 +226,7 @@ def test_until_the_first_frame_arrives_the_cameras_show_the_start(bandwidth):
 def test_lost_frames_repeat_the_one_before():
     n, rate = 30, 0.2
     state = PiecewisePolynomial.FirstOrderHold([0.0, 100.0], np.outer(np.ones(12 * n), [0.0, 100.0]))
-    numbers = CameraNumbers(dropout_rate=rate, bandwidth=30.0)
+    numbers = CameraNumbers(dropout_rate=rate, derivative_bandwidth=30.0)
     camera = MotionCapture(num_vehicles=n, loses_frames=True, numbers=numbers)
     time, frames = seen(state, camera, duration=10.0, n=n)
     steps = np.diff(frames[0, :, 2:], axis=1)
@@ -277,7 +277,7 @@ def test_velocity_is_seen_too_large_by_its_share_and_nothing_else(filtered):
     shares = np.array([[0.1, -0.2, 0.05], [0.3, 0.0, -0.1]])
     state = np.random.default_rng(3).normal(scale=0.3, size=(12, 3))
     line = PiecewisePolynomial.FirstOrderHold([0.0, 1.0, 2.0], np.repeat(state, 2, axis=0))
-    numbers = CameraNumbers(bandwidth=40.0)
+    numbers = CameraNumbers(derivative_bandwidth=40.0)
     mistaken = numbers._replace(velocity_error=VelocityError(*shares.T))
     _, true = seen(line, MotionCapture(num_vehicles=2, filtered=filtered, numbers=numbers), duration=2.0, n=2)
     camera = MotionCapture(num_vehicles=2, filtered=filtered, mistaken=True, numbers=mistaken)

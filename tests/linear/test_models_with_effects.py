@@ -5,7 +5,6 @@ import pytest
 from oracle.effects import Forces, accelerations
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.assembly.effects import vehicle_effects
 from drake_quad.design.sensitivity import flight_sensitivities
 from drake_quad.linear.closed_loop import closed_loop, laboratory_plant
 from drake_quad.linear.vehicle_model import STATES, SWING_STATES, affine_vehicle, find_trim, linear_vehicle
@@ -126,7 +125,7 @@ PAYLOAD = "vehicle.payload={{mass: 0.05, position: [0.001, 0.002, -0.03], time: 
 def test_a_payload_at_rest_is_there_or_not_as_it_is_at_the_beginning(laboratory):
     for time, event, there in ((2.0, "dropped", True), (2.0, "picked_up", False), (0.0, "picked_up", True)):
         resting = at_rest(laboratory(PAYLOAD.format(time, event))).vehicle
-        payload = vehicle_effects(resting).payload
+        payload = resting.effect_numbers().payload
         assert (payload is not None) == there
         if payload is not None:
             masses = [whole(0.68, Inertia(), payload, moment).mass for moment in (0.0, 1.0, 3.0, 1e4)]

@@ -5,6 +5,7 @@ import re
 import pytest
 
 from drake_quad import InputError, load_scenario
+from drake_quad.vehicle.effects import NO_EFFECTS
 
 BATTERY = "voltage: 12.6, empty_voltage: 10.2, capacity: 1.3, resistance: 0.04, efficiency: 0.65"
 THROTTLE = "{kind: throttle, curve: [0.1, 1.0, 2.8]}"
@@ -16,10 +17,8 @@ def load(diagrams):
 
 
 def test_all_is_off_unless_it_is_written(load):
-    vehicle = load().vehicle
-    off = [vehicle.body_drag, vehicle.rotor_aerodynamics, vehicle.ground_effect, vehicle.payload, vehicle.battery]
-    assert [*off, vehicle.slung_load, vehicle.rotor_time_constant_down] == [None] * 7
-    assert (vehicle.reaction_torque, vehicle.motors.kind) == (False, "speed")
+    assert load().vehicle.effects() == {}
+    assert load().vehicle.effect_numbers() == NO_EFFECTS
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from drake_quad.scenario.files.library import Library
 from drake_quad.scenario.files.loading import load_mission, load_undesigned
 from drake_quad.scenario.files.marked_tree import Mark, Tree
 from drake_quad.scenario.files.shipped import shipped_scenarios
-from drake_quad.scenario.routes import HalfSpace
+from drake_quad.scenario.regions import HalfSpace
 
 
 @pytest.fixture

@@ -13,6 +13,7 @@ from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.layouts import rotors_of
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in, value_at
+from drake_quad.scenario.routes.route import ROUTES
 from drake_quad.scenario.winds.source import WINDS
 
 BODY = """\
@@ -202,7 +203,7 @@ FAN = "kind: fan, position: [0, 0, 1]"
         (f"wind: [{{{FAN}, direction: [1, 0, 0], diameter: 1}}]", r"wind.0.flow is missing"),
         (
             "wind: [{kind: breeze}]",
-            f"wind.0.kind is 'breeze', but must be one of {str(WINDS.kinds)[1:-1]}",
+            f"wind.0.kind is 'breeze', but must be one of {str(WINDS.names)[1:-1]}",
         ),
         (
             "wind: [{kind: dryden, level: mild}]",
@@ -403,7 +404,7 @@ def test_limits_of_the_rotors_are_checked_as_they_are_flown(write, nominal, vehi
     [
         (
             "{kind: oval}",
-            "2: route.kind is 'oval', but must be one of 'figure_eight', 'circle', 'lissajous', 'hover', 'waypoints'",
+            f"2: route.kind is 'oval', but must be one of {str(ROUTES.names)[1:-1]}",
         ),
         ("{radius: 1}", "2: route.kind is missing"),
         (

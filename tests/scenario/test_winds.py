@@ -165,7 +165,7 @@ def test_a_kind_without_answers_is_refused():
         WINDS.member(Silent)
     with pytest.raises(TypeError, match="Kindless must have a field kind"):
         WINDS.member(Kindless)
-    with pytest.raises(ValueError, match="there is another WindSource of kind gust: GustSource"):
+    with pytest.raises(ValueError, match="there is another WindSource called gust: GustSource"):
         WINDS.member(Taken)
     with pytest.raises(TypeError, match="dict must extend WindSource"):
         WINDS.member(dict)

@@ -110,6 +110,7 @@ def test_effects_of_motors_and_air_move_it_as_a_quadrotor(time_step):
         ground_effect=GroundEffect(0.1, 0.0),
         spin_down=SpinDown(0.09),
         thrust_curve=ThrustCurve(0.1, 1.0, 2.8),
+        loads=(RotorAerodynamics(0.01, 0.05, 2e-5, 1e-5),),
     )
     assert effects.names == RESPONDING_EFFECTS
     numbers = QuadrotorNumbers(start=Place(0.3, 0.2, 0.25), effects=effects)

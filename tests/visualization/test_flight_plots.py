@@ -8,7 +8,7 @@ from matplotlib.colors import to_hex
 from drake_quad import load_scenario, simulate
 from drake_quad.flight.mission import plan_route
 from drake_quad.laboratory.wind.fans import jet_speed
-from drake_quad.scenario.winds.fan import jets
+from drake_quad.scenario.winds.source import jets
 from drake_quad.signals import State
 from drake_quad.visualization import plots
 from drake_quad.visualization.leg_marks import leg_marks, leg_names, number_legs, shade_legs

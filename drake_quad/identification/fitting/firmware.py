@@ -3,7 +3,7 @@
 import numpy as np
 
 from drake_quad.errors import InputError
-from drake_quad.planning.believed import nominal_parameters, thrust_curve
+from drake_quad.planning.believed import nominal_parameters
 from drake_quad.scenario.models import Scenario
 from drake_quad.signals import Wrench
 from drake_quad.vehicle.allocation import RotorModel, allocate
@@ -31,7 +31,7 @@ def allocated_commands(thrust: np.ndarray, torque: np.ndarray, believed: Scenari
     if not throttles:
         rows = allocate(wrench, RotorModel.of(parameters), priority).rotor_speed_command  # type: ignore[assignment]
     else:
-        curve = thrust_curve(believed.nominal.motors)
+        curve = believed.nominal.motors.thrust_curve()
         if curve is None:
             raise InputError(
                 f"{believed.name} has no nominal.motors; add them, since throttles follow from their thrust curve"

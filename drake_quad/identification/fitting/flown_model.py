@@ -17,7 +17,6 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 
-from drake_quad.assembly.effects import vehicle_effects
 from drake_quad.assembly.laboratory import vehicle_parameters
 from drake_quad.framework.formulas import kernel
 from drake_quad.framework.records import Layout, layout_of
@@ -207,7 +206,7 @@ class Vehicle:
         """The numbers for (K, p) parameters, each a number or a (K,) array."""
         values = {path: parameters[:, i] for i, paths in enumerate(self.paths) for path in paths}
         vehicle = replaced(self.vehicle, lambda path, old: values.get(path, old))
-        return Numbers(vehicle_parameters(vehicle), vehicle_effects(vehicle))
+        return Numbers(vehicle_parameters(vehicle), vehicle.effect_numbers())
 
     def delays(self, parameters: np.ndarray) -> np.ndarray:
         """(K,) delay of the commands, s."""

@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drake_quad.assembly.effects import vehicle_effects
 from drake_quad.assembly.laboratory import vehicle_parameters
 from drake_quad.errors import InputError, shown
 from drake_quad.framework.formulas import kernel
@@ -157,7 +156,7 @@ def commands_of(record: FlightRecord, vehicle: Scenario, believed: Scenario) -> 
         InputError: if the log does not contain commands for this vehicle, or its hover thrust is not positive.
     """
     responds = isinstance(vehicle.laboratory.autopilot, ResponseOfScenario)
-    throttles = vehicle.vehicle.motors.kind == "throttle"
+    throttles = vehicle.vehicle.motors.take_throttles
     attitude = np.unwrap(record.of("attitude_command"), axis=0) if responds else None
     if throttles and record.motor_command is not None:
         return Commands(record.motor_command, True, attitude)
@@ -361,7 +360,7 @@ class OpenLoop:
         """The layout of the numbers, and their rows for all copies."""
         values = {scenario_path(name): value for name, value in numbers.items() if name != DELAY}
         own = replaced(self._scenario.vehicle, lambda path, old: values.get(path, old), "vehicle")
-        parameters, effects = vehicle_parameters(own), vehicle_effects(own)
+        parameters, effects = vehicle_parameters(own), own.effect_numbers()
         record: Any = _Numbers(parameters, effects)
         autopilot: Any = self._scenario.laboratory.autopilot
         if self.responds:

@@ -8,7 +8,7 @@ import numpy as np
 from drake_quad.errors import InputError, shown
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, hermite_path, power_basis
-from drake_quad.scenario.routes import Knot, TrajectoryRoute, YawKnot
+from drake_quad.scenario.routes.trajectory import Knot, TrajectoryRoute, YawKnot
 
 # Between knots, s: from wide to as narrow as a path of degree 7 that nobody could fly anyway.
 _SPACINGS = (0.5, 0.25, 0.125, 0.0625)

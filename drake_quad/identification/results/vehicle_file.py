@@ -29,7 +29,7 @@ from drake_quad.scenario.correlation import correlated_normals
 from drake_quad.scenario.files.library import Library, is_shipped, split_spec
 from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.limits import LARGEST
-from drake_quad.scenario.models import NAME, Nominal, Scenario
+from drake_quad.scenario.models import NAME, Nominal, Scenario, Vehicle
 from drake_quad.scenario.paths import value_at
 from drake_quad.statistics.interval import Interval
 from drake_quad.vehicle.motors import ThrustCurve, thrust_of
@@ -48,8 +48,6 @@ _AT_HOVER = 1e3
 _THROTTLES = np.linspace(0.0, 1.0, 101)
 # Of the top speed, above that of full throttle: with it a fifth more thrust, which is more than a curve is off by.
 _ABOVE = 1.1
-# Effects that an attitude's response does not know, which a flight shows as part of it.
-_IN_THE_RESPONSE = ("rotor_failure", "payload", "slung_load", "battery", "reaction_torque")
 
 
 class _Entry(NamedTuple):
@@ -384,10 +382,9 @@ def _with_response(tree: dict[str, Any], base: Scenario) -> None:
         raise InputError(f"autopilot.{missing} must be estimated, too: what the vehicle extends has no such response")
     tree["laboratory"]["autopilot"] = {"kind": _Entry("response"), **autopilot}
     tree["control"] = {"attitude": _Entry(None, "on board"), "position": {"feed_forward": _Entry("acceleration")}}
-    for effect in _IN_THE_RESPONSE:
-        if getattr(base.vehicle, effect):
-            off = False if effect == "reaction_torque" else None
-            tree["vehicle"][effect] = _Entry(off, "is in the response of the attitude")
+    for effect in base.vehicle.without_response():
+        off = Vehicle.model_fields[effect].default
+        tree["vehicle"][effect] = _Entry(off, "is in the response of the attitude")
 
 
 def _without_contradictions(vehicle: dict[str, Any]) -> None:

@@ -5,14 +5,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from drake_quad.identification.results.estimates import Estimates, scenario_path
-from drake_quad.scenario.effects import BodyDrag, RotorAerodynamics, ThrottleMotors
+from drake_quad.scenario.effects.effect import EFFECTS
 from drake_quad.scenario.models import Scenario
+from drake_quad.scenario.motors import ThrottleMotors
 from drake_quad.scenario.paths import leaves, replaced
 
 # Of the top speed, beyond which throttles do not bring rotors.
 _AMPLE = 2.0
-# What is switched on by a number in it.
-_EFFECTS = {"body_drag": BodyDrag, "rotor_aerodynamics": RotorAerodynamics}
 
 
 def with_effects(scenario: Scenario, names: tuple[str, ...]) -> Scenario:
@@ -23,7 +22,7 @@ def with_effects(scenario: Scenario, names: tuple[str, ...]) -> Scenario:
         names: as in `Estimates`.
     """
     vehicle = scenario.vehicle
-    wanted = {name: kind() for name, kind in _EFFECTS.items() if any(each.startswith(f"{name}.") for each in names)}
+    wanted = {name: effect() for name, effect in EFFECTS.items() if any(each.startswith(f"{name}.") for each in names)}
     absent = {name: effect for name, effect in wanted.items() if getattr(vehicle, name) is None}
     return scenario.model_copy(update={"vehicle": vehicle.model_copy(update=absent)}) if absent else scenario
 
@@ -37,7 +36,7 @@ def with_throttles(scenario: Scenario) -> Scenario:
         scenario: with numbers.
     """
     vehicle = scenario.vehicle
-    if vehicle.motors.kind == "throttle":
+    if vehicle.motors.take_throttles:
         return scenario
     full = vehicle.thrust_factor * vehicle.max_rotor_speed**2
     motors = ThrottleMotors(kind="throttle", curve=(0.0, 0.0, full))

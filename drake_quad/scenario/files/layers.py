@@ -6,6 +6,7 @@ mixture of two of them makes no sense: the vehicle, the control, and the route w
 
 from drake_quad.errors import InputError, listed
 from drake_quad.scenario.distributions import is_distribution
+from drake_quad.scenario.effects.effect import EFFECTS
 from drake_quad.scenario.files.marked_tree import Tree
 from drake_quad.scenario.files.relative import (
     are_relative,
@@ -30,12 +31,9 @@ _AIRFRAME_FIELDS = (
     "max_rotor_speed",
 )
 _ROTOR_POSITION_FIELDS = ("layout", "arm_length")
-# Fields that a new vehicle keeps, since they are not part of the airframe: gravity, the integration of the motion, and
-# the events and loads of the flight.
-_FLIGHT_FIELDS = {
-    "nominal": ("gravity",),
-    "vehicle": ("time_step", "attitude_kinematics", "rotor_failure", "payload", "slung_load"),
-}
+# Fields that a new vehicle keeps beside some effects, since they are not part of the airframe: gravity and the
+# integration of the motion.
+_FLIGHT_FIELDS = {"nominal": ("gravity",), "vehicle": ("time_step", "attitude_kinematics")}
 # A new route replaces all of these fields, since the duration and the metric window belong to the route.
 _ROUTE_FIELDS = ("route", "metrics", "duration")
 
@@ -157,7 +155,8 @@ def _without_airframe(fields: dict[str, Tree]) -> dict[str, Tree]:
     for section, names in _FLIGHT_FIELDS.items():
         if section in kept and isinstance(kept[section].value, dict):
             spreads = relative_part(kept[section])
-            own = {name: part for name, part in kept[section].value.items() if name in names}
+            flown = [*names, *(name for name, effect in EFFECTS.items() if not effect.belongs_to_airframe)]
+            own = {name: part for name, part in kept[section].value.items() if name in flown}
             kept[section] = kept[section]._replace(value={**({} if spreads is None else spreads.value), **own})
     laboratory = kept.get("laboratory")
     if laboratory is not None and isinstance(laboratory.value, dict) and _is_identified(laboratory):

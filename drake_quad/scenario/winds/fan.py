@@ -1,6 +1,6 @@
 """Industrial fan."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any, ClassVar, Literal
 
 from pydantic import Field, field_validator
@@ -10,7 +10,7 @@ from drake_quad.framework.recipe import Recipe
 from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet
 from drake_quad.scenario.limits import SMALLEST
 from drake_quad.scenario.quantities import NonNegative, Number, Position, Positive, excludes_zero
-from drake_quad.scenario.winds.source import WINDS, Surroundings, WindSource
+from drake_quad.scenario.winds.source import WINDS, Surroundings, WindSource, jets
 from drake_quad.signals import VelocityW
 
 
@@ -38,19 +38,20 @@ class FanSource(WindSource):
             )
         return direction
 
-    def jet(self) -> Jet:
+    def jets(self) -> tuple[Jet, ...]:
         """Return the jet of the fan."""
-        return Jet.of_fan(
+        jet = Jet.of_fan(
             outlet=Outlet(*self.position),
             direction=Direction(*self.direction),
             flow=self.flow,
             diameter=self.diameter,
             turbulence=self.turbulence,
         )
+        return (jet,)
 
     def max_speed(self) -> VelocityW:
         """Return the speed at the outlet, m/s."""
-        return self.jet().exit_speed
+        return self.jets()[0].exit_speed
 
     def without_turbulence(self) -> WindSource | None:
         """Return the fan with a jet that is not turbulent."""
@@ -58,14 +59,9 @@ class FanSource(WindSource):
 
     def recipe(self, surroundings: Surroundings) -> Recipe:
         """Return the recipe for the wind of this fan."""
-        return Recipe(Fans, {"period": surroundings.period}, (self.jet(),))
+        return Recipe(Fans, {"period": surroundings.period}, self.jets())
 
     @classmethod
     def recipes(cls, sources: Sequence[Any], surroundings: Surroundings) -> dict[str, Recipe]:
         """Return the recipe for one system, which makes the wind of all fans."""
         return {"fans": sources[0].recipe(surroundings)._replace(numbers=jets(sources))}
-
-
-def jets(sources: Iterable[Any]) -> tuple[Jet, ...]:
-    """Return the jets of the fans among sources of wind."""
-    return tuple([source.jet() for source in sources if source.kind == "fan"])

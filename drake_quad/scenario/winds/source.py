@@ -13,6 +13,7 @@ from pydantic_core import PydanticCustomError
 
 from drake_quad.framework.elementary import sin_cos
 from drake_quad.framework.recipe import Recipe
+from drake_quad.laboratory.wind.fans import Jet
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.quantities import Direction, NonNegative, Position
 from drake_quad.scenario.unions import OpenUnion
@@ -46,6 +47,10 @@ class WindSource(Model):
     def steady_wind(self) -> Wind:
         """Return the part of the wind that is the same everywhere and always, m/s."""
         return Wind(0.0, 0.0, 0.0)
+
+    def jets(self) -> tuple[Jet, ...]:
+        """Return the free jets of the source."""
+        return ()
 
     @abstractmethod
     def max_speed(self) -> VelocityW:
@@ -115,6 +120,11 @@ def steady_wind(sources: Iterable[WindSource]) -> Wind:
     """Return the sum of the steady parts of sources of wind, m/s."""
     winds = [source.steady_wind() for source in sources]
     return Wind._make(sum(parts, start=0.0) for parts in zip(Wind(0.0, 0.0, 0.0), *winds, strict=True))
+
+
+def jets(sources: Iterable[WindSource]) -> tuple[Jet, ...]:
+    """Return the free jets of sources of wind."""
+    return tuple([jet for source in sources for jet in source.jets()])
 
 
 def speed(wind: Wind) -> Row:

@@ -12,7 +12,7 @@ from drake_quad.planning.space import space_of
 from drake_quad.process_settings import without_drake_remarks
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.models import Scenario
-from drake_quad.scenario.winds.fan import jets
+from drake_quad.scenario.winds.source import jets
 from drake_quad.visualization.replay.shapes import Frame, draw_fan, draw_solid, rgba
 from drake_quad.visualization.style import AXES
 

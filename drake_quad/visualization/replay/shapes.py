@@ -58,8 +58,8 @@ class Frame(NamedTuple):
     def of(cls, vehicle: Any) -> "Frame":
         """The frame of a scenario's vehicle: an h has a bar on each side, and one across; others have four arms."""
         rotors = rotors_of(vehicle)
-        has_sides = vehicle.layout.kind == "h"
-        return cls(rotors, tuple(np.array([0.0, rotor.y if has_sides else 0.0, 0.0]) for rotor in rotors))
+        sides = [rotor.y if vehicle.layout.has_sides else 0.0 for rotor in rotors]
+        return cls(rotors, tuple(np.array([0.0, side, 0.0]) for side in sides))
 
     @property
     def reach(self) -> float:

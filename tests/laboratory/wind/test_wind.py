@@ -16,7 +16,7 @@ from drake_quad.laboratory.wind.fans import Direction, Jet, Outlet, jet_speed
 from drake_quad.laboratory.wind.gust import Gust, GustNumbers
 from drake_quad.laboratory.wind.sine import SineNumbers, SineWind
 from drake_quad.laboratory.wind.wind import SteadyWind
-from drake_quad.scenario.winds.fan import jets
+from drake_quad.scenario.winds.source import jets
 from drake_quad.signals import State, Wind
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers

@@ -1,0 +1,37 @@
+"""Command link of the scenario language."""
+
+from typing import Any
+
+from pydantic import Field
+
+from drake_quad.framework.recipe import Recipe
+from drake_quad.framework.records import record_like
+from drake_quad.laboratory import command_link
+from drake_quad.laboratory.command_link import LinkNumbers
+from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.quantities import Period, Probability, Ticks, any_nonzero, field_of, largest_ticks
+from drake_quad.signals import AttitudeTarget, Wrench
+
+
+class CommandLink(Model):
+    """Radio link that carries the wrench, or what an autopilot takes, to the vehicle."""
+
+    period: Period = Field(default=0.02, description="time between ticks of the control (s); the paper's 50 Hz")
+    delay_ticks: Ticks = Field(default=1, description="whole ticks from sending to arrival")
+    loss_rate: Probability = field_of(LinkNumbers, "loss_rate", "share of the packets that are lost")
+
+    def recipe(self, fleet: Any, signal: command_link.Command, initial: Wrench | AttitudeTarget) -> Recipe:
+        """Return the recipe for the links of a fleet.
+
+        Args:
+            fleet: the link in a `Batch.fleet_scenario`.
+            signal: name of the signal that the link carries.
+            initial: command before the first packet arrives.
+        """
+        structure = {
+            "signal": signal,
+            "period": self.period,
+            "longest_delay": largest_ticks(self.delay_ticks, fleet.delay_ticks),
+            "loses_packets": any_nonzero(self.loss_rate, fleet.loss_rate),
+        }
+        return Recipe(command_link.CommandLink, structure, record_like(LinkNumbers, fleet, initial=initial))

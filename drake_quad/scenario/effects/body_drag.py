@@ -1,0 +1,38 @@
+"""Drag of the body."""
+
+from functools import reduce
+from typing import Any, ClassVar
+
+import numpy as np
+
+from drake_quad.scenario.effects.effect import EFFECTS, NO_OFFSET, AirLoadEffect, PerAxis, VehicleEffect
+from drake_quad.scenario.quantities import Position, field_of
+from drake_quad.signals import Row
+from drake_quad.vehicle.aerodynamics import BodyDrag
+
+
+@EFFECTS.member
+class BodyDragEffect(AirLoadEffect):
+    """Drag of the body, along each of its axes by itself: F_k = (c1_k + c2_k |u|) u_k, u the air relative to it."""
+
+    linear: PerAxis = field_of(BodyDrag, "linear", "c1, force over airspeed along x, y, z of B")
+    quadratic: PerAxis = field_of(BodyDrag, "quadratic", "c2, force over squared airspeed along x, y, z of B")
+    centre_of_pressure: Position = field_of(
+        BodyDrag, "centre_of_pressure", "where it acts, x, y, z in B seen from the centre of mass"
+    )
+    field: ClassVar = "body_drag"
+    meaning: ClassVar = "beside `linear_drag` and `quadratic_drag`, if any"
+    record: ClassVar = BodyDrag
+    is_believed: ClassVar = True
+    depends_on_time: ClassVar = False
+    couples_axes: ClassVar = True
+    belongs_to_airframe: ClassVar = True
+
+    def symmetric(self) -> VehicleEffect:
+        """Return the drag at the centre of mass."""
+        return self.model_copy(update={"centre_of_pressure": NO_OFFSET})
+
+    def max_slope(self, vehicle: Any, airspeed: Row) -> Row:
+        """Return the slope along the axis on which it is largest, N s/m."""
+        pairs = zip(self.linear, self.quadratic, strict=True)
+        return reduce(np.maximum, [linear + 2.0 * quadratic * airspeed for linear, quadratic in pairs])

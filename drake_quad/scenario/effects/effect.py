@@ -1,0 +1,86 @@
+"""Effects on the vehicle, and the questions about them that the rest of the library asks.
+
+An effect of your own is a class that extends `AirLoadEffect` and is registered with `EFFECTS.member`.
+"""
+
+from abc import abstractmethod
+from typing import Annotated, Any, ClassVar
+
+from pydantic import Field
+
+from drake_quad.framework.records import record_like
+from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.quantities import NonNegative
+from drake_quad.scenario.unions import OpenFields
+from drake_quad.signals import Row
+
+PerAxis = Annotated[tuple[NonNegative, NonNegative, NonNegative], Field(strict=False)]
+NO_OFFSET = (0.0, 0.0, 0.0)
+
+
+class VehicleEffect(Model):
+    """Effect on the vehicle in addition to the paper's equations.
+
+    Numbers that a study draws are (N,) arrays when the methods are called for a fleet.
+
+    Attributes:
+        field: name of the field of a vehicle.
+        meaning: description of the field.
+        record: record of `drake_quad.vehicle` whose formulas compute the effect.
+        is_believed: whether the ground station knows the effect, so that controllers are designed with it.
+        depends_on_time: whether the effect changes while a vehicle hovers.
+        couples_axes: whether the effect can couple the axes of a vehicle that is symmetric without it.
+        belongs_to_airframe: whether a description of another vehicle replaces the effect.
+    """
+
+    field: ClassVar[str]
+    meaning: ClassVar[str]
+    record: ClassVar[type]
+    is_believed: ClassVar[bool]
+    depends_on_time: ClassVar[bool]
+    couples_axes: ClassVar[bool]
+    belongs_to_airframe: ClassVar[bool]
+
+    def numbers(self) -> Any:
+        """Return the record of the numbers of the effect."""
+        return record_like(self.record, self)
+
+    def in_hover(self) -> "VehicleEffect | None":
+        """Return the part of the effect that does not change during hover; None if nothing remains."""
+        return None if self.depends_on_time else self
+
+    def symmetric(self) -> "VehicleEffect | None":
+        """Return the part of the effect that does not couple axes; None if nothing remains."""
+        return None if self.couples_axes else self
+
+    def max_slope(self, vehicle: Any, airspeed: Row) -> Row:
+        """Return the largest increase of the force on the vehicle with its speed, N s/m.
+
+        Args:
+            vehicle: vehicle of a `Batch.fleet_scenario`.
+            airspeed: largest known airspeed, m/s.
+        """
+        return 0.0
+
+    def natural_frequency(self, vehicle: Any) -> Row:
+        """Return the angular frequency, in hover, of an oscillator that the effect adds to the vehicle, rad/s; or 0."""
+        return 0.0
+
+    def event_times(self) -> tuple[Row, ...]:
+        """Return the times at which the forces on the vehicle are discontinuous, s."""
+        return ()
+
+
+EFFECTS = OpenFields(
+    *(VehicleEffect, "field", "meaning", "record"),
+    *("is_believed", "depends_on_time", "couples_axes", "belongs_to_airframe"),
+)
+"""Models of the fields of a vehicle that are effects."""
+
+
+class AirLoadEffect(VehicleEffect):
+    """Load on the vehicle that depends on the air and on the rotors. Its record has a method `load`."""
+
+    @abstractmethod
+    def max_slope(self, vehicle: Any, airspeed: Row) -> Row:
+        """Return the largest increase of the force on the vehicle with its speed, N s/m."""

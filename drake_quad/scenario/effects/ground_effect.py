@@ -1,0 +1,24 @@
+"""Ground effect."""
+
+from typing import ClassVar
+
+from pydantic import Field
+
+from drake_quad.scenario.effects.effect import EFFECTS, VehicleEffect
+from drake_quad.scenario.quantities import Number, Positive, field_of
+from drake_quad.vehicle.aerodynamics import GroundEffect
+
+
+@EFFECTS.member
+class NearGroundEffect(VehicleEffect):
+    """Thrust that rotors gain close above the ground: 1 / (1 - (R / 4z)²), Cheeseman and Bennett 1955; at most 4/3."""
+
+    rotor_radius: Positive = field_of(GroundEffect, "rotor_radius", "R")
+    ground_height: Number = Field(default=0.0, description="z of the ground in W (m)")
+    field: ClassVar = "ground_effect"
+    meaning: ClassVar = "thrust gained above the ground, if any"
+    record: ClassVar = GroundEffect
+    is_believed: ClassVar = False
+    depends_on_time: ClassVar = False
+    couples_axes: ClassVar = False
+    belongs_to_airframe: ClassVar = True

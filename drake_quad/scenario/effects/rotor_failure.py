@@ -1,0 +1,38 @@
+"""Failure of a rotor."""
+
+from typing import Annotated, ClassVar
+
+from pydantic import Field
+
+from drake_quad.framework.elementary import where
+from drake_quad.scenario.effects.effect import EFFECTS, VehicleEffect
+from drake_quad.scenario.quantities import Moment, Number, bounded, whole
+from drake_quad.signals import Row
+from drake_quad.vehicle.faults import RotorFaults, SpeedFactors
+
+
+@EFFECTS.member
+class RotorFailureEffect(VehicleEffect):
+    """One rotor that loses speed at once."""
+
+    rotor: Annotated[Number, whole(least=1, most=4)] = Field(description="number of the rotor (1)")
+    time: Moment = Field(description="of the failure (s)")
+    speed_factor: Annotated[Number, bounded(least=0.0, below=1.0)] = Field(
+        default=0.0, description="speed from then on over the speed commanded (1)"
+    )
+    field: ClassVar = "rotor_failure"
+    meaning: ClassVar = "of one rotor, if any"
+    record: ClassVar = RotorFaults
+    is_believed: ClassVar = False
+    depends_on_time: ClassVar = True
+    couples_axes: ClassVar = True
+    belongs_to_airframe: ClassVar = False
+
+    def numbers(self) -> RotorFaults:
+        """Return the time of the failure and the factors of all rotors."""
+        factors = [where(self.rotor == i + 1.0, self.speed_factor, 1.0) for i in range(len(SpeedFactors._fields))]
+        return RotorFaults(failure_time=self.time, failure_factor=SpeedFactors._make(factors))
+
+    def event_times(self) -> tuple[Row, ...]:
+        """Return the time of the failure, s."""
+        return (self.time,)

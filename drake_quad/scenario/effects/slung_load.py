@@ -1,0 +1,30 @@
+"""Slung load."""
+
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+
+from drake_quad.scenario.effects.effect import EFFECTS, VehicleEffect
+from drake_quad.scenario.limits import LARGEST
+from drake_quad.scenario.quantities import Number, Positive, bounded, field_of
+from drake_quad.signals import Row
+from drake_quad.vehicle.slung_load import SlungLoad
+
+
+@EFFECTS.member
+class SlungLoadEffect(VehicleEffect):
+    """A point mass on a rod without mass, always taut, that hangs at the centre of mass of the vehicle."""
+
+    mass: Positive = field_of(SlungLoad, "mass", "of the load")
+    length: Annotated[Number, bounded(least=0.01, most=LARGEST)] = field_of(SlungLoad, "length", "of the rod")
+    field: ClassVar = "slung_load"
+    meaning: ClassVar = "on a cable, if any; not beside a payload"
+    record: ClassVar = SlungLoad
+    is_believed: ClassVar = False
+    depends_on_time: ClassVar = False
+    couples_axes: ClassVar = False
+    belongs_to_airframe: ClassVar = False
+
+    def natural_frequency(self, vehicle: Any) -> Row:
+        """Return the angular frequency of small swings below a vehicle that hovers, rad/s."""
+        return np.sqrt(vehicle.gravity * (1.0 + self.mass / vehicle.mass) / self.length)

@@ -1,0 +1,73 @@
+"""Motion capture of the scenario language."""
+
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from drake_quad.framework.recipe import Recipe
+from drake_quad.framework.records import record_like
+from drake_quad.laboratory import motion_capture
+from drake_quad.laboratory.motion_capture import CameraNumbers
+from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.quantities import (
+    AngleNoise,
+    Misalignment,
+    NonNegative,
+    Period,
+    Positive,
+    Probability,
+    Share,
+    Span,
+    Ticks,
+    any_nonzero,
+    field_of,
+    largest_ticks,
+)
+
+
+class MotionCapture(Model):
+    """Cameras that see position and attitude; without imperfections they see velocity and body rates too."""
+
+    period: Period = Field(default=0.01, description="time between frames (s); the paper's 100 Hz")
+    position_noise: NonNegative = field_of(CameraNumbers, "position_noise", "standard deviation on each axis")
+    attitude_noise: AngleNoise = field_of(CameraNumbers, "attitude_noise", "standard deviation of roll, pitch and yaw")
+    misalignment: Misalignment = field_of(
+        CameraNumbers, "misalignment", "roll, pitch and yaw of the frame of the markers in B"
+    )
+    derivative_bandwidth: Positive | None = field_of(
+        CameraNumbers,
+        "derivative_bandwidth",
+        "of the filters that make velocity and body rates",
+        rule="; if not given they are seen exactly",
+    )
+    velocity_error: Annotated[tuple[Share, Share, Share], Field(strict=False)] = field_of(
+        CameraNumbers, "velocity_error", "by which velocity along X, Y, Z is seen too large, as a share of it"
+    )
+    velocity_drift: Annotated[tuple[NonNegative, NonNegative, NonNegative], Field(strict=False)] = field_of(
+        CameraNumbers, "velocity_drift", "standard deviation of a slowly changing error of velocity along X, Y, Z"
+    )
+    drift_time: Span = field_of(CameraNumbers, "drift_time", "correlation time of the drift")
+    dropout_rate: Probability = field_of(CameraNumbers, "dropout_rate", "share of the frames that are lost")
+    latency_frames: Ticks = Field(default=0, description="whole frames from exposure to arrival")
+
+    def recipe(self, fleet: Any) -> Recipe:
+        """Return the recipe for the cameras of a fleet.
+
+        Args:
+            fleet: the cameras in a `Batch.fleet_scenario`.
+        """
+
+        def any_of(*names: str) -> bool:
+            return any(any_nonzero(getattr(self, name), getattr(fleet, name)) for name in names)
+
+        structure = {
+            "period": self.period,
+            "noisy": any_of("position_noise", "attitude_noise"),
+            "loses_frames": any_of("dropout_rate"),
+            "misaligned": any_of("misalignment"),
+            "mistaken": any_of("velocity_error"),
+            "filtered": fleet.derivative_bandwidth is not None,
+            "drifts": any_of("velocity_drift"),
+            "longest_latency": largest_ticks(self.latency_frames, fleet.latency_frames),
+        }
+        return Recipe(motion_capture.MotionCapture, structure, record_like(CameraNumbers, fleet))

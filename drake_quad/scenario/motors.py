@@ -1,0 +1,56 @@
+"""Motors of the scenario language."""
+
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field, field_validator
+from pydantic_core import PydanticCustomError
+
+from drake_quad.scenario.distributions import Model, Real
+from drake_quad.scenario.limits import SMALLEST
+from drake_quad.scenario.quantities import Number
+from drake_quad.vehicle.motors import ThrustCurve
+
+
+class SpeedMotors(Model):
+    """Motors that are told the speed of their rotors."""
+
+    kind: Literal["speed"]
+    take_throttles: ClassVar = False
+
+    def thrust_curve(self) -> ThrustCurve | None:
+        """Return None, since the command is the rotor speed."""
+        return None
+
+
+class ThrottleMotors(Model):
+    """Motors that are told a throttle u from 0 to 1; the thrust of a rotor is K0 + K1 u + K2 u²."""
+
+    kind: Literal["throttle"]
+    curve: Annotated[tuple[Number, Number, Number], Field(strict=False)] = Field(description="K0, K1, K2 (N)")
+    take_throttles: ClassVar = True
+
+    def thrust_curve(self) -> ThrustCurve | None:
+        """Return the thrust over the throttle."""
+        return ThrustCurve(*self.curve)
+
+
+class BelievedThrottleMotors(ThrottleMotors):
+    """The same as the autopilot believes it; the thrust must rise with the throttle."""
+
+    curve: Annotated[tuple[Real, Real, Real], Field(strict=False)] = Field(description="K0, K1, K2 (N)")
+
+    @field_validator("curve")
+    @classmethod
+    def _rises(cls, curve: tuple[float, float, float]) -> tuple[float, float, float]:
+        k_0, k_1, k_2 = curve
+        if k_0 < 0.0 or k_1 < 0.0 or k_1 + 2.0 * k_2 < 0.0 or not k_1 + k_2 >= SMALLEST:
+            raise PydanticCustomError(
+                "curve",
+                "must rise from throttle 0 to 1, so that it can be inverted: K0, K1 and K1 + 2 K2 at least 0, and"
+                " K1 + K2 above",
+            )
+        return curve
+
+
+Motors = Annotated[SpeedMotors | ThrottleMotors, Field(discriminator="kind")]
+BelievedMotors = Annotated[SpeedMotors | BelievedThrottleMotors, Field(discriminator="kind")]

@@ -1,0 +1,60 @@
+"""Figure eight."""
+
+from typing import Literal
+
+import numpy as np
+from pydantic import Field, ValidationInfo, field_validator
+from pydantic_core import PydanticCustomError
+
+from drake_quad.reference.laps import flown_in_laps
+from drake_quad.reference.plan import Plan
+from drake_quad.reference.routes import Route, figure_eight
+from drake_quad.reference.time_allocation import stretch_factor, trapezoid_times
+from drake_quad.scenario.quantities import Number, Positive
+from drake_quad.scenario.routes.route import ROUTES, Laps, MovingRoute, Planned, of_three_laps
+from drake_quad.space.space import Space
+
+
+@ROUTES.member
+class FigureEightRoute(MovingRoute):
+    """The paper's figure eight, stretched in time until one of the limits is met exactly."""
+
+    kind: Literal["figure_eight"]
+    lower_height: Positive = Field(default=1.0, description="height of the second circle and of the crossing (m)")
+    upper_height: Positive = Field(default=2.0, description="height of the first circle (m)")
+    radius: Positive = Field(default=1.4, description="radius of both circles (m)")
+    offset: Positive = Field(default=1.9, description="distance of the circles' centres from the start (m)")
+    cruise_speed: Positive = Field(
+        default=1.2, description="speed by which the times are first shared out among the waypoints (m/s)"
+    )
+    laps: Laps = Field(
+        default=1, description="number of laps; the first begins, the last ends at rest, those in between are alike"
+    )
+
+    @field_validator("offset")
+    @classmethod
+    def _beyond_radius(cls, offset: Number, info: ValidationInfo) -> Number:
+        radius = info.data.get("radius")
+        if isinstance(offset, float) and isinstance(radius, float) and not offset > radius:
+            raise PydanticCustomError("offset", "must be larger than the radius, {radius}", {"radius": radius})
+        return offset
+
+    def plan(self, space: Space | None) -> Planned:
+        """Return the plan of the laps."""
+        geometry = figure_eight(
+            lower_height=self.lower_height, upper_height=self.upper_height, radius=self.radius, offset=self.offset
+        )
+        return Planned(self.stretched(geometry, self.cruise_speed) if self.laps == 1 else self._in_laps(geometry))
+
+    def _in_laps(self, geometry: Route) -> Plan:
+        """Return laps after the rise from the ground; the times are those of a ride through three."""
+        lap = geometry.waypoints[1:]
+        ride = np.vstack([geometry.waypoints, lap[1:], lap[1:]])
+        times = trapezoid_times(ride, speed=self.cruise_speed, acceleration=self.top_acceleration)
+        durations = of_three_laps(np.diff(times), len(lap) - 1)
+        path, laps = flown_in_laps(geometry.waypoints, durations, self.laps, lead=1)
+        factor = stretch_factor(path, self.limits())
+        path, laps = path.stretched(factor), tuple([factor * time for time in laps])
+        rise, *others = geometry.legs
+        legs = [leg._replace(first=leg.first + i * (len(lap) - 1)) for i in range(self.laps) for leg in others]
+        return Plan(path, self.yaw_of(path), (rise, *legs), laps)

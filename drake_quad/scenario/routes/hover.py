@@ -1,0 +1,28 @@
+"""Hover."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from drake_quad.reference.plan import Plan
+from drake_quad.scenario.quantities import Direction, PlainSpan, Position
+from drake_quad.scenario.routes.route import ROUTES, KnownEnd, MissionRoute, Planned
+from drake_quad.space.space import Space
+
+
+@ROUTES.member
+class HoverRoute(MissionRoute):
+    """Staying at a point."""
+
+    kind: Literal["hover"]
+    position: Position = Field(default=(0.0, 0.0, 1.0), description="where to stay, in W (m)")
+    yaw: Direction = Field(default=0.0, description="constant yaw of the reference (rad)")
+    duration: PlainSpan = Field(default=10.0, description="how long to stay (s)")
+
+    def known_end(self) -> KnownEnd:
+        """Return the field that determines the duration, and the duration, s."""
+        return ("route", "duration"), self.duration
+
+    def plan(self, space: Space | None) -> Planned:
+        """Return the plan of staying at the point."""
+        return Planned(Plan.hover(self.position, duration=self.duration, yaw=self.yaw))

@@ -1,0 +1,44 @@
+"""Lissajous curve."""
+
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from drake_quad.reference.lissajous import lissajous
+from drake_quad.reference.plan import Plan
+from drake_quad.scenario.quantities import PlainDirection, PlainDirections, PlainSpan, Point
+from drake_quad.scenario.routes.route import ROUTES, KnownEnd, Laps, MissionRoute, Planned
+from drake_quad.space.space import Space
+
+_Turns = Annotated[int, Field(ge=0, le=20)]
+
+
+@ROUTES.member
+class LissajousRoute(MissionRoute):
+    """Laps of a sine of time along each axis, at given times: centre + amplitude · sin(2π turns t / period + phase).
+
+    The path moves from its first moment on, where the vehicle hovers: `metrics.start` leaves the transient out.
+    """
+
+    kind: Literal["lissajous"]
+    centre: Point = Field(default=(0.0, 0.0, 1.0), description="in W (m)")
+    amplitude: Point = Field(description="along X, Y, Z (m)")
+    turns: Annotated[tuple[_Turns, _Turns, _Turns], Field(strict=False)] = Field(
+        default=(1, 1, 2), description="of each sine in a lap (1)"
+    )
+    phase: PlainDirections = Field(default=(0.0, 0.0, 0.0), description="of each sine (rad)")
+    period: PlainSpan = Field(description="time for a lap (s)")
+    laps: Laps = Field(default=2, description="number of laps")
+    yaw: PlainDirection = Field(default=0.0, description="constant yaw of the reference (rad)")
+
+    def known_end(self) -> KnownEnd:
+        """Return the field that determines the duration, and the duration, s."""
+        return ("route", "laps"), self.laps * self.period
+
+    def plan(self, space: Space | None) -> Planned:
+        """Return the plan of the laps."""
+        names = ("centre", "amplitude", "turns", "phase", "period", "laps")
+        laps = tuple(np.linspace(0.0, self.laps * self.period, self.laps + 1).tolist())
+        path = lissajous(**{name: getattr(self, name) for name in names})
+        return Planned(Plan.facing(path, self.yaw, laps=laps))

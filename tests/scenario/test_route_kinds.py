@@ -1,0 +1,88 @@
+"""Every kind of route answers every question truthfully, and kinds of one's own are equals."""
+
+from functools import reduce
+from typing import Literal
+
+import numpy as np
+import pytest
+
+from drake_quad import InputError, load_mission, plan_route
+from drake_quad.reference.minimum_snap import minimum_snap
+from drake_quad.reference.plan import Plan
+from drake_quad.reference.polynomial_path import evaluate
+from drake_quad.scenario.models import Mission
+from drake_quad.scenario.quantities import Positive
+from drake_quad.scenario.routes.route import ROUTES, MissionRoute, MovingRoute, Planned
+from drake_quad.scenario.routes.waypoint_times import WaypointTimes
+from drake_quad.scenario.schema import file_schema
+
+FIELDS = {
+    "lissajous": [{"amplitude": (1.0, 0.5, 0.2), "period": 8.0}],
+    "waypoints": [
+        {"waypoints": [(0.0, 0.0, 1.0), (1.0, 0.5, 1.0), (0.0, 1.0, 1.5)], "times": times}
+        for times in ([1.0, 5.0, 9.0], "heuristic", "shortest", {"kind": "least_snap", "duration": 8.0})
+    ],
+    "trajectory": [
+        {"knots": [{"time": 0.0, "position": (0.0, 0.0, 1.0)}, {"time": 3.0, "position": (1.0, 0.0, 1.0)}]},
+        {"pieces": [{"duration": 3.0, "x": (0.0, 0.1), "y": (0.0,), "z": (1.0,)}], "time_scale": 2.0},
+    ],
+}
+
+
+class LineRoute(MovingRoute):
+    """Straight to a point on the x axis, from rest to rest."""
+
+    kind: Literal["line"]
+    length: Positive = 2.0
+
+    def plan(self, space):
+        """Return the plan of the shortest duration within the limit on the speed."""
+        ends = np.array([[0.0, 0.0, 1.0], [self.length, 0.0, 1.0]])
+        path = minimum_snap(ends, np.array([0.0, 35.0 / 16.0 * self.length / self.top_speed]))
+        return Planned(Plan(path, self.yaw_of(path)))
+
+
+def check_member(kind, fields):
+    mission = Mission.model_validate({"route": {"kind": kind, **fields}})
+    route = mission.route
+    plan = route.plan(None).plan
+    assert plan.waypoints[0] == pytest.approx(evaluate(plan.path, [plan.path.times[0]])[:, 0])
+    path, end = route.known_end()
+    assert end is None or end == pytest.approx(plan.path.times[-1], rel=1e-12)
+    steps = [int(step) if isinstance(step, int) else step for step in path]
+    assert reduce(lambda part, step: part[step] if isinstance(step, int) else getattr(part, step), steps, mission)
+    times = np.linspace(plan.path.times[0], plan.path.times[-1], 500)
+    for order, limit in route.limits().by_order.items():
+        assert np.linalg.norm(evaluate(plan.path, times, order), axis=0).max() <= limit * (1.0 + 1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("kind", "fields"), [(kind, fields) for kind in ROUTES.names for fields in FIELDS.get(kind, [{}])]
+)
+def test_every_kind_of_route_answers_truthfully(kind, fields):
+    """The plan ends when the route says, within its limits."""
+    check_member(kind, fields)
+
+
+@pytest.mark.slow
+def test_a_kind_of_a_user_is_checked_planned_and_part_of_the_language():
+    with pytest.raises(InputError, match="route.kind is 'line', but must be one of"):
+        load_mission("hover", {"route": {"kind": "line"}})
+    ROUTES.member(LineRoute)
+    check_member("line", {"top_acceleration": 10.0})
+    plan = plan_route(load_mission("hover", {"route": {"kind": "line", "length": 3.0, "heading": "along_path"}}))
+    assert plan.path.waypoints[-1].tolist() == pytest.approx([3.0, 0.0, 1.0])
+    assert "LineRoute" in file_schema()["$defs"]
+    blocked = {"obstacles": {"ball": {"kind": "sphere", "centre": [1.5, 0.0, 1.0], "radius": 0.2}}}
+    with pytest.raises(InputError, match="the route comes to"):
+        plan_route(load_mission("hover", {"route": {"kind": "line", "length": 3.0}, "space": blocked}))
+
+
+def test_a_kind_without_a_plan_is_refused():
+    class Aimless(MissionRoute):
+        kind: Literal["aimless"]
+
+    with pytest.raises(TypeError, match="Aimless must define plan"):
+        ROUTES.member(Aimless)
+    assert WaypointTimes.__abstractmethods__ == {"timing"}

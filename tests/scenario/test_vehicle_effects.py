@@ -1,0 +1,247 @@
+"""Every effect on the vehicle answers every question truthfully, and effects of one's own are equals."""
+
+from importlib import import_module
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from both_ways import assert_flown_alike
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.primitives import Linearize
+
+from drake_quad import InputError, load_scenario
+from drake_quad.geometry.axes import Vector
+from drake_quad.scenario.batch import Batch
+from drake_quad.scenario.effects.effect import EFFECTS, AirLoadEffect, VehicleEffect
+from drake_quad.scenario.hovering import as_believed, in_hover
+from drake_quad.scenario.models import Vehicle
+from drake_quad.scenario.schema import file_schema, language_page
+from drake_quad.signals import RotorSpeed, State, Wrench
+from drake_quad.vehicle.aerodynamics import Flow
+from drake_quad.vehicle.dynamics import hover_rotor_speeds
+from drake_quad.vehicle.effects import as_in_hover
+from drake_quad.vehicle.faults import RotorFaults
+from drake_quad.vehicle.parameters import QuadrotorParameters
+from drake_quad.vehicle.quadrotor import Place, Quadrotor, QuadrotorNumbers
+from drake_quad.vehicle.responding import (
+    AttitudeResponse,
+    DampingRatios,
+    NaturalFrequencies,
+    RespondingNumbers,
+    RespondingQuadrotor,
+)
+
+EXAMPLE = Path(__file__).parent.parent.parent / "scripts" / "examples" / "ceiling_effect.py"
+PAPER = QuadrotorParameters()
+HEIGHT = 0.3
+NUM_STATES = len(State._fields) + len(RotorSpeed._fields)
+# Values of fields; other effects have 0.1 in the fields that must be given.
+FIELDS = {
+    "body_drag": {"linear": [0.1, 0.2, 0.3], "quadratic": [0.03, 0.01, 0.02], "centre_of_pressure": [0.01, 0.0, 0.03]},
+    "rotor_aerodynamics": {"lift": 0.02, "climb": -0.1, "drag": 1e-4, "inflow": 2e-4},
+    "ground_effect": {"rotor_radius": 0.2},
+    "payload": {"mass": 0.1, "position": [0.02, 0.0, -0.05], "time": 0.1, "event": "picked_up"},
+    "battery": {"voltage": 12.6, "empty_voltage": 10.2, "capacity": 0.01, "resistance": 0.02, "efficiency": 0.7},
+    "slung_load": {"mass": 0.1, "length": 0.6},
+    "rotor_failure": {"rotor": 2.0, "time": 0.1},
+}
+
+
+def test_a_payload_that_is_dropped_later_stays_in_hover():
+    """The vehicle is trimmed with it, and without one that is dropped at once."""
+    dropped = {**FIELDS["payload"], "event": "dropped"}
+    payload = dict(EFFECTS.items())["payload"](**dropped)
+    assert stays("payload", payload.in_hover())
+    assert payload.model_copy(update={"time": 0.0}).in_hover() is None
+
+
+@pytest.fixture
+def ceiling(monkeypatch):
+    """Return the effect of the example, which is registered during a test."""
+    monkeypatch.syspath_prepend(EXAMPLE.parent)
+    return EFFECTS.member(import_module(EXAMPLE.stem).CeilingEffect)
+
+
+def example(name, kind):
+    required = {name: 0.1 for name, field in kind.model_fields.items() if field.is_required()}
+    return kind.model_validate(FIELDS.get(name, required))
+
+
+def with_effect(name, effect):
+    return Vehicle(**{name: effect})
+
+
+def built(name, effect, speed=0.0, time_step=0.01):
+    """Return the paper's vehicle in hover with an effect, in a context with the rotor speeds of the start held."""
+    effects = with_effect(name, effect).effect_numbers()
+    faults = effect.numbers() if name == "rotor_failure" else RotorFaults()
+    place = Place(0.0, 0.0, HEIGHT, 0.0)
+    structure = {"effects": effects.names, "faulty": name == "rotor_failure", "time_step": time_step}
+    vehicle = Quadrotor(**structure, numbers=QuadrotorNumbers(PAPER, faults, place, effects))
+    context = vehicle.CreateDefaultContext()
+    speeds = hover_rotor_speeds(as_in_hover(PAPER, effects, HEIGHT))
+    vehicle.GetInputPort("rotor_speed_command").FixValue(context, np.array(speeds))
+    if speed:
+        state = context.get_discrete_state(0).CopyToVector()
+        state[6:9] = speed * np.array([1.0, -0.7, 0.5])
+        context.SetDiscreteState(0, state)
+    return vehicle, context
+
+
+def flown(name, effect, speed=0.0):
+    """Return the state after 0.4 s in which the rotor speeds of hover are commanded, from a velocity on."""
+    vehicle, context = built(name, effect, speed)
+    simulator = Simulator(vehicle, context)
+    simulator.AdvanceTo(0.4)
+    return vehicle.GetOutputPort("state").Eval(context)
+
+
+def stays(name, effect):
+    return np.abs(flown(name, effect)[6:]).max() < 1e-9
+
+
+def couples(name, effect):
+    return np.abs(flown(name, effect, speed=2.0)[9:12]).max() > 1e-9
+
+
+def slopes_along_axes(effect):
+    """Return the changes of the force on each axis with the airspeed along it, up to 5 m/s, N s/m."""
+    rotors, wrench = RotorSpeed(*[PAPER.max_rotor_speed] * 4), Wrench(8.0, 0.0, 0.0, 0.0)
+
+    def force(air):
+        return np.array(effect.numbers().load(Flow(Vector(*air), Vector(*air), rotors, wrench, HEIGHT, PAPER)).force)
+
+    ends = [(s - 1e-5, s) for s in np.linspace(-4.99, 5.0, 31)]
+    return [abs((force(b * e) - force(a * e)) @ e) / (b - a) for e in np.eye(3) for a, b in ends]
+
+
+def check_member(name, kind):
+    effect = example(name, kind)
+    vehicle = with_effect(name, effect)
+    assert isinstance(effect.numbers(), kind.record)
+    assert stays(name, effect) != kind.depends_on_time
+    lasting = effect.in_hover()
+    assert lasting is None or stays(name, lasting)
+    assert couples(name, effect) == kind.couples_axes
+    even = effect.symmetric()
+    assert even is None or not couples(name, even)
+    assert effect.event_times() == ((effect.time,) if "time" in kind.model_fields else ())
+    if isinstance(effect, AirLoadEffect):
+        assert max(slopes_along_axes(effect)) <= effect.max_slope(vehicle, 5.0) * (1.0 + 1e-6)
+    else:
+        assert effect.max_slope(vehicle, 5.0) == 0.0
+    if not kind.depends_on_time:
+        system, context = built(name, effect, time_step=0.0)
+        ports = system.GetInputPort("rotor_speed_command").get_index(), system.GetOutputPort("state").get_index()
+        matrix = Linearize(system, context, *ports).A()
+        has_states = len(matrix) > NUM_STATES
+        swings = np.abs(np.linalg.eigvals(matrix).imag).max() if has_states else 0.0
+        assert swings == pytest.approx(effect.natural_frequency(vehicle), rel=1e-9, abs=1e-6)
+
+
+def check_response(name, kind):
+    """A vehicle that responds as a whole takes exactly the effects that the language allows beside a response."""
+    vehicle = with_effect(name, example(name, kind))
+    effects = vehicle.effect_numbers()
+    response = AttitudeResponse(NaturalFrequencies(6.8, 6.4, 3.1), DampingRatios(0.5, 0.7, 1.1))
+    numbers = RespondingNumbers(QuadrotorNumbers(PAPER, effects=effects), response)
+    allowed = name not in vehicle.without_response()
+    try:
+        RespondingQuadrotor(effects=effects.names, numbers=numbers)
+    except ValueError as error:
+        assert not allowed
+        assert name in str(error)
+    else:
+        assert allowed or name == "rotor_failure", "a response contains how the vehicle turns"
+
+
+@pytest.mark.parametrize(("name", "kind"), EFFECTS.items(), ids=EFFECTS.names)
+def test_every_effect_answers_truthfully(name, kind):
+    """The vehicle with the effect stays in hover, turns and swings as the effect says."""
+    check_member(name, kind)
+    check_response(name, kind)
+
+
+def test_an_effect_of_a_user_is_checked_like_ours(ceiling):
+    check_member("ceiling", ceiling)
+    check_response("ceiling", ceiling)
+
+
+def test_steps_take_the_height_within_them(ceiling):
+    """A rising vehicle is where integration with error control has it."""
+    effect, ends = ceiling(rotor_radius=0.3, height=0.8), []
+    for time_step in (0.01, 0.0):
+        vehicle, context = built("ceiling", effect, time_step=time_step)
+        simulator = Simulator(vehicle, context)
+        simulator.get_mutable_integrator().set_target_accuracy(1e-11)
+        simulator.AdvanceTo(0.3 + 1e-9)  # past the last update
+        ends.append(vehicle.GetOutputPort("state").Eval(context)[[2, 8]])
+    assert ends[0][1] > 0.05
+    np.testing.assert_allclose(*ends, rtol=1e-7)
+
+
+def hover(**changes):
+    fields = {"rotor_radius": {"uniform": {"min": 0.1, "max": 0.3}}, "height": 1.3, **changes}
+    return load_scenario("hover", {"duration": 1.0, "vehicle.ceiling": fields})
+
+
+@pytest.mark.slow
+def test_an_effect_of_a_user_flies_wired_and_compiled(ceiling):
+    """The acceleration in the first step is that of the thrust that is gained."""
+    batch = Batch.draw(hover(), range(2))
+    for flight, radius in zip(assert_flown_alike(batch), batch.varying["vehicle.ceiling.rotor_radius"], strict=True):
+        gained = 9.81 * (0.25 * radius / 0.3) ** 2
+        assert flight.record("state").v_z[1] == pytest.approx(0.02 * gained, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_an_effect_of_a_user_is_part_of_the_language(ceiling):
+    EFFECTS.remove("ceiling")
+    before = load_scenario("hover")
+    EFFECTS.member(ceiling)
+    assert before.vehicle.effects() == {}
+    assert as_believed(before).vehicle.effects() == {}
+    assert "CeilingEffect" in file_schema()["$defs"]
+    assert "[CeilingEffect](#ceilingeffect)" in language_page()
+    assert in_hover(hover(rotor_radius=0.1)).vehicle.effects() == {}
+    assert as_believed(hover(rotor_radius=0.1)).vehicle.effects() == {}
+    with pytest.raises(InputError, match=r"vehicle.ceiling.rotor_radius is -0.1, but must be at least 0"):
+        hover(rotor_radius=-0.1)
+    EFFECTS.remove("ceiling")
+    assert "CeilingEffect" not in file_schema()["$defs"]
+    with pytest.raises(InputError, match="vehicle.ceiling is unknown"):
+        hover()
+
+
+def test_an_effect_without_answers_is_refused(ceiling):
+    class Silent(VehicleEffect):
+        meaning: ClassVar = ""
+        record: ClassVar = ceiling.record
+        is_believed: ClassVar = False
+
+    class Steep(AirLoadEffect):
+        field: ClassVar = "steep"
+        meaning: ClassVar = ""
+        record: ClassVar = ceiling.record
+        is_believed: ClassVar = False
+        depends_on_time: ClassVar = False
+        couples_axes: ClassVar = False
+        belongs_to_airframe: ClassVar = False
+
+    class Taken(ceiling):
+        field: ClassVar = "battery"
+
+    class OfTheVehicle(ceiling):
+        field: ClassVar = "mass"
+
+    with pytest.raises(TypeError, match="Silent must define field and depends_on_time and couples_axes and belongs"):
+        EFFECTS.member(Silent)
+    with pytest.raises(TypeError, match="Steep must define max_slope"):
+        EFFECTS.member(Steep)
+    with pytest.raises(ValueError, match="there is another VehicleEffect called battery: BatteryEffect"):
+        EFFECTS.member(Taken)
+    with pytest.raises(ValueError, match="there is another field mass"):
+        EFFECTS.member(OfTheVehicle)
+    with pytest.raises(TypeError, match="dict must extend VehicleEffect"):
+        EFFECTS.member(dict)
