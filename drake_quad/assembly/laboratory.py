@@ -10,7 +10,7 @@ from drake_quad.assembly.effects import steepest_load, swing_frequency, vehicle_
 from drake_quad.errors import InputError
 from drake_quad.framework.elementary import where
 from drake_quad.framework.recipe import Recipe
-from drake_quad.laboratory.command_link import CommandLink, LinkNumbers
+from drake_quad.laboratory.command_link import Command, CommandLink, LinkNumbers
 from drake_quad.laboratory.flight_monitor import CrashLimits, FlightMonitor, Surroundings, Window
 from drake_quad.laboratory.laboratory import build_laboratory
 from drake_quad.laboratory.motion_capture import CameraNumbers, MotionCapture, VelocityDrift, VelocityError
@@ -19,29 +19,20 @@ from drake_quad.planning.duration import window_end, window_start
 from drake_quad.planning.space import space_of
 from drake_quad.randomness.noise import Exported, Samples
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario import autopilots, models
+from drake_quad.scenario import models
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.layouts import are_paired, rotors_of
 from drake_quad.scenario.models import Scenario
-from drake_quad.scenario.policy import PolicyControl
 from drake_quad.scenario.quantities import can_differ_from_zero, extremes
 from drake_quad.scenario.winds.source import Surroundings as WindSurroundings
 from drake_quad.scenario.winds.source import WindSource, speed, steady_wind
-from drake_quad.signals import Attitude, AttitudeTarget, BodyRates, Wrench
+from drake_quad.signals import Attitude, AttitudeTarget, Wrench
 from drake_quad.vehicle.allocation import Allocation, RotorModel
 from drake_quad.vehicle.authority import missing_direction
-from drake_quad.vehicle.autopilot import AttitudeAutopilot, AutopilotNumbers, Gyroscope, LoopGains, ThrustAlone
 from drake_quad.vehicle.faults import RotorFaults, SpeedFactors
 from drake_quad.vehicle.motors import ThrottleAllocation, ThrottleModel
 from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters
-from drake_quad.vehicle.quadrotor import Place, Quadrotor, QuadrotorNumbers
-from drake_quad.vehicle.responding import (
-    AttitudeResponse,
-    DampingRatios,
-    NaturalFrequencies,
-    RespondingNumbers,
-    RespondingQuadrotor,
-)
+from drake_quad.vehicle.quadrotor import Place, QuadrotorNumbers
 
 # A fourth-order Runge-Kutta step is stable up to 2.78 time constants of a decay.
 _STABLE = 2.5
@@ -66,7 +57,9 @@ def laboratory_recipes(batch: Batch, plan: Plan, duration: float) -> dict[str, R
         "allocation": _allocation(scenario),
         "motion_capture": _motion_capture(scenario.laboratory.motion_capture, fleet.laboratory.motion_capture),
         "command_link": _command_link(scenario, fleet.laboratory.command_link, plan.initial_yaw),
-        **_autopilot(scenario, fleet.laboratory.autopilot),
+        **fleet.laboratory.autopilot.recipes(
+            nominal_parameters(scenario), heeds_attitude=not scenario.control.commands_rates_alone()
+        ),
         **{f"{_WIND}{name}": recipe for name, recipe in _wind(scenario, fleet).items()},
     }
 
@@ -135,7 +128,7 @@ def _allocation(scenario: Scenario) -> Recipe:
 
 def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Recipe:
     """The vehicle, with its attitude's response to commands where that is known as a whole."""
-    vehicle, autopilot = scenario.vehicle, fleet.laboratory.autopilot
+    vehicle = scenario.vehicle
     effects = vehicle_effects(fleet.vehicle)
     structure = {
         "time_step": vehicle.time_step,
@@ -150,10 +143,8 @@ def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Rec
     x, y, z = plan.waypoints[0]
     place = Place(float(x), float(y), float(z), plan.initial_yaw)
     numbers = QuadrotorNumbers(parameters, _faults(fleet.vehicle, duration), place, effects)
-    if autopilot.kind != "response":
-        return Recipe(Quadrotor, structure, numbers)
-    response = AttitudeResponse(NaturalFrequencies(*autopilot.natural_frequency), DampingRatios(*autopilot.damping))
-    return Recipe(RespondingQuadrotor, structure, RespondingNumbers(numbers, response))
+    recipe: Recipe = fleet.laboratory.autopilot.vehicle_recipe(structure, numbers)
+    return recipe
 
 
 def jump_times(batch: Batch) -> tuple[float, ...]:
@@ -196,15 +187,12 @@ def _check_step(fleet: Any) -> None:
             f"vehicle.time_step is {vehicle.time_step:g} s, too long for this slung load, which swings with"
             f" {swings:.2g} rad/s; shorten it, or make it 0 for a continuous state"
         )
-    autopilot = fleet.laboratory.autopilot
-    if autopilot.kind == "response":
-        pairs = zip(autopilot.natural_frequency, autopilot.damping, strict=True)
-        fastest = max(float(np.max(w * (d + np.sqrt(np.maximum(d * d - 1.0, 0.0))))) for w, d in pairs)
-        if vehicle.time_step * fastest > _STABLE:
-            raise InputError(
-                f"vehicle.time_step is {vehicle.time_step:g} s, too long for an attitude that responds within"
-                f" {1.0 / fastest:.2g} s; shorten it, or make it 0 for a continuous state"
-            )
+    fastest = fleet.laboratory.autopilot.fastest_decay()
+    if vehicle.time_step * fastest > _STABLE:
+        raise InputError(
+            f"vehicle.time_step is {vehicle.time_step:g} s, too long for an attitude that responds within"
+            f" {1.0 / fastest:.2g} s; shorten it, or make it 0 for a continuous state"
+        )
 
 
 def _motion_capture(cameras: models.MotionCapture, fleet: Any) -> Recipe:
@@ -241,48 +229,19 @@ def _command_link(scenario: Scenario, fleet: Any, yaw: float) -> Recipe:
         fleet: the link as it is flown.
         yaw: in which the vehicles hover, rad.
     """
-    link, hover = scenario.laboratory.command_link, _hover(scenario)
-    initial: Wrench | AttitudeTarget = hover
-    if scenario.laboratory.autopilot.kind != "none":
-        initial = AttitudeTarget(hover.thrust, 0.0, 0.0, yaw, 0.0, 0.0, 0.0)
+    link, believed = scenario.laboratory.command_link, nominal_parameters(scenario)
+    command, weight = scenario.laboratory.autopilot.command, believed.mass * believed.gravity
+    hover: dict[Command, Wrench | AttitudeTarget] = {
+        "wrench": Wrench(weight, 0.0, 0.0, 0.0),
+        "attitude_target": AttitudeTarget(weight, 0.0, 0.0, yaw, 0.0, 0.0, 0.0),
+    }
     structure = {
-        "signal": scenario.laboratory.autopilot.command,
+        "signal": command,
         "period": link.period,
         "longest_delay": _longest(link.delay_ticks, fleet.delay_ticks),
         "loses_packets": _can_differ(link.loss_rate, fleet.loss_rate),
     }
-    return Recipe(CommandLink, structure, LinkNumbers(fleet.delay_ticks, fleet.loss_rate, initial))
-
-
-def _hover(scenario: Scenario) -> Wrench:
-    """The wrench that is believed to hold the vehicle in hover."""
-    believed = nominal_parameters(scenario)
-    return Wrench(believed.mass * believed.gravity, 0.0, 0.0, 0.0)
-
-
-def _autopilot(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
-    """What on board stands between link and allocation, if anything does."""
-    autopilot = scenario.laboratory.autopilot
-    if isinstance(autopilot, autopilots.AttitudeResponse):
-        return {"autopilot": Recipe(ThrustAlone, {}, None)}
-    if not isinstance(autopilot, autopilots.AttitudeAutopilot):
-        return {}
-    structure = {
-        "period": autopilot.period,
-        "noisy": _can_differ(autopilot.gyroscope_noise, fleet.gyroscope_noise)
-        or _can_differ(autopilot.attitude_noise, fleet.attitude_noise),
-    }
-    # Told body rates alone, it heeds no attitude, as by the type mask of MAVLink's SET_ATTITUDE_TARGET.
-    told_rates = isinstance(scenario.control, PolicyControl) and scenario.control.action.kind == "rates"
-    numbers = AutopilotNumbers(
-        LoopGains(0.0, 0.0, 0.0) if told_rates else LoopGains(*fleet.k_attitude),
-        LoopGains(*fleet.k_rate),
-        nominal_parameters(scenario).inertia,
-        Gyroscope(fleet.gyroscope_noise, BodyRates(*fleet.gyroscope_bias)),
-        fleet.attitude_noise,
-        _hover(scenario),
-    )
-    return {"autopilot": Recipe(AttitudeAutopilot, structure, numbers)}
+    return Recipe(CommandLink, structure, LinkNumbers(fleet.delay_ticks, fleet.loss_rate, hover[command]))
 
 
 def _can_differ(written: Any, flown: Any) -> bool:

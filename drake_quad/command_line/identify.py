@@ -24,6 +24,7 @@ from drake_quad.identification.identify import identify
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.vehicle_file import write_vehicle
+from drake_quad.planning.believed import thrust_curve
 from drake_quad.scenario.files.loading import Override, load_undesigned
 from drake_quad.scenario.models import NAME
 from drake_quad.scenario.paths import distributions_in
@@ -88,7 +89,7 @@ def main(arguments: argparse.Namespace) -> None:
     records = with_winds([read_log(log, arguments.mapping) for log in arguments.log], arguments.wind)
     vehicle = arguments.vehicle or vehicle_to_begin_with(records, arguments.log)
     base = vehicle_of(vehicle, given)
-    if base.vehicle.motors.kind == "speed" and any(record.motor_command is not None for record in records):
+    if thrust_curve(base.vehicle.motors) is None and any(record.motor_command is not None for record in records):
         given += throttle_motors(base)
         base = vehicle_of(vehicle, given)
     print_logs(records)

@@ -8,7 +8,7 @@ from ruamel.yaml import YAML
 from drake_quad.errors import InputError
 from drake_quad.files import output_folder, write_whole
 from drake_quad.flight.flight import Flight
-from drake_quad.scenario.networks import LearnedAxis, LearnedNetwork
+from drake_quad.scenario.networks.learned import LearnedAxis, LearnedNetwork
 
 
 def save_network(flight: Flight, path: Path | str) -> Path:
@@ -26,7 +26,7 @@ def save_network(flight: Flight, path: Path | str) -> Path:
     Raises:
         InputError: the flight has no network, what was learned is not finite, or the file cannot be written.
     """
-    network = flight.scenario.control.network
+    network = flight.scenario.control.network_around()
     if network is None or "weights" not in flight.signals:
         raise InputError("the flight has no network that could be saved")
     axes = sorted(network.axes)

@@ -10,7 +10,7 @@ import pkgutil
 from collections.abc import Callable, Iterator
 from typing import Annotated, Any, TypeVar, get_args
 
-from pydantic import Field, GetCoreSchemaHandler
+from pydantic import BeforeValidator, Field, GetCoreSchemaHandler
 from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema
 
@@ -26,10 +26,11 @@ class OpenUnion:
         base: class that all members extend.
         questions: names of class attributes that each member must define, since no default is safe. It must also define
             the abstract methods of the base class.
+        silent: kind of a mapping that does not state its kind; None if every mapping must.
     """
 
-    def __init__(self, base: type[Model], *questions: str) -> None:
-        self._base, self._questions = base, questions
+    def __init__(self, base: type[Model], *questions: str, silent: str | None = None) -> None:
+        self._base, self._questions, self.silent = base, questions, silent
         self._members: dict[str, type[Model]] = {}
         self._rebuilders: list[Callable[[], Any]] = []
 
@@ -41,6 +42,10 @@ class OpenUnion:
     def kinds(self) -> tuple[str, ...]:
         """Kinds of the members, in the order of their registration."""
         return tuple(self._members)
+
+    def get(self, kind: Any) -> Any:
+        """Return the member of a kind; None if there is none."""
+        return self._members.get(kind) if isinstance(kind, str) else None
 
     def member(self, model: _Member) -> _Member:
         """Register a model, as a decorator of its class.
@@ -82,7 +87,11 @@ class OpenUnion:
         union: Any = None
         for member in self:
             union = member if union is None else union | member
-        return handler.generate_schema(Annotated[union, Field(discriminator="kind")])
+        return handler.generate_schema(Annotated[union, Field(discriminator="kind"), BeforeValidator(self._with_kind)])
+
+    def _with_kind(self, value: Any) -> Any:
+        """Return a mapping with the silent kind if it does not state its kind."""
+        return {"kind": self.silent, **value} if self.silent and isinstance(value, dict) else value
 
 
 def import_members(package: str, path: Any) -> None:

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-
-from drake_quad.assembly.control import build_control, control_recipes
 from drake_quad.assembly.lqg import height_model, lateral_model, lqg_recipes, lqg_timing
 from drake_quad.assembly.mpc import mpc_recipes
+
+from drake_quad.assembly.control import build_control, control_recipes
 from drake_quad.control.axes import PerAxis
 from drake_quad.control.lqg.chains import (
     Answer,
@@ -26,7 +26,7 @@ from drake_quad.control.mpc.system import OPEN, PredictiveProgramme
 from drake_quad.flight.mission import plan_route
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.scenario.batch import Batch
-from drake_quad.scenario.mpc import MpcControl
+from drake_quad.scenario.controls.mpc import MpcControl
 
 WEIGHT = 0.7 * 9.79
 # A command acts one tick of 20 ms after its tick, for a tick.

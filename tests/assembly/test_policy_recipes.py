@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from drake_quad.assembly.policy import hovering_action
 
 from drake_quad import load_scenario, simulate
-from drake_quad.assembly.policy import hovering_action
 from drake_quad.gym.rollout import action_source
 from drake_quad.gym.task import task_of
 from drake_quad.planning.believed import nominal_parameters

@@ -5,9 +5,9 @@ import types
 
 import numpy as np
 import pytest
+from drake_quad.assembly.lqg import lateral_loop, lqg_timing, vertical_loop
 
 from drake_quad import InputError, load_scenario
-from drake_quad.assembly.lqg import lateral_loop, lqg_timing, vertical_loop
 from drake_quad.control.lqg.chains import Answer
 from drake_quad.control.lqg.design import Timing
 from drake_quad.design import lqg as lqg_design

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drake_quad.assembly.lqg import lqg_recipes
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Gain
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
-from drake_quad.assembly.lqg import lqg_recipes
 from drake_quad.control.axes import PerAxis
 from drake_quad.control.lqg.system import LinearQuadraticGaussian
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller

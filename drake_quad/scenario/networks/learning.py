@@ -1,0 +1,121 @@
+"""Laws by which the weights of a fuzzy network learn."""
+
+import math
+from abc import abstractmethod
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw
+from drake_quad.control.fuzzy.systems import LearningNumbers
+from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.quantities import NonNegative, Number, Positive, bounded
+
+Signal = Literal["surface", "feedback"]
+
+
+class _Learning(Model):
+    """What all laws have in common."""
+
+    weight_limit: Positive | None = Field(
+        default=None, description="largest size of a weight (m/s²); none if not given"
+    )
+    initial_weight: Number = Field(default=0.0, description="of all rules (m/s²)")
+    leakage: NonNegative = Field(default=0.0, description="rate at which the weights decay by themselves (1/s)")
+
+    @abstractmethod
+    def law(self) -> Any:
+        """Return a record of `drake_quad.control.fuzzy.laws`."""
+
+    def numbers(self) -> LearningNumbers:
+        """Return the numbers of the systems that learn by this law."""
+        own: Any = self
+        limit = math.inf if own.weight_limit is None else own.weight_limit
+        return LearningNumbers(
+            slope=self._slope(),
+            law=self.law(),
+            limits=Limits(limit, own.deadzone, own.leakage),
+            initial_weight=own.initial_weight,
+        )
+
+    def learns_from(self) -> Signal:
+        """Return the signal that is learned from."""
+        return "feedback"
+
+    def begins_anew(self) -> bool:
+        """Return whether learning begins anew with every segment of the route."""
+        return False
+
+    def _slope(self) -> Any:
+        return 0.0
+
+
+class _LearningFromEither(_Learning):
+    """What the laws have in common that learn from s_p of eq (15), or from the feedback."""
+
+    signal: Signal = Field(
+        default="surface",
+        description="what is learned from: s_p of eq (15) (m/s), or all feedback that the controller commands, its PD"
+        " less the disturbance that it estimates, if any (m/s²), for which gains have other units",
+    )
+    slope: Positive = Field(default=1.0, description="λ of eq (15) (1/s); of no meaning with the feedback")
+    deadzone: NonNegative = Field(default=0.0, description="size of the signal below which nothing is learned (m/s)")
+
+    def learns_from(self) -> Signal:
+        """Return the field `signal`."""
+        return self.signal
+
+    def _slope(self) -> Any:
+        return self.slope
+
+
+class CovarianceLearning(_LearningFromEither):
+    """The paper's law, eqs (15) to (17), with forgetting and resets as options."""
+
+    kind: Literal["covariance"]
+    gain: Positive = Field(default=1.0, description="K_D of eq (16) (1/s)")
+    initial_covariance: Positive = Field(default=1.0, description="p₀ of P₀ = p₀ I (1/s)")
+    forgetting: Annotated[Number, bounded(above=0.0, most=1.0)] = Field(
+        default=1.0, description="factor for a tick (1); with less than 1 the covariance grows back, up to p₀"
+    )
+    reset: Literal["never", "at_segments"] = Field(
+        default="never", description="when the covariance begins anew: never, as in the paper, or with every segment"
+    )
+
+    def law(self) -> CovarianceLaw:
+        """Return the law of eqs (15) to (17)."""
+        own: Any = self
+        return CovarianceLaw(own.gain, own.initial_covariance, own.forgetting)
+
+    def begins_anew(self) -> bool:
+        """Return whether the covariance is reset."""
+        return self.reset == "at_segments"
+
+
+class GradientLearning(_LearningFromEither):
+    """Eq (16) with a constant covariance."""
+
+    kind: Literal["gradient"]
+    rate: NonNegative = Field(default=1.0, description="K_D p (1/s²); with 0 what has been learned stays as it is")
+
+    def law(self) -> GradientLaw:
+        """Return the law with a constant covariance."""
+        own: Any = self
+        return GradientLaw(own.rate)
+
+
+class SignLearning(_Learning):
+    """By the sign of the PD's command, with a slope that grows."""
+
+    kind: Literal["sign"]
+    rate: Positive = Field(default=1.0, description="γ by which the slope grows (1/s²)")
+    initial_slope: NonNegative = Field(default=0.0, description="of the correction at the beginning (m/s³)")
+    deadzone: NonNegative = Field(default=0.0, description="command below which nothing is learned (m/s²)")
+
+    def law(self) -> SignLaw:
+        """Return the law with a slope that grows."""
+        own: Any = self
+        return SignLaw(own.rate, own.initial_slope)
+
+
+Learning = Annotated[CovarianceLearning | GradientLearning | SignLearning, Field(discriminator="kind")]
