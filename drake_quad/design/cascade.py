@@ -98,7 +98,7 @@ def _proportional(loop: LoopDesign) -> float:
 
 
 def with_integrals(scenario: Scenario) -> Scenario:
-    """Return the scenario with a PID in place of its position controller, if that is no PID yet: its k_I are still zero.
+    """Return the scenario with a PID, whose k_I are zero, in place of a position controller without an integral.
 
     Raises:
         InputError: if the gains of the position controller cannot be designed.

@@ -37,8 +37,7 @@ class AttitudeController(Model):
 
     def numbers(self, inertia: Inertia) -> AttitudeNumbers:
         """Return its gains, with the nominal moments of inertia."""
-        own: Any = self
-        return AttitudeNumbers(PerAngle(*own.k_p), PerAngle(*own.k_d), *inertia)
+        return AttitudeNumbers(PerAngle(*self.k_p), PerAngle(*self.k_d), *inertia)
 
     def vectoring(self) -> dict[str, Any]:
         """Return the structure of the `ThrustVectoring` that commands its attitude."""

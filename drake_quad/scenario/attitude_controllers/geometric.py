@@ -48,12 +48,11 @@ class GeometricAttitude(AttitudeController):
 
     def recipe(self, inertia: Inertia, period: float) -> Recipe:
         """Return the recipe for the controller, with its integral if it has one."""
-        own: Any = self
         structure: dict[str, Any] = {"transports": self.transport_term}
-        if own.k_i is None:
+        if self.k_i is None:
             return Recipe(GeometricAttitudeController, structure, self.numbers(inertia))
         structure = {"period": period, "integration": self.integration, **structure}
-        numbers = IntegratingAttitudeNumbers(self.numbers(inertia), PerAngle(*own.k_i), own.integral_limit)
+        numbers = IntegratingAttitudeNumbers(self.numbers(inertia), PerAngle(*self.k_i), self.integral_limit)
         return Recipe(IntegratingAttitudeController, structure, numbers)
 
     def vectoring(self) -> dict[str, Any]:

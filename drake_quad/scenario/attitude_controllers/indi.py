@@ -1,6 +1,6 @@
 """Incremental nonlinear dynamic inversion of the attitude."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -33,9 +33,8 @@ class IndiAttitude(AttitudeController):
 
     def recipe(self, inertia: Inertia, period: float) -> Recipe:
         """Return the recipe for the controller."""
-        own: Any = self
-        law = IncrementalLaw(own.bandwidth)
-        numbers = IncrementalAttitudeNumbers(self.numbers(inertia), law, own.lag, own.disturbance_limit)
+        law = IncrementalLaw(self.bandwidth)
+        numbers = IncrementalAttitudeNumbers(self.numbers(inertia), law, self.lag, self.disturbance_limit)
         return Recipe(IncrementalAttitudeController, {"period": period, "delay_ticks": self.delay_ticks}, numbers)
 
     def plain(self) -> AttitudeController:

@@ -47,17 +47,16 @@ class AttitudeAutopilot(Autopilot):
 
         Commands of body rates alone have no attitude to follow, as with the type mask of SET_ATTITUDE_TARGET.
         """
-        own: Any = self
         structure = {
             "period": self.period,
             "noisy": can_differ_from_zero(self.gyroscope_noise) or can_differ_from_zero(self.attitude_noise),
         }
         numbers = AutopilotNumbers(
-            LoopGains(*own.k_attitude) if heeds_attitude else LoopGains(0.0, 0.0, 0.0),
-            LoopGains(*own.k_rate),
+            LoopGains(*self.k_attitude) if heeds_attitude else LoopGains(0.0, 0.0, 0.0),
+            LoopGains(*self.k_rate),
             believed.inertia,
-            Gyroscope(own.gyroscope_noise, BodyRates(*own.gyroscope_bias)),
-            own.attitude_noise,
+            Gyroscope(self.gyroscope_noise, BodyRates(*self.gyroscope_bias)),
+            self.attitude_noise,
             Wrench(believed.mass * believed.gravity, 0.0, 0.0, 0.0),
         )
         return {"autopilot": Recipe(autopilot.AttitudeAutopilot, structure, numbers)}

@@ -41,8 +41,9 @@ class AttitudeResponse(Autopilot):
 
     def vehicle_recipe(self, structure: dict[str, Any], numbers: QuadrotorNumbers) -> Recipe:
         """Return the recipe for a vehicle with this response."""
-        own: Any = self
-        response = responding.AttitudeResponse(NaturalFrequencies(*own.natural_frequency), DampingRatios(*own.damping))
+        response = responding.AttitudeResponse(
+            NaturalFrequencies(*self.natural_frequency), DampingRatios(*self.damping)
+        )
         return Recipe(RespondingQuadrotor, structure, RespondingNumbers(numbers, response))
 
     def fastest_decay(self) -> AngleRate:

@@ -210,23 +210,23 @@ class LqgControl(Control):
         return recipes
 
     def _numbers(self, setting: ControlSetting) -> LqgNumbers:
-        own: Any = self
         times, believed = self.timing(setting.frame, setting.tick), setting.believed
         # A command acts for a tick, in whose middle what is fed forward shall be right.
         lead = (times.delay_ticks + 0.5) * times.tick
         limits = self.limits().thrust_limits(believed)
         thrust = ThrustNumbers(believed.mass, believed.gravity, *limits, lead + self.vertical.lag)
+        lateral: Any = self.lateral
         torques = target = None
-        if own.yaw is not None:
-            yaw = own.yaw.k_p, own.yaw.k_d
-            torques = TorqueNumbers(*believed.inertia, *yaw, self.max_snap, lead + own.lateral.lag)
+        if self.yaw is not None:
+            yaw = self.yaw.k_p, self.yaw.k_d
+            torques = TorqueNumbers(*believed.inertia, *yaw, self.max_snap, lead + lateral.lag)
         else:
-            omega, zeta = own.lateral.natural_frequency, own.lateral.damping
+            omega, zeta = lateral.natural_frequency, lateral.damping
             slower = 2.0 * zeta / omega
-            lead += self.lateral.lag or 0.0
+            lead += lateral.lag or 0.0
             target = TargetNumbers(lead + slower, 0.5 * lead**2 + lead * slower + 1.0 / omega**2)
-        lateral, vertical = (axis.loop(times, believed.gravity) for axis in (self.lateral, self.vertical))
-        return LqgNumbers(lateral, vertical, thrust, torques, target)
+        loops = [axis.loop(times, believed.gravity) for axis in (self.lateral, self.vertical)]
+        return LqgNumbers(loops[0], loops[1], thrust, torques, target)
 
     def build(self, systems: Mapping[str, Any], own: Mapping[str, Any]) -> Diagram:
         """Return the diagram of the controller and what stands beside it."""

@@ -1,6 +1,6 @@
 """Limits of tilt and thrust."""
 
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
@@ -26,9 +26,8 @@ class ThrustVectoring(Model):
 
     def thrust_limits(self, believed: QuadrotorParameters) -> ThrustLimits:
         """Return the limits for the nominal vehicle."""
-        own: Any = self
         weight = believed.mass * believed.gravity
-        return ThrustLimits(np.tan(own.max_tilt), own.min_thrust * weight, own.max_thrust * weight)
+        return ThrustLimits(np.tan(self.max_tilt), self.min_thrust * weight, self.max_thrust * weight)
 
     def recipe(self, believed: QuadrotorParameters, attitude: AttitudeController | None) -> Recipe:
         """Return the recipe of the system that commands an attitude, given the attitude control on the ground."""

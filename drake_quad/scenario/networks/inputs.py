@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from typing import Annotated, Any, get_args
+from typing import Annotated, get_args
 
 from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
@@ -55,8 +55,7 @@ class FuzzySets(Model):
 
     def record(self) -> inference.Sets:
         """Return the record that the systems of a network take."""
-        own: Any = self
-        return inference.FuzzySets(own.scale, tuple(own.centres), tuple(own.widths))
+        return inference.FuzzySets(self.scale, tuple(self.centres), tuple(self.widths))
 
     def _closed(self, ends: list[tuple[float, float | None]]) -> list[tuple[float, float | None]]:
         """Centres and least widths of all sets whose neighbours must overlap."""
@@ -74,8 +73,7 @@ class CircularSets(FuzzySets):
 
     def record(self) -> inference.Sets:
         """Return the record that the systems of a network take."""
-        own: Any = self
-        return inference.CircularSets(own.scale, tuple(own.centres), tuple(own.widths))
+        return inference.CircularSets(self.scale, tuple(self.centres), tuple(self.widths))
 
     def _closed(self, ends: list[tuple[float, float | None]]) -> list[tuple[float, float | None]]:
         (first, width), *_ = ends

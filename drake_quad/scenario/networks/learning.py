@@ -2,7 +2,7 @@
 
 import math
 from abc import abstractmethod
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
@@ -10,8 +10,6 @@ from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, Si
 from drake_quad.control.fuzzy.systems import LearningNumbers
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.quantities import NonNegative, Number, Positive, bounded
-
-Signal = Literal["surface", "feedback"]
 
 
 class _Learning(Model):
@@ -31,42 +29,19 @@ class _Learning(Model):
         """Return the numbers of the systems that learn by this law."""
         own: Any = self
         limit = math.inf if own.weight_limit is None else own.weight_limit
-        return LearningNumbers(
-            slope=self._slope(),
-            law=self.law(),
-            limits=Limits(limit, own.deadzone, own.leakage),
-            initial_weight=own.initial_weight,
-        )
-
-    def learns_from(self) -> Signal:
-        """Return the signal that is learned from."""
-        return "feedback"
-
-    def begins_anew(self) -> bool:
-        """Return whether learning begins anew with every segment of the route."""
-        return False
-
-    def _slope(self) -> Any:
-        return 0.0
+        return LearningNumbers(own.slope, self.law(), Limits(limit, own.deadzone, own.leakage), own.initial_weight)
 
 
 class _LearningFromEither(_Learning):
     """What the laws have in common that learn from s_p of eq (15), or from the feedback."""
 
-    signal: Signal = Field(
+    signal: Literal["surface", "feedback"] = Field(
         default="surface",
         description="what is learned from: s_p of eq (15) (m/s), or all feedback that the controller commands, its PD"
         " less the disturbance that it estimates, if any (m/s²), for which gains have other units",
     )
     slope: Positive = Field(default=1.0, description="λ of eq (15) (1/s); of no meaning with the feedback")
     deadzone: NonNegative = Field(default=0.0, description="size of the signal below which nothing is learned (m/s)")
-
-    def learns_from(self) -> Signal:
-        """Return the field `signal`."""
-        return self.signal
-
-    def _slope(self) -> Any:
-        return self.slope
 
 
 class CovarianceLearning(_LearningFromEither):
@@ -84,12 +59,7 @@ class CovarianceLearning(_LearningFromEither):
 
     def law(self) -> CovarianceLaw:
         """Return the law of eqs (15) to (17)."""
-        own: Any = self
-        return CovarianceLaw(own.gain, own.initial_covariance, own.forgetting)
-
-    def begins_anew(self) -> bool:
-        """Return whether the covariance is reset."""
-        return self.reset == "at_segments"
+        return CovarianceLaw(self.gain, self.initial_covariance, self.forgetting)
 
 
 class GradientLearning(_LearningFromEither):
@@ -97,11 +67,11 @@ class GradientLearning(_LearningFromEither):
 
     kind: Literal["gradient"]
     rate: NonNegative = Field(default=1.0, description="K_D p (1/s²); with 0 what has been learned stays as it is")
+    reset: ClassVar = "never"
 
     def law(self) -> GradientLaw:
         """Return the law with a constant covariance."""
-        own: Any = self
-        return GradientLaw(own.rate)
+        return GradientLaw(self.rate)
 
 
 class SignLearning(_Learning):
@@ -111,11 +81,13 @@ class SignLearning(_Learning):
     rate: Positive = Field(default=1.0, description="γ by which the slope grows (1/s²)")
     initial_slope: NonNegative = Field(default=0.0, description="of the correction at the beginning (m/s³)")
     deadzone: NonNegative = Field(default=0.0, description="command below which nothing is learned (m/s²)")
+    signal: ClassVar = "feedback"
+    slope: ClassVar = 0.0
+    reset: ClassVar = "never"
 
     def law(self) -> SignLaw:
         """Return the law with a slope that grows."""
-        own: Any = self
-        return SignLaw(own.rate, own.initial_slope)
+        return SignLaw(self.rate, self.initial_slope)
 
 
 Learning = Annotated[CovarianceLearning | GradientLearning | SignLearning, Field(discriminator="kind")]

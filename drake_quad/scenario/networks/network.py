@@ -1,14 +1,13 @@
 """Fuzzy networks of the scenario language: they stand around a controller and learn what it should have commanded."""
 
-from abc import abstractmethod
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from drake_quad.control.fuzzy.adaptation import AdaptationRates, Part
-from drake_quad.control.fuzzy.inference import Antecedents, Sets
+from drake_quad.control.fuzzy.inference import Antecedents
 from drake_quad.control.fuzzy.set_learning import AdaptationNumbers, SetLearning
 from drake_quad.control.fuzzy.systems import FuzzyRules, Lead, RulesNumbers, WeightLearning, build_fuzzy_network
 from drake_quad.framework.recipe import Recipe
@@ -62,9 +61,10 @@ class _Network(Model):
                 raise self.wrong("learned", kind="learned", demand=demand, **words)
         return self
 
-    @abstractmethod
     def antecedents(self) -> Antecedents:
         """Return the sets of all inputs, and the exponents of their memberships."""
+        own: Any = self
+        return Antecedents(own.a1, own.a2, own.q, tuple([sets.record() for sets in self.inputs.given.values()]))
 
     def recipes(self, period: float, plan: Plan) -> dict[str, Recipe]:
         """Return the recipes for the systems of the network, by their paths in the diagram of the control.
@@ -77,20 +77,20 @@ class _Network(Model):
         known = () if self.learned is None else tuple(self.learned.axes.values())
         sets, begun = self.antecedents(), self._begun(known)
         leads, numbers, inputs = can_differ_from_zero(self.lead), self.learning.numbers(), tuple(self.inputs.given)
-        timing = {"period": period, "axes": axes, "learns_from": self.learning.learns_from()}
+        timing = {"period": period, "axes": axes, "learns_from": self.learning.signal}
         looks_at = {"axes": axes, "inputs": inputs, "lap_times": plan.lap_times if "phase" in inputs else ()}
         own: Any = self
-        adaptive = own.adaptive
+        adaptive: AdaptiveTriangles | None = own.adaptive
         rules = {**looks_at, "adaptive": adaptive is not None, "leads": leads}
         learning = {
             **timing,
             "num_rules": sets.num_rules,
             "leads": leads,
-            "reset_times": tuple(plan.leg_times[1:]) if self.learning.begins_anew() else (),
+            "reset_times": tuple(plan.leg_times[1:]) if self.learning.reset == "at_segments" else (),
             "initial_weights": tuple([each.weights for each in known]),
         }
         recipes = {
-            "network.rules": Recipe(FuzzyRules, rules, RulesNumbers(begun, Lead(own.lead))),
+            "network.rules": Recipe(FuzzyRules, rules, RulesNumbers(begun, Lead(self.lead))),
             "network.learning": Recipe(WeightLearning, learning, numbers),
         }
         if adaptive is not None:
@@ -110,9 +110,6 @@ class _Network(Model):
             return (sets,)
         layout = layout_of(Antecedents, sets)
         return tuple([layout.build(each.antecedents or ()) for each in known])
-
-    def _sets(self) -> tuple[Sets, ...]:
-        return tuple([sets.record() for sets in self.inputs.given.values()])
 
 
 def _words(value: str | tuple[str | int, ...]) -> str:
@@ -150,11 +147,12 @@ class Type1Network(_Network):
     """A type-1 fuzzy neural network that learns in flight: its antecedents are triangles."""
 
     kind: Literal["type_1"]
-    adaptive: AdaptiveTriangles | None = Field(default=None, description="how its memberships learn, if they do")
-
-    def antecedents(self) -> Antecedents:
-        """Return triangles."""
-        return Antecedents(1.0, 1.0, 0.0, self._sets())
+    adaptive: AdaptiveTriangles | None = Field(
+        default=None, description="how its memberships learn, if they do"
+    )  # Triangles, of which upper and lower ones are the same.
+    a1: ClassVar = 1.0
+    a2: ClassVar = 1.0
+    q: ClassVar = 0.0
 
 
 class Type2Network(_Network):
@@ -167,11 +165,6 @@ class Type2Network(_Network):
     )
     q: Probability = Field(default=0.5, description="share of the lower memberships in the output (1)")
     adaptive: AdaptiveEllipses | None = Field(default=None, description="how its memberships learn, if they do")
-
-    def antecedents(self) -> Antecedents:
-        """Return ellipses."""
-        own: Any = self
-        return Antecedents(own.a1, own.a2, own.q, self._sets())
 
 
 Network = Annotated[Type1Network | Type2Network, Field(discriminator="kind")]

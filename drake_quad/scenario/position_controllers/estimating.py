@@ -20,6 +20,7 @@ from drake_quad.signals import Row
 class BelievedResponse(Model):
     """Response of the vehicle to commands that an estimator of the disturbance believes in."""
 
+    kind: str
     delay_ticks: Annotated[int, Field(ge=0, le=50)] = Field(
         default=1, description="whole ticks of the control from a command to what it does (1)"
     )
@@ -51,9 +52,8 @@ class CommandedResponse(BelievedResponse):
 
     def estimator(self, laws: tuple[Any, ...], limit: Row, setting: ControlSetting) -> Recipe:
         """Return the recipe for a `DisturbanceEstimator`."""
-        own: Any = self
-        fed_forward = own.lag if own.feed_forward_lag is None else own.feed_forward_lag
-        lags = tuple([Command(*lags) for lags in zip(own.lag, fed_forward, strict=True)])
+        fed_forward = self.lag if self.feed_forward_lag is None else self.feed_forward_lag
+        lags = tuple([Command(*lags) for lags in zip(self.lag, fed_forward, strict=True)])
         numbers = EstimatorNumbers(laws, lags, limit, _start(setting))
         return Recipe(DisturbanceEstimator, self._structure(setting), numbers)
 
@@ -66,8 +66,7 @@ class TiltResponse(BelievedResponse):
 
     def estimator(self, laws: tuple[Any, ...], limit: Row, setting: ControlSetting) -> Recipe:
         """Return the recipe for a `TiltDisturbanceEstimator`."""
-        own: Any = self
-        numbers = TiltEstimatorNumbers(laws, own.lag, setting.believed.gravity, limit, _start(setting))
+        numbers = TiltEstimatorNumbers(laws, self.lag, setting.believed.gravity, limit, _start(setting))
         return Recipe(TiltDisturbanceEstimator, self._structure(setting), numbers)
 
 

@@ -1,6 +1,6 @@
 """PD controller with incremental nonlinear dynamic inversion."""
 
-from typing import Any, Literal
+from typing import Literal
 
 from pydantic import Field
 
@@ -21,5 +21,4 @@ class IndiPosition(EstimatingPosition):
 
     def law(self, axis: int, period: float) -> IncrementalLaw:
         """Return the incremental law of an axis."""
-        own: Any = self
-        return IncrementalLaw(own.bandwidth[axis])
+        return IncrementalLaw(self.bandwidth[axis])

@@ -1,6 +1,6 @@
 """PD controller with L1 adaptive augmentation."""
 
-from typing import Any, Literal
+from typing import Literal
 
 from pydantic import Field
 
@@ -20,5 +20,4 @@ class L1Position(EstimatingPosition):
 
     def law(self, axis: int, period: float) -> AdaptiveLaw:
         """Return the adaptive law of an axis."""
-        own: Any = self
-        return AdaptiveLaw(own.adaptation, own.bandwidth[axis])
+        return AdaptiveLaw(self.adaptation, self.bandwidth[axis])

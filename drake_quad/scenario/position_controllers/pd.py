@@ -34,9 +34,8 @@ class PdPosition(PositionController):
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
         """Return the recipe for the PD, to which kinds that extend it add others."""
-        own: Any = self
         structure = {"derivative": self.derivative, "feeds_forward": self.feed_forward != "none"}
-        gains = PdGains(PerAxis(*own.k_p), PerAxis(*own.k_d))
+        gains = PdGains(PerAxis(*self.k_p), PerAxis(*self.k_d))
         return {"position.pd": Recipe(ProportionalDerivative, structure, gains)}
 
     def build(self, systems: Mapping[str, Any], *, takes_correction: bool) -> Any:

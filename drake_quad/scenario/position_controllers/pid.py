@@ -1,6 +1,6 @@
 """PID controller of the position."""
 
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
@@ -35,7 +35,6 @@ class PidPosition(PdPosition):
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
         """Return the recipes for the PD and the integral."""
-        own: Any = self
         structure = {"period": setting.tick, "integration": self.integration}
-        gains = IntegralGains(PerAxis(*own.k_i), own.integral_limit)
+        gains = IntegralGains(PerAxis(*self.k_i), self.integral_limit)
         return {**super().recipes(setting), "position.integral": Recipe(IntegralCorrection, structure, gains)}
