@@ -23,7 +23,7 @@ from drake_quad.scenario import models
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.layouts import are_paired, rotors_of
 from drake_quad.scenario.models import Scenario
-from drake_quad.scenario.quantities import can_differ_from_zero, extremes
+from drake_quad.scenario.quantities import can_differ, extremes
 from drake_quad.scenario.winds.source import Surroundings as WindSurroundings
 from drake_quad.scenario.winds.source import WindSource, speed, steady_wind
 from drake_quad.signals import Attitude, AttitudeTarget, Wrench
@@ -57,9 +57,7 @@ def laboratory_recipes(batch: Batch, plan: Plan, duration: float) -> dict[str, R
         "allocation": _allocation(scenario),
         "motion_capture": _motion_capture(scenario.laboratory.motion_capture, fleet.laboratory.motion_capture),
         "command_link": _command_link(scenario, fleet.laboratory.command_link, plan.initial_yaw),
-        **fleet.laboratory.autopilot.recipes(
-            nominal_parameters(scenario), heeds_attitude=not scenario.control.commands_rates_alone()
-        ),
+        **_autopilot(scenario, fleet.laboratory.autopilot),
         **{f"{_WIND}{name}": recipe for name, recipe in _wind(scenario, fleet).items()},
     }
 
@@ -133,7 +131,7 @@ def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Rec
     structure = {
         "time_step": vehicle.time_step,
         "kinematics": vehicle.attitude_kinematics,
-        "faulty": vehicle.rotor_failure is not None or _can_differ(vehicle.battery_sag, fleet.vehicle.battery_sag),
+        "faulty": vehicle.rotor_failure is not None or can_differ(vehicle.battery_sag, fleet.vehicle.battery_sag),
         "effects": effects.names,
     }
     parameters = vehicle_parameters(fleet.vehicle)
@@ -198,13 +196,13 @@ def _check_step(fleet: Any) -> None:
 def _motion_capture(cameras: models.MotionCapture, fleet: Any) -> Recipe:
     structure = {
         "period": cameras.period,
-        "noisy": _can_differ(cameras.position_noise, fleet.position_noise)
-        or _can_differ(cameras.attitude_noise, fleet.attitude_noise),
-        "loses_frames": _can_differ(cameras.dropout_rate, fleet.dropout_rate),
-        "misaligned": any(map(_can_differ, cameras.misalignment, fleet.misalignment)),
-        "mistaken": any(map(_can_differ, cameras.velocity_error, fleet.velocity_error)),
+        "noisy": can_differ(cameras.position_noise, fleet.position_noise)
+        or can_differ(cameras.attitude_noise, fleet.attitude_noise),
+        "loses_frames": can_differ(cameras.dropout_rate, fleet.dropout_rate),
+        "misaligned": any(map(can_differ, cameras.misalignment, fleet.misalignment)),
+        "mistaken": any(map(can_differ, cameras.velocity_error, fleet.velocity_error)),
         "filtered": fleet.derivative_bandwidth is not None,
-        "drifts": any(map(_can_differ, cameras.velocity_drift, fleet.velocity_drift)),
+        "drifts": any(map(can_differ, cameras.velocity_drift, fleet.velocity_drift)),
         "longest_latency": _longest(cameras.latency_frames, fleet.latency_frames),
     }
     numbers = CameraNumbers(
@@ -239,14 +237,17 @@ def _command_link(scenario: Scenario, fleet: Any, yaw: float) -> Recipe:
         "signal": command,
         "period": link.period,
         "longest_delay": _longest(link.delay_ticks, fleet.delay_ticks),
-        "loses_packets": _can_differ(link.loss_rate, fleet.loss_rate),
+        "loses_packets": can_differ(link.loss_rate, fleet.loss_rate),
     }
     return Recipe(CommandLink, structure, LinkNumbers(fleet.delay_ticks, fleet.loss_rate, hover[command]))
 
 
-def _can_differ(written: Any, flown: Any) -> bool:
-    """Can a number differ from zero, as a scenario has it or as a fleet flies it?"""
-    return can_differ_from_zero(written) or bool(np.any(np.not_equal(flown, 0.0)))
+def _autopilot(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
+    """Return the recipe for what stands on board between link and allocation, if anything does."""
+    written, believed = scenario.laboratory.autopilot, nominal_parameters(scenario)
+    heeds_attitude = not scenario.control.commands_rates_alone()
+    recipes: dict[str, Recipe] = fleet.recipes(believed, written=written, heeds_attitude=heeds_attitude)
+    return recipes
 
 
 def _longest(written: Any, flown: Any) -> int:

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
@@ -106,6 +107,11 @@ def whole(*, least: int, most: int) -> AfterValidator:
 def can_differ_from_zero(value: NumberOrDistribution) -> bool:
     """True if a quantity is anything but the number zero; then what it stands for has a place in the diagram."""
     return not isinstance(value, float | int) or value != 0.0
+
+
+def can_differ(written: Any, flown: Any) -> bool:
+    """Return whether a quantity can differ from zero, as a scenario has it or as a fleet flies it."""
+    return can_differ_from_zero(written) or bool(np.any(np.not_equal(flown, 0.0)))
 
 
 def excludes_zero(value: NumberOrDistribution) -> bool:

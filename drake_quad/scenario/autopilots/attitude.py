@@ -8,7 +8,7 @@ from pydantic import Field
 from drake_quad.control.lqg.chains import Answer
 from drake_quad.framework.recipe import Recipe
 from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS, Autopilot
-from drake_quad.scenario.quantities import AngleNoise, Gains, NonNegative, Period, Position, can_differ_from_zero
+from drake_quad.scenario.quantities import AngleNoise, Gains, NonNegative, Period, Position, can_differ
 from drake_quad.signals import BodyRates, Wrench
 from drake_quad.vehicle import autopilot
 from drake_quad.vehicle.autopilot import AutopilotNumbers, Gyroscope, LoopGains
@@ -42,14 +42,15 @@ class AttitudeAutopilot(Autopilot):
         omega = math.sqrt(k_attitude * k_rate)
         return Answer(float(f"{omega:.4g}"), float(f"{0.5 * k_rate / omega:.4g}"))
 
-    def recipes(self, believed: QuadrotorParameters, *, heeds_attitude: bool) -> dict[str, Recipe]:
+    def recipes(self, believed: QuadrotorParameters, *, written: Any, heeds_attitude: bool) -> dict[str, Recipe]:
         """Return the recipe for both loops.
 
         Commands of body rates alone have no attitude to follow, as with the type mask of SET_ATTITUDE_TARGET.
         """
         structure = {
             "period": self.period,
-            "noisy": can_differ_from_zero(self.gyroscope_noise) or can_differ_from_zero(self.attitude_noise),
+            "noisy": can_differ(written.gyroscope_noise, self.gyroscope_noise)
+            or can_differ(written.attitude_noise, self.attitude_noise),
         }
         numbers = AutopilotNumbers(
             LoopGains(*self.k_attitude) if heeds_attitude else LoopGains(0.0, 0.0, 0.0),

@@ -48,11 +48,12 @@ class Autopilot(Model):
         """Return the lag of second order by which roll and pitch follow commands; None if no attitude is commanded."""
 
     @abstractmethod
-    def recipes(self, believed: QuadrotorParameters, *, heeds_attitude: bool) -> dict[str, Recipe]:
+    def recipes(self, believed: QuadrotorParameters, *, written: Any, heeds_attitude: bool) -> dict[str, Recipe]:
         """Return the recipe for the system `autopilot` between link and allocation; none if there is no such system.
 
         Args:
             believed: parameters of the nominal vehicle.
+            written: the autopilot as a scenario has it, whose distributions decide which imperfections there are.
             heeds_attitude: False if body rates are commanded without an attitude.
         """
 

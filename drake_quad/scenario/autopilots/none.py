@@ -1,6 +1,6 @@
 """No autopilot."""
 
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 from drake_quad.framework.recipe import Recipe
 from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS, Autopilot
@@ -19,6 +19,6 @@ class NoAutopilot(Autopilot):
     def answer(self) -> None:
         """Return None."""
 
-    def recipes(self, believed: QuadrotorParameters, *, heeds_attitude: bool) -> dict[str, Recipe]:
+    def recipes(self, believed: QuadrotorParameters, *, written: Any, heeds_attitude: bool) -> dict[str, Recipe]:
         """Return no recipe."""
         return {}

@@ -35,7 +35,7 @@ class AttitudeResponse(Autopilot):
         """Return the answer of the roll."""
         return Answer(float(self.natural_frequency[0]), float(self.damping[0]))
 
-    def recipes(self, believed: QuadrotorParameters, *, heeds_attitude: bool) -> dict[str, Recipe]:
+    def recipes(self, believed: QuadrotorParameters, *, written: Any, heeds_attitude: bool) -> dict[str, Recipe]:
         """Return the recipe for a system that passes the thrust on; the vehicle itself follows the attitude."""
         return {"autopilot": Recipe(ThrustAlone, {}, None)}
 

@@ -24,6 +24,7 @@ from drake_quad.scenario.files.relative import refuse_dropped, refuse_elsewhere,
 from drake_quad.scenario.limits import MOST_LEVELS
 from drake_quad.scenario.models import Mission, Nominal, Scenario, Vehicle
 from drake_quad.scenario.paths import is_item, joined, steps_of
+from drake_quad.scenario.unions import OpenUnion
 
 # Names of forms that stand in no file.
 _TAGS = ("number", *DISTRIBUTIONS)
@@ -336,12 +337,22 @@ def _complaint(problem: Any, value: str, path: tuple[Any, ...], model: type[Mode
 
 def _further_in(model: type[Model], name: str) -> list[str]:
     """The fields of that name in the mappings of a model."""
-    kinds = {field: (info.annotation, *get_args(info.annotation)) for field, info in model.model_fields.items()}
+    kinds = {
+        field: (info.annotation, *get_args(info.annotation), *_members(info.metadata))
+        for field, info in model.model_fields.items()
+    }
     return [
         f"{field}.{name}"
         for field, mappings in kinds.items()
         if any(name in getattr(mapping, "model_fields", {}) for mapping in mappings)
     ]
+
+
+def _members(metadata: Iterable[Any]) -> Iterator[type[Model]]:
+    """Yield the members of open unions in the metadata of a field."""
+    for union in metadata:
+        if isinstance(union, OpenUnion):
+            yield from union
 
 
 def _real_path(problem: Any, data: Any) -> tuple[Any, ...]:
