@@ -14,7 +14,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from drake_quad import load_scenario
 from drake_quad.command_line.main import main
-from drake_quad.scenario.winds.source import WINDS
+from drake_quad.scenario.models import UNIONS
 from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParameters
 from drake_quad.vehicle.rotors import Rotor, Rotors
 
@@ -48,12 +48,13 @@ def _ctrl_c():
 
 
 @pytest.fixture(autouse=True)
-def _no_further_winds():
-    """Kinds of wind that a test registers are removed after it."""
-    before = WINDS.kinds
+def _no_further_kinds():
+    """Members of open unions that a test registers are removed after it."""
+    before = [(union, union.kinds) for union in UNIONS]
     yield
-    for kind in {*WINDS.kinds} - {*before}:
-        WINDS.remove(kind)
+    for union, kinds in before:
+        for kind in {*union.kinds} - {*kinds}:
+            union.remove(kind)
 
 
 @pytest.fixture(scope="session")

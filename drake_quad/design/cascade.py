@@ -103,6 +103,8 @@ def with_integrals(scenario: Scenario) -> Scenario:
     Raises:
         InputError: if the gains of the position controller cannot be designed.
     """
+    if scenario.cascade.position.has_integral:
+        return scenario
     update = {"position": _integrating(scenario)}
     return scenario.model_copy(update={"control": scenario.cascade.model_copy(update=update)})
 

@@ -483,7 +483,9 @@ class Scenario(Mission):
         return self
 
 
-for union in (WINDS, AUTOPILOTS):
-    union.rebuild(Laboratory)
-for union in (WINDS, AUTOPILOTS, CONTROLS, POSITION_CONTROLLERS, ATTITUDE_CONTROLLERS, ACTIONS):
+UNIONS = WINDS, AUTOPILOTS, CONTROLS, POSITION_CONTROLLERS, ATTITUDE_CONTROLLERS, ACTIONS
+"""Unions to which members can be added."""
+WINDS.rebuild(Laboratory)
+AUTOPILOTS.rebuild(Laboratory)
+for union in UNIONS:
     union.rebuild(Scenario)
