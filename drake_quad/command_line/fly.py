@@ -60,7 +60,7 @@ def main(arguments: argparse.Namespace) -> None:
     if arguments.compiled and arguments.meshcat:
         raise InputError("--meshcat shows the diagram as it is wired, which --compiled does not fly; give one of them")
     scenario = scenario_of(arguments)
-    if arguments.save_network and scenario.control.network_around() is None:
+    if arguments.save_network and scenario.control.network is None:
         raise InputError("--save-network needs a network, but the scenario has none")
     if arguments.mcap:
         check_extra("--mcap", "mcap", "mcap.writer")

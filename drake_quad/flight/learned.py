@@ -26,7 +26,7 @@ def save_network(flight: Flight, path: Path | str) -> Path:
     Raises:
         InputError: the flight has no network, what was learned is not finite, or the file cannot be written.
     """
-    network = flight.scenario.control.network_around()
+    network = flight.scenario.control.network
     if network is None or "weights" not in flight.signals:
         raise InputError("the flight has no network that could be saved")
     axes = sorted(network.axes)

@@ -283,7 +283,7 @@ def on_board_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it is
         InputError: the vehicle has a continuous state, or cannot hover.
     """
     resting = _in_still_air(scenario, vehicle)
-    period = resting.laboratory.autopilot.loop_period()
+    period = resting.laboratory.autopilot.period
     assert period is not None
     if not resting.vehicle.time_step > 0.0:
         raise InputError("vehicle.time_step is 0 s, but loops on board are designed for a vehicle that steps")

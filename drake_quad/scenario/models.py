@@ -435,9 +435,8 @@ class Scenario(Mission):
             ("laboratory", "motion_capture", "period"): self.laboratory.motion_capture.period,
             ("laboratory", "command_link", "period"): self.laboratory.command_link.period,
         }
-        loops = self.laboratory.autopilot.loop_period()
-        if loops is not None:
-            periods[("laboratory", "autopilot", "period")] = loops
+        if self.laboratory.autopilot.period is not None:
+            periods[("laboratory", "autopilot", "period")] = self.laboratory.autopilot.period
         return {path: period for path, period in periods.items() if period > 0.0}
 
     @model_validator(mode="after")

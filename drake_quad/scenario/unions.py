@@ -24,8 +24,8 @@ class OpenUnion:
 
     Args:
         base: class that all members extend.
-        questions: names of class attributes that each member must define, since no default is safe. It must also define
-            the abstract methods of the base class.
+        questions: names of class attributes or fields that each member must define, since no default is safe. It must
+            also define the abstract methods of the base class.
         silent: kind of a mapping that does not state its kind; None if every mapping must.
     """
 
@@ -61,7 +61,7 @@ class OpenUnion:
         kinds = get_args(fields["kind"].annotation) if "kind" in fields else ()
         if len(kinds) != 1:
             raise TypeError(f'{name} must have a field kind of one word, as in kind: Literal["{name.lower()}"]')
-        missing = [question for question in self._questions if not hasattr(model, question)]
+        missing = [name for name in self._questions if not (name in fields or hasattr(model, name))]
         if missing := [*missing, *sorted(getattr(model, "__abstractmethods__", ()))]:
             raise TypeError(f"{name} must define {' and '.join(missing)}")
         (kind,) = kinds

@@ -244,7 +244,7 @@ def _weights(flight: Flight) -> dict[str, np.ndarray]:
 
 
 def _network(flight: Flight) -> Network:
-    network = flight.scenario.control.network_around()
+    network = flight.scenario.control.network
     if network is None:
         raise ValueError("the flight has no network")
     return network

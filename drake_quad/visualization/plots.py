@@ -207,7 +207,7 @@ def save_plots(flight: Flight, folder: Path | str, *, vector: Vector | None = No
     plots = dict(PLOTS)
     if flight.scenario.laboratory.wind or flight["wind"].any():
         plots["wind"] = plot_wind
-    network = flight.scenario.control.network_around()
+    network = flight.scenario.control.network
     if network is not None and "weights" in flight.signals:
         plots |= {"memberships": plot_own_memberships, "learning": plot_learning}
         if [*network.inputs.given] == ["error", "error_rate"]:

@@ -8,7 +8,7 @@ from typing import ClassVar, Literal, NamedTuple
 from pydantic import Field
 
 from drake_quad.control.axes import PerAxis
-from drake_quad.control.position import FeedForward, PdGains, pd_law
+from drake_quad.control.position import PdGains, pd_law
 from drake_quad.framework import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.elementary import maximum, minimum
 from drake_quad.framework.recipe import Recipe
@@ -57,11 +57,8 @@ class SlidingPosition(PositionController):
     slope: Positives = Field(description="λ of the sliding surface on X, Y, Z (1/s)")
     gain: Positives = Field(description="K, largest answer beyond λ ė on X, Y, Z (m/s²)")
     width: Positives = Field(description="φ of the boundary layer on X, Y, Z (m/s)")
+    feed_forward: ClassVar = "acceleration"
     takes_correction: ClassVar = False
-
-    def fed_forward(self) -> FeedForward:
-        """Return that the acceleration of the reference is fed forward."""
-        return "acceleration"
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
         """Return the recipe for a `SlidingMode`."""

@@ -95,7 +95,7 @@ def check_position_controller(kind, setting):
     assert "acceleration_command" in outputs
     assert ("disturbance" in outputs) == kind.estimates_disturbance
     assert hasattr(position, "k_i") == kind.has_integral
-    assert position.fed_forward() in setting.autopilot.feeds_forward
+    assert position.feed_forward in setting.autopilot.feeds_forward
 
 
 @members(POSITION_CONTROLLERS)
@@ -104,7 +104,7 @@ def test_every_position_controller_answers_truthfully(kind, settings):
     plain = example(kind).plain()
     assert plain.plain() is plain
     assert not plain.estimates_disturbance
-    assert (plain.k_p, plain.k_d, plain.fed_forward()) == ((1.0,) * 3, (1.0,) * 3, "none")
+    assert (plain.k_p, plain.k_d, plain.feed_forward) == ((1.0,) * 3, (1.0,) * 3, "none")
 
 
 @members(ATTITUDE_CONTROLLERS)
@@ -132,7 +132,7 @@ def test_every_autopilot_answers_truthfully(kind, settings):
         inputs, outputs = ports(system)
         assert "attitude_target" in inputs
         assert outputs == {"wrench"}
-        assert {update.period for update in system.updates} == {autopilot.loop_period()} - {None}
+        assert {update.period for update in system.updates} == {autopilot.period} - {None}
     assert all(getattr(autopilot, name) == (1.0,) * 3 for name in kind.loop_gains or ())
     numbers = QuadrotorNumbers(believed, start=Place(0.0, 0.0, 1.0, 0.0))
     vehicle = autopilot.vehicle_recipe({"time_step": 0.01}, numbers).build(2)
@@ -189,7 +189,7 @@ def test_every_control_answers_truthfully(scenario, layers):
     assert ("reference_ahead" in inputs) == bool(control.ahead())
     assert ("action" in outputs) == bool(control.policy_rows()) == ("policy" in control.places)
     assert not control.lacks_policy()
-    assert ("network" in {part.get_name() for part in built.GetSystems()}) == (control.network_around() is not None)
+    assert ("network" in {part.get_name() for part in built.GetSystems()}) == (control.network is not None)
     assert (control.cascade() is control) == (control.kind == "cascade")
     assert 0.0 < control.limits().min_thrust < 1.0 < control.limits().max_thrust
 

@@ -23,9 +23,11 @@ class AttitudeAutopilot(Autopilot):
     accepts: ClassVar = ("attitude", "rates")
     # MAVLink's message SET_ATTITUDE_TARGET has body rates, which follow from the jerk, and no angular accelerations.
     feeds_forward: ClassVar = ("none", "acceleration", "jerk")
+    noise_free: ClassVar = {"gyroscope_noise": 0.0, "attitude_noise": 0.0}
+    bias_free: ClassVar = {"gyroscope_bias": (0.0, 0.0, 0.0)}
     loop_gains: ClassVar = ("k_attitude", "k_rate")
     kind: Literal["attitude"]
-    period: Period = Field(
+    period: Period = Field(  # type: ignore[misc]
         default=0.0025, description="of both loops (s); the 400 Hz of PX4's parameter IMU_GYRO_RATEMAX"
     )
     k_attitude: Gains = Field(description="body rate over the error of roll, pitch, yaw (1/s)")
@@ -61,18 +63,6 @@ class AttitudeAutopilot(Autopilot):
             Wrench(believed.mass * believed.gravity, 0.0, 0.0, 0.0),
         )
         return {"autopilot": Recipe(autopilot.AttitudeAutopilot, structure, numbers)}
-
-    def loop_period(self) -> float:
-        """Return the period of both loops, s."""
-        return self.period
-
-    def without_noise(self) -> Autopilot:
-        """Return the autopilot without noise of the gyroscope and of the attitude."""
-        return self.model_copy(update={"gyroscope_noise": 0.0, "attitude_noise": 0.0})
-
-    def without_bias(self) -> Autopilot:
-        """Return the autopilot without the bias of the gyroscope."""
-        return self.model_copy(update={"gyroscope_bias": (0.0, 0.0, 0.0)})
 
     def check_fits(self, scenario: Any) -> None:
         """Raise a validation error if the loops are not faster than the link."""

@@ -24,17 +24,23 @@ class Autopilot(Model):
     """What flies on board. Numbers that a study draws are (N,) arrays when its recipes are made for a fleet.
 
     Attributes:
+        period: period of the loops on board, s; None if there are none.
         command: signal that the link carries.
         accepts: what a control may command.
         feeds_forward: derivatives of the reference up to which a control may feed forward.
+        noise_free: values of its fields without random errors.
+        bias_free: values of its fields without constant errors.
         loop_gains: fields with the gains of its attitude and rate loops; None if it has none that can be designed.
         models_vehicle: whether it describes the vehicle's response as a whole, and so was identified with one vehicle.
     """
 
     kind: str
+    period: ClassVar[float | None]
     command: ClassVar[Command]
     accepts: ClassVar[tuple[Commanded, ...]]
     feeds_forward: ClassVar[tuple[FeedForward, ...]]
+    noise_free: ClassVar[dict[str, Any]] = {}
+    bias_free: ClassVar[dict[str, Any]] = {}
     loop_gains: ClassVar[tuple[str, str] | None] = None
     models_vehicle: ClassVar[bool] = False
 
@@ -61,27 +67,23 @@ class Autopilot(Model):
         """Return the recipe for the vehicle, given the structure and the numbers of a `Quadrotor`."""
         return Recipe(Quadrotor, structure, numbers)
 
-    def loop_period(self) -> float | None:
-        """Return the period of the loops on board, s; None if there are none."""
-        return None
-
     def fastest_decay(self) -> AngleRate:
         """Return the rate of the fastest decay that the vehicle has because of it, 1/s."""
         return 0.0
 
     def without_noise(self) -> "Autopilot":
         """Return the autopilot without random errors."""
-        return self
+        return self.model_copy(update=self.noise_free)
 
     def without_bias(self) -> "Autopilot":
         """Return the autopilot without constant errors."""
-        return self
+        return self.model_copy(update=self.bias_free)
 
     def check_fits(self, scenario: Any) -> None:
         """Raise a validation error if the vehicle or the link of a `Scenario` does not fit the autopilot."""
 
 
-AUTOPILOTS = OpenUnion(Autopilot, "command", "accepts", "feeds_forward")
+AUTOPILOTS = OpenUnion(Autopilot, "period", "command", "accepts", "feeds_forward")
 """Kinds of autopilots."""
 
 AnyAutopilot = Annotated[Autopilot, AUTOPILOTS]

@@ -11,6 +11,7 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 class NoAutopilot(Autopilot):
     """None: attitude is controlled on the ground, and the wrench comes over the link, as in the paper."""
 
+    period: ClassVar = None
     command: ClassVar = "wrench"
     accepts: ClassVar = ("attitude", "rates", "wrench")
     feeds_forward: ClassVar = ("none", "acceleration", "jerk", "snap")

@@ -23,6 +23,7 @@ PerAngle = Annotated[tuple[Positive, Positive, Positive], Field(strict=False)]
 class AttitudeResponse(Autopilot):
     """Autopilot and vehicle as a whole: each angle follows its command as a lag of second order, as flights show it."""
 
+    period: ClassVar = None
     command: ClassVar = "attitude_target"
     accepts: ClassVar = ("attitude",)
     feeds_forward: ClassVar = ("none", "acceleration")

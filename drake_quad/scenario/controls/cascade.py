@@ -26,7 +26,9 @@ class CascadeControl(Control):
 
     kind: Literal["cascade"] = Field(default="cascade", description="what a control is that does not say it")
     position: AnyPositionController
-    network: Network | None = Field(default=None, description="around the position controller, if any")
+    network: Network | None = Field(  # type: ignore[misc]
+        default=None, description="around the position controller, if any"
+    )
     thrust_vectoring: ThrustVectoring = ThrustVectoring()
     attitude: AnyAttitudeController | None = Field(
         default=None, description="on the ground; needed without an autopilot, and to be left out, or null, with one"
@@ -51,7 +53,7 @@ class CascadeControl(Control):
         """Raise a validation error unless attitude is controlled once, and gets what is fed forward."""
         check_attitude_control(scenario)
         autopilot = scenario.laboratory.autopilot
-        if self.position.fed_forward() not in autopilot.feeds_forward:
+        if self.position.feed_forward not in autopilot.feeds_forward:
             demand = "must be {allowed}: laboratory.autopilot of kind {autopilot} takes no more"
             allowed = " or ".join(autopilot.feeds_forward)
             path = "control", "position", "feed_forward"
@@ -78,7 +80,7 @@ class CascadeControl(Control):
             network=network,
             thrust_vectoring=systems["thrust_vectoring"],
             attitude=systems.get("attitude"),
-            feed_forward=self.position.fed_forward(),
+            feed_forward=self.position.feed_forward,
         )
 
     def limits(self) -> ThrustVectoring:
@@ -88,10 +90,6 @@ class CascadeControl(Control):
     def cascade(self) -> "CascadeControl":
         """Return the control."""
         return self
-
-    def network_around(self) -> Network | None:
-        """Return the network around the position controller, if any."""
-        return self.network
 
     def parts(self) -> list[str]:
         """Return the kinds of the controllers and of the network."""

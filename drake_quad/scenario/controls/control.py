@@ -22,11 +22,13 @@ class Control(Model):
     """All that is computed on the ground. Numbers that a study draws are (N,) arrays in `recipes` for a fleet.
 
     Attributes:
+        network: fuzzy network around the controller; None without one.
         places: systems that a user can put into its diagram, each with how the paths of the systems begin whose place
             it takes.
     """
 
     kind: str
+    network: ClassVar[Network | None]
     places: ClassVar[Mapping[str, tuple[str, ...]]] = MappingProxyType({})
 
     @abstractmethod
@@ -57,10 +59,6 @@ class Control(Model):
         """Return the control if it is a cascade, else None."""
         return None
 
-    def network_around(self) -> Network | None:
-        """Return the network around its controller, if any."""
-        return None
-
     def parts(self) -> list[str]:
         """Return the kinds of its parts, in words."""
         return [self.kind]
@@ -82,7 +80,7 @@ class Control(Model):
         return {}
 
 
-CONTROLS = OpenUnion(Control, silent="cascade")
+CONTROLS = OpenUnion(Control, "network", silent="cascade")
 """Kinds of controls."""
 
 AnyControl = Annotated[Control, CONTROLS]

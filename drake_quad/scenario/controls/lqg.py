@@ -157,7 +157,9 @@ class LqgControl(Control):
     delay_ticks: BelievedDelay = Field(description="believed, from a tick to when its command acts")
     lateral: LateralAxis
     vertical: VerticalAxis
-    network: Network | None = Field(default=None, description="around the controller, if any")
+    network: Network | None = Field(  # type: ignore[misc]
+        default=None, description="around the controller, if any"
+    )
     yaw: YawPd | None = Field(
         default=None, description="needed without an autopilot, and to be left out, or null, with one"
     )
@@ -238,7 +240,3 @@ class LqgControl(Control):
         return ThrustVectoring.model_construct(
             max_tilt=self.max_tilt, min_thrust=self.min_thrust, max_thrust=self.max_thrust
         )
-
-    def network_around(self) -> Network | None:
-        """Return the network around the controller, if any."""
-        return self.network

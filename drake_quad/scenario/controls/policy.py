@@ -38,6 +38,7 @@ class PolicyControl(Control):
     attitude: AnyAttitudeController | None = Field(
         default=None, description="on the ground; needed without an autopilot for accelerations and attitudes"
     )
+    network: ClassVar = None
     places: ClassVar = {"policy": ("policy",)}
 
     @model_validator(mode="after")

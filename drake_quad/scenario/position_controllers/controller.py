@@ -22,12 +22,14 @@ class PositionController(Model):
     Numbers that a study draws are (N,) arrays when `recipes` is called for a fleet.
 
     Attributes:
+        feed_forward: derivative of the reference up to which it is fed forward.
         takes_correction: whether a fuzzy network can stand around it, which needs the port `correction`.
         estimates_disturbance: whether it has the port `disturbance`, which a network can look at.
         has_integral: whether it has gains `k_i` of an integral.
     """
 
     kind: str
+    feed_forward: ClassVar[FeedForward]
     takes_correction: ClassVar[bool]
     estimates_disturbance: ClassVar[bool] = False
     has_integral: ClassVar[bool] = False
@@ -45,10 +47,6 @@ class PositionController(Model):
         """
         return systems["position"]
 
-    def fed_forward(self) -> FeedForward:
-        """Return up to which derivative the reference is fed forward."""
-        return "none"
-
     def plain(self) -> Any:
         """Return the PD or PID that stands in its place when gains are designed.
 
@@ -58,7 +56,7 @@ class PositionController(Model):
         raise InputError(f"control.position is of kind {self.kind}, whose gains cannot be designed")
 
 
-POSITION_CONTROLLERS = OpenUnion(PositionController, "takes_correction")
+POSITION_CONTROLLERS = OpenUnion(PositionController, "feed_forward", "takes_correction")
 """Kinds of position controllers."""
 
 AnyPositionController = Annotated[PositionController, POSITION_CONTROLLERS]

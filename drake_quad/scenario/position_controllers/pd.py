@@ -27,7 +27,7 @@ class PdPosition(PositionController):
     k_p: Gains = Field(description="k_P on X, Y, Z (1/s²)")
     k_d: Gains = Field(description="k_D on X, Y, Z (1/s)")
     derivative: Derivative = Field(default="tracking_error", description="what k_D multiplies: v_r - v, or -v")
-    feed_forward: FeedForward = Field(
+    feed_forward: FeedForward = Field(  # type: ignore[misc]
         default="none", description="up to which derivative of the reference is fed forward"
     )
     takes_correction: ClassVar = True
@@ -46,10 +46,6 @@ class PdPosition(PositionController):
             disturbance=systems.get("position.estimator"),
             takes_correction=takes_correction,
         )
-
-    def fed_forward(self) -> FeedForward:
-        """Return the field `feed_forward`."""
-        return self.feed_forward
 
     def plain(self) -> "PdPosition":
         """Return the controller itself."""
