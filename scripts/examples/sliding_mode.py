@@ -57,7 +57,9 @@ class SlidingPosition(PositionController):
     slope: Positives = Field(description="λ of the sliding surface on X, Y, Z (1/s)")
     gain: Positives = Field(description="K, largest answer beyond λ ė on X, Y, Z (m/s²)")
     width: Positives = Field(description="φ of the boundary layer on X, Y, Z (m/s)")
-    feed_forward: ClassVar = "acceleration"
+    feed_forward: Literal["acceleration", "jerk", "snap"] = Field(  # type: ignore[misc]
+        default="snap", description="up to which derivative of the reference is fed forward"
+    )
     takes_correction: ClassVar = False
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:

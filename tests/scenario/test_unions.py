@@ -219,7 +219,7 @@ def test_a_position_controller_of_a_user_is_checked_like_ours(sliding, settings)
 def test_within_its_boundary_layer_a_sliding_mode_is_a_pd(sliding):
     """K (ė + λ e) / φ + λ ė is a PD with k_P = K λ / φ and k_D = λ + K / φ."""
     slope, gain, width = (np.array(SLIDING[name]) for name in ("slope", "gain", "width"))
-    pd = {"kind": "pd", "feed_forward": "acceleration", "k_p": gain * slope / width, "k_d": slope + gain / width}
+    pd = {"kind": "pd", "feed_forward": "snap", "k_p": gain * slope / width, "k_d": slope + gain / width}
     mine, its = (simulate(flying(position)) for position in (SLIDING, pd))
     np.testing.assert_allclose(mine["state"], its["state"], rtol=0.0, atol=1e-12)
     loops = [closed_loop(at_rest(flying(position))).system.A for position in (SLIDING, pd)]
@@ -307,7 +307,16 @@ def test_a_member_of_a_user_flies_as_the_member_that_it_extends(union, kind, bas
 @pytest.mark.slow
 def test_a_command_imports_a_position_controller_of_a_user(tmp_path):
     position = f"control.position={{kind: sliding_mode, slope: {SLIDING['slope']}, gain: [2, 2, 4], width: [1, 1, 1]}}"
-    study = ["study", "robustness", "--samples", "2", "--workers", "2", "--set", "duration=0.5", "--set", position]
+    mass = "vehicle.mass={uniform: {min: 0.66, max: 0.7}}"
+    study = [
+        "study",
+        "figure_eight",
+        "--samples",
+        "2",
+        "--workers",
+        "2",
+        *(part for field in ("duration=0.5", mass, position) for part in ("--set", field)),
+    ]
     command = [sys.executable, "-m", "drake_quad", *study, "--output", str(tmp_path), "--import", str(EXAMPLE)]
     result = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
     assert (result.returncode, result.stderr) == (0, "")

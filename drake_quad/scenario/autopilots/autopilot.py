@@ -4,7 +4,7 @@ An autopilot of your own is a class that extends `Autopilot` and is registered w
 """
 
 from abc import abstractmethod
-from typing import Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from drake_quad.control.lqg.chains import Answer
 from drake_quad.control.position import FeedForward
@@ -35,7 +35,8 @@ class Autopilot(Model):
     """
 
     kind: str
-    period: ClassVar[float | None]
+    if TYPE_CHECKING:  # in an annotation, pydantic would put it before the fields of members
+        period: ClassVar[float | None]
     command: ClassVar[Command]
     accepts: ClassVar[tuple[Commanded, ...]]
     feeds_forward: ClassVar[tuple[FeedForward, ...]]

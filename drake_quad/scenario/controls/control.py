@@ -6,7 +6,7 @@ A control of your own is a class that extends `Control` and is registered with `
 from abc import abstractmethod
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from pydrake.systems.framework import Diagram
 
@@ -28,7 +28,8 @@ class Control(Model):
     """
 
     kind: str
-    network: ClassVar[Network | None]
+    if TYPE_CHECKING:  # in an annotation, pydantic would put it before the fields of members
+        network: ClassVar[Network | None]
     places: ClassVar[Mapping[str, tuple[str, ...]]] = MappingProxyType({})
 
     @abstractmethod

@@ -6,7 +6,7 @@ A position controller of your own is a class that extends `PositionController` a
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from drake_quad.control.position import FeedForward
 from drake_quad.errors import InputError
@@ -29,7 +29,8 @@ class PositionController(Model):
     """
 
     kind: str
-    feed_forward: ClassVar[FeedForward]
+    if TYPE_CHECKING:  # in an annotation, pydantic would put it before the fields of members
+        feed_forward: ClassVar[FeedForward]
     takes_correction: ClassVar[bool]
     estimates_disturbance: ClassVar[bool] = False
     has_integral: ClassVar[bool] = False
