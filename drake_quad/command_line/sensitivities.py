@@ -31,15 +31,15 @@ def default_fields(scenario: Scenario) -> tuple[str, ...]:
     if autopilot.controls_attitude:
         numbers = type(autopilot).model_fields
         loops = [f"laboratory.autopilot.{name}" for name in numbers if isinstance(getattr(autopilot, name), tuple)]
-    fields = *_FIELDS, *(f"{numbers}.{axis}" for numbers in loops for axis in (0, 1))
+    gains = [f"{numbers}.{axis}" for numbers in loops for axis in (0, 1)]
     if autopilot.models_vehicle:
-        return fields
+        return (*_FIELDS, *gains)
     level = ["arm_length"]
     if has_distances(layout):
         places = [path for path, _ in leaves(layout) if path in ("length", "width") or ".position." in path]
         # How high a rotor is changes nothing.
         level = [f"layout.{path}" for path in places if not path.endswith(".2")]
-    return (*fields, *(f"vehicle.{name}" for name in ("inertia.0", "inertia.1", *level)))
+    return (*_FIELDS, *(f"vehicle.{name}" for name in ("inertia.0", "inertia.1", *level)), *gains)
 
 
 def options() -> argparse.ArgumentParser:
