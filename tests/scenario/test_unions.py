@@ -118,12 +118,17 @@ def test_every_attitude_controller_answers_truthfully(kind, settings):
     plain = attitude.plain()
     assert plain.plain() is plain
     assert (plain.k_p, plain.k_d) == (attitude.k_p, attitude.k_d)
+    assert not plain.recipe(believed.inertia, 0.02).build(2).updates, "it remembers nothing"
 
 
 @members(AUTOPILOTS)
 def test_every_autopilot_answers_truthfully(kind, settings):
     autopilot, believed = example(kind), settings["onboard"].believed
-    recipes = autopilot.recipes(believed, written=autopilot, heeds_attitude=True)
+
+    def recipes_of(autopilot):
+        return autopilot.recipes(believed, written=autopilot, heeds_attitude=True)
+
+    recipes = recipes_of(autopilot)
     assert [*recipes] == (["autopilot"] if autopilot.controls_attitude else [])
     assert (autopilot.answer() is not None) == autopilot.controls_attitude
     assert ("wrench" in kind.accepts) != autopilot.controls_attitude
@@ -137,8 +142,12 @@ def test_every_autopilot_answers_truthfully(kind, settings):
     numbers = QuadrotorNumbers(believed, start=Place(0.0, 0.0, 1.0, 0.0))
     vehicle = autopilot.vehicle_recipe({"time_step": 0.01}, numbers).build(2)
     assert vehicle.HasInputPort("attitude_target") == kind.models_vehicle
-    for change in ("without_noise", "without_bias"):
-        assert getattr(getattr(autopilot, change)(), change)() == getattr(autopilot, change)()
+    noises = {name: 0.1 for name in kind.model_fields if "noise" in name}
+    biases = {name: (0.1, 0.2, 0.3) for name in kind.model_fields if "bias" in name}
+    wrong = autopilot.model_copy(update=noises | biases)
+    assert (recipes_of(wrong) != recipes_of(autopilot)) == bool(noises | biases)
+    assert recipes_of(wrong.without_noise().without_bias()) == recipes_of(autopilot)
+    assert recipes_of(wrong.without_noise()) == recipes_of(autopilot.model_copy(update=biases))
 
 
 def test_an_identified_response_decays_with_its_poles():
