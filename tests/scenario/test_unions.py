@@ -225,6 +225,7 @@ def test_a_position_controller_of_a_user_is_checked_like_ours(sliding, settings)
     check_position_controller(sliding, settings["figure_eight"])
 
 
+@pytest.mark.slow
 def test_within_its_boundary_layer_a_sliding_mode_is_a_pd(sliding):
     """K (ė + λ e) / φ + λ ė is a PD with k_P = K λ / φ and k_D = λ + K / φ."""
     slope, gain, width = (np.array(SLIDING[name]) for name in ("slope", "gain", "width"))
@@ -250,6 +251,7 @@ def test_a_position_controller_of_a_user_flies_in_fleets_wired_and_compiled(slid
     assert_flown_alike(Batch.draw(flying(**{"control.position.gain.1": gain, "duration": 0.5}), range(3)))
 
 
+@pytest.mark.slow
 def test_a_position_controller_of_a_user_is_part_of_the_language(sliding):
     assert "SlidingPosition" in file_schema()["$defs"]
     assert "| `slope` |" in language_page()
@@ -301,7 +303,7 @@ POLICY = {"kind": "policy", "action": {"kind": "acceleration"}, "attitude": ATTI
 )
 def test_a_member_of_a_user_flies_as_the_member_that_it_extends(union, kind, base, changes, path):
     union.member(kind)
-    changes = changes | {"duration": 0.3}
+    changes = changes | {"duration": 0.1}
     scenario = load_scenario(base, changes)
     (name,) = get_args(kind.model_fields["kind"].annotation)
     own = {path: value_at(scenario, path).model_dump(mode="json") | {"kind": name}}

@@ -35,7 +35,7 @@ class Autopilot(Model):
     """
 
     kind: str
-    if TYPE_CHECKING:  # in an annotation, pydantic would put it before the fields of members
+    if TYPE_CHECKING:  # at runtime, pydantic would order the fields of members by this annotation
         period: ClassVar[float | None]
     command: ClassVar[Command]
     accepts: ClassVar[tuple[Commanded, ...]]

@@ -28,7 +28,7 @@ class Control(Model):
     """
 
     kind: str
-    if TYPE_CHECKING:  # in an annotation, pydantic would put it before the fields of members
+    if TYPE_CHECKING:  # at runtime, pydantic would order the fields of members by this annotation
         network: ClassVar[Network | None]
     places: ClassVar[Mapping[str, tuple[str, ...]]] = MappingProxyType({})
 

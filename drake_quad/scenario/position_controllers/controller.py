@@ -29,7 +29,7 @@ class PositionController(Model):
     """
 
     kind: str
-    if TYPE_CHECKING:  # in an annotation, pydantic would put it before the fields of members
+    if TYPE_CHECKING:  # at runtime, pydantic would order the fields of members by this annotation
         feed_forward: ClassVar[FeedForward]
     takes_correction: ClassVar[bool]
     estimates_disturbance: ClassVar[bool] = False
