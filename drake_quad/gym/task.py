@@ -4,10 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import TypeAdapter, ValidationError
-
 from drake_quad.errors import InputError, shown
-from drake_quad.scenario.actions.action import AnyAction
+from drake_quad.scenario.actions.action import ACTIONS
 from drake_quad.scenario.batch import middle_of
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.files.loading import Overrides, load_scenario, with_fields
@@ -51,11 +49,10 @@ def task_of(
         fields["action"] = fields["action"].model_dump(mode="json")
     if not isinstance(fields["action"], Mapping):
         raise InputError(f"action is {shown(action)}, but must be the name of a kind of action, or a mapping of fields")
-    try:
-        needs_attitude = TypeAdapter(AnyAction).validate_python(fields["action"]).needs_attitude(autopilot)
-    except ValidationError:  # the scenario says below what is wrong
-        needs_attitude = False
-    if needs_attitude:
+    kind = ACTIONS.get(fields["action"].get("kind"))
+    # Whether the fields of the action are valid is checked with the scenario.
+    unchecked = {str(name): value for name, value in fields["action"].items()}
+    if kind is not None and kind.model_construct(**unchecked).needs_attitude(autopilot):
         fields["attitude"] = attitude or _designed_attitude(scenario)
     return with_fields(scenario, {"control": fields})
 
