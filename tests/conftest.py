@@ -15,10 +15,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 from drake_quad import load_scenario
 from drake_quad.command_line.main import main
 from drake_quad.framework import result_cache
-from drake_quad.scenario.effects.effect import EFFECTS
-from drake_quad.scenario.layouts import LAYOUTS
-from drake_quad.scenario.routes.route import ROUTES
-from drake_quad.scenario.winds.source import WINDS
+from drake_quad.scenario.models import REGISTRIES
 from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParameters
 from drake_quad.vehicle.rotors import Rotor, Rotors
 
@@ -61,8 +58,8 @@ def _ctrl_c():
 
 @pytest.fixture(autouse=True)
 def _no_further_members():
-    """Winds, effects, layouts and routes that a test registers are removed after it."""
-    before = {registry: registry.names for registry in (EFFECTS, LAYOUTS, ROUTES, WINDS)}
+    """Members of unions and effects that a test registers are removed after it."""
+    before = {registry: registry.names for registry in REGISTRIES}
     yield
     for registry, names in before.items():
         for name in {*registry.names} - {*names}:

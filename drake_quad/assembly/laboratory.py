@@ -16,27 +16,19 @@ from drake_quad.planning.duration import window_end, window_start
 from drake_quad.planning.space import space_of
 from drake_quad.randomness.noise import Exported, Samples
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario import autopilots
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.layouts import rotors_of
 from drake_quad.scenario.models import Scenario
-from drake_quad.scenario.policy import PolicyControl
 from drake_quad.scenario.quantities import any_nonzero
 from drake_quad.scenario.winds.source import Surroundings as WindSurroundings
 from drake_quad.scenario.winds.source import WindSource, speed, steady_wind
-from drake_quad.signals import AttitudeTarget, BodyRates, Wrench
+from drake_quad.signals import AttitudeTarget, Wrench
 from drake_quad.vehicle.allocation import Allocation, RotorModel
 from drake_quad.vehicle.authority import missing_direction
-from drake_quad.vehicle.autopilot import AttitudeAutopilot, AutopilotNumbers, Gyroscope, LoopGains, ThrustAlone
 from drake_quad.vehicle.faults import RotorFaults
 from drake_quad.vehicle.motors import ThrottleAllocation, ThrottleModel
 from drake_quad.vehicle.parameters import QuadrotorParameters
-from drake_quad.vehicle.quadrotor import Place, Quadrotor, QuadrotorNumbers
-from drake_quad.vehicle.responding import (
-    AttitudeResponse,
-    RespondingNumbers,
-    RespondingQuadrotor,
-)
+from drake_quad.vehicle.quadrotor import Place, QuadrotorNumbers
 
 # A fourth-order Runge-Kutta step is stable up to 2.78 time constants of a decay.
 _STABLE = 2.5
@@ -123,7 +115,7 @@ def _allocation(scenario: Scenario) -> Recipe:
 
 def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Recipe:
     """The vehicle, with its attitude's response to commands where that is known as a whole."""
-    vehicle, autopilot = scenario.vehicle, fleet.laboratory.autopilot
+    vehicle = scenario.vehicle
     effects = fleet.vehicle.effect_numbers()
     structure = {
         "time_step": vehicle.time_step,
@@ -138,9 +130,8 @@ def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Rec
     x, y, z = plan.waypoints[0]
     place = Place(float(x), float(y), float(z), plan.initial_yaw)
     numbers = QuadrotorNumbers(parameters, _faults(fleet.vehicle, duration), place, effects)
-    if autopilot.kind != "response":
-        return Recipe(Quadrotor, structure, numbers)
-    return Recipe(RespondingQuadrotor, structure, RespondingNumbers(numbers, record_like(AttitudeResponse, autopilot)))
+    recipe: Recipe = fleet.laboratory.autopilot.vehicle_recipe(structure, numbers)
+    return recipe
 
 
 def jump_times(batch: Batch) -> tuple[float, ...]:
@@ -180,15 +171,12 @@ def _check_step(fleet: Any) -> None:
                 f"vehicle.time_step is {vehicle.time_step:g} s, too long for this {name.replace('_', ' ')}, which"
                 f" swings with {swings:.2g} rad/s; shorten it, or make it 0 for a continuous state"
             )
-    autopilot = fleet.laboratory.autopilot
-    if autopilot.kind == "response":
-        pairs = zip(autopilot.natural_frequency, autopilot.damping, strict=True)
-        fastest = max(float(np.max(w * (d + np.sqrt(np.maximum(d * d - 1.0, 0.0))))) for w, d in pairs)
-        if vehicle.time_step * fastest > _STABLE:
-            raise InputError(
-                f"vehicle.time_step is {vehicle.time_step:g} s, too long for an attitude that responds within"
-                f" {1.0 / fastest:.2g} s; shorten it, or make it 0 for a continuous state"
-            )
+    fastest = fleet.laboratory.autopilot.fastest_decay()
+    if vehicle.time_step * fastest > _STABLE:
+        raise InputError(
+            f"vehicle.time_step is {vehicle.time_step:g} s, too long for an attitude that responds within"
+            f" {1.0 / fastest:.2g} s; shorten it, or make it 0 for a continuous state"
+        )
 
 
 def _command_link(scenario: Scenario, fleet: Any, yaw: float) -> Recipe:
@@ -199,42 +187,21 @@ def _command_link(scenario: Scenario, fleet: Any, yaw: float) -> Recipe:
         fleet: the link as it is flown.
         yaw: in which the vehicles hover, rad.
     """
-    link, hover = scenario.laboratory.command_link, _hover(scenario)
-    initial: Wrench | AttitudeTarget = hover
-    if scenario.laboratory.autopilot.kind != "none":
-        initial = AttitudeTarget(hover.thrust, 0.0, 0.0, yaw, 0.0, 0.0, 0.0)
-    return link.recipe(fleet, scenario.laboratory.autopilot.command, initial)
-
-
-def _hover(scenario: Scenario) -> Wrench:
-    """The wrench that is believed to hold the vehicle in hover."""
-    believed = nominal_parameters(scenario)
-    return Wrench(believed.mass * believed.gravity, 0.0, 0.0, 0.0)
+    link, believed = scenario.laboratory.command_link, nominal_parameters(scenario)
+    command, weight = scenario.laboratory.autopilot.command, believed.mass * believed.gravity
+    hover: dict[str, Wrench | AttitudeTarget] = {
+        "wrench": Wrench(weight, 0.0, 0.0, 0.0),
+        "attitude_target": AttitudeTarget(weight, 0.0, 0.0, yaw, 0.0, 0.0, 0.0),
+    }
+    return link.recipe(fleet, command, hover[command])
 
 
 def _autopilot(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
-    """What on board stands between link and allocation, if anything does."""
-    autopilot = scenario.laboratory.autopilot
-    if isinstance(autopilot, autopilots.AttitudeResponse):
-        return {"autopilot": Recipe(ThrustAlone, {}, None)}
-    if not isinstance(autopilot, autopilots.AttitudeAutopilot):
-        return {}
-    structure = {
-        "period": autopilot.period,
-        "noisy": any_nonzero(autopilot.gyroscope_noise, fleet.gyroscope_noise)
-        or any_nonzero(autopilot.attitude_noise, fleet.attitude_noise),
-    }
-    # Told body rates alone, it heeds no attitude, as by the type mask of MAVLink's SET_ATTITUDE_TARGET.
-    told_rates = isinstance(scenario.control, PolicyControl) and scenario.control.action.kind == "rates"
-    numbers = AutopilotNumbers(
-        LoopGains(0.0, 0.0, 0.0) if told_rates else LoopGains(*fleet.k_attitude),
-        LoopGains(*fleet.k_rate),
-        nominal_parameters(scenario).inertia,
-        Gyroscope(fleet.gyroscope_noise, BodyRates(*fleet.gyroscope_bias)),
-        fleet.attitude_noise,
-        _hover(scenario),
-    )
-    return {"autopilot": Recipe(AttitudeAutopilot, structure, numbers)}
+    """Return the recipe for what stands on board between link and allocation, if anything does."""
+    written, believed = scenario.laboratory.autopilot, nominal_parameters(scenario)
+    heeds_attitude = not scenario.control.commands_rates_alone()
+    recipes: dict[str, Recipe] = fleet.recipes(believed, written=written, heeds_attitude=heeds_attitude)
+    return recipes
 
 
 def _wind(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:

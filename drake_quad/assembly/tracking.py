@@ -13,13 +13,11 @@ from pydrake.systems.primitives import Adder
 
 from drake_quad.assembly.control import build_control, control_recipes
 from drake_quad.assembly.laboratory import build_laboratory_of, build_monitor, laboratory_recipes, wind_period
-from drake_quad.assembly.policy import policy_rows
 from drake_quad.assembly.recorder import build_recorder
 from drake_quad.assembly.user_systems import UserSystems, check_user_systems
 from drake_quad.control.cascade import POSITION_SIGNALS
 from drake_quad.errors import InputError
 from drake_quad.framework.fleet_system import FleetSystem
-from drake_quad.framework.recipe import Recipe
 from drake_quad.laboratory.wind.wind import build_held_wind
 from drake_quad.planning.duration import flight_duration
 from drake_quad.randomness.noise import EXPORTED, Exported, NoiseSource, Samples
@@ -27,7 +25,6 @@ from drake_quad.reference.plan import Plan
 from drake_quad.reference.source import build_reference
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.models import Scenario
-from drake_quad.scenario.policy import PolicyControl
 
 # What is exported, and recorded, from each part; a control of the user's own need only have what goes over the link.
 # The wrench comes from the control or, with an autopilot, from the laboratory.
@@ -79,23 +76,19 @@ def build_fleet_diagram(
             is too long for its drag.
     """
     scenario, num_vehicles = batch.scenario, len(batch)
-    rows = policy_rows(scenario)
-    check_user_systems(own, num_vehicles, command=scenario.laboratory.autopilot.command, rows=rows)
-    if (
-        isinstance(scenario.control, PolicyControl)
-        and not open_action
-        and own.policy is scenario.control.policy is None
-    ):
+    command, rows = scenario.laboratory.autopilot.command, scenario.control.policy_rows()
+    check_user_systems(own, num_vehicles, command=command, rows=rows)
+    if scenario.control.lacks_policy() and not open_action and own.policy is None:
         raise InputError(f"control.policy of {scenario.name} is missing: without a network nothing flies it")
     recipes = laboratory_recipes(batch, plan, flight_duration(scenario, plan))
     samples = exported or (None if drake_random else _samples(batch))
     builder = DiagramBuilder()
     reference = builder.AddNamedSystem(
-        "reference", build_reference(plan, num_vehicles=num_vehicles, ahead=_ahead(scenario))
+        "reference", build_reference(plan, num_vehicles=num_vehicles, ahead=scenario.control.ahead())
     )
     control = own.control
     if control is None:
-        control = build_control(scenario, _control_recipes(batch, plan, own), num_vehicles, own)
+        control = build_control(scenario, control_recipes(batch, plan, own), num_vehicles, own)
     builder.AddNamedSystem("control", control)
     own_wind = _sampled(own.wind, scenario)
     laboratory = build_laboratory_of(recipes, num_vehicles, samples, own_wind=own_wind)
@@ -113,7 +106,6 @@ def build_fleet_diagram(
     connect(reference, "reference_ahead", control)
     for signal in ("measurement", "state", "rotor_speed", "wind"):
         connect(laboratory, signal, control)
-    command = scenario.laboratory.autopilot.command
     if injects:
         injected = builder.AddNamedSystem("injected", Adder(2, control.GetOutputPort(command).size()))
         builder.Connect(control.GetOutputPort(command), injected.get_input_port(0))
@@ -179,25 +171,8 @@ def reset_fleet(
         if isinstance(system, NoiseSource):
             system.reset(system.GetMyMutableContextFromRoot(context), _samples(batch))
     control = diagram.GetSubsystemByName("control")
-    for path, recipe in _control_recipes(batch, plan, own).items():
+    for path, recipe in control_recipes(batch, plan, own).items():
         recipe.reset(control, path, context)
-
-
-def _control_recipes(batch: Batch, plan: Plan, own: UserSystems) -> dict[str, Recipe]:
-    """Recipes for what of the cascade is not the user's."""
-    if own.control is not None:
-        return {}
-    recipes = control_recipes(batch, plan)
-    if own.policy is not None:
-        recipes.pop("policy", None)
-    if own.position_controller is None:
-        return recipes
-    return {path: recipe for path, recipe in recipes.items() if not path.startswith(("position.", "network."))}
-
-
-def _ahead(scenario: Scenario) -> tuple[float, ...]:
-    """Times from now at which the control looks at the reference, s."""
-    return scenario.control.observation.ahead if isinstance(scenario.control, PolicyControl) else ()
 
 
 def _samples(batch: Batch) -> Samples:

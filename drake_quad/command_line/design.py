@@ -68,13 +68,13 @@ def main(arguments: argparse.Namespace) -> None:
     """Runs the command."""
     scenario = load_undesigned(arguments.scenario, all_overrides_of(arguments))
     period = scenario.laboratory.command_link.period
-    if scenario.laboratory.autopilot.kind != "none":
+    if scenario.laboratory.autopilot.controls_attitude:
         _check_position_alone(arguments, scenario.laboratory.autopilot.kind)
     if arguments.integral is not None:
         scenario = with_integrals(scenario)
     # A PID has its integral designed, too.
     integral = arguments.integral
-    if integral is None and scenario.cascade.position.kind == "pid":
+    if integral is None and scenario.cascade.position.has_integral:
         integral = _INTEGRAL
     uncertain = bool(distributions_in(scenario))
     if uncertain:

@@ -21,30 +21,24 @@ _FIELDS = (
     *("vehicle.mass", "vehicle.thrust_factor", "vehicle.rotor_time_constant", "vehicle.linear_drag"),
     *(f"control.position.{gain}.{axis}" for gain in ("k_p", "k_d") for axis in (0, 1, 2)),
 )
-# Those of the loops of roll and pitch, by the kind of the autopilot.
-_OF_ATTITUDE = {
-    "none": tuple(f"control.attitude.{gain}.{axis}" for gain in ("k_p", "k_d") for axis in (0, 1)),
-    "attitude": (
-        *(f"laboratory.autopilot.{gain}.{axis}" for gain in ("k_attitude", "k_rate") for axis in (0, 1)),
-        *(f"laboratory.autopilot.gyroscope_bias.{axis}" for axis in (0, 1)),
-    ),
-    "response": tuple(
-        f"laboratory.autopilot.{number}.{axis}" for number in ("natural_frequency", "damping") for axis in (0, 1)
-    ),
-}
 
 
 def default_fields(scenario: Scenario) -> tuple[str, ...]:
-    """The default fields; what turns a vehicle is among them unless it is a part of its attitude's response."""
-    kind, layout = scenario.laboratory.autopilot.kind, scenario.vehicle.layout
-    if kind == "response":
-        return (*_FIELDS, *_OF_ATTITUDE[kind])
+    """Return the default fields; what turns a vehicle is among them unless it is a part of its attitude's response."""
+    autopilot, layout = scenario.laboratory.autopilot, scenario.vehicle.layout
+    loops = [f"control.attitude.{gain}" for gain in ("k_p", "k_d")]
+    if autopilot.controls_attitude:
+        numbers = type(autopilot).model_fields
+        loops = [f"laboratory.autopilot.{name}" for name in numbers if isinstance(getattr(autopilot, name), tuple)]
+    gains = [f"{numbers}.{axis}" for numbers in loops for axis in (0, 1)]
+    if autopilot.models_vehicle:
+        return (*_FIELDS, *gains)
     level = ["arm_length"]
     if layout.has_distances:
         places = [path for path, _ in leaves(layout) if path in ("length", "width") or ".position." in path]
         # How high a rotor is changes nothing.
         level = [f"layout.{path}" for path in places if not path.endswith(".2")]
-    return (*_FIELDS, *(f"vehicle.{name}" for name in ("inertia.0", "inertia.1", *level)), *_OF_ATTITUDE[kind])
+    return (*_FIELDS, *(f"vehicle.{name}" for name in ("inertia.0", "inertia.1", *level)), *gains)
 
 
 def options() -> argparse.ArgumentParser:

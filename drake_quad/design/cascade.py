@@ -20,16 +20,8 @@ from drake_quad.design.gains import (
 from drake_quad.errors import InputError
 from drake_quad.linear.closed_loop import LaboratoryPlant, laboratory_plant, on_board_plant
 from drake_quad.linear.sampled_system import SampledSystem
-from drake_quad.scenario.autopilots import AttitudeAutopilot, NoAutopilot
-from drake_quad.scenario.controllers import (
-    AttitudeControl,
-    GeometricAttitude,
-    PdAttitude,
-    PdPosition,
-    PidPosition,
-    PositionController,
-)
 from drake_quad.scenario.models import Scenario
+from drake_quad.scenario.position_controllers.pid import PidPosition
 
 # Which torque turns which angle at which rate; thrust lifts like a torque turns.
 _SIGNALS = {
@@ -106,35 +98,35 @@ def _proportional(loop: LoopDesign) -> float:
 
 
 def with_integrals(scenario: Scenario) -> Scenario:
-    """The scenario with a PID in place of its position controller, if that is no PID yet: its k_I are still zero."""
-    position = scenario.cascade.position
-    if isinstance(position, PidPosition):
+    """Return the scenario with a PID, whose k_I are zero, in place of a position controller without an integral.
+
+    Raises:
+        InputError: if the gains of the position controller cannot be designed.
+    """
+    if scenario.cascade.position.has_integral:
         return scenario
-    kept = {name: getattr(position, name) for name in PdPosition.model_fields if name != "kind"}
-    pid = PidPosition(kind="pid", **kept, k_i=(0.0, 0.0, 0.0))
-    return scenario.model_copy(update={"control": scenario.control.model_copy(update={"position": pid})})
+    update = {"position": _integrating(scenario)}
+    return scenario.model_copy(update={"control": scenario.cascade.model_copy(update=update)})
+
+
+def _integrating(scenario: Scenario) -> PidPosition:
+    return PidPosition.around(scenario.cascade.position.plain())
 
 
 def with_gains(scenario: Scenario, gains: Mapping[str, Mapping[str, Sequence[float]]]) -> Scenario:
-    """The scenario with other gains, as `CascadeDesign.gains` has them.
+    """Return the scenario with other gains, as `CascadeDesign.gains` has them.
 
     They are those of controllers without estimates: in place of any other stands a PD.
+
+    Raises:
+        InputError: if the gains of the position controller cannot be designed.
     """
     cascade = scenario.cascade
     blocks = {
-        name: _without_estimates(getattr(cascade, name)).model_copy(
-            update={kind: tuple(rows) for kind, rows in block.items()}
-        )
+        name: getattr(cascade, name).plain().model_copy(update={kind: tuple(rows) for kind, rows in block.items()})
         for name, block in gains.items()
     }
     return scenario.model_copy(update={"control": cascade.model_copy(update=blocks)})
-
-
-def _without_estimates(controller: PositionController | AttitudeControl) -> PositionController | AttitudeControl:
-    if type(controller) in (PdPosition, PidPosition, PdAttitude, GeometricAttitude):
-        return controller
-    plain = PdPosition if isinstance(controller, PdPosition) else PdAttitude
-    return plain(kind="pd", **{name: getattr(controller, name) for name in plain.model_fields if name != "kind"})
 
 
 def with_autopilot_gains(scenario: Scenario, gains: Mapping[str, Sequence[float]]) -> Scenario:
@@ -212,7 +204,7 @@ def design_cascade(
                 return
         loops[axis] = _designed(plant, how, axis)
 
-    on_the_ground = isinstance(scenario.laboratory.autopilot, NoAutopilot)
+    on_the_ground = not scenario.laboratory.autopilot.controls_attitude
     for axis in _SIGNALS if on_the_ground else ("z",):
         add(axis, attitude_plant(laboratory, scenario, axis))
     for axis, (tilt, _) in _TILTS.items():
@@ -220,11 +212,10 @@ def design_cascade(
         assert attitude is None or isinstance(attitude, AxisGains)
         add(axis, position_plant(laboratory, scenario, axis, attitude))
     if integral is not None:
-        position = with_integrals(scenario).cascade.position
-        assert isinstance(position, PidPosition)
+        integration = _integrating(scenario).integration
         for axis in _POSITION:
             required = wanted[axis].requirements
-            loops[axis] = add_integral(loops[axis], required, cost=integral, integration=position.integration)
+            loops[axis] = add_integral(loops[axis], required, cost=integral, integration=integration)
     return CascadeDesign(loops, inner)
 
 
@@ -238,7 +229,7 @@ def _design_on_board(scenario: Scenario, options: Mapping[str, LoopOptions]) -> 
     Raises:
         InputError: requirements cannot be met, or there is no such autopilot.
     """
-    if not isinstance(scenario.laboratory.autopilot, AttitudeAutopilot):
+    if not scenario.laboratory.autopilot.loop_gains:
         kind = scenario.laboratory.autopilot.kind
         raise InputError(f"laboratory.autopilot is of kind {kind}, which has no loops on board that could be designed")
     plant, inertia = on_board_plant(scenario), scenario.nominal.inertia

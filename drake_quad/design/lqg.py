@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from drake_quad.assembly.lqg import lateral_loop, vertical_loop
 from drake_quad.control.lqg.chains import (
     Answer,
     ContinuousModel,
@@ -40,12 +39,10 @@ from drake_quad.linear.link_margins import link_margins
 from drake_quad.linear.margins import Margins, fast_margins
 from drake_quad.linear.sampled_system import SampledSystem
 from drake_quad.process_settings import single_threaded_blas
-from drake_quad.scenario.autopilots import AttitudeAutopilot, AttitudeResponse
 from drake_quad.scenario.batch import Batch, at_quantile, middle_of
-from drake_quad.scenario.lqg import ColouredNoise, LateralAxis, LqgControl, VerticalAxis, YawPd
-from drake_quad.scenario.models import Control, Scenario
+from drake_quad.scenario.controls.lqg import ColouredNoise, LateralAxis, LqgControl, VerticalAxis, YawPd
+from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in
-from drake_quad.scenario.policy import PolicyControl
 
 # Samples in whose wind the spectra are taken, and times of correlation of what lasts for a flight and of the bias, s:
 # so long that the filter takes them for constants, as an integral does.
@@ -193,7 +190,7 @@ def design_lqg(scenario: Scenario, limits: Limits = Limits()) -> LqgDesign:
     Raises:
         InputError: no design is stable for the nominal plant, or there is none for the yaw.
     """
-    on_board = scenario.laboratory.autopilot.command == "attitude_target"
+    on_board = scenario.laboratory.autopilot.controls_attitude
     plants, found = plants_of(scenario), conditions_of(scenario)
     nominal, *_ = plants
     timings = believed_timings(scenario, plants)
@@ -223,7 +220,7 @@ def design_lqg(scenario: Scenario, limits: Limits = Limits()) -> LqgDesign:
     def search_along_x(timing: Timing) -> _Search:
         return _Search(
             lateral_axis,
-            lambda axis: lateral_loop(axis, timing, gravity),
+            lambda axis: axis.loop(timing, gravity),
             [Truth.of(lateral_truth(plant, found), plant, found, timing, gravity) for plant in plants],
             limits.acceleration if on_board else snap_limit(limits, found),
             timing,
@@ -235,7 +232,7 @@ def design_lqg(scenario: Scenario, limits: Limits = Limits()) -> LqgDesign:
     timing = lateral.timing
     vertical = _Search(
         vertical_axis,
-        lambda axis: vertical_loop(axis, timing),
+        lambda axis: axis.loop(timing, gravity),
         [Truth.of(vertical_truth(plant, found), plant, found, timing, gravity) for plant in plants],
         limits.acceleration,
         timing,
@@ -251,7 +248,7 @@ def design_lqg(scenario: Scenario, limits: Limits = Limits()) -> LqgDesign:
             lateral=along,
             vertical=up,
             yaw=yaw,
-            **_limits_of(scenario.control),
+            **dict(scenario.control.limits()),
         )
         design = LqgDesign(control, plants, found, of_lateral, of_vertical)
         thrust, roll, pitch, _ = link_margins(middle_of(scenario.model_copy(update={"control": control}))).values()
@@ -285,7 +282,8 @@ def plants_of(scenario: Scenario) -> tuple[Plant, ...]:
         int(_delay(high)) if late[1] else ticks + _LATER,
     )
     gain = _thrust_gain(middle)
-    answer, lags_too = _answer(middle), not isinstance(scenario.laboratory.autopilot, AttitudeResponse)
+    autopilot = middle.laboratory.autopilot
+    answer, lags_too = autopilot.answer(), not autopilot.models_vehicle
     corners = [
         Plant(lags_too, lag, answer and _faster(answer, factor), *when, gain)
         for (lag, factor), when in itertools.product(
@@ -329,7 +327,7 @@ def conditions_of(scenario: Scenario) -> Conditions:
         for each in (spectrum(np.array([x, y]), disturbed.step), spectrum(z, disturbed.step))
     )
     bias = gravity * float(np.sqrt((disturbed.turning**2).mean()))
-    if isinstance(scenario.laboratory.autopilot, AttitudeResponse):
+    if scenario.laboratory.autopilot.models_vehicle:
         bias = 0.0  # the attitude answers as a whole
     return Conditions(
         lateral,
@@ -593,12 +591,6 @@ def _yaw(scenario: Scenario) -> YawPd:
     return YawPd(k_p=gains.k_p, k_d=gains.k_d)
 
 
-def _limits_of(control: Control | LqgControl | PolicyControl) -> dict[str, Any]:
-    """The limits of tilt and thrust that a scenario has."""
-    limits = control if isinstance(control, LqgControl) else control.thrust_vectoring
-    return {name: getattr(limits, name) for name in ("max_tilt", "min_thrust", "max_thrust")}
-
-
 def _lag(scenario: Scenario) -> float:
     """The lag of the rotors; the geometric mean of those upwards and downwards if they differ, s."""
     up, down = scenario.vehicle.rotor_time_constant, scenario.vehicle.rotor_time_constant_down
@@ -620,20 +612,6 @@ def _latency(scenario: Scenario) -> float:
 
 def _delay(scenario: Scenario) -> float:
     return float(scenario.laboratory.command_link.delay_ticks)
-
-
-def _answer(scenario: Scenario) -> Answer | None:
-    """How the attitude answers an autopilot: as it is written, or as its loops ask for, which rotors follow."""
-    autopilot = scenario.laboratory.autopilot
-    if isinstance(autopilot, AttitudeResponse):
-        omega, *_ = autopilot.natural_frequency
-        zeta, *_ = autopilot.damping
-        return Answer(float(omega), float(zeta))
-    if isinstance(autopilot, AttitudeAutopilot):
-        k_attitude, k_rate = (float(rows[0]) for rows in (autopilot.k_attitude, autopilot.k_rate))
-        omega = math.sqrt(k_attitude * k_rate)
-        return Answer(float(f"{omega:.4g}"), float(f"{0.5 * k_rate / omega:.4g}"))
-    return None
 
 
 def _faster(answer: Answer, factor: float) -> Answer:

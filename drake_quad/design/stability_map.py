@@ -77,13 +77,14 @@ def mapped_gains(scenario: Scenario, loop: Loop) -> MappedGains:
     Raises:
         InputError: the attitude is asked for and responds as a whole, without gains.
     """
-    kind = scenario.laboratory.autopilot.kind
-    if loop == "position" or kind == "none":
+    autopilot = scenario.laboratory.autopilot
+    if loop == "position" or not autopilot.controls_attitude:
         return MappedGains(f"control.{loop}", ("k_p", "k_d"), ("k_P", "k_D"), ("1/s²", "1/s"))
-    if kind == "attitude":
-        fields = "k_attitude", "k_rate"
-        return MappedGains(_ON_BOARD, fields, fields, ("1/s", "1/s"))
-    raise InputError(f"with laboratory.autopilot of kind {kind} the attitude has no gains that could be mapped")
+    if autopilot.loop_gains:
+        return MappedGains(_ON_BOARD, autopilot.loop_gains, autopilot.loop_gains, ("1/s", "1/s"))
+    raise InputError(
+        f"with laboratory.autopilot of kind {autopilot.kind} the attitude has no gains that could be mapped"
+    )
 
 
 def linear_map(scenario: Scenario, loop: Loop, first: np.ndarray, second: np.ndarray) -> StabilityMap:

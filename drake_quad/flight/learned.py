@@ -8,7 +8,7 @@ from ruamel.yaml import YAML
 from drake_quad.errors import InputError
 from drake_quad.files import output_folder, write_whole
 from drake_quad.flight.flight import Flight
-from drake_quad.scenario.networks import LearnedAxis, LearnedNetwork
+from drake_quad.scenario.networks.learned import LearnedAxis, LearnedNetwork
 
 
 def save_network(flight: Flight, path: Path | str) -> Path:

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
 
-from drake_quad.assembly.policy import policy_rows
 from drake_quad.errors import InputError, shown, whole_number
 from drake_quad.gym.real_numbers import MAX_ACTION, real_numbers, single_precision
 from drake_quad.scenario.models import Scenario
@@ -32,7 +31,7 @@ class FunctionPolicy(LeafSystem):
 
     def __init__(self, scenario: Scenario, function: Callable[[np.ndarray], Any], num_vehicles: int = 1) -> None:
         super().__init__()
-        rows = policy_rows(scenario)
+        rows = scenario.control.policy_rows()
         if not rows:
             raise InputError(f"{scenario.name} has no place for a policy, whose control is of kind policy")
         self._function, self._n = function, whole_number(num_vehicles, "num_vehicles", least=1)

@@ -18,7 +18,7 @@ def real_numbers(values: Any) -> np.ndarray | None:
         array = np.asarray(values)
     except (TypeError, ValueError):
         return None
-    return array.astype(float) if array.dtype.kind in "biuf" else None
+    return array.astype(float) if np.can_cast(array.dtype, float, "same_kind") else None
 
 
 def single_precision(numbers: np.ndarray) -> np.ndarray:

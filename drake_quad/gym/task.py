@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import Any
 
 from drake_quad.errors import InputError, shown
+from drake_quad.scenario.actions.action import ACTIONS
 from drake_quad.scenario.batch import middle_of
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.files.loading import Overrides, load_scenario, with_fields
 from drake_quad.scenario.models import Scenario
-from drake_quad.scenario.policy import PolicyControl
 
 
 def task_of(
@@ -38,23 +38,22 @@ def task_of(
         scenario = load_scenario(scenario, overrides)
     elif overrides:
         raise InputError("overrides are of a scenario that is loaded by its name, not of one that is given")
-    control = scenario.control
-    known = control.model_dump(mode="json") if isinstance(control, PolicyControl) else {}
-    wanted = {"kind": action} if isinstance(action, str) else action
-    if isinstance(wanted, Model):
-        wanted = wanted.model_dump(mode="json")
-    fields: dict[str, Any] = {
-        "kind": "policy",
-        "action": known.get("action", {"kind": "acceleration"}) if wanted is None else wanted,
-        "observation": known.get("observation", {}) if observation is None else observation,
-    }
-    if hasattr(control, "thrust_vectoring"):
-        fields["thrust_vectoring"] = control.thrust_vectoring
+    control, autopilot = scenario.control, scenario.laboratory.autopilot
+    fields = {"kind": "policy", "action": {"kind": "acceleration"}, **control.policy_fields()}
+    attitude = fields.pop("attitude", None)
+    if action is not None:
+        fields["action"] = {"kind": action} if isinstance(action, str) else action
+    if observation is not None:
+        fields["observation"] = observation
+    if isinstance(fields["action"], Model):
+        fields["action"] = fields["action"].model_dump(mode="json")
     if not isinstance(fields["action"], Mapping):
         raise InputError(f"action is {shown(action)}, but must be the name of a kind of action, or a mapping of fields")
-    kind, k_rate = (fields["action"].get(name) for name in ("kind", "k_rate"))
-    if scenario.laboratory.autopilot.kind == "none" and kind != "rotor_speeds" and not k_rate:
-        fields["attitude"] = getattr(control, "attitude", None) or _designed_attitude(scenario)
+    kind = ACTIONS.get(fields["action"].get("kind"))
+    # Whether the fields of the action are valid is checked with the scenario.
+    unchecked = {str(name): value for name, value in fields["action"].items()}
+    if kind is not None and kind.model_construct(**unchecked).needs_attitude(autopilot):
+        fields["attitude"] = attitude or _designed_attitude(scenario)
     return with_fields(scenario, {"control": fields})
 
 

@@ -9,7 +9,6 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from drake_quad.assembly.policy import hovering_action, policy_rows
 from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.compilation.clocked_fleet import ClockedFleet
 from drake_quad.errors import InputError, listed, shortened, shown, whole_number
@@ -131,13 +130,13 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             "render_fps": round(1.0 / self._tick),
         }
         self._mode = self.metadata["autoreset_mode"]
-        rows = policy_rows(self.scenario)
+        control: Any = self.scenario.control
+        rows = control.policy_rows()
         self.single_observation_space = spaces.Box(-np.inf, np.inf, (rows["observation"],), np.float32)
         self.single_action_space = spaces.Box(-1.0, 1.0, (rows["action"],), np.float32)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        control: Any = self.scenario.control
-        self._hovering = np.array([*hovering_action(control, nominal_parameters(self.scenario))])
+        self._hovering = np.array(control.action.hovering(nominal_parameters(self.scenario)))
         self._last_action = np.tile(self._hovering, (num_envs, 1))
         self._all = np.arange(num_envs)
         self._is_over, self.has_begun = np.zeros(num_envs, dtype=bool), False

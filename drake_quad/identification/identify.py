@@ -18,7 +18,7 @@ from drake_quad.identification.response_identification import identify_attitude_
 from drake_quad.identification.results.estimates import Estimates
 from drake_quad.identification.results.held_out import hold_out
 from drake_quad.identification.results.vehicle_numbers import with_estimates, with_numbers, with_throttles
-from drake_quad.scenario.autopilots import AttitudeResponse
+from drake_quad.scenario.autopilots.response import AttitudeResponse
 from drake_quad.scenario.models import Scenario
 from drake_quad.vehicle.rigid_body import inertia_flaw
 

@@ -47,7 +47,7 @@ from drake_quad.identification.results.estimates import Estimates, Explained, So
 from drake_quad.identification.results.held_out import hold_out
 from drake_quad.identification.results.vehicle_numbers import number_of, with_effects, with_estimates, with_throttles
 from drake_quad.laboratory.motion_capture import attitude_of_markers
-from drake_quad.scenario.autopilots import AttitudeResponse
+from drake_quad.scenario.autopilots.response import AttitudeResponse
 from drake_quad.scenario.models import Scenario
 from drake_quad.signals import Attitude
 from drake_quad.statistics.interval import plus_minus

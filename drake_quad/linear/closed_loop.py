@@ -17,7 +17,6 @@ from drake_quad.linear.sampled_system import SampledSystem, at_tick, linearize
 from drake_quad.planning.believed import nominal_parameters
 from drake_quad.randomness.noise import Exported, Samples
 from drake_quad.reference.polynomial_path import evaluate
-from drake_quad.scenario.autopilots import AttitudeAutopilot
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.hovering import _even, as_believed, at_rest
 from drake_quad.scenario.models import Scenario
@@ -283,8 +282,8 @@ def on_board_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it is
         InputError: the vehicle has a continuous state, or cannot hover.
     """
     resting = _in_still_air(scenario, vehicle)
-    autopilot = resting.laboratory.autopilot
-    assert isinstance(autopilot, AttitudeAutopilot)
+    period = resting.laboratory.autopilot.period
+    assert period is not None
     if not resting.vehicle.time_step > 0.0:
         raise InputError("vehicle.time_step is 0 s, but loops on board are designed for a vehicle that steps")
     plan = plan_route(resting)
@@ -300,8 +299,8 @@ def on_board_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it is
     context = diagram.CreateDefaultContext()
     hover = _hover_speeds(resting)
     diagram.GetInputPort("wrench").FixValue(context, _hover_wrench(resting, hover))
-    at_tick(diagram, _TICKS * autopilot.period, context)
-    system, _ = linearize(diagram, context, period=autopilot.period, inputs=["wrench"], outputs=["state"])
+    at_tick(diagram, _TICKS * period, context)
+    system, _ = linearize(diagram, context, period=period, inputs=["wrench"], outputs=["state"])
     return _with_axes_apart(system, hover, vehicle_parameters(resting.vehicle))
 
 

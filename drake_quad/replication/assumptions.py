@@ -5,7 +5,8 @@ from typing import NamedTuple
 from drake_quad.flight.mission import plan_route
 from drake_quad.reference.polynomial_path import peak_norm
 from drake_quad.scenario.models import Scenario
-from drake_quad.scenario.networks import CovarianceLearning, Type2Network
+from drake_quad.scenario.networks.learning import CovarianceLearning
+from drake_quad.scenario.networks.network import Type2Network
 from drake_quad.scenario.routes.figure_eight import FigureEightRoute
 from drake_quad.scenario.winds.source import jets
 
@@ -117,7 +118,7 @@ def _of_laboratory(scenario: Scenario) -> list[Assumption]:
 
 def _of_control(scenario: Scenario) -> list[Assumption]:
     cascade = scenario.cascade
-    position, network, attitude = cascade.position, cascade.network, cascade.attitude
+    position, network, attitude = cascade.position.plain(), cascade.network, cascade.attitude
     assert isinstance(network, Type2Network)
     sets, rate_sets, learning = network.inputs.error, network.inputs.error_rate, network.learning
     assert sets is not None

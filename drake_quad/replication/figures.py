@@ -328,7 +328,7 @@ def advantage_figure(found: Experiment) -> Figure:
 
 def gain_figure(found: Experiment) -> Figure:
     """Plots the error over the gains of the PD, with and without a network."""
-    calibrated = found.cells[Cell("no_wind", "pd")].scenario.cascade.position
+    calibrated = found.cells[Cell("no_wind", "pd")].scenario.cascade.position.plain()
     errors = {name: _mean_errors(found.maps[name]) for name in MAPPED}
     seen = np.concatenate([error[np.isfinite(error)] for _, _, error in errors.values()])
     least, largest = float(seen.min()), float(min(seen.max(), 16.0 * seen.min()))

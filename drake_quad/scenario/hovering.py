@@ -3,7 +3,6 @@
 from typing import Any
 
 from drake_quad.errors import InputError
-from drake_quad.scenario.autopilots import AttitudeAutopilot, Autopilot
 from drake_quad.scenario.effects.effect import EFFECTS
 from drake_quad.scenario.models import Nominal, Scenario, Vehicle, Window
 from drake_quad.scenario.paths import distributions_in
@@ -30,7 +29,7 @@ def at_rest(scenario: Scenario) -> Scenario:
     )
     still = {
         "motion_capture": cameras,
-        "autopilot": _with(laboratory.autopilot, gyroscope_noise=0.0, attitude_noise=0.0),
+        "autopilot": laboratory.autopilot.without_noise(),
         "wind": tuple(calm for source in laboratory.wind if (calm := source.without_turbulence()) is not None),
     }
     return hovering.model_copy(update={"laboratory": laboratory.model_copy(update=still)})
@@ -112,12 +111,7 @@ def _even(resting: Scenario) -> Scenario:
     }
     even |= {name: effect.symmetric() for name, effect in resting.vehicle.effects().items()}
     cameras = resting.laboratory.motion_capture.model_copy(update={"misalignment": (0.0, 0.0, 0.0)})
-    autopilot = _with(resting.laboratory.autopilot, gyroscope_bias=(0.0, 0.0, 0.0))
-    laboratory = resting.laboratory.model_copy(update={"wind": (), "motion_capture": cameras, "autopilot": autopilot})
+    still = {"wind": (), "motion_capture": cameras, "autopilot": resting.laboratory.autopilot.without_bias()}
+    laboratory = resting.laboratory.model_copy(update=still)
     vehicle = resting.vehicle.model_copy(update=even)
     return resting.model_copy(update={"route": _HOVER, "vehicle": vehicle, "laboratory": laboratory})
-
-
-def _with(autopilot: Autopilot, **numbers: Any) -> Autopilot:
-    """An autopilot with other numbers, if it is of a kind that has them."""
-    return autopilot.model_copy(update=numbers) if isinstance(autopilot, AttitudeAutopilot) else autopilot

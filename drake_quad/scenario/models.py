@@ -5,11 +5,9 @@ structure of the diagram (periods, counts, choices), what the ground believes, a
 """
 
 import math
-from functools import reduce
 from typing import Annotated, Any, Generic, Literal, TypeVar
 
 from pydantic import (
-    BeforeValidator,
     Field,
     SerializerFunctionWrapHandler,
     ValidationInfo,
@@ -20,22 +18,23 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from drake_quad.errors import InputError
-from drake_quad.scenario.autopilots import AttitudeAutopilot, AttitudeResponse, Autopilot, NoAutopilot
+from drake_quad.scenario.actions.action import ACTIONS
+from drake_quad.scenario.attitude_controllers.controller import ATTITUDE_CONTROLLERS
+from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS, AnyAutopilot
+from drake_quad.scenario.autopilots.none import NoAutopilot
 from drake_quad.scenario.command_link import CommandLink
-from drake_quad.scenario.controllers import AttitudeControl, PositionController, ThrustVectoring
+from drake_quad.scenario.controls.cascade import CascadeControl
+from drake_quad.scenario.controls.control import CONTROLS, AnyControl
 from drake_quad.scenario.correlation import shared_names
 from drake_quad.scenario.distributions import Model, Real
 from drake_quad.scenario.effects.effect import EFFECTS, VehicleEffect
 from drake_quad.scenario.inertia import INERTIA_DEMAND, INERTIA_RULE, inertia_flaw
 from drake_quad.scenario.layouts import LAYOUTS, Layout, PlusLayout, arms_of, rotors_of
 from drake_quad.scenario.limits import MOST_SHARED, MOST_SOURCES, MOST_TICKS
-from drake_quad.scenario.lqg import LqgControl
 from drake_quad.scenario.motion_capture import MotionCapture
 from drake_quad.scenario.motors import BelievedMotors, Motors, SpeedMotors
-from drake_quad.scenario.mpc import MpcControl
-from drake_quad.scenario.networks import Network
 from drake_quad.scenario.paths import distributions_in, steps_of
-from drake_quad.scenario.policy import PolicyControl, RatesAction, RotorSpeedsAction
+from drake_quad.scenario.position_controllers.controller import POSITION_CONTROLLERS
 from drake_quad.scenario.quantities import (
     NonNegative,
     Number,
@@ -239,53 +238,11 @@ class Laboratory(Model):
 
     motion_capture: MotionCapture = MotionCapture()
     command_link: CommandLink = CommandLink()
-    autopilot: Autopilot = Field(default=NoAutopilot(kind="none"), description="what runs on board")
+    autopilot: AnyAutopilot = Field(default=NoAutopilot(kind="none"), description="what runs on board")
     allocation: Allocation = Allocation()
     wind: Annotated[tuple[AnyWindSource, ...], Field(strict=False, max_length=MOST_SOURCES)] = Field(
         default=(), description="sources; they add up"
     )
-
-
-class Control(Model):
-    """The cascade: position, thrust vectoring and, without an autopilot on board, attitude."""
-
-    kind: Literal["cascade"] = Field(default="cascade", description="what a control is that does not say it")
-    position: PositionController
-    network: Network | None = Field(default=None, description="around the position controller, if any")
-    thrust_vectoring: ThrustVectoring = ThrustVectoring()
-    attitude: AttitudeControl | None = Field(
-        default=None, description="on the ground; needed without an autopilot, and to be left out, or null, with one"
-    )
-
-    @model_validator(mode="after")
-    def _disturbance_is_estimated(self) -> "Control":
-        """A network looks at no disturbance that no controller estimates."""
-        estimator = self.position.kind
-        if self.network is not None and self.network.inputs.disturbance is not None and estimator in ("pd", "pid"):
-            demand = "must be left out: a position controller of kind {estimator} estimates none"
-            path = "network", "inputs", "disturbance"
-            raise self.wrong(*path, kind="estimate", demand=demand, estimator=estimator)
-        return self
-
-
-def _of_a_kind(control: Any) -> Any:
-    """What is written of a control that may leave out its kind."""
-    return {"kind": "cascade", **control} if isinstance(control, dict) else control
-
-
-AnyControl = Annotated[
-    Annotated[Control | LqgControl | MpcControl | PolicyControl, Field(discriminator="kind")],
-    BeforeValidator(_of_a_kind),
-]
-
-
-def _kinds(control: Any) -> list[str]:
-    """The kinds of the parts of a control."""
-    if not isinstance(control, Control):
-        return [control.kind]
-    network = [] if control.network is None else [f"{control.network.kind} network"]
-    attitude = [] if control.attitude is None else [f"attitude {control.attitude.kind}"]
-    return [control.position.kind, *network, *attitude]
 
 
 class Window(Model):
@@ -381,8 +338,8 @@ class Scenario(Mission):
         return [
             f"route {self.route.kind}" + ("" if self.duration is None else f", {self.duration:g} s"),
             f"vehicle of {self.vehicle.mass} kg",
-            f"control {' + '.join(_kinds(self.control))}",
-            *([] if laboratory.autopilot.kind == "none" else [f"autopilot {laboratory.autopilot.kind}"]),
+            f"control {' + '.join(self.control.parts())}",
+            *([f"autopilot {laboratory.autopilot.kind}"] if laboratory.autopilot.controls_attitude else []),
             f"wind: {wind}" if wind else "no wind",
             *self._obstructed(),
             f"{count or 'no'} distribution{'' if count == 1 else 's'}",
@@ -413,15 +370,16 @@ class Scenario(Mission):
         return whole_vehicle
 
     @property
-    def cascade(self) -> Control:
-        """The control, for those who look into a cascade.
+    def cascade(self) -> CascadeControl:
+        """The control, if it is a cascade.
 
         Raises:
-            InputError: it is of another kind.
+            InputError: if the control is of another kind.
         """
-        if not isinstance(self.control, Control):
+        cascade: CascadeControl | None = self.control.cascade()
+        if cascade is None:
             raise InputError(f"control of {self.name} is of kind {self.control.kind}, but must be a cascade for this")
-        return self.control
+        return cascade
 
     @property
     def periods(self) -> dict[tuple[str, ...], float]:
@@ -431,107 +389,14 @@ class Scenario(Mission):
             ("laboratory", "motion_capture", "period"): self.laboratory.motion_capture.period,
             ("laboratory", "command_link", "period"): self.laboratory.command_link.period,
         }
-        if isinstance(self.laboratory.autopilot, AttitudeAutopilot):
+        if self.laboratory.autopilot.period is not None:
             periods[("laboratory", "autopilot", "period")] = self.laboratory.autopilot.period
         return {path: period for path, period in periods.items() if period > 0.0}
 
     @model_validator(mode="after")
-    def _attitude_is_controlled_once(self) -> "Scenario":
-        """Attitude is controlled on the ground or on board, and what is fed forward gets there."""
-        autopilot, control = self.laboratory.autopilot, self.control
-        if isinstance(control, LqgControl):
-            return self
-        if isinstance(control, PolicyControl) and not control.commands_attitude:
-            return self
-        if isinstance(autopilot, NoAutopilot):
-            if control.attitude is None:
-                raise PydanticCustomError("missing", "is missing", {"path": ("control", "attitude")})
-            return self
-        if control.attitude is not None:
-            demand = "must be left out, or null: with laboratory.autopilot of kind {autopilot} it is not used"
-            raise self.wrong("control", "attitude", kind="on_board", demand=demand, autopilot=autopilot.kind)
-        if isinstance(control, PolicyControl):
-            return self
-        if control.position.feed_forward not in autopilot.feeds_forward:
-            demand = "must be {allowed}: laboratory.autopilot of kind {autopilot} takes no more"
-            allowed = " or ".join(autopilot.feeds_forward)
-            path = "control", "position", "feed_forward"
-            raise self.wrong(*path, kind="on_board", demand=demand, allowed=allowed, autopilot=autopilot.kind)
-        return self
-
-    @model_validator(mode="after")
-    def _action_gets_there(self) -> "Scenario":
-        """What a policy commands is something that the link carries."""
-        autopilot, control = self.laboratory.autopilot, self.control
-        if not isinstance(control, PolicyControl) or control.commands_attitude:
-            return self
-        action, wrench = control.action, isinstance(autopilot, NoAutopilot)
-        if not wrench and (action.kind == "rotor_speeds" or isinstance(autopilot, AttitudeResponse)):
-            rates = "" if isinstance(autopilot, AttitudeResponse) else ", rates"
-            demand = "must be acceleration, attitude{rates}: laboratory.autopilot of kind {autopilot} takes no other"
-            path = "control", "action", "kind"
-            raise self.wrong(*path, kind="on_board", demand=demand, rates=rates, autopilot=autopilot.kind)
-        k_rate = action.k_rate if isinstance(action, RatesAction) else None
-        if wrench and isinstance(action, RatesAction) and k_rate is control.attitude is None:
-            raise PydanticCustomError("missing", "is missing", {"path": ("control", "action", "k_rate")})
-        if k_rate is not None and not wrench:
-            demand = "must be left out, or null: laboratory.autopilot of kind {autopilot} has its own"
-            raise self.wrong("control", "action", "k_rate", kind="on_board", demand=demand, autopilot=autopilot.kind)
-        if control.attitude is not None and (k_rate is not None or not (wrench and isinstance(action, RatesAction))):
-            demand = "must be left out, or null: with actions of kind {action} it is not used"
-            raise self.wrong("control", "attitude", kind="on_board", demand=demand, action=action.kind)
-        return self
-
-    @model_validator(mode="after")
-    def _policy_fits(self) -> "Scenario":
-        """A policy looks at obstacles where there are some, and knows how fast rotors turn."""
-        control = self.control
-        if not isinstance(control, PolicyControl):
-            return self
-        if "clearance" in control.observation.signals and not (self.space and self.space.obstacles):
-            demand = "must not have clearance, which is infinite: there are no obstacles in `space`"
-            raise self.wrong("control", "observation", "signals", kind="clearance", demand=demand)
-        least = control.action.least if isinstance(control.action, RotorSpeedsAction) else None
-        if least is not None and not least < self.nominal.max_rotor_speed:
-            demand = "must be smaller than max_rotor_speed in nominal, {top}"
-            top = self.nominal.max_rotor_speed
-            raise self.wrong("control", "action", "least", kind="speeds", demand=demand, top=top)
-        return self
-
-    @model_validator(mode="after")
-    def _model_fits(self) -> "Scenario":
-        """A linear-quadratic-Gaussian controller believes in what there is between its command and the attitude."""
-        autopilot, control = self.laboratory.autopilot, self.control
-        if not isinstance(control, LqgControl):
-            return self
-        frame, tick = self.laboratory.motion_capture.period, self.laboratory.command_link.period
-        if frame > tick:
-            demand = "must not be longer than the period of the command link, {tick} s, with control.kind {control}"
-            cameras = "laboratory", "motion_capture", "period"
-            raise self.wrong(*cameras, kind="period", demand=demand, tick=tick, control=control.kind)
-        on_the_ground: tuple[tuple[str, ...], ...] = (("yaw",),)
-        on_board = ("lateral", "natural_frequency"), ("lateral", "damping")
-        wrench = isinstance(autopilot, NoAutopilot)
-        for path in (("lateral", "lag"), *on_the_ground) if wrench else on_board:
-            if reduce(getattr, path, control) is None:
-                raise PydanticCustomError("missing", "is missing", {"path": ("control", *path)})
-        for path in on_board if wrench else on_the_ground:
-            if reduce(getattr, path, control) is not None:
-                demand = "must be left out, or null, with laboratory.autopilot of kind {autopilot}"
-                raise self.wrong("control", *path, kind="on_board", demand=demand, autopilot=autopilot.kind)
-        return self
-
-    @model_validator(mode="after")
-    def _autopilot_fits(self) -> "Scenario":
-        """An autopilot is faster than its link; a response that flights show is that of the vehicle that flew."""
-        autopilot, link = self.laboratory.autopilot, self.laboratory.command_link
-        if isinstance(autopilot, AttitudeAutopilot) and not autopilot.period < link.period:
-            demand = "must be shorter than the period of the command link, {link} s"
-            raise self.wrong("laboratory", "autopilot", "period", kind="period", demand=demand, link=link.period)
-        if isinstance(autopilot, AttitudeResponse):
-            for name in self.vehicle.without_response():
-                demand = "must be left out: laboratory.autopilot of kind response does not know it"
-                raise self.wrong("vehicle", name, kind="response", demand=demand)
+    def _control_and_autopilot_fit(self) -> "Scenario":
+        self.control.check_fits(self)
+        self.laboratory.autopilot.check_fits(self)
         return self
 
     @model_validator(mode="after")
@@ -571,7 +436,14 @@ class Scenario(Mission):
         return self
 
 
-EFFECTS.rebuild(Scenario)
-LAYOUTS.rebuild(Nominal, Vehicle, Mission, Scenario)
-ROUTES.rebuild(Mission, Scenario)
-WINDS.rebuild(Laboratory, Mission, Scenario)
+UNIONS = WINDS, AUTOPILOTS, CONTROLS, POSITION_CONTROLLERS, ATTITUDE_CONTROLLERS, ACTIONS, ROUTES, LAYOUTS
+"""Unions to which members can be added."""
+REGISTRIES = *UNIONS, EFFECTS
+"""Unions and open fields to which members can be added."""
+WINDS.rebuild(Laboratory)
+AUTOPILOTS.rebuild(Laboratory)
+LAYOUTS.rebuild(Nominal, Vehicle)
+for union in (LAYOUTS, ROUTES, WINDS):
+    union.rebuild(Mission)
+for registry in REGISTRIES:
+    registry.rebuild(Scenario)

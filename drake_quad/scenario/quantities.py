@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
 from pydantic_core import PydanticCustomError, PydanticUndefined
 
+from drake_quad.control.integral import Integration
 from drake_quad.scenario.distributions import Distribution, Model, NumberOrDistribution, Real
 from drake_quad.scenario.limits import LARGEST, LONGEST, SHORTEST, SMALLEST
 
@@ -207,3 +208,11 @@ HalfTurn = Annotated[float, Field(ge=-math.pi, le=math.pi), radians(math.pi)]
 # Between ticks of cameras, control or integration, s; nothing flies with less than one a second.
 Period = Annotated[float, Field(ge=SHORTEST, le=1.0)]
 Step = Annotated[float, Field(ge=0.0, le=1.0), AfterValidator(_no_shorter_step)]
+
+IntegrationRule = Annotated[
+    Integration,
+    Field(
+        description="whether the command of a tick has the integral of the errors before it (forward_euler), or with"
+        " its own (backward_euler)"
+    ),
+]

@@ -14,7 +14,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, ItemsView, Iterator, Set
 from typing import Annotated, Any, TypeVar, get_args
 
-from pydantic import Field, GetCoreSchemaHandler
+from pydantic import BeforeValidator, Field, GetCoreSchemaHandler
 from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema
 
@@ -28,12 +28,13 @@ class _Members(ABC):
 
     Args:
         base: class that all members extend.
-        questions: names of class attributes that each member must define, since no default is safe. It must also define
-            the abstract methods of the base class.
+        questions: names of class attributes or fields that each member must define, since no default is safe. It must
+            also define the abstract methods of the base class.
+        silent: kind of a mapping that does not state its kind; None if every mapping must.
     """
 
-    def __init__(self, base: type[Model], *questions: str) -> None:
-        self._base, self._questions = base, questions
+    def __init__(self, base: type[Model], *questions: str, silent: str | None = None) -> None:
+        self._base, self._questions, self.silent = base, questions, silent
         self._members: dict[str, type[Any]] = {}
         self._rebuilders: list[Callable[[], Any]] = []
 
@@ -50,6 +51,10 @@ class _Members(ABC):
         """Return the members with their names, in the order of their registration."""
         return self._members.items()
 
+    def get(self, name: Any) -> Any:
+        """Return the member of a name; None if there is none."""
+        return self._members.get(name) if isinstance(name, str) else None
+
     def member(self, model: _Member) -> _Member:
         """Register a model, as a decorator of its class.
 
@@ -59,8 +64,8 @@ class _Members(ABC):
         """
         if not issubclass(model, self._base):
             raise TypeError(f"{model.__name__} must extend {self._base.__name__}")
-        name = self._name_of(model)
-        missing = [question for question in self._questions if not hasattr(model, question)]
+        name, fields = self._name_of(model), getattr(model, "model_fields")  # noqa: B009
+        missing = [question for question in self._questions if not (question in fields or hasattr(model, question))]
         if missing := [*missing, *sorted(getattr(model, "__abstractmethods__", ()))]:
             raise TypeError(f"{model.__name__} must define {' and '.join(missing)}")
         if self._members.get(name, model).__qualname__ != model.__qualname__:
@@ -101,7 +106,11 @@ class OpenUnion(_Members):
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Return the schema of the union of the members that are registered now."""
         union = functools.reduce(operator.or_, self)
-        return handler.generate_schema(Annotated[union, Field(discriminator="kind")])
+        return handler.generate_schema(Annotated[union, Field(discriminator="kind"), BeforeValidator(self._with_kind)])
+
+    def _with_kind(self, value: Any) -> Any:
+        """Return a mapping with the silent kind if it does not state its kind."""
+        return {"kind": self.silent, **value} if self.silent and isinstance(value, dict) else value
 
 
 class OpenFields(_Members):

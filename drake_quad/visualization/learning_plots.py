@@ -10,10 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.text import Annotation
 
-from drake_quad.assembly.control import antecedents
 from drake_quad.control.fuzzy.inference import Antecedents, elliptic_membership, firing_strengths
 from drake_quad.flight.flight import Flight
-from drake_quad.scenario.networks import Network
+from drake_quad.scenario.networks.network import Network
 from drake_quad.visualization.labels import place_labels
 from drake_quad.visualization.style import (
     ABOVE,
@@ -62,7 +61,7 @@ def plot_memberships(exponents: Sequence[tuple[float, float]] = PAPER_EXPONENTS)
 
 def plot_own_memberships(flight: Flight) -> Figure:
     """Plots the memberships of the paper's Fig. 4, and those of the flight's network if its exponents are others."""
-    sets = antecedents(_network(flight))
+    sets = _network(flight).antecedents()
     return plot_memberships(tuple(dict.fromkeys([*PAPER_EXPONENTS, (float(sets.a1), float(sets.a2))])))
 
 
@@ -152,7 +151,7 @@ def plot_surfaces(flight: Flight) -> Figure:
 
     Shades are -τ_f; each dot is a pair of error and rate that the network met at a tick.
     """
-    axes_learned, sets = _axes(flight), antecedents(_network(flight))
+    axes_learned, sets = _axes(flight), _network(flight).antecedents()
     met, met_rate = flight.record("error"), flight.record("error_rate")
     error, rate = (np.linspace(-1.05, 1.05, _FINE) / each.scale for each in sets.inputs)
     across, up = (each.ravel() for each in np.meshgrid(error, rate))
@@ -201,7 +200,7 @@ def secant_gains(
 
 def plot_secant_gains(flight: Flight) -> Figure:
     """Plots the gain with which the network answers an error at the end of the flight, over the size of the error."""
-    sets, weights = antecedents(_network(flight)), _weights(flight)
+    sets, weights = _network(flight).antecedents(), _weights(flight)
     errors = np.geomspace(5e-4, 1.0 / sets.inputs[0].scale, 120)
     with styled():
         figure = new_figure(4.2 * len(weights), 3.2)

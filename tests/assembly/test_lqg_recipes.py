@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from drake_quad.assembly.control import build_control, control_recipes
-from drake_quad.assembly.lqg import height_model, lateral_model, lqg_recipes, lqg_timing
-from drake_quad.assembly.mpc import mpc_recipes
 from drake_quad.control.axes import PerAxis
 from drake_quad.control.lqg.chains import (
     Answer,
@@ -26,7 +24,7 @@ from drake_quad.control.mpc.system import OPEN, PredictiveProgramme
 from drake_quad.flight.mission import plan_route
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.scenario.batch import Batch
-from drake_quad.scenario.mpc import MpcControl
+from drake_quad.scenario.controls.mpc import MpcControl
 
 WEIGHT = 0.7 * 9.79
 # A command acts one tick of 20 ms after its tick, for a tick.
@@ -36,7 +34,7 @@ VERTICAL = Disturbances(Noise(0.4975, 0.25), Noise(0.7479, 0.6), None, 0.03164)
 
 
 def regulator_of_scenario(scenario):
-    return lqg_recipes(Batch(scenario, (0,), {}))["regulator"]
+    return control_recipes(Batch(scenario, (0,), {}), plan_route(scenario))["regulator"]
 
 
 def assert_alike(found, expected):
@@ -113,10 +111,10 @@ def predictive(asymmetric):
 
 def programme_of(scenario):
     """Return the recipe for the programme, the plan, and the numbers of the regulator."""
-    plan, batch = plan_route(scenario), Batch(scenario, (0,), {})
-    regulator = lqg_recipes(batch)["regulator"]
-    assert regulator.structure["takes_perturbation"]
-    return mpc_recipes(batch, plan, regulator.numbers)["programme"], plan, regulator.numbers
+    plan = plan_route(scenario)
+    recipes = control_recipes(Batch(scenario, (0,), {}), plan)
+    assert recipes["regulator"].structure["takes_perturbation"]
+    return recipes["programme"], plan, recipes["regulator"].numbers
 
 
 @pytest.mark.slow
@@ -129,9 +127,9 @@ def test_a_programme_knows_the_regulator_and_its_limits(predictive):
     # The horizon is 18.75 ticks.
     assert (structure["tick"], structure["num_ticks"], structure["tilt_weight"]) == (0.02, 19, 7.0)
     assert structure["corridor"] is OPEN
-    times, control = lqg_timing(scenario), scenario.control
-    assert_alike(structure["lateral"], regulator_of(lateral_model(control.lateral), times, 2.0e-5))
-    assert_alike(structure["vertical"], regulator_of(height_model(control.vertical), times, 7.785e-4))
+    times, control = Timing(0.01, 0.02, 1), scenario.control
+    assert_alike(structure["lateral"], regulator_of(control.lateral.model(), times, 2.0e-5))
+    assert_alike(structure["vertical"], regulator_of(control.vertical.model(), times, 7.785e-4))
     assert programme_of(predictive(horizon=0.001))[0].structure["num_ticks"] == 1
 
 
@@ -172,9 +170,8 @@ def test_a_corridor_goes_along_with_the_reference_or_stands_in_the_room(predicti
 
 
 def test_a_regulator_alone_has_no_programme(asymmetric):
-    scenario = asymmetric("lqg")
-    batch = Batch(scenario, (0,), {})
-    assert mpc_recipes(batch, plan_route(scenario), lqg_recipes(batch)["regulator"].numbers) == {}
+    scenario = asymmetric("lqg", "control.network=null")
+    assert [*control_recipes(Batch(scenario, (0,), {}), plan_route(scenario))] == ["regulator"]
 
 
 NETWORK = "control.network={kind: type_1, axes: [x], inputs: {error: {}}, learning: {kind: gradient, signal: feedback}}"

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from drake_quad import load_scenario, simulate
-from drake_quad.assembly.policy import hovering_action
 from drake_quad.gym.rollout import action_source
 from drake_quad.gym.task import task_of
 from drake_quad.planning.believed import nominal_parameters
@@ -51,7 +50,7 @@ def flown(scenario, *actions):
 )
 def test_what_is_believed_to_hover_hovers(action):
     scenario = task(action)
-    believed = hovering_action(scenario.control, nominal_parameters(scenario))
+    believed = scenario.control.action.hovering(nominal_parameters(scenario))
     state = flown(scenario, believed).record("state")
     for name in ("x", "y", "z", "roll", "pitch", "yaw"):
         row = getattr(state, name)

@@ -8,7 +8,6 @@ import pytest
 import scipy
 
 from drake_quad import InputError, load_scenario
-from drake_quad.assembly.lqg import lateral_loop, lqg_timing, vertical_loop
 from drake_quad.control.lqg.chains import Answer
 from drake_quad.control.lqg.design import Timing
 from drake_quad.design import lqg as lqg_design
@@ -50,11 +49,15 @@ def shipped(diagrams):
     return loaded
 
 
+def timing_of(scenario):
+    laboratory = scenario.laboratory
+    return scenario.control.timing(laboratory.motion_capture.period, laboratory.command_link.period)
+
+
 def axes_of(scenario, plant, conditions):
     """(loop, truth) along x and along z."""
-    timing, gravity = lqg_timing(scenario), scenario.nominal.gravity
-    control = scenario.control
-    loops = lateral_loop(control.lateral, timing, gravity), vertical_loop(control.vertical, timing)
+    timing, gravity = timing_of(scenario), scenario.nominal.gravity
+    loops = [axis.loop(timing, gravity) for axis in (scenario.control.lateral, scenario.control.vertical)]
     models = lateral_truth(plant, conditions), vertical_truth(plant, conditions)
     truths = [Truth.of(model, plant, conditions, timing, gravity) for model in models]
     return [*zip(loops, truths, strict=True)], timing
@@ -241,8 +244,8 @@ def test_the_attitude_follows_its_command_and_the_position_the_attitude(lags, an
 def search_of(shipped):
     """The search for the numbers of the shipped axis along x, around plants with some delays of the link (ticks)."""
     scenario = shipped()
-    timing, control = lqg_timing(scenario), scenario.control
-    loop = lateral_loop(control.lateral, timing, scenario.nominal.gravity)
+    timing, control = timing_of(scenario), scenario.control
+    loop = control.lateral.loop(timing, scenario.nominal.gravity)
     conditions = Conditions(STILL, STILL, 0.0, 1e-3, 4e-3, 0.0)
 
     def make(*delays, limits=Limits(sensitivity=1e3, delay=1e-6), most=1e6, loop_of=lambda axis: loop):
@@ -353,8 +356,8 @@ def test_a_design_is_made_of_what_is_believed_and_of_what_disturbs(diagrams, mon
     timing = Timing(0.01, 0.02, control.delay_ticks)
     assert timing in believed_timings(scenario, design.plants)
     for loop, model, answers in (
-        (lateral_loop(x, timing, gravity), lateral_truth, design.lateral),
-        (vertical_loop(z, timing), vertical_truth, design.vertical),
+        (x.loop(timing, gravity), lateral_truth, design.lateral),
+        (z.loop(timing, gravity), vertical_truth, design.vertical),
     ):
         truths = [Truth.of(model(plant, found), plant, found, timing, gravity) for plant in design.plants]
         assert answers == tuple(predicted(loop, truth, timing) for truth in truths)

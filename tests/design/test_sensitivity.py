@@ -8,9 +8,9 @@ from pydantic import TypeAdapter
 
 from drake_quad import InputError, load_scenario, simulate
 from drake_quad.design.sensitivity import _ABOVE, _AROUND, _BELOW, DIFFERENTIABLE, flight_sensitivities
-from drake_quad.scenario.controllers import PositionController
-from drake_quad.scenario.networks import Network
+from drake_quad.scenario.networks.network import Network
 from drake_quad.scenario.numbers import number_at, with_number
+from drake_quad.scenario.position_controllers.controller import AnyPositionController
 
 ROOT = Path(__file__).parent.parent.parent
 FIELDS = (
@@ -84,7 +84,7 @@ def test_derivatives_reach_through_what_is_learned(windy, reset):
     }
     gains = {"kind": "pd", "k_p": (1.4, 1.4, 6.0), "k_d": (1.4, 1.4, 3.5), "derivative": "measurement"}
     parts = {
-        "position": TypeAdapter(PositionController).validate_python(gains),
+        "position": TypeAdapter(AnyPositionController).validate_python(gains),
         "network": TypeAdapter(Network).validate_python(learning),
     }
     scenario = windy.model_copy(update={"control": windy.control.model_copy(update=parts)})

@@ -8,11 +8,12 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Gain
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
-from drake_quad.assembly.lqg import lqg_recipes
+from drake_quad.assembly.control import control_recipes
 from drake_quad.control.axes import PerAxis
 from drake_quad.control.lqg.system import LinearQuadraticGaussian
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.design.tuning import LoopLimit
+from drake_quad.flight.mission import plan_route
 from drake_quad.flight.simulation import simulate_batch
 from drake_quad.scenario.batch import Batch, middle_of
 
@@ -88,7 +89,8 @@ def test_what_is_learned_in_laps_is_as_good_as_when_it_was_tuned(controller, cen
 
 def test_a_network_around_it_closes_no_algebraic_loop():
     """`error`, `error_rate` and `pd` are known before the correction that may follow from them."""
-    recipe = lqg_recipes(Batch.draw(scenario_of("laboratory.yaml:nominal"), [0]))["regulator"]
+    scenario = scenario_of("laboratory.yaml:nominal")
+    recipe = control_recipes(Batch.draw(scenario, [0]), plan_route(scenario))["regulator"]
     system = LinearQuadraticGaussian(**recipe.structure | {"takes_correction": True}, numbers=recipe.numbers)
     builder = DiagramBuilder()
     regulator = builder.AddNamedSystem("regulator", system)
@@ -114,7 +116,7 @@ def test_of_a_disturbance_that_a_network_knows_the_filter_finds_the_rest(taken, 
         controller="lqg_low_wind",
     )
     push = 0.1 / 0.68 * wind
-    recipe = lqg_recipes(Batch.draw(scenario, [0]))["regulator"]
+    recipe = control_recipes(Batch.draw(scenario, [0]), plan_route(scenario))["regulator"]
     system = LinearQuadraticGaussian(**recipe.structure | {"takes_correction": True}, numbers=recipe.numbers)
     builder = DiagramBuilder()
     regulator = builder.AddNamedSystem("regulator", system)

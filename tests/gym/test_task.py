@@ -1,8 +1,9 @@
 """The scenario that an environment makes of a given scenario."""
 
+import numpy as np
 import pytest
 
-from drake_quad import load_scenario
+from drake_quad import InputError, load_scenario
 from drake_quad.design.cascade import design_cascade
 from drake_quad.gym.task import task_of
 from drake_quad.scenario.files.loading import with_fields
@@ -21,3 +22,18 @@ def test_a_missing_attitude_control_is_designed_as_the_attitude_loop_of_any_casc
         assert {"k_p": [*found.k_p], "k_d": [*found.k_d]} == expected
     for action in ("rotor_speeds", {"kind": "rates", "k_rate": [20.0, 20.0, 5.0]}):
         assert task_of(scenario, action=action).control.attitude is None
+
+
+def test_numbers_of_an_action_may_be_arrays_and_what_is_wrong_is_told():
+    attitude = load_scenario("figure_eight").control.attitude
+    found = task_of("figure_eight", action={"kind": "rates", "max_rates": np.array([5.0, 4.0, 3.0])}).control
+    assert (found.action.max_rates, found.attitude) == ((5.0, 4.0, 3.0), attitude)
+    assert task_of("figure_eight", action={"kind": "rates", "k_rate": np.ones(3)}).control.attitude is None
+    for action, words in (
+        ({"kind": "rates", "max_rates": "fast"}, "control.action.max_rates is 'fast', but must be a list"),
+        ({"kind": "torques"}, "control.action.kind is 'torques', but must be one of"),
+        ({"most": [1.0, 1.0, 1.0]}, "control.action.kind is missing"),
+        ({"kind": "acceleration", 3: 4}, "control.action"),
+    ):
+        with pytest.raises(InputError, match=words):
+            task_of("figure_eight", action=action)

@@ -13,8 +13,8 @@ from drake_quad.linear.closed_loop import closed_loop
 from drake_quad.linear.link_margins import fast_link_margins, link_loops, link_margins
 from drake_quad.linear.step_response import release
 from drake_quad.scenario.batch import Batch
+from drake_quad.scenario.controls.mpc import MpcControl
 from drake_quad.scenario.hovering import as_believed, at_rest
-from drake_quad.scenario.mpc import MpcControl
 from drake_quad.signals import AttitudeTarget, Wrench
 
 pytestmark = pytest.mark.slow

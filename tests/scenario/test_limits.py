@@ -332,7 +332,7 @@ STEP = "vehicle.time_step=0.0025"
         ),
         (
             ["laboratory.autopilot.kind=px4"],
-            "autopilot.kind is 'px4', but must be one of 'none', 'attitude', 'response'",
+            "autopilot.kind is 'px4', but must be one of 'attitude', ",
         ),
     ],
 )

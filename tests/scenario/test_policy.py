@@ -14,7 +14,7 @@ from drake_quad import InputError, load_scenario, save_scenario
 from drake_quad.control.policy.network import passed
 from drake_quad.errors import InputWarning
 from drake_quad.scenario.files.policy_file import policy_network
-from drake_quad.scenario.policy_layers import Layers
+from drake_quad.scenario.policies.layers import Layers
 
 POLICY = """
 mine:

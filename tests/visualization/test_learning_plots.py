@@ -7,7 +7,6 @@ import pytest
 from matplotlib.colors import to_hex
 
 from drake_quad import load_scenario, simulate
-from drake_quad.assembly.control import antecedents
 from drake_quad.control.fuzzy.inference import Antecedents
 from drake_quad.visualization import learning_plots as plots
 
@@ -37,7 +36,7 @@ def test_memberships_match_the_formula():
 
 
 def test_the_exponents_of_the_network_have_a_panel(flight):
-    sets = antecedents(flight.scenario.control.network)
+    sets = flight.scenario.control.network.antecedents()
     titles = [axes.get_title() for axes in plots.plot_own_memberships(flight).axes]
     own = f"a1 = {sets.a1:g}, a2 = {sets.a2:g}"
     assert own in titles
@@ -99,7 +98,7 @@ def network_output(sets, weights, error, rate):
 
 def test_surfaces_show_the_correction_before_and_after_the_flight(flight):
     figure = plots.plot_surfaces(flight)
-    sets = antecedents(flight.scenario.control.network)
+    sets = flight.scenario.control.network.antecedents()
     names = sorted(flight.scenario.control.network.axes)
     weights = flight["weights"].reshape(len(flight.time), len(names), -1)
     panels = np.array(figure.axes[: 2 * len(names)]).reshape(len(names), 2)
@@ -124,7 +123,7 @@ def test_surfaces_show_the_correction_before_and_after_the_flight(flight):
 
 
 def test_a_secant_gain_is_the_change_of_the_output_over_the_error(flight):
-    sets: Antecedents = antecedents(flight.scenario.control.network)
+    sets: Antecedents = flight.scenario.control.network.antecedents()
     weights = np.random.default_rng(2).normal(size=9)
     errors = (0.002, 0.03)
     own, triangles = plots.secant_gains(sets, weights, errors)

@@ -2,6 +2,9 @@
 
 from typing import Any, Literal
 
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from drake_quad.control.cascade import put_around
 from drake_quad.control.lqg import laws
 from drake_quad.control.lqg.laws import Command, Deviations, Estimate, Filter, LqgNumbers, Regulated, Sent
 from drake_quad.framework.elementary import where
@@ -199,3 +202,33 @@ class LinearQuadraticGaussian(FleetSystem):
         if takes_perturbation:
             fed_back = reference, jerk, snap, correction, *remembered
             self.output("deviation", _deviation, *fed_back, layout=deviations_of(numbers))
+
+
+def build_lqg_control(regulator: Any, network: Any = None, programme: Any = None) -> Diagram:
+    """Builds the diagram `control` with the controller in it, and what stands beside it.
+
+    Args:
+        regulator: a `LinearQuadraticGaussian`, which takes a correction if there is a network, and a perturbation if
+            there is a programme.
+        network: to put around it; None for none.
+        programme: that keeps it within its limits, a `PredictiveProgramme`; None for none.
+    """
+    builder = DiagramBuilder()
+    builder.AddNamedSystem("regulator", regulator)
+    for port in map(regulator.get_input_port, range(regulator.num_input_ports())):
+        if port.get_name() not in ("correction", "learned_disturbance", "perturbation"):
+            builder.ExportInput(port, port.get_name())
+    if programme is not None:
+        builder.AddNamedSystem("programme", programme)
+        builder.Connect(regulator.GetOutputPort("deviation"), programme.get_input_port())
+        builder.Connect(programme.get_output_port(), regulator.GetInputPort("perturbation"))
+    shown = [regulator]
+    if network is not None:
+        put_around(builder, regulator, network)
+        shown.append(network)
+    for system in shown:
+        for port in map(system.get_output_port, range(system.num_output_ports())):
+            builder.ExportOutput(port, port.get_name())
+    control = builder.Build()
+    control.set_name("control")
+    return control

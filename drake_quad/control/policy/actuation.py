@@ -3,8 +3,6 @@
 The equations are those of `drake_quad.control.policy.actions`. The only parameter of the context is `scale`.
 """
 
-from typing import Literal
-
 from drake_quad.control.policy.actions import (
     AccelerationScale,
     AttitudeScale,
@@ -21,14 +19,10 @@ from drake_quad.control.thrust_vectoring import Vectored
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, Input, Parameter, fleet_system
 from drake_quad.framework.records import rows_layout
 
-ActionKind = Literal["acceleration", "attitude", "rates", "rotor_speeds"]
-ROWS: dict[ActionKind, int] = {"acceleration": 3, "attitude": 4, "rates": 4, "rotor_speeds": 4}
-"""Rows of an action of each kind."""
 
-
-def _declared(system: FleetSystem, kind: ActionKind) -> tuple[Input, Parameter]:
-    """The input port `action` and the parameter `scale` of a system."""
-    action = system.input("action", layout=rows_layout(ROWS[kind]))
+def _declared(system: FleetSystem, num_rows: int = 4) -> tuple[Input, Parameter]:
+    """Declare the input port `action` and the parameter `scale` of a system."""
+    action = system.input("action", layout=rows_layout(num_rows))
     return action, system.parameter("scale", lambda scale: scale)
 
 
@@ -57,7 +51,7 @@ class AccelerationActuation(FleetSystem):
 
     def declare(self, *, frame: LevelFrame = "world", turn: float = 0.0, numbers: AccelerationScale) -> None:
         """Declare ports and parameters."""
-        action, scale = _declared(self, "acceleration")
+        action, scale = _declared(self, num_rows=3)
         heads = (None, None) if frame == "world" else (self.input("measurement"), self.input("reference"))
         self.output("acceleration_command", commanded_acceleration, action, *heads, scale, frame, turn)
 
@@ -85,7 +79,7 @@ class AttitudeActuation(FleetSystem):
 
     def declare(self, *, numbers: AttitudeScale) -> None:
         """Declares the system."""
-        action, scale = _declared(self, "attitude")
+        action, scale = _declared(self)
         self.packed_output("thrust_and_attitude", Vectored, commanded_attitude, action, self.input("reference"), scale)
 
 
@@ -109,7 +103,7 @@ class RatesFromTheGround(FleetSystem):
 
     def declare(self, *, numbers: RatesScale) -> None:
         """Declares the system."""
-        action, scale = _declared(self, "rates")
+        action, scale = _declared(self)
         self.output("wrench", rates_from_the_ground, action, self.input("measurement"), scale)
 
 
@@ -132,7 +126,7 @@ class RatesOnBoard(FleetSystem):
 
     def declare(self, *, numbers: RatesScale) -> None:
         """Declares the system."""
-        self.output("attitude_target", rates_on_board, *_declared(self, "rates"))
+        self.output("attitude_target", rates_on_board, *_declared(self))
 
 
 @fleet_system(float, AutoDiffXd)
@@ -157,4 +151,4 @@ class RotorSpeedActuation(FleetSystem):
 
     def declare(self, *, order: tuple[int, ...] = (0, 1, 2, 3), numbers: SpeedScale) -> None:
         """Declares the system."""
-        self.output("wrench", wrench_of_speeds, *_declared(self, "rotor_speeds"), order)
+        self.output("wrench", wrench_of_speeds, *_declared(self), order)

@@ -24,7 +24,7 @@ from ruamel.yaml.representer import RoundTripRepresenter
 from drake_quad.errors import InputError, shown
 from drake_quad.files import output_folder, write_whole
 from drake_quad.identification.results.estimates import CONFIDENCE, KINDS, Estimates, field_path, kind_of, split
-from drake_quad.scenario.autopilots import AttitudeResponse
+from drake_quad.scenario.autopilots.response import AttitudeResponse
 from drake_quad.scenario.correlation import correlated_normals
 from drake_quad.scenario.files.library import Library, is_shipped, split_spec
 from drake_quad.scenario.files.loading import load_undesigned

@@ -5,6 +5,8 @@ mixture of two of them makes no sense: the vehicle, the control, and the route w
 """
 
 from drake_quad.errors import InputError, listed
+from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS
+from drake_quad.scenario.controls.control import CONTROLS
 from drake_quad.scenario.distributions import is_distribution
 from drake_quad.scenario.effects.effect import EFFECTS
 from drake_quad.scenario.files.marked_tree import Tree
@@ -18,8 +20,8 @@ from drake_quad.scenario.files.relative import (
 
 DEFAULT_VEHICLE = "default_vehicle"
 """Key of the vehicle that flies if no layer describes a vehicle."""
-# Kind of each field that may omit `kind`.
-SILENT_KINDS = {"control": "cascade"}
+# Kinds of controls that may omit `kind`.
+_SILENT_KINDS = {"control": CONTROLS.silent}
 # Fields of `nominal` that describe an airframe, together with one of the fields that give the positions of the rotors.
 _AIRFRAME_FIELDS = (
     "mass",
@@ -61,7 +63,7 @@ def merged(base: Tree, extension: Tree, silent: str | None = None) -> Tree:
     other_kind = "kind" in new and before is not None and new["kind"].value != before
     if other_kind or _is_distribution(old) or _is_distribution(new):
         return extension
-    joined = {key: merged(old[key], tree, SILENT_KINDS.get(key)) if key in old else tree for key, tree in new.items()}
+    joined = {key: merged(old[key], tree, _SILENT_KINDS.get(key)) if key in old else tree for key, tree in new.items()}
     return Tree({**old, **joined}, extension.mark)
 
 
@@ -167,10 +169,11 @@ def _without_airframe(fields: dict[str, Tree]) -> dict[str, Tree]:
 
 
 def _is_identified(laboratory: Tree) -> bool:
-    """Return whether the autopilot of a laboratory is a response, which was identified with one vehicle."""
+    """Return whether the autopilot of a laboratory was identified with one vehicle."""
     autopilot = laboratory.value.get("autopilot")
     kind = autopilot.value.get("kind") if autopilot is not None and isinstance(autopilot.value, dict) else None
-    return kind is not None and kind.value == "response"
+    model = None if kind is None else AUTOPILOTS.get(kind.value)
+    return model is not None and model.models_vehicle
 
 
 def _has_kind(tree: Tree, field: str) -> bool:

@@ -10,10 +10,12 @@ from typing import Any, NamedTuple, TypeVar, get_args
 from pydantic import ValidationError
 
 from drake_quad.errors import InputError, shortened, shown
-from drake_quad.scenario.autopilots import AttitudeAutopilot, AttitudeResponse
+from drake_quad.scenario.attitude_controllers.controller import ATTITUDE_CONTROLLERS
+from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS
+from drake_quad.scenario.controls.control import CONTROLS
 from drake_quad.scenario.distributions import DISTRIBUTIONS, Model
 from drake_quad.scenario.files.given_values import given_trees
-from drake_quad.scenario.files.layers import SILENT_KINDS, changed, laid_over, merged, with_default_vehicle
+from drake_quad.scenario.files.layers import changed, laid_over, merged, with_default_vehicle
 from drake_quad.scenario.files.library import Library
 from drake_quad.scenario.files.list_items import at, with_items, within_lists, without
 from drake_quad.scenario.files.marked_tree import Mark, Tree
@@ -22,9 +24,12 @@ from drake_quad.scenario.files.relative import refuse_dropped, refuse_elsewhere,
 from drake_quad.scenario.limits import MOST_LEVELS
 from drake_quad.scenario.models import Mission, Nominal, Scenario, Vehicle
 from drake_quad.scenario.paths import is_item, joined, steps_of
+from drake_quad.scenario.unions import OpenUnion
 
-# Names of forms that stand in no file: an attitude controller without a kind is a PD.
-_TAGS = ("number", "pd", *DISTRIBUTIONS)
+# Names of forms that stand in no file.
+_TAGS = ("number", *DISTRIBUTIONS)
+# Kinds of mappings that do not state their kind.
+_SILENT_KINDS = (CONTROLS.silent, ATTITUDE_CONTROLLERS.silent)
 # Characters of an override, or of the path of a field, that a message shows; the longest path has seventy.
 _MOST_OF_A_PATH = 80
 # Types of validation errors in models that lack a field.
@@ -110,18 +115,13 @@ def load_undesigned(spec: str | Path, overrides: Overrides = ()) -> Scenario:
     return validated(Scenario, _on_board(_loaded(spec, overrides, beneath=_UNDESIGNED)))
 
 
-# Feed-forward terms that each kind of on-board autopilot accepts.
-_FEED_FORWARD_ON_BOARD = {
-    get_args(model.model_fields["kind"].annotation)[0]: model.feeds_forward
-    for model in (AttitudeAutopilot, AttitudeResponse)
-}
-
-
 def _on_board(tree: Tree) -> Tree:
     """Return a scenario whose cascade leaves attitude control to the autopilot, if it has one."""
-    allowed = _FEED_FORWARD_ON_BOARD.get(_word(tree, "laboratory", "autopilot", "kind"), ())
-    if not allowed or _word(tree, "control", "kind") not in (None, "cascade"):
+    autopilot = AUTOPILOTS.get(_word(tree, "laboratory", "autopilot", "kind"))
+    is_on_ground = autopilot is None or autopilot.command == "wrench"
+    if is_on_ground or _word(tree, "control", "kind") not in (None, CONTROLS.silent):
         return tree
+    allowed = autopilot.feeds_forward
     mark = tree.value["control"].mark
     changes: dict[str, Tree] = {"attitude": Tree(None, mark)}
     if _word(tree, "control", "position", "feed_forward") not in (None, *allowed):
@@ -337,12 +337,22 @@ def _complaint(problem: Any, value: str, path: tuple[Any, ...], model: type[Mode
 
 def _further_in(model: type[Model], name: str) -> list[str]:
     """The fields of that name in the mappings of a model."""
-    kinds = {field: (info.annotation, *get_args(info.annotation)) for field, info in model.model_fields.items()}
+    kinds = {
+        field: (info.annotation, *get_args(info.annotation), *_members(info.metadata))
+        for field, info in model.model_fields.items()
+    }
     return [
         f"{field}.{name}"
         for field, mappings in kinds.items()
         if any(name in getattr(mapping, "model_fields", {}) for mapping in mappings)
     ]
+
+
+def _members(metadata: Iterable[Any]) -> Iterator[type[Model]]:
+    """Yield the members of open unions in the metadata of a field."""
+    for union in metadata:
+        if isinstance(union, OpenUnion):
+            yield from union
 
 
 def _real_path(problem: Any, data: Any) -> tuple[Any, ...]:
@@ -355,7 +365,7 @@ def _real_path(problem: Any, data: Any) -> tuple[Any, ...]:
     location, is_missing = problem["loc"], problem["type"] == "missing"
     for i, key in enumerate(location):
         is_last = i == len(location) - 1
-        kinds = (data["kind"],) if isinstance(data, dict) and "kind" in data else SILENT_KINDS.values()
+        kinds = (data["kind"],) if isinstance(data, dict) and "kind" in data else _SILENT_KINDS
         # "normal" may be the tag of a normal distribution or a field of a half-space; the problem's input decides.
         is_tag = key in _TAGS and not is_missing and problem["input"] is data
         if isinstance(data, dict) and key in kinds and data is not tagged:

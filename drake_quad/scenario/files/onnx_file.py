@@ -14,8 +14,8 @@ import numpy as np
 from drake_quad.control.policy.network import GELU_CUBE, WITH_ALPHA
 from drake_quad.errors import InputWarning, listed, shortened, shown
 from drake_quad.extras import needed
-from drake_quad.scenario.policy import TrainedNetwork
-from drake_quad.scenario.policy_layers import Layers, UnreadableError
+from drake_quad.scenario.policies.layers import Layers, UnreadableError
+from drake_quad.scenario.policies.trained_network import TrainedNetwork
 
 _ACTIVATIONS = {
     "Tanh": "tanh",

@@ -25,8 +25,8 @@ from drake_quad.scenario.files.marked_tree import Mark, Tree
 from drake_quad.scenario.files.onnx_file import network_of_onnx
 from drake_quad.scenario.files.reading import opened
 from drake_quad.scenario.limits import MOST_NETWORK_BYTES
-from drake_quad.scenario.policy import TrainedNetwork
-from drake_quad.scenario.policy_layers import Layers, UnreadableError
+from drake_quad.scenario.policies.layers import Layers, UnreadableError
+from drake_quad.scenario.policies.trained_network import TrainedNetwork
 
 # Of a file: its numbers may be of double precision though single would do, and a critic and more stand beside a policy.
 _MOST_BYTES = 8 * MOST_NETWORK_BYTES

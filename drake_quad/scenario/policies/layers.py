@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from drake_quad.scenario.policy import TrainedNetwork
+from drake_quad.scenario.policies.trained_network import TrainedNetwork
 
 # Largest limit on the output of a layer. Adding and subtracting it costs at most 1e-10 of accuracy.
 _MAX_LIMIT = 1e6

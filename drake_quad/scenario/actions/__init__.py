@@ -1,0 +1,5 @@
+"""Actions of policies in the scenario language, each kind in a module of its own."""
+
+from drake_quad.scenario.unions import import_members
+
+import_members(__name__, __path__)

@@ -1,0 +1,39 @@
+"""Actions that are accelerations."""
+
+from typing import ClassVar, Literal
+
+from pydantic import Field
+
+from drake_quad.control.policy.actions import AccelerationScale
+from drake_quad.control.policy.actuation import AccelerationActuation
+from drake_quad.control.policy.frames import LevelFrame
+from drake_quad.framework.recipe import Recipe
+from drake_quad.scenario.actions.action import ACTIONS, Action
+from drake_quad.scenario.attitude_controllers.controller import AttitudeController
+from drake_quad.scenario.quantities import PlainPositives
+from drake_quad.scenario.setting import ControlSetting
+from drake_quad.vehicle.parameters import QuadrotorParameters
+
+
+@ACTIONS.member
+class AccelerationAction(Action):
+    """An acceleration, which the cascade makes thrust and attitude of."""
+
+    kind: Literal["acceleration"]
+    # The default is several times what the figure eight needs (0.7 m/s²), for gusts and for flights that begin beside
+    # the path.
+    most: PlainPositives = Field(default=(5.0, 5.0, 5.0), description="of an action of 1 (m/s²)")
+    frame: LevelFrame = Field(
+        default="world", description="axes along which the acceleration is commanded, named as in `observation.frame`"
+    )
+    num_rows: ClassVar = 3
+    commands: ClassVar = "attitude"
+    vectors_thrust: ClassVar = True
+
+    def recipe(self, setting: ControlSetting, *, turn: float, attitude: AttitudeController | None) -> Recipe:
+        """Return the recipe for an `AccelerationActuation`."""
+        return Recipe(AccelerationActuation, {"frame": self.frame, "turn": turn}, AccelerationScale(*self.most))
+
+    def hovering(self, believed: QuadrotorParameters) -> tuple[float, ...]:
+        """Return no acceleration."""
+        return (0.0, 0.0, 0.0)

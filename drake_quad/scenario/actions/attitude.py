@@ -1,0 +1,32 @@
+"""Actions that are a thrust and an attitude."""
+
+import math
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field
+
+from drake_quad.control.policy.actions import AttitudeScale
+from drake_quad.control.policy.actuation import AttitudeActuation
+from drake_quad.framework.recipe import Recipe
+from drake_quad.scenario.actions.action import ACTIONS, ThrustAction
+from drake_quad.scenario.attitude_controllers.controller import AttitudeController
+from drake_quad.scenario.quantities import PlainTilt, radians
+from drake_quad.scenario.setting import ControlSetting
+
+
+@ACTIONS.member
+class AttitudeAction(ThrustAction):
+    """Thrust, roll, pitch, and how far to look away from the reference's yaw."""
+
+    kind: Literal["attitude"]
+    # The default is that of the other controllers; the figure eight needs 4°.
+    max_tilt: PlainTilt = Field(default=0.6, description="roll and pitch of an action of 1 (rad)")
+    max_yaw: Annotated[float, Field(ge=0.0, le=math.pi), radians(math.pi)] = Field(
+        default=0.5, description="angle from the reference's yaw of an action of 1 (rad)"
+    )
+    commands: ClassVar = "attitude"
+
+    def recipe(self, setting: ControlSetting, *, turn: float, attitude: AttitudeController | None) -> Recipe:
+        """Return the recipe for an `AttitudeActuation`."""
+        scale = AttitudeScale(self.thrusts(setting.believed), self.max_tilt, self.max_yaw)
+        return Recipe(AttitudeActuation, {}, scale)

@@ -1,0 +1,56 @@
+"""Actions that are a thrust and body rates."""
+
+from typing import Any, ClassVar, Literal
+
+from pydantic import Field
+from pydantic_core import PydanticCustomError
+
+from drake_quad.control.axes import PerAngle
+from drake_quad.control.policy.actions import RatesScale
+from drake_quad.control.policy.actuation import RatesFromTheGround, RatesOnBoard
+from drake_quad.framework.recipe import Recipe
+from drake_quad.scenario.actions.action import ACTIONS, ThrustAction
+from drake_quad.scenario.attitude_controllers.controller import AttitudeController
+from drake_quad.scenario.autopilots.autopilot import Autopilot
+from drake_quad.scenario.quantities import Gains, PlainPositives
+from drake_quad.scenario.setting import ControlSetting
+from drake_quad.signals import BodyRates
+
+
+@ACTIONS.member
+class RatesAction(ThrustAction):
+    """Thrust and body rates."""
+
+    kind: Literal["rates"]
+    max_rates: PlainPositives = Field(default=(6.0, 6.0, 3.0), description="p, q, r of an action of 1 (rad/s)")
+    k_rate: Gains | None = Field(
+        default=None,
+        description="angular acceleration over the error of the rates, without an autopilot (1/s); k_d of the attitude"
+        " control if not given",
+    )
+    commands: ClassVar = "rates"
+
+    def recipe(self, setting: ControlSetting, *, turn: float, attitude: AttitudeController | None) -> Recipe:
+        """Return the recipe for a loop of the rates on the ground, or for a target for the loop on board."""
+        on_board = setting.autopilot.controls_attitude
+        gains: Any = (0.0, 0.0, 0.0) if on_board else self.k_rate
+        if gains is None and attitude is not None:
+            gains = attitude.k_d
+        rates = BodyRates(*self.max_rates)
+        scale = RatesScale(self.thrusts(setting.believed), rates, PerAngle(*gains), *setting.believed.inertia)
+        return Recipe(RatesOnBoard if on_board else RatesFromTheGround, {}, scale)
+
+    def needs_attitude(self, autopilot: Autopilot) -> bool:
+        """Return whether the gains of the rates are those of an attitude control."""
+        return self.k_rate is None and not autopilot.controls_attitude
+
+    def check_fits(self, scenario: Any) -> None:
+        """Raise a validation error if the gains of the rates are missing, or not used."""
+        super().check_fits(scenario)
+        autopilot = scenario.laboratory.autopilot
+        if scenario.control.attitude is None and self.needs_attitude(autopilot):
+            raise PydanticCustomError("missing", "is missing", {"path": ("control", "action", "k_rate")})
+        if self.k_rate is not None and autopilot.controls_attitude:
+            demand = "must be left out, or null: laboratory.autopilot of kind {autopilot} has its own"
+            path = "control", "action", "k_rate"
+            raise scenario.wrong(*path, kind="on_board", demand=demand, autopilot=autopilot.kind)

@@ -1,0 +1,64 @@
+"""Actions that are speeds of rotors."""
+
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from drake_quad.control.policy.actions import PerRotor, SpeedScale
+from drake_quad.control.policy.actuation import RotorSpeedActuation
+from drake_quad.framework.recipe import Recipe
+from drake_quad.scenario.actions.action import ACTIONS, Action
+from drake_quad.scenario.attitude_controllers.controller import AttitudeController
+from drake_quad.scenario.quantities import PlainNonNegative
+from drake_quad.scenario.setting import ControlSetting
+from drake_quad.signals import RotorSpeed, Wrench
+from drake_quad.vehicle.dynamics import hover_rotor_speeds, rotor_action
+from drake_quad.vehicle.parameters import QuadrotorParameters
+
+
+@ACTIONS.member
+class RotorSpeedsAction(Action):
+    """Speeds of the rotors, from idle to the top speed."""
+
+    kind: Literal["rotor_speeds"]
+    least: PlainNonNegative | None = Field(
+        default=None, description="of an action of -1 (rad/s); min_rotor_speed in `nominal` if not given"
+    )
+    order: Annotated[tuple[int, int, int, int], Field(strict=False)] = Field(
+        default=(1, 2, 3, 4), description="which rotor each row of the action is for"
+    )
+    num_rows: ClassVar = 4
+    commands: ClassVar = "wrench"
+
+    @model_validator(mode="after")
+    def _each_once(self) -> "RotorSpeedsAction":
+        if sorted(self.order) != [1, 2, 3, 4]:
+            raise self.wrong("order", kind="order", demand="must name each rotor from 1 to 4 once")
+        return self
+
+    def recipe(self, setting: ControlSetting, *, turn: float, attitude: AttitudeController | None) -> Recipe:
+        """Return the recipe for a `RotorSpeedActuation`."""
+        believed = setting.believed
+        units = [RotorSpeed._make(np.eye(4)[rotor].tolist()) for rotor in range(4)]
+        wrenches = PerRotor._make(Wrench._make(map(float, rotor_action(unit, believed).wrench)) for unit in units)
+        order = tuple([self.order.index(rotor) for rotor in (1, 2, 3, 4)])
+        speeds = SpeedScale(self._least(believed), believed.max_rotor_speed, wrenches)
+        return Recipe(RotorSpeedActuation, {"order": order}, speeds)
+
+    def hovering(self, believed: QuadrotorParameters) -> tuple[float, ...]:
+        """Return the speeds of hover."""
+        least, most = self._least(believed), float(believed.max_rotor_speed)
+        speeds = hover_rotor_speeds(believed)
+        return tuple([2.0 * (float(speeds[rotor - 1]) - least) / (most - least) - 1.0 for rotor in self.order])
+
+    def check_fits(self, scenario: Any) -> None:
+        """Raise a validation error if the slowest speed is not below the top speed."""
+        super().check_fits(scenario)
+        top = scenario.nominal.max_rotor_speed
+        if self.least is not None and not self.least < top:
+            demand = "must be smaller than max_rotor_speed in nominal, {top}"
+            raise scenario.wrong("control", "action", "least", kind="speeds", demand=demand, top=top)
+
+    def _least(self, believed: QuadrotorParameters) -> float:
+        return float(believed.min_rotor_speed if self.least is None else self.least)

@@ -1,0 +1,42 @@
+"""Incremental nonlinear dynamic inversion of the attitude."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from drake_quad.control.disturbance.laws import IncrementalLaw
+from drake_quad.control.incremental_attitude import IncrementalAttitudeController, IncrementalAttitudeNumbers
+from drake_quad.framework.recipe import Recipe
+from drake_quad.scenario.attitude_controllers.controller import ATTITUDE_CONTROLLERS, AttitudeController
+from drake_quad.scenario.attitude_controllers.pd import PdAttitude
+from drake_quad.scenario.quantities import Positive, Span
+from drake_quad.vehicle.parameters import Inertia
+
+
+@ATTITUDE_CONTROLLERS.member
+class IndiAttitude(AttitudeController):
+    """PD with incremental nonlinear dynamic inversion of the angular acceleration."""
+
+    kind: Literal["indi"]
+    delay_ticks: Annotated[int, Field(ge=0, le=50)] = Field(
+        default=1, description="whole ticks of the control from a torque to what it does, believed (1)"
+    )
+    lag: Span = Field(
+        description="time constant of the angular acceleration behind the torque: of rotors, cameras, filters (s)"
+    )
+    bandwidth: Positive = Field(
+        description="ω of the filter ω² / (s² + √2 ω s + ω²) of measured and modelled angular acceleration (rad/s)"
+    )
+    disturbance_limit: Positive = Field(
+        default=50.0, description="largest angular acceleration that is held for a disturbance (rad/s²)"
+    )
+
+    def recipe(self, inertia: Inertia, period: float) -> Recipe:
+        """Return the recipe for the controller."""
+        law = IncrementalLaw(self.bandwidth)
+        numbers = IncrementalAttitudeNumbers(self.numbers(inertia), law, self.lag, self.disturbance_limit)
+        return Recipe(IncrementalAttitudeController, {"period": period, "delay_ticks": self.delay_ticks}, numbers)
+
+    def plain(self) -> AttitudeController:
+        """Return the PD without the estimate."""
+        return PdAttitude(k_p=self.k_p, k_d=self.k_d)

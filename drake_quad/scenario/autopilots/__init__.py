@@ -1,0 +1,5 @@
+"""Autopilots of the scenario language, each kind in a module of its own."""
+
+from drake_quad.scenario.unions import import_members
+
+import_members(__name__, __path__)

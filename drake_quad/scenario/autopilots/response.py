@@ -1,0 +1,60 @@
+"""Autopilot and vehicle as a whole."""
+
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from drake_quad.control.lqg.chains import Answer
+from drake_quad.framework.recipe import Recipe
+from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS, Autopilot
+from drake_quad.scenario.quantities import Positive
+from drake_quad.signals import AngleRate
+from drake_quad.vehicle import responding
+from drake_quad.vehicle.autopilot import ThrustAlone
+from drake_quad.vehicle.parameters import QuadrotorParameters
+from drake_quad.vehicle.quadrotor import QuadrotorNumbers
+from drake_quad.vehicle.responding import DampingRatios, NaturalFrequencies, RespondingNumbers, RespondingQuadrotor
+
+PerAngle = Annotated[tuple[Positive, Positive, Positive], Field(strict=False)]
+
+
+@AUTOPILOTS.member
+class AttitudeResponse(Autopilot):
+    """Autopilot and vehicle as a whole: each angle follows its command as a lag of second order, as flights show it."""
+
+    period: ClassVar = None
+    command: ClassVar = "attitude_target"
+    accepts: ClassVar = ("attitude",)
+    feeds_forward: ClassVar = ("none", "acceleration")
+    models_vehicle: ClassVar = True
+    kind: Literal["response"]
+    natural_frequency: PerAngle = Field(description="ω_n of roll, pitch, yaw (rad/s)")
+    damping: PerAngle = Field(description="ζ of roll, pitch, yaw (1)")
+
+    def answer(self) -> Answer:
+        """Return the answer of the roll."""
+        return Answer(float(self.natural_frequency[0]), float(self.damping[0]))
+
+    def recipes(self, believed: QuadrotorParameters, *, written: Any, heeds_attitude: bool) -> dict[str, Recipe]:
+        """Return the recipe for a system that passes the thrust on; the vehicle itself follows the attitude."""
+        return {"autopilot": Recipe(ThrustAlone, {}, None)}
+
+    def vehicle_recipe(self, structure: dict[str, Any], numbers: QuadrotorNumbers) -> Recipe:
+        """Return the recipe for a vehicle with this response."""
+        response = responding.AttitudeResponse(
+            NaturalFrequencies(*self.natural_frequency), DampingRatios(*self.damping)
+        )
+        return Recipe(RespondingQuadrotor, structure, RespondingNumbers(numbers, response))
+
+    def fastest_decay(self) -> AngleRate:
+        """Return the rate of the fastest decay of any angle, 1/s."""
+        pairs: Any = zip(self.natural_frequency, self.damping, strict=True)
+        return max(float(np.max(w * (d + np.sqrt(np.maximum(d * d - 1.0, 0.0))))) for w, d in pairs)
+
+    def check_fits(self, scenario: Any) -> None:
+        """Raise a validation error if the vehicle has what was not there when the response was identified."""
+        for name in ("rotor_failure", "payload", "slung_load", "battery", "reaction_torque"):
+            if getattr(scenario.vehicle, name):
+                demand = "must be left out: laboratory.autopilot of kind response does not know it"
+                raise scenario.wrong("vehicle", name, kind="response", demand=demand)

@@ -1,0 +1,5 @@
+"""Controls of the scenario language: all that is computed on the ground, each kind in a module of its own."""
+
+from drake_quad.scenario.unions import import_members
+
+import_members(__name__, __path__)

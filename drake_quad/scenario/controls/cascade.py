@@ -1,0 +1,106 @@
+"""The cascade of position and attitude control."""
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, Literal
+
+from pydantic import Field, model_validator
+from pydrake.systems.framework import Diagram
+
+from drake_quad.control.cascade import build_cascade
+from drake_quad.framework.recipe import Recipe
+from drake_quad.scenario.attitude_controllers.controller import (
+    ATTITUDE_CONTROLLERS,
+    AnyAttitudeController,
+    check_attitude_control,
+)
+from drake_quad.scenario.controls.control import CONTROLS, Control
+from drake_quad.scenario.controls.thrust_vectoring import ThrustVectoring
+from drake_quad.scenario.networks.network import Network
+from drake_quad.scenario.position_controllers.controller import POSITION_CONTROLLERS, AnyPositionController
+from drake_quad.scenario.setting import ControlSetting
+
+
+@CONTROLS.member
+class CascadeControl(Control):
+    """The cascade: position, thrust vectoring and, without an autopilot on board, attitude."""
+
+    kind: Literal["cascade"] = Field(default="cascade", description="what a control is that does not say it")
+    position: AnyPositionController
+    network: Network | None = Field(  # type: ignore[misc]
+        default=None, description="around the position controller, if any"
+    )
+    thrust_vectoring: ThrustVectoring = ThrustVectoring()
+    attitude: AnyAttitudeController | None = Field(
+        default=None, description="on the ground; needed without an autopilot, and to be left out, or null, with one"
+    )
+    places: ClassVar = {"position_controller": ("position", "network.")}
+
+    @model_validator(mode="after")
+    def _fits_its_network(self) -> "CascadeControl":
+        """Raise an error if a network needs something that the position controller does not have."""
+        if self.network is None:
+            return self
+        if not self.position.takes_correction:
+            demand = "must be left out: a position controller of kind {position} takes no correction"
+            raise self.wrong("network", kind="correction", demand=demand, position=self.position.kind)
+        if self.network.inputs.disturbance is not None and not self.position.estimates_disturbance:
+            demand = "must be left out: a position controller of kind {estimator} estimates none"
+            path = "network", "inputs", "disturbance"
+            raise self.wrong(*path, kind="estimate", demand=demand, estimator=self.position.kind)
+        return self
+
+    def check_fits(self, scenario: Any) -> None:
+        """Raise a validation error unless attitude is controlled once, and gets what is fed forward."""
+        check_attitude_control(scenario)
+        autopilot = scenario.laboratory.autopilot
+        if self.position.feed_forward not in autopilot.feeds_forward:
+            demand = "must be {allowed}: laboratory.autopilot of kind {autopilot} takes no more"
+            allowed = " or ".join(autopilot.feeds_forward)
+            path = "control", "position", "feed_forward"
+            raise scenario.wrong(*path, kind="on_board", demand=demand, allowed=allowed, autopilot=autopilot.kind)
+
+    def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
+        """Return the recipes for all parts of the cascade."""
+        recipes = self.position.recipes(setting)
+        if self.network is not None:
+            recipes |= self.network.recipes(setting.tick, setting.plan)
+        recipes["thrust_vectoring"] = self.thrust_vectoring.recipe(setting.believed, self.attitude)
+        if self.attitude is not None:
+            recipes["attitude"] = self.attitude.recipe(setting.believed.inertia, setting.tick)
+        return recipes
+
+    def build(self, systems: Mapping[str, Any], own: Mapping[str, Any]) -> Diagram:
+        """Return the cascade, in which a `position_controller` of the user's has no network around it."""
+        position, network = own.get("position_controller"), None
+        if position is None:
+            network = None if self.network is None else self.network.build(systems)
+            position = self.position.build(systems, takes_correction=network is not None)
+        return build_cascade(
+            position=position,
+            network=network,
+            thrust_vectoring=systems["thrust_vectoring"],
+            attitude=systems.get("attitude"),
+            feed_forward=self.position.feed_forward,
+        )
+
+    def limits(self) -> ThrustVectoring:
+        """Return the limits of thrust vectoring."""
+        return self.thrust_vectoring
+
+    def cascade(self) -> "CascadeControl":
+        """Return the control."""
+        return self
+
+    def parts(self) -> list[str]:
+        """Return the kinds of the controllers and of the network."""
+        network = [] if self.network is None else [f"{self.network.kind} network"]
+        attitude = [] if self.attitude is None else [f"attitude {self.attitude.kind}"]
+        return [self.position.kind, *network, *attitude]
+
+    def policy_fields(self) -> dict[str, Any]:
+        """Return the limits of thrust vectoring and the attitude control."""
+        return {"thrust_vectoring": self.thrust_vectoring, "attitude": self.attitude}
+
+
+POSITION_CONTROLLERS.rebuild(CascadeControl)
+ATTITUDE_CONTROLLERS.rebuild(CascadeControl)

@@ -1,0 +1,144 @@
+"""Model predictive control in the scenario language: a regulator that keeps to limits over a horizon."""
+
+import itertools
+import math
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import Annotated, ClassVar, Literal, NamedTuple
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from drake_quad.control.axes import PerAxis
+from drake_quad.control.lqg.design import regulator_of
+from drake_quad.control.lqg.laws import LqgNumbers
+from drake_quad.control.mpc import constraints
+from drake_quad.control.mpc.constraints import Preview
+from drake_quad.control.mpc.system import OPEN, PredictiveProgramme
+from drake_quad.framework.recipe import Recipe
+from drake_quad.framework.records import layout_of
+from drake_quad.reference.plan import Plan
+from drake_quad.scenario.controls.control import CONTROLS
+from drake_quad.scenario.controls.lqg import LqgControl
+from drake_quad.scenario.distributions import Model, Real
+from drake_quad.scenario.paths import distributions_in
+from drake_quad.scenario.quantities import PlainPositive
+from drake_quad.scenario.setting import ControlSetting
+from drake_quad.signals import Jerk, Reference, Snap
+
+HalfWidths = Annotated[tuple[PlainPositive | None, PlainPositive | None, PlainPositive | None], Field(strict=False)]
+Walls = Annotated[tuple[Real | None, Real | None, Real | None], Field(strict=False)]
+_OPEN = (None, None, None)
+
+
+class _Corridor(Model):
+    """What the walls of a corridor have in common."""
+
+    weight: PlainPositive = Field(
+        default=10.0, description="ζ of the cost at a tick, p² + ρ u² + ζ ε², for being ε beyond it (m)"
+    )
+
+    @abstractmethod
+    def walls(self) -> constraints.Corridor:
+        """Return the walls."""
+
+
+class Tube(_Corridor):
+    """Walls that go along with the reference."""
+
+    kind: Literal["tube"]
+    half_width: HalfWidths = Field(description="largest error on X, Y, Z, or null for any (m)")
+
+    def walls(self) -> constraints.Corridor:
+        """Return walls on both sides of the reference."""
+        upper = _per_axis(self.half_width, math.inf)
+        return constraints.Corridor(PerAxis(*[-wall for wall in upper]), upper, moves=True, weight=self.weight)
+
+
+class Room(_Corridor):
+    """Walls that stand in W."""
+
+    kind: Literal["room"]
+    lower: Walls = Field(default=_OPEN, description="least X, Y, Z of the position, or null for no wall (m)")
+    upper: Walls = Field(default=_OPEN, description="largest X, Y, Z of the position, or null for no wall (m)")
+
+    @model_validator(mode="after")
+    def _has_room(self) -> "Room":
+        for axis, (low, high) in enumerate(zip(self.lower, self.upper, strict=True)):
+            if low is not None and high is not None and not low < high:
+                raise self.wrong("upper", axis, kind="walls", demand="must be larger than lower, {low}", low=low)
+        return self
+
+    def walls(self) -> constraints.Corridor:
+        """Return walls that stand."""
+        lower, upper = _per_axis(self.lower, -math.inf), _per_axis(self.upper, math.inf)
+        return constraints.Corridor(lower, upper, moves=False, weight=self.weight)
+
+
+def _per_axis(walls: Sequence[float | None], none: float) -> PerAxis:
+    return PerAxis(*[none if wall is None else wall for wall in walls])
+
+
+@CONTROLS.member
+class MpcControl(LqgControl):
+    """A Kalman filter and a regulator that keeps to its limits over a horizon; the same for all vehicles of a fleet."""
+
+    kind: Literal["mpc"]  # type: ignore[assignment]
+    horizon: Annotated[float, Field(gt=0.0, le=4.0)] = Field(
+        default=0.6, description="over which limits are kept, rounded to ticks of the control (s)"
+    )
+    corridor: Annotated[Tube | Room, Field(discriminator="kind")] | None = Field(
+        default=None, description="to fly in, as far as disturbances let it; null for none"
+    )
+    tilt_weight: PlainPositive = Field(
+        default=10.0,
+        description="ζ of the cost for a specific thrust ε beyond that of max_tilt, with torques over the link (g)",
+    )
+    takes_perturbation: ClassVar = True
+
+    @model_validator(mode="after")
+    def _is_the_same_for_all(self) -> "MpcControl":
+        """The vehicles of a fleet share one programme."""
+        for path in distributions_in(self):
+            if not path.startswith("network."):
+                raise self.wrong(
+                    *[int(step) if step.isdecimal() else step for step in path.split(".")],
+                    kind="number",
+                    demand="must be a number with control.kind mpc, not a distribution",
+                )
+        return self
+
+    def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
+        """Return the recipes for the regulator, the programme, and a network if there is one."""
+        (path, regulator), *others = super().recipes(setting).items()
+        return {path: regulator, "programme": self._programme(setting, regulator.numbers), **dict(others)}
+
+    def _programme(self, setting: ControlSetting, believed: LqgNumbers) -> Recipe:
+        times = self.timing(setting.frame, setting.tick)
+        structure = {
+            "tick": times.tick,
+            "num_ticks": max(1, round(self.horizon / times.tick)),
+            "believed": believed,
+            "lateral": regulator_of(self.lateral.model(), times, self.lateral.command_weight),
+            "vertical": regulator_of(self.vertical.model(), times, self.vertical.command_weight),
+            "preview": _preview(setting.plan, times.tick),
+            "corridor": OPEN if self.corridor is None else self.corridor.walls(),
+            "tilt_weight": self.tilt_weight,
+        }
+        return Recipe(PredictiveProgramme, structure, None)
+
+
+class _Shown(NamedTuple):
+    """What the reference shows at an instant."""
+
+    reference: Reference
+    jerk: Jerk
+    snap: Snap
+
+
+def _preview(plan: Plan, tick: float) -> tuple[Preview, ...]:
+    """Return the reference at each tick from time zero until it rests; the last entry also holds after that."""
+    layout = layout_of(_Shown)
+    rows = plan.reference().vector_values(tick * np.arange(-1, math.ceil(plan.rest_time / tick) + 2))
+    shown = [layout.build(row) for row in rows.T.tolist()]
+    return tuple([Preview(now.reference, now.jerk, now.snap, before.snap) for before, now in itertools.pairwise(shown)])

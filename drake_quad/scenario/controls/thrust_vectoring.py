@@ -1,0 +1,36 @@
+"""Limits of tilt and thrust."""
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from drake_quad.control import thrust_vectoring
+from drake_quad.control.thrust_vectoring import ThrustLimits, VectoringNumbers
+from drake_quad.framework.recipe import Recipe
+from drake_quad.scenario.attitude_controllers.controller import AttitudeController
+from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.quantities import Number, Tilt, bounded
+from drake_quad.vehicle.parameters import QuadrotorParameters
+
+MinThrust = Annotated[Number, bounded(above=0.0, below=1.0)]
+MaxThrust = Annotated[Number, bounded(above=1.0)]
+
+
+class ThrustVectoring(Model):
+    """Limits of what eq (7) may command."""
+
+    max_tilt: Tilt = Field(default=0.6, description="largest angle between thrust and vertical (rad)")
+    min_thrust: MinThrust = Field(default=0.3, description="least vertical thrust, as a share of the weight (1)")
+    max_thrust: MaxThrust = Field(default=1.8, description="largest thrust, as a share of the weight (1)")
+
+    def thrust_limits(self, believed: QuadrotorParameters) -> ThrustLimits:
+        """Return the limits for the nominal vehicle."""
+        weight = believed.mass * believed.gravity
+        return ThrustLimits(np.tan(self.max_tilt), self.min_thrust * weight, self.max_thrust * weight)
+
+    def recipe(self, believed: QuadrotorParameters, attitude: AttitudeController | None) -> Recipe:
+        """Return the recipe of the system that commands an attitude, given the attitude control on the ground."""
+        structure = {"projects": False} if attitude is None else attitude.vectoring()
+        numbers = VectoringNumbers(believed.mass, believed.gravity, self.thrust_limits(believed))
+        return Recipe(thrust_vectoring.ThrustVectoring, structure, numbers)

@@ -1,0 +1,1 @@
+"""Fuzzy networks of the scenario language, which learn in flight."""

@@ -1,0 +1,55 @@
+"""What a fuzzy network has learned in a flight."""
+
+import math
+from typing import Annotated, Any, Literal, get_args
+
+from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from drake_quad.control.fuzzy.inputs import InputName
+from drake_quad.scenario.distributions import Model, Real
+
+Axis = Literal["x", "y", "z"]
+AXES: tuple[Axis, ...] = get_args(Axis)
+
+
+class LearnedAxis(Model):
+    """What a network has learned on one axis."""
+
+    weights: Annotated[tuple[Real, ...], Field(strict=False)] = Field(description="F, one a rule (m/s²)")
+    antecedents: Annotated[tuple[Real, ...], Field(strict=False)] | None = Field(
+        default=None, description="numbers of the sets, if they have learned, as the signal of that name has them (1)"
+    )
+
+
+class LearnedNetwork(Model):
+    """What a network has learned in a flight; `learned: FILE` reads it from what `simulate.py --save-network` wrote."""
+
+    kind: Literal["type_1", "type_2"] = Field(description="type of the network")
+    inputs: Annotated[tuple[InputName, ...], Field(strict=False)] = Field(description="what its rules look at")
+    sets: Annotated[tuple[int, ...], Field(strict=False)] = Field(description="number of sets of each input")
+    x: LearnedAxis | None = Field(default=None, description="on X")
+    y: LearnedAxis | None = Field(default=None, description="on Y")
+    z: LearnedAxis | None = Field(default=None, description="on Z")
+
+    @property
+    def axes(self) -> dict[Axis, LearnedAxis]:
+        """What has been learned, by axis."""
+        return {axis: known for axis in AXES if (known := getattr(self, axis)) is not None}
+
+    @model_validator(mode="after")
+    def _complete(self) -> "LearnedNetwork":
+        rules, numbers = math.prod(self.sets), 3 + sum(1 + 2 * count for count in self.sets)
+        for axis, known in self.axes.items():
+            if len(known.weights) != rules:
+                raise self.wrong(axis, "weights", kind="learned", demand="must be {rules} numbers", rules=rules)
+            if known.antecedents is not None and len(known.antecedents) != numbers:
+                raise self.wrong(axis, "antecedents", kind="learned", demand="must be {count} numbers", count=numbers)
+        if len({known.antecedents is None for known in self.axes.values()}) > 1:
+            raise PydanticCustomError("learned", "must have antecedents on all axes or on none")
+        return self
+
+
+def or_file(schema: dict[str, Any]) -> None:
+    """Tells editors that the name of a file stands for what is in it; loading puts that in its place."""
+    schema["anyOf"].insert(0, {"type": "string"})

@@ -1,0 +1,1 @@
+"""Policies of the scenario language: trained networks and what they see."""

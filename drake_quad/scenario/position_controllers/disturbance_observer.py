@@ -1,0 +1,38 @@
+"""PD controller with a Kalman filter for the disturbance."""
+
+import functools
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from drake_quad.control.disturbance.laws import KalmanLaw, KalmanMemory
+from drake_quad.scenario.position_controllers.controller import POSITION_CONTROLLERS
+from drake_quad.scenario.position_controllers.estimating import EstimatingPosition
+from drake_quad.scenario.quantities import PlainPositive, PlainPositives, PlainSpans
+
+
+@POSITION_CONTROLLERS.member
+class ObserverPosition(EstimatingPosition):
+    """PD with a Kalman filter for the disturbing acceleration, from positions alone."""
+
+    kind: Literal["disturbance_observer"]  # type: ignore[assignment]
+    position_noise: PlainPositive = Field(description="standard deviation of the measured position (m)")
+    deviation: PlainPositives = Field(description="standard deviation of the disturbance on X, Y, Z (m/s²)")
+    time_constant: PlainSpans = Field(
+        description="after which the disturbance is another, on X, Y, Z (s); a long one makes a random walk"
+    )
+
+    def law(self, axis: int, period: float) -> KalmanLaw:
+        """Return the Kalman filter of an axis, vehicle by vehicle where its statistics vary."""
+        statistics = self.deviation[axis], self.time_constant[axis], self.position_noise
+        if not any(np.ndim(number) for number in statistics):
+            return _kalman_filter(*statistics, period)
+        laws = [_kalman_filter(*map(float, own), period) for own in np.broadcast(*statistics)]
+        time_constant: Any = np.array([law.time_constant for law in laws])
+        return KalmanLaw(time_constant, KalmanMemory(*np.transpose([law.gain for law in laws])))
+
+
+@functools.lru_cache(maxsize=4096)
+def _kalman_filter(deviation: float, time_constant: float, position_noise: float, period: float) -> KalmanLaw:
+    return KalmanLaw.of(deviation=deviation, time_constant=time_constant, position_noise=position_noise, period=period)

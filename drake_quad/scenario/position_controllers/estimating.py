@@ -1,0 +1,104 @@
+"""PD controllers with an estimate of the disturbance, and the response of the vehicle that they believe in."""
+
+from abc import abstractmethod
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import Field
+
+from drake_quad.control.axes import PerAxis
+from drake_quad.control.disturbance.estimator import DisturbanceEstimator, EstimatorNumbers
+from drake_quad.control.disturbance.response import Command
+from drake_quad.control.disturbance.tilt import TiltDisturbanceEstimator, TiltEstimatorNumbers
+from drake_quad.framework.recipe import Recipe
+from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.position_controllers.pd import PdPosition
+from drake_quad.scenario.quantities import Positive, Span, Spans
+from drake_quad.scenario.setting import ControlSetting
+from drake_quad.signals import Row
+
+
+class BelievedResponse(Model):
+    """Response of the vehicle to commands that an estimator of the disturbance believes in."""
+
+    kind: str
+    delay_ticks: Annotated[int, Field(ge=0, le=50)] = Field(
+        default=1, description="whole ticks of the control from a command to what it does (1)"
+    )
+
+    @abstractmethod
+    def estimator(self, laws: tuple[Any, ...], limit: Row, setting: ControlSetting) -> Recipe:
+        """Return the recipe for the estimator.
+
+        Args:
+            laws: law of each axis.
+            limit: largest acceleration that is held for a disturbance, m/s².
+            setting: setting of the control.
+        """
+
+    def _structure(self, setting: ControlSetting) -> dict[str, Any]:
+        return {"period": setting.tick, "delay_ticks": self.delay_ticks}
+
+
+class CommandedResponse(BelievedResponse):
+    """The vehicle is believed to follow commanded accelerations."""
+
+    kind: Literal["commanded"]
+    lag: Spans = Field(description="time constant of what follows, cameras and their filters included, on X, Y, Z (s)")
+    feed_forward_lag: Spans | None = Field(
+        default=None,
+        description="the same for what is fed forward with its derivatives and so does not wait for the attitude (s);"
+        " as `lag` if not given",
+    )
+
+    def estimator(self, laws: tuple[Any, ...], limit: Row, setting: ControlSetting) -> Recipe:
+        """Return the recipe for a `DisturbanceEstimator`."""
+        fed_forward = self.lag if self.feed_forward_lag is None else self.feed_forward_lag
+        lags = tuple([Command(*lags) for lags in zip(self.lag, fed_forward, strict=True)])
+        numbers = EstimatorNumbers(laws, lags, limit, _start(setting))
+        return Recipe(DisturbanceEstimator, self._structure(setting), numbers)
+
+
+class TiltResponse(BelievedResponse):
+    """The thrust is believed to follow its command, and to point where the measured attitude says."""
+
+    kind: Literal["tilt"]
+    lag: Span = Field(description="time constant of the thrust (s)")
+
+    def estimator(self, laws: tuple[Any, ...], limit: Row, setting: ControlSetting) -> Recipe:
+        """Return the recipe for a `TiltDisturbanceEstimator`."""
+        numbers = TiltEstimatorNumbers(laws, self.lag, setting.believed.gravity, limit, _start(setting))
+        return Recipe(TiltDisturbanceEstimator, self._structure(setting), numbers)
+
+
+class EstimatingPosition(PdPosition):
+    """PD with an estimate of the disturbance."""
+
+    response: Annotated[CommandedResponse | TiltResponse, Field(discriminator="kind")]
+    disturbance_limit: Positive = Field(
+        default=5.0, description="largest acceleration on an axis that is held for a disturbance (m/s²)"
+    )
+    estimates_disturbance: ClassVar = True
+
+    @abstractmethod
+    def law(self, axis: int, period: float) -> Any:
+        """Return a record of `drake_quad.control.disturbance.laws` for an axis.
+
+        Args:
+            axis: 0, 1 or 2 for X, Y or Z.
+            period: period of the control, s.
+        """
+
+    def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
+        """Return the recipes for the PD and the estimator."""
+        limit: Any = self.disturbance_limit
+        laws = tuple([self.law(axis, setting.tick) for axis in range(3)])
+        return {**super().recipes(setting), "position.estimator": self.response.estimator(laws, limit, setting)}
+
+    def plain(self) -> PdPosition:
+        """Return the PD without the estimate."""
+        fields = {name: getattr(self, name) for name in PdPosition.model_fields if name != "kind"}
+        return PdPosition(kind="pd", **fields)
+
+
+def _start(setting: ControlSetting) -> PerAxis:
+    return PerAxis(*map(float, setting.plan.waypoints[0]))

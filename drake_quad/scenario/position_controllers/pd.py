@@ -1,0 +1,52 @@
+"""PD controller of the position."""
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, Literal
+
+from pydantic import Field
+
+from drake_quad.control.axes import PerAxis
+from drake_quad.control.position import (
+    Derivative,
+    FeedForward,
+    PdGains,
+    ProportionalDerivative,
+    build_position_controller,
+)
+from drake_quad.framework.recipe import Recipe
+from drake_quad.scenario.position_controllers.controller import POSITION_CONTROLLERS, PositionController
+from drake_quad.scenario.quantities import Gains
+from drake_quad.scenario.setting import ControlSetting
+
+
+@POSITION_CONTROLLERS.member
+class PdPosition(PositionController):
+    """PD on the position error, eq (8)."""
+
+    kind: Literal["pd"]
+    k_p: Gains = Field(description="k_P on X, Y, Z (1/s²)")
+    k_d: Gains = Field(description="k_D on X, Y, Z (1/s)")
+    derivative: Derivative = Field(default="tracking_error", description="what k_D multiplies: v_r - v, or -v")
+    feed_forward: FeedForward = Field(  # type: ignore[misc]
+        default="none", description="up to which derivative of the reference is fed forward"
+    )
+    takes_correction: ClassVar = True
+
+    def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
+        """Return the recipe for the PD, to which kinds that extend it add others."""
+        structure = {"derivative": self.derivative, "feeds_forward": self.feed_forward != "none"}
+        gains = PdGains(PerAxis(*self.k_p), PerAxis(*self.k_d))
+        return {"position.pd": Recipe(ProportionalDerivative, structure, gains)}
+
+    def build(self, systems: Mapping[str, Any], *, takes_correction: bool) -> Any:
+        """Return the sum of the PD and what stands beside it."""
+        return build_position_controller(
+            systems["position.pd"],
+            integral=systems.get("position.integral"),
+            disturbance=systems.get("position.estimator"),
+            takes_correction=takes_correction,
+        )
+
+    def plain(self) -> "PdPosition":
+        """Return the controller itself."""
+        return self

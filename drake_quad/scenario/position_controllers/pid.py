@@ -1,0 +1,40 @@
+"""PID controller of the position."""
+
+from typing import ClassVar, Literal
+
+from pydantic import Field
+
+from drake_quad.control.axes import PerAxis
+from drake_quad.control.integral import IntegralCorrection, IntegralGains
+from drake_quad.framework.recipe import Recipe
+from drake_quad.scenario.position_controllers.controller import POSITION_CONTROLLERS
+from drake_quad.scenario.position_controllers.pd import PdPosition
+from drake_quad.scenario.quantities import Gains, IntegrationRule, Positive
+from drake_quad.scenario.setting import ControlSetting
+
+
+@POSITION_CONTROLLERS.member
+class PidPosition(PdPosition):
+    """PD with an integral, which is held within a limit against windup."""
+
+    kind: Literal["pid"]  # type: ignore[assignment]
+    k_i: Gains = Field(description="k_I on X, Y, Z (1/s³)")
+    integral_limit: Positive = Field(
+        default=2.0, description="largest acceleration that the integral may ask for (m/s²)"
+    )
+    integration: IntegrationRule = "forward_euler"
+    has_integral: ClassVar = True
+
+    @classmethod
+    def around(cls, pd: PdPosition) -> "PidPosition":
+        """Return a PID with the fields of a PD and no integral gain yet; a PID is returned as it is."""
+        if isinstance(pd, PidPosition):
+            return pd
+        kept = {name: getattr(pd, name) for name in PdPosition.model_fields if name != "kind"}
+        return cls(kind="pid", **kept, k_i=(0.0, 0.0, 0.0))
+
+    def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
+        """Return the recipes for the PD and the integral."""
+        structure = {"period": setting.tick, "integration": self.integration}
+        gains = IntegralGains(PerAxis(*self.k_i), self.integral_limit)
+        return {**super().recipes(setting), "position.integral": Recipe(IntegralCorrection, structure, gains)}

@@ -1,0 +1,30 @@
+"""Properties of a scenario that the systems of its control depend on."""
+
+from typing import NamedTuple
+
+from drake_quad.reference.plan import Plan
+from drake_quad.scenario.autopilots.autopilot import Autopilot
+from drake_quad.space.space import Space
+from drake_quad.vehicle.parameters import QuadrotorParameters
+
+
+class ControlSetting(NamedTuple):
+    """Properties of a scenario that the systems of its control depend on.
+
+    Attributes:
+        believed: parameters of the nominal vehicle.
+        plan: plan that is flown.
+        tick: period of the control, s.
+        frame: period of the cameras, s.
+        loses_frames: whether the cameras can lose frames.
+        autopilot: autopilot on board.
+        space: obstacles with the clearances of the nominal vehicle; None if there are no obstacles.
+    """
+
+    believed: QuadrotorParameters
+    plan: Plan
+    tick: float
+    frame: float
+    loses_frames: bool
+    autopilot: Autopilot
+    space: Space | None

@@ -1,0 +1,333 @@
+"""Every member of every open union answers every question truthfully, and members of one's own are equals."""
+
+import pickle
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+import pytest
+from both_ways import assert_flights_alike, assert_flown_alike
+
+from drake_quad import InputError, closed_loop, load_scenario, simulate
+from drake_quad.assembly.control import control_setting
+from drake_quad.assembly.user_systems import UserSystems
+from drake_quad.design.cascade import with_gains, with_integrals
+from drake_quad.flight.mission import plan_route
+from drake_quad.gym.rollout import action_source
+from drake_quad.scenario.actions.acceleration import AccelerationAction
+from drake_quad.scenario.actions.action import ACTIONS
+from drake_quad.scenario.attitude_controllers.controller import ATTITUDE_CONTROLLERS
+from drake_quad.scenario.attitude_controllers.pd import PdAttitude
+from drake_quad.scenario.autopilots.attitude import AttitudeAutopilot
+from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS
+from drake_quad.scenario.batch import Batch
+from drake_quad.scenario.controls.control import CONTROLS
+from drake_quad.scenario.controls.policy import PolicyControl
+from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.hovering import at_rest
+from drake_quad.scenario.paths import value_at
+from drake_quad.scenario.position_controllers.controller import POSITION_CONTROLLERS
+from drake_quad.scenario.schema import file_schema, language_page
+from drake_quad.scenario.unions import OpenUnion
+from drake_quad.vehicle.quadrotor import Place, QuadrotorNumbers
+
+ROOT = Path(__file__).parent.parent.parent
+EXAMPLE = ROOT / "scripts" / "sliding_mode_in_yaml.py"
+
+
+FLOWN = [
+    ("figure_eight", []),
+    ("onboard", []),
+    ("laboratory:nominal", ["controllers/lqg:lqg"]),
+    ("onboard", ["controllers/lqg:lqg_onboard"]),
+    ("laboratory:nominal", ["controllers/mpc:mpc"]),
+    ("figure_eight", ["controllers/raptor:raptor"]),
+]
+
+
+def example(kind: type[Model]) -> Any:
+    """Return a member with ones in all numbers that must be given, and the first kind of each part."""
+    fields = {name: _value(info) for name, info in kind.model_fields.items() if info.is_required()}
+    return kind.model_validate(fields)
+
+
+def _value(field: Any) -> Any:
+    unions = [union for union in field.metadata if isinstance(union, OpenUnion)]
+    models = [*unions[0]] if unions else [field.annotation, *get_args(field.annotation)]
+    models = [model for model in models if isinstance(model, type) and issubclass(model, Model)]
+    if get_args(field.annotation) and isinstance(get_args(field.annotation)[0], str):
+        return get_args(field.annotation)[0]
+    if (models and field.discriminator is not None) or unions or models == [field.annotation]:
+        return example(models[0])
+    return [1.0, 1.0, 1.0] if getattr(field.annotation, "__origin__", None) is tuple else 1.0
+
+
+@pytest.fixture(scope="module")
+def settings():
+    """Return the setting of a control without and with an autopilot."""
+    return {name: setting_of(load_scenario(name)) for name in ("figure_eight", "onboard")}
+
+
+def setting_of(scenario):
+    return control_setting(scenario, plan_route(scenario))
+
+
+def ports(system):
+    inputs = {system.get_input_port(i).get_name() for i in range(system.num_input_ports())}
+    return inputs, {system.get_output_port(i).get_name() for i in range(system.num_output_ports())}
+
+
+def members(union):
+    return pytest.mark.parametrize("kind", [*union], ids=lambda kind: kind.__name__)
+
+
+def check_position_controller(kind, setting):
+    position = example(kind)
+    systems = {path: recipe.build(2) for path, recipe in position.recipes(setting).items()}
+    assert all(path == "position" or path.startswith("position.") for path in systems)
+    built = position.build(systems, takes_correction=kind.takes_correction)
+    inputs, outputs = ports(built)
+    assert inputs >= {"measurement", "reference"}
+    assert ("correction" in inputs) == kind.takes_correction
+    assert "acceleration_command" in outputs
+    assert ("disturbance" in outputs) == kind.estimates_disturbance
+    assert hasattr(position, "k_i") == kind.has_integral
+    assert position.feed_forward in setting.autopilot.feeds_forward
+
+
+@members(POSITION_CONTROLLERS)
+def test_every_position_controller_answers_truthfully(kind, settings):
+    check_position_controller(kind, settings["figure_eight"])
+    plain = example(kind).plain()
+    assert plain.plain() is plain
+    assert not plain.estimates_disturbance
+    assert (plain.k_p, plain.k_d, plain.feed_forward) == ((1.0,) * 3, (1.0,) * 3, "none")
+
+
+@members(ATTITUDE_CONTROLLERS)
+def test_every_attitude_controller_answers_truthfully(kind, settings):
+    attitude, believed = example(kind), settings["figure_eight"].believed
+    inputs, outputs = ports(attitude.recipe(believed.inertia, 0.02).build(2))
+    assert inputs >= {"measurement", "attitude_command"}
+    assert outputs == {"torque"}
+    vectoring = load_scenario("figure_eight").control.thrust_vectoring.recipe(believed, attitude)
+    assert ports(vectoring.build(2))[0] >= {"measurement", "acceleration_command"}
+    plain = attitude.plain()
+    assert plain.plain() is plain
+    assert (plain.k_p, plain.k_d) == (attitude.k_p, attitude.k_d)
+    assert not plain.recipe(believed.inertia, 0.02).build(2).updates, "it remembers nothing"
+
+
+@members(AUTOPILOTS)
+def test_every_autopilot_answers_truthfully(kind, settings):
+    autopilot, believed = example(kind), settings["onboard"].believed
+
+    def recipes_of(autopilot):
+        return autopilot.recipes(believed, written=autopilot, heeds_attitude=True)
+
+    recipes = recipes_of(autopilot)
+    assert [*recipes] == (["autopilot"] if autopilot.controls_attitude else [])
+    assert (autopilot.answer() is not None) == autopilot.controls_attitude
+    assert ("wrench" in kind.accepts) != autopilot.controls_attitude
+    for recipe in recipes.values():
+        system = recipe.build(2)
+        inputs, outputs = ports(system)
+        assert "attitude_target" in inputs
+        assert outputs == {"wrench"}
+        assert {update.period for update in system.updates} == {autopilot.period} - {None}
+    assert all(getattr(autopilot, name) == (1.0,) * 3 for name in kind.loop_gains or ())
+    numbers = QuadrotorNumbers(believed, start=Place(0.0, 0.0, 1.0, 0.0))
+    vehicle = autopilot.vehicle_recipe({"time_step": 0.01}, numbers).build(2)
+    assert vehicle.HasInputPort("attitude_target") == kind.models_vehicle
+    noises = {name: 0.1 for name in kind.model_fields if "noise" in name}
+    biases = {name: (0.1, 0.2, 0.3) for name in kind.model_fields if "bias" in name}
+    wrong = autopilot.model_copy(update=noises | biases)
+    assert (recipes_of(wrong) != recipes_of(autopilot)) == bool(noises | biases)
+    assert recipes_of(wrong.without_noise().without_bias()) == recipes_of(autopilot)
+    assert recipes_of(wrong.without_noise()) == recipes_of(autopilot.model_copy(update=biases))
+
+
+def test_an_identified_response_decays_with_its_poles():
+    for damping in (0.7, 1.0, 1.9):
+        fields = {"kind": "response", "natural_frequency": [9.0, 3.0, 2.0], "damping": [damping] * 3}
+        response = AUTOPILOTS.get("response").model_validate(fields)
+        poles = np.roots([1.0, 2.0 * damping * 9.0, 81.0])
+        assert response.fastest_decay() == pytest.approx(-poles.real.min())
+
+
+def check_action(kind, settings):
+    action = example(kind)
+    for setting in settings.values():
+        if kind.commands not in setting.autopilot.accepts:
+            continue
+        on_board = setting.autopilot.controls_attitude
+        attitude = example(PdAttitude) if action.needs_attitude(setting.autopilot) else None
+        assert action.needs_attitude(setting.autopilot) == (not on_board and kind.commands in ("attitude", "rates"))
+        system = action.recipe(setting, turn=0.0, attitude=attitude).build(2)
+        _, outputs = ports(system)
+        commands = {"attitude": "thrust_and_attitude", "rates": "wrench", "wrench": "wrench"}[kind.commands]
+        if kind.vectors_thrust:
+            commands = "acceleration_command"
+        elif kind.commands == "rates" and on_board:
+            commands = "attitude_target"
+        assert outputs == {commands}
+        assert system.GetInputPort("action").size() == 2 * kind.num_rows
+        assert len(action.hovering(setting.believed)) == kind.num_rows
+        assert max(map(abs, action.hovering(setting.believed))) < 1.0
+
+
+@members(ACTIONS)
+def test_every_action_answers_truthfully(kind, settings):
+    check_action(kind, settings)
+
+
+@pytest.mark.parametrize(("scenario", "layers"), FLOWN)
+def test_every_control_answers_truthfully(scenario, layers):
+    scenario = load_scenario(scenario, layers=layers)
+    control, setting = scenario.control, setting_of(scenario)
+    recipes = control.recipes(setting)
+    for starts in control.places.values():
+        assert any(path.startswith(starts) for path in recipes)
+    built = control.build({path: recipe.build(2) for path, recipe in recipes.items()}, UserSystems().given)
+    inputs, outputs = ports(built)
+    assert built.get_name() == "control"
+    assert setting.autopilot.command in outputs
+    assert ("reference_ahead" in inputs) == bool(control.ahead())
+    assert ("action" in outputs) == bool(control.policy_rows()) == ("policy" in control.places)
+    assert not control.lacks_policy()
+    assert ("network" in {part.get_name() for part in built.GetSystems()}) == (control.network is not None)
+    assert (control.cascade() is control) == (control.kind == "cascade")
+    assert 0.0 < control.limits().min_thrust < 1.0 < control.limits().max_thrust
+
+
+def test_no_kind_of_control_is_left_out():
+    assert {load_scenario(name, layers=layers).control.kind for name, layers in FLOWN} == {*CONTROLS.names}
+
+
+@pytest.fixture
+def sliding(monkeypatch):
+    """Return the position controller of the example, which is registered during a test."""
+    monkeypatch.syspath_prepend(EXAMPLE.parent)
+    return POSITION_CONTROLLERS.member(import_module(EXAMPLE.stem).SlidingPosition)
+
+
+SLIDING = {"kind": "sliding_mode", "slope": [1.5, 1.4, 2.0], "gain": [2.0, 2.1, 4.0], "width": [0.9, 0.8, 1.0]}
+
+
+def flying(position=SLIDING, **changes):
+    return load_scenario("figure_eight", {"control.position": position, "duration": 2.0, **changes})
+
+
+def test_a_position_controller_of_a_user_is_checked_like_ours(sliding, settings):
+    check_position_controller(sliding, settings["figure_eight"])
+
+
+@pytest.mark.slow
+def test_within_its_boundary_layer_a_sliding_mode_is_a_pd(sliding):
+    """K (ė + λ e) / φ + λ ė is a PD with k_P = K λ / φ and k_D = λ + K / φ."""
+    slope, gain, width = (np.array(SLIDING[name]) for name in ("slope", "gain", "width"))
+    pd = {"kind": "pd", "feed_forward": "snap", "k_p": gain * slope / width, "k_d": slope + gain / width}
+    mine, its = (simulate(flying(position)) for position in (SLIDING, pd))
+    np.testing.assert_allclose(mine["state"], its["state"], rtol=0.0, atol=1e-12)
+    loops = [closed_loop(at_rest(flying(position))).system.A for position in (SLIDING, pd)]
+    np.testing.assert_allclose(*loops, rtol=0.0, atol=1e-9)
+
+
+def test_beyond_its_boundary_layer_its_answer_is_limited(sliding):
+    position = SLIDING | {"width": [1e-6] * 3}
+    flight = simulate(flying(position, **{"vehicle.mass": 0.5, "duration": 0.5}))
+    command, reference = flight.record("acceleration_command"), flight.record("reference")
+    seen = flight.record("measurement")
+    answer = command.z - reference.a_z - SLIDING["slope"][2] * (reference.v_z - seen.v_z)
+    np.testing.assert_allclose(np.abs(answer[2:]), SLIDING["gain"][2], rtol=1e-9)
+
+
+@pytest.mark.slow
+def test_a_position_controller_of_a_user_flies_in_fleets_wired_and_compiled(sliding):
+    gain = {"uniform": {"min": 1.0, "max": 3.0}}
+    assert_flown_alike(Batch.draw(flying(**{"control.position.gain.1": gain, "duration": 0.5}), range(3)))
+
+
+@pytest.mark.slow
+def test_a_position_controller_of_a_user_is_part_of_the_language(sliding):
+    assert "SlidingPosition" in file_schema()["$defs"]
+    assert "| `slope` |" in language_page()
+    with pytest.raises(InputError, match=r"control.position.slope.0 is -1.0, but must be larger than 0"):
+        flying(SLIDING | {"slope": [-1.0, 1.0, 1.0]})
+    network = {"kind": "type_1", "learning": {"kind": "gradient"}}
+    with pytest.raises(InputError, match="position controller of kind sliding_mode takes no correction"):
+        flying(**{"control.network": network})
+    assert pickle.loads(pickle.dumps(flying())) == flying()
+    refusal = "control.position is of kind sliding_mode, whose gains cannot be designed"
+    for design in (with_integrals, lambda scenario: with_gains(scenario, {"position": {"k_p": [1.0] * 3}})):
+        with pytest.raises(InputError, match=refusal):
+            design(flying())
+    POSITION_CONTROLLERS.remove("sliding_mode")
+    with pytest.raises(InputError, match="control.position.kind is 'sliding_mode', but must be one of"):
+        flying()
+    POSITION_CONTROLLERS.member(sliding)
+
+
+class OwnAutopilot(AttitudeAutopilot):
+    kind: Literal["own_autopilot"]
+
+
+class OwnAction(AccelerationAction):
+    kind: Literal["own_action"]
+
+
+class OwnAttitude(PdAttitude):
+    kind: Literal["own_attitude"]
+
+
+class OwnControl(PolicyControl):
+    kind: Literal["own_control"]
+
+
+ATTITUDE = {"kind": "pd", "k_p": [9.0, 8.0, 3.0], "k_d": [4.0, 4.0, 2.0]}
+POLICY = {"kind": "policy", "action": {"kind": "acceleration"}, "attitude": ATTITUDE}
+
+
+@pytest.mark.parametrize(
+    ("union", "kind", "base", "changes", "path"),
+    [
+        (AUTOPILOTS, OwnAutopilot, "onboard", {}, "laboratory.autopilot"),
+        (ACTIONS, OwnAction, "figure_eight", {"control": POLICY}, "control.action"),
+        (ATTITUDE_CONTROLLERS, OwnAttitude, "figure_eight", {}, "control.attitude"),
+        (ATTITUDE_CONTROLLERS, OwnAttitude, "figure_eight", {"control": POLICY}, "control.attitude"),
+        (CONTROLS, OwnControl, "figure_eight", {"control": POLICY}, "control"),
+    ],
+)
+def test_a_member_of_a_user_flies_as_the_member_that_it_extends(union, kind, base, changes, path):
+    union.member(kind)
+    changes = changes | {"duration": 0.1}
+    scenario = load_scenario(base, changes)
+    (name,) = get_args(kind.model_fields["kind"].annotation)
+    own = {path: value_at(scenario, path).model_dump(mode="json") | {"kind": name}}
+    flights = []
+    for each in (scenario, load_scenario(base, [changes, own])):
+        policy = action_source(np.full((1, 3), 0.1), 0.02) if each.control.lacks_policy() else None
+        flights.append(simulate(each, policy=policy, sample=0))
+    assert value_at(flights[1].scenario, path).kind == name
+    assert_flights_alike(*flights)
+
+
+@pytest.mark.slow
+def test_a_command_imports_a_position_controller_of_a_user(tmp_path):
+    position = f"control.position={{kind: sliding_mode, slope: {SLIDING['slope']}, gain: [2, 2, 4], width: [1, 1, 1]}}"
+    mass = "vehicle.mass={uniform: {min: 0.66, max: 0.7}}"
+    study = [
+        "study",
+        "figure_eight",
+        "--samples",
+        "2",
+        "--workers",
+        "2",
+        *(part for field in ("duration=0.5", mass, position) for part in ("--set", field)),
+    ]
+    command = [sys.executable, "-m", "drake_quad", *study, "--output", str(tmp_path), "--import", str(EXAMPLE)]
+    result = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
+    assert (result.returncode, result.stderr) == (0, "")
