@@ -42,6 +42,19 @@ def study_progress(name: str) -> Iterator[Callable[[int, int], None]]:
         yield show
 
 
+@contextmanager
+def job_progress() -> Iterator[Callable[[str, int, int], None]]:
+    """Show a bar on a terminal, and give the function to tell the job, and how much is done of how much."""
+    with new_bar(desc="flying") as bar:
+
+        def show(name: str, done: int, total: int) -> None:
+            bar.total = total
+            bar.set_postfix_str(name, refresh=False)
+            bar.update(done - bar.n)
+
+        yield show
+
+
 def bar_over(items: Sequence[str], words: str) -> Iterator[str]:
     """Gives items one after another and shows a bar on a terminal."""
     with new_bar(items, desc=words) as bar:
