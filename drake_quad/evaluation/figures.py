@@ -9,11 +9,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
 
-from drake_quad.evaluation.answers import WORDS, cut, effects, laps_flown, priced
+from drake_quad.evaluation.claims import WORDS, effects, laps_flown, priced
 from drake_quad.evaluation.entries import AROUND, MAPPED, NETWORKS
 from drake_quad.evaluation.families import FAMILIES
 from drake_quad.evaluation.results import PRICED_CONTROLLERS, PRICED_IN, Evaluation, Traits, in_laps
 from drake_quad.laboratory.metrics import Metrics
+from drake_quad.reports.claims import reduction
 from drake_quad.statistics.estimates import mean_interval
 from drake_quad.studies.statistics import Interval, of_survivors
 from drake_quad.visualization.in_print import COLUMN, in_print
@@ -109,7 +110,9 @@ def networks_of(found: Evaluation) -> dict[str, dict[str, Interval]]:
     names += [f"{name}_t2fnn_map" for name in MAPPED[1:]]
     compared = {name: effects(found, name, parts_of(name)[0]) for name in names}
     return {
-        name: {place: cut(each) for place, each in by_place.items()} for name, by_place in compared.items() if by_place
+        name: {place: reduction(each.share) for place, each in by_place.items()}
+        for name, by_place in compared.items()
+        if by_place
     }
 
 

@@ -47,9 +47,7 @@ def tunable(family: Family, path: Path, names: Sequence[str] | None = None) -> d
     Raises:
         InputError: there is no such entry, or none that is tuned here.
     """
-    entries = {
-        name: each for name, each in entries_of(on_board=family.on_board, maps=family.maps).items() if each.knobs
-    }
+    entries = {name: each for name, each in family.entries.items() if each.knobs}
     for name in names or ():
         if name not in entries:
             raise InputError(f"{name} is no controller that is tuned here; these are {', '.join(entries)}")
