@@ -1,6 +1,6 @@
 """The figures of the report of the evaluation."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,10 +15,10 @@ from drake_quad.evaluation.families import FAMILIES
 from drake_quad.evaluation.results import PRICED_CONTROLLERS, PRICED_IN, Evaluation, Traits, in_laps
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.reports.claims import reduction
+from drake_quad.reports.figures import COLUMN, legend_above, name_rows, new_panels, plot_intervals
 from drake_quad.statistics.estimates import mean_interval
 from drake_quad.studies.statistics import Interval, of_survivors
-from drake_quad.visualization.in_print import COLUMN, in_print
-from drake_quad.visualization.style import BLACK, BLUE, GREEN, LIMIT, ORANGE, PURPLE, SKY, VERMILION, new_figure
+from drake_quad.visualization.style import BLACK, BLUE, GREEN, LIMIT, ORANGE, PURPLE, SKY, VERMILION
 
 # Controllers by colour, in every figure; what a network adds by its mark.
 _COLORS = {
@@ -63,11 +63,10 @@ def errors_figure(found: Evaluation) -> Figure:
     }
     places = [place for place in titles if place in found.flights]
     controllers = [name for name in WORDS if name in found.controllers]
-    with in_print():
-        columns = min(len(places), 5)
-        rows = -(-len(places) // columns)
-        figure = new_figure(1.5 + 1.35 * columns, 0.5 + rows * (0.65 + 0.145 * len(controllers)))
-        grid = figure.subplots(rows, columns, sharey=True, squeeze=False)
+    columns = min(len(places), 5)
+    rows = -(-len(places) // columns)
+    width, height = 1.5 + 1.35 * columns, 0.5 + rows * (0.65 + 0.145 * len(controllers))
+    with new_panels(height, rows, columns, width=width, sharey=True, squeeze=False) as (figure, grid):
         for axes, place in zip(grid.flat, places, strict=False):
             for row, name in enumerate(controllers):
                 if name in found.flights[place]:
@@ -120,9 +119,7 @@ def networks_figure(found: Evaluation) -> Figure:
     """Plots by how much networks make the error smaller: a row for each network, a mark for each laboratory."""
     cuts = networks_of(found)
     colors = dict(zip(FAMILIES, (BLUE, GREEN, ORANGE, VERMILION), strict=True))
-    with in_print():
-        figure = new_figure(1.75 * COLUMN, 0.9 + 0.36 * len(cuts))
-        axes = figure.subplots()
+    with new_panels(0.9 + 0.36 * len(cuts), width=1.75 * COLUMN) as (figure, axes):
         axes.axvline(0.0, **LIMIT)
         for row, by_place in enumerate(cuts.values()):
             for offset, (place, each) in zip(np.linspace(-0.33, 0.33, len(by_place)), by_place.items(), strict=True):
@@ -137,9 +134,7 @@ def networks_figure(found: Evaluation) -> Figure:
         shown = [100.0 * end for by_place in cuts.values() for each in by_place.values() for end in each[1:]]
         shown = [end for end in shown if np.isfinite(end)]
         axes.set_xlim(max(min([-6.0, *shown]) * 1.15, -400.0), min(max([6.0, *shown]) * 1.15, 110.0))
-        axes.set_yticks(range(len(cuts)), [WORDS[name] for name in cuts])
-        axes.set_ylim(len(cuts) - 0.5, -0.5)
-        axes.grid(visible=False, axis="y")
+        name_rows(axes, [WORDS[name] for name in cuts])
         axes.set_xlabel("RMSE less than without the network (%)")
         handles = [
             Line2D([], [], color=color, marker="o", markersize=2.8, label=name) for name, color in colors.items()
@@ -156,9 +151,7 @@ def margins_figure(found: Evaluation) -> Figure:
         for name, each in found.traits.get(family, {}).items()
         if not parts_of(name)[1]
     }
-    with in_print():
-        figure = new_figure(1.75 * COLUMN, 2.7)
-        row = figure.subplots(1, 2, sharey=True)
+    with new_panels(2.7, 1, 2, width=1.75 * COLUMN, sharey=True) as (figure, row):
         for axes, (measure, unit, label) in zip(row, _MEASURES, strict=True):
             for name in PRICED_CONTROLLERS:
                 designs = priced(found, name)
@@ -177,7 +170,7 @@ def margins_figure(found: Evaluation) -> Figure:
         row[0].set_yticks(ticks, [f"{tick:g}" for tick in ticks])
         row[0].yaxis.set_minor_locator(NullLocator())
         row[0].set_ylabel(f"RMSE in {PRICED_IN} (cm)")
-        figure.legend(*row[0].get_legend_handles_labels(), loc="outside upper center", ncols=4, columnspacing=1.0)
+        legend_above(figure, row[0], 4, columnspacing=1.0)
         return figure
 
 
@@ -195,31 +188,17 @@ def _point(traits: Traits, metrics: Metrics, measure: str, unit: float) -> tuple
 
 def laps_figure(found: Evaluation, controllers: Sequence[str]) -> Figure:
     """Plots the error in the last of so many laps, with a network over the position and without."""
-    with in_print():
-        figure = new_figure(1.3 * COLUMN, 2.6)
-        axes = figure.subplots()
+    with new_panels(2.6, width=1.3 * COLUMN) as (figure, axes):
         for name in controllers:
             for controller, style in ((name, ":"), (f"{name}_t2fnn_map", "-")):
                 counts = laps_flown(found, controller)
-                means = [_mean_in_lap(found.flights, count, controller) for count in counts]
-                value, low, high = np.transpose(means)
-                kind = parts_of(controller)[1]
-                own: Mapping[str, Any] = {"color": _COLORS[name], "linestyle": style, "marker": _MARKS[kind]}
-                axes.errorbar(
-                    counts,
-                    value,
-                    (value - low, high - value),
-                    label=WORDS[controller],
-                    markersize=3.0,
-                    capsize=2.0,
-                    **own,
-                )
+                flown = [found.flights[in_laps(count)][controller] for count in counts]
+                means = [mean_interval(100.0 * of_survivors(metrics, "rmse")) for metrics in flown]
+                own: dict[str, Any] = {"color": _COLORS[name], "linestyle": style, "markersize": 3.0, "capsize": 2.0}
+                marker = _MARKS[parts_of(controller)[1]]
+                plot_intervals(axes, counts, means, label=WORDS[controller], marker=marker, **own)
         axes.set_ylim(0.0, None)
         axes.set(xlabel="lap", ylabel="RMSE (cm)")
         axes.set_xticks(range(1, max(map(len, (laps_flown(found, name) for name in controllers))) + 1))
-        figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=2, columnspacing=1.0)
+        legend_above(figure, axes, 2, columnspacing=1.0)
         return figure
-
-
-def _mean_in_lap(flights: Mapping[str, Mapping[str, Metrics]], count: int, controller: str) -> Interval:
-    return mean_interval(100.0 * of_survivors(flights[in_laps(count)][controller], "rmse"))

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from drake_quad.evaluation.families import FAMILIES, FIRST_JUDGED
 from drake_quad.laboratory.metrics import Metrics
@@ -70,12 +70,12 @@ def priced_name(controller: str, sensitivity: float) -> str:
 
 def write_evaluation(folder: Path, found: Evaluation) -> list[Path]:
     """Write a row for each flight and for each controller of each family, and return the files."""
-    flights = {
+    flights: dict[tuple[str, ...], dict[str, Any]] = {
         (place, name): {"sample": range(FIRST_JUDGED, FIRST_JUDGED + len(metrics.rmse)), **metrics._asdict()}
         for place, flown in found.flights.items()
         for name, metrics in flown.items()
     }
-    traits = {
+    traits: dict[tuple[str, ...], dict[str, Any]] = {
         (family, name): {field: [value] for field, value in each._asdict().items()}
         for family, flown in found.traits.items()
         for name, each in flown.items()

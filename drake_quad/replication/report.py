@@ -190,7 +190,7 @@ def _of_calibration() -> dict[str, str]:
     with as_file(files(__package__) / "calibration.csv") as path:
         fitted = read_groups(path, ("hypothesis", "wind", "controller"))
     rows, numbers, spreads = [], [], {}
-    off = {}
+    off: dict[tuple[str, Cell], float] = {}
     for cell, line in printed_table().items():
         errors = {name: float(fitted[name, *cell]["rmse_m"][0]) for name in HYPOTHESES}
         off |= {(name, cell): error / line.rmse.mean - 1.0 for name, error in errors.items()}

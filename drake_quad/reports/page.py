@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from markdown import markdown
 
 from drake_quad.files import output_folder, write_text
-from drake_quad.visualization.in_print import save_small
+from drake_quad.reports.figures import save_small
 from drake_quad.visualization.style import Vector, save_vector
 
 if TYPE_CHECKING:
