@@ -10,7 +10,6 @@ from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import job_progress, new_bar
 from drake_quad.files import output_folder
 from drake_quad.replication.experiment import QUICK, Sizes, fly_experiment
-from drake_quad.replication.figures import paper_figures
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell
 from drake_quad.replication.report import FIGURES, findings_of, write_report
 from drake_quad.replication.results import read_experiment
@@ -54,8 +53,7 @@ def main(arguments: argparse.Namespace) -> None:
     found = read_experiment(folder)
     findings = findings_of(found)
     with new_bar(total=len(FIGURES), desc="drawing") as bar:
-        figures = paper_figures(found, flights)
-        files = write_report(folder, found, findings, figures, vector=arguments.vector, progress=bar.update)
+        files = write_report(folder, found, findings, flights, vector=arguments.vector, progress=bar.update)
     print_errors(findings.entries)
     print_columns(("claim", "verdict"), [(claim.words, claim.verdict) for claim in findings.claims])
     print_files(files)

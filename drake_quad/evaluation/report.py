@@ -15,7 +15,7 @@ from drake_quad.evaluation.figures import evaluation_figures
 from drake_quad.evaluation.results import PRICED, Evaluation, Traits
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.reports.claims import Claim, verdict_counts, verdict_table, write_claims
-from drake_quad.reports.page import filled_template, image, save_figures, table, write_page
+from drake_quad.reports.page import filled_template, image, table, write_figures, write_page
 from drake_quad.reports.results import write_rows
 from drake_quad.statistics.estimates import mean_interval
 from drake_quad.studies.statistics import crash_probability, of_survivors
@@ -42,7 +42,7 @@ _SHOWN_COLUMNS = {"statement": "words", "what was flown": "evidence"}
 def write_report(folder: Path, found: Evaluation) -> list[Path]:
     """Write the tables, the figures and the pages of the report, and return the files."""
     claims = all_claims(found)
-    figures = save_figures(evaluation_figures(found), folder)
+    figures = write_figures(evaluation_figures(found), folder)
     return [
         write_summary(folder / "summary.csv", found),
         *([write_claims(folder / "answers.csv", claims, _COLUMNS)] if claims else []),

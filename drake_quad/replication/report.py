@@ -1,12 +1,11 @@
 """The report of the replication: what it says, and its files."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from drake_quad.files import write_text
 from drake_quad.flight.mission import plan_route
@@ -15,6 +14,7 @@ from drake_quad.replication.calibration import HYPOTHESES, NETWORK_CELL, PD_CELL
 from drake_quad.replication.claims import all_claims
 from drake_quad.replication.effort import EffortMatch, effort_matches, printed_ratios, printed_scatter, write_efforts
 from drake_quad.replication.fair import COMPARED, FairEntry, fair_entries, write_fair
+from drake_quad.replication.figures import Flights, paper_figures
 from drake_quad.replication.measures import EFFORTS, OUR_EFFORT
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
 from drake_quad.replication.results import Experiment
@@ -28,7 +28,7 @@ from drake_quad.replication.table_ii import (
     write_entries,
 )
 from drake_quad.reports.claims import Claim, verdict_counts, verdict_table, write_claims
-from drake_quad.reports.page import filled_template, image, save_figures, table, write_page
+from drake_quad.reports.page import filled_template, image, table, write_figures, write_page
 from drake_quad.reports.results import read_groups
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.winds.fan import jets
@@ -93,7 +93,7 @@ def write_report(
     folder: Path,
     found: Experiment,
     findings: Findings,
-    figures: Iterable[tuple[str, Figure]],
+    flights: Flights,
     *,
     vector: Vector | None = None,
     progress: Callable[[], object] = lambda: None,
@@ -104,7 +104,7 @@ def write_report(
         folder: folder of the report.
         found: numbers of the experiment.
         findings: findings of the experiment.
-        figures: figures of the report by name.
+        flights: sample 0 of each cell of Table II, which the figures show.
         vector: format of vector graphics that are written in addition; none if not given.
         progress: called after each figure.
     """
@@ -117,7 +117,7 @@ def write_report(
         write_fair(folder / "fair.csv", findings.fair),
         write_efforts(folder / "effort.csv", findings.efforts),
     ]
-    save_figures(figures, folder, vector=vector, progress=progress)
+    write_figures(paper_figures(found, flights), folder, vector=vector, progress=progress)
     return [*tables, *write_page(folder, report_markdown(found, findings))]
 
 

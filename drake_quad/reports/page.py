@@ -46,7 +46,7 @@ def filled_template(package: str, **fields: Any) -> str:
     return files(package).joinpath("report_template.md").read_text(encoding="utf-8").format_map(fields)
 
 
-def save_figures(
+def write_figures(
     figures: Iterable[tuple[str, "Figure"]],
     folder: Path,
     *,
@@ -75,7 +75,7 @@ def write_page(folder: Path, text: str) -> list[Path]:
     """Write a report as Markdown and as HTML, and return both files and the folder of their figures.
 
     Args:
-        folder: folder of the report, in which `save_figures` has written the figures.
+        folder: folder of the report, in which `write_figures` has written the figures.
         text: report in Markdown.
     """
     return [
