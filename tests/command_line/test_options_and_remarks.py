@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from drake_quad.evaluation.judging import QUICK
 from test_passed_arguments import Bar, flown, metrics_of, replaced, studied, written  # noqa: F401 - fixtures
 
 from drake_quad import InputError, load_scenario
@@ -14,7 +15,6 @@ from drake_quad.command_line import identify, judge, replicate, study
 from drake_quad.command_line import map as stability_map
 from drake_quad.command_line.main import COMMANDS, module_of
 from drake_quad.command_line.options import overrides_of, scenario_of
-from drake_quad.evaluation.judging import QUICK
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.scenario.batch import draw_sample
 

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import shtab
+from drake_quad.evaluation.judging import QUICK, Sizes
 from tqdm import tqdm
 
 from drake_quad import InputError, load_scenario
@@ -31,7 +32,6 @@ from drake_quad.design.cascade import default_options, on_board_options
 from drake_quad.design.gains import PolePair, Regulator
 from drake_quad.design.tuning import Budget, Knob
 from drake_quad.evaluation.families import FAMILIES
-from drake_quad.evaluation.judging import QUICK, Sizes
 from drake_quad.evaluation.results import PRICED, Traits
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.laboratory.metrics import Metrics

@@ -49,6 +49,7 @@ def sections(text):
     return dict(zip(parts[1::2], parts[2::2], strict=True))
 
 
+@pytest.mark.slow
 def test_a_report_has_a_file_for_each_table(written):
     folder, files = written
     names = [
@@ -77,6 +78,7 @@ def test_a_report_has_a_file_for_each_table(written):
     assert page.count("data:image/png;base64,") == len(FIGURES)
 
 
+@pytest.mark.slow
 def test_table_ii_of_the_report_is_that_of_its_file(written, report):
     folder, _ = written
     rows = {(row["wind"], row["controller"], row["quantity"]): row for row in rows_of(folder / "table_ii.csv")}
@@ -117,6 +119,7 @@ def check_table(text, written):
                 assert off == "–"
 
 
+@pytest.mark.slow
 def test_the_report_says_what_its_tables_say(written, report):
     folder, _ = written
     assert not re.search(r"[{}]", report)
