@@ -78,28 +78,18 @@ def design_family(
         progress: called after each round.
     """
     path = design_file(diagrams, name)
-    # Beside the file, since what it extends is found from there.
-    trial = path.with_name(f".tuning_{path.name}")
-    try:
-        for controller, entry in entries.items():
-            if path.exists():
-                shutil.copyfile(path, trial)
-            write_designs(trial, {controller: entry.middle()}, said={})
-            scenarios = training(diagrams, family, f"{trial}:{controller}", entry)
-            shares = None if entry.around else _shares(limit)
-            before = numbers_before(diagrams, family, path, controller, entry)
-            later = 0.0
-            if entry.around:
-                alone = training(diagrams, family, f"{path}:{entry.around}", entry)
-                later = delay_stood(alone, limit.delay, budget=budget)
-            found = tune(scenarios, entry.knobs, shares, budget=budget, later=later, before=before, progress=progress)
-            words = _words(entry, found, budget, later)
-            write_designs(
-                path, {controller: entry.tree(found.numbers)}, said={controller: words}, head=_head(name, limit)
-            )
-            yield Designed(controller, words)
-    finally:
-        trial.unlink(missing_ok=True)
+    for controller, entry in entries.items():
+        scenarios = _untuned(diagrams, family, path, controller, entry)
+        shares = None if entry.around else _shares(limit)
+        before = numbers_before(diagrams, family, path, controller, entry)
+        later = 0.0
+        if entry.around:
+            alone = training(diagrams, family, f"{path}:{entry.around}", entry)
+            later = delay_stood(alone, limit.delay, budget=budget)
+        found = tune(scenarios, entry.knobs, shares, budget=budget, later=later, before=before, progress=progress)
+        words = _words(entry, found, budget, later)
+        write_designs(path, {controller: entry.tree(found.numbers)}, said={controller: words}, head=_head(name, limit))
+        yield Designed(controller, words)
     yield from _predictive(path)
 
 
@@ -111,6 +101,19 @@ def _predictive(path: Path) -> Iterator[Designed]:
         words = "the regulator of lqg, which keeps to its limits over a horizon"
         write_designs(path, {"mpc": {"control": control}}, said={"mpc": words})
         yield Designed("mpc", words)
+
+
+def _untuned(diagrams: Path, family: Family, path: Path, name: str, entry: Entry) -> list[Scenario]:
+    """Return the scenarios in which an entry is trained, with its numbers in the middle of their ranges."""
+    # A copy of the file with the designs that the entry may extend, beside the file, from which they are found.
+    trial = path.with_name(f".tuning_{path.name}")
+    try:
+        if path.exists():
+            shutil.copyfile(path, trial)
+        write_designs(trial, {name: entry.middle()}, said={})
+        return training(diagrams, family, f"{trial}:{name}", entry)
+    finally:
+        trial.unlink(missing_ok=True)
 
 
 def training(diagrams: Path, family: Family, layer: str, entry: Entry) -> list[Scenario]:
@@ -139,17 +142,10 @@ def design_prices(
     path = design_file(diagrams, PRICED)
     entries = entries_of(on_board=family.on_board, maps=False)
     for controller, sensitivity in itertools.product(PRICED_CONTROLLERS, SENSITIVITIES):
-        entry, limit, name = (
-            entries[controller],
-            LoopLimit(sensitivity=sensitivity),
-            priced_name(controller, sensitivity),
-        )
+        entry, limit = entries[controller], LoopLimit(sensitivity=sensitivity)
+        name = priced_name(controller, sensitivity)
         if entry.knobs:
-            trial = write_designs(path.with_name(f".tuning_{path.name}"), {name: entry.middle()}, said={})
-            try:
-                scenarios = training(diagrams, family, f"{trial}:{name}", entry)
-            finally:
-                trial.unlink()
+            scenarios = _untuned(diagrams, family, path, name, entry)
             found = tune(scenarios, entry.knobs, _shares(limit), budget=budget, progress=progress)
             tree, words = entry.tree(found.numbers), _words(entry, found, budget)
         else:

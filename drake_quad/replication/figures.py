@@ -137,7 +137,7 @@ def errors_figure(
     errors = {name: flights[Cell(wind, name)].euclidean_error for name in controllers}
     time = max((flights[Cell(wind, name)].time for name in controllers), key=len)
     is_compared = "pd_t1fnn" in errors
-    grid = {"squeeze": False, "sharex": True, "height_ratios": [2, 1] if is_compared else [2]}
+    grid: dict[str, Any] = {"squeeze": False, "sharex": True, "height_ratios": [2, 1] if is_compared else [2]}
     with new_panels(3.8 if is_compared else 2.6, 2 if is_compared else 1, 1, **grid) as (figure, column):
         axes, *more = column[:, 0]
         for name, error in errors.items():

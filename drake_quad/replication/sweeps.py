@@ -62,9 +62,10 @@ def load_sweep(path: Path, kind: type[SomeMetrics]) -> Sweep[SomeMetrics]:
     Raises:
         InputError: the file cannot be read.
     """
-    table = read_columns(path, ["sample", *list(kind._fields)])
+    fields: tuple[str, ...] = kind._fields
+    table = read_columns(path, ("sample", *fields))
     samples = np.unique(table.pop("sample")).astype(int)
-    metrics = kind(*(table.pop(name).reshape(-1, len(samples)) for name in kind._fields))
+    metrics = kind(*(table.pop(name).reshape(-1, len(samples)) for name in fields))
     return Sweep({name: values[:: len(samples)] for name, values in table.items()}, samples, metrics)
 
 

@@ -22,7 +22,7 @@ from drake_quad.evaluation.families import FAMILIES, FIRST_JUDGED
 from drake_quad.evaluation.report import FIGURES, machine, report_markdown, write_summary
 from drake_quad.evaluation.results import SENSITIVITIES, Traits, in_laps
 from drake_quad.files import read_table
-from drake_quad.reports.claims import reduction
+from drake_quad.reports.claims import reduction, verdict_counts
 from drake_quad.statistics.estimates import mean_interval, share_interval
 from drake_quad.studies.statistics import of_survivors
 
@@ -212,17 +212,12 @@ def test_the_report_names_the_protocol_that_is_used(found):
         assert [each.words, each.told, tuned] in rows
 
 
-def test_verdicts_are_counted_and_rules_name_their_answers(found):
+def test_claims_are_in_the_table_of_verdicts_and_rules_name_theirs(found):
     claims = all_claims(found)
     text = report_markdown(found, claims, [])
     for each in claims:
         assert [each.words, each.evidence, f"**{each.verdict}**"] in rows_of(text)
-    (line,) = (line for line in text.split("\n") if line.startswith("That is "))
-    counts = [part.split(" × ") for part in line.removeprefix("That is ").partition(".")[0].split(", ")]
-    assert {verdict: int(number) for number, verdict in counts} == {
-        verdict: sum(each.verdict == verdict for each in claims) for verdict in {each.verdict for each in claims}
-    }
-    assert sorted((int(number) for number, _ in counts), reverse=True) == [int(number) for number, _ in counts]
+    assert f"That is {verdict_counts(claims)}." in text
     for rule in {each.rule for each in claims}:
         own = [str(i) for i, each in enumerate(claims, start=1) if each.rule == rule]
         assert f"- {rule}: {', '.join(own)}\n" in text
