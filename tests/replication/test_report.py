@@ -120,17 +120,9 @@ def check_table(text, written):
 
 
 @pytest.mark.slow
-def test_the_report_says_what_its_tables_say(written, report):
-    folder, _ = written
+def test_all_fields_of_the_template_are_numbers_or_words(report):
     assert not re.search(r"[{}]", report)
     assert "nan" not in report
-    for claim in rows_of(folder / "claims.csv"):
-        assert f"| {claim['claim']} | {claim['printed']} | {claim['ours']} | **{claim['verdict']}** |" in report
-    for row in rows_of(folder / "fair.csv"):
-        rmse = Interval(*(float(row[name]) for name in ("rmse", "rmse_low", "rmse_high")))
-        assert f"| {rmse.text()} |" in report
-    for row in rows_of(folder / "effort.csv"):
-        assert f"| {float(row['ratio_x']):.2f} | {float(row['ratio_y']):.2f} |" in report
 
 
 def test_the_committed_report_is_that_of_its_tables():

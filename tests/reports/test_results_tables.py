@@ -26,6 +26,7 @@ def test_groups_come_back_in_their_order_with_their_columns(tmp_path):
     groups = {
         ("b", "x"): {"time": np.array([0.1, 1 / 3]), "error": np.array([np.nan, np.inf])},
         ("a", "x"): {"error": np.array([3.0]), "time": np.array([4.0])},
+        ("b", "y"): {"time": np.array([5.0]), "error": np.array([6.0])},
     }
     path = write_groups(tmp_path / "groups.csv", ("place", "name"), groups)
     assert list(read_table(path)) == ["place", "name", "time", "error"]
