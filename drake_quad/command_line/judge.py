@@ -17,7 +17,7 @@ from drake_quad.design.tuning import Budget
 from drake_quad.evaluation.claims import WORDS
 from drake_quad.evaluation.designs import design_file
 from drake_quad.evaluation.experiment import QUICK, Sizes, fly_evaluation, missing_designs
-from drake_quad.evaluation.families import FAMILIES
+from drake_quad.evaluation.families import FAMILIES, FAMILY_OF
 from drake_quad.evaluation.protocol import design_family, design_prices, tunable
 from drake_quad.evaluation.report import write_report
 from drake_quad.evaluation.results import PRICED, Evaluation
@@ -83,7 +83,7 @@ def chosen(names: Sequence[str], allowed: Sequence[str], option: str) -> list[st
 
 
 def tune(arguments: argparse.Namespace) -> None:
-    """Designs controllers, and prints each as soon as it is written."""
+    """Design controllers, and print each as soon as it is written."""
     if not (shipped_folder().parent / "pyproject.toml").exists():
         raise InputError("--tune writes into diagrams/ of a checkout, and this is an installed package")
     names = chosen(arguments.tune or [*FAMILIES, PRICED], [*FAMILIES, PRICED], "--tune")
@@ -105,8 +105,8 @@ def tune(arguments: argparse.Namespace) -> None:
 
 
 def print_errors(found: Evaluation) -> None:
-    """Prints the mean errors of all controllers."""
-    places = [place for family in FAMILIES.values() for place in family.laboratories if place in found.flights]
+    """Print the mean errors of all controllers."""
+    places = [place for place in FAMILY_OF if place in found.flights]
     rows = [
         (WORDS[name], *(error_in(found.flights[place].get(name)) for place in places)) for name in found.controllers
     ]

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from drake_quad.evaluation.entries import AROUND, MAPPED, entries_of
-from drake_quad.evaluation.families import FAMILIES
+from drake_quad.evaluation.families import FAMILY_OF
 from drake_quad.evaluation.results import (
     LAPS_IN,
     PRICED,
@@ -42,16 +42,15 @@ def all_claims(found: Evaluation) -> list[Claim]:
 
 def effects(found: Evaluation, controller: str, other: str) -> dict[str, Comparison]:
     """The comparison of two controllers on the same samples, by the laboratories of families in which both flew."""
-    places = [place for family in FAMILIES.values() for place in family.laboratories]
     return {
         place: beside(found.flights[place][controller], found.flights[place][other])
-        for place in places
+        for place in FAMILY_OF
         if {controller, other} <= found.flights.get(place, {}).keys()
     }
 
 
 def beside(metrics: Metrics, baseline: Metrics) -> Comparison:
-    """Compares what two controllers did on the samples that both flew, which are the first ones."""
+    """Compare what two controllers did on the samples that both flew, which are the first ones."""
     count = min(len(metrics.rmse), len(baseline.rmse))
     return compare(metrics.taken(slice(count)), baseline.taken(slice(count)))
 
@@ -143,11 +142,10 @@ def price_of_margin(found: Evaluation) -> Claim | None:
 
 
 def priced(found: Evaluation, controller: str) -> list[tuple[Traits, Metrics]]:
-    """Designs of a controller with rising limits on the peak sensitivity: what they are, and their flights."""
+    """Return the designs of a controller in the order of their peak sensitivities, with their flights."""
     own = {name: each for name, each in found.traits.get(PRICED, {}).items() if name.startswith(f"{controller}@")}
-    (family,) = (name for name, each in FAMILIES.items() if PRICED_IN in each.laboratories)
-    if controller in found.traits.get(family, {}):
-        own[controller] = found.traits[family][controller]
+    if controller in found.traits.get(FAMILY_OF[PRICED_IN], {}):
+        own[controller] = found.traits[FAMILY_OF[PRICED_IN]][controller]
     designs = [(each, found.flights[PRICED_IN][name]) for name, each in own.items()]
     return sorted(designs, key=lambda design: design[0].sensitivity)
 

@@ -32,7 +32,7 @@ def designs_in(path: Path) -> CommentedMap:
 
 
 def write_designs(path: Path, designs: Mapping[str, Tree], *, said: Mapping[str, str], head: str = "") -> Path:
-    """Writes designs into a file, whole or not at all; others that it has stay as they are.
+    """Write designs into a file atomically, and leave its other designs as they are.
 
     Args:
         path: of the file.

@@ -38,21 +38,20 @@ from drake_quad.reports.jobs import Job, run_jobs
 from drake_quad.scenario.batch import Batch, middle_of
 from drake_quad.scenario.models import Scenario
 
-# Flights of a lone vehicle whose time is taken.
-_TIMED = 3
+_NUM_TIMED_FLIGHTS = 3  # of a lone vehicle
 
 
 class Sizes(NamedTuple):
     """How much is flown.
 
     Attributes:
-        samples: of each controller in each laboratory.
-        slow: of one that is no fleet's.
+        samples: samples of each controller in each laboratory.
+        slow: samples of a controller that cannot be flown in fleets.
         laps: samples of each number of laps.
-        most_laps: that are flown.
-        delayed: samples of each further delay.
-        most_frames: of further delay.
-        duration: of a flight, s; None for whole routes.
+        most_laps: largest number of laps.
+        delayed: samples of each additional delay.
+        most_frames: largest additional delay, camera frames.
+        duration: duration of a flight, s; None for whole routes.
     """
 
     samples: int = 256
@@ -211,7 +210,7 @@ def _ticks(fleet: StudyFleet) -> float:
 def lone_time(scenario: Scenario, *, compiled: bool = True) -> float:
     """Return the CPU time of a lone vehicle's whole loop per tick, the shortest of some flights, s."""
     fleet, spent = StudyFleet(scenario, plan_route(scenario), 1, compiled=compiled), []
-    for sample in range(FIRST_JUDGED, FIRST_JUDGED + _TIMED):
+    for sample in range(FIRST_JUDGED, FIRST_JUDGED + _NUM_TIMED_FLIGHTS):
         begun = time.process_time()
         metrics = fleet.fly([sample])
         flown = min(fleet.duration, float(metrics.crash_time.min()))
@@ -220,9 +219,9 @@ def lone_time(scenario: Scenario, *, compiled: bool = True) -> float:
 
 
 def delay_flown(scenario: Scenario, sizes: Sizes) -> float:
-    """The delay beyond the laboratory's own that is stood, s: one frame less than that with which a sample crashes.
+    """Return the additional delay that is tolerated, s: one frame less than that with which a sample crashes.
 
-    It is infinite if none that was tried makes one crash, and less than 0 if one crashes without any.
+    The delay is infinite if no sample crashes with any delay, and negative if one crashes without additional delay.
     """
     samples = range(FIRST_JUDGED, FIRST_JUDGED + sizes.delayed)
     frames = np.arange(sizes.most_frames + 1)
@@ -240,7 +239,7 @@ def delay_flown(scenario: Scenario, sizes: Sizes) -> float:
 
 
 def worst_margins(scenario: Scenario) -> tuple[float, float]:
-    """The largest peak sensitivity and the least delay margin (s) of the middle plant; NaN without a linear model."""
+    """Return the peak sensitivity and the least delay margin (s) of the middle plant; NaN without a linear model."""
     try:
         found = [each for each in link_margins(middle_of(scenario)).values() if each is not None]
     except InputError:

@@ -84,3 +84,5 @@ FAMILIES = {
         maps=True,
     ),
 }
+# Names of the families by the names of their laboratories.
+FAMILY_OF = {place: name for name, family in FAMILIES.items() for place in family.laboratories}

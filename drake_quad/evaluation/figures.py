@@ -11,7 +11,7 @@ from matplotlib.ticker import NullLocator
 
 from drake_quad.evaluation.claims import WORDS, effects, laps_flown, priced
 from drake_quad.evaluation.entries import AROUND, MAPPED, NETWORKS
-from drake_quad.evaluation.families import FAMILIES
+from drake_quad.evaluation.families import FAMILIES, FAMILY_OF
 from drake_quad.evaluation.results import PRICED_CONTROLLERS, PRICED_IN, Evaluation, Traits, in_laps
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.reports.claims import reduction
@@ -37,7 +37,7 @@ _UNSAFE = 0.05
 
 
 def evaluation_figures(found: Evaluation) -> Iterator[tuple[str, Figure]]:
-    """Draws the figures for which there are flights, each after the name that the report has for it."""
+    """Draw the figures for which there are flights, each after the name that the report has for it."""
     yield "errors", errors_figure(found)
     if networks_of(found):
         yield "networks", networks_figure(found)
@@ -55,12 +55,8 @@ def parts_of(controller: str) -> tuple[str, str]:
 
 
 def errors_figure(found: Evaluation) -> Figure:
-    """Plots the mean error of every controller in every laboratory: a panel for each, a row for each controller."""
-    titles = {
-        place: name if name == place else f"{name}\n{place}"
-        for name, each in FAMILIES.items()
-        for place in each.laboratories
-    }
+    """Plot the mean error of every controller in every laboratory: a panel for each, a row for each controller."""
+    titles = {place: name if name == place else f"{name}\n{place}" for place, name in FAMILY_OF.items()}
     places = [place for place in titles if place in found.flights]
     controllers = [name for name in WORDS if name in found.controllers]
     columns = min(len(places), 5)
@@ -116,16 +112,16 @@ def networks_of(found: Evaluation) -> dict[str, dict[str, Interval]]:
 
 
 def networks_figure(found: Evaluation) -> Figure:
-    """Plots by how much networks make the error smaller: a row for each network, a mark for each laboratory."""
+    """Plot by how much networks make the error smaller: a row for each network, a mark for each laboratory."""
     cuts = networks_of(found)
     colors = dict(zip(FAMILIES, (BLUE, GREEN, ORANGE, VERMILION), strict=True))
     with new_panels(0.9 + 0.36 * len(cuts), width=1.75 * COLUMN) as (figure, axes):
         axes.axvline(0.0, **LIMIT)
         for row, by_place in enumerate(cuts.values()):
             for offset, (place, each) in zip(np.linspace(-0.33, 0.33, len(by_place)), by_place.items(), strict=True):
-                (family,) = (key for key, value in FAMILIES.items() if place in value.laboratories)
-                axes.plot([100.0 * each.low, 100.0 * each.high], [row + offset] * 2, color=colors[family])
-                axes.plot(100.0 * each.value, row + offset, "o", color=colors[family], markersize=2.8)
+                color = colors[FAMILY_OF[place]]
+                axes.plot([100.0 * each.low, 100.0 * each.high], [row + offset] * 2, color=color)
+                axes.plot(100.0 * each.value, row + offset, "o", color=color, markersize=2.8)
         axes.set_xscale("symlog", linthresh=10.0)
         axes.set_xticks(
             [-100, -30, -10, -5, 0, 5, 10, 30, 100], ["-100", "-30", "-10", "-5", "0", "5", "10", "30", "100"]
@@ -144,11 +140,10 @@ def networks_figure(found: Evaluation) -> Figure:
 
 
 def margins_figure(found: Evaluation) -> Figure:
-    """Plots the error in high wind against the peak sensitivity and against the delay that is flown."""
-    (family,) = (name for name, each in FAMILIES.items() if PRICED_IN in each.laboratories)
+    """Plot the error in high wind against the peak sensitivity and against the delay that is flown."""
     plain = {
         name: (each, found.flights[PRICED_IN][name])
-        for name, each in found.traits.get(family, {}).items()
+        for name, each in found.traits.get(FAMILY_OF[PRICED_IN], {}).items()
         if not parts_of(name)[1]
     }
     with new_panels(2.7, 1, 2, width=1.75 * COLUMN, sharey=True) as (figure, row):
@@ -187,7 +182,7 @@ def _point(traits: Traits, metrics: Metrics, measure: str, unit: float) -> tuple
 
 
 def laps_figure(found: Evaluation, controllers: Sequence[str]) -> Figure:
-    """Plots the error in the last of so many laps, with a network over the position and without."""
+    """Plot the error in the last of so many laps, with a network over the position and without."""
     with new_panels(2.6, width=1.3 * COLUMN) as (figure, axes):
         for name in controllers:
             for controller, style in ((name, ":"), (f"{name}_t2fnn_map", "-")):

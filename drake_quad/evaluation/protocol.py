@@ -13,7 +13,7 @@ from drake_quad.design.tuning import Budget, LoopLimit, Tuned, delay_stood, tune
 from drake_quad.errors import InputError
 from drake_quad.evaluation.designs import design_file, designs_in, write_designs
 from drake_quad.evaluation.entries import Entry, entries_of
-from drake_quad.evaluation.families import FAMILIES, Family
+from drake_quad.evaluation.families import FAMILIES, FAMILY_OF, Family
 from drake_quad.evaluation.results import PRICED, PRICED_CONTROLLERS, PRICED_IN, SENSITIVITIES, priced_name
 from drake_quad.scenario.batch import middle_of
 from drake_quad.scenario.files.loading import load_undesigned
@@ -66,7 +66,7 @@ def design_family(
     limit: LoopLimit = LoopLimit(),
     progress: Callable[[], None] | None = None,
 ) -> Iterator[Designed]:
-    """Tunes entries one after another, and writes each into the family's file as soon as it is found.
+    """Tune entries one after another, and write each into the family's file as soon as it is found.
 
     Args:
         diagrams: folder of the shipped scenarios.
@@ -94,7 +94,7 @@ def design_family(
 
 
 def _predictive(path: Path) -> Iterator[Designed]:
-    """Writes model predictive control with the regulator of the family's LQG, if it has one."""
+    """Write model predictive control with the regulator of the family's LQG, if it has one."""
     regulator = designs_in(path).get("lqg")
     if regulator is not None:
         control = {**regulator["control"], "kind": "mpc", "horizon": _HORIZON}
@@ -138,7 +138,7 @@ def design_prices(
     diagrams: Path, *, budget: Budget = Budget(), progress: Callable[[], None] | None = None
 ) -> Iterator[Designed]:
     """Design controllers for several limits of the peak sensitivity, and write them as `design_family` does."""
-    (family,) = (each for each in FAMILIES.values() if PRICED_IN in each.laboratories)
+    family = FAMILIES[FAMILY_OF[PRICED_IN]]
     path = design_file(diagrams, PRICED)
     entries = entries_of(on_board=family.on_board, maps=False)
     for controller, sensitivity in itertools.product(PRICED_CONTROLLERS, SENSITIVITIES):

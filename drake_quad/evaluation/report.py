@@ -10,7 +10,7 @@ import numpy as np
 from drake_quad.design.tuning import Budget, LoopLimit
 from drake_quad.evaluation.claims import WORDS, all_claims, beside, best_in, delay_words
 from drake_quad.evaluation.entries import entries_of
-from drake_quad.evaluation.families import FAMILIES, FIRST_JUDGED, Family
+from drake_quad.evaluation.families import FAMILIES, FAMILY_OF, FIRST_JUDGED, Family
 from drake_quad.evaluation.figures import evaluation_figures
 from drake_quad.evaluation.results import PRICED, Evaluation, Traits
 from drake_quad.laboratory.metrics import Metrics
@@ -109,8 +109,7 @@ def _flown(found: Evaluation) -> list[tuple[str, str, str, Metrics]]:
     """Family, laboratory, controller and flights of all that a family's file designs."""
     return [
         (family, place, name, found.flights[place][name])
-        for family, each in FAMILIES.items()
-        for place in each.laboratories
+        for place, family in FAMILY_OF.items()
         for name in found.traits.get(family, {})
         if name in found.flights.get(place, {})
     ]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from drake_quad.evaluation.families import FAMILIES, FIRST_JUDGED
+from drake_quad.evaluation.families import FAMILY_OF, FIRST_JUDGED
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.reports.results import read_groups, write_groups
 
@@ -54,8 +54,8 @@ class Evaluation:
     @property
     def controllers(self) -> list[str]:
         """All controllers that flew in a laboratory of a family."""
-        places = [place for family in FAMILIES.values() for place in family.laboratories]
-        return list(dict.fromkeys(name for place in places for name in self.flights.get(place, ()) if "@" not in name))
+        flown = (name for place in FAMILY_OF for name in self.flights.get(place, ()) if "@" not in name)
+        return list(dict.fromkeys(flown))
 
 
 def in_laps(count: int) -> str:

@@ -45,7 +45,7 @@ _PRINTED_PEAKS = {"pd": 1.3, "pd_t2fnn": 0.8}
 
 
 def paper_figures(found: Experiment, flights: Flights) -> Iterator[tuple[str, Figure]]:
-    """Draws the figures one after another.
+    """Draw the figures one after another.
 
     Args:
         found: the numbers of the experiment.
@@ -82,7 +82,7 @@ def figure_4() -> Figure:
 
 
 def figure_7(flights: Flights) -> Figure:
-    """Plots the paths of PD and PD+T2FNN without wind in space."""
+    """Plot the paths of PD and PD+T2FNN without wind in space."""
     with new_panels(2.7, subplot_kw={"projection": "3d"}) as (figure, axes):
         wanted = places(_whole(flights).record("reference")).T
         axes.plot(*wanted, label="reference", **REFERENCE)
@@ -106,7 +106,7 @@ def figure_7(flights: Flights) -> Figure:
 
 
 def figure_8(flights: Flights) -> Figure:
-    """Plots the paths of PD and PD+T2FNN without wind from above."""
+    """Plot the paths of PD and PD+T2FNN without wind from above."""
     with new_panels(4.6) as (figure, axes):
         flight = _whole(flights)
         reference = flight.record("reference")
@@ -209,10 +209,9 @@ FLIGHT_FIGURES: dict[str, Callable[[Flights], Figure]] = {
 def table_figure(found: Experiment) -> Figure:
     """Plot the errors of Table II: the printed runs and their mean, and ours over all samples."""
     runs: Any = {"linestyle": "none", "marker": "o", "color": "0.6", "markersize": 3.2, "label": "printed runs"}
-    mean: Any = {"linestyle": "none", "marker": "s", "color": BLACK, "markersize": 5.5, "label": "printed mean"}
+    mean: Any = {"linestyle": "none", "marker": "s", "color": BLACK, "markersize": 5.5, "fillstyle": "none"}
     ours: Any = {"linestyle": "none", "marker": "D", "color": VERMILION, "markersize": 4.5, "label": "ours, mean"}
     spread: Any = {"color": VERMILION, "linewidth": 5.0, "alpha": 0.35, "label": "ours, 95 % of the samples"}
-    mean["fillstyle"] = "none"
     with new_panels(3.9, 3, 1, sharex=True) as (figure, column):
         for axes, (wind, words) in zip(column, WINDS.items(), strict=True):
             for place, name in enumerate(CONTROLLERS):
@@ -228,13 +227,13 @@ def table_figure(found: Experiment) -> Figure:
             axes.set_title(words, loc="left")
         column[-1].set_xlabel("RMSE (m)")
         column[-1].set_xlim(0.4, 1.1)
-        handles = [Line2D([], [], **style) for style in (runs, mean, ours, spread)]
+        handles = [Line2D([], [], **style) for style in (runs, {**mean, "label": "printed mean"}, ours, spread)]
         figure.legend(handles=handles, loc="outside upper center", ncols=2, columnspacing=1.0)
         return figure
 
 
 def fair_figure(found: Experiment) -> Figure:
-    """Plots the mean errors of the paper's PD and PD+T2FNN, and of controllers that the paper does not have."""
+    """Plot the mean errors of the paper's PD and PD+T2FNN, and of controllers that the paper does not have."""
     with new_panels(3.0) as (figure, axes):
         styles = zip(WINDS.items(), (BLUE, ORANGE, VERMILION), (-0.24, 0.0, 0.24), strict=True)
         for (wind, words), color, offset in styles:
@@ -243,14 +242,8 @@ def fair_figure(found: Experiment) -> Figure:
             ]
             axes.barh(np.arange(len(COMPARED)) + offset, means, 0.22, color=color, label=words)
             for place, mean in enumerate(means):
-                axes.annotate(
-                    f"{mean:.2f}",
-                    (mean, place + offset),
-                    (2, 0),
-                    textcoords="offset points",
-                    va="center",
-                    fontsize=6.5,
-                )
+                place_of_text: Any = {"xytext": (2, 0), "textcoords": "offset points", "va": "center"}
+                axes.annotate(f"{mean:.2f}", (mean, place + offset), fontsize=6.5, **place_of_text)
         name_rows(axes, list(COMPARED.values()))
         axes.set_axisbelow(True)
         axes.set_xlim(0.0, 1.1 * axes.get_xlim()[1])
@@ -260,7 +253,7 @@ def fair_figure(found: Experiment) -> Figure:
 
 
 def advantage_figure(found: Experiment) -> Figure:
-    """Plots the share by which type 2 is better than type 1, over the noise of the cameras and over q."""
+    """Plot the share by which type 2 is better than type 1, over the noise of the cameras and over q."""
     with new_panels(2.3, 1, 2, sharey=True) as (figure, (left, right)):
         sweeps = (
             (left, found.noise, "noise", NOISE, 1e3, "noise of the cameras (mm)"),
@@ -281,7 +274,7 @@ def advantage_figure(found: Experiment) -> Figure:
 
 
 def gain_figure(found: Experiment) -> Figure:
-    """Plots the error over the gains of the PD, with and without a network."""
+    """Plot the error over the gains of the PD, with and without a network."""
     calibrated = found.cells[Cell("no_wind", "pd")].scenario.cascade.position
     errors = {name: _mean_errors(found.maps[name]) for name in MAPPED}
     seen = np.concatenate([error[np.isfinite(error)] for _, _, error in errors.values()])
@@ -328,7 +321,7 @@ def _whole(flights: Flights) -> Flight:
 
 
 def _shade(axes: Axes, flight: Flight) -> None:
-    """Writes the numbers of the legs along the top, and leaves room for them."""
+    """Write the numbers of the legs along the top, and leave room for them."""
     low, high = axes.get_ylim()
     axes.set_ylim(low, high + 0.1 * (high - low))
     shade_legs(axes, flight.plan, float(flight.time[-1]), height=0.92)

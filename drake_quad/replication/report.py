@@ -53,19 +53,12 @@ FIGURES = {
     "gains": "Mean RMSE over the gains of the PD, without wind; grey: a sample crashed.",
     "fair": "Mean RMSE of the PD and of PD+T2FNN beside controllers that the paper does not have.",
 }
-
-
 # Fields of `Claim` by the headings of their columns, in the file and in the report.
-_COLUMNS = {
-    "claim": "words",
-    "printed": "printed",
-    "ours": "evidence",
-    "verdict": "verdict",
-    "rule": "rule",
-    "details": "details",
-    "figure": "figure",
+_COLUMNS = {"claim": "words", "printed": "printed", "ours": "evidence"} | {
+    name: name for name in ("verdict", "rule", "details", "figure")
 }
 _SHOWN_COLUMNS = {"claim": "words", "the paper's evidence": "printed", "ours, with 95 % intervals": "evidence"}
+_FITTED = (PD_CELL, NETWORK_CELL)
 
 
 class Findings(NamedTuple):
@@ -255,16 +248,8 @@ def _of_fair(found: Experiment, entries: Sequence[FairEntry]) -> dict[str, str]:
         )
         for entry in entries
     ]
-    header = (
-        "",
-        "",
-        "RMSE (m)",
-        "peak error (m)",
-        "effort on X (m²/s⁴)",
-        "effort on Y (m²/s⁴)",
-        "RMSE over PD's",
-        "RMSE over PD+T2FNN's",
-    )
+    efforts = (f"effort on {axis} (m²/s⁴)" for axis in "XY")
+    header = ("", "", "RMSE (m)", "peak error (m)", *efforts, "RMSE over PD's", "RMSE over PD+T2FNN's")
     over_network = {entry.cell: entry.over_network for entry in entries}
     helped = {
         wind: found.comparison(Cell(wind, "pd_feed_forward_t2fnn"), Cell(wind, "pd_feed_forward")).share
@@ -291,9 +276,6 @@ def _of_effort(matches: Sequence[EffortMatch]) -> dict[str, Any]:
         "scatter": printed_scatter(),
         "closest": f"the {EFFORTS[matches[0].name].words}",
     }
-
-
-_FITTED = (PD_CELL, NETWORK_CELL)
 
 
 def _named(entry: Entry) -> str:

@@ -27,11 +27,11 @@ MAPPED = ("pd", "pd_t2fnn")
 
 @dataclass(frozen=True)
 class Experiment:
-    """Everything that was flown, in numbers.
+    """Numbers of the experiment.
 
     Attributes:
-        cells: a study for each cell, of the controllers of Table II and of `FAIR`.
-        recorded: (samples,) `measures` by name for each cell of Table II, of as many samples as were recorded.
+        cells: studies of the cells of the controllers of Table II and of `FAIR`.
+        recorded: (samples,) `measures` of the recorded samples by name, for each cell of Table II.
         noise: networks without wind, over "noise" of the cameras (m) and the exponents "a1" and "a2".
         q: networks without wind, over "q" and the exponents "a1" and "a2".
         slopes: PD+T2FNN over its "slope" λ (1/s), by wind.
@@ -53,7 +53,7 @@ class Experiment:
 
 
 def read_experiment(folder: Path) -> Experiment:
-    """Reads what `fly_experiment` left in a folder.
+    """Read the numbers that `fly_experiment` wrote to a folder.
 
     Raises:
         InputError: a file is missing, or holds something else.

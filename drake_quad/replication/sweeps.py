@@ -53,7 +53,7 @@ def crossed(first: Mapping[str, np.ndarray], second: Mapping[str, np.ndarray]) -
 
 
 def load_sweep(path: Path, kind: type[SomeMetrics]) -> Sweep[SomeMetrics]:
-    """Reads a sweep.
+    """Read a sweep.
 
     Args:
         path: of its file.
@@ -132,7 +132,7 @@ _PATHS = {
 def fly_settings(
     scenario: Scenario, settings: Mapping[str, np.ndarray], samples: Sequence[int], *, compiled: bool = True
 ) -> Metrics:
-    """Flies samples of a scenario with each setting, in one fleet, and returns (settings, samples) metrics."""
+    """Fly samples of a scenario with each setting, in one fleet, and return (settings, samples) metrics."""
     batch = settings_batch(scenario, settings, samples)
     metrics = StudyFleet(scenario, plan_route(scenario), len(batch), compiled=compiled).fly_batch(batch)
     return Metrics(*np.reshape(metrics, (-1, num_rows(settings), len(samples))))
@@ -141,7 +141,7 @@ def fly_settings(
 def fly_legs(
     scenario: Scenario, settings: Mapping[str, np.ndarray], samples: Sequence[int], *, compiled: bool = True
 ) -> LegMetrics:
-    """Flies samples of a scenario with each setting, in one recorded fleet, and returns (settings, samples) metrics."""
+    """Fly samples of a scenario with each setting, in one recorded fleet, and return (settings, samples) metrics."""
     flights = simulate_batch(settings_batch(scenario, settings, samples), compiled=compiled)
     return LegMetrics(*np.reshape(leg_metrics(flights), (-1, num_rows(settings), len(samples))))
 
