@@ -12,34 +12,20 @@ from pathlib import Path
 from drake_quad import InputError
 from drake_quad.command_line.options import bare_parser, check_ranges
 from drake_quad.command_line.output import print_columns, print_files, remark
-from drake_quad.command_line.progress import new_bar
+from drake_quad.command_line.progress import job_progress
 from drake_quad.design.tuning import Budget
-from drake_quad.evaluation.answers import WORDS, all_answers, write_answers
+from drake_quad.evaluation.claims import WORDS
 from drake_quad.evaluation.designs import design_file
-from drake_quad.evaluation.entries import entries_of
-from drake_quad.evaluation.families import FAMILIES, FIRST_JUDGED
-from drake_quad.evaluation.figures import evaluation_figures
-from drake_quad.evaluation.judging import QUICK, Sizes, Told, judge_family, judge_laps, judge_prices, missing
+from drake_quad.evaluation.experiment import QUICK, Sizes, fly_evaluation, missing_designs
+from drake_quad.evaluation.families import FAMILIES, FAMILY_OF
 from drake_quad.evaluation.protocol import design_family, design_prices, tunable
-from drake_quad.evaluation.report import report_markdown, write_summary
-from drake_quad.evaluation.results import (
-    FLIGHTS,
-    LAPS_IN,
-    PRICED,
-    TRAITS,
-    Evaluation,
-    Traits,
-    read_evaluation,
-    write_flights,
-    write_traits,
-)
-from drake_quad.files import output_folder, write_text
+from drake_quad.evaluation.report import write_report
+from drake_quad.evaluation.results import PRICED, Evaluation
+from drake_quad.files import output_folder
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario.files.shipped import shipped_folder
 from drake_quad.statistics.estimates import mean_interval
-from drake_quad.studies.report import report_html
 from drake_quad.studies.statistics import crash_probability, of_survivors
-from drake_quad.visualization.in_print import save_small
 
 _RANGES = {"samples": (2, 10_000), "rounds": (1, 1000)}
 
@@ -76,8 +62,13 @@ def main(arguments: argparse.Namespace) -> None:
     families = chosen(arguments.family or [*FAMILIES], [*FAMILIES], "--family")
     folder = output_folder(arguments.output or Path("out/controllers_quick" if arguments.quick else "out/controllers"))
     begun = time.monotonic()
-    found = fly(families, arguments.only, sizes, folder)
-    files = write_report(folder)
+    for name in families:
+        absent = missing_designs(shipped_folder(), name)
+        if absent:
+            remark(f"{name} has no design of {', '.join(absent)}, which are not flown")
+    with job_progress() as progress:
+        found = fly_evaluation(shipped_folder(), families, sizes, folder, only=arguments.only, progress=progress)
+    files = [folder / "flights.csv", folder / "traits.csv", *write_report(folder, found)]
     print_errors(found)
     print(f"flown in {time.monotonic() - begun:.0f} s")
     print_files(files)
@@ -92,7 +83,7 @@ def chosen(names: Sequence[str], allowed: Sequence[str], option: str) -> list[st
 
 
 def tune(arguments: argparse.Namespace) -> None:
-    """Designs controllers, and prints each as soon as it is written."""
+    """Design controllers, and print each as soon as it is written."""
     if not (shipped_folder().parent / "pyproject.toml").exists():
         raise InputError("--tune writes into diagrams/ of a checkout, and this is an installed package")
     names = chosen(arguments.tune or [*FAMILIES, PRICED], [*FAMILIES, PRICED], "--tune")
@@ -113,68 +104,9 @@ def tune(arguments: argparse.Namespace) -> None:
         print_files([path])
 
 
-def fly(families: Sequence[str], only: Sequence[str] | None, sizes: Sizes, folder: Path) -> Evaluation:
-    """Flies everything, and writes it after every controller."""
-    flights: dict[str, dict[str, Metrics]] = {}
-    traits: dict[str, dict[str, Traits]] = {}
-    jobs = []
-    for name in families:
-        family = FAMILIES[name]
-        entries = entries_of(on_board=family.on_board, maps=family.maps)
-        absent = missing(entries, design_file(shipped_folder(), name))
-        if absent:
-            remark(f"{name} has no design of {', '.join(absent)}, which are not flown")
-        there = [each for each in entries if each not in absent and (only is None or each in only)]
-        jobs += [(f"{name} {each}", judge_family(shipped_folder(), name, family, [each], sizes)) for each in there]
-        if LAPS_IN in family.laboratories:
-            jobs.append(("laps", judge_laps(shipped_folder(), name, family, there, sizes)))
-            jobs.append((PRICED, judge_prices(shipped_folder(), family, there, sizes)))
-    if not any(jobs):
-        raise InputError("there is no design of what shall be flown")
-    with new_bar(total=len(jobs), desc="flying") as bar:
-        for words, job in jobs:
-            bar.set_postfix_str(words)
-            for told in job:
-                keep(told, flights, traits)
-            bar.update()
-            write_flights(folder / FLIGHTS, flights, FIRST_JUDGED)
-            write_traits(folder / TRAITS, traits)
-    return read_evaluation(folder)
-
-
-def keep(told: Told, flights: dict[str, dict[str, Metrics]], traits: dict[str, dict[str, Traits]]) -> None:
-    """Puts what was found where it belongs."""
-    place, controller, found = told
-    if isinstance(found, Traits):
-        traits.setdefault(place, {})[controller] = found
-    else:
-        flights.setdefault(place, {})[controller] = found
-
-
-def write_report(folder: Path) -> list[Path]:
-    """Writes what follows from the flights of a folder, and returns the files."""
-    found = read_evaluation(folder)
-    answers = all_answers(found)
-    drawings = output_folder(folder / "figures")
-    drawn = []
-    for name, figure in evaluation_figures(found):
-        save_small(figure, drawings / f"{name}.png")
-        drawn.append(name)
-    text = report_markdown(found, answers, drawn)
-    return [
-        folder / FLIGHTS,
-        folder / TRAITS,
-        write_summary(folder / "summary.csv", found),
-        *([write_answers(folder / "answers.csv", answers)] if answers else []),
-        write_text(folder / "report.md", text),
-        write_text(folder / "report.html", report_html(text, folder)),
-        drawings,
-    ]
-
-
 def print_errors(found: Evaluation) -> None:
-    """Prints the mean errors of all controllers."""
-    places = [place for family in FAMILIES.values() for place in family.laboratories if place in found.flights]
+    """Print the mean errors of all controllers."""
+    places = [place for place in FAMILY_OF if place in found.flights]
     rows = [
         (WORDS[name], *(error_in(found.flights[place].get(name)) for place in places)) for name in found.controllers
     ]

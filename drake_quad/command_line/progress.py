@@ -18,7 +18,7 @@ def new_bar(*items: Any, **options: Any) -> Any:
 
 @contextmanager
 def flight_progress() -> Iterator[Callable[[float, float], None]]:
-    """Shows a bar on a terminal if a flight takes long; gives the function to tell the time flown and to fly, s."""
+    """Show a bar on a terminal if a flight takes long, and give the function to tell the time flown and to fly, s."""
     with new_bar(total=0.0, desc="flying", delay=1.0, bar_format=_BAR) as bar:
 
         def show(flown: float, duration: float) -> None:
@@ -30,13 +30,26 @@ def flight_progress() -> Iterator[Callable[[float, float], None]]:
 
 @contextmanager
 def study_progress(name: str) -> Iterator[Callable[[int, int], None]]:
-    """Shows a bar on a terminal; gives the function that is told how many samples are done, and how many there are."""
+    """Show a bar on a terminal, and give the function to tell how many samples are done, and how many there are."""
     with new_bar(desc=name, unit=" flights", mininterval=0.2) as bar:
 
         def show(done: int, total: int) -> None:
             if bar.total is None:
                 bar.reset(total)
                 bar.initial = done
+            bar.update(done - bar.n)
+
+        yield show
+
+
+@contextmanager
+def job_progress() -> Iterator[Callable[[str, int, int], None]]:
+    """Show a bar on a terminal, and give the function to tell the job, and how much is done of how much."""
+    with new_bar(desc="flying") as bar:
+
+        def show(name: str, done: int, total: int) -> None:
+            bar.total = total
+            bar.set_postfix_str(name, refresh=False)
             bar.update(done - bar.n)
 
         yield show

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from ruamel.yaml import YAML
-from ruamel.yaml.comments import CommentedMap
+from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
 from drake_quad.errors import InputError
 from drake_quad.evaluation.entries import Tree
@@ -17,17 +17,22 @@ def design_file(diagrams: Path, family: str) -> Path:
     return diagrams / "controllers" / "designed" / f"{family}.yaml"
 
 
-def designs_in(path: Path) -> Mapping[str, Tree]:
-    """The designs that a file has, by their names; none if there is no file.
+def designs_in(path: Path) -> CommentedMap:
+    """Return the designs of a file by their names; none if there is no file.
 
     Raises:
-        InputError: it is no mapping.
+        InputError: the file contains no mapping.
     """
-    return _read(path)
+    if not path.exists():
+        return CommentedMap()
+    tree = _yaml().load(path)
+    if not isinstance(tree, CommentedMap):
+        raise InputError(f"{path} must be a mapping of controllers by their names")
+    return tree
 
 
 def write_designs(path: Path, designs: Mapping[str, Tree], *, said: Mapping[str, str], head: str = "") -> Path:
-    """Writes designs into a file, whole or not at all; others that it has stay as they are.
+    """Write designs into a file atomically, and leave its other designs as they are.
 
     Args:
         path: of the file.
@@ -38,7 +43,7 @@ def write_designs(path: Path, designs: Mapping[str, Tree], *, said: Mapping[str,
     Returns:
         The path.
     """
-    tree = _read(path)
+    tree = designs_in(path)
     for name, design in designs.items():
         tree[name] = _flowing(design)
         if name in said:
@@ -47,15 +52,6 @@ def write_designs(path: Path, designs: Mapping[str, Tree], *, said: Mapping[str,
         tree.yaml_set_start_comment(head)
     yaml = _yaml()
     return write_whole(path, lambda target: yaml.dump(tree, target))
-
-
-def _read(path: Path) -> CommentedMap:
-    if not path.exists():
-        return CommentedMap()
-    tree = _yaml().load(path)
-    if not isinstance(tree, CommentedMap):
-        raise InputError(f"{path} must be a mapping of controllers by their names")
-    return tree
 
 
 def _yaml() -> Any:
@@ -69,21 +65,14 @@ def _yaml() -> Any:
 
 
 def _flowing(value: Any) -> Any:
-    """A tree in which lists, and mappings of nothing else than numbers and words, are written in a line."""
+    """Return a tree in which lists, and mappings of numbers and texts alone, are written in a line."""
+    if isinstance(value, list):
+        sequence = CommentedSeq(value)
+        sequence.fa.set_flow_style()
+        return sequence
     if not isinstance(value, dict):
-        return _in_a_line(value)
-    branches = {key: _flowing(part) for key, part in value.items()}
-    tree = CommentedMap(branches)
-    if len(branches) > 1 and not any(isinstance(part, dict) for part in value.values()) and "kind" not in value:
+        return value
+    tree = CommentedMap({key: _flowing(part) for key, part in value.items()})
+    if len(tree) > 1 and not any(isinstance(part, dict) for part in value.values()) and "kind" not in value:
         tree.fa.set_flow_style()
     return tree
-
-
-def _in_a_line(value: Any) -> Any:
-    from ruamel.yaml.comments import CommentedSeq
-
-    if not isinstance(value, list):
-        return value
-    sequence = CommentedSeq(value)
-    sequence.fa.set_flow_style()
-    return sequence

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from drake_quad.evaluation.entries import Entry, entries_of
 from drake_quad.scenario.files.loading import load_scenario
 from drake_quad.scenario.models import Scenario
 
@@ -29,6 +30,11 @@ class Family(NamedTuple):
     on_board: bool = False
     maps: bool = False
     laps: tuple[str, ...] = ()
+
+    @property
+    def entries(self) -> dict[str, Entry]:
+        """The controllers that are designed for the family, by name."""
+        return entries_of(on_board=self.on_board, maps=self.maps)
 
     def scenario(
         self, diagrams: Path, laboratory: str, layers: Sequence[str | Path] = (), overrides: Sequence[str] = ()
@@ -78,3 +84,5 @@ FAMILIES = {
         maps=True,
     ),
 }
+# Names of the families by the names of their laboratories.
+FAMILY_OF = {place: name for name, family in FAMILIES.items() for place in family.laboratories}

@@ -1,6 +1,6 @@
 """The figures of the report of the evaluation."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,15 +9,16 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
 
-from drake_quad.evaluation.answers import WORDS, cut, effects, laps_flown, priced
+from drake_quad.evaluation.claims import WORDS, effects, laps_flown, priced
 from drake_quad.evaluation.entries import AROUND, MAPPED, NETWORKS
-from drake_quad.evaluation.families import FAMILIES
+from drake_quad.evaluation.families import FAMILIES, FAMILY_OF
 from drake_quad.evaluation.results import PRICED_CONTROLLERS, PRICED_IN, Evaluation, Traits, in_laps
 from drake_quad.laboratory.metrics import Metrics
+from drake_quad.reports.claims import reduction
+from drake_quad.reports.figures import COLUMN, legend_above, name_rows, new_panels, plot_intervals
 from drake_quad.statistics.estimates import mean_interval
 from drake_quad.studies.statistics import Interval, of_survivors
-from drake_quad.visualization.in_print import COLUMN, in_print
-from drake_quad.visualization.style import BLACK, BLUE, GREEN, LIMIT, ORANGE, PURPLE, SKY, VERMILION, new_figure
+from drake_quad.visualization.style import BLACK, BLUE, GREEN, LIMIT, ORANGE, PURPLE, SKY, VERMILION
 
 # Controllers by colour, in every figure; what a network adds by its mark.
 _COLORS = {
@@ -36,7 +37,7 @@ _UNSAFE = 0.05
 
 
 def evaluation_figures(found: Evaluation) -> Iterator[tuple[str, Figure]]:
-    """Draws the figures for which there are flights, each after the name that the report has for it."""
+    """Draw the figures for which there are flights, each after the name that the report has for it."""
     yield "errors", errors_figure(found)
     if networks_of(found):
         yield "networks", networks_figure(found)
@@ -54,19 +55,14 @@ def parts_of(controller: str) -> tuple[str, str]:
 
 
 def errors_figure(found: Evaluation) -> Figure:
-    """Plots the mean error of every controller in every laboratory: a panel for each, a row for each controller."""
-    titles = {
-        place: name if name == place else f"{name}\n{place}"
-        for name, each in FAMILIES.items()
-        for place in each.laboratories
-    }
+    """Plot the mean error of every controller in every laboratory: a panel for each, a row for each controller."""
+    titles = {place: name if name == place else f"{name}\n{place}" for place, name in FAMILY_OF.items()}
     places = [place for place in titles if place in found.flights]
     controllers = [name for name in WORDS if name in found.controllers]
-    with in_print():
-        columns = min(len(places), 5)
-        rows = -(-len(places) // columns)
-        figure = new_figure(1.5 + 1.35 * columns, 0.5 + rows * (0.65 + 0.145 * len(controllers)))
-        grid = figure.subplots(rows, columns, sharey=True, squeeze=False)
+    columns = min(len(places), 5)
+    rows = -(-len(places) // columns)
+    width, height = 1.5 + 1.35 * columns, 0.5 + rows * (0.65 + 0.145 * len(controllers))
+    with new_panels(height, rows, columns, width=width, sharey=True, squeeze=False) as (figure, grid):
         for axes, place in zip(grid.flat, places, strict=False):
             for row, name in enumerate(controllers):
                 if name in found.flights[place]:
@@ -109,23 +105,23 @@ def networks_of(found: Evaluation) -> dict[str, dict[str, Interval]]:
     names += [f"{name}_t2fnn_map" for name in MAPPED[1:]]
     compared = {name: effects(found, name, parts_of(name)[0]) for name in names}
     return {
-        name: {place: cut(each) for place, each in by_place.items()} for name, by_place in compared.items() if by_place
+        name: {place: reduction(each.share) for place, each in by_place.items()}
+        for name, by_place in compared.items()
+        if by_place
     }
 
 
 def networks_figure(found: Evaluation) -> Figure:
-    """Plots by how much networks make the error smaller: a row for each network, a mark for each laboratory."""
+    """Plot by how much networks make the error smaller: a row for each network, a mark for each laboratory."""
     cuts = networks_of(found)
     colors = dict(zip(FAMILIES, (BLUE, GREEN, ORANGE, VERMILION), strict=True))
-    with in_print():
-        figure = new_figure(1.75 * COLUMN, 0.9 + 0.36 * len(cuts))
-        axes = figure.subplots()
+    with new_panels(0.9 + 0.36 * len(cuts), width=1.75 * COLUMN) as (figure, axes):
         axes.axvline(0.0, **LIMIT)
         for row, by_place in enumerate(cuts.values()):
             for offset, (place, each) in zip(np.linspace(-0.33, 0.33, len(by_place)), by_place.items(), strict=True):
-                (family,) = (key for key, value in FAMILIES.items() if place in value.laboratories)
-                axes.plot([100.0 * each.low, 100.0 * each.high], [row + offset] * 2, color=colors[family])
-                axes.plot(100.0 * each.value, row + offset, "o", color=colors[family], markersize=2.8)
+                color = colors[FAMILY_OF[place]]
+                axes.plot([100.0 * each.low, 100.0 * each.high], [row + offset] * 2, color=color)
+                axes.plot(100.0 * each.value, row + offset, "o", color=color, markersize=2.8)
         axes.set_xscale("symlog", linthresh=10.0)
         axes.set_xticks(
             [-100, -30, -10, -5, 0, 5, 10, 30, 100], ["-100", "-30", "-10", "-5", "0", "5", "10", "30", "100"]
@@ -134,9 +130,7 @@ def networks_figure(found: Evaluation) -> Figure:
         shown = [100.0 * end for by_place in cuts.values() for each in by_place.values() for end in each[1:]]
         shown = [end for end in shown if np.isfinite(end)]
         axes.set_xlim(max(min([-6.0, *shown]) * 1.15, -400.0), min(max([6.0, *shown]) * 1.15, 110.0))
-        axes.set_yticks(range(len(cuts)), [WORDS[name] for name in cuts])
-        axes.set_ylim(len(cuts) - 0.5, -0.5)
-        axes.grid(visible=False, axis="y")
+        name_rows(axes, [WORDS[name] for name in cuts])
         axes.set_xlabel("RMSE less than without the network (%)")
         handles = [
             Line2D([], [], color=color, marker="o", markersize=2.8, label=name) for name, color in colors.items()
@@ -146,16 +140,13 @@ def networks_figure(found: Evaluation) -> Figure:
 
 
 def margins_figure(found: Evaluation) -> Figure:
-    """Plots the error in high wind against the peak sensitivity and against the delay that is flown."""
-    (family,) = (name for name, each in FAMILIES.items() if PRICED_IN in each.laboratories)
+    """Plot the error in high wind against the peak sensitivity and against the delay that is flown."""
     plain = {
         name: (each, found.flights[PRICED_IN][name])
-        for name, each in found.traits.get(family, {}).items()
+        for name, each in found.traits.get(FAMILY_OF[PRICED_IN], {}).items()
         if not parts_of(name)[1]
     }
-    with in_print():
-        figure = new_figure(1.75 * COLUMN, 2.7)
-        row = figure.subplots(1, 2, sharey=True)
+    with new_panels(2.7, 1, 2, width=1.75 * COLUMN, sharey=True) as (figure, row):
         for axes, (measure, unit, label) in zip(row, _MEASURES, strict=True):
             for name in PRICED_CONTROLLERS:
                 designs = priced(found, name)
@@ -174,7 +165,7 @@ def margins_figure(found: Evaluation) -> Figure:
         row[0].set_yticks(ticks, [f"{tick:g}" for tick in ticks])
         row[0].yaxis.set_minor_locator(NullLocator())
         row[0].set_ylabel(f"RMSE in {PRICED_IN} (cm)")
-        figure.legend(*row[0].get_legend_handles_labels(), loc="outside upper center", ncols=4, columnspacing=1.0)
+        legend_above(figure, row[0], 4, columnspacing=1.0)
         return figure
 
 
@@ -191,32 +182,18 @@ def _point(traits: Traits, metrics: Metrics, measure: str, unit: float) -> tuple
 
 
 def laps_figure(found: Evaluation, controllers: Sequence[str]) -> Figure:
-    """Plots the error in the last of so many laps, with a network over the position and without."""
-    with in_print():
-        figure = new_figure(1.3 * COLUMN, 2.6)
-        axes = figure.subplots()
+    """Plot the error in the last of so many laps, with a network over the position and without."""
+    with new_panels(2.6, width=1.3 * COLUMN) as (figure, axes):
         for name in controllers:
             for controller, style in ((name, ":"), (f"{name}_t2fnn_map", "-")):
                 counts = laps_flown(found, controller)
-                means = [_mean_in_lap(found.flights, count, controller) for count in counts]
-                value, low, high = np.transpose(means)
-                kind = parts_of(controller)[1]
-                own: Mapping[str, Any] = {"color": _COLORS[name], "linestyle": style, "marker": _MARKS[kind]}
-                axes.errorbar(
-                    counts,
-                    value,
-                    (value - low, high - value),
-                    label=WORDS[controller],
-                    markersize=3.0,
-                    capsize=2.0,
-                    **own,
-                )
+                flown = [found.flights[in_laps(count)][controller] for count in counts]
+                means = [mean_interval(100.0 * of_survivors(metrics, "rmse")) for metrics in flown]
+                own: dict[str, Any] = {"color": _COLORS[name], "linestyle": style, "markersize": 3.0, "capsize": 2.0}
+                marker = _MARKS[parts_of(controller)[1]]
+                plot_intervals(axes, counts, means, label=WORDS[controller], marker=marker, **own)
         axes.set_ylim(0.0, None)
         axes.set(xlabel="lap", ylabel="RMSE (cm)")
         axes.set_xticks(range(1, max(map(len, (laps_flown(found, name) for name in controllers))) + 1))
-        figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=2, columnspacing=1.0)
+        legend_above(figure, axes, 2, columnspacing=1.0)
         return figure
-
-
-def _mean_in_lap(flights: Mapping[str, Mapping[str, Metrics]], count: int, controller: str) -> Interval:
-    return mean_interval(100.0 * of_survivors(flights[in_laps(count)][controller], "rmse"))

@@ -13,7 +13,7 @@ from drake_quad.design.tuning import Budget, LoopLimit, Tuned, delay_stood, tune
 from drake_quad.errors import InputError
 from drake_quad.evaluation.designs import design_file, designs_in, write_designs
 from drake_quad.evaluation.entries import Entry, entries_of
-from drake_quad.evaluation.families import FAMILIES, Family
+from drake_quad.evaluation.families import FAMILIES, FAMILY_OF, Family
 from drake_quad.evaluation.results import PRICED, PRICED_CONTROLLERS, PRICED_IN, SENSITIVITIES, priced_name
 from drake_quad.scenario.batch import middle_of
 from drake_quad.scenario.files.loading import load_undesigned
@@ -47,9 +47,7 @@ def tunable(family: Family, path: Path, names: Sequence[str] | None = None) -> d
     Raises:
         InputError: there is no such entry, or none that is tuned here.
     """
-    entries = {
-        name: each for name, each in entries_of(on_board=family.on_board, maps=family.maps).items() if each.knobs
-    }
+    entries = {name: each for name, each in family.entries.items() if each.knobs}
     for name in names or ():
         if name not in entries:
             raise InputError(f"{name} is no controller that is tuned here; these are {', '.join(entries)}")
@@ -68,7 +66,7 @@ def design_family(
     limit: LoopLimit = LoopLimit(),
     progress: Callable[[], None] | None = None,
 ) -> Iterator[Designed]:
-    """Tunes entries one after another, and writes each into the family's file as soon as it is found.
+    """Tune entries one after another, and write each into the family's file as soon as it is found.
 
     Args:
         diagrams: folder of the shipped scenarios.
@@ -80,39 +78,42 @@ def design_family(
         progress: called after each round.
     """
     path = design_file(diagrams, name)
-    # Beside the file, since what it extends is found from there.
-    trial = path.with_name(f".tuning_{path.name}")
-    try:
-        for controller, entry in entries.items():
-            if path.exists():
-                shutil.copyfile(path, trial)
-            write_designs(trial, {controller: entry.middle()}, said={})
-            scenarios = training(diagrams, family, f"{trial}:{controller}", entry)
-            shares = None if entry.around else _shares(limit)
-            before = numbers_before(diagrams, family, path, controller, entry)
-            later = 0.0
-            if entry.around:
-                alone = training(diagrams, family, f"{path}:{entry.around}", entry)
-                later = delay_stood(alone, limit.delay, budget=budget)
-            found = tune(scenarios, entry.knobs, shares, budget=budget, later=later, before=before, progress=progress)
-            words = _words(entry, found, budget, later)
-            write_designs(
-                path, {controller: entry.tree(found.numbers)}, said={controller: words}, head=_head(name, limit)
-            )
-            yield Designed(controller, words)
-    finally:
-        trial.unlink(missing_ok=True)
+    for controller, entry in entries.items():
+        scenarios = _untuned(diagrams, family, path, controller, entry)
+        shares = None if entry.around else _shares(limit)
+        before = numbers_before(diagrams, family, path, controller, entry)
+        later = 0.0
+        if entry.around:
+            alone = training(diagrams, family, f"{path}:{entry.around}", entry)
+            later = delay_stood(alone, limit.delay, budget=budget)
+        found = tune(scenarios, entry.knobs, shares, budget=budget, later=later, before=before, progress=progress)
+        words = _words(entry, found, budget, later)
+        write_designs(path, {controller: entry.tree(found.numbers)}, said={controller: words}, head=_head(name, limit))
+        yield Designed(controller, words)
     yield from _predictive(path)
 
 
 def _predictive(path: Path) -> Iterator[Designed]:
-    """Writes model predictive control with the regulator of the family's LQG, if it has one."""
+    """Write model predictive control with the regulator of the family's LQG, if it has one."""
     regulator = designs_in(path).get("lqg")
     if regulator is not None:
         control = {**regulator["control"], "kind": "mpc", "horizon": _HORIZON}
         words = "the regulator of lqg, which keeps to its limits over a horizon"
         write_designs(path, {"mpc": {"control": control}}, said={"mpc": words})
         yield Designed("mpc", words)
+
+
+def _untuned(diagrams: Path, family: Family, path: Path, name: str, entry: Entry) -> list[Scenario]:
+    """Return the scenarios in which an entry is trained, with its numbers in the middle of their ranges."""
+    # A copy of the file with the designs that the entry may extend, beside the file, from which they are found.
+    trial = path.with_name(f".tuning_{path.name}")
+    try:
+        if path.exists():
+            shutil.copyfile(path, trial)
+        write_designs(trial, {name: entry.middle()}, said={})
+        return training(diagrams, family, f"{trial}:{name}", entry)
+    finally:
+        trial.unlink(missing_ok=True)
 
 
 def training(diagrams: Path, family: Family, layer: str, entry: Entry) -> list[Scenario]:
@@ -137,21 +138,14 @@ def design_prices(
     diagrams: Path, *, budget: Budget = Budget(), progress: Callable[[], None] | None = None
 ) -> Iterator[Designed]:
     """Design controllers for several limits of the peak sensitivity, and write them as `design_family` does."""
-    (family,) = (each for each in FAMILIES.values() if PRICED_IN in each.laboratories)
+    family = FAMILIES[FAMILY_OF[PRICED_IN]]
     path = design_file(diagrams, PRICED)
     entries = entries_of(on_board=family.on_board, maps=False)
     for controller, sensitivity in itertools.product(PRICED_CONTROLLERS, SENSITIVITIES):
-        entry, limit, name = (
-            entries[controller],
-            LoopLimit(sensitivity=sensitivity),
-            priced_name(controller, sensitivity),
-        )
+        entry, limit = entries[controller], LoopLimit(sensitivity=sensitivity)
+        name = priced_name(controller, sensitivity)
         if entry.knobs:
-            trial = write_designs(path.with_name(f".tuning_{path.name}"), {name: entry.middle()}, said={})
-            try:
-                scenarios = training(diagrams, family, f"{trial}:{name}", entry)
-            finally:
-                trial.unlink()
+            scenarios = _untuned(diagrams, family, path, name, entry)
             found = tune(scenarios, entry.knobs, _shares(limit), budget=budget, progress=progress)
             tree, words = entry.tree(found.numbers), _words(entry, found, budget)
         else:

@@ -1,23 +1,24 @@
-"""The report of the evaluation, as Markdown."""
+"""The report of the evaluation: what it says, and its files."""
 
 import platform
-from collections import Counter
 from collections.abc import Mapping, Sequence
-from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from drake_quad.design.tuning import Budget, LoopLimit
-from drake_quad.evaluation.answers import WORDS, Answer, beside, best_in, delay_words
+from drake_quad.evaluation.claims import WORDS, all_claims, beside, best_in, delay_words
 from drake_quad.evaluation.entries import entries_of
-from drake_quad.evaluation.families import FAMILIES, FIRST_JUDGED, Family
+from drake_quad.evaluation.families import FAMILIES, FAMILY_OF, FIRST_JUDGED, Family
+from drake_quad.evaluation.figures import evaluation_figures
 from drake_quad.evaluation.results import PRICED, Evaluation, Traits
-from drake_quad.files import write_table
 from drake_quad.laboratory.metrics import Metrics
+from drake_quad.reports.claims import Claim, verdict_counts, verdict_table, write_claims
+from drake_quad.reports.page import filled_template, image, table, write_figures, write_page
+from drake_quad.reports.results import write_rows
 from drake_quad.statistics.estimates import mean_interval
-from drake_quad.studies.report import image, table
-from drake_quad.studies.statistics import Interval, crash_probability, of_survivors
+from drake_quad.studies.statistics import crash_probability, of_survivors
 
 FIGURES = {
     "errors": "Mean RMSE of every controller in every laboratory, with 95 % intervals, which mostly are narrower than"
@@ -33,63 +34,68 @@ FIGURES = {
 _MEANS = {"rmse": "rmse", "peak": "peak_error", "effort_x": "effort_x", "effort_y": "effort_y", "effort_z": "effort_z"}
 
 
-def report_markdown(found: Evaluation, answers: Sequence[Answer], figures: Sequence[str]) -> str:
-    """The whole report, which shows the figures of the folder `figures` beside it.
+# Fields of `Claim` by the headings of their columns, in the file and in the report.
+_COLUMNS = {"statement": "words", "verdict": "verdict", "evidence": "evidence", "rule": "rule"}
+_SHOWN_COLUMNS = {"statement": "words", "what was flown": "evidence"}
+
+
+def write_report(folder: Path, found: Evaluation) -> list[Path]:
+    """Write the tables, the figures and the pages of the report, and return the files."""
+    claims = all_claims(found)
+    figures = write_figures(evaluation_figures(found), folder)
+    return [
+        write_summary(folder / "summary.csv", found),
+        *([write_claims(folder / "answers.csv", claims, _COLUMNS)] if claims else []),
+        *write_page(folder, report_markdown(found, claims, figures)),
+    ]
+
+
+def report_markdown(found: Evaluation, claims: Sequence[Claim], figures: Sequence[str]) -> str:
+    """Return the report as Markdown; its figures are in the folder `figures` beside it.
 
     Args:
-        found: what was flown.
-        answers: of `all_answers`.
-        figures: names of the figures that there are.
+        found: numbers of the evaluation.
+        claims: claims with their verdicts.
+        figures: names of the figures that were drawn.
     """
-    template = files(__package__).joinpath("report_template.md").read_text(encoding="utf-8")
-    budget, limit = Budget(), LoopLimit()
-    fields = {
-        "best": _best(found),
-        "verdicts": table(
-            ("statement", "what was flown", "verdict"),
-            [(each.statement, each.evidence, f"**{each.verdict}**") for each in answers],
-        ),
-        "count": ", ".join(
-            f"{number} × {verdict}" for verdict, number in Counter(each.verdict for each in answers).most_common()
-        ),
-        "rules": "\n".join(f"- {rule}: {_numbers(answers, rule)}" for rule in dict.fromkeys(e.rule for e in answers)),
-        "families": "\n\n".join(_family(found, name, family) for name, family in FAMILIES.items()),
-        "priced": _priced(found),
-        "entries": _entries(),
-        "absent": _absent(found),
-        "samples": str(max(len(each.rmse) for flown in found.flights.values() for each in flown.values())),
-        "places": str(len({place for _, place, *_ in _flown(found)})),
-        "first_judged": str(FIRST_JUDGED),
-        "rounds": str(budget.rounds),
-        "candidates": str(budget.candidates),
-        "training": str(budget.samples),
-        "checks": str(budget.checks),
-        "steps": str(budget.steps),
-        "sensitivity": f"{limit.sensitivity:g}",
-        "delay": f"{1e3 * limit.delay:g}",
-        "trained": "; ".join(f"{name}: {' and '.join(each.trained)}" for name, each in FAMILIES.items()),
-        "machine": machine(),
-        **{f"figure_{name}": image(name, FIGURES[name], width=640) if name in figures else "" for name in FIGURES},
-    }
-    return template.format_map(fields)
+    limit = LoopLimit()
+    return filled_template(
+        __package__,
+        best=_best(found),
+        verdicts=verdict_table(claims, _SHOWN_COLUMNS),
+        count=verdict_counts(claims),
+        rules="\n".join(f"- {rule}: {_numbers(claims, rule)}" for rule in dict.fromkeys(each.rule for each in claims)),
+        families="\n\n".join(_family(found, name, family) for name, family in FAMILIES.items()),
+        priced=_priced(found),
+        entries=_entries(),
+        absent=_absent(found),
+        samples=_most(found),
+        num_places=len({place for _, place, *_ in _flown(found)}),
+        first_judged=FIRST_JUDGED,
+        budget=Budget(),
+        limit=limit,
+        delay=1e3 * limit.delay,
+        trained="; ".join(f"{name}: {' and '.join(each.trained)}" for name, each in FAMILIES.items()),
+        machine=machine(),
+        figures={name: image(name, caption, width=640) if name in figures else "" for name, caption in FIGURES.items()},
+    )
 
 
 def write_summary(path: Path, found: Evaluation) -> Path:
-    """Writes a row for each controller in each laboratory, and returns the path."""
-    rows = []
-    for family, place, name, metrics in _flown(found):
-        crashes = crash_probability(metrics)
-        row: dict[str, object] = {
+    """Write a row for each controller in each laboratory, and return the path."""
+    rows: list[dict[str, Any]] = [
+        {
             "family": family,
             "laboratory": place,
             "controller": name,
             "samples": len(metrics.rmse),
+            **{column: mean_interval(of_survivors(metrics, metric)) for column, metric in _MEANS.items()},
+            "crashes": crash_probability(metrics),
+            **found.traits[family][name]._asdict(),
         }
-        for column, metric in _MEANS.items():
-            row |= _ends(column, mean_interval(of_survivors(metrics, metric)))
-        row |= _ends("crashes", crashes)
-        rows.append(row | found.traits[family][name]._asdict())
-    return write_table(path, {column: [row[column] for row in rows] for column in rows[0]}, digits=6)
+        for family, place, name, metrics in _flown(found)
+    ]
+    return write_rows(path, rows, digits=6)
 
 
 def machine() -> str:
@@ -103,15 +109,10 @@ def _flown(found: Evaluation) -> list[tuple[str, str, str, Metrics]]:
     """Family, laboratory, controller and flights of all that a family's file designs."""
     return [
         (family, place, name, found.flights[place][name])
-        for family, each in FAMILIES.items()
-        for place in each.laboratories
+        for place, family in FAMILY_OF.items()
         for name in found.traits.get(family, {})
         if name in found.flights.get(place, {})
     ]
-
-
-def _ends(name: str, found: Interval) -> dict[str, float]:
-    return {name: found.value, f"{name}_low": found.low, f"{name}_high": found.high}
 
 
 def _best(found: Evaluation) -> str:
@@ -201,11 +202,7 @@ def _entries() -> str:
 
 def _absent(found: Evaluation) -> str:
     absent = {
-        family: [
-            WORDS[name]
-            for name in entries_of(on_board=each.on_board, maps=each.maps)
-            if name not in found.traits.get(family, {})
-        ]
+        family: [WORDS[name] for name in each.entries if name not in found.traits.get(family, {})]
         for family, each in FAMILIES.items()
     }
     lines = [f"- {family}: {', '.join(names)}" for family, names in absent.items() if names]
@@ -216,8 +213,8 @@ def _most(found: Evaluation) -> int:
     return max(len(each.rmse) for flown in found.flights.values() for each in flown.values())
 
 
-def _numbers(answers: Sequence[Answer], rule: str) -> str:
-    return ", ".join(str(number) for number, each in enumerate(answers, start=1) if each.rule == rule)
+def _numbers(claims: Sequence[Claim], rule: str) -> str:
+    return ", ".join(str(number) for number, each in enumerate(claims, start=1) if each.rule == rule)
 
 
 def _number(value: float, form: str) -> str:

@@ -1,18 +1,18 @@
 """The numbers of the evaluation, and how its folder holds them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-import numpy as np
-
-from drake_quad.errors import InputError
-from drake_quad.evaluation.families import FAMILIES
-from drake_quad.files import read_table, write_table
+from drake_quad.evaluation.families import FAMILY_OF, FIRST_JUDGED
 from drake_quad.laboratory.metrics import Metrics
+from drake_quad.reports.results import read_groups, write_groups
 
-FLIGHTS, TRAITS = "flights.csv", "traits.csv"
+_FLIGHT_KEYS = ("laboratory", "controller")
+_TRAIT_KEYS = ("family", "controller")
+# Number of digits of the numbers in the files, more than any comparison needs.
+_DIGITS = 9
 # Where more laps than one are flown, of which the last counts, and where designs with other limits are flown.
 LAPS_IN, PRICED_IN, PRICED = "high wind", "high wind", "priced"
 # Designs with other limits on the sensitivity, and what is designed so.
@@ -54,8 +54,8 @@ class Evaluation:
     @property
     def controllers(self) -> list[str]:
         """All controllers that flew in a laboratory of a family."""
-        places = [place for family in FAMILIES.values() for place in family.laboratories]
-        return list(dict.fromkeys(name for place in places for name in self.flights.get(place, ()) if "@" not in name))
+        flown = (name for place in FAMILY_OF for name in self.flights.get(place, ()) if "@" not in name)
+        return list(dict.fromkeys(flown))
 
 
 def in_laps(count: int) -> str:
@@ -68,53 +68,34 @@ def priced_name(controller: str, sensitivity: float) -> str:
     return f"{controller}@{sensitivity:g}"
 
 
-def write_flights(path: Path, flights: Mapping[str, Mapping[str, Metrics]], first: int) -> Path:
-    """Writes a row for each flight, and returns the path.
-
-    Args:
-        path: of the file.
-        flights: by laboratory and controller.
-        first: number of the first sample.
-    """
-    rows = [
-        (place, name, first + sample, *values)
-        for place, found in flights.items()
-        for name, metrics in found.items()
-        for sample, values in enumerate(np.transpose(metrics))
+def write_evaluation(folder: Path, found: Evaluation) -> list[Path]:
+    """Write a row for each flight and for each controller of each family, and return the files."""
+    flights: dict[tuple[str, ...], dict[str, Any]] = {
+        (place, name): {"sample": range(FIRST_JUDGED, FIRST_JUDGED + len(metrics.rmse)), **metrics._asdict()}
+        for place, flown in found.flights.items()
+        for name, metrics in flown.items()
+    }
+    traits: dict[tuple[str, ...], dict[str, Any]] = {
+        (family, name): {field: [value] for field, value in each._asdict().items()}
+        for family, flown in found.traits.items()
+        for name, each in flown.items()
+    }
+    return [
+        write_groups(folder / "flights.csv", _FLIGHT_KEYS, flights, digits=_DIGITS),
+        write_groups(folder / "traits.csv", _TRAIT_KEYS, traits, digits=_DIGITS),
     ]
-    header = ("laboratory", "controller", "sample", *Metrics._fields)
-    return write_table(path, dict(zip(header, zip(*rows, strict=True), strict=True)), digits=9)
-
-
-def write_traits(path: Path, traits: Mapping[str, Mapping[str, Traits]]) -> Path:
-    """Writes a row for each controller of each family, and returns the path."""
-    rows = [(family, name, *each) for family, found in traits.items() for name, each in found.items()]
-    header = ("family", "controller", *Traits._fields)
-    return write_table(path, dict(zip(header, zip(*rows, strict=True), strict=True)), digits=9)
 
 
 def read_evaluation(folder: Path) -> Evaluation:
-    """Reads what `judge_controllers` left in a folder.
+    """Read what `write_evaluation` left in a folder.
 
     Raises:
         InputError: a file is missing, or holds something else.
     """
-    flights, traits = read_table(folder / FLIGHTS), read_table(folder / TRAITS)
-    for name, found, wanted in ((FLIGHTS, flights, ("laboratory", *Metrics._fields)), (TRAITS, traits, Traits._fields)):
-        missing = [column for column in wanted if column not in found]
-        if missing:
-            raise InputError(f"{folder / name} has no column {missing[0]}")
-    metrics = Metrics(*(flights[name] for name in Metrics._fields))
-    keys = _keys(flights, "laboratory", "controller")
-    flown: dict[str, dict[str, Metrics]] = {}
-    for place, name in dict.fromkeys(keys):
-        chosen = np.array([key == (place, name) for key in keys])
-        flown.setdefault(place, {})[name] = metrics.taken(chosen)
-    told: dict[str, dict[str, Traits]] = {}
-    for i, (family, name) in enumerate(_keys(traits, "family", "controller")):
-        told.setdefault(family, {})[name] = Traits(*(float(traits[field][i]) for field in Traits._fields))
-    return Evaluation(flown, told)
-
-
-def _keys(columns: Mapping[str, np.ndarray], first: str, second: str) -> Sequence[tuple[str, str]]:
-    return list(zip(map(str, columns[first]), map(str, columns[second]), strict=True))
+    flights: dict[str, dict[str, Metrics]] = {}
+    for (place, name), columns in read_groups(folder / "flights.csv", _FLIGHT_KEYS, Metrics._fields).items():
+        flights.setdefault(place, {})[name] = Metrics(*(columns[field] for field in Metrics._fields))
+    traits: dict[str, dict[str, Traits]] = {}
+    for (family, name), columns in read_groups(folder / "traits.csv", _TRAIT_KEYS, Traits._fields).items():
+        traits.setdefault(family, {})[name] = Traits(*(float(columns[field][0]) for field in Traits._fields))
+    return Evaluation(flights, traits)

@@ -1,48 +1,24 @@
 """The claims of the paper: its evidence, ours, and a verdict that follows from the intervals."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 import scipy
 
-from drake_quad.files import write_table
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
-from drake_quad.replication.results import MAPPED, Experiment
+from drake_quad.replication.results import MAPPED, Experiment, cells_of
 from drake_quad.replication.sweeps import EXPONENTS, NOISE, Q_VALUES, SLOPES, Sweep
+from drake_quad.reports.claims import Claim, judge, reduction
 from drake_quad.statistics.estimates import mean_interval
+from drake_quad.statistics.interval import Interval
 from drake_quad.statistics.ratios import linearized_ratio, ratio_of_means
-from drake_quad.studies.report import Verdict, judge
-from drake_quad.studies.statistics import Comparison, Interval, compare_studies
 
 _NETWORKS = ("pd_t1fnn", "pd_t2fnn", "pd_t2fnn_wide")
 _GAINS = {"k_p": "k_P", "k_d": "k_D"}
 _TYPE_2 = ("pd_t2fnn", "pd_t2fnn_wide")
+_IN_WIND = ("low_wind", "high_wind")
 # Gains whose error is at most so many times the best one count as good as the best.
 _AS_GOOD = 1.2
-
-
-class Claim(NamedTuple):
-    """A claim of the paper.
-
-    Attributes:
-        words: what is claimed.
-        printed: the evidence that the paper prints.
-        ours: the evidence of the replication, with 95 % intervals.
-        verdict: on the claim.
-        rule: by which the verdict follows from our evidence.
-        details: our evidence cell by cell, if there is more of it.
-        figure: the name of a figure that shows our evidence, if there is one.
-    """
-
-    words: str
-    printed: str
-    ours: str
-    verdict: Verdict
-    rule: str
-    details: str = ""
-    figure: str = ""
 
 
 def all_claims(found: Experiment) -> list[Claim]:
@@ -62,85 +38,55 @@ def all_claims(found: Experiment) -> list[Claim]:
     ]
 
 
-def write_claims(path: Path, claims: Sequence[Claim]) -> Path:
-    """Writes a row for each claim and returns the path."""
-    header = ("claim", "printed", "ours", "verdict", "rule", "details", "figure")
-    return write_table(path, dict(zip(header, zip(*claims, strict=True), strict=True)))
-
-
-def beside_pd(found: Experiment, wind: str, controller: str, metric: str = "rmse") -> Comparison:
-    """Compares a controller with the PD in the same wind."""
-    return compare_studies(found.cells[Cell(wind, controller)], found.cells[Cell(wind, "pd")], metric)
-
-
-def cut_beside_pd(found: Experiment, wind: str, controller: str, metric: str = "rmse") -> Interval:
-    """Return the relative reduction of the mean of a metric under a controller, compared with the PD."""
-    return -beside_pd(found, wind, controller, metric).share.plus(-1.0)
-
-
 def half_the_error(found: Experiment) -> Claim:
     """Type 2 is 50 % better than PD."""
-    cuts = {(wind, controller): cut_beside_pd(found, wind, controller) for wind in WINDS for controller in _TYPE_2}
+    cuts = {cell: _reduction(found, cell, "pd") for cell in cells_of(_TYPE_2)}
     over_slope = {wind: [_cut_at(found, wind, slope) for slope in SLOPES] for wind in WINDS}
     best = max((cut for cuts in over_slope.values() for cut in cuts), key=lambda cut: cut.value)
     slopes = "; ".join(f"{WINDS[wind]} {_range(each)}" for wind, each in over_slope.items())
-    printed = [
-        1.0 - line.rmse.mean / printed_table()[Cell(cell.wind, "pd")].rmse.mean
-        for cell, line in printed_table().items()
-        if cell.controller in _TYPE_2 and np.isfinite(line.rmse.mean)
-    ]
     return Claim(
         "PD+T2FNN is 50 % better than PD",
-        f"Table II: {_span(printed, 100.0, '.0f')} %",
         f"{_range(cuts.values())} over winds and widths; λ, which is fitted, makes it {best.percent()} at best",
         judge([cut.is_above(0.5) for cut in cuts.values()], best.is_above(0.5)),
         "holds if all are above 50 %, in part if some are, also with another λ",
-        f"{_listed(cuts)}; over λ from {SLOPES[0]:g} to {SLOPES[-1]:g} 1/s, {slopes}",
+        printed=f"Table II: {_span(_printed_reductions(cuts, 'pd'), 100.0, '.0f')} %",
+        details=f"{_listed(cuts)}; over λ from {SLOPES[0]:g} to {SLOPES[-1]:g} 1/s, {slopes}",
     )
 
 
 def reduction_without_wind(found: Experiment) -> Claim:
     """The error without wind is about 43 % smaller."""
     pd, network = (printed_table()[Cell("no_wind", name)].rmse.mean for name in ("pd", "pd_t2fnn"))
-    cut = cut_beside_pd(found, "no_wind", "pd_t2fnn")
-    other = {("no_wind", name): cut_beside_pd(found, "no_wind", name) for name in ("pd_t1fnn", "pd_t2fnn_wide")}
+    cut = _reduction(found, Cell("no_wind", "pd_t2fnn"), "pd")
+    other = {cell: _reduction(found, cell, "pd") for cell in cells_of(("pd_t1fnn", "pd_t2fnn_wide"), ["no_wind"])}
     return Claim(
         "without wind the error is about 43 % smaller",
-        f"Table II: {pd:.3f} and {network:.3f} m, {100.0 * (1.0 - network / pd):.0f} %",
         f"{cut.percent()}, fitted; not fitted: {_listed(other)}",
         "cannot be decided",
         "the numbers were fitted to these two cells",
+        printed=f"Table II: {pd:.3f} and {network:.3f} m, {100.0 * (1.0 - network / pd):.0f} %",
     )
 
 
 def type_2_beats_type_1(found: Experiment) -> Claim:
     """Type 2 beats type 1 by 2 to 7 %."""
-    gains = {}
-    for wind in WINDS:
-        for controller in _TYPE_2:
-            share = compare_studies(found.cells[Cell(wind, controller)], found.cells[Cell(wind, "pd_t1fnn")]).share
-            gains[wind, controller] = -share.plus(-1.0)
-    windy = {(wind, name): gain for (wind, name), gain in gains.items() if wind != "no_wind"}
-    printed = [
-        1.0 - printed_table()[Cell(wind, name)].rmse.mean / printed_table()[Cell(wind, "pd_t1fnn")].rmse.mean
-        for wind, name in windy
-        if np.isfinite(printed_table()[Cell(wind, name)].rmse.mean)
-    ]
+    gains = {cell: _reduction(found, cell, "pd_t1fnn") for cell in cells_of(_TYPE_2)}
+    windy = {cell: gain for cell, gain in gains.items() if cell.wind != "no_wind"}
     over_noise = [_advantage(found.noise, "noise", level) for level in NOISE]
     over_q = [_advantage(found.q, "q", q) for q in Q_VALUES]
     only_upper, *mixed, _ = over_q
     best = max((*over_noise, *mixed), key=lambda gain: gain.value)
     return Claim(
         "type 2 beats type 1 by 2 to 7 %",
-        f"Table II in wind: {_span(printed, 100.0, '.0f')} %, of three runs each, which is not significant"
-        f" (in low wind {_welch('pd_t1fnn', 'pd_t2fnn')})",
         f"in wind {_range(windy.values())}; the better width, without wind, with noise from 0 to 20 mm"
         f" {_range(over_noise)}, with q from 0.25 to 0.75 {_range(mixed)}; {only_upper.percent()} with"
         " q = 0, where only the upper memberships are left",
         judge([gain.is_above(0.02) for gain in windy.values()], best.is_above(0.02)),
         "holds if all in wind are above 2 %, in part if some are, also with other noise or a q within 0 and 1",
-        _listed(gains),
-        "advantage",
+        printed=f"Table II in wind: {_span(_printed_reductions(windy, 'pd_t1fnn'), 100.0, '.0f')} %,"
+        f" of three runs each, which is not significant (in low wind {_welch('pd_t1fnn', 'pd_t2fnn')})",
+        details=_listed(gains),
+        figure="advantage",
     )
 
 
@@ -153,13 +99,13 @@ def wider_under_noise(found: Experiment) -> Claim:
     text = ", ".join(f"{1e3 * level:g} mm {(-gain).percent()}" for level, gain in zip(NOISE, gains, strict=True))
     return Claim(
         "more noise favours wider membership functions",
-        f"Table II in low wind: {printed[0]:.3f} and {printed[1]:.3f} m, which is not significant ({_welch(*_TYPE_2)});"
-        " noise is not varied",
         f"the error with wider sets is larger by {(-gains[0]).percent()} without position noise and by"
         f" {(-gains[-1]).percent()} with 20 mm: they gain {trend.percent()}",
         judge([gains[-1].is_above(0.0), trend.is_above(0.0)]),
         "holds if the wider sets gain with noise and are better at 20 mm, in part if one of the two",
-        f"larger by, at {text}; noise that adds the same to both errors makes a difference smaller, too",
+        printed=f"Table II in low wind: {printed[0]:.3f} and {printed[1]:.3f} m, which is not significant"
+        f" ({_welch(*_TYPE_2)}); noise is not varied",
+        details=f"larger by, at {text}; noise that adds the same to both errors makes a difference smaller, too",
     )
 
 
@@ -168,103 +114,89 @@ def peak_without_wind(found: Experiment) -> Claim:
     pd, network = (
         _mean(np.asarray(found.cells[Cell("no_wind", name)].metrics.peak_error)) for name in ("pd", "pd_t2fnn")
     )
-    cut = cut_beside_pd(found, "no_wind", "pd_t2fnn", "peak_error")
+    cut = _reduction(found, Cell("no_wind", "pd_t2fnn"), "pd", "peak_error")
     return Claim(
         "without wind the peak error falls from 1.3 to 0.8 m",
-        "Fig. 9: about 1.3 and 0.8 m, 38 %",
         f"{pd.metres()} and {network.metres()}, {cut.percent()} less",
         judge([cut.is_above(0.38)], cut.is_above(0.0)),
         "holds if the peak falls by 38 %, in part if it falls at all",
+        printed="Fig. 9: about 1.3 and 0.8 m, 38 %",
     )
 
 
 def smaller_peaks_in_wind(found: Experiment) -> Claim:
     """Type 2 has smaller peaks than type 1 in wind."""
     differences = {
-        (wind, name): compare_studies(
-            found.cells[Cell(wind, name)], found.cells[Cell(wind, "pd_t1fnn")], "peak_error"
-        ).difference
-        for wind in ("low_wind", "high_wind")
-        for name in _TYPE_2
+        cell: found.comparison(cell, Cell(cell.wind, "pd_t1fnn"), "peak_error").difference
+        for cell in cells_of(_TYPE_2, _IN_WIND)
     }
-    text = "; ".join(
-        f"{WINDS[wind]}, {CONTROLLERS[name]} {each.millimetres()}" for (wind, name), each in differences.items()
-    )
     low, high = _ends(differences.values())
     return Claim(
         "in wind type 2 has smaller error peaks than type 1",
-        "Figs 10 and 11, one run each",
         f"peaks beside those of type 1: {low.millimetres()} to {high.millimetres()}",
         judge([(-each).is_above(0.0) for each in differences.values()]),
         "holds if all are below zero, in part if some are",
-        text,
+        printed="Figs 10 and 11, one run each",
+        details=_listed(differences, Interval.millimetres),
     )
 
 
 def pd_tends_to_zero(found: Experiment) -> Claim:
     """The PD's output tends to zero as the network takes over, and comes back at each change of segment."""
     fades, returns = (
-        {
-            (wind, name): _mean(found.recorded[Cell(wind, name)][measure])
-            for wind in WINDS
-            for name in ("pd", "pd_t2fnn")
-        }
+        {cell: _mean(found.recorded[cell][measure]) for cell in cells_of(("pd", "pd_t2fnn"))}
         for measure in ("pd_fade", "pd_return")
     )
-    fade, back = (each["no_wind", "pd_t2fnn"] for each in (fades, returns))
+    fade, back = (each[Cell("no_wind", "pd_t2fnn")] for each in (fades, returns))
     return Claim(
         "the PD's output tends to zero as the network takes over, and comes back at each change of segment",
-        "Figs 12 and 13, one run",
         f"without wind the PD's output in the last quarter of a flight is on average {fade.percent()} of that in the"
         f" quarter after the rise, and in the 1 s after a change of segment {back.percent()} of that in the 1 s before",
         judge([(-fade).is_above(-0.5), back.is_above(1.0)]),
         "holds if less than half is left and more comes back, in part if one of the two",
-        f"left is, {_listed(fades)}; after a change, {_listed(returns)}",
+        printed="Figs 12 and 13, one run",
+        details=f"left is, {_listed(fades)}; after a change, {_listed(returns)}",
     )
 
 
 def least_effort(found: Experiment) -> Claim:
     """The PD costs the least effort."""
     shares = {
-        (wind, name, axis): beside_pd(found, wind, name, f"effort_{axis}").share
-        for wind in WINDS
-        for name in _NETWORKS
+        (cell, axis): found.comparison(cell, Cell(cell.wind, "pd"), f"effort_{axis}").share
+        for cell in cells_of(_NETWORKS)
         for axis in "xy"
     }
     low, high = _ends(shares.values())
     printed = [share for shares in printed_effort_ratios().values() for share in shares if np.isfinite(share)]
-    text = "; ".join(
-        f"{WINDS[wind]}, {CONTROLLERS[name]} on {axis.upper()} {each.ratio()}"
-        for (wind, name, axis), each in shares.items()
-    )
+    text = "; ".join(f"{cell.words} on {axis.upper()} {each.ratio()}" for (cell, axis), each in shares.items())
     return Claim(
         "the PD costs the least effort",
-        f"Table II: the networks {_span(printed, 1.0, '.1f')} times as much",
         f"{low.ratio()} to {high.ratio()} times the PD's effort",
         judge([each.is_above(1.0) for each in shares.values()]),
         "holds if all are above 1, in part if some are",
-        text,
+        printed=f"Table II: the networks {_span(printed, 1.0, '.1f')} times as much",
+        details=text,
     )
 
 
 def insensitive_to_wind(found: Experiment) -> Claim:
     """The error does not rise in wind."""
-    rises = {}
-    for name in CONTROLLERS:
-        for wind in ("low_wind", "high_wind"):
-            share = compare_studies(found.cells[Cell(wind, name)], found.cells[Cell("no_wind", name)]).share
-            rises[wind, name] = share.plus(-1.0)
+    rises = {
+        cell: found.comparison(cell, Cell("no_wind", name)).share.plus(-1.0)
+        for name in CONTROLLERS
+        for cell in cells_of([name], _IN_WIND)
+    }
     return Claim(
         "the controllers are insensitive to wind",
-        "Table II, from no wind to high: "
-        + "; ".join(f"{CONTROLLERS[name]} {_levels(name)} m" for name in ("pd", "pd_t2fnn")),
         f"errors rise by {_range(rises.values())}",
         judge(
             [(-each).is_above(-0.02) for each in rises.values()],
             *((-each).is_above(-0.1) for each in rises.values()),
         ),
         "holds if no error rises by 2 %, in part if some rise by less than 10 %",
-        _listed(rises),
+        printed="Table II, from no wind to high: "
+        + "; ".join(f"{CONTROLLERS[name]} {_levels(name)} m" for name in ("pd", "pd_t2fnn")),
+        details=_listed(rises),
     )
 
 
@@ -282,11 +214,11 @@ def straight_against_curved(found: Experiment) -> Claim:
     ]
     return Claim(
         "an aggressive PD tuned on straight lines is worse on curves, one tuned on curves oscillates on straight lines",
-        "words, no numbers",
         f"best on straight lines are {gains[0]}, on curves {gains[1]}; on other samples the first are {worse.percent()}"
         f" worse on curves, and on straight lines the command of the second moves {livelier.ratio()} times as much",
         judge([worse.is_above(0.0), livelier.is_above(1.0)]),
         "holds if the first are worse on curves and the second move more on straight lines, in part if one of the two",
+        printed="words, no numbers",
     )
 
 
@@ -298,16 +230,16 @@ def circle_of_gains(found: Experiment) -> Claim:
     best = [_mean(np.nanmin(_errors(found.maps[name]), axis=0)) for name in MAPPED]
     return Claim(
         "with the network any PD gains that stabilise will do: a circle around the optimal point",
-        "words, no numbers",
         f"on average over samples, within 20 % of the best error are {pd.percent()} of the gains that stabilise the PD,"
         f" and {network.percent()} of those that stabilise it with the network; half of these gains have more than"
         f" {typical[0].ratio()} times the best error, and {typical[1].ratio()} times with the network; the best errors"
         f" are {best[0].metres()} and {best[1].metres()}",
         judge([more.is_above(0.0), network.is_above(0.5)]),
         "holds if the share grows and is more than half, in part if one of the two",
-        f"{_box(found.maps['pd'])}; a sample crashes with {_crashing(found.maps['pd'])} of them, and with"
+        printed="words, no numbers",
+        details=f"{_box(found.maps['pd'])}; a sample crashes with {_crashing(found.maps['pd'])} of them, and with"
         f" {_crashing(found.maps['pd_t2fnn'])} with the network; the share is {more.percent()} larger with it",
-        "gains",
+        figure="gains",
     )
 
 
@@ -350,6 +282,17 @@ def printed_effort_ratios() -> dict[Cell, tuple[float, float]]:
     }
 
 
+def _reduction(found: Experiment, cell: Cell, baseline: str, metric: str = "rmse") -> Interval:
+    """Return the relative reduction of the mean of a metric, compared with another controller in the same wind."""
+    return reduction(found.comparison(cell, Cell(cell.wind, baseline), metric).share)
+
+
+def _printed_reductions(cells: Iterable[Cell], baseline: str) -> list[float]:
+    """Return the relative reductions of the printed mean errors, compared with a controller, where they are printed."""
+    means = {cell: line.rmse.mean for cell, line in printed_table().items() if np.isfinite(line.rmse.mean)}
+    return [1.0 - means[cell] / means[Cell(cell.wind, baseline)] for cell in cells if cell in means]
+
+
 def _rmse(sweep: Sweep, number: str, value: float, controller: str) -> np.ndarray:
     """(samples,) RMSE with a value of a number and the exponents of a controller."""
     a1, a2 = EXPONENTS[controller]
@@ -381,7 +324,7 @@ def _cut_at(found: Experiment, wind: str, slope: float) -> Interval:
 def _cut(errors: np.ndarray, baseline: np.ndarray) -> Interval:
     """Return the relative reduction of the mean of errors (samples,), compared with a baseline; crashes are NaN."""
     both = np.isfinite(errors) & np.isfinite(baseline)
-    return -ratio_of_means(errors[both], baseline[both]).plus(-1.0)
+    return reduction(ratio_of_means(errors[both], baseline[both]))
 
 
 def _more_cut(pair: Sequence[np.ndarray], other: Sequence[np.ndarray]) -> Interval:
@@ -431,9 +374,9 @@ def _span(values: Sequence[float] | np.ndarray, size: float, form: str) -> str:
     return f"{size * min(values):{form}} to {size * max(values):{form}}"
 
 
-def _listed(shares: Mapping[tuple[str, str], Interval]) -> str:
-    """Shares by wind and controller, in words."""
-    return "; ".join(f"{WINDS[wind]}, {CONTROLLERS[name]} {each.percent()}" for (wind, name), each in shares.items())
+def _listed(numbers: Mapping[Cell, Interval], text: Callable[[Interval], str] = Interval.percent) -> str:
+    """Return numbers by cell as text."""
+    return "; ".join(f"{cell.words} {text(number)}" for cell, number in numbers.items())
 
 
 def _ends(estimates: Iterable[Interval]) -> tuple[Interval, Interval]:

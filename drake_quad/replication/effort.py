@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.files import write_table
 from drake_quad.replication.claims import printed_effort_ratios
 from drake_quad.replication.measures import EFFORTS
 from drake_quad.replication.printed import Cell, printed_table
 from drake_quad.replication.results import Experiment
+from drake_quad.reports.results import write_rows
 from drake_quad.statistics.estimates import mean_interval
 from drake_quad.studies.statistics import Interval
 
@@ -49,18 +49,10 @@ def effort_matches(found: Experiment) -> list[EffortMatch]:
 
 
 def write_efforts(path: Path, matches: Sequence[EffortMatch]) -> Path:
-    """Writes a row for each definition and returns the path."""
-    return write_table(
-        path,
-        {
-            "definition": [EFFORTS[match.name].words for match in matches],
-            "ratio_x": [match.ratio_x for match in matches],
-            "ratio_y": [match.ratio_y for match in matches],
-            "off_by_factor": [match.distance.value for match in matches],
-            "low": [match.distance.low for match in matches],
-            "high": [match.distance.high for match in matches],
-        },
-    )
+    """Write a row for each definition, and return the path."""
+    columns = ("definition", "ratio_x", "ratio_y", "off_by_factor", "low", "high")
+    rows = ((EFFORTS[match.name].words, match.ratio_x, match.ratio_y, *match.distance) for match in matches)
+    return write_rows(path, [dict(zip(columns, row, strict=True)) for row in rows])
 
 
 def printed_ratios() -> tuple[float, float]:

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from drake_quad.files import write_table
 from drake_quad.replication.printed import CONTROLLERS, Cell
 from drake_quad.replication.results import FAIR, Experiment, cells_of
+from drake_quad.reports.results import write_rows
 from drake_quad.statistics.estimates import mean_interval
-from drake_quad.studies.statistics import Interval, compare_studies, of_survivors
+from drake_quad.studies.statistics import Interval, of_survivors
 
 COMPARED = {"pd": CONTROLLERS["pd"], "pd_t2fnn": CONTROLLERS["pd_t2fnn"], **FAIR}
 
@@ -39,23 +39,17 @@ def fair_entries(found: Experiment) -> list[FairEntry]:
     """All controllers that are compared, wind by wind."""
     entries = []
     for cell in cells_of(COMPARED):
-        study = found.cells[cell]
         means = [
-            mean_interval(of_survivors(study.metrics, name)) for name in ("rmse", "peak_error", "effort_x", "effort_y")
+            mean_interval(of_survivors(found.cells[cell].metrics, name))
+            for name in ("rmse", "peak_error", "effort_x", "effort_y")
         ]
-        beside = [compare_studies(study, found.cells[Cell(cell.wind, name)]).share for name in ("pd", "pd_t2fnn")]
+        beside = [found.comparison(cell, Cell(cell.wind, name)).share for name in ("pd", "pd_t2fnn")]
         entries.append(FairEntry(cell, *means, *beside))
     return entries
 
 
 def write_fair(path: Path, entries: Sequence[FairEntry]) -> Path:
-    """Writes a row for each entry, with estimates and the ends of their intervals, and returns the path."""
-    columns: dict[str, list] = {
-        "wind": [entry.cell.wind for entry in entries],
-        "controller": [entry.cell.controller for entry in entries],
-    }
-    for name in FairEntry._fields[1:]:
-        for end in Interval._fields:
-            suffix = "" if end == "value" else f"_{end}"
-            columns[f"{name}{suffix}"] = [getattr(getattr(entry, name), end) for entry in entries]
-    return write_table(path, columns)
+    """Write a row for each entry, and return the path."""
+    return write_rows(
+        path, [entry.cell._asdict() | dict(zip(entry._fields[1:], entry[1:], strict=True)) for entry in entries]
+    )

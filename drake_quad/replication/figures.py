@@ -1,6 +1,7 @@
 """The figures of the report: the paper's own, and further ones; as wide as a column of a journal."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,9 +19,9 @@ from drake_quad.replication.fair import COMPARED
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
 from drake_quad.replication.results import MAPPED, Experiment
 from drake_quad.replication.sweeps import NOISE, Q_VALUES, Sweep
+from drake_quad.reports.figures import legend_above, name_rows, new_panels, plot_intervals
 from drake_quad.statistics.estimates import mean_interval
 from drake_quad.studies.statistics import of_survivors
-from drake_quad.visualization.in_print import COLUMN, in_print
 from drake_quad.visualization.learning_plots import PAPER_EXPONENTS
 from drake_quad.visualization.leg_marks import leg_marks, number_legs, shade_legs
 from drake_quad.visualization.places import places
@@ -33,7 +34,6 @@ from drake_quad.visualization.style import (
     PURPLE,
     REFERENCE,
     VERMILION,
-    new_figure,
     shading,
 )
 
@@ -45,7 +45,7 @@ _PRINTED_PEAKS = {"pd": 1.3, "pd_t2fnn": 0.8}
 
 
 def paper_figures(found: Experiment, flights: Flights) -> Iterator[tuple[str, Figure]]:
-    """Draws the figures one after another.
+    """Draw the figures one after another.
 
     Args:
         found: the numbers of the experiment.
@@ -56,19 +56,17 @@ def paper_figures(found: Experiment, flights: Flights) -> Iterator[tuple[str, Fi
     """
     yield "table_ii", table_figure(found)
     yield "figure_4", figure_4()
-    for number, draw in _OF_FLIGHTS.items():
-        yield f"figure_{number}", draw(flights)
+    for name, draw in FLIGHT_FIGURES.items():
+        yield name, draw(flights)
     yield "advantage", advantage_figure(found)
     yield "gains", gain_figure(found)
     yield "fair", fair_figure(found)
 
 
 def figure_4() -> Figure:
-    """Plots the memberships of an elliptic set for four pairs of exponents."""
+    """Plot the memberships of an elliptic set for four pairs of exponents."""
     u: Any = np.linspace(-1.2, 1.2, 481)
-    with in_print():
-        figure = new_figure(COLUMN, 2.9)
-        grid = figure.subplots(2, 2, sharex=True, sharey=True)
+    with new_panels(2.9, 2, 2, sharex=True, sharey=True) as (figure, grid):
         for axes, (a1, a2) in zip(grid.flat, PAPER_EXPONENTS, strict=True):
             upper, lower = elliptic_membership(u, a1), elliptic_membership(u, a2)
             axes.fill_between(u, lower, upper, color=shading()(0.5), linewidth=0)
@@ -79,21 +77,18 @@ def figure_4() -> Figure:
             axes.set_xlabel("(x - c) / d")
         for axes in grid[:, 0]:
             axes.set_ylabel("membership")
-        figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+        legend_above(figure, grid[0, 0], 2)
         return figure
 
 
 def figure_7(flights: Flights) -> Figure:
-    """Plots the paths of PD and PD+T2FNN without wind in space."""
-    with in_print():
-        figure = new_figure(COLUMN, 2.7)
-        axes = figure.add_subplot(projection="3d")
+    """Plot the paths of PD and PD+T2FNN without wind in space."""
+    with new_panels(2.7, subplot_kw={"projection": "3d"}) as (figure, axes):
         wanted = places(_whole(flights).record("reference")).T
         axes.plot(*wanted, label="reference", **REFERENCE)
         for name in ("pd", "pd_t2fnn"):
-            color, style = _LINES[name]
             path = places(flights[Cell("no_wind", name)].record("state")).T
-            axes.plot(*path, color=color, linestyle=style, label=CONTROLLERS[name])
+            axes.plot(*path, **_style(name), label=CONTROLLERS[name])
         for number, place, beside in leg_marks(_whole(flights).plan):
             x, y, z = place + 0.35 * np.array([*beside, 0.0])
             axes.text(x, y, z, str(number), color="0.2", fontsize=8, fontweight="bold", ha="center", va="center")
@@ -106,89 +101,45 @@ def figure_7(flights: Flights) -> Figure:
         axes.tick_params(pad=-2.0)
         axes.yaxis.labelpad = 0.0
         axes.zaxis.labelpad = -7.0
-        figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=3, columnspacing=1.0)
+        legend_above(figure, axes, 3, columnspacing=1.0)
         return figure
 
 
 def figure_8(flights: Flights) -> Figure:
-    """Plots the paths of PD and PD+T2FNN without wind from above."""
-    with in_print():
-        figure = new_figure(COLUMN, 4.6)
-        axes = figure.subplots()
+    """Plot the paths of PD and PD+T2FNN without wind from above."""
+    with new_panels(4.6) as (figure, axes):
         flight = _whole(flights)
         reference = flight.record("reference")
         axes.plot(reference.x, reference.y, label="reference", **REFERENCE)
         for name in ("pd", "pd_t2fnn"):
-            color, style = _LINES[name]
             state = flights[Cell("no_wind", name)].record("state")
-            axes.plot(state.x, state.y, color=color, linestyle=style, label=CONTROLLERS[name])
+            axes.plot(state.x, state.y, **_style(name), label=CONTROLLERS[name])
         number_legs(axes, flight.plan, distance=17.0)
         axes.set(xlabel="X (m)", ylabel="Y (m)")
         axes.set_aspect("equal")
         axes.margins(0.08)
-        figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=3, columnspacing=1.0)
+        legend_above(figure, axes, 3, columnspacing=1.0)
         return figure
 
 
-def figure_9(flights: Flights) -> Figure:
-    """Plots the Euclidean errors of PD and PD+T2FNN without wind, with the peaks that the paper shows."""
-    return _errors(flights, "no_wind", ("pd", "pd_t2fnn"), _PRINTED_PEAKS, "peak in the paper's Fig. 9")
-
-
-def figure_10(flights: Flights) -> Figure:
-    """Plots the Euclidean errors in low wind, with the mean RMSE of Table II."""
-    return _errors_in_wind(flights, "low_wind")
-
-
-def figure_11(flights: Flights) -> Figure:
-    """Plots the Euclidean errors in high wind, with the mean RMSE of Table II."""
-    return _errors_in_wind(flights, "high_wind")
-
-
-def figure_12(flights: Flights) -> Figure:
-    """Plots what PD and network command on X."""
-    return _commands(flights, "x")
-
-
-def figure_13(flights: Flights) -> Figure:
-    """Plots what PD and network command on Y."""
-    return _commands(flights, "y")
-
-
-_OF_FLIGHTS = {
-    7: figure_7,
-    8: figure_8,
-    9: figure_9,
-    10: figure_10,
-    11: figure_11,
-    12: figure_12,
-    13: figure_13,
-}
-
-
-def _errors_in_wind(flights: Flights, wind: str) -> Figure:
-    levels = {name: printed_table()[Cell(wind, name)].rmse.mean for name in CONTROLLERS}
-    found = {name: level for name, level in levels.items() if np.isfinite(level)}
-    return _errors(flights, wind, tuple(CONTROLLERS), found, "mean RMSE in Table II")
-
-
-def _errors(flights: Flights, wind: str, controllers: Sequence[str], levels: Mapping[str, float], what: str) -> Figure:
-    """Plots errors over time and, if type 1 is among the controllers, by how much those of type 2 differ from its own.
+def errors_figure(
+    flights: Flights, wind: str, controllers: Sequence[str], levels: Mapping[str, float], caption: str
+) -> Figure:
+    """Plot errors over time and, if type 1 is among the controllers, the differences of those of type 2 from its own.
 
     Args:
         flights: sample 0 of each cell of Table II.
-        wind: in which they are flown.
-        controllers: whose errors are shown.
+        wind: wind in which the controllers are flown.
+        controllers: names of the controllers.
         levels: printed errors that are marked beside the axes, by controller, m.
-        what: the printed errors are.
+        caption: text that says what the printed errors are.
     """
     errors = {name: flights[Cell(wind, name)].euclidean_error for name in controllers}
     time = max((flights[Cell(wind, name)].time for name in controllers), key=len)
-    with in_print():
-        figure = new_figure(COLUMN, 2.6 if "pd_t1fnn" not in errors else 3.8)
-        axes, *more = figure.subplots(
-            2 if "pd_t1fnn" in errors else 1, 1, sharex=True, squeeze=False, height_ratios=[2, 1][: len(errors) // 2]
-        )[:, 0]
+    is_compared = "pd_t1fnn" in errors
+    grid: dict[str, Any] = {"squeeze": False, "sharex": True, "height_ratios": [2, 1] if is_compared else [2]}
+    with new_panels(3.8 if is_compared else 2.6, 2 if is_compared else 1, 1, **grid) as (figure, column):
+        axes, *more = column[:, 0]
         for name, error in errors.items():
             axes.plot(time[: len(error)], error, **_style(name), label=CONTROLLERS[name])
         # Beside the curves, so that levels that are close to each other can be told apart.
@@ -199,7 +150,7 @@ def _errors(flights: Flights, wind: str, controllers: Sequence[str], levels: Map
         axes.set(ylabel="Euclidean error (m)")
         axes.set_ylim(0.0, 1.02 * max(axes.get_ylim()[1], max(levels.values())))
         _shade(axes, _whole(flights))
-        axes.plot([], [], linestyle="none", marker="<", color="0.4", markersize=4, label=what)
+        axes.plot([], [], linestyle="none", marker="<", color="0.4", markersize=4, label=caption)
         for lower in more:
             for name in ("pd_t2fnn", "pd_t2fnn_wide"):
                 count = min(len(errors[name]), len(errors["pd_t1fnn"]))
@@ -208,8 +159,15 @@ def _errors(flights: Flights, wind: str, controllers: Sequence[str], levels: Map
             lower.axhline(0.0, **LIMIT)
             lower.set_ylabel("minus that of\ntype 1 (mm)")
         figure.axes[-1].set_xlabel("time (s)")
-        figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=2, columnspacing=1.0)
+        legend_above(figure, axes, 2, columnspacing=1.0)
         return figure
+
+
+def errors_in_wind(flights: Flights, wind: str) -> Figure:
+    """Plot the Euclidean errors in a wind, with the mean RMSE of Table II."""
+    means = {name: printed_table()[Cell(wind, name)].rmse.mean for name in CONTROLLERS}
+    levels = {name: mean for name, mean in means.items() if np.isfinite(mean)}
+    return errors_figure(flights, wind, tuple(CONTROLLERS), levels, "mean RMSE in Table II")
 
 
 def _style(name: str) -> dict[str, Any]:
@@ -217,65 +175,66 @@ def _style(name: str) -> dict[str, Any]:
     return {"color": color, "linestyle": style}
 
 
-def _commands(flights: Flights, axis: str) -> Figure:
-    """Plots what PD and network command on an axis, without wind."""
-    with in_print():
-        figure = new_figure(COLUMN, 2.6)
-        axes = figure.subplots()
+def commands_figure(flights: Flights, axis: str) -> Figure:
+    """Plot the commands of PD and network on an axis, without wind."""
+    with new_panels(2.6) as (figure, axes):
         flight = flights[Cell("no_wind", "pd_t2fnn")]
         pd, correction = (getattr(flight.record(name), axis) for name in ("pd", "correction"))
         axes.plot(flight.time, pd, color=BLUE, label=r"PD, $\tau_c$")
         axes.plot(flight.time, -correction, color=VERMILION, label=r"network, $-\tau_f$")
         axes.set(xlabel="time (s)", ylabel=f"command on {axis.upper()} (m/s²)")
         _shade(axes, flight)
-        figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=2)
+        legend_above(figure, axes, 2)
         return figure
 
 
+# The paper's figures of single flights.
+FLIGHT_FIGURES: dict[str, Callable[[Flights], Figure]] = {
+    "figure_7": figure_7,
+    "figure_8": figure_8,
+    "figure_9": partial(
+        errors_figure,
+        wind="no_wind",
+        controllers=("pd", "pd_t2fnn"),
+        levels=_PRINTED_PEAKS,
+        caption="peak in the paper's Fig. 9",
+    ),
+    "figure_10": partial(errors_in_wind, wind="low_wind"),
+    "figure_11": partial(errors_in_wind, wind="high_wind"),
+    "figure_12": partial(commands_figure, axis="x"),
+    "figure_13": partial(commands_figure, axis="y"),
+}
+
+
 def table_figure(found: Experiment) -> Figure:
-    """Plots the errors of Table II: the printed runs and their mean, and ours over all samples."""
-    with in_print():
-        figure = new_figure(COLUMN, 3.9)
-        column = figure.subplots(3, 1, sharex=True)
+    """Plot the errors of Table II: the printed runs and their mean, and ours over all samples."""
+    runs: Any = {"linestyle": "none", "marker": "o", "color": "0.6", "markersize": 3.2, "label": "printed runs"}
+    mean: Any = {"linestyle": "none", "marker": "s", "color": BLACK, "markersize": 5.5, "fillstyle": "none"}
+    ours: Any = {"linestyle": "none", "marker": "D", "color": VERMILION, "markersize": 4.5, "label": "ours, mean"}
+    spread: Any = {"color": VERMILION, "linewidth": 5.0, "alpha": 0.35, "label": "ours, 95 % of the samples"}
+    with new_panels(3.9, 3, 1, sharex=True) as (figure, column):
         for axes, (wind, words) in zip(column, WINDS.items(), strict=True):
             for place, name in enumerate(CONTROLLERS):
                 cell = Cell(wind, name)
                 errors = of_survivors(found.cells[cell].metrics, "rmse")
-                low, high = np.quantile(errors, [0.025, 0.975])
-                axes.plot([low, high], [place + 0.17] * 2, color=VERMILION, linewidth=5.0, alpha=0.35, zorder=2)
-                axes.plot(errors.mean(), place + 0.17, "D", color=VERMILION, markersize=4.5, zorder=3)
+                axes.plot(np.quantile(errors, [0.025, 0.975]), [place + 0.17] * 2, zorder=2, **spread)
+                axes.plot(errors.mean(), place + 0.17, zorder=3, **ours)
                 if cell in printed_table():
-                    runs = printed_table()[cell].rmse
-                    axes.plot(runs.runs, [place - 0.17] * 3, "o", color="0.6", markersize=3.2, zorder=2)
-                    axes.plot(runs.mean, place - 0.17, "s", color=BLACK, fillstyle="none", markersize=5.5, zorder=3)
-            axes.set_yticks(range(len(CONTROLLERS)), list(CONTROLLERS.values()))
-            axes.set_ylim(len(CONTROLLERS) - 0.5, -0.5)
-            axes.grid(visible=False, axis="y")
+                    printed = printed_table()[cell].rmse
+                    axes.plot(printed.runs, [place - 0.17] * 3, zorder=2, **runs)
+                    axes.plot(printed.mean, place - 0.17, zorder=3, **mean)
+            name_rows(axes, list(CONTROLLERS.values()))
             axes.set_title(words, loc="left")
         column[-1].set_xlabel("RMSE (m)")
         column[-1].set_xlim(0.4, 1.1)
-        labels: dict[str, dict[str, Any]] = {
-            "printed runs": {"marker": "o", "color": "0.6", "markersize": 3.2, "linestyle": "none"},
-            "printed mean": {
-                "marker": "s",
-                "color": BLACK,
-                "fillstyle": "none",
-                "markersize": 5.5,
-                "linestyle": "none",
-            },
-            "ours, mean": {"marker": "D", "color": VERMILION, "markersize": 4.5, "linestyle": "none"},
-            "ours, 95 % of the samples": {"color": VERMILION, "linewidth": 5.0, "alpha": 0.35},
-        }
-        handles = [Line2D([], [], label=label, **style) for label, style in labels.items()]
+        handles = [Line2D([], [], **style) for style in (runs, {**mean, "label": "printed mean"}, ours, spread)]
         figure.legend(handles=handles, loc="outside upper center", ncols=2, columnspacing=1.0)
         return figure
 
 
 def fair_figure(found: Experiment) -> Figure:
-    """Plots the mean errors of the paper's PD and PD+T2FNN, and of controllers that the paper does not have."""
-    with in_print():
-        figure = new_figure(COLUMN, 3.0)
-        axes = figure.subplots()
+    """Plot the mean errors of the paper's PD and PD+T2FNN, and of controllers that the paper does not have."""
+    with new_panels(3.0) as (figure, axes):
         styles = zip(WINDS.items(), (BLUE, ORANGE, VERMILION), (-0.24, 0.0, 0.24), strict=True)
         for (wind, words), color, offset in styles:
             means = [
@@ -283,29 +242,19 @@ def fair_figure(found: Experiment) -> Figure:
             ]
             axes.barh(np.arange(len(COMPARED)) + offset, means, 0.22, color=color, label=words)
             for place, mean in enumerate(means):
-                axes.annotate(
-                    f"{mean:.2f}",
-                    (mean, place + offset),
-                    (2, 0),
-                    textcoords="offset points",
-                    va="center",
-                    fontsize=6.5,
-                )
-        axes.set_yticks(range(len(COMPARED)), list(COMPARED.values()))
-        axes.set_ylim(len(COMPARED) - 0.5, -0.5)
-        axes.grid(visible=False, axis="y")
+                place_of_text: Any = {"xytext": (2, 0), "textcoords": "offset points", "va": "center"}
+                axes.annotate(f"{mean:.2f}", (mean, place + offset), fontsize=6.5, **place_of_text)
+        name_rows(axes, list(COMPARED.values()))
         axes.set_axisbelow(True)
         axes.set_xlim(0.0, 1.1 * axes.get_xlim()[1])
         axes.set_xlabel("mean RMSE (m)")
-        figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=3)
+        legend_above(figure, axes, 3)
         return figure
 
 
 def advantage_figure(found: Experiment) -> Figure:
-    """Plots the share by which type 2 is better than type 1, over the noise of the cameras and over q."""
-    with in_print():
-        figure = new_figure(COLUMN, 2.3)
-        left, right = figure.subplots(1, 2, sharey=True)
+    """Plot the share by which type 2 is better than type 1, over the noise of the cameras and over q."""
+    with new_panels(2.3, 1, 2, sharey=True) as (figure, (left, right)):
         sweeps = (
             (left, found.noise, "noise", NOISE, 1e3, "noise of the cameras (mm)"),
             (right, found.q, "q", Q_VALUES, 1.0, "q"),
@@ -314,27 +263,23 @@ def advantage_figure(found: Experiment) -> Figure:
             axes.axhspan(0.02, 0.07, color="0.88", linewidth=0.0, label="claimed, 2 to 7 %")
             axes.axhline(0.0, **LIMIT)
             for name, marker in (("pd_t2fnn", "o"), ("pd_t2fnn_wide", "s")):
-                gain, low, high = np.transpose([advantage(sweep, number, value, name) for value in values])
-                reach = np.abs([low - gain, high - gain])
-                color, style = _LINES[name]
-                own = {"color": color, "linestyle": style, "marker": marker, "markersize": 3.0, "capsize": 2.0}
-                axes.errorbar(size * np.array(values), gain, reach, label=CONTROLLERS[name], **own)
+                gains = [advantage(sweep, number, value, name) for value in values]
+                own = {**_style(name), "marker": marker, "markersize": 3.0, "capsize": 2.0}
+                plot_intervals(axes, size * np.array(values), gains, label=CONTROLLERS[name], **own)
             axes.set_xlabel(label)
         left.set_ylabel("RMSE less than type 1's")
         left.yaxis.set_major_formatter(PercentFormatter(1.0))
-        figure.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=2, columnspacing=1.0)
+        legend_above(figure, left, 2, columnspacing=1.0)
         return figure
 
 
 def gain_figure(found: Experiment) -> Figure:
-    """Plots the error over the gains of the PD, with and without a network."""
+    """Plot the error over the gains of the PD, with and without a network."""
     calibrated = found.cells[Cell("no_wind", "pd")].scenario.cascade.position.plain()
     errors = {name: _mean_errors(found.maps[name]) for name in MAPPED}
     seen = np.concatenate([error[np.isfinite(error)] for _, _, error in errors.values()])
     least, largest = float(seen.min()), float(min(seen.max(), 16.0 * seen.min()))
-    with in_print():
-        figure = new_figure(COLUMN, 2.5)
-        row = figure.subplots(1, 2, sharey=True)
+    with new_panels(2.5, 1, 2, sharey=True) as (figure, row):
         for axes, name in zip(row, MAPPED, strict=True):
             k_p, k_d, error = errors[name]
             axes.set_facecolor("0.8")
@@ -376,7 +321,7 @@ def _whole(flights: Flights) -> Flight:
 
 
 def _shade(axes: Axes, flight: Flight) -> None:
-    """Writes the numbers of the legs along the top, and leaves room for them."""
+    """Write the numbers of the legs along the top, and leave room for them."""
     low, high = axes.get_ylim()
     axes.set_ylim(low, high + 0.1 * (high - low))
     shade_legs(axes, flight.plan, float(flight.time[-1]), height=0.92)

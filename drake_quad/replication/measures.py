@@ -1,7 +1,8 @@
 """Measures of recorded flights: control effort, the PD's output, the distance to the path, and metrics leg by leg."""
 
+import math
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -31,35 +32,15 @@ class Effort(NamedTuple):
     signal: str
     x: str
     y: str
-    measure: Callable[[np.ndarray], float]
+    measure: Callable[[np.ndarray], Any]
 
 
 def _mean_square(values: np.ndarray) -> float:
     return float(np.mean(values**2))
 
 
-def _root_mean_square(values: np.ndarray) -> float:
-    return float(np.sqrt(_mean_square(values)))
-
-
 def _mean_size(values: np.ndarray) -> float:
     return float(np.mean(np.abs(values)))
-
-
-def _variance(values: np.ndarray) -> float:
-    return float(np.var(values))
-
-
-def _peak(values: np.ndarray) -> float:
-    return float(np.max(np.abs(values)))
-
-
-def _mean_square_step(values: np.ndarray) -> float:
-    return _mean_square(np.diff(values))
-
-
-def _mean_step(values: np.ndarray) -> float:
-    return _mean_size(np.diff(values))
 
 
 _COMMAND = ("acceleration_command", "x", "y")
@@ -70,12 +51,12 @@ _TORQUE = ("wrench", "tau_y", "tau_x")
 OUR_EFFORT = "command_mean_square"
 EFFORTS = {
     OUR_EFFORT: Effort("mean square of the command", *_COMMAND, _mean_square),
-    "command_rms": Effort("root mean square of the command", *_COMMAND, _root_mean_square),
+    "command_rms": Effort("root mean square of the command", *_COMMAND, lambda u: math.sqrt(_mean_square(u))),
     "command_mean_size": Effort("mean size of the command", *_COMMAND, _mean_size),
-    "command_variance": Effort("variance of the command", *_COMMAND, _variance),
-    "command_peak": Effort("largest command", *_COMMAND, _peak),
-    "command_step_square": Effort("mean square of the command's steps", *_COMMAND, _mean_square_step),
-    "command_step_size": Effort("total variation of the command", *_COMMAND, _mean_step),
+    "command_variance": Effort("variance of the command", *_COMMAND, np.var),
+    "command_peak": Effort("largest command", *_COMMAND, lambda u: np.max(np.abs(u))),
+    "command_step_square": Effort("mean square of the command's steps", *_COMMAND, lambda u: _mean_square(np.diff(u))),
+    "command_step_size": Effort("total variation of the command", *_COMMAND, lambda u: _mean_size(np.diff(u))),
     "pd_mean_square": Effort("mean square of the PD's part", *_PD, _mean_square),
     "pd_mean_size": Effort("mean size of the PD's part", *_PD, _mean_size),
     "torque_mean_square": Effort("mean square of the torque", *_TORQUE, _mean_square),
@@ -94,8 +75,8 @@ def measures(flight: Flight) -> dict[str, float]:
     found: dict[str, float] = {}
     for name, effort in EFFORTS.items():
         signal = flight.record(effort.signal)
-        found[f"{name}_x"] = effort.measure(getattr(signal, effort.x))
-        found[f"{name}_y"] = effort.measure(getattr(signal, effort.y))
+        found[f"{name}_x"] = float(effort.measure(getattr(signal, effort.x)))
+        found[f"{name}_y"] = float(effort.measure(getattr(signal, effort.y)))
     found |= {
         "pd_fade": _late_over_early(flight),
         "pd_return": _after_over_before(flight),

@@ -39,6 +39,11 @@ class Cell(NamedTuple):
         """The name of its scenario in diagrams/paper.yaml."""
         return f"{self.wind}_{self.controller}"
 
+    @property
+    def words(self) -> str:
+        """The wind and the controller as text."""
+        return f"{WINDS[self.wind]}, {CONTROLLERS[self.controller]}"
+
 
 class Runs(NamedTuple):
     """A quantity in three repetitions, and its mean; NaN where the print has a gap.

@@ -1,16 +1,17 @@
 """The numbers of the replication, and how its folder holds them."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from drake_quad.files import read_table, write_table
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication.measures import LegMetrics
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell
-from drake_quad.replication.sweeps import Sweep, load_sweep
+from drake_quad.replication.sweeps import Sweep, load_sweep, num_rows
+from drake_quad.reports.results import read_groups, write_groups
+from drake_quad.studies.statistics import Comparison, compare_studies
 from drake_quad.studies.study import Study, read_study
 
 # Controllers that the paper does not have, for a fair comparison.
@@ -26,11 +27,11 @@ MAPPED = ("pd", "pd_t2fnn")
 
 @dataclass(frozen=True)
 class Experiment:
-    """Everything that was flown, in numbers.
+    """Numbers of the experiment.
 
     Attributes:
-        cells: a study for each cell, of the controllers of Table II and of `FAIR`.
-        recorded: (samples,) `measures` by name for each cell of Table II, of as many samples as were recorded.
+        cells: studies of the cells of the controllers of Table II and of `FAIR`.
+        recorded: (samples,) `measures` of the recorded samples by name, for each cell of Table II.
         noise: networks without wind, over "noise" of the cameras (m) and the exponents "a1" and "a2".
         q: networks without wind, over "q" and the exponents "a1" and "a2".
         slopes: PD+T2FNN over its "slope" λ (1/s), by wind.
@@ -46,19 +47,19 @@ class Experiment:
     maps: Mapping[str, Sweep[Metrics]]
     legs: Sweep[LegMetrics]
 
+    def comparison(self, cell: Cell, baseline: Cell, metric: str = "rmse") -> Comparison:
+        """Compare two cells on the same samples."""
+        return compare_studies(self.cells[cell], self.cells[baseline], metric)
+
 
 def read_experiment(folder: Path) -> Experiment:
-    """Reads what `fly_experiment` left in a folder.
+    """Read the numbers that `fly_experiment` wrote to a folder.
 
     Raises:
         InputError: a file is missing, or holds something else.
     """
     cells = {cell: read_study(folder / "cells" / cell.scenario) for cell in cells_of((*CONTROLLERS, *FAIR))}
-    table = read_table(folder / "recorded.csv")
-    whose = np.char.add(np.char.add(table.pop("wind"), "_"), table.pop("controller"))
-    recorded = {
-        cell: {name: values[whose == cell.scenario] for name, values in table.items()} for cell in cells_of(CONTROLLERS)
-    }
+    recorded = {Cell(*group): columns for group, columns in read_groups(folder / "recorded.csv", Cell._fields).items()}
     noise, q = (load_sweep(folder / f"{name}.csv", Metrics) for name in ("noise", "q"))
     slopes = {wind: load_sweep(folder / f"slope_{wind}.csv", Metrics) for wind in WINDS}
     maps = {name: load_sweep(folder / f"map_{name}.csv", Metrics) for name in MAPPED}
@@ -66,16 +67,14 @@ def read_experiment(folder: Path) -> Experiment:
 
 
 def write_recorded(path: Path, recorded: Mapping[Cell, Mapping[str, np.ndarray]]) -> Path:
-    """Writes a row for each recorded sample, and returns the path."""
-    rows = [
-        {"wind": cell.wind, "controller": cell.controller, "sample": sample}
-        | {name: column[sample] for name, column in values.items()}
-        for cell, values in recorded.items()
-        for sample in range(len(next(iter(values.values()))))
-    ]
-    return write_table(path, {name: [row[name] for row in rows] for name in rows[0]})
+    """Write a row for each recorded sample, and return the path."""
+    return write_groups(
+        path,
+        Cell._fields,
+        {cell: {"sample": range(num_rows(values)), **values} for cell, values in recorded.items()},
+    )
 
 
-def cells_of(controllers: Mapping[str, str] | tuple[str, ...]) -> list[Cell]:
-    """The cells of some controllers, one wind after another."""
-    return [Cell(wind, controller) for wind in WINDS for controller in controllers]
+def cells_of(controllers: Collection[str], winds: Iterable[str] = WINDS) -> list[Cell]:
+    """Return the cells of some controllers, one wind after another."""
+    return [Cell(wind, controller) for wind in winds for controller in controllers]

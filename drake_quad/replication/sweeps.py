@@ -7,12 +7,13 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from drake_quad.files import read_table, write_table
+from drake_quad.files import write_table
 from drake_quad.fleets.study_fleet import StudyFleet
 from drake_quad.flight.mission import plan_route
 from drake_quad.flight.simulation import simulate_batch
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication.measures import LegMetrics, leg_metrics
+from drake_quad.reports.results import read_columns
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.models import Scenario
 
@@ -34,20 +35,25 @@ class Sweep(Generic[SomeMetrics]):
     metrics: SomeMetrics
 
     def save(self, path: Path) -> Path:
-        """Writes a row for each setting and sample, and returns the path."""
-        count = len(self.samples)
-        columns = {name: np.repeat(values, count) for name, values in self.settings.items()}
-        columns["sample"] = np.tile(self.samples, num_settings(self.settings))
-        return write_table(path, columns | {name: np.ravel(values) for name, values in self.metrics._asdict().items()})
+        """Write a row for each setting and sample, and return the path."""
+        values = {name: np.ravel(values) for name, values in self.metrics._asdict().items()}
+        return write_table(path, crossed(self.settings, {"sample": self.samples}) | values)
 
 
-def num_settings(settings: Mapping[str, np.ndarray]) -> int:
-    """How many settings there are."""
-    return len(next(iter(settings.values())))
+def num_rows(columns: Mapping[str, np.ndarray]) -> int:
+    """Return the length of columns of equal length."""
+    return len(next(iter(columns.values())))
+
+
+def crossed(first: Mapping[str, np.ndarray], second: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return each row of a group of columns with each row of another group, the rows of the second varying faster."""
+    num_first, num_second = num_rows(first), num_rows(second)
+    repeated = {name: np.repeat(values, num_second) for name, values in first.items()}
+    return repeated | {name: np.tile(values, num_first) for name, values in second.items()}
 
 
 def load_sweep(path: Path, kind: type[SomeMetrics]) -> Sweep[SomeMetrics]:
-    """Reads a sweep.
+    """Read a sweep.
 
     Args:
         path: of its file.
@@ -56,10 +62,10 @@ def load_sweep(path: Path, kind: type[SomeMetrics]) -> Sweep[SomeMetrics]:
     Raises:
         InputError: the file cannot be read.
     """
-    table = read_table(path)
-    samples = np.unique(table["sample"]).astype(int)
-    metrics = kind(*(table.pop(name).reshape(-1, len(samples)) for name in kind._fields))
-    table.pop("sample")
+    fields: tuple[str, ...] = kind._fields
+    table = read_columns(path, ("sample", *fields))
+    samples = np.unique(table.pop("sample")).astype(int)
+    metrics = kind(*(table.pop(name).reshape(-1, len(samples)) for name in fields))
     return Sweep({name: values[:: len(samples)] for name, values in table.items()}, samples, metrics)
 
 
@@ -78,40 +84,37 @@ _BEST_GAINS = (2.5, 9.0), (1.0, 4.5)
 
 
 def noise_settings() -> dict[str, np.ndarray]:
-    """Every noise of the cameras, "noise" in m, with every pair of exponents."""
-    levels, exponents = np.meshgrid(NOISE, range(len(EXPONENTS)), indexing="ij")
-    return {"noise": levels.ravel(), **_exponents(exponents.ravel())}
+    """Return every noise of the cameras, "noise" in m, with every pair of exponents."""
+    return crossed({"noise": np.array(NOISE)}, _exponents())
 
 
 def q_settings() -> dict[str, np.ndarray]:
-    """Every "q" with every pair of exponents."""
-    q, exponents = np.meshgrid(Q_VALUES, range(len(EXPONENTS)), indexing="ij")
-    return {"q": q.ravel(), **_exponents(exponents.ravel())}
+    """Return every "q" with every pair of exponents."""
+    return crossed({"q": np.array(Q_VALUES)}, _exponents())
 
 
-def _exponents(which: np.ndarray) -> dict[str, np.ndarray]:
-    a1, a2 = np.array(list(EXPONENTS.values()))[which].T
+def _exponents() -> dict[str, np.ndarray]:
+    a1, a2 = np.transpose([*EXPONENTS.values()])
     return {"a1": a1, "a2": a2}
 
 
 def slope_settings() -> dict[str, np.ndarray]:
-    """Every "slope" λ (1/s)."""
+    """Return every "slope" λ (1/s)."""
     return {"slope": np.array(SLOPES)}
 
 
 def gain_settings(count: int) -> dict[str, np.ndarray]:
-    """A square grid of "k_p" (1/s²) and "k_d" (1/s) of X and Y, with so many gains along each side."""
+    """Return a square grid of "k_p" (1/s²) and "k_d" (1/s) of X and Y, with `count` gains along each side."""
     return _gains(count, *_ALL_GAINS)
 
 
 def best_gain_settings(count: int) -> dict[str, np.ndarray]:
-    """Such a grid around the best gains."""
+    """Return a grid like that of `gain_settings` around the best gains."""
     return _gains(count, *_BEST_GAINS)
 
 
 def _gains(count: int, k_p_range: tuple[float, float], k_d_range: tuple[float, float]) -> dict[str, np.ndarray]:
-    k_p, k_d = np.meshgrid(np.geomspace(*k_p_range, count), np.geomspace(*k_d_range, count), indexing="ij")
-    return {"k_p": k_p.ravel(), "k_d": k_d.ravel()}
+    return crossed({"k_p": np.geomspace(*k_p_range, count)}, {"k_d": np.geomspace(*k_d_range, count)})
 
 
 # The fields of a scenario that a number of a setting is written to.
@@ -129,21 +132,22 @@ _PATHS = {
 def fly_settings(
     scenario: Scenario, settings: Mapping[str, np.ndarray], samples: Sequence[int], *, compiled: bool = True
 ) -> Metrics:
-    """Flies samples of a scenario with each setting, in one fleet, and returns (settings, samples) metrics."""
+    """Fly samples of a scenario with each setting, in one fleet, and return (settings, samples) metrics."""
     batch = settings_batch(scenario, settings, samples)
     metrics = StudyFleet(scenario, plan_route(scenario), len(batch), compiled=compiled).fly_batch(batch)
-    return Metrics(*np.reshape(metrics, (-1, num_settings(settings), len(samples))))
+    return Metrics(*np.reshape(metrics, (-1, num_rows(settings), len(samples))))
 
 
 def fly_legs(
     scenario: Scenario, settings: Mapping[str, np.ndarray], samples: Sequence[int], *, compiled: bool = True
 ) -> LegMetrics:
-    """Flies samples of a scenario with each setting, in one recorded fleet, and returns (settings, samples) metrics."""
+    """Fly samples of a scenario with each setting, in one recorded fleet, and return (settings, samples) metrics."""
     flights = simulate_batch(settings_batch(scenario, settings, samples), compiled=compiled)
-    return LegMetrics(*np.reshape(leg_metrics(flights), (-1, num_settings(settings), len(samples))))
+    return LegMetrics(*np.reshape(leg_metrics(flights), (-1, num_rows(settings), len(samples))))
 
 
 def settings_batch(scenario: Scenario, settings: Mapping[str, np.ndarray], samples: Sequence[int]) -> Batch:
     """The batch of a scenario in which each setting is flown on all samples, one setting after another."""
-    varying = {path: np.repeat(values, len(samples)) for name, values in settings.items() for path in _PATHS[name]}
-    return Batch.draw(scenario, [*samples] * num_settings(settings)).with_varying(varying)
+    columns = crossed(settings, {"sample": np.asarray(samples)})
+    varying = {path: columns[name] for name in settings for path in _PATHS[name]}
+    return Batch.draw(scenario, columns["sample"].tolist()).with_varying(varying)

@@ -6,18 +6,23 @@ Each number stands there as in the paper, of three runs, and as the mean of all 
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from drake_quad.files import write_table
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, Runs, printed_table
+from drake_quad.replication.results import cells_of
+from drake_quad.reports.page import row
+from drake_quad.reports.results import write_rows
 from drake_quad.statistics.estimates import mean_interval
 from drake_quad.studies.statistics import Interval, of_survivors
 from drake_quad.studies.study import Study
 
 # The metrics that are the columns of Table II, and what a report calls them.
 QUANTITIES = {"rmse": "RMSE (m)", "effort_x": "control effort on X (m²/s⁴)", "effort_y": "control effort on Y (m²/s⁴)"}
+_HEADER = """\
+| | | printed: three runs | mean | ours: three runs | mean | all samples, 95 % | off |
+|---|---|---|---|---|---|---|---|"""
 
 
 class Entry(NamedTuple):
@@ -51,64 +56,61 @@ def table_entries(cells: Mapping[Cell, Study]) -> list[Entry]:
     printed = printed_table()
     entries = []
     for quantity in QUANTITIES:
-        for wind in WINDS:
-            for controller in CONTROLLERS:
-                cell = Cell(wind, controller)
-                study = cells[cell]
-                values = np.where(study.metrics.crashed, np.nan, getattr(study.metrics, quantity))
-                first, second, third = (float(value) for value in values[:3])
-                entries.append(
-                    Entry(
-                        cell,
-                        quantity,
-                        getattr(printed[cell], quantity) if cell in printed else gap,
-                        Runs((first, second, third), float(np.mean([first, second, third]))),
-                        mean_interval(of_survivors(study.metrics, quantity)),
-                        int(study.metrics.crashed.sum()),
-                    )
+        for cell in cells_of(CONTROLLERS):
+            metrics = cells[cell].metrics
+            first, second, third = map(float, np.where(metrics.crashed, np.nan, getattr(metrics, quantity))[:3])
+            entries.append(
+                Entry(
+                    cell,
+                    quantity,
+                    getattr(printed[cell], quantity) if cell in printed else gap,
+                    Runs((first, second, third), float(np.mean([first, second, third]))),
+                    mean_interval(of_survivors(metrics, quantity)),
+                    int(metrics.crashed.sum()),
                 )
+            )
     return entries
 
 
 def write_entries(path: Path, entries: Sequence[Entry]) -> Path:
-    """Writes a row for each number, and returns the path."""
-    columns: dict[str, list] = {
-        "wind": [entry.cell.wind for entry in entries],
-        "controller": [entry.cell.controller for entry in entries],
-        "quantity": [entry.quantity for entry in entries],
-    }
-    for name, found in (("printed", [entry.printed for entry in entries]), ("ours", [entry.runs for entry in entries])):
-        for number, values in enumerate(zip(*(each.runs for each in found), strict=True), start=1):
-            columns[f"{name}_run{number}"] = list(values)
-        columns[f"{name}_mean"] = [each.mean for each in found]
-    for end, column in zip(Interval._fields, ("mean", "low", "high"), strict=True):
-        columns[column] = [getattr(entry.mean, end) for entry in entries]
-    return write_table(path, columns | {"crashed": [entry.crashed for entry in entries]})
+    """Write a row for each number, and return the path."""
+    rows = []
+    for entry in entries:
+        columns: dict[str, Any] = {**entry.cell._asdict(), "quantity": entry.quantity}
+        for name, (runs, mean) in (("printed", entry.printed), ("ours", entry.runs)):
+            columns |= {f"{name}_run{number}": run for number, run in enumerate(runs, start=1)} | {f"{name}_mean": mean}
+        rows.append(columns | dict(zip(("mean", "low", "high"), entry.mean, strict=True)) | {"crashed": entry.crashed})
+    return write_rows(path, rows)
 
 
 def table_markdown(entries: Sequence[Entry], quantity: str) -> str:
     """Return the numbers of one quantity as a table in Markdown."""
-    lines = [
-        "| | | printed: three runs | mean | ours: three runs | mean | all samples, 95 % | off |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
-    for entry in entries:
-        if entry.quantity == quantity:
-            lines.append(
-                f"| {WINDS[entry.cell.wind]} | {CONTROLLERS[entry.cell.controller]} | {_runs(entry.printed)}"
-                f" | {_number(entry.printed.mean)} | {_runs(entry.runs)} | {_number(entry.runs.mean)}"
-                f" | {entry.mean.text()} | {_percent(entry.off)} |"
-            )
-    return "\n".join(lines)
+    rows = (
+        (
+            WINDS[entry.cell.wind],
+            CONTROLLERS[entry.cell.controller],
+            _runs(entry.printed),
+            number_or_dash(entry.printed.mean),
+            _runs(entry.runs),
+            number_or_dash(entry.runs.mean),
+            entry.mean.text(),
+            percent_or_dash(entry.off),
+        )
+        for entry in entries
+        if entry.quantity == quantity
+    )
+    return "\n".join([_HEADER, *map(row, rows)])
 
 
 def _runs(runs: Runs) -> str:
-    return ", ".join(_number(value) for value in runs.runs)
+    return ", ".join(map(number_or_dash, runs.runs))
 
 
-def _number(value: float) -> str:
+def number_or_dash(value: float) -> str:
+    """Return a number with three decimals as text; a dash if it is NaN."""
     return "–" if math.isnan(value) else f"{value:.3f}"
 
 
-def _percent(share: float) -> str:
+def percent_or_dash(share: float) -> str:
+    """Return a relative difference as text; a dash if it is NaN."""
     return "–" if math.isnan(share) else f"{100.0 * share:+.1f} %"

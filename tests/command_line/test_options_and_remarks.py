@@ -14,8 +14,8 @@ from drake_quad.command_line import identify, judge, replicate, study
 from drake_quad.command_line import map as stability_map
 from drake_quad.command_line.main import COMMANDS, module_of
 from drake_quad.command_line.options import overrides_of, scenario_of
-from drake_quad.evaluation.judging import QUICK
 from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.replication.report import FIGURES
 from drake_quad.scenario.batch import draw_sample
 
 # Commands of a scenario that write nothing, and those that have no scenario.
@@ -148,22 +148,19 @@ def test_an_installed_package_is_not_tuned(monkeypatch, tmp_path):
         judge.tune(SimpleNamespace(tune=["outdoor"], only=None, rounds=1))
 
 
-def test_bars_count_what_is_judged_and_drawn(run, replaced, monkeypatch, tmp_path):  # noqa: F811
+def test_the_bar_of_a_report_counts_its_figures(run, replaced, monkeypatch, tmp_path):  # noqa: F811
     bars = []
-    for module in (judge, replicate):
-        monkeypatch.setattr(
-            module, "new_bar", lambda *items, **options: bars.append(Bar(*items, **options)) or bars[-1]
-        )
-    replaced("judge", judge_family=[("outdoor", "pd", metrics_of(2))], write_traits=None, read_evaluation="found")
-    assert judge.fly(["outdoor"], ["pd", "pid"], QUICK, tmp_path) == "found"
-    assert (bars[-1].n, bars[-1].total, bars[-1].words) == (2, 2, ["outdoor pd", "outdoor pid"])
-    replaced(
-        "replicate", fly_experiment=None, read_experiment=None, findings_of=SimpleNamespace(entries=[], claims=[]),
-        write_findings=lambda *_: [], paper_figures=[("a", None), ("b", None)], save_small=None, report_markdown="",
-        report_html="",
-    )  # fmt: skip
+    monkeypatch.setattr(replicate, "new_bar", lambda *items, **options: bars.append(Bar(*items, **options)) or bars[-1])
+
+    def write_report(*_, progress, **__):
+        for _ in FIGURES:
+            progress()
+        return []
+
+    findings = SimpleNamespace(entries=[], claims=[])
+    replaced("replicate", fly_experiment=None, read_experiment=None, findings_of=findings, write_report=write_report)
     assert run("replicate", "--quick", "--workers", 1, "--output", tmp_path).returncode == 0
-    assert bars[-1].n == 2
+    assert bars[-1].n == bars[-1].total == len(FIGURES)
 
 
 def test_correlations_and_obstacles_of_a_study_are_told(capsys, tmp_path):

@@ -30,15 +30,16 @@ from drake_quad.command_line.main import COMMANDS, full_parser
 from drake_quad.design.cascade import default_options, on_board_options
 from drake_quad.design.gains import PolePair, Regulator
 from drake_quad.design.tuning import Budget, Knob
+from drake_quad.evaluation.experiment import QUICK, Sizes
 from drake_quad.evaluation.families import FAMILIES
-from drake_quad.evaluation.judging import QUICK, Sizes
-from drake_quad.evaluation.results import PRICED, Traits
+from drake_quad.evaluation.results import PRICED
 from drake_quad.flight.formats.flight_format import FORMATS
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication.experiment import QUICK as QUICK_EXPERIMENT
 from drake_quad.replication.experiment import Sizes as ExperimentSizes
 from drake_quad.replication.printed import Cell
+from drake_quad.scenario.files.shipped import shipped_folder
 from drake_quad.studies.study import Study
 
 COMMAND = "drake_quad.command_line"
@@ -580,13 +581,16 @@ def test_winds_are_three_numbers_below_a_hundred():
 
 
 def test_controllers_are_judged_in_all_families_unless_some_are_named(run, replaced, tmp_path, monkeypatch):
-    calls = replaced("judge", fly="found", write_report=[Path("report.md")], print_errors=None)
+    missing = lambda diagrams, name: ["mpc"] if name == "outdoor" else []  # noqa: E731
+    calls = replaced(
+        "judge", fly_evaluation="found", missing_designs=missing, write_report=[Path("report.md")], print_errors=None
+    )
     monkeypatch.setattr(judge, "output_folder", lambda folder: folder)
     for given, families, only, sizes, folder in (
         ([], [*FAMILIES], None, Sizes(), "out/controllers"),
         (
-            ["--samples", 9, "--family", "outdoor", "--only", "pd"],
-            ["outdoor"],
+            ["--samples", 9, "--family", "laboratory", "--only", "pd"],
+            ["laboratory"],
             ["pd"],
             Sizes(samples=9),
             "out/controllers",
@@ -594,47 +598,19 @@ def test_controllers_are_judged_in_all_families_unless_some_are_named(run, repla
         (["--quick"], [*FAMILIES], None, QUICK, "out/controllers_quick"),
         (["--quick", "--output", tmp_path], [*FAMILIES], None, QUICK, tmp_path),
     ):
-        calls["fly"].clear()
+        calls["fly_evaluation"].clear()
         result = run("judge", *given)
         assert result.returncode == 0
-        assert written(result) == ["report.md"]
+        told = "remark: outdoor has no design of mpc, which are not flown\n"
+        assert result.stderr == (told if "outdoor" in families else "")
+        assert written(result) == [str(Path(folder) / name) for name in ("flights.csv", "traits.csv")] + ["report.md"]
         assert "flown in 0 s\n" in result.stdout
-        assert calls["fly"] == [((families, only, sizes, Path(folder)), {})]
-    assert calls["write_report"][-1] == ((tmp_path,), {})
+        ((arguments, named),) = calls["fly_evaluation"]
+        assert arguments == (shipped_folder(), families, sizes, Path(folder))
+        assert named["only"] == only
+    assert calls["write_report"][-1] == ((tmp_path, "found"), {})
     for samples, status in ((1, 2), (2, 0), (10_000, 0), (10_001, 2)):
         assert run("judge", "--samples", samples).returncode == status
-
-
-def test_what_is_judged_is_flown_job_by_job(replaced, tmp_path, capsys):
-    """Laps and designs with other limits are flown where the family has the laboratory for them."""
-    traits = Traits(1.0, 2.0, 3.0, 4.0, 5.0)
-
-    def of_family(_, name, family, entries, sizes):
-        place = next(iter(family.laboratories))
-        yield place, *entries, metrics_of(2)
-        yield name, *entries, traits
-
-    calls = replaced(
-        "judge", missing=lambda entries, path: ["mpc"] if path.stem == "outdoor" else [], judge_family=of_family,
-        judge_laps=[("high wind, lap 1", "pd", metrics_of(2))], judge_prices=[(PRICED, "indi@3", traits)],
-    )  # fmt: skip
-    found = judge.fly(["outdoor", "laboratory"], ["pd", "mpc"], QUICK, tmp_path)
-    assert capsys.readouterr().err == "remark: outdoor has no design of mpc, which are not flown\n"
-    assert [(arguments[1], arguments[3], arguments[4]) for arguments, _ in calls["judge_family"]] == [
-        ("outdoor", ["pd"], QUICK), ("laboratory", ["pd"], QUICK), ("laboratory", ["mpc"], QUICK),
-    ]  # fmt: skip
-    assert [arguments[1:] for arguments, _ in calls["judge_laps"]] == [
-        ("laboratory", FAMILIES["laboratory"], ["pd", "mpc"], QUICK)
-    ]
-    assert [arguments[1:] for arguments, _ in calls["judge_prices"]] == [(FAMILIES["laboratory"], ["pd", "mpc"], QUICK)]
-    assert {place: [*each] for place, each in found.flights.items()} == {
-        "outdoor": ["pd"], "no wind": ["pd", "mpc"], "high wind, lap 1": ["pd"],
-    }  # fmt: skip
-    assert {name: [*each] for name, each in found.traits.items()} == {
-        "outdoor": ["pd"], "laboratory": ["pd", "mpc"], PRICED: ["indi@3"],
-    }  # fmt: skip
-    with pytest.raises(InputError, match="there is no design of what shall be flown"):
-        judge.fly(["outdoor"], ["mpc"], QUICK, tmp_path)
 
 
 def test_controllers_are_tuned_family_by_family(run, replaced):
@@ -659,25 +635,23 @@ def test_controllers_are_tuned_family_by_family(run, replaced):
 def test_the_experiment_is_flown_in_the_size_that_is_asked_for(run, replaced, tmp_path, monkeypatch):
     findings = SimpleNamespace(entries=[], claims=[SimpleNamespace(words="a claim", verdict="holds")])
     calls = replaced(
-        "replicate", fly_experiment="flights", read_experiment="found", findings_of=findings,
-        write_findings=lambda folder, _: [folder / "table.csv"], paper_figures=[("figure_4", "a figure")],
-        save_small=None, save_vector=None, report_markdown="# Report", report_html=lambda text, folder: f"<p>{text}",
-    )  # fmt: skip
+        "replicate",
+        fly_experiment="flights",
+        read_experiment="found",
+        findings_of=findings,
+        write_report=lambda folder, *_, **__: [folder / "report.md"],
+    )
     result = run("replicate", "--quick", "--workers", 1, "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     (((load, sizes, folder, _), named),) = calls["fly_experiment"]
     assert (load, sizes, folder) == (replicate.load, QUICK_EXPERIMENT, tmp_path)
     assert (named["resume"], named["compiled"]) == (False, True)
-    assert (tmp_path / "report.md").read_text() == "# Report"
-    assert (tmp_path / "report.html").read_text() == "<p># Report"
-    assert (tmp_path / "calibration.csv").stat().st_size > 100
     assert calls["read_experiment"] == [((tmp_path,), {})]
-    assert calls["paper_figures"] == [(("found", "flights"), {})]
-    assert calls["report_markdown"] == [(("found", findings), {})]
-    assert calls["save_small"] == [(("a figure", tmp_path / "figures" / "figure_4.png"), {})]
-    assert not calls["save_vector"]
-    written = [line.strip() for line in result.stdout.split("wrote\n")[1].splitlines()]
-    assert written == [str(tmp_path / name) for name in ("table.csv", "report.md", "report.html", "figures")]
+    assert calls["findings_of"] == [(("found",), {})]
+    ((arguments, named),) = calls["write_report"]
+    assert arguments == (tmp_path, "found", findings, "flights")
+    assert named["vector"] is None
+    assert written(result) == [str(tmp_path / "report.md")]
     assert "a claim  holds" in result.stdout
     monkeypatch.chdir(tmp_path)
     more = ["--workers", 1, "--resume", "--wired", "--vector", "pdf", "--output", tmp_path / "whole"]
@@ -685,7 +659,7 @@ def test_the_experiment_is_flown_in_the_size_that_is_asked_for(run, replaced, tm
     (_, sizes, folder, _), named = calls["fly_experiment"][1]
     assert (sizes, folder) == (ExperimentSizes(), tmp_path / "whole")
     assert (named["resume"], named["compiled"]) == (True, False)
-    assert calls["save_vector"] == [(("a figure", folder / "figures" / "figure_4.pdf", "pdf"), {})]
+    assert calls["write_report"][1][1]["vector"] == "pdf"
 
     def interrupted(*_, **__):
         raise KeyboardInterrupt
@@ -729,10 +703,7 @@ class Bar:
 
 def test_bars_show_how_much_is_done(monkeypatch):
     bars = []
-    for module in (progress, replicate):
-        monkeypatch.setattr(
-            module, "new_bar", lambda *items, **options: bars.append(Bar(*items, **options)) or bars[-1]
-        )
+    monkeypatch.setattr(progress, "new_bar", lambda *items, **options: bars.append(Bar(*items, **options)) or bars[-1])
     with progress.flight_progress() as show:
         for flown in (0.5, 2.0):
             show(flown, 8.0)
@@ -745,9 +716,9 @@ def test_bars_show_how_much_is_done(monkeypatch):
     assert (bars[-1].initial, bars[-1].resets, bars[-1].options["desc"]) == (30, [100], "mine")
     assert list(progress.bar_over(["a", "b"], "drawing")) == ["a", "b"]
     assert (bars[-1].words, bars[-1].options["desc"]) == (["a", "b"], "drawing")
-    with replicate.flights_bar(200) as show:
+    with progress.job_progress() as show:
         for what, done in (("pd", 20), ("pid", 70)):
-            show(what, done)
+            show(what, done, 200)
             assert bars[-1].n == done
     assert (bars[-1].words, bars[-1].total) == (["pd", "pid"], 200)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from invented_flights import evaluation, flights
 
-from drake_quad.evaluation.answers import WORDS, cut, effects
+from drake_quad.evaluation.claims import WORDS, effects
 from drake_quad.evaluation.families import FAMILIES
 from drake_quad.evaluation.figures import (
     errors_figure,
@@ -16,6 +16,7 @@ from drake_quad.evaluation.figures import (
     parts_of,
 )
 from drake_quad.evaluation.results import Evaluation
+from drake_quad.reports.claims import reduction
 from drake_quad.statistics.estimates import mean_interval
 from drake_quad.studies.statistics import of_survivors
 
@@ -109,7 +110,7 @@ def test_the_networks_figure_has_a_row_for_each_network_and_a_mark_for_each_labo
     cuts = networks_of(found)
     assert list(cuts) == ["pd_t1fnn", "pd_t2fnn", "pd_t2fnn_map", "indi_t2fnn"]
     assert [*cuts["pd_t1fnn"]] == [*PLACES]
-    assert cuts["pd_t2fnn"]["outdoor"] == cut(effects(found, "pd_t2fnn", "pd")["outdoor"])
+    assert cuts["pd_t2fnn"]["outdoor"] == reduction(effects(found, "pd_t2fnn", "pd")["outdoor"].share)
     figure = networks_figure(found)
     (axes,) = figure.axes
     zero, *lines = axes.lines

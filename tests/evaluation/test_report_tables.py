@@ -3,26 +3,26 @@
 import numpy as np
 import pytest
 from invented_flights import COUNT, evaluation, flights
-from test_answers import verdicts
+from test_evaluation_claims import verdicts
 
 from drake_quad.design.tuning import Budget, LoopLimit
-from drake_quad.evaluation.answers import (
+from drake_quad.evaluation.claims import (
     WORDS,
-    all_answers,
+    all_claims,
     beside,
     best_in,
-    cut,
     delay_words,
     effects,
     laps_flown,
     priced,
 )
 from drake_quad.evaluation.entries import entries_of
+from drake_quad.evaluation.experiment import QUICK, Sizes
 from drake_quad.evaluation.families import FAMILIES, FIRST_JUDGED
-from drake_quad.evaluation.judging import QUICK, Sizes
 from drake_quad.evaluation.report import FIGURES, machine, report_markdown, write_summary
 from drake_quad.evaluation.results import SENSITIVITIES, Traits, in_laps
 from drake_quad.files import read_table
+from drake_quad.reports.claims import reduction, verdict_counts
 from drake_quad.statistics.estimates import mean_interval, share_interval
 from drake_quad.studies.statistics import of_survivors
 
@@ -73,7 +73,7 @@ def test_the_report_that_is_shipped_is_that_of_the_default_sizes(root):
     for place in FAMILIES["laboratory"].laboratories:
         found.flights[place] |= {"pd_t2fnn_adaptive": flights(0.1, own=3), "pd_t2fnn_map": flights(0.1, own=4)}
         found.flights[place] |= {"pid": flights(0.2), "pid_t2fnn": flights(0.1, own=3), "indi_t2fnn_map": flights(0.1)}
-    asked = [each.statement for each in all_answers(found)]
+    asked = [each.words for each in all_claims(found)]
     shipped = [row[0] for row in rows_of(text) if row[0] in asked]
     assert asked == shipped
     assert len(asked) >= 9
@@ -105,20 +105,20 @@ def test_a_network_with_more_crashes_does_not_hold_even_if_its_error_is_smaller(
     found = evaluation(crashed=range(8))
     for place in FAMILIES["laboratory"].laboratories:
         del found.flights[place]["pd_t2fnn"]
-    (answer,) = (each for each in all_answers(found) if each.statement.endswith("around PD makes its error smaller"))
-    assert answer.verdict == "does not hold"
-    assert "RMSE is less by 28." in answer.evidence
+    (claim,) = (each for each in all_claims(found) if each.words.endswith("around PD makes its error smaller"))
+    assert claim.verdict == "does not hold"
+    assert "RMSE is less by 28." in claim.evidence
     # A baseline that crashes more often is no reason against it.
     found.flights["outdoor"]["pd"] = flights(0.2, crashed=range(20, 40))
     found.flights["outdoor"]["pd_t2fnn"] = flights(0.1, own=2)
-    assert verdicts(found)[answer.statement] == "holds"
+    assert verdicts(found)[claim.words] == "holds"
 
 
 def test_a_network_is_said_to_keep_the_delay_of_each_family():
     found = evaluation()
     found.traits["outdoor"] = {**found.traits["outdoor"], "pd_t2fnn": Traits(2.2, 0.06, 0.04, 1e-4, 1e-6)}
-    answer = all_answers(found)[0]
-    assert answer.evidence.endswith(
+    claim = all_claims(found)[0]
+    assert claim.evidence.endswith(
         "; the delay that it stands goes from 90 ms to 90 ms (laboratory), 90 ms to 40 ms (outdoor)"
     )
 
@@ -129,12 +129,12 @@ def test_a_comparison_needs_both_controllers():
     del found.flights["no wind"]["pd_t1fnn"]
     assert "no wind" not in effects(found, "pd_t1fnn", "pd")
     assert effects(found, "l1", "pd") == {}
-    statements = [each.statement for each in all_answers(found)]
+    statements = [each.words for each in all_claims(found)]
     assert not any("L1" in each or "over the position are better" in each for each in statements)
     assert laps_flown(found, "pd_t2fnn_map") == [1, 2, 3]
     del found.flights[in_laps(2)]["pd_t2fnn_map"]
     assert laps_flown(found, "pd_t2fnn_map") == [1]
-    assert not any(each.statement.startswith("in laps") for each in all_answers(found))
+    assert not any(each.words.startswith("in laps") for each in all_claims(found))
 
 
 def test_designs_are_ordered_by_their_peak_sensitivity():
@@ -146,7 +146,7 @@ def test_designs_are_ordered_by_their_peak_sensitivity():
 
 
 def test_a_row_of_a_family_has_errors_crashes_effort_and_traits(found):
-    text = report_markdown(found, all_answers(found), [])
+    text = report_markdown(found, all_claims(found), [])
     rows, outdoor = rows_of(text), found.flights["outdoor"]
     # The metrics of invented flights are 0.25 and so on: a peak error of 3.25 m, efforts of 4.25, 5.25 and 6.25.
     (network,) = (row for row in rows if row[0] == "PD + type 2" and len(row) == 10)
@@ -170,7 +170,7 @@ def test_a_row_of_a_family_has_errors_crashes_effort_and_traits(found):
 def test_crashes_are_listed_laboratory_by_laboratory():
     found = evaluation()
     found.flights["high wind"]["pd"] = flights(0.2, crashed=range(40))
-    rows = rows_of(report_markdown(found, all_answers(found), []))
+    rows = rows_of(report_markdown(found, all_claims(found), []))
     (pd,) = (row for row in rows if row[0] == "PD" and len(row) == 12)
     assert pd[4] == "0, 0, 40"
     # Nobody is left, so there is no effort.
@@ -178,7 +178,7 @@ def test_crashes_are_listed_laboratory_by_laboratory():
 
 
 def test_designs_with_other_limits_have_rows(found):
-    rows = rows_of(report_markdown(found, all_answers(found), []))
+    rows = rows_of(report_markdown(found, all_claims(found), []))
     errors = [centimetres(found.flights["high wind"][f"indi@{limit}"]) for limit in ("1.6", "3")]
     assert [row for row in rows if row[0] == "INDI" and len(row) == 9] == [
         ["INDI", "1.6", errors[0], "0", "1.60", "50", "62", "100", "1.00"],
@@ -186,12 +186,12 @@ def test_designs_with_other_limits_have_rows(found):
     ]
     without = evaluation()
     del without.traits["priced"]
-    assert "None were flown." in report_markdown(without, all_answers(without), [])
+    assert "None were flown." in report_markdown(without, all_claims(without), [])
 
 
 def test_the_report_names_the_protocol_that_is_used(found):
-    answers = all_answers(found)
-    text = " ".join(report_markdown(found, answers, [*FIGURES]).split())
+    claims = all_claims(found)
+    text = " ".join(report_markdown(found, claims, [*FIGURES]).split())
     budget, limit = Budget(), LoopLimit()
     for words in (
         f"flown on {COUNT} samples in each of 4 laboratories",
@@ -206,30 +206,25 @@ def test_the_report_names_the_protocol_that_is_used(found):
         assert words in text
     assert all(f"figures/{name}.png" in text for name in FIGURES)
     entries = entries_of(on_board=False, maps=True)
-    rows = rows_of(report_markdown(found, answers, []))
+    rows = rows_of(report_markdown(found, claims, []))
     for each in entries.values():
         tuned = f"the search, {len(each.knobs)} numbers" if each.knobs else "the designer of LQG"
         assert [each.words, each.told, tuned] in rows
 
 
-def test_verdicts_are_counted_and_rules_name_their_answers(found):
-    answers = all_answers(found)
-    text = report_markdown(found, answers, [])
-    for each in answers:
-        assert [each.statement, each.evidence, f"**{each.verdict}**"] in rows_of(text)
-    (line,) = (line for line in text.split("\n") if line.startswith("That is "))
-    counts = [part.split(" × ") for part in line.removeprefix("That is ").partition(".")[0].split(", ")]
-    assert {verdict: int(number) for number, verdict in counts} == {
-        verdict: sum(each.verdict == verdict for each in answers) for verdict in {each.verdict for each in answers}
-    }
-    assert sorted((int(number) for number, _ in counts), reverse=True) == [int(number) for number, _ in counts]
-    for rule in {each.rule for each in answers}:
-        own = [str(i) for i, each in enumerate(answers, start=1) if each.rule == rule]
+def test_claims_are_in_the_table_of_verdicts_and_rules_name_theirs(found):
+    claims = all_claims(found)
+    text = report_markdown(found, claims, [])
+    for each in claims:
+        assert [each.words, each.evidence, f"**{each.verdict}**"] in rows_of(text)
+    assert f"That is {verdict_counts(claims)}." in text
+    for rule in {each.rule for each in claims}:
+        own = [str(i) for i, each in enumerate(claims, start=1) if each.rule == rule]
         assert f"- {rule}: {', '.join(own)}\n" in text
 
 
 def test_entries_without_a_design_are_listed(found):
-    text = report_markdown(found, all_answers(found), [])
+    text = report_markdown(found, all_claims(found), [])
     (line,) = (line for line in text.split("\n") if line.startswith("- outdoor: ") and " cm " not in line)
     known = entries_of(on_board=False, maps=False)
     names = [each.words for name, each in known.items() if name not in found.traits["outdoor"]]
@@ -240,7 +235,7 @@ def test_entries_without_a_design_are_listed(found):
         whole.traits[name] = dict.fromkeys(names, Traits(2.0, 0.1, 0.1, 1e-4, 1e-6))
         for place in family.laboratories:
             whole.flights[place] = {**whole.flights.get(place, {}), **dict.fromkeys(names, flights(0.1))}
-    assert "All have a design everywhere." in report_markdown(whole, all_answers(whole), [])
+    assert "All have a design everywhere." in report_markdown(whole, all_claims(whole), [])
 
 
 def test_the_best_controller_of_each_laboratory_is_named_with_its_equals():
@@ -252,11 +247,11 @@ def test_the_best_controller_of_each_laboratory_is_named_with_its_equals():
     ratio = beside(outdoor["pd"], outdoor[best]).share.ratio()
     others = f"not significantly different from {WORDS[equal]}"
     line = f"- outdoor: {WORDS[best]}, {mean}; the tuned PD {ratio} times that; {others}\n"
-    assert line in report_markdown(found, all_answers(found), [])
+    assert line in report_markdown(found, all_claims(found), [])
     # The PD is not compared with itself.
     found.flights["outdoor"] = outdoor | {"pd": flights(0.01)}
     mean = mean_interval(flights(0.01).rmse).text(unit="cm", size=0.01)
-    assert f"- outdoor: PD, {mean}\n" in report_markdown(found, all_answers(found), [])
+    assert f"- outdoor: PD, {mean}\n" in report_markdown(found, all_claims(found), [])
 
 
 def test_the_summary_has_intervals_and_traits(found, tmp_path):
@@ -279,5 +274,5 @@ def test_the_summary_has_intervals_and_traits(found, tmp_path):
 
 def test_shares_that_are_cut_have_the_sign_of_the_change():
     compared = effects(evaluation(network=1.1), "pd_t1fnn", "pd")["outdoor"]
-    assert cut(compared).value == pytest.approx(-0.1, abs=0.002)
-    assert cut(compared).low < cut(compared).value < cut(compared).high < 0.0
+    assert reduction(compared.share).value == pytest.approx(-0.1, abs=0.002)
+    assert reduction(compared.share).low < reduction(compared.share).value < reduction(compared.share).high < 0.0

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy
+from invented_experiment import invented_experiment, metrics_of
 
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication.claims import all_claims, as_good, typical_over_best
 from drake_quad.replication.effort import effort_matches, printed_ratios, printed_scatter, write_efforts
 from drake_quad.replication.fair import fair_entries, write_fair
-from drake_quad.replication.findings import Findings, write_findings
 from drake_quad.replication.measures import EFFORTS, LegMetrics
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
 from drake_quad.replication.results import FAIR, Experiment, cells_of
@@ -26,8 +26,7 @@ from drake_quad.replication.sweeps import (
     q_settings,
 )
 from drake_quad.replication.table_ii import table_entries, table_markdown, write_entries
-from drake_quad.studies.report import judge
-from drake_quad.studies.statistics import Interval
+from drake_quad.statistics.interval import Interval
 from drake_quad.studies.study import Study
 
 DOCS = Path(__file__).parent.parent.parent / "docs" / "replication"
@@ -36,48 +35,9 @@ NETWORKS = ("pd_t1fnn", "pd_t2fnn", "pd_t2fnn_wide")
 NAMES = {"no_wind": "no wind", "low_wind": "low wind", "high_wind": "high wind"}
 
 
-def metrics_of(rng, shape, level=1.0, crashes=0.0):
-    """Numbers about a level, those of crashed samples far from it."""
-    values = {name: level * rng.uniform(0.9, 1.1, shape) for name in Metrics._fields}
-    crashed = rng.uniform(size=shape) < crashes
-    values["rmse"] = np.where(crashed, 0.01, values["rmse"])
-    return Metrics(**(values | {"crash_time": np.where(crashed, 3.0, np.inf)}))
-
-
 @pytest.fixture(scope="module")
 def found():
-    rng = np.random.default_rng(4)
-    levels = dict(zip((*CONTROLLERS, *FAIR), (1.0, 0.8, 0.45, 0.55, 0.7, 0.65, 0.3, 0.25), strict=True))
-    winds = {"no_wind": 1.0, "low_wind": 1.3, "high_wind": 0.9}
-    cells = {
-        cell: Study(
-            None, 27.0, np.arange(SAMPLES), {}, metrics_of(rng, SAMPLES, winds[cell.wind] * levels[cell.controller])
-        )
-        for cell in cells_of((*CONTROLLERS, *FAIR))
-    }
-    numbers = [f"{name}_{axis}" for name in EFFORTS for axis in "xy"] + ["pd_fade", "pd_return", "path_error"]
-    recorded = {
-        cell: {name: levels[cell.controller] * rng.uniform(0.5, 1.5, 4) for name in numbers}
-        for cell in cells_of(CONTROLLERS)
-    }
-    recorded[Cell("no_wind", "pd_t2fnn")]["pd_fade"][1] = np.nan
-    noise, shares = (
-        Sweep(settings, np.arange(6), metrics_of(rng, (15, 6), crashes=0.03))
-        for settings in (noise_settings(), q_settings())
-    )
-    slope = {"slope": np.array(SLOPES)}
-    slopes = {wind: Sweep(slope, np.arange(1, 4), metrics_of(rng, (len(SLOPES), 3), 0.5)) for wind in WINDS}
-    k_p, k_d = np.meshgrid([1.0, 2.0, 4.0], [0.5, 1.0], indexing="ij")
-    gains = {"k_p": k_p.ravel(), "k_d": k_d.ravel()}
-    maps = {
-        name: Sweep(gains, np.arange(4), metrics_of(rng, (6, 4), crashes=share))
-        for name, share in (("pd", 0.1), ("pd_t2fnn", 0.2))
-    }
-    for sweep in maps.values():
-        sweep.metrics.rmse[:3] *= 2.0
-    legs = Sweep(gains, np.arange(16), LegMetrics(*(rng.uniform(0.5, 1.5, (6, 16)) for _ in range(3))))
-    legs.metrics.straight[2, 0] = np.nan
-    return Experiment(cells, recorded, noise, shares, slopes, maps, legs)
+    return invented_experiment(SAMPLES)
 
 
 def interval(values):
@@ -169,7 +129,7 @@ def test_errors_beside_those_of_the_pd(found):
         baseline = found.cells[Cell(wind, "pd")].metrics.rmse[1:4]
         over_slope[wind] = [less(row, baseline) for row in found.slopes[wind].metrics.rmse]
     best = max((each for cuts in over_slope.values() for each in cuts), key=lambda each: each[0])
-    assert half.ours == (
+    assert half.evidence == (
         f"{least_to_most(cuts.values())} over winds and widths; λ, which is fitted, makes it {per_cent(best)} at best"
     )
     listed = "; ".join(f"{named(*cell)} {per_cent(each)}" for cell, each in cuts.items())
@@ -180,7 +140,7 @@ def test_errors_beside_those_of_the_pd(found):
     cut, *others = (
         opposite(over(found, "no_wind", name, "pd"), 1.0) for name in ("pd_t2fnn", "pd_t1fnn", "pd_t2fnn_wide")
     )
-    assert without_wind.ours == (
+    assert without_wind.evidence == (
         f"{per_cent(cut)}, fitted; not fitted: {named('no_wind', 'pd_t1fnn')} {per_cent(others[0])};"
         f" {named('no_wind', 'pd_t2fnn_wide')} {per_cent(others[1])}"
     )
@@ -202,7 +162,7 @@ def test_type_2_beside_type_1(found):
         )
         better[number] = [max(pair, key=lambda each: each[0]) for pair in zip(*both, strict=True)]
     windy = [gain for (wind, _), gain in gains.items() if wind != "no_wind"]
-    assert against.ours == (
+    assert against.evidence == (
         f"in wind {least_to_most(windy)}; the better width, without wind, with noise from 0 to 20 mm"
         f" {least_to_most(better['noise'])}, with q from 0.25 to 0.75 {least_to_most(better['q'][1:-1])};"
         f" {per_cent(better['q'][0])} with q = 0, where only the upper memberships are left"
@@ -219,7 +179,7 @@ def test_type_2_beside_type_1(found):
     count = four.shape[1]
     half = scipy.stats.t.ppf(0.975, count - 1) * np.sqrt(weights @ np.cov(four) @ weights / count)
     trend = (w_0 / n_0 - w / n) + half * np.array([0.0, -1.0, 1.0])
-    assert wider.ours == (
+    assert wider.evidence == (
         f"the error with wider sets is larger by {per_cent(larger[0])} without position noise and by"
         f" {per_cent(larger[-1])} with 20 mm: they gain {per_cent(trend)}"
     )
@@ -234,7 +194,7 @@ def test_peaks_the_part_of_the_pd_and_effort(found):
     _, _, _, _, peak, peaks, fading, effort, windy, *_ = all_claims(found)
     pd, network = (interval(found.cells[Cell("no_wind", name)].metrics.peak_error) for name in ("pd", "pd_t2fnn"))
     cut = opposite(over(found, "no_wind", "pd_t2fnn", "pd", "peak_error"), 1.0)
-    assert peak.ours == f"{metres(pd)} and {metres(network)}, {per_cent(cut)} less"
+    assert peak.evidence == f"{metres(pd)} and {metres(network)}, {per_cent(cut)} less"
     assert peak.verdict == "holds"
     differences = {}
     for wind in ("low_wind", "high_wind"):
@@ -245,7 +205,7 @@ def test_peaks_the_part_of_the_pd_and_effort(found):
     def millimetres(length):
         return Interval(*length).text(unit="mm", size=1e-3, signed=True)
 
-    assert peaks.ours == f"peaks beside those of type 1: {least_to_most(differences.values(), millimetres)}"
+    assert peaks.evidence == f"peaks beside those of type 1: {least_to_most(differences.values(), millimetres)}"
     assert peaks.details == "; ".join(f"{named(*cell)} {millimetres(each)}" for cell, each in differences.items())
     assert peaks.verdict == "holds"
 
@@ -257,7 +217,7 @@ def test_peaks_the_part_of_the_pd_and_effort(found):
         }
         for measure in ("pd_fade", "pd_return")
     )
-    assert fading.ours == (
+    assert fading.evidence == (
         "without wind the PD's output in the last quarter of a flight is on average"
         f" {per_cent(left['no_wind', 'pd_t2fnn'])} of that in the quarter after the rise, and in the 1 s after a change"
         " of segment"
@@ -274,7 +234,7 @@ def test_peaks_the_part_of_the_pd_and_effort(found):
         for name in NETWORKS
         for axis in "xy"
     }
-    assert effort.ours == f"{least_to_most(shares.values(), plain)} times the PD's effort"
+    assert effort.evidence == f"{least_to_most(shares.values(), plain)} times the PD's effort"
     assert effort.details == "; ".join(
         f"{named(wind, name)} on {axis.upper()} {plain(each)}" for (wind, name, axis), each in shares.items()
     )
@@ -285,7 +245,7 @@ def test_peaks_the_part_of_the_pd_and_effort(found):
         for name in CONTROLLERS
         for wind in ("low_wind", "high_wind")
     }
-    assert windy.ours == f"errors rise by {least_to_most(rises.values())}"
+    assert windy.evidence == f"errors rise by {least_to_most(rises.values())}"
     assert windy.details == "; ".join(f"{named(*cell)} {per_cent(each)}" for cell, each in rises.items())
     assert windy.verdict == "holds in part"
 
@@ -300,7 +260,7 @@ def test_gains_on_straight_lines_on_curves_and_on_a_map(found):
     livelier = fieller(swing[on_curved, 8:], swing[on_straight, 8:])
     pairs = [(1.0, 0.5), (1.0, 1.0), (2.0, 0.5), (2.0, 1.0), (4.0, 0.5), (4.0, 1.0)]
     texts = ["k_P = {:.2f} and k_D = {:.2f}".format(*pairs[place]) for place in (on_straight, on_curved)]
-    assert legs.ours == (
+    assert legs.evidence == (
         f"best on straight lines are {texts[0]}, on curves {texts[1]}; on other samples the first are {per_cent(worse)}"
         f" worse on curves, and on straight lines the command of the second moves {plain(livelier)} times as much"
     )
@@ -312,7 +272,7 @@ def test_gains_on_straight_lines_on_curves_and_on_a_map(found):
         sum(np.isfinite(row).any() for row in found.maps[name].metrics.crash_time) for name in ("pd", "pd_t2fnn")
     ]
     assert crashing[0] != crashing[1]
-    assert circle.ours == (
+    assert circle.evidence == (
         f"on average over samples, within 20 % of the best error are {per_cent(interval(share[0]))} of the gains that"
         f" stabilise the PD, and {per_cent(interval(share[1]))} of those that stabilise it with the network; half of"
         f" these gains have more than {plain(typical[0])} times the best error, and {plain(typical[1])} times with the"
@@ -325,22 +285,6 @@ def test_gains_on_straight_lines_on_curves_and_on_a_map(found):
     )
     np.testing.assert_allclose(as_good(found.maps["pd"]), share[0])
     np.testing.assert_allclose(interval(typical_over_best(found.maps["pd"])), typical[0])
-
-
-@pytest.mark.parametrize(
-    ("needed", "enough", "verdict"),
-    [
-        ([True, True], [], "holds"),
-        ([True, False], [], "holds in part"),
-        ([True, None], [False], "holds in part"),
-        ([False, None], [True], "holds in part"),
-        ([False, False], [], "does not hold"),
-        ([False, None], [], "cannot be decided"),
-        ([False], [None], "cannot be decided"),
-    ],
-)
-def test_verdicts_follow_from_conditions(needed, enough, verdict):
-    assert judge(needed, *enough) == verdict
 
 
 def test_controllers_are_compared_with_both_baselines_in_the_same_wind(found):
@@ -602,22 +546,3 @@ def test_a_sweep_comes_back_as_it_was(tmp_path):
     np.testing.assert_array_equal(read.settings["q"], sweep.settings["q"])
     np.testing.assert_array_equal(read.samples, sweep.samples)
     np.testing.assert_array_equal(read.metrics, sweep.metrics)
-
-
-@pytest.mark.slow
-def test_findings_are_written_to_a_file_each(found, tmp_path):
-    findings = Findings(table_entries(found.cells), all_claims(found), fair_entries(found), effort_matches(found), {})
-    paths = write_findings(tmp_path, findings)
-    assert [path.name for path in paths] == ["table_ii.csv", "table_ii.md", "claims.csv", "fair.csv", "effort.csv"]
-    assert all(path.parent == tmp_path and path.exists() for path in paths)
-    with (tmp_path / "claims.csv").open(encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    assert [tuple(row.values()) for row in rows] == [tuple(claim) for claim in findings.claims]
-    assert list(rows[0]) == ["claim", "printed", "ours", "verdict", "rule", "details", "figure"]
-    text = (tmp_path / "table_ii.md").read_text(encoding="utf-8")
-    titles = ("RMSE (m)", "control effort on X (m²/s⁴)", "control effort on Y (m²/s⁴)")
-    sections = [
-        f"## {title}\n\n{table_markdown(findings.entries, name)}\n"
-        for title, name in zip(titles, ("rmse", "effort_x", "effort_y"), strict=True)
-    ]
-    assert text.removesuffix("\n") == ("# Table II\n\n" + "\n".join(sections)).removesuffix("\n")

@@ -11,13 +11,13 @@ from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication import experiment
 from drake_quad.replication.experiment import (
     QUICK,
+    RecordedCell,
     Sizes,
+    SweepPlan,
     _fly_cell,
-    _Jobs,
     _record_cell,
-    _Recorded,
-    _submit_sweep,
     fly_experiment,
+    sweep_plans,
 )
 from drake_quad.replication.measures import CURVED, STRAIGHT, LegMetrics
 from drake_quad.replication.printed import CONTROLLERS, WINDS
@@ -30,14 +30,12 @@ from drake_quad.replication.sweeps import (
     gain_settings,
     load_sweep,
     noise_settings,
+    num_rows,
     q_settings,
     slope_settings,
 )
 from drake_quad.studies import monte_carlo
-from drake_quad.studies.crew import attempt
 from drake_quad.studies.flying import fly_batch
-from drake_quad.studies.processes import Workers
-from drake_quad.studies.study_folder import StudyRows
 
 PAPER = "diagrams/paper.yaml"
 POSITION = "control.position"
@@ -102,30 +100,21 @@ def test_errors_leg_by_leg_make_up_the_whole():
 
 
 def test_as_much_is_flown_as_the_report_says():
-    """Three winds with eight controllers; noise, q, slopes in three winds; two maps and the legs."""
     assert Sizes() == (1000, 8, 60, 16, 4, 16)
-    assert Sizes().flights == 24 * 1000 + (15 + 15 + 3 * 7) * 60 + 2 * 256 * 4 + 256 * 16
     assert QUICK == (4, 4, 4, 5, 2, 2)
-    assert QUICK.flights == 24 * 4 + (15 + 15 + 3 * 7) * 4 + 2 * 25 * 2 + 25 * 2
+    flights = {name: num_rows(plan.settings) * plan.num_samples for name, plan in sweep_plans(Sizes()).items()}
+    assert flights == {
+        "noise": 15 * 60,
+        "q": 15 * 60,
+        **{f"slope_{wind}": 7 * 60 for wind in WINDS},
+        "map_pd": 256 * 4,
+        "map_pd_t2fnn": 256 * 4,
+        "legs": 256 * 16,
+    }
 
 
 def fail(what):
     raise ArithmeticError(f"{what} is cursed")
-
-
-def test_jobs_are_done_by_workers_and_their_failure_is_told():
-    seen = []
-    with Workers(2) as workers:
-        jobs = _Jobs(workers)
-        done = [jobs.submit(name, count, int, str(count)) for name, count in (("a", 3), ("b", 4), ("c", 5))]
-        jobs.work(lambda what, flights: seen.append((what, flights)))
-        assert [job.result for job in done] == [3, 4, 5]
-        assert sorted(what for what, _ in seen) == ["a", "b", "c"]
-        assert seen[-1][1] == 12
-        jobs = _Jobs(workers)
-        jobs.submit("d", 1, fail, "this one")
-        with pytest.raises(RuntimeError, match="ArithmeticError: this one is cursed"):
-            jobs.work(None)
 
 
 def test_a_cell_with_a_sample_that_cannot_be_flown_is_none(tmp_path, monkeypatch):
@@ -137,77 +126,65 @@ def test_a_cell_with_a_sample_that_cannot_be_flown_is_none(tmp_path, monkeypatch
         _fly_cell(load_scenario("diagrams/hover.yaml", ["duration=0.1"]), 2, tmp_path, compiled=True)
 
 
-class Here:
-    """Does tasks in this process, the last that was begun first."""
-
-    def __init__(self, capacity):
-        self.capacity, self.under_way, self.most = capacity, [], 0
-
-    def begin(self, function, given):
-        self.under_way.append((function, given))
-        self.most = max(self.most, len(self.under_way))
-
-    def finished(self):
-        return [attempt(*self.under_way.pop())]
-
-
 @pytest.mark.parametrize(
     ("count", "sizes"), [(64, [15]), (100, [10, 5]), (300, [3] * 5), (1024, [1] * 15), (3000, [1] * 15)]
 )
 def test_as_many_settings_fly_in_a_fleet_as_there_is_room_for(count, sizes):
     """At least one; as many vehicles as 1,024 otherwise, each on the same samples."""
-    jobs, settings = _Jobs(Here(1)), q_settings()
-    submitted = _submit_sweep(jobs, "q", "a scenario", settings, count, compiled=False)
-    assert [job.flights for job in submitted] == [size * count for size in sizes]
-    assert {job.what for job in submitted} == {"q"}
+    settings = q_settings()
+    jobs = SweepPlan(None, settings, count, fly=kept).jobs("q", "a scenario", compiled=False)
+    assert [job.size for job in jobs] == [size * count for size in sizes]
+    assert {job.name for job in jobs} == {"q"}
     first = 0
-    for job, size in zip(submitted, sizes, strict=True):
-        function, (scenario, part, samples) = job.call.func, job.call.args
-        assert (function, scenario, samples) == (fly_settings, "a scenario", range(count))
-        assert job.call.keywords == {"compiled": False}
+    for job, size in zip(jobs, sizes, strict=True):
+        (scenario,), options = job.call()
+        assert (scenario, options["samples"], options["compiled"]) == ("a scenario", range(count), False)
         for name, values in settings.items():
-            np.testing.assert_array_equal(part[name], values[first : first + size])
+            np.testing.assert_array_equal(options["settings"][name], values[first : first + size])
         first += size
 
 
+def kept(*arguments, **options):
+    return arguments, options
+
+
 @pytest.mark.slow
-def test_recorded_samples_are_the_first_of_the_cell_and_only_what_is_missing_is_flown(tmp_path, monkeypatch):
+def test_recorded_samples_are_the_first_of_the_cell(tmp_path, monkeypatch):
     monkeypatch.setattr(experiment, "measures", lambda flight: {"twice": 2.0 * flight.metrics.rmse, "once": 1.0})
-    added = []
-    add_rows = StudyRows.add_rows
-
-    def add_and_tell(rows, new):
-        added.append(new[:, 0].tolist())
-        add_rows(rows, new)
-
-    monkeypatch.setattr(StudyRows, "add_rows", add_and_tell)
     study = scenario("low_wind_pd_t2fnn", "duration=0.3")
-    for count in (3, 5):
-        first, numbers = _record_cell(study, count, tmp_path, 2, compiled=True)
-        found = read_study(tmp_path)
-        assert found.samples.tolist() == list(range(count))
-        assert list(numbers) == ["twice", "once"]
-        np.testing.assert_allclose(numbers["twice"], 2.0 * found.metrics.rmse[:2], rtol=1e-9)
-        np.testing.assert_array_equal(numbers["once"], [1.0, 1.0])
-        assert first.metrics.rmse == pytest.approx(found.metrics.rmse[0], rel=1e-9)
-    assert added == [[0.0, 1.0], [2.0], [3.0, 4.0]]
-    assert found.duration == pytest.approx(0.3)
+    _fly_cell(study, 3, tmp_path, compiled=True)
+    cell = read_study(tmp_path)
+    first, numbers = _record_cell(study, 2, compiled=True)
+    assert list(numbers) == ["twice", "once"]
+    np.testing.assert_allclose(numbers["twice"], 2.0 * cell.metrics.rmse[:2], rtol=1e-9)
+    np.testing.assert_array_equal(numbers["once"], [1.0, 1.0])
+    assert first.metrics.rmse == pytest.approx(cell.metrics.rmse[0], rel=1e-9)
+
+
+@pytest.mark.slow
+def test_a_resumed_cell_is_the_same_to_the_byte(tmp_path):
+    study = scenario("no_wind_pid", "duration=0.3")
+    _fly_cell(study, 3, tmp_path, compiled=True)
+    path = tmp_path / "results.csv"
+    whole = path.read_bytes()
+    path.write_bytes(b"".join(whole.splitlines(keepends=True)[:2]))
+    _fly_cell(study, 3, tmp_path, compiled=True)
+    assert path.read_bytes() == whole
 
 
 def test_an_experiment_leaves_every_number_where_it_is_read(tmp_path, monkeypatch):
-    """With flights in whose place stands what was asked for, done in another order."""
+    """With flights in whose place stands what was asked for."""
     sizes = Sizes(cells=6, recorded=3, sweep=4, grid=2, map=3, legs=2)
     cells, told = {}, []
 
     def fly_cell(scenario, count, folder, *, compiled):
         assert not compiled
         assert not (folder / "old").exists()
-        cells[scenario] = (count, folder, None)
+        cells[scenario] = (count, folder)
 
-    def record_cell(scenario, count, folder, recorded, *, compiled):
-        fly_cell(scenario, count, folder, compiled=compiled)
-        cells[scenario] = (count, folder, recorded)
-        return _Recorded(f"flight of {scenario}", {"pd_fade": np.arange(recorded) + len(scenario)})
+    def record_cell(scenario, count, *, compiled):
+        assert not compiled
+        return RecordedCell(f"flight of {scenario}", {"pd_fade": np.arange(count) + len(scenario)})
 
     def fly_settings(scenario, settings, samples, *, compiled):
         assert not compiled
@@ -219,31 +196,28 @@ def test_an_experiment_leaves_every_number_where_it_is_read(tmp_path, monkeypatc
         rows = settings["k_p"][:, np.newaxis] + 10.0 * settings["k_d"][:, np.newaxis] + 100.0 * np.array(samples)
         return LegMetrics(rows, rows + 1000.0, rows + 2000.0)
 
-    fakes = {"_fly_cell": fly_cell, "_record_cell": record_cell, "fly_settings": fly_settings, "fly_legs": fly_legs}
-    for name, function in fakes.items():
+    def plans(sizes):
+        found = {name: plan._replace(fly=fly_settings, max_vehicles=12) for name, plan in sweep_plans(sizes).items()}
+        return found | {"legs": found["legs"]._replace(fly=fly_legs)}
+
+    for name, function in {"_fly_cell": fly_cell, "_record_cell": record_cell, "sweep_plans": plans}.items():
         monkeypatch.setattr(experiment, name, function)
-    monkeypatch.setattr(experiment, "_VEHICLES", 12)
     stale = tmp_path / "cells" / "no_wind_pd" / "old"
     stale.parent.mkdir(parents=True)
     stale.touch()
-    workers = Here(3)
     found = fly_experiment(
-        lambda cell: cell.scenario, sizes, tmp_path, workers, compiled=False, progress=lambda *each: told.append(each)
+        lambda cell: cell.scenario, sizes, tmp_path, compiled=False, progress=lambda *each: told.append(each)
     )
-    assert workers.most == 3
     assert found == {cell: f"flight of {cell.scenario}" for cell in cells_of(CONTROLLERS)}
     assert cells == {
-        f"{wind}_{name}": (6, tmp_path / "cells" / f"{wind}_{name}", 3 if name in CONTROLLERS else None)
-        for wind in WINDS
-        for name in (*CONTROLLERS, *FAIR)
+        f"{wind}_{name}": (6, tmp_path / "cells" / f"{wind}_{name}") for wind in WINDS for name in (*CONTROLLERS, *FAIR)
     }
-    assert told[-1][1] == sizes.flights
-    assert [done for _, done in told] == sorted(done for _, done in told)
-    steps = {what: 0 for what, _ in told}
-    for (what, done), before in zip(told, [0, *(done for _, done in told)]):
-        steps[what] += done - before
+    steps = {name: 0 for name, *_ in told}
+    for (name, done, _), before in zip(told, [0, *(done for _, done, _ in told)]):
+        steps[name] += done - before
     assert steps == {
         **{f"{wind}_{name}": 6 for wind in WINDS for name in (*CONTROLLERS, *FAIR)},
+        **{f"recorded {wind}_{name}": 3 for wind in WINDS for name in CONTROLLERS},
         "noise": 60,
         "q": 60,
         "map_pd": 12,
@@ -251,6 +225,7 @@ def test_an_experiment_leaves_every_number_where_it_is_read(tmp_path, monkeypatc
         "legs": 8,
         **{f"slope_{wind}": 28 for wind in WINDS},
     }
+    assert {total for *_, total in told} == {sum(steps.values())}
 
     recorded = read_table(tmp_path / "recorded.csv")
     assert len(recorded["sample"]) == 3 * len(WINDS) * len(CONTROLLERS)
@@ -274,10 +249,10 @@ def test_an_experiment_leaves_every_number_where_it_is_read(tmp_path, monkeypatc
     np.testing.assert_array_equal(legs.settings["k_p"], best_gain_settings(2)["k_p"])
     assert (legs.samples.tolist(), len(SLOPES)) == ([0, 1], 7)
 
-    stale.parent.mkdir(exist_ok=True)
+    stale.parent.mkdir(parents=True)
     stale.touch()
-    monkeypatch.setattr(experiment, "_record_cell", lambda *_, compiled: _Recorded(None, {"pd_fade": np.zeros(1)}))
-    fly_experiment(lambda cell: cell.scenario, sizes, tmp_path, Here(1), resume=True, compiled=False)
+    monkeypatch.setattr(experiment, "_fly_cell", lambda *_, compiled: None)
+    fly_experiment(lambda cell: cell.scenario, sizes, tmp_path, resume=True, compiled=False)
     assert stale.exists()
 
 

@@ -5,29 +5,23 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from invented_experiment import invented_experiment
 from matplotlib.colors import to_hex
 
 from drake_quad import load_scenario, simulate
 from drake_quad.control.fuzzy.inference import elliptic_membership
-from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication import figures
 from drake_quad.replication.claims import advantage
 from drake_quad.replication.fair import COMPARED
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
-from drake_quad.replication.results import FAIR, Experiment, cells_of
-from drake_quad.replication.sweeps import NOISE, Q_VALUES, Sweep, noise_settings, q_settings
+from drake_quad.replication.report import FIGURES
+from drake_quad.replication.sweeps import NOISE, Q_VALUES
 from drake_quad.statistics.estimates import mean_interval
 from drake_quad.studies.statistics import of_survivors
-from drake_quad.studies.study import Study
 from drake_quad.visualization.leg_marks import leg_marks
 from drake_quad.visualization.places import places
 
 SAMPLES = 40
-
-
-def metrics_of(rng, shape, level=1.0, crashes=0.0):
-    values = {name: level * rng.uniform(0.9, 1.1, shape) for name in Metrics._fields}
-    return Metrics(**(values | {"crash_time": np.where(rng.uniform(size=shape) < crashes, 3.0, np.inf)}))
 
 
 def load(cell, overrides=()):
@@ -36,23 +30,13 @@ def load(cell, overrides=()):
 
 @pytest.fixture(scope="module")
 def found():
-    rng = np.random.default_rng(7)
-    scenario = load(Cell("no_wind", "pd"))
-    cells = {
-        cell: Study(scenario, 27.0, np.arange(SAMPLES), {}, metrics_of(rng, SAMPLES, 0.5 + 0.02 * i, crashes=0.1))
-        for i, cell in enumerate(cells_of((*CONTROLLERS, *FAIR)))
-    }
-    noise, q = (
-        Sweep(settings, np.arange(6), metrics_of(rng, (15, 6), crashes=0.03))
-        for settings in (noise_settings(), q_settings())
-    )
-    k_p, k_d = np.meshgrid([1.0, 2.0, 4.0], [0.5, 1.0], indexing="ij")
-    gains = {"k_p": k_p.ravel(), "k_d": k_d.ravel()}
-    maps = {name: Sweep(gains, np.arange(4), metrics_of(rng, (6, 4))) for name in ("pd", "pd_t2fnn")}
-    for level, row in zip((0.2, 0.1, 0.4, 0.15, 0.8, 9.0), maps["pd"].metrics.rmse, strict=True):
-        row *= level
-    maps["pd"].metrics.crash_time[2, 3] = 4.0
-    return Experiment(cells, {}, noise, q, {}, maps, None)
+    found = invented_experiment(SAMPLES, crashes=0.1)
+    for sweep in found.maps.values():
+        sweep.metrics.crash_time[:] = np.inf
+    scatter = np.random.default_rng(7).uniform(0.9, 1.1, 4)
+    found.maps["pd"].metrics.rmse[:] = np.outer([0.2, 0.1, 0.4, 0.15, 0.8, 9.0], scatter)
+    found.maps["pd"].metrics.crash_time[2, 3] = 4.0
+    return found
 
 
 @pytest.fixture(scope="module")
@@ -80,9 +64,8 @@ def legend_of(figure):
 @pytest.mark.slow
 def test_figures_stand_in_the_order_of_the_report(found, flights):
     every = flights | {Cell("low_wind", name): flights[Cell("high_wind", name)] for name in CONTROLLERS}
-    names = ["table_ii", *(f"figure_{i}" for i in (4, 7, 8, 9, 10, 11, 12, 13)), "advantage", "gains", "fair"]
     drawn = dict(figures.paper_figures(found, every))
-    assert list(drawn) == names
+    assert list(drawn) == [*FIGURES]
     for number, wind in ((9, "no_wind"), (10, "low_wind"), (11, "high_wind")):
         error = drawn[f"figure_{number}"].axes[0].lines[0].get_ydata()
         np.testing.assert_array_equal(error, every[Cell(wind, "pd")].euclidean_error)
@@ -200,7 +183,7 @@ def test_paths_without_wind_are_shown_in_space_and_from_above(flights):
 
 
 def test_errors_in_wind_are_shown_until_the_crash_and_beside_those_of_type_1(flights):
-    figure = figures.figure_11(flights)
+    figure = figures.FLIGHT_FIGURES["figure_11"](flights)
     upper, lower = figure.axes
     errors = {name: flights[Cell("high_wind", name)].euclidean_error for name in CONTROLLERS}
     time = flights[Cell("high_wind", "pd")].time
@@ -235,14 +218,14 @@ def test_errors_in_wind_are_shown_also_if_the_first_controller_crashes(flights):
     pd = Cell("high_wind", "pd")
     time = flights[pd].time
     signals = {name: rows[:100] for name, rows in flights[pd].signals.items()}
-    figure = figures.figure_11(flights | {pd: replace(flights[pd], time=time[:100], signals=signals)})
+    figure = figures.FLIGHT_FIGURES["figure_11"](flights | {pd: replace(flights[pd], time=time[:100], signals=signals)})
     curves = {line.get_label(): line for line in figure.axes[0].lines}
     assert len(curves[CONTROLLERS["pd"]].get_xdata()) == 100
     np.testing.assert_array_equal(curves[CONTROLLERS["pd_t1fnn"]].get_xdata(), time)
 
 
 def test_errors_without_wind_are_shown_with_the_printed_peaks(flights):
-    figure = figures.figure_9(flights)
+    figure = figures.FLIGHT_FIGURES["figure_9"](flights)
     (axes,) = figure.axes
     levels = [line for line in axes.lines if line.get_marker() == "<" and len(line.get_xdata())]
     assert [line.get_ydata()[0] for line in levels] == [1.3, 0.8]
@@ -260,8 +243,8 @@ def test_errors_without_wind_are_shown_with_the_printed_peaks(flights):
 
 def test_commands_of_pd_and_network_add_up_to_the_command(flights):
     flight = flights[Cell("no_wind", "pd_t2fnn")]
-    for draw, axis in ((figures.figure_12, "x"), (figures.figure_13, "y")):
-        (axes,) = draw(flights).axes
+    for name, axis in (("figure_12", "x"), ("figure_13", "y")):
+        (axes,) = figures.FLIGHT_FIGURES[name](flights).axes
         pd, network = axes.lines[:2]
         command = getattr(flight.record("acceleration_command"), axis)
         np.testing.assert_allclose(pd.get_ydata() + network.get_ydata(), command, atol=1e-9)
@@ -357,7 +340,7 @@ def test_panels_of_a_figure_share_their_axes(found, flights):
     for drawn, x, y in (
         (grid, True, True),
         (figures.table_figure(found).axes, True, False),
-        (figures.figure_11(flights).axes, True, False),
+        (figures.FLIGHT_FIGURES["figure_11"](flights).axes, True, False),
         (figures.advantage_figure(found).axes, False, True),
         (figures.gain_figure(found).axes[:2], False, True),
     ):
@@ -376,7 +359,7 @@ def test_numbers_of_legs_stand_at_the_top_in_the_middle_of_what_is_flown(flights
     flight = flights[Cell("no_wind", "pd_t2fnn")]
     last = flight.time[-1]
     ends = [*(time for time in flight.plan.leg_times if time < last), last]
-    for figure in (figures.figure_9(flights), figures.figure_12(flights)):
+    for figure in (figures.FLIGHT_FIGURES["figure_9"](flights), figures.FLIGHT_FIGURES["figure_12"](flights)):
         (axes,) = figure.axes
         numbers = [text for text in axes.texts if text.get_text().isdigit()]
         np.testing.assert_allclose([text.xy[0] for text in numbers], [0.5 * sum(pair) for pair in pairwise(ends)])

@@ -1,11 +1,14 @@
-"""Figures as files."""
+"""Figures as files, and the style of all figures."""
 
 from typing import get_args
 
 import matplotlib
+import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 
-from drake_quad.visualization.style import Vector, new_figure, save_figures, styled
+from drake_quad.visualization import style
+from drake_quad.visualization.style import Vector, new_figure, save_figures, shading, styled
 
 
 def drawn():
@@ -39,3 +42,40 @@ def test_the_style_is_left_as_it_was():
     before = dict(matplotlib.rcParams)
     drawn()
     assert dict(matplotlib.rcParams) == before
+
+
+def test_colours_are_those_that_okabe_and_ito_publish():
+    """M. Okabe and K. Ito, "Color universal design", 2008: red, green and blue from 0 to 255."""
+    published = {
+        "BLACK": (0, 0, 0),
+        "ORANGE": (230, 159, 0),
+        "SKY": (86, 180, 233),
+        "GREEN": (0, 158, 115),
+        "YELLOW": (240, 228, 66),
+        "BLUE": (0, 114, 178),
+        "VERMILION": (213, 94, 0),
+        "PURPLE": (204, 121, 167),
+    }
+    for name, color in published.items():
+        np.testing.assert_allclose(np.array(to_rgb(getattr(style, name))) * 255.0, color)
+
+
+def test_areas_are_shaded_from_white_to_a_blue_on_which_lines_are_seen():
+    """The lightness (CIE 1931, linear in sRGB here) falls steadily."""
+    colors = shading()(np.linspace(0.0, 1.0, 11))[:, :3]
+    lightness = colors @ [0.2126, 0.7152, 0.0722]
+    assert lightness[0] > 0.95
+    assert (np.diff(lightness) < 0.0).all()
+    assert 0.5 < lightness[-1] < 0.7
+    assert colors[-1].argmax() == 2
+
+
+def test_axes_have_a_grid_and_no_frame():
+    with styled():
+        axes = new_figure(2.0, 1.0).subplots()
+        legend = axes.legend(handles=axes.plot([0.0, 1.0], label="a"))
+    assert axes.xaxis.get_gridlines()[0].get_visible()
+    assert not axes.spines["top"].get_visible()
+    assert not axes.spines["right"].get_visible()
+    assert axes.spines["left"].get_visible()
+    assert not legend.get_frame_on()

@@ -7,22 +7,17 @@ import pytest
 from invented_flights import COUNT, evaluation, flights
 
 from drake_quad.errors import InputError
-from drake_quad.evaluation.answers import all_answers, best_in, cut, effects, price_of_margin
+from drake_quad.evaluation.claims import all_claims, best_in, effects, price_of_margin
 from drake_quad.evaluation.families import FAMILIES
 from drake_quad.evaluation.report import report_markdown, write_summary
-from drake_quad.evaluation.results import (
-    FLIGHTS,
-    TRAITS,
-    read_evaluation,
-    write_flights,
-    write_traits,
-)
+from drake_quad.evaluation.results import read_evaluation, write_evaluation
 from drake_quad.files import read_table
+from drake_quad.reports.claims import reduction
 from drake_quad.statistics.estimates import share_interval
 
 
 def verdicts(found):
-    return {each.statement: each.verdict for each in all_answers(found)}
+    return {each.words: each.verdict for each in all_claims(found)}
 
 
 AROUND_PD = "a network of type 2 around PD makes its error smaller"
@@ -43,7 +38,7 @@ def test_a_network_that_harms_does_not_hold():
 def test_a_network_that_crashes_where_nothing_else_does_holds_in_part():
     found = verdicts(evaluation(crashed=range(8)))
     assert found[AROUND_PD] == "holds in part"
-    (text,) = (each.evidence for each in all_answers(evaluation(crashed=range(8))) if each.statement == AROUND_PD)
+    (text,) = (each.evidence for each in all_claims(evaluation(crashed=range(8))) if each.words == AROUND_PD)
     assert "outdoor: 8 samples crash with it alone, 0 with the other alone (p = 0.0078)" in text
     assert verdicts(evaluation(crashed=range(2)))[AROUND_PD] == "holds"
 
@@ -52,23 +47,23 @@ def test_shares_are_those_of_the_same_samples():
     compared = effects(evaluation(network=0.9, other=0.8), "pd_t2fnn", "pd")
     assert list(compared) == [*FAMILIES["laboratory"].laboratories, "outdoor"]
     for each in compared.values():
-        assert cut(each).value == pytest.approx(0.28, abs=0.002)
+        assert reduction(each.share).value == pytest.approx(0.28, abs=0.002)
         # Paired, ten per cent of scatter are no part of the interval.
-        assert cut(each).high - cut(each).low < 0.002
+        assert reduction(each.share).high - reduction(each.share).low < 0.002
 
 
 def test_a_map_serves_if_the_last_lap_is_better_than_the_first_and_than_no_map():
-    (answer,) = (each for each in all_answers(evaluation()) if each.statement.startswith("in laps"))
-    assert answer.verdict == "holds"
-    assert answer.evidence.startswith("in lap 3 its RMSE is less by 75.")
+    (claim,) = (each for each in all_claims(evaluation()) if each.words.startswith("in laps"))
+    assert claim.verdict == "holds"
+    assert claim.evidence.startswith("in lap 3 its RMSE is less by 75.")
 
 
 def test_margin_is_paid_for_where_every_step_errs_less():
     found = evaluation()
-    answer = price_of_margin(found)
-    assert answer.verdict == "holds"
-    assert "with a peak sensitivity of 3.00 in place of 1.60 the RMSE of INDI is less by 50." in answer.evidence
-    assert "from 62 ms to 33 ms" in answer.evidence
+    claim = price_of_margin(found)
+    assert claim.verdict == "holds"
+    assert "with a peak sensitivity of 3.00 in place of 1.60 the RMSE of INDI is less by 50." in claim.evidence
+    assert "from 62 ms to 33 ms" in claim.evidence
     found.flights["high wind"]["indi@3"] = flights(0.05, own=6)
     assert price_of_margin(found).verdict == "holds in part"
 
@@ -86,8 +81,8 @@ def test_the_best_is_that_of_least_error_which_hardly_crashes():
 
 def test_what_is_written_is_read_again(tmp_path):
     found = evaluation(crashed=[1])
-    write_flights(tmp_path / FLIGHTS, found.flights, 1000)
-    write_traits(tmp_path / TRAITS, found.traits)
+    flights_file, traits_file = write_evaluation(tmp_path, found)
+    assert (flights_file.name, traits_file.name) == ("flights.csv", "traits.csv")
     again = read_evaluation(tmp_path)
     for family, told in found.traits.items():
         assert list(again.traits[family]) == list(told)
@@ -98,8 +93,8 @@ def test_what_is_written_is_read_again(tmp_path):
     for place, flown in found.flights.items():
         for name, metrics in flown.items():
             np.testing.assert_allclose(again.flights[place][name], metrics, rtol=1e-8)
-    assert read_table(tmp_path / FLIGHTS)["sample"].min() == 1000
-    (tmp_path / FLIGHTS).write_text("laboratory,controller\noutdoor,pd\n", encoding="utf-8")
+    assert read_table(flights_file)["sample"].min() == 1000
+    flights_file.write_text("laboratory,controller\noutdoor,pd\n", encoding="utf-8")
     with pytest.raises(InputError, match=r"flights.csv has no column rmse"):
         read_evaluation(tmp_path)
 
@@ -107,7 +102,7 @@ def test_what_is_written_is_read_again(tmp_path):
 def test_the_report_says_what_the_numbers_say(tmp_path):
     found = evaluation(crashed=range(8))
     found.flights["low wind"]["indi_t2fnn"] = flights(0.05)
-    text = report_markdown(found, all_answers(found), ["errors"])
+    text = report_markdown(found, all_claims(found), ["errors"])
     mean, pd = (found.flights["low wind"][name].rmse.mean() for name in ("indi", "pd"))
     best, ratio = re.search(r"- low wind: INDI, (\S+) cm \[.*; the tuned PD (\S+) \[", text).groups()
     assert float(best) == pytest.approx(100.0 * mean, rel=1e-3)

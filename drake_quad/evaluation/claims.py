@@ -1,14 +1,12 @@
-"""The questions of the evaluation, and answers that follow from the paired intervals."""
+"""The claims that the evaluation judges, by intervals of paired differences."""
 
 import itertools
-from collections.abc import Iterable, Mapping
-from pathlib import Path
-from typing import NamedTuple
+from collections.abc import Mapping
 
 import numpy as np
 
 from drake_quad.evaluation.entries import AROUND, MAPPED, entries_of
-from drake_quad.evaluation.families import FAMILIES
+from drake_quad.evaluation.families import FAMILY_OF
 from drake_quad.evaluation.results import (
     LAPS_IN,
     PRICED,
@@ -18,33 +16,17 @@ from drake_quad.evaluation.results import (
     Traits,
     in_laps,
 )
-from drake_quad.files import write_table
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.studies.report import Verdict, judge
-from drake_quad.studies.statistics import Comparison, Interval, compare, of_survivors
+from drake_quad.reports.claims import Claim, judge, reduction
+from drake_quad.statistics.interval import Interval
+from drake_quad.studies.statistics import Comparison, compare, of_survivors
 
 # What every controller is called in the report, by its name in files.
 WORDS = {name: entry.words for name, entry in entries_of(on_board=False, maps=True).items()}
 
 
-class Answer(NamedTuple):
-    """A statement, and what the flights say of it.
-
-    Attributes:
-        statement: that is judged.
-        verdict: on it.
-        evidence: numbers with their 95 % intervals.
-        rule: by which the verdict follows from them.
-    """
-
-    statement: str
-    verdict: Verdict
-    evidence: str
-    rule: str
-
-
-def all_answers(found: Evaluation) -> list[Answer]:
-    """Every statement that the flights can be asked about, in the order of the report."""
+def all_claims(found: Evaluation) -> list[Claim]:
+    """Return every claim for which there are flights, in the order of the report."""
     networks = [helps(found, f"{name}_t2fnn", name) for name in ("pd", *AROUND)]
     maps = [helps(found, f"{name}_t2fnn_map", name) for name in MAPPED]
     others = [
@@ -58,37 +40,26 @@ def all_answers(found: Evaluation) -> list[Answer]:
     return [each for each in (*networks, *maps, *others, *laps, price_of_margin(found)) if each is not None]
 
 
-def write_answers(path: Path, answers: Iterable[Answer]) -> Path:
-    """Writes a row for each answer, and returns the path."""
-    return write_table(path, dict(zip(Answer._fields, zip(*answers, strict=True), strict=True)))
-
-
 def effects(found: Evaluation, controller: str, other: str) -> dict[str, Comparison]:
     """The comparison of two controllers on the same samples, by the laboratories of families in which both flew."""
-    places = [place for family in FAMILIES.values() for place in family.laboratories]
     return {
         place: beside(found.flights[place][controller], found.flights[place][other])
-        for place in places
+        for place in FAMILY_OF
         if {controller, other} <= found.flights.get(place, {}).keys()
     }
 
 
 def beside(metrics: Metrics, baseline: Metrics) -> Comparison:
-    """Compares what two controllers did on the samples that both flew, which are the first ones."""
+    """Compare what two controllers did on the samples that both flew, which are the first ones."""
     count = min(len(metrics.rmse), len(baseline.rmse))
     return compare(metrics.taken(slice(count)), baseline.taken(slice(count)))
 
 
-def cut(compared: Comparison) -> Interval:
-    """Return the relative reduction of the mean error."""
-    return -compared.share.plus(-1.0)
-
-
-def helps(found: Evaluation, network: str, base: str) -> Answer | None:
+def helps(found: Evaluation, network: str, base: str) -> Claim | None:
     """Does a network make the error of the controller around which it stands smaller?"""
     kind = "over the position " if network.endswith("map") else ""
-    answer = less(found, network, base, f"a network of type 2 {kind}around {WORDS[base]} makes its error smaller")
-    return answer and answer._replace(evidence=answer.evidence + _stood(found, network, base))
+    claim = less(found, network, base, f"a network of type 2 {kind}around {WORDS[base]} makes its error smaller")
+    return claim and claim._replace(evidence=claim.evidence + _stood(found, network, base))
 
 
 def _stood(found: Evaluation, network: str, base: str) -> str:
@@ -101,16 +72,16 @@ def _stood(found: Evaluation, network: str, base: str) -> str:
     return f"; the delay that it stands goes from {', '.join(changes)}" if changes else ""
 
 
-def less(found: Evaluation, controller: str, other: str, statement: str) -> Answer | None:
+def less(found: Evaluation, controller: str, other: str, statement: str) -> Claim | None:
     """Is the error of a controller smaller than another's, and does it not crash more often? None if one is missing."""
     compared = effects(found, controller, other)
     if not compared:
         return None
-    cuts = {place: cut(each) for place, each in compared.items()}
-    return Answer(
+    cuts = {place: reduction(each.share) for place, each in compared.items()}
+    return Claim(
         statement,
-        judge([_smaller(each) for each in compared.values()]),
         f"RMSE is less by {listed(cuts)}{_crashes(compared)}",
+        judge([_smaller(each) for each in compared.values()]),
         "holds if it is so in every laboratory, and no more vehicles crash; in part if in some",
     )
 
@@ -119,10 +90,10 @@ def _smaller(compared: Comparison) -> bool | None:
     """Is the error smaller, and do no more vehicles crash?"""
     if compared.crashed > compared.baseline_crashed and compared.crash_significance < 0.05:
         return False
-    return cut(compared).is_above(0.0)
+    return reduction(compared.share).is_above(0.0)
 
 
-def learns_in_laps(found: Evaluation, base: str) -> Answer | None:
+def learns_in_laps(found: Evaluation, base: str) -> Claim | None:
     """Does what a network over the position has learned in one lap serve in the next?"""
     network = f"{base}_t2fnn_map"
     flown = laps_flown(found, network)
@@ -130,12 +101,12 @@ def learns_in_laps(found: Evaluation, base: str) -> Answer | None:
         return None
     first, last = (found.flights[in_laps(count)] for count in (flown[0], flown[-1]))
     learned, gained = beside(last[network], first[network]), beside(last[network], last[base])
-    return Answer(
+    return Claim(
         f"in laps of {LAPS_IN} a network over the position around {WORDS[base]} learns a map that serves again",
-        judge([_smaller(learned), _smaller(gained)]),
-        f"in lap {flown[-1]} its RMSE is less by {cut(learned).percent()} than in lap {flown[0]}, and by"
-        f" {cut(gained).percent()} than without the network in the same lap"
+        f"in lap {flown[-1]} its RMSE is less by {reduction(learned.share).percent()} than in lap {flown[0]}, and by"
+        f" {reduction(gained.share).percent()} than without the network in the same lap"
         f"{_crashes({'against the first lap': learned, 'against no network': gained})}",
+        judge([_smaller(learned), _smaller(gained)]),
         "holds if both are above zero, and no more vehicles crash; in part if one of the two",
     )
 
@@ -145,36 +116,36 @@ def laps_flown(found: Evaluation, controller: str) -> list[int]:
     return list(itertools.takewhile(lambda n: controller in found.flights.get(in_laps(n), {}), itertools.count(1)))
 
 
-def price_of_margin(found: Evaluation) -> Answer | None:
+def price_of_margin(found: Evaluation) -> Claim | None:
     """What does margin cost?"""
     parts, needed = [], []
     for controller in PRICED_CONTROLLERS:
         designs = priced(found, controller)
         for (_, tight), (_, loose) in itertools.pairwise(designs):
-            needed.append(cut(beside(loose, tight)).is_above(0.0))
+            needed.append(reduction(beside(loose, tight).share).is_above(0.0))
         if len(designs) > 1:
             (first, tight), *_, (last, loose) = designs
+            gain = reduction(beside(loose, tight).share).percent()
             parts.append(
                 f"with a peak sensitivity of {last.sensitivity:.2f} in place of {first.sensitivity:.2f} the RMSE of"
-                f" {WORDS[controller]} is less by {cut(beside(loose, tight)).percent()}, and the delay that it stands"
+                f" {WORDS[controller]} is less by {gain}, and the delay that it stands"
                 f" goes from {delay_words(first.delay_flown)} to {delay_words(last.delay_flown)}"
             )
     if not parts:
         return None
-    return Answer(
+    return Claim(
         "margin is paid for with error",
-        judge(needed),
         "; ".join(parts),
+        judge(needed),
         "holds if every design with less margin errs less than the one before; in part if some do",
     )
 
 
 def priced(found: Evaluation, controller: str) -> list[tuple[Traits, Metrics]]:
-    """Designs of a controller with rising limits on the peak sensitivity: what they are, and their flights."""
+    """Return the designs of a controller in the order of their peak sensitivities, with their flights."""
     own = {name: each for name, each in found.traits.get(PRICED, {}).items() if name.startswith(f"{controller}@")}
-    (family,) = (name for name, each in FAMILIES.items() if PRICED_IN in each.laboratories)
-    if controller in found.traits.get(family, {}):
-        own[controller] = found.traits[family][controller]
+    if controller in found.traits.get(FAMILY_OF[PRICED_IN], {}):
+        own[controller] = found.traits[FAMILY_OF[PRICED_IN]][controller]
     designs = [(each, found.flights[PRICED_IN][name]) for name, each in own.items()]
     return sorted(designs, key=lambda design: design[0].sensitivity)
 
@@ -190,7 +161,9 @@ def best_in(found: Evaluation, place: str) -> list[str]:
     most = max(len(each.rmse) for each in safe.values())
     whole = [name for name, each in safe.items() if len(each.rmse) == most]
     best = min(whole, key=lambda name: float(of_survivors(safe[name], "rmse").mean()))
-    others = [name for name in safe if name != best and cut(beside(safe[name], safe[best])).is_above(0.0) is None]
+    others = [
+        name for name in safe if name != best and reduction(beside(safe[name], safe[best]).share).is_above(0.0) is None
+    ]
     return [best, *others]
 
 

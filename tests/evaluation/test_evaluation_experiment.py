@@ -5,15 +5,31 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from invented_flights import COUNT, flights
 
-from drake_quad import load_scenario
+from drake_quad import InputError, load_scenario
 from drake_quad.design.tuning import Budget, LoopLimit, Tuned
-from drake_quad.evaluation import judging, protocol
+from drake_quad.evaluation import experiment, protocol
 from drake_quad.evaluation.designs import design_file, designs_in, write_designs
 from drake_quad.evaluation.entries import entries_of
+from drake_quad.evaluation.experiment import (
+    QUICK,
+    Sizes,
+    fly_evaluation,
+    fly_family,
+    fly_laps,
+    fly_priced,
+    missing_designs,
+)
 from drake_quad.evaluation.families import FAMILIES, FIRST_JUDGED, Family, laps_of
-from drake_quad.evaluation.judging import QUICK, Sizes, judge_family, judge_laps, judge_prices, missing
-from drake_quad.evaluation.results import PRICED_CONTROLLERS, SENSITIVITIES, Traits, in_laps, priced_name
+from drake_quad.evaluation.results import (
+    PRICED,
+    PRICED_CONTROLLERS,
+    SENSITIVITIES,
+    Traits,
+    in_laps,
+    priced_name,
+)
 
 SIZES = Sizes(samples=7, slow=3, laps=5, most_laps=3, delayed=4, most_frames=6)
 
@@ -27,38 +43,36 @@ def told(monkeypatch):
 
     monkeypatch.setattr(Family, "scenario", scenario)
     monkeypatch.setattr(
-        judging, "_fly", lambda of, count, compiled=True: (("flown", of, count, compiled), f"time {of[0]}")
+        experiment, "timed_flights", lambda of, count, compiled=True: (("flown", of, count, compiled), f"time {of[0]}")
     )
-    monkeypatch.setattr(judging, "worst_margins", lambda of: (f"peak {of}", f"delay {of}"))
-    monkeypatch.setattr(judging, "delay_flown", lambda of, sizes: f"stood {of} {sizes.delayed}")
-    monkeypatch.setattr(judging, "lone_time", lambda of, slow=False: f"lone {of} {slow}")
+    monkeypatch.setattr(experiment, "worst_margins", lambda of: (f"peak {of}", f"delay {of}"))
+    monkeypatch.setattr(experiment, "delay_flown", lambda of, sizes: f"stood {of} {sizes.delayed}")
+    monkeypatch.setattr(experiment, "lone_time", lambda of, compiled=True: f"lone {of} {compiled}")
 
 
 def test_a_family_is_judged_in_each_of_its_laboratories(told, diagrams):
     family = Family({"gale": "a", "calm": "b"}, ("calm",), "gale", on_board=False, maps=True)
-    found = list(judge_family(diagrams, "mine", family, ["pd", "pd_t2fnn_map", "mpc"], SIZES))
-    names = [name for _, name, _ in found]
-    assert names == ["pd"] * 3 + ["pd_t2fnn_map"] * 3 + ["mpc"] * 3
-    for i, name in enumerate(("pd", "pd_t2fnn_map", "mpc")):
+    for name in ("pd", "pd_t2fnn_map", "mpc"):
+        *found, last = fly_family(diagrams, "mine", family, name, SIZES)
         slow = name == "mpc"
         count = 3 if slow else 7
-        for place, flown in zip(("gale", "calm"), found[3 * i : 3 * i + 2], strict=True):
+        for place, flown in zip(("gale", "calm"), found, strict=True):
             assert flown == (place, name, ("flown", (place, name), count, not slow))
         # The margin of a network is that of the controller that it stands around.
         base = ("calm", "mpc" if slow else "pd")
         windy = ("gale", name)
-        stood = found[3 * i + 2][2].delay_flown
-        assert found[3 * i + 2] == (
+        stood = last[2].delay_flown
+        assert last == (
             "mine",
             name,
-            Traits(f"peak {base}", f"delay {base}", stood, f"lone {windy} {slow}", "time gale"),
+            Traits(f"peak {base}", f"delay {base}", stood, f"lone {windy} {not slow}", "time gale"),
         )
         assert math.isnan(stood) if slow else stood == f"stood {windy} 4"
 
 
 def test_shorter_flights_are_those_of_all_laboratories_but_not_of_the_margins(told, diagrams):
     family = FAMILIES["neural_fly"]
-    found = list(judge_family(diagrams, "neural_fly", family, ["indi_t2fnn_map"], SIZES._replace(duration=2.5)))
+    found = list(fly_family(diagrams, "neural_fly", family, "indi_t2fnn_map", SIZES._replace(duration=2.5)))
     assert [place for place, *_ in found] == [*family.laboratories, "neural_fly"]
     assert all(metrics[1][-1] == "duration=2.5" for *_, metrics in found[:-1])
     assert found[-1][2].sensitivity == "peak ('8 m/s', 'indi')"
@@ -69,7 +83,7 @@ def test_shorter_flights_are_those_of_all_laboratories_but_not_of_the_margins(to
 
 def test_maps_and_what_they_stand_around_fly_all_numbers_of_laps(told, diagrams):
     entries = ["pd", "pd_t2fnn", "indi", "indi_t2fnn_map", "lqg"]
-    found = list(judge_laps(diagrams, "laboratory", FAMILIES["laboratory"], entries, SIZES))
+    found = list(fly_laps(diagrams, "laboratory", FAMILIES["laboratory"], entries, SIZES))
     assert [each[:2] for each in found] == [
         (in_laps(n), name) for name in ("indi", "indi_t2fnn_map") for n in (1, 2, 3)
     ]
@@ -80,14 +94,14 @@ def test_maps_and_what_they_stand_around_fly_all_numbers_of_laps(told, diagrams)
 
 
 def test_designs_with_other_limits_fly_in_high_wind(told, diagrams):
-    found = list(judge_prices(diagrams, FAMILIES["laboratory"], ["pd", "lqg"], SIZES._replace(duration=2.0)))
+    found = list(fly_priced(diagrams, FAMILIES["laboratory"], ["pd", "lqg"], SIZES._replace(duration=2.0)))
     names = [priced_name("lqg", limit) for limit in SENSITIVITIES]
     assert [each[:2] for each in found] == [(place, name) for name in names for place in ("high wind", "priced")]
     short = ("high wind", names[0], "duration=2.0")
     assert found[0][2] == ("flown", short, 7, True)
     whole = ("high wind", names[0])
     assert found[1][2] == Traits(
-        f"peak {whole}", f"delay {whole}", f"stood {short} 4", f"lone {short} False", "time high wind"
+        f"peak {whole}", f"delay {whole}", f"stood {short} 4", f"lone {short} True", "time high wind"
     )
 
 
@@ -105,17 +119,17 @@ def test_times_are_cpu_times_of_a_vehicle_a_tick(monkeypatch, diagrams):
             flown.append([*samples])
             return SimpleNamespace(crash_time=np.array([1.0 if samples[0] == FIRST_JUDGED + 2 else np.inf]))
 
-    monkeypatch.setattr(judging, "StudyFleet", Fleet)
-    monkeypatch.setattr(judging.time, "process_time", lambda: next(clock))
+    monkeypatch.setattr(experiment, "StudyFleet", Fleet)
+    monkeypatch.setattr(experiment.time, "process_time", lambda: next(clock))
     assert scenario.laboratory.command_link.period == 0.02
-    _, spent = judging.fly_judged(scenario, SIZES)
+    _, spent = experiment.timed_flights(scenario, 7)
     assert spent == pytest.approx(14.0 / 7.0 / 200.0)
-    assert judging.lone_time(scenario) == pytest.approx(1.0 / 200.0)
+    assert experiment.lone_time(scenario) == pytest.approx(1.0 / 200.0)
     assert made == [(7, True), (1, True)]
     assert flown == [[*range(FIRST_JUDGED, FIRST_JUDGED + 7)], *([FIRST_JUDGED + i] for i in range(3))]
     clock = iter(range(20))
-    judging.fly_judged(scenario, SIZES, slow=True)
-    judging.lone_time(scenario, slow=True)
+    experiment.timed_flights(scenario, 3, compiled=False)
+    experiment.lone_time(scenario, compiled=False)
     assert made[2:] == [(3, False), (1, False)]
 
 
@@ -129,14 +143,14 @@ def test_the_delay_that_is_flown_is_one_frame_less_than_the_first_that_crashes(
     own, seen = scenario.laboratory.motion_capture.latency_frames, []
 
     def simulate(batch, plan, *, compiled):
-        late = batch.varying[judging.LATENCY] - own
+        late = batch.varying[experiment.LATENCY] - own
         seen.append((late.tolist(), batch.samples))
         # Only one of the samples crashes.
         crashed = (late >= crashes_from) & (np.array(batch.samples) == FIRST_JUDGED + 2)
         return SimpleNamespace(fly=seen.append, metrics=lambda: SimpleNamespace(crashed=crashed))
 
-    monkeypatch.setattr(judging, "simulate_fleet", simulate)
-    assert judging.delay_flown(scenario, SIZES) == pytest.approx(expected)
+    monkeypatch.setattr(experiment, "simulate_fleet", simulate)
+    assert experiment.delay_flown(scenario, SIZES) == pytest.approx(expected)
     (late, samples), duration = seen
     assert late == [float(frames) for frames in range(7) for _ in range(4)]
     assert samples == (*range(FIRST_JUDGED, FIRST_JUDGED + 4),) * 7
@@ -150,19 +164,79 @@ def test_margins_are_those_of_the_worst_loop(monkeypatch, diagrams):
         "two": SimpleNamespace(sensitivity=1.5, delay=0.03),
         "none": None,
     }
-    monkeypatch.setattr(judging, "link_margins", lambda of: loops)
-    assert judging.worst_margins(scenario) == (2.0, 0.03)
+    monkeypatch.setattr(experiment, "link_margins", lambda of: loops)
+    assert experiment.worst_margins(scenario) == (2.0, 0.03)
 
     def unknown(of):
-        raise judging.InputError("no linear model")
+        raise experiment.InputError("no linear model")
 
-    monkeypatch.setattr(judging, "link_margins", unknown)
-    assert all(map(math.isnan, judging.worst_margins(scenario)))
+    monkeypatch.setattr(experiment, "link_margins", unknown)
+    assert all(map(math.isnan, experiment.worst_margins(scenario)))
 
 
-def test_designs_that_a_file_lacks_are_named(tmp_path):
-    path = write_designs(tmp_path / "designs.yaml", {"pd": {"control": {}}}, said={})
-    assert missing({"pd": None, "indi": None}, path) == ["indi"]
+def test_designs_that_a_family_lacks_are_named(tmp_path):
+    write_all_designs_but(tmp_path, "outdoor", ("pid", "lqg"))
+    assert missing_designs(tmp_path, "outdoor") == ["pid", "lqg"]
+
+
+def write_all_designs_but(folder, family, names):
+    path = design_file(folder, family)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    designs = {name: {"control": {}} for name in FAMILIES[family].entries if name not in names}
+    write_designs(path, designs, said={})
+
+
+def test_an_experiment_is_flown_job_by_job(monkeypatch, tmp_path):
+    """Laps and designs with other limits are flown where the family has the laboratory for them."""
+    traits, asked, told, rows = Traits(1.0, 2.0, 3.0, 4.0, 5.0), [], [], []
+
+    def of_family(folder, name, family, entry, sizes):
+        asked.append((name, entry, sizes))
+        yield next(iter(family.laboratories)), entry, flights(0.1)
+        yield name, entry, traits
+
+    def of_laps(folder, name, family, entries, sizes):
+        asked.append(("laps", name, family, entries, sizes))
+        yield in_laps(1), "pd", flights(0.2)
+
+    def of_prices(folder, family, entries, sizes):
+        asked.append(("priced", family, entries, sizes))
+        yield PRICED, "indi@3", traits
+
+    for name, function in {"fly_family": of_family, "fly_laps": of_laps, "fly_priced": of_prices}.items():
+        monkeypatch.setattr(experiment, name, function)
+    write_all_designs_but(tmp_path, "outdoor", ["mpc"])
+    write_all_designs_but(tmp_path, "laboratory", [])
+
+    def progress(*each):
+        told.append(each)
+        rows.append(len((tmp_path / "flights.csv").read_text(encoding="utf-8").splitlines()) - 1)
+
+    families = ["outdoor", "laboratory"]
+    found = fly_evaluation(tmp_path, families, QUICK, tmp_path, only=["pd", "mpc"], progress=progress)
+    laboratory = FAMILIES["laboratory"]
+    assert asked == [
+        ("outdoor", "pd", QUICK),
+        ("laboratory", "pd", QUICK),
+        ("laboratory", "mpc", QUICK),
+        ("laps", "laboratory", laboratory, ["pd", "mpc"], QUICK),
+        ("priced", laboratory, ["pd", "mpc"], QUICK),
+    ]
+    names = ["outdoor pd", "laboratory pd", "laboratory mpc", "laps", PRICED]
+    assert told == [(name, done, 5) for done, name in enumerate(names, start=1)]
+    # What is done is written after each job.
+    assert rows == [COUNT, 2 * COUNT, 3 * COUNT, 4 * COUNT, 4 * COUNT]
+    assert {place: [*each] for place, each in found.flights.items()} == {
+        "outdoor": ["pd"], "no wind": ["pd", "mpc"], "high wind, lap 1": ["pd"],
+    }  # fmt: skip
+    assert {name: [*each] for name, each in found.traits.items()} == {
+        "outdoor": ["pd"], "laboratory": ["pd", "mpc"], PRICED: ["indi@3"],
+    }  # fmt: skip
+    for name in ("mpc", "moon"):
+        with pytest.raises(InputError, match="there is no design of what shall be flown"):
+            fly_evaluation(tmp_path, ["outdoor"], QUICK, tmp_path, only=[name])
+    with pytest.raises(InputError, match="there is no design of what shall be flown"):
+        fly_evaluation(tmp_path, ["laboratory"], QUICK, tmp_path, only=["moon"])
 
 
 @pytest.fixture

@@ -1,0 +1,1 @@
+"""Experiments of many flights, claims with verdicts, and reports with figures."""

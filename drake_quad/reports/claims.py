@@ -1,0 +1,82 @@
+"""Claims of a report, and verdicts that follow from confidence intervals."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+from drake_quad.reports.page import table
+from drake_quad.reports.results import write_rows
+from drake_quad.statistics.interval import Interval
+
+Verdict = Literal["holds", "holds in part", "does not hold", "cannot be decided"]
+
+
+class Claim(NamedTuple):
+    """A claim and the verdict on it.
+
+    Attributes:
+        words: statement that is judged.
+        evidence: numbers of the experiment, with 95 % intervals.
+        verdict: verdict on the claim.
+        rule: rule by which the verdict follows from the evidence.
+        printed: evidence of the publication that makes the claim; empty if there is none.
+        details: evidence case by case; empty if there is no more than `evidence`.
+        figure: name of a figure that shows the evidence; empty if there is none.
+    """
+
+    words: str
+    evidence: str
+    verdict: Verdict
+    rule: str
+    printed: str = ""
+    details: str = ""
+    figure: str = ""
+
+
+def judge(needed: Sequence[bool | None], *enough: bool | None) -> Verdict:
+    """Return the verdict that follows from conditions: true, false, or None if an interval leaves them open.
+
+    Args:
+        needed: conditions that must all be true for a claim to hold; if only some are, the claim holds in part.
+        enough: further conditions, each of which makes the claim hold in part.
+    """
+    if all(needed):
+        return "holds"
+    conditions = {*needed, *enough}
+    if any(conditions):
+        return "holds in part"
+    return "cannot be decided" if None in conditions else "does not hold"
+
+
+def reduction(ratio: Interval) -> Interval:
+    """Return the relative reduction that belongs to a ratio of means: one minus the ratio."""
+    return -ratio.plus(-1.0)
+
+
+def write_claims(path: Path, claims: Sequence[Claim], columns: Mapping[str, str]) -> Path:
+    """Write a row for each claim, and return the path.
+
+    Args:
+        path: path of the file.
+        claims: claims in the order of the rows.
+        columns: names of the fields of `Claim`, by the headings of their columns.
+    """
+    return write_rows(path, [{name: getattr(claim, field) for name, field in columns.items()} for claim in claims])
+
+
+def verdict_table(claims: Sequence[Claim], columns: Mapping[str, str]) -> str:
+    """Return the claims as a table in Markdown, whose last column is the verdict.
+
+    Args:
+        claims: claims in the order of the rows.
+        columns: names of the fields of `Claim` that the other columns show, by their headings.
+    """
+    rows = [(*(getattr(claim, field) for field in columns.values()), f"**{claim.verdict}**") for claim in claims]
+    return table((*columns, "verdict"), rows)
+
+
+def verdict_counts(claims: Sequence[Claim]) -> str:
+    """Return the number of claims with each verdict as text, the most frequent verdict first."""
+    counts = Counter(claim.verdict for claim in claims)
+    return ", ".join(f"{number} × {verdict}" for verdict, number in counts.most_common())

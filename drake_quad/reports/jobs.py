@@ -1,0 +1,72 @@
+"""Jobs of an experiment: flights that are done one after another, or by workers."""
+
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+from drake_quad.errors import InputError
+from drake_quad.studies.crew import Crew
+
+
+class Job(NamedTuple):
+    """Flights that are done together.
+
+    Attributes:
+        name: what is flown, in a word.
+        size: how much of the experiment the job is, such as its number of flights.
+        call: function that does the job; workers need one that can be pickled.
+    """
+
+    name: str
+    size: int
+    call: Callable[[], Any]
+
+
+def run_jobs(
+    jobs: Sequence[Job],
+    workers: Crew | None = None,
+    *,
+    finished: Callable[[Any], object] = lambda result: None,
+    progress: Callable[[str, int, int], object] = lambda name, done, total: None,
+) -> list[Any]:
+    """Do jobs in their order, and return their results in the same order.
+
+    Args:
+        jobs: jobs of the experiment.
+        workers: workers that do several jobs at a time; by default this process does them.
+        finished: called with the result of each job as soon as the job is done.
+        progress: called after each job with its name, and with the sizes of the jobs that are done and of all jobs.
+
+    Raises:
+        InputError: a job failed because the input is wrong.
+        RuntimeError: a worker failed to do a job.
+    """
+    results, done, total = {}, 0, sum(job.size for job in jobs)
+    for number, result in _results(jobs, workers):
+        results[number], done = result, done + jobs[number].size
+        finished(result)
+        progress(jobs[number].name, done, total)
+    return [results[number] for number in range(len(jobs))]
+
+
+def _results(jobs: Sequence[Job], workers: Crew | None) -> Iterator[tuple[int, Any]]:
+    """Do jobs and yield the number and the result of each as soon as it is done."""
+    if workers is None:
+        for number, job in enumerate(jobs):
+            yield number, job.call()
+        return
+    waiting, under_way = deque(enumerate(jobs)), 0
+    while waiting or under_way:
+        while waiting and under_way < workers.capacity:
+            workers.begin(_call, waiting.popleft())
+            under_way += 1
+        for outcome in workers.finished():
+            under_way -= 1
+            if outcome.reason:
+                raise (InputError if outcome.refused else RuntimeError)(outcome.reason)
+            yield outcome.given[0], outcome.result
+
+
+def _call(numbered: tuple[int, Job]) -> Any:
+    _, job = numbered
+    return job.call()
