@@ -49,6 +49,15 @@ def shipped(diagrams):
     return loaded
 
 
+@pytest.fixture(scope="module")
+def low_wind(diagrams):
+    """The scenario of a shipped design that keeps the default limits, and the conditions of that scenario."""
+    scenario = load_scenario(
+        f"{diagrams}/laboratory.yaml:low_wind", layers=[f"{diagrams}/controllers/lqg.yaml:lqg_low_wind"]
+    )
+    return scenario, conditions_of(scenario)
+
+
 def axes_of(scenario, plant, conditions):
     """(loop, truth) along x and along z."""
     timing, gravity = lqg_timing(scenario), scenario.nominal.gravity
@@ -119,8 +128,8 @@ def test_plants_are_what_the_scenario_draws_or_what_its_numbers_may_be_off_by(di
     assert all((other.lag < whole.lag) == (other.answer.natural_frequency > 6.75) for other in others)
 
 
-def test_conditions_are_the_scenario_s(diagrams):
-    found = conditions_of(load_scenario(f"{diagrams}/laboratory.yaml:low_wind"))
+def test_conditions_are_the_scenario_s(diagrams, low_wind):
+    _, found = low_wind
     # What was fitted to flights when the shipped controller was found: 0.205 m/s² with 0.6 s, and 0.063 m/s².
     assert found.lateral.deviation == pytest.approx(0.19, abs=0.03)
     assert found.lateral.time == pytest.approx(0.7, abs=0.1)
@@ -163,6 +172,19 @@ def test_the_delays_that_may_be_believed_are_the_mean_of_the_plants_and_the_tick
     assert believed_timings(bad_day, plants_of(bad_day)) == [Timing(0.01, 0.02, ticks) for ticks in (2, 3)]
     late = [Plant(True, 0.05, None, 1, ticks) for ticks in (1, 1, 2)]
     assert [each.delay_ticks for each in believed_timings(bad_day, late)] == [2]
+
+
+@pytest.mark.slow
+def test_a_shipped_design_reaches_the_default_limits(low_wind):
+    """A design of least error is at its limits, since every limit costs error: here at those of the peak and of the snap."""
+    scenario, conditions = low_wind
+    limits, margins = Limits(), [*link_margins(middle_of(scenario)).values()]
+    assert 0.99 * limits.sensitivity < max(each.sensitivity for each in margins) <= limits.sensitivity
+    assert min(each.delay for each in margins) >= limits.delay
+    axes, timing = axes_of(scenario, plants_of(scenario)[0], conditions)
+    lateral, vertical = (predicted(loop, truth, timing).command for loop, truth in axes)
+    assert 0.99 * limits.snap < lateral <= snap_limit(limits, conditions) == limits.snap
+    assert vertical <= limits.acceleration
 
 
 @pytest.mark.slow

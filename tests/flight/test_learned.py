@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from ruamel.yaml import YAML
 
 from drake_quad import InputError, load_scenario, save_network, simulate
 from drake_quad.flight.simulation import simulate_samples
@@ -120,7 +121,13 @@ def test_a_flight_without_a_network_has_none_to_save(asymmetric, tmp_path):
 def test_what_each_axis_has_learned_is_saved_whatever_order_the_axes_are_given_in(asymmetric, tmp_path):
     axes = ["control.network.axes=[z, x]", "duration=0.3"]
     first = flown(asymmetric, *axes)
-    again = flown(asymmetric, *axes, f"control.network.learned={save_network(first, tmp_path / 'learned.yaml')}")
+    file = save_network(first, tmp_path / "learned.yaml")
+    again = flown(asymmetric, *axes, f"control.network.learned={file}")
     x, z = np.split(first["weights"][-1], 2)
     assert not np.array_equal(x, z)
+    # The file holds what has been learned and nothing else.
+    saved = YAML(typ="safe").load(file)
+    assert saved.keys() == {"kind", "inputs", "sets", "x", "z"}
+    assert saved["x"] == {"weights": x.tolist()}
+    assert saved["z"] == {"weights": z.tolist()}
     np.testing.assert_array_equal(again["weights"][0], first["weights"][-1])

@@ -184,6 +184,9 @@ def test_what_is_drawn_is_there_for_ever_and_reaches_from_the_middle_to_the_roto
             assert (turn["x"], turn["y"], size["y"]) == (0.0, 0.0, size["z"])
             assert disc["pose"]["orientation"] == {"w": 1.0, "x": 0.0, "y": 0.0, "z": 0.0}
             assert disc["size"]["x"] == disc["size"]["y"] > disc["size"]["z"] > 0.0
+            # Discs of neighbours do not touch, and arms are slender.
+            assert size["y"] < 0.25 * size["x"]
+            assert size["y"] < disc["size"]["x"] < math.sqrt(2.0) * size["x"]
             assert disc["bottom_scale"] == disc["top_scale"] == 1.0
         drawn = [line for entity in lines for line in entity["lines"]]
         for line in drawn:
