@@ -188,6 +188,22 @@ def test_a_shipped_design_reaches_the_default_limits(low_wind):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("best", [1, 2])
+def test_of_two_delays_that_may_be_believed_the_one_of_less_cost_is(low_wind, monkeypatch, best):
+    scenario, conditions = low_wind
+    timings = [Timing(0.01, 0.02, ticks) for ticks in (1, 2)]
+    for name, value in (("conditions_of", conditions), ("believed_timings", timings), ("_yaw", scenario.control.yaw)):
+        monkeypatch.setattr(lqg_design, name, lambda *_, value=value: value)
+
+    def advanced(search):
+        return dataclasses.replace(search, cost=abs(search.timing.delay_ticks - best))
+
+    monkeypatch.setattr(lqg_design._Search, "advanced", advanced)
+    design = design_lqg(scenario, Limits(sensitivity=1e3, delay=1e-6))
+    assert design.control.delay_ticks == best
+
+
+@pytest.mark.slow
 def test_a_design_flies_within_its_limits(diagrams, monkeypatch):
     """A vehicle with drag leans, of which the chains know nothing; the whole loop keeps the limits all the same."""
     monkeypatch.setattr(lqg_design, "_EVALUATIONS", 30)
