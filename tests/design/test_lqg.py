@@ -189,18 +189,31 @@ def test_a_shipped_design_reaches_the_default_limits(low_wind):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("best", [1, 2])
-def test_of_two_delays_that_may_be_believed_the_one_of_less_cost_is(low_wind, monkeypatch, best):
-    scenario, conditions = low_wind
+@pytest.mark.parametrize("name", ["laboratory.yaml:low_wind", "onboard.yaml"])
+def test_a_design_believes_the_delay_of_less_cost_and_limits_the_command_of_each_axis(
+    low_wind, diagrams, monkeypatch, name, best
+):
+    """Along x and y the command is a snap, or an acceleration with an autopilot, and along z an acceleration."""
+    scenario, (shipped, conditions) = load_scenario(f"{diagrams}/{name}"), low_wind
     timings = [Timing(0.01, 0.02, ticks) for ticks in (1, 2)]
-    for name, value in (("conditions_of", conditions), ("believed_timings", timings), ("_yaw", scenario.control.yaw)):
-        monkeypatch.setattr(lqg_design, name, lambda *_, value=value: value)
+    known = {"conditions_of": conditions, "believed_timings": timings, "_yaw": shipped.control.yaw}
+    for function, value in known.items():
+        monkeypatch.setattr(lqg_design, function, lambda *_, value=value: value)
+    searches = []
 
     def advanced(search):
+        searches.append(search)
         return dataclasses.replace(search, cost=abs(search.timing.delay_ticks - best))
 
     monkeypatch.setattr(lqg_design._Search, "advanced", advanced)
-    design = design_lqg(scenario, Limits(sensitivity=1e3, delay=1e-6))
+    limits = Limits(sensitivity=1e3, delay=1e-6, snap=50.0, acceleration=5.0)
+    design = design_lqg(scenario, limits)
     assert design.control.delay_ticks == best
+    first, second, vertical = searches
+    assert first.most == second.most == (5.0 if design.plants[0].answer else 50.0)
+    assert vertical.most == 5.0
+    assert (first.timing, second.timing, vertical.timing) == (*timings, timings[best - 1])
+    assert {each.allowed for each in searches} == {limits}
 
 
 @pytest.mark.slow
