@@ -176,7 +176,7 @@ def test_the_delays_that_may_be_believed_are_the_mean_of_the_plants_and_the_tick
 
 @pytest.mark.slow
 def test_a_shipped_design_reaches_the_default_limits(low_wind):
-    """A design of least error is at its limits, since every limit costs error: here at those of the peak and of the snap."""
+    """A design of least error is at its limits, since each costs error: here at those of the peak and of the snap."""
     scenario, conditions = low_wind
     limits, margins = Limits(), [*link_margins(middle_of(scenario)).values()]
     assert 0.99 * limits.sensitivity < max(each.sensitivity for each in margins) <= limits.sensitivity

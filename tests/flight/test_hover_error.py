@@ -166,7 +166,7 @@ def stubbed(monkeypatch):
 
 @pytest.mark.parametrize("spread", [0.1, 0.6, 0.9])
 def test_hovers_are_simulated_until_half_of_every_interval_is_a_twentieth_of_the_error(stubbed, spread):
-    """The square of the error along Z scatters by a share of its mean: the error is known to 1.96 / √n of half of it."""
+    """The square of the error along Z scatters by a share of its mean, which the interval shows divided by 2 √n."""
 
     def error(axis, samples):
         return np.sqrt(1.0 + np.where(samples % 2, spread, -spread) * (axis == "z"))

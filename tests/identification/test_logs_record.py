@@ -24,7 +24,7 @@ def test_a_signal_has_a_row_of_numbers_for_every_sample(name):
     record = FlightRecord("flown", TIME, **{name: np.zeros(shape)})
     assert record.names == (name,)
     assert record.of(name).shape == shape
-    for wrong in (shape[:1] + (columns + 1,), (shape[0] - 1, *shape[1:])):
+    for wrong in ((*shape[:1], columns + 1), (shape[0] - 1, *shape[1:])):
         with pytest.raises(InputError, match=f"^{name} of the log 'flown' has shape"):
             FlightRecord("flown", TIME, **{name: np.zeros(wrong)})
     values = np.zeros(shape)
