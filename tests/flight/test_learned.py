@@ -112,6 +112,7 @@ def test_a_network_that_diverged_is_not_saved(asymmetric, tmp_path):
     assert not [*tmp_path.iterdir()]
 
 
+@pytest.mark.slow
 def test_a_flight_without_a_network_has_none_to_save(asymmetric, tmp_path):
     """It has none either where a system of the user's stands in for the network of its scenario."""
     short = ("duration=0.1", "metrics.start=0")
