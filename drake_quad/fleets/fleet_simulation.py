@@ -160,7 +160,7 @@ class CompiledSimulation(FleetSimulation):
 
 
 def simulate_fleet(
-    batch: Batch, plan: Plan, *, own: UserSystems = UserSystems(), record: bool = False, compiled: bool = False
+    batch: Batch, plan: Plan, *, own: UserSystems = UserSystems(), record: bool = False, compiled: bool
 ) -> FleetSimulation:
     """A fleet under Drake's simulator.
 

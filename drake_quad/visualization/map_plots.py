@@ -129,8 +129,6 @@ def _free_places(axes: Axes, contours: list[ContourSet]) -> dict[ContourSet, lis
 
     A line without room for its label has none.
     """
-    axes.set_xlim(axes.get_xlim())
-    axes.set_ylim(axes.get_ylim())
     axes.figure.draw_without_rendering()  # type: ignore[union-attr]
     inside, there = axes.get_window_extent(), axes.transData
     lines = [

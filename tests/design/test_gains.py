@@ -616,6 +616,27 @@ def test_a_loop_with_phase_to_spare_pays_for_its_integral_with_no_more_than_the_
     assert slow.margins.phase > 55.0
     found = add_integral(slow, Requirements(), cost=0.05).margins.phase
     assert 0.95 * slow.margins.phase - 0.02 <= found < 0.96 * slow.margins.phase
+    # What is required is kept, whatever else the integral might cost.
+    required = slow.margins.phase - 1.0
+    found = add_integral(slow, Requirements(phase=required), cost=0.5).margins.phase
+    assert required - 0.02 <= found < required + 0.2
+
+
+@pytest.mark.slow
+def test_an_integral_that_may_cost_all_margins_leaves_the_loop_stable(pid_design):
+    """Of a loop with hardly any damping, a gain 5 % larger makes an oscillation grow."""
+    scenario, _ = pid_design
+    plant = attitude_plant(laboratory_plant(scenario), scenario, "z")
+    slow = design_loop(plant, PolePair(0.8), Requirements(), axis="z", effort=1.0)
+    weak = slow.gains._replace(k_d=0.1 * slow.gains.k_d)
+    weak_loop = replace(slow, gains=weak, margins=margins(pd_loop(plant, weak)))
+    found = add_integral(weak_loop, Requirements(phase=0.1, gain=0.1), cost=1.0)
+
+    def size(factor):
+        gains = np.array(found.gains) * [1.0, 1.0, factor]
+        return np.abs(found.plant.with_feedback(gains[np.newaxis]).poles()).max()
+
+    assert size(1.0) < 1.0 < size(1.05)
 
 
 @pytest.mark.parametrize(("integration", "own"), [("forward_euler", 0.0), ("backward_euler", 0.02)])

@@ -54,6 +54,15 @@ def timing_of(scenario):
     return scenario.control.timing(laboratory.motion_capture.period, laboratory.command_link.period)
 
 
+@pytest.fixture(scope="module")
+def low_wind(diagrams):
+    """The scenario of a shipped design that keeps the default limits, and the conditions of that scenario."""
+    scenario = load_scenario(
+        f"{diagrams}/laboratory.yaml:low_wind", layers=[f"{diagrams}/controllers/lqg.yaml:lqg_low_wind"]
+    )
+    return scenario, conditions_of(scenario)
+
+
 def axes_of(scenario, plant, conditions):
     """(loop, truth) along x and along z."""
     timing, gravity = timing_of(scenario), scenario.nominal.gravity
@@ -152,8 +161,8 @@ def test_plants_are_what_the_scenario_draws_or_what_its_numbers_may_be_off_by(di
     assert all((other.lag < whole.lag) == (other.answer.natural_frequency > 6.75) for other in others)
 
 
-def test_conditions_are_the_scenario_s(diagrams):
-    found = conditions_of(load_scenario(f"{diagrams}/laboratory.yaml:low_wind"))
+def test_conditions_are_the_scenario_s(diagrams, low_wind):
+    _, found = low_wind
     # What was fitted to flights when the shipped controller was found: 0.205 m/s² with 0.6 s, and 0.063 m/s².
     assert found.lateral.deviation == pytest.approx(0.19, abs=0.03)
     assert found.lateral.time == pytest.approx(0.7, abs=0.1)
@@ -196,6 +205,48 @@ def test_the_delays_that_may_be_believed_are_the_mean_of_the_plants_and_the_tick
     assert believed_timings(bad_day, plants_of(bad_day)) == [Timing(0.01, 0.02, ticks) for ticks in (2, 3)]
     late = [Plant(True, 0.05, None, 1, ticks) for ticks in (1, 1, 2)]
     assert [each.delay_ticks for each in believed_timings(bad_day, late)] == [2]
+
+
+@pytest.mark.slow
+def test_a_shipped_design_reaches_the_default_limits(low_wind):
+    """A design of least error is at its limits, since each costs error: here at those of the peak and of the snap."""
+    scenario, conditions = low_wind
+    limits, margins = Limits(), [*link_margins(middle_of(scenario)).values()]
+    assert 0.99 * limits.sensitivity < max(each.sensitivity for each in margins) <= limits.sensitivity
+    assert min(each.delay for each in margins) >= limits.delay
+    axes, timing = axes_of(scenario, plants_of(scenario)[0], conditions)
+    lateral, vertical = (predicted(loop, truth, timing).command for loop, truth in axes)
+    assert 0.99 * limits.snap < lateral <= snap_limit(limits, conditions) == limits.snap
+    assert vertical <= limits.acceleration
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("best", [1, 2])
+@pytest.mark.parametrize("name", ["laboratory.yaml:low_wind", "onboard.yaml"])
+def test_a_design_believes_the_delay_of_less_cost_and_limits_the_command_of_each_axis(
+    low_wind, diagrams, monkeypatch, name, best
+):
+    """Along x and y the command is a snap, or an acceleration with an autopilot, and along z an acceleration."""
+    scenario, (shipped, conditions) = load_scenario(f"{diagrams}/{name}"), low_wind
+    timings = [Timing(0.01, 0.02, ticks) for ticks in (1, 2)]
+    known = {"conditions_of": conditions, "believed_timings": timings, "_yaw": shipped.control.yaw}
+    for function, value in known.items():
+        monkeypatch.setattr(lqg_design, function, lambda *_, value=value: value)
+    searches = []
+
+    def advanced(search):
+        searches.append(search)
+        return dataclasses.replace(search, cost=abs(search.timing.delay_ticks - best))
+
+    monkeypatch.setattr(lqg_design._Search, "advanced", advanced)
+    limits = Limits(sensitivity=1e3, delay=1e-6, snap=50.0, acceleration=5.0)
+    design = design_lqg(scenario, limits)
+    assert design.control.delay_ticks == best
+    first, second, vertical = searches
+    assert first.most == second.most == (5.0 if design.plants[0].answer else 50.0)
+    assert vertical.most == 5.0
+    assert (first.timing, second.timing, vertical.timing) == (*timings, timings[best - 1])
+    assert {each.allowed for each in searches} == {limits}
 
 
 @pytest.mark.slow

@@ -266,12 +266,13 @@ def test_previous_gains_are_a_candidate(laboratory, flown):
     flown(lambda numbers, *_: 1.0 / numbers[K_P.paths[0]])
     found = tune([laboratory], [K_P], None, budget=budget, before=(99.0,))
     assert found.numbers == pytest.approx((12.0,))
-    # A candidate that violates the limit is not preferred for its small error.
+    # A candidate that violates the limit, in any of its shares, is not preferred for its small error.
     flown(lambda numbers, *_: 0.1 if abs(np.log(numbers[K_P.paths[0]] / 6.789)) < 1e-6 else 1.0)
-    found = tune(
-        [laboratory], [K_P], lambda s: np.array([5.0 / s.control.position.k_p[0]]), budget=budget, before=(6.789,)
-    )
-    assert found.error == 1.0
+
+    def shares(scenario):
+        return np.array([9.0, 5.0 / scenario.control.position.k_p[0]])
+
+    assert tune([laboratory], [K_P], shares, budget=budget, before=(6.789,)).error == 1.0
 
 
 def test_candidates_within_the_limit_rank_by_error_and_the_others_by_share():

@@ -85,6 +85,10 @@ def test_other_samples_fly_as_in_a_fleet_of_their_own(scenario, overrides, contr
         StudyFleet(study, plan_route(study), 3, compiled=False),
         StudyFleet(study, plan_route(study), 3),
     )
+    # Compiled by default, and without a record, which nobody reads.
+    for fleet, is_compiled in ((wired, False), (compiled, True)):
+        assert fleet._simulation.compiled == is_compiled
+        assert not fleet._simulation._diagram.HasSubsystemNamed("recorder")
     for samples in ([7, 8, 9], [3, 1, 2], [7, 8, 9]):
         expected = flown(study, Batch.draw(study, samples))
         for found, wanted in zip(wired.fly(samples), expected, strict=True):

@@ -270,8 +270,11 @@ def test_the_controller_believes_the_nominal_numbers(diagrams):
 
 
 def test_a_flight_shows_itself_in_a_line_and_says_what_signals_it_has(diagrams):
-    flight = simulate(load_scenario(diagrams / "hover.yaml", ["duration=1"]))
-    assert re.fullmatch(r"<Flight of hover: 1\.00 s, RMSE \S+ m; reference, .*wind, crashed>", repr(flight))
+    scenario = load_scenario(diagrams / "hover.yaml", ["duration=1"])
+    for compiled, how in ((False, ""), (True, ", compiled")):
+        flight = simulate(scenario, compiled=compiled)
+        line = rf"<Flight of hover{how}: 1\.00 s, RMSE \S+ m; reference, .*wind, crashed>"
+        assert re.fullmatch(line, repr(flight))
     with pytest.raises(KeyError, match="weights is no signal of this flight, which has reference, "):
         flight["weights"]
 

@@ -8,10 +8,14 @@ import pytest
 from drake_quad import InputError, load_scenario
 from drake_quad.evaluation.designs import designs_in
 from drake_quad.fleets.study_fleet import StudyFleet
-from drake_quad.flight.hover_error import HOVER_TIME, SETTLING_TIME, believed_tracking_error, hover_error
+from drake_quad.flight import hover_error as hover_error_module
+from drake_quad.flight.hover_error import HOVER_TIME, SETTLING_TIME, HoverError, believed_tracking_error, hover_error
 from drake_quad.flight.mission import plan_route
 from drake_quad.flight.simulation import simulate_samples
+from drake_quad.laboratory.metrics import Metrics
 from drake_quad.linear.hover_covariance import linear_hover_error
+from drake_quad.reference.polynomial_path import evaluate
+from drake_quad.statistics.interval import Interval
 
 CONTROLLERS = Path(__file__).parent.parent.parent / "diagrams" / "controllers"
 DESIGNED = CONTROLLERS / "designed" / "laboratory.yaml"
@@ -134,6 +138,70 @@ def test_the_hover_error_without_noise_is_the_offset_in_steady_wind():
     # Lost packets differ between hovers. Without noise they change only how the vehicle settles.
     np.testing.assert_allclose(half_widths(error), 0.0, atol=1e-8)
     assert error.num_hovers == 64
+
+
+@pytest.fixture
+def stubbed(monkeypatch):
+    """Return a function that replaces hovers by errors, given the axis and the (n,) samples; it returns the samples."""
+
+    def install(error):
+        flown = []
+
+        class Fleet:
+            def __init__(self, *_):
+                pass
+
+            def fly(self, samples):
+                flown.extend(samples)
+                x, y, z = (error(axis, np.array(samples)) for axis in AXES)
+                whole = np.sqrt(x**2 + y**2 + z**2)
+                metrics = Metrics(*[whole] * (len(Metrics._fields) - 1), np.full(len(samples), np.inf))
+                return metrics._replace(rmse_x=x, rmse_y=y, rmse_z=z)
+
+        monkeypatch.setattr(hover_error_module, "StudyFleet", Fleet)
+        return flown
+
+    return install
+
+
+@pytest.mark.parametrize("spread", [0.1, 0.6, 0.9])
+def test_hovers_are_simulated_until_half_of_every_interval_is_a_twentieth_of_the_error(stubbed, spread):
+    """The square of the error along Z scatters by a share of its mean, which the interval shows divided by 2 √n."""
+
+    def error(axis, samples):
+        return np.sqrt(1.0 + np.where(samples % 2, spread, -spread) * (axis == "z"))
+
+    flown = stubbed(error)
+    found = hover_error(load_scenario("hover"))
+    assert flown == list(range(found.num_hovers))
+    assert found.num_hovers == 64 * np.ceil((1.96 * 0.5 * spread / 0.05) ** 2 / 64)
+    np.testing.assert_allclose(values(found), 1.0)
+
+
+@pytest.mark.parametrize(("size", "hovers"), [(1e-8, 64), (1e-5, 1024)])
+def test_an_axis_whose_error_is_nothing_but_rounding_needs_no_more_hovers(stubbed, size, hovers):
+    stubbed(lambda axis, samples: np.where(samples % 64 == 0, 8.0, 0.0) * (size if axis == "y" else 0.0))
+    assert hover_error(load_scenario("hover")).num_hovers == hovers
+
+
+def test_hovers_stand_at_nine_places_from_the_start_to_the_end_of_a_route_in_a_wind_of_places(monkeypatch):
+    hovered = []
+
+    def at(scenario):
+        assert scenario.space is None
+        hovered.append(scenario.route.position)
+        size = 3.0 - abs(len(hovered) - 4)
+        return HoverError(*[Interval(size, size, size)] * 4, 64)
+
+    monkeypatch.setattr(hover_error_module, "hover_error", at)
+    scenario = load_scenario("laboratory:low_wind")
+    assert believed_tracking_error(scenario).rms.value == 3.0
+    path = plan_route(scenario).path
+    expected = evaluate(path, np.linspace(path.times[0], path.times[-1], 9)).T
+    np.testing.assert_allclose(hovered, expected, atol=1e-12)
+    hovered.clear()
+    believed_tracking_error(load_scenario("laboratory:nominal"))
+    assert hovered == [(0.0, 0.0, 1.0)]
 
 
 @pytest.mark.slow

@@ -4,8 +4,11 @@ import dataclasses
 
 import numpy as np
 import pytest
+from ruamel.yaml import YAML
 
 from drake_quad import InputError, load_scenario, save_network, simulate
+from drake_quad.control.axes import PerAxis
+from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.flight.simulation import simulate_samples
 from drake_quad.scenario.files.saving import save_scenario
 
@@ -109,10 +112,18 @@ def test_a_network_that_diverged_is_not_saved(asymmetric, tmp_path):
     assert not [*tmp_path.iterdir()]
 
 
+@pytest.mark.slow
 def test_a_flight_without_a_network_has_none_to_save(asymmetric, tmp_path):
-    flight = simulate(asymmetric("pid", "duration=0.1", "metrics.start=0"), sample=0)
-    with pytest.raises(InputError, match="has no network"):
-        save_network(flight, tmp_path / "learned.yaml")
+    """It has none either where a system of the user's stands in for the network of its scenario."""
+    short = ("duration=0.1", "metrics.start=0")
+    gains = PdGains(PerAxis(2.0, 2.0, 6.0), PerAxis(2.0, 2.0, 3.5))
+    own = build_position_controller(ProportionalDerivative(num_vehicles=1, numbers=gains))
+    for flight in (
+        simulate(asymmetric("pid", *short), sample=0),
+        simulate(asymmetric("pd_t2fnn", *short), sample=0, position_controller=own),
+    ):
+        with pytest.raises(InputError, match="has no network"):
+            save_network(flight, tmp_path / "learned.yaml")
     assert not [*tmp_path.iterdir()]
 
 
@@ -120,7 +131,13 @@ def test_a_flight_without_a_network_has_none_to_save(asymmetric, tmp_path):
 def test_what_each_axis_has_learned_is_saved_whatever_order_the_axes_are_given_in(asymmetric, tmp_path):
     axes = ["control.network.axes=[z, x]", "duration=0.3"]
     first = flown(asymmetric, *axes)
-    again = flown(asymmetric, *axes, f"control.network.learned={save_network(first, tmp_path / 'learned.yaml')}")
+    file = save_network(first, tmp_path / "learned.yaml")
+    again = flown(asymmetric, *axes, f"control.network.learned={file}")
     x, z = np.split(first["weights"][-1], 2)
     assert not np.array_equal(x, z)
+    # The file holds what has been learned and nothing else.
+    saved = YAML(typ="safe").load(file)
+    assert saved.keys() == {"kind", "inputs", "sets", "x", "z"}
+    assert saved["x"] == {"weights": x.tolist()}
+    assert saved["z"] == {"weights": z.tolist()}
     np.testing.assert_array_equal(again["weights"][0], first["weights"][-1])

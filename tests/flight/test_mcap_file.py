@@ -8,12 +8,14 @@ import sys
 import jsonschema
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from mcap.reader import make_reader
 from pydrake.math import RollPitchYaw
 from ruamel.yaml import YAML
 
 from drake_quad import InputError, load_scenario, simulate
 from drake_quad.flight.formats.mcap_file import messages_of, save_mcap
+from drake_quad.visualization.style import BLUE, GREEN, ORANGE, PURPLE, VERMILION
 
 # What must be there in messages of Foxglove's, by its SDK's schemas/jsonschema at ca8a1ce.
 REQUIRED = {
@@ -184,6 +186,9 @@ def test_what_is_drawn_is_there_for_ever_and_reaches_from_the_middle_to_the_roto
             assert (turn["x"], turn["y"], size["y"]) == (0.0, 0.0, size["z"])
             assert disc["pose"]["orientation"] == {"w": 1.0, "x": 0.0, "y": 0.0, "z": 0.0}
             assert disc["size"]["x"] == disc["size"]["y"] > disc["size"]["z"] > 0.0
+            # Discs of neighbours do not touch, and arms are slender.
+            assert size["y"] < 0.25 * size["x"]
+            assert size["y"] < disc["size"]["x"] < math.sqrt(2.0) * size["x"]
             assert disc["bottom_scale"] == disc["top_scale"] == 1.0
         drawn = [line for entity in lines for line in entity["lines"]]
         for line in drawn:
@@ -201,15 +206,14 @@ def test_what_is_drawn_is_there_for_ever_and_reaches_from_the_middle_to_the_roto
 
 
 def test_flights_have_colors_of_their_own(flights):
-    """Shares of red, green and blue, which repeat after five flights."""
+    """Those of the plots, as shares of red, green and blue, which repeat after five flights."""
     colors = []
     for number in range(6):
         scene = next(messages_of("whole", flights["whole"], number))
         (line,) = scene.data["entities"][-1]["lines"]
         colors.append(tuple(line["color"][part] for part in "rgba"))
-    assert np.min(colors) >= 0.0
-    assert np.max(colors) <= 1.0
-    assert len(set(colors[:5])) == 5
+    expected = [(*to_rgb(color), 1.0) for color in (BLUE, VERMILION, GREEN, PURPLE, ORANGE)]
+    np.testing.assert_allclose(colors[:5], expected, atol=0.005)
     assert colors[5] == colors[0]
 
 

@@ -156,6 +156,22 @@ def test_the_firmware_gives_up_the_part_without_priority(root, record, priority,
     assert speeds.max() == pytest.approx(believed.max_rotor_speed)
 
 
+def test_a_log_s_own_commands_drive_the_vehicle_as_speeds_or_throttles(flight, record, responding):
+    found = commands_of(record, flight.scenario, flight.scenario)
+    assert (found.throttles, found.attitude) == (False, None)
+    np.testing.assert_array_equal(found.rotors, record.rotor_speed_command)
+    assert not commands_of(replace(record, rotor_speed_command=None), flight.scenario, flight.scenario).throttles
+    vehicle, log = responding[0].scenario, responding[1]
+    found = commands_of(log, vehicle, vehicle)
+    assert found.throttles
+    np.testing.assert_array_equal(found.rotors, np.tile(log.thrust_share[:, None], 4))
+    np.testing.assert_allclose(found.attitude, np.unwrap(log.attitude_command, axis=0))
+    motors = np.random.default_rng(1).uniform(size=(len(log.time), 4))
+    found = commands_of(replace(log, motor_command=motors), vehicle, vehicle)
+    assert found.throttles
+    np.testing.assert_array_equal(found.rotors, motors)
+
+
 def test_throttles_need_the_motors_that_the_firmware_believes(responding, record):
     """The thrust is divided among motors with the believed thrust curve."""
     thrust = replace(record, rotor_speed_command=None, attitude_command=np.zeros((len(record.time), 3)))

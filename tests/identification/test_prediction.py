@@ -122,6 +122,18 @@ def test_a_model_without_errors_is_better_than_all_others():
     assert np.isnan(given.better("position", "exact", "exact", 0.5)).all()
 
 
+def test_an_exact_prediction_or_two_do_not_make_a_model_exact():
+    errors = np.array([0.0, 1.0, 2.0, 3.0, 0.0, 2.0])
+    given = Predictions(
+        ("one", "other"),
+        (0.5,),
+        np.array(["a"] * 6),
+        np.arange(6.0),
+        {"position": np.stack([errors, 2.0 * errors])[:, None]},
+    )
+    assert given.better("position", "one", "other", 0.5) == pytest.approx((0.5, 0.5, 0.5))
+
+
 def test_joined_predictions_have_the_quantities_that_all_logs_have():
     def part(name, count, *quantities):
         numbers = np.arange(2.0 * 3.0 * count).reshape(2, 3, count)

@@ -1,11 +1,14 @@
 """Covariances, degrees of freedom and noise, against closed forms and against leaving blocks out by hand."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import scipy
 
+from drake_quad.identification.fitting import prediction_error
 from drake_quad.identification.fitting.evidence import jackknife, of_blocks
-from drake_quad.identification.fitting.prediction_error import Fitted, scored
+from drake_quad.identification.fitting.prediction_error import Choice, Fitted, scored
 from drake_quad.identification.fitting.predictor import Gains, Noise
 
 NOTHING = Gains(*(np.empty(0) for _ in Gains._fields))
@@ -111,3 +114,32 @@ def test_few_windows_are_taken_apart_into_sixty_parts_in_the_order_of_flight(win
     assert (found.names, found.seconds) == (("a", "b"), 30.0)
     np.testing.assert_array_equal(found.values, fitted.parameters)
     np.testing.assert_array_equal(found.scales, [1.0, 2.0])
+
+
+@pytest.mark.parametrize(
+    ("moves", "rounds"),
+    [
+        ([9.0, 0.05], 3),
+        ([9.0, 1.0, 0.5, 0.05], 4),
+        ([9.0, 1.0, -1.0, -0.5, 0.05], 5),
+        ([1.0] * 9, 6),
+    ],
+)
+def test_rounds_end_when_no_parameter_moves_by_more_than_a_small_part_of_its_deviation(
+    monkeypatch: pytest.MonkeyPatch, moves: list[float], rounds: int
+) -> None:
+    """The noise of the third round is the first that is estimated at parameters that go with it."""
+    deviation, steps = 0.1, iter([*moves, *[0.0] * 9])
+
+    def least_squares(predictor: object, choice: object, parameters: np.ndarray, *_: object) -> np.ndarray:
+        return parameters + deviation * next(steps) * np.array([0.0, 1.0])
+
+    slopes = np.eye(2)[None] / deviation
+    monkeypatch.setattr(prediction_error, "_least_squares", least_squares)
+    monkeypatch.setattr(prediction_error, "whitened", lambda *_: (np.zeros((1, 2)), slopes, None, None))
+    monkeypatch.setattr(prediction_error, "_noise_of", lambda predictor, gains, noise: noise)
+    predictor = SimpleNamespace(gains=lambda *_: NOTHING, hand_on=lambda *_: None)
+    choice = Choice(np.zeros(2), np.ones(2), np.full(2, -9.0), np.full(2, 9.0))
+    found = prediction_error.fit(predictor, choice, NO_NOISE)  # type: ignore[arg-type]
+    assert found.rounds == rounds
+    np.testing.assert_allclose(found.parameters, [0.0, deviation * sum(moves[:rounds])], atol=1e-12)

@@ -64,11 +64,16 @@ def test_a_loop_with_an_autopilot_is_the_position_s(diagrams):
     np.testing.assert_allclose(found["roll"], designed.loops["y"].margins, rtol=1e-3)
 
 
-def test_a_control_of_one_s_own_has_the_margins_that_it_has_as_the_scenario_s(laboratory):
+@pytest.mark.parametrize("stands_in", ["control", "position_controller"])
+def test_a_control_of_one_s_own_has_the_margins_that_it_has_as_the_scenario_s(laboratory, stands_in):
+    """Whatever the gains are of the part of the scenario's control for which it stands in."""
     scenario = laboratory("paper.yaml:pd")
     batch = Batch.draw(scenario, [0])
     own = build_control(scenario, control_recipes(batch, plan_route(scenario)), 1)
-    found, expected = link_margins(scenario, control=own), link_margins(scenario)
+    gains = ["control.position.k_p=[1, 1, 5]"]
+    if stands_in == "control":
+        gains.append("control.attitude.k_p=[25, 25, 6]")
+    found, expected = link_margins(laboratory("paper.yaml:pd", *gains), **{stands_in: own}), link_margins(scenario)
     assert [*found] == [*Wrench._fields]
     for name in Wrench._fields:
         np.testing.assert_allclose(found[name], expected[name], rtol=1e-6)

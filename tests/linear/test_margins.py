@@ -317,6 +317,15 @@ def first_order(pole, gain, direct=0.0):
     return SampledSystem(*matrices, PERIOD, ("x",), ("u",), ("y",))
 
 
+@pytest.mark.parametrize("frequency", [0.997e-4, 1.003e-4, 1e-3, 2.0])
+def test_the_bandwidth_of_an_integrator_is_its_closed_form_down_to_the_lowest_frequency(frequency):
+    """|L / (1 + L)| = |k / (z - 1 + k)| falls below -3 dB where 4 (1 - k) sin²(ω h / 2) = k²."""
+    k = frequency * PERIOD
+    expected = 2.0 * np.arcsin(0.5 * k / np.sqrt(1.0 - k)) / PERIOD
+    found = margins(first_order(1.0, k)).bandwidth
+    assert found == (pytest.approx(expected, rel=1e-6) if expected > 1e-4 else 0.0)
+
+
 @pytest.mark.slow
 def test_what_always_follows_has_a_bandwidth_without_end():
     found = margins(first_order(0.5, 0.0, direct=10.0))

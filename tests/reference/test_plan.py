@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.plan import Plan
@@ -71,3 +72,20 @@ def test_a_derivative_of_the_plan_is_that_of_its_path():
         for time in (0.5, 0.9, 2.2):
             wanted = evaluate(PLAN.path, [time], order)
             np.testing.assert_allclose(trajectory.value(time), wanted, atol=1e-10 * max(1.0, np.abs(wanted).max()))
+
+
+@pytest.mark.parametrize(("speed", "yaw_rate"), [(0.0, 4.0), (4.0, 0.0)])
+def test_the_reference_lasts_until_path_and_yaw_rest(speed, yaw_rate):
+    """One of them is in steady motion and brakes for seconds, while the other rests."""
+    times, still = np.array([0.0, 1.0]), np.zeros(3)
+    path = hermite_path(times, np.array([[[x, 0.0, 0.0], [speed, 0.0, 0.0], still, still] for x in (0.0, speed)]))
+    yaw = hermite_path(times, np.array([[[angle], [yaw_rate], [0.0]] for angle in (0.0, yaw_rate)]))
+    plan = Plan(path, yaw)
+    assert plan.brakes
+    assert plan.rest_time > 5.0
+    reference = plan.reference()
+    for time in np.linspace(0.0, plan.rest_time + 3.0, 40):
+        until = [min(time, part.times[-1]) for part in (plan.flown_path, plan.flown_yaw)]
+        place = [evaluate(plan.flown_path, until[:1], order)[:, 0] for order in range(3)]
+        angle = [evaluate(plan.flown_yaw, until[1:], order)[0, 0] for order in range(2)]
+        np.testing.assert_allclose(reference.value(time)[:11, 0], [*np.ravel(place), *angle], atol=1e-9)

@@ -16,7 +16,8 @@ from drake_quad.linear.closed_loop import closed_loop
 from drake_quad.planning.believed import planned_parameters
 from drake_quad.planning.feasibility import plan_demand
 from drake_quad.reference.path_problem import Limits
-from drake_quad.reference.polynomial_path import evaluate
+from drake_quad.reference.plan import Plan
+from drake_quad.reference.polynomial_path import evaluate, hermite_path
 from drake_quad.reference.regions import Box, Polytope, Sphere
 from drake_quad.space.shapes import Ball, Cuboid
 from drake_quad.space.space import Obstacle, Space
@@ -352,6 +353,20 @@ def test_profiles_of_a_plan_are_norms_of_its_derivatives(planned, drawn_plan):
     assert rotors.get_ylim() == pytest.approx((0.0, 1.12 * parameters.max_rotor_speed))
     passed = [line.get_xdata()[0] for line in rotors.lines[6:]]
     np.testing.assert_allclose(passed, plan.path.times)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("turn", [5.0, 90.0])
+def test_a_yaw_is_seen_whole_and_no_closer_than_within_twenty_degrees(planned, turn):
+    plan, parameters = planned
+    ends = np.radians([[[0.0], [0.0], [0.0]], [[turn], [0.0], [0.0]]])
+    turning = Plan(plan.path, hermite_path(plan.path.times[[0, -1]], ends))
+    *_, yaw, _ = plan_plots.plot_plan(turning, parameters).axes
+    low, high = yaw.get_ylim()
+    if turn < 20.0:
+        assert (low, high) == pytest.approx((0.5 * turn - 10.0, 0.5 * turn + 10.0))
+    else:
+        assert -0.1 * turn < low < 0.0 < turn < high < 1.1 * turn
 
 
 @pytest.mark.slow

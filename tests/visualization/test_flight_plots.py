@@ -1,5 +1,7 @@
 """Plots of a flight show its signals, in the units of their axes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from figure_content import curve, legends
@@ -138,16 +140,17 @@ def test_a_path_is_shown_in_space_and_from_above(flight):
     assert plane.get_aspect() == 1.0
 
 
-def test_the_view_of_a_hover_is_half_a_metre_wide():
-    flight = simulate(load_scenario("hover", ["duration=0.2"]))
+def test_the_view_of_a_hover_is_half_a_metre_wide_and_around_its_place():
+    flight = simulate(load_scenario("hover", ["duration=0.2", "route={kind: hover, position: [3, -4, 1]}"]))
     space, plane = plots.plot_path(flight).axes
     middle = [state[0] for state in flight.record("state")[:3]]
     for limits, place in zip((space.get_xlim(), space.get_ylim(), space.get_zlim()), middle, strict=True):
         assert np.ptp(limits) == pytest.approx(0.5, abs=0.01)
         assert np.mean(limits) == pytest.approx(place, abs=0.02)
     plane.figure.draw_without_rendering()
-    for limits in (plane.get_xlim(), plane.get_ylim()):
+    for limits, place in zip((plane.get_xlim(), plane.get_ylim()), middle, strict=False):
         assert 0.5 <= np.ptp(limits) < 2.0
+        assert np.mean(limits) == pytest.approx(place, abs=0.02)
 
 
 def test_a_crash_is_marked_at_its_place(crash):
@@ -346,3 +349,7 @@ def test_without_steady_wind_there_is_no_map(flight):
     (axes,) = plot_wind(still).axes
     assert axes.get_ylim() == (-1.0, 1.0)
     np.testing.assert_array_equal(curve(axes, "X")[1], 0.0)
+    # Air that only moves towards negative axes is wind, too.
+    blown = replace(still, signals={**still.signals, "wind": np.full_like(still["wind"], -3.0)})
+    (axes,) = plot_wind(blown).axes
+    assert axes.get_ylim()[0] < -3.0

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from figure_content import legends
 from scipy import signal
 
 from drake_quad import load_scenario
@@ -61,6 +62,7 @@ def test_white_residuals_have_no_autocorrelation_and_a_flat_spectrum(identificat
     assert density.max() / density.min() < 30.0
     # One-sided, of white noise: twice the sampling period.
     assert density.mean() == pytest.approx(2.0 * 0.04, rel=0.2)
+    assert legends(figure) == [output.name for output in identification.outputs]
 
 
 def test_the_thrust_has_a_band_of_its_covariance(identification):

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from pydrake.geometry import Box, Cylinder, Sphere
 from pydrake.math import RigidTransform, RollPitchYaw
 
@@ -35,7 +36,7 @@ from drake_quad.visualization.replay.shapes import (
     wind_arrow,
 )
 from drake_quad.visualization.replay.story import story
-from drake_quad.visualization.style import AXES
+from drake_quad.visualization.style import AXES, BLUE, SKY
 
 
 class Animation:
@@ -139,8 +140,11 @@ def test_each_part_of_a_quadrotor_is_where_it_belongs():
         assert blades.width() == pytest.approx(2.0 * disc.radius())
         # Propellers do not touch, and none is longer than 8 inches.
         assert disc.radius() == pytest.approx(min(0.1, 0.48 * 0.2))
-        shades = [scene.colors[f"/v/rotor_{number}/blades"], scene.colors["/v/rotor_1/blades"]]
-        assert (shades[0] == shades[1]) == (rotor.direction == X_LAYOUT[0].direction)
+        # Blades that turn clockwise are blue, the others light blue, and so are the discs.
+        shade = to_rgb(BLUE if rotor.direction == -1.0 else SKY)
+        for part, opacity in ((f"rotor_{number}/blades", 1.0), (f"disc_{number}", 0.2)):
+            color = scene.colors[f"/v/{part}"]
+            np.testing.assert_allclose([color.r(), color.g(), color.b(), color.a()], [*shade, opacity])
     # The two rotors in front are marked.
     assert {path for path in scene.objects if "nose" in path} == {"/v/nose_1", "/v/nose_4"}
     np.testing.assert_allclose(scene.poses["/v/nose_4"].translation(), [X_LAYOUT[3].x, X_LAYOUT[3].y, X_LAYOUT[3].z])
