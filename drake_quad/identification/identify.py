@@ -18,7 +18,6 @@ from drake_quad.identification.response_identification import identify_attitude_
 from drake_quad.identification.results.estimates import Estimates
 from drake_quad.identification.results.held_out import hold_out
 from drake_quad.identification.results.vehicle_numbers import with_estimates, with_numbers, with_throttles
-from drake_quad.scenario.autopilots.response import AttitudeResponse
 from drake_quad.scenario.models import Scenario
 from drake_quad.vehicle.rigid_body import inertia_flaw
 
@@ -67,7 +66,7 @@ def identify(
 
 def _identified(records: Sequence[FlightRecord], scenario: Scenario, held_out_share: float) -> Identification:
     """Identify a vehicle with the method that suits the signals of the logs; arguments are those of `identify`."""
-    responds = isinstance(scenario.laboratory.autopilot, AttitudeResponse)
+    responds = scenario.laboratory.autopilot.models_vehicle
     if responds and all(map(tells_forces, records)):
         return _from_attitudes_and_forces(records, scenario, held_out_share)
     if responds or not _by_prediction_errors(records):

@@ -47,7 +47,6 @@ from drake_quad.identification.results.estimates import Estimates, Explained, So
 from drake_quad.identification.results.held_out import hold_out
 from drake_quad.identification.results.vehicle_numbers import number_of, with_effects, with_estimates, with_throttles
 from drake_quad.laboratory.motion_capture import attitude_of_markers
-from drake_quad.scenario.autopilots.response import AttitudeResponse
 from drake_quad.scenario.models import Scenario
 from drake_quad.signals import Attitude
 from drake_quad.statistics.interval import plus_minus
@@ -193,7 +192,7 @@ def identify_from_poses(
     if any(record.motor_command is not None for record in records):
         scenario = with_throttles(scenario)
     scenario = _of_one_lag(scenario)
-    if isinstance(scenario.laboratory.autopilot, AttitudeResponse):
+    if scenario.laboratory.autopilot.models_vehicle:
         task = _Task(_outputs(records, True), _candidates(scenario), _LENGTH)
     elif any(record.attitude is None and record.body_rates is None for record in records):
         records = [with_level_commands(record) for record in records]

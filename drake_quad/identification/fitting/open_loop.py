@@ -155,7 +155,7 @@ def commands_of(record: FlightRecord, vehicle: Scenario, believed: Scenario) -> 
     Raises:
         InputError: if the log does not contain commands for this vehicle, or its hover thrust is not positive.
     """
-    responds = isinstance(vehicle.laboratory.autopilot, ResponseOfScenario)
+    responds = vehicle.laboratory.autopilot.models_vehicle
     throttles = vehicle.vehicle.motors.take_throttles
     attitude = np.unwrap(record.of("attitude_command"), axis=0) if responds else None
     if throttles and record.motor_command is not None:

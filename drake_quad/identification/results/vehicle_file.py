@@ -24,7 +24,6 @@ from ruamel.yaml.representer import RoundTripRepresenter
 from drake_quad.errors import InputError, shown
 from drake_quad.files import output_folder, write_whole
 from drake_quad.identification.results.estimates import CONFIDENCE, KINDS, Estimates, field_path, kind_of, split
-from drake_quad.scenario.autopilots.response import AttitudeResponse
 from drake_quad.scenario.correlation import correlated_normals
 from drake_quad.scenario.files.library import Library, is_shipped, split_spec
 from drake_quad.scenario.files.loading import load_undesigned
@@ -375,7 +374,7 @@ def _with_response(tree: dict[str, Any], base: Scenario) -> None:
     """What a response of the attitude needs beside it, where the base has none."""
     autopilot = tree["laboratory"].get("autopilot", {})
     responds = "natural_frequency" in autopilot or "damping" in autopilot
-    if not responds or isinstance(base.laboratory.autopilot, AttitudeResponse):
+    if not responds or base.laboratory.autopilot.models_vehicle:
         return
     missing = next((each for each in ("natural_frequency", "damping") if each not in autopilot), None)
     if missing is not None:

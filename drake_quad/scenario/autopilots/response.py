@@ -54,7 +54,6 @@ class AttitudeResponse(Autopilot):
 
     def check_fits(self, scenario: Any) -> None:
         """Raise a validation error if the vehicle has what was not there when the response was identified."""
-        for name in ("rotor_failure", "payload", "slung_load", "battery", "reaction_torque"):
-            if getattr(scenario.vehicle, name):
-                demand = "must be left out: laboratory.autopilot of kind response does not know it"
-                raise scenario.wrong("vehicle", name, kind="response", demand=demand)
+        for name in scenario.vehicle.without_response():
+            demand = "must be left out: laboratory.autopilot of kind response does not know it"
+            raise scenario.wrong("vehicle", name, kind="response", demand=demand)
