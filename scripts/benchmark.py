@@ -29,7 +29,7 @@ from drake_quad.flight.mission import plan_route
 from drake_quad.planning.duration import flight_duration
 from drake_quad.planning.space import space_of
 from drake_quad.reference.minimum_snap import minimum_snap
-from drake_quad.reference.path_problem import Box, Limits, PathProblem
+from drake_quad.reference.path_problem import Box, PathLimits, PathProblem
 from drake_quad.reference.plan import to_piecewise_polynomial
 from drake_quad.reference.planner import GivenTimes, LeastSnap, Shortest, Timing, plan_path
 from drake_quad.scenario.batch import Batch
@@ -357,7 +357,7 @@ def fast_path(count: int) -> Callable[[], object]:
 def planning_work() -> dict[str, Callable[[], object]]:
     """Work of the planner beyond that, on random routes with steps of a metre."""
     rng = np.random.default_rng(0)
-    limits = Limits(speed=1.2, acceleration=0.7)
+    limits = PathLimits(speed=1.2, acceleration=0.7)
     points = np.cumsum(rng.normal(size=(50, 3)), axis=0)
     corridors = [Box(np.minimum(a, b) - 0.2, np.maximum(a, b) + 0.2) for a, b in itertools.pairwise(points)]
     hallways = PathProblem([Box.point(point) for point in points], corridors=corridors, limits=limits)

@@ -13,10 +13,10 @@ from pydrake.systems.primitives import LogVectorOutput, Multiplexer
 
 from drake_quad import build_laboratory_diagram, load_scenario, plan_route
 from drake_quad.control.attitude import AttitudeController, AttitudeNumbers
-from drake_quad.control.axes import PerAngle, PerAxis
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, VectoringNumbers
 from drake_quad.framework.wiring import split_output
+from drake_quad.geometry.per_axis import PerAngle, PerAxis
 from drake_quad.planning.believed import nominal_parameters
 from drake_quad.reference.source import build_reference
 

@@ -4,11 +4,11 @@ from typing import ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
-from drake_quad.control.axes import PerAxis
 from drake_quad.control.position import PdGains, pd_law
 from drake_quad.framework.elementary import maximum, minimum
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.recipe import Recipe
+from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.scenario.position_controllers.controller import POSITION_CONTROLLERS, PositionController
 from drake_quad.scenario.quantities import Positives
 from drake_quad.scenario.setting import ControlSetting

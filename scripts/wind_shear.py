@@ -11,7 +11,7 @@ from drake_quad.framework.elementary import exp, log, maximum
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.recipe import Recipe
 from drake_quad.scenario.quantities import NonNegative, Positive
-from drake_quad.scenario.winds.source import WINDS, BlowingSource, Surroundings
+from drake_quad.scenario.winds.source import WINDS, BlowingSource, WindSurroundings
 from drake_quad.signals import Number, Quantity, State, VelocityW, Wind
 
 
@@ -55,6 +55,6 @@ class ShearSource(BlowingSource):
         """Return the speed at ten times the reference height, m/s."""
         return super().max_speed() * 10.0**self.exponent
 
-    def recipe(self, surroundings: Surroundings) -> Recipe:
+    def recipe(self, surroundings: WindSurroundings) -> Recipe:
         numbers = ShearNumbers(self.full_velocity(), self.reference_height, self.exponent)
         return Recipe(ShearWind, {"period": surroundings.period}, numbers)

@@ -8,15 +8,14 @@ import numpy as np
 from pydrake.common import RandomDistribution
 
 from drake_quad.control.attitude import AttitudeController, AttitudeNumbers
-from drake_quad.control.axes import PerAngle, PerAxis
 from drake_quad.control.cascade import build_cascade
 from drake_quad.control.disturbance.estimator import DisturbanceEstimator, EstimatorNumbers
 from drake_quad.control.disturbance.laws import AdaptiveLaw, IncrementalLaw, KalmanLaw, KalmanMemory
-from drake_quad.control.disturbance.response import Command
+from drake_quad.control.disturbance.response import AxisCommand
 from drake_quad.control.disturbance.tilt import TiltDisturbanceEstimator, TiltEstimatorNumbers
 from drake_quad.control.fuzzy.adaptation import AdaptationRates
 from drake_quad.control.fuzzy.inference import Antecedents, CircularSets, FuzzySets
-from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw
+from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, LearningLimits, SignLaw
 from drake_quad.control.fuzzy.set_learning import AdaptationNumbers, SetLearning
 from drake_quad.control.fuzzy.systems import (
     FuzzyRules,
@@ -63,6 +62,7 @@ from drake_quad.framework.broadcast import Broadcast
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import layout_of
 from drake_quad.framework.symbols import Matrix
+from drake_quad.geometry.per_axis import PerAngle, PerAxis
 from drake_quad.laboratory.command_link import CommandLink, LinkNumbers
 from drake_quad.laboratory.flight_monitor import FlightMonitor
 from drake_quad.laboratory.laboratory import build_laboratory
@@ -73,7 +73,7 @@ from drake_quad.laboratory.wind.gust import Gust, GustNumbers
 from drake_quad.laboratory.wind.sine import SineNumbers, SineWind
 from drake_quad.laboratory.wind.wind import SteadyWind, build_held_wind, build_wind
 from drake_quad.randomness.noise import NoiseSource, Samples, Stream, TickByTick, random_streams
-from drake_quad.randomness.streams import Kind
+from drake_quad.randomness.streams import StreamKind
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.source import build_reference
 from drake_quad.signals import Attitude, AttitudeTarget, BodyRates, Jerk, Reference, Snap, State, Wind, Wrench
@@ -159,7 +159,7 @@ class Example(NamedTuple):
 GAINS = PdGains(PerAxis(1.3, 1.0, 5.0), PerAxis(1.5, 1.2, 3.2))
 ATTITUDE = AttitudeNumbers(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), 0.0065, 0.0085, 0.0126)
 INCREMENTAL = IncrementalAttitudeNumbers(ATTITUDE, IncrementalLaw(6.1), 0.07, 41.0)
-LAGS = (Command(0.21, 0.06), Command(0.23, 0.07), Command(0.05, 0.04))
+LAGS = (AxisCommand(0.21, 0.06), AxisCommand(0.23, 0.07), AxisCommand(0.05, 0.04))
 START = PerAxis(0.3, -0.2, 1.1)
 KALMAN = EstimatorNumbers(
     (
@@ -253,11 +253,11 @@ SETS = Antecedents(
     (FuzzySets(1.8, (-1.0, 0.1, 1.2), (1.1, 0.9, 1.3)), FuzzySets(0.7, (-0.9, 0.2, 0.8), (1.2, 1.0, 1.4))),
 )
 AROUND = SETS._replace(inputs=(SETS.inputs[0], CircularSets(1.3, (-0.1, 0.4, 0.8), (0.5, 0.6, 0.7))))
-LIMITS = Limits(0.9, 0.01, 0.02)
+LIMITS = LearningLimits(0.9, 0.01, 0.02)
 SAMPLES = Samples(3, (5, 6))
 STREAMS = (
-    Stream("here", Kind.WIND, 3, RandomDistribution.kGaussian, 0.01),
-    Stream("there", Kind.NOISE, 1, RandomDistribution.kUniform, 0.02),
+    Stream("here", StreamKind.WIND, 3, RandomDistribution.kGaussian, 0.01),
+    Stream("there", StreamKind.NOISE, 1, RandomDistribution.kUniform, 0.02),
 )
 ALL_ERRORS = {
     "noisy": True,
@@ -507,7 +507,7 @@ def _sources() -> dict[str, Any]:
 
 def _wind() -> Any:
     sources = _sources()
-    return build_wind(sources, streams=random_streams(sources, Kind.WIND), num_vehicles=2)
+    return build_wind(sources, streams=random_streams(sources, StreamKind.WIND), num_vehicles=2)
 
 
 def _laboratory() -> Any:

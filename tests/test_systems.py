@@ -19,7 +19,7 @@ from drake_quad.control.lqg.system import LinearQuadraticGaussian
 from drake_quad.framework.fleet_system import FleetSystem
 from drake_quad.laboratory.motion_capture import MotionCapture
 from drake_quad.randomness.noise import NoiseSource
-from drake_quad.scenario.autopilots.attitude import AttitudeAutopilot as AttitudeAutopilotModel
+from drake_quad.scenario.autopilots.attitude import AttitudeAutopilotSettings as AttitudeAutopilotModel
 from drake_quad.scenario.models import Laboratory, Vehicle
 from drake_quad.vehicle.autopilot import AttitudeAutopilot
 

@@ -20,8 +20,8 @@ from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.layouts import rotors_of
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.quantities import any_nonzero
-from drake_quad.scenario.winds.source import Surroundings as WindSurroundings
 from drake_quad.scenario.winds.source import WindSource, speed, steady_wind
+from drake_quad.scenario.winds.source import WindSurroundings as WindSurroundings
 from drake_quad.signals import AttitudeTarget, Wrench
 from drake_quad.vehicle.allocation import Allocation, RotorModel
 from drake_quad.vehicle.authority import missing_direction

@@ -57,7 +57,7 @@ class UserSystems(NamedTuple):
         return UserSystems(**systems)
 
 
-class Place(NamedTuple):
+class SystemPlace(NamedTuple):
     """What a system in some place of the loop must be like.
 
     Attributes:
@@ -74,12 +74,14 @@ class Place(NamedTuple):
 
 
 PLACES = {
-    "position_controller": Place(("measurement", "reference"), "acceleration_command", named=True, all_inputs=True),
-    "control": Place(
+    "position_controller": SystemPlace(
+        ("measurement", "reference"), "acceleration_command", named=True, all_inputs=True
+    ),
+    "control": SystemPlace(
         ("measurement", "reference", "reference_jerk", "reference_snap"), "wrench", named=True, all_inputs=False
     ),
-    "wind": Place(("state",), "wind", named=False, all_inputs=False),
-    "policy": Place(("observation",), "action", named=False, all_inputs=False),
+    "wind": SystemPlace(("state",), "wind", named=False, all_inputs=False),
+    "policy": SystemPlace(("observation",), "action", named=False, all_inputs=False),
 }
 
 
@@ -108,7 +110,7 @@ def check_user_systems(
         _check(name, system, place, sizes, num_vehicles)
 
 
-def _check(name: str, system: Any, place: Place, sizes: Mapping[str, int], num_vehicles: int) -> None:
+def _check(name: str, system: Any, place: SystemPlace, sizes: Mapping[str, int], num_vehicles: int) -> None:
     if not _is_system(system):
         alone = ", an object and not its class or a function that returns it" if callable(system) else ""
         raise InputError(f"{name} must be a Drake system{alone}, but is {_described(system)}")

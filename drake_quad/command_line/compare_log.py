@@ -24,7 +24,7 @@ from drake_quad.command_line.output import (
 )
 from drake_quad.command_line.progress import study_progress
 from drake_quad.files import output_folder, write_table, write_whole
-from drake_quad.identification.flown_again.comparison import AXES, REST, Comparison, compare_with_log, side_by_side
+from drake_quad.identification.flown_again.comparison import AXES, REST, LogComparison, compare_with_log, side_by_side
 from drake_quad.identification.flown_again.prediction import predict
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
@@ -97,7 +97,7 @@ def predict_on_open_loop(record: FlightRecord, arguments: argparse.Namespace) ->
     print_predictions(predict(record, {name: middle_of(vehicle)}))
 
 
-def print_comparison(comparison: Comparison) -> None:
+def print_comparison(comparison: LogComparison) -> None:
     """Print a table of the flown and predicted errors, and a verdict."""
     record, samples = comparison.record, len(comparison.predicted)
     print(f"{record.name}: {len(comparison.time):,} samples, from {comparison.time[0]:.2f} s of the log on")
@@ -110,7 +110,7 @@ def print_comparison(comparison: Comparison) -> None:
     print(verdict(comparison))
 
 
-def verdict(comparison: Comparison) -> str:
+def verdict(comparison: LogComparison) -> str:
     """Return a sentence on the RMSE of the position, flown and predicted."""
     flown = comparison.flown_figures.rmse[-1]
     predicted = _predicted(comparison, "rmse", -1, unit="cm")
@@ -123,7 +123,7 @@ def verdict(comparison: Comparison) -> str:
     )
 
 
-def save_comparison(comparison: Comparison, folder: Path, arguments: argparse.Namespace) -> list[Path]:
+def save_comparison(comparison: LogComparison, folder: Path, arguments: argparse.Namespace) -> list[Path]:
     """Writes the table, the plot, a replay of both vehicles, and the scenario to fly again; returns the files."""
     # Matplotlib takes half a second to load, which an error need not wait for.
     from drake_quad.visualization.log_comparison_plots import plot_log_comparison
@@ -147,7 +147,7 @@ def save_comparison(comparison: Comparison, folder: Path, arguments: argparse.Na
     ]
 
 
-def _rows(comparison: Comparison) -> list[tuple[str, ...]]:
+def _rows(comparison: LogComparison) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
     for figure, name in _FIGURES.items():
         flown, within = getattr(comparison.flown_figures, figure), comparison.within(figure)
@@ -157,7 +157,7 @@ def _rows(comparison: Comparison) -> list[tuple[str, ...]]:
     return rows
 
 
-def _predicted(comparison: Comparison, figure: str, axis: int, *, unit: str = "") -> str:
+def _predicted(comparison: LogComparison, figure: str, axis: int, *, unit: str = "") -> str:
     """Return the median of a figure of the predictions in cm, with its interval unless all flights are equal."""
     median, low, high = (float(end[axis]) for end in comparison.interval(figure))
     found = Interval(median, low, high)

@@ -23,7 +23,7 @@ from drake_quad.design.cascade import (
     with_gains,
     with_integrals,
 )
-from drake_quad.design.gains import PolePair, Regulator
+from drake_quad.design.gains import PolePair, RegulatorRequirements
 from drake_quad.files import output_folder, write_whole
 from drake_quad.linear.closed_loop import ClosedLoop, closed_loop
 from drake_quad.linear.modes import modes
@@ -162,7 +162,7 @@ def _asked(arguments: argparse.Namespace, loop: str, period: float, default: Loo
     family = default.family
     bandwidth, damping, rate_time = (getattr(arguments, f"{loop}_{name}") for name in _LIMITS)
     if arguments.method == "lqr":
-        family = Regulator(_RATE_TIMES[loop] if rate_time is None else rate_time)
+        family = RegulatorRequirements(_RATE_TIMES[loop] if rate_time is None else rate_time)
     elif damping is not None:
         family = PolePair(damping)
     return _with_margins(arguments, period, LoopOptions(family, default.requirements, bandwidth))

@@ -12,7 +12,7 @@ from ruamel.yaml import YAML
 
 from drake_quad.command_line.options import all_overrides_of, check_ranges, folder_of, parser
 from drake_quad.command_line.output import print_columns, print_files, print_margins
-from drake_quad.design.lqg import Limits, LqgDesign, design_lqg
+from drake_quad.design.lqg import LqgDesign, LqgLimits, design_lqg
 from drake_quad.files import output_folder, write_whole
 from drake_quad.linear.link_margins import link_margins
 from drake_quad.scenario.batch import middle_of
@@ -31,7 +31,7 @@ def options() -> argparse.ArgumentParser:
         output="out/lqg",
         scenario="figure_eight",
     )
-    default = Limits()
+    default = LqgLimits()
     result.add_argument(
         "--sensitivity", type=float, default=default.sensitivity, metavar="PEAK", help="at most (%(default)s)"
     )
@@ -64,7 +64,7 @@ def main(arguments: argparse.Namespace) -> None:
     """Runs the command."""
     check_ranges(arguments, _RANGES)
     scenario = load_undesigned(arguments.scenario, all_overrides_of(arguments))
-    limits = Limits(arguments.sensitivity, arguments.delay_margin, arguments.snap, arguments.acceleration)
+    limits = LqgLimits(arguments.sensitivity, arguments.delay_margin, arguments.snap, arguments.acceleration)
     design = design_lqg(scenario, limits)
     designed = scenario.model_copy(update={"control": design.control})
     folder = output_folder(folder_of(arguments, scenario.name))

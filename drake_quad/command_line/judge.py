@@ -16,7 +16,7 @@ from drake_quad.command_line.progress import job_progress
 from drake_quad.design.tuning import Budget
 from drake_quad.evaluation.claims import WORDS
 from drake_quad.evaluation.designs import design_file
-from drake_quad.evaluation.experiment import QUICK, Sizes, fly_evaluation, missing_designs
+from drake_quad.evaluation.experiment import QUICK, EvaluationSizes, fly_evaluation, missing_designs
 from drake_quad.evaluation.families import FAMILIES, FAMILY_OF
 from drake_quad.evaluation.protocol import design_family, design_prices, tunable
 from drake_quad.evaluation.report import write_report
@@ -39,7 +39,9 @@ def options() -> argparse.ArgumentParser:
     )
     result.add_argument("--family", action="append", metavar="NAME", help="of laboratories; several times (all)")
     result.add_argument("--only", action="append", metavar="NAME", help="a controller; several times (all)")
-    result.add_argument("--samples", type=int, default=Sizes().samples, help="in each laboratory (%(default)s)")
+    result.add_argument(
+        "--samples", type=int, default=EvaluationSizes().samples, help="in each laboratory (%(default)s)"
+    )
     result.add_argument("--quick", action="store_true", help="a few samples over a second of flight")
     result.add_argument(
         "--tune",
@@ -58,7 +60,7 @@ def main(arguments: argparse.Namespace) -> None:
     if arguments.tune is not None:
         tune(arguments)
         return
-    sizes = QUICK if arguments.quick else Sizes(samples=arguments.samples)
+    sizes = QUICK if arguments.quick else EvaluationSizes(samples=arguments.samples)
     families = chosen(arguments.family or [*FAMILIES], [*FAMILIES], "--family")
     folder = output_folder(arguments.output or Path("out/controllers_quick" if arguments.quick else "out/controllers"))
     begun = time.monotonic()

@@ -14,7 +14,7 @@ from drake_quad.planning.feasibility import plan_demand
 from drake_quad.reference.binding import Binding, bindings
 from drake_quad.reference.feasibility import sample_times
 from drake_quad.reference.minimum_snap import snap_cost
-from drake_quad.reference.path_problem import Limits, PathProblem
+from drake_quad.reference.path_problem import PathLimits, PathProblem
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import evaluate, peak_norm
 from drake_quad.reference.trajectory_files import save_plan
@@ -71,7 +71,9 @@ def main(arguments: argparse.Namespace) -> None:
     print_files(files)
 
 
-def summary(mission: Mission, plan: Plan, limits: Limits, problem: PathProblem | None) -> list[tuple[str, str, str]]:
+def summary(
+    mission: Mission, plan: Plan, limits: PathLimits, problem: PathProblem | None
+) -> list[tuple[str, str, str]]:
     """The properties of a plan, as rows of name, value and unit."""
     path, parameters = plan.path, planned_parameters(mission)
     times = sample_times(path)

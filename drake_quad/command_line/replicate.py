@@ -9,11 +9,11 @@ from drake_quad.command_line.options import add_vector, add_wired, bare_parser
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import job_progress, new_bar
 from drake_quad.files import output_folder
-from drake_quad.replication.experiment import QUICK, Sizes, fly_experiment
+from drake_quad.replication.experiment import QUICK, ExperimentSizes, fly_experiment
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell
 from drake_quad.replication.report import FIGURES, findings_of, write_report
 from drake_quad.replication.results import read_experiment
-from drake_quad.replication.table_ii import Entry, number_or_dash, percent_or_dash
+from drake_quad.replication.table_ii import TableEntry, number_or_dash, percent_or_dash
 from drake_quad.studies.processes import Workers
 
 
@@ -35,7 +35,7 @@ def options() -> argparse.ArgumentParser:
 
 def main(arguments: argparse.Namespace) -> None:
     """Runs the command."""
-    sizes = QUICK if arguments.quick else Sizes()
+    sizes = QUICK if arguments.quick else ExperimentSizes()
     folder = output_folder(arguments.output or Path("out/paper_quick" if arguments.quick else "out/paper"))
     try:
         with Workers(arguments.workers) as workers, job_progress() as progress:
@@ -64,7 +64,7 @@ def load(cell: Cell) -> Scenario:
     return load_scenario(f"paper:{cell.scenario}")
 
 
-def print_errors(entries: Sequence[Entry]) -> None:
+def print_errors(entries: Sequence[TableEntry]) -> None:
     """Print the errors of Table II next to those of the paper."""
     rows = [
         (

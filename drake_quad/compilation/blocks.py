@@ -31,7 +31,7 @@ from drake_quad.framework.formulas import TIME, TickOf, told_apart, traced
 Rows = list[Any]
 
 
-class Surroundings(Protocol):
+class BlockSurroundings(Protocol):
     """What a block can see."""
 
     def input(self, index: int) -> Rows | None:
@@ -60,7 +60,7 @@ class Work(NamedTuple):
         at_start: whether anything is done at time zero.
     """
 
-    compute: Callable[[Surroundings], dict[int, Rows]]
+    compute: Callable[[BlockSurroundings], dict[int, Rows]]
     period: float | None
     unrestricted: bool = False
     at_start: bool = True
@@ -87,7 +87,7 @@ class Block(ABC):
         return type(self), *[work.period for work in self.works]
 
     @abstractmethod
-    def output(self, index: int, around: Surroundings) -> Rows:
+    def output(self, index: int, around: BlockSurroundings) -> Rows:
         """The rows of an output port."""
 
     def passes(self, index: int) -> Sequence[int]:
@@ -157,7 +157,7 @@ class _Declared(Block):
         updates = [(_signature(each.computation), *each[:1], *each[2:]) for each in self.system.updates]
         return *outputs, *updates, *map(_signature, self.system.initializations)
 
-    def output(self, index: int, around: Surroundings) -> Rows:
+    def output(self, index: int, around: BlockSurroundings) -> Rows:
         shown = self._shown(index)
         if isinstance(shown, StateGroup):
             return around.state(_number(shown))
@@ -192,12 +192,12 @@ def _signature(shown: Computation | StateGroup) -> tuple[Any, ...]:
     return shown.formula, *reads, *shown.results, *map(_number, shown.writes)
 
 
-def _writing(computation: Computation) -> Callable[[Surroundings], dict[int, Rows]]:
+def _writing(computation: Computation) -> Callable[[BlockSurroundings], dict[int, Rows]]:
     groups = [_number(group) for group in computation.writes]
     return lambda around: dict(zip(groups, _computed(computation, around), strict=True))
 
 
-def _computed(computation: Computation, around: Surroundings) -> list[Rows]:
+def _computed(computation: Computation, around: BlockSurroundings) -> list[Rows]:
     """Return the rows of each result of a computation."""
     values = []
     for read in computation.reads:
@@ -225,7 +225,7 @@ def _number(group: StateGroup) -> int:
 class _Same(Block):
     """What leaves its rows as they are."""
 
-    def output(self, index: int, around: Surroundings) -> Rows:
+    def output(self, index: int, around: BlockSurroundings) -> Rows:
         return _connected(around.input(0))
 
 
@@ -235,7 +235,7 @@ class _Demultiplexer(Block):
         ports = [self.system.get_output_port(index).size() for index in range(self.system.num_output_ports())]
         return *super().signature, *(size // math.gcd(*ports) for size in ports)
 
-    def output(self, index: int, around: Surroundings) -> Rows:
+    def output(self, index: int, around: BlockSurroundings) -> Rows:
         rows = _connected(around.input(0))
         unit = self.system.get_input_port().size() // len(rows)
         sizes = [self.system.get_output_port(other).size() for other in range(index + 1)]
@@ -245,13 +245,13 @@ class _Demultiplexer(Block):
 
 
 class _Multiplexer(Block):
-    def output(self, index: int, around: Surroundings) -> Rows:
+    def output(self, index: int, around: BlockSurroundings) -> Rows:
         inputs = (around.input(number) for number in range(self.system.num_input_ports()))
         return [row for rows in inputs for row in _connected(rows)]
 
 
 class _Adder(Block):
-    def output(self, index: int, around: Surroundings) -> Rows:
+    def output(self, index: int, around: BlockSurroundings) -> Rows:
         first, *others = (_connected(around.input(number)) for number in range(self.system.num_input_ports()))
         total = first
         for rows in others:
@@ -273,7 +273,7 @@ class _Gain(Block):
         factors: list[float] = self.system.get_output_port().Eval(context).tolist()
         return factors
 
-    def output(self, index: int, around: Surroundings) -> Rows:
+    def output(self, index: int, around: BlockSurroundings) -> Rows:
         rows = _connected(around.input(0))
         factors = np.reshape(self._factors, (len(rows), -1))
         if (factors != factors[:, :1]).any():
@@ -282,7 +282,7 @@ class _Gain(Block):
 
 
 class _Constant(Block):
-    def output(self, index: int, around: Surroundings) -> Rows:
+    def output(self, index: int, around: BlockSurroundings) -> Rows:
         return around.parameter(0)
 
 
@@ -292,7 +292,7 @@ class _Hold(Block):
         period = system.GetUniquePeriodicDiscreteUpdateAttribute().period_sec()
         self.works = [Work(lambda around: {0: _connected(around.input(0))}, period)]
 
-    def output(self, index: int, around: Surroundings) -> Rows:
+    def output(self, index: int, around: BlockSurroundings) -> Rows:
         return around.state(0)
 
     def passes(self, index: int) -> Sequence[int]:
@@ -304,7 +304,7 @@ class _Trajectory(Block):
     def signature(self) -> tuple[Any, ...]:
         return *super().signature, self.system.get_output_port().size()
 
-    def output(self, index: int, around: Surroundings) -> Rows:
+    def output(self, index: int, around: BlockSurroundings) -> Rows:
         return [around.source(index, element) for element in range(self.system.get_output_port().size())]
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from drake_quad.compilation.parts import EVENT, PREPARE, Sizes, aligned, divided
+from drake_quad.compilation.parts import EVENT, PREPARE, PartSizes, aligned, divided
 from drake_quad.framework.drivers import Driver
 from drake_quad.framework.instructions import Rows, declarations
 from drake_quad.framework.machine_code import LANES, address
@@ -47,7 +47,7 @@ class ClockedLoop:
         changes: Mapping[int, Any],
         logged: Sequence[Any],
         *,
-        sizes: Sizes,
+        sizes: PartSizes,
         width: int,
         num_vehicles: int,
     ) -> None:

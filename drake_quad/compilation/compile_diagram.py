@@ -9,7 +9,7 @@ from drake_quad.compilation.blocks import block_of, has_vectors, why_not
 from drake_quad.compilation.compiled_system import CompiledSystem, input_name
 from drake_quad.compilation.program import Program
 from drake_quad.compilation.stand_in import StandIn, remembers
-from drake_quad.compilation.topology import Exported, Port, Topology
+from drake_quad.compilation.topology import ExportedPort, Port, Topology
 from drake_quad.errors import InputError
 from drake_quad.framework.formulas import INTERPRETED
 
@@ -62,7 +62,7 @@ def compile_diagram(
     for number in range(diagram.num_input_ports()):
         name = diagram.get_input_port(number).get_name()
         ports = exported[name]
-        if any(isinstance(source, Exported) and source.name == name for source in program.places.inputs):
+        if any(isinstance(source, ExportedPort) and source.name == name for source in program.places.inputs):
             ports.append(core.GetInputPort(name))
         for port in ports:
             if port is ports[0]:

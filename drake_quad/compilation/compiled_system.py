@@ -9,7 +9,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from drake_quad.caching import ThreadSafeCache
 from drake_quad.compilation.program import Event, Program, Shown
-from drake_quad.compilation.topology import Exported, Port
+from drake_quad.compilation.topology import ExportedPort, Port
 from drake_quad.compilation.trace import INPUTS, ROUNDING, STATE
 from drake_quad.errors import InputError, entry
 from drake_quad.framework.fleet_system import FleetSystem
@@ -230,7 +230,7 @@ class CompiledSystem(LeafSystem):
         event.loop.run(state, parameters, self._seen(event.inputs, context), shared, log, n)
         return log[0, :, :n]
 
-    def _seen(self, sources: Iterable[Port | Exported], context: Context) -> np.ndarray:
+    def _seen(self, sources: Iterable[Port | ExportedPort], context: Context) -> np.ndarray:
         """What comes from elsewhere; nothing sensible where it is not asked for."""
         n, sizes = self.program.num_vehicles, self.program.sizes
         inputs = np.empty(sizes.inputs * n)
@@ -299,9 +299,9 @@ class CompiledSystem(LeafSystem):
         return self.program.table(code.shared, np.full((1, code.instants + 1), time))[0]
 
 
-def input_name(program: Program, source: Port | Exported) -> str:
+def input_name(program: Program, source: Port | ExportedPort) -> str:
     """The name of the port of a compiled system for what comes from elsewhere."""
-    if isinstance(source, Exported):
+    if isinstance(source, ExportedPort):
         return source.name
     port = program.topology.leaves[source.path].get_output_port(source.number)
     return f"{source.path}.{port.get_name()}"

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from drake_quad.compilation.parts import EVENT, PREPARE, Part, Sizes, aligned, divided
+from drake_quad.compilation.parts import EVENT, PREPARE, Part, PartSizes, aligned, divided
 from drake_quad.framework.drivers import Driver, copying
 from drake_quad.framework.instructions import declarations
 from drake_quad.framework.machine_code import LANES, address
@@ -42,7 +42,7 @@ class Loop:
         changes: Mapping[int, Any],
         logged: Sequence[Any],
         *,
-        sizes: Sizes,
+        sizes: PartSizes,
         width: int,
         lone: bool,
     ) -> None:
@@ -80,7 +80,7 @@ class Loop:
         self._run(num_vehicles, len(shared), state, parameters, inputs, shared, log, self._scratch)
 
 
-def _module(before: Part, event: Part, sizes: Sizes, num_logged: int, width: int, lanes: int) -> str:
+def _module(before: Part, event: Part, sizes: PartSizes, num_logged: int, width: int, lanes: int) -> str:
     """The text of a loop in LLVM's language."""
     return "\n".join(
         [
@@ -93,7 +93,7 @@ def _module(before: Part, event: Part, sizes: Sizes, num_logged: int, width: int
     )
 
 
-def _driver(sizes: Sizes, num_logged: int, width: int, lanes: int) -> str:
+def _driver(sizes: PartSizes, num_logged: int, width: int, lanes: int) -> str:
     """Return the function that Python calls."""
     copied = sizes._asdict()
     arrays = [f"{name}_rows" for name in (*copied, "shared", "log")]

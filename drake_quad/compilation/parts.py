@@ -8,7 +8,7 @@ import numpy as np
 
 from drake_quad.compilation.trace import INPUTS, PARAMETERS, STATE
 from drake_quad.framework.instructions import Rows, Store, function
-from drake_quad.framework.symbols import LEAVES, Kind, Listing, Operation, Symbol
+from drake_quad.framework.symbols import LEAVES, Listing, Operation, Symbol, SymbolKind
 
 # Groups beside those of a trace: what is kept for later, and what is logged.
 KEPT, LOG = 3, 4
@@ -19,7 +19,7 @@ PREPARE = "@prepare(ptr %parameters, ptr %kept)"
 EVENT = "@event(ptr %state, ptr %inputs, ptr %kept, ptr %shared, ptr %log, i64 %padded)"
 
 
-class Sizes(NamedTuple):
+class PartSizes(NamedTuple):
     """How many rows there are.
 
     Attributes:
@@ -99,7 +99,7 @@ def _divided(listing: Listing, results: Sequence[Any]) -> tuple[Part, Listing, l
     def in_rest(line: int) -> Symbol:
         operation = listing.operations[line]
         # Truth values are quickly computed again.
-        if fixed[line] and operation.name != "constant" and operation.kind is not Kind.TRUTH:
+        if fixed[line] and operation.name != "constant" and operation.kind is not SymbolKind.TRUTH:
             kept.append(in_before(line))
             return rest.row(KEPT, len(kept) - 1, operation.kind)
         return _copied(rest, operation, in_rest)

@@ -12,10 +12,10 @@ from drake_quad.caching import ThreadSafeCache
 from drake_quad.compilation.blocks import Block, Work, block_of
 from drake_quad.compilation.clocked_loop import ClockedLoop
 from drake_quad.compilation.loop import Loop
-from drake_quad.compilation.parts import Sizes
+from drake_quad.compilation.parts import PartSizes
 from drake_quad.compilation.shared_numbers import SharedNumbers
 from drake_quad.compilation.stand_in import remembers, system_of
-from drake_quad.compilation.topology import Exported, Port, Topology
+from drake_quad.compilation.topology import ExportedPort, Port, Topology
 from drake_quad.compilation.trace import ROUNDING, Places, Trace
 from drake_quad.errors import InputError
 from drake_quad.framework.fleet_system import FleetSystem
@@ -41,7 +41,7 @@ class Event(NamedTuple):
     loop: Loop
     shared: SharedNumbers
     instants: int
-    inputs: frozenset[Port | Exported]
+    inputs: frozenset[Port | ExportedPort]
 
 
 class Shown(NamedTuple):
@@ -120,11 +120,11 @@ class Program:
             if work.unrestricted == unrestricted and self._is_due(work, instant)
         ]
 
-    def reach(self, port: Port) -> set[Port | Exported]:
+    def reach(self, port: Port) -> set[Port | ExportedPort]:
         """What from elsewhere a leaf's output port depends on at once."""
         if port in self.places.inputs:
             return {port}
-        found: set[Port | Exported] = set()
+        found: set[Port | ExportedPort] = set()
         for index in self.blocks[port.path].passes(port.number):
             source = self.topology.source(Port(port.path, index))
             if isinstance(source, Port):
@@ -357,10 +357,10 @@ class Program:
             )
         return base, cycle
 
-    def _places(self, context: Context) -> tuple[Places, Sizes]:
+    def _places(self, context: Context) -> tuple[Places, PartSizes]:
         states: dict[tuple[str, int], tuple[int, int]] = {}
         parameters: dict[tuple[str, int], tuple[int, int]] = {}
-        inputs: dict[Port | Exported, tuple[int, int]] = {}
+        inputs: dict[Port | ExportedPort, tuple[int, int]] = {}
         sizes = {}
         for name, places in (("state", states), ("parameters", parameters)):
             first = 0
@@ -371,21 +371,21 @@ class Program:
             sizes[name] = first
         first = 0
         for source, size in self._elsewhere().items():
-            if isinstance(source, Exported):
+            if isinstance(source, ExportedPort):
                 what = f"the input port {source.name}"
             else:
                 what = f"output {source.number} of {source.path}"
             inputs[source] = first, self._num_rows(size, what)
             first += inputs[source][1]
-        return Places(states, parameters, inputs), Sizes(sizes["state"], sizes["parameters"], first)
+        return Places(states, parameters, inputs), PartSizes(sizes["state"], sizes["parameters"], first)
 
-    def _elsewhere(self) -> dict[Port | Exported, int]:
+    def _elsewhere(self) -> dict[Port | ExportedPort, int]:
         """What comes from elsewhere, and its size."""
-        found: dict[Port | Exported, int] = {}
+        found: dict[Port | ExportedPort, int] = {}
         leaves = self.topology.leaves
         used = [source for path in self.blocks for source in self.topology.sources(path)]
         for source in [*used, *self.topology.outputs.values()]:
-            if isinstance(source, Exported):
+            if isinstance(source, ExportedPort):
                 found[source] = source.size
             elif source is not None and source.path not in self.blocks:
                 found[source] = leaves[source.path].get_output_port(source.number).size()

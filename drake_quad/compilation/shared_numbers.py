@@ -8,7 +8,7 @@ import numpy as np
 from drake_quad.framework.formulas import TickOf
 
 
-class Source(NamedTuple):
+class NumberSource(NamedTuple):
     """An element of an output port that depends on the time alone.
 
     Attributes:
@@ -29,7 +29,7 @@ class _Second(NamedTuple):
 
 
 # The time itself, the number of a pair of ticks, or an element of a source.
-_What = str | TickOf | _Second | Source
+_What = str | TickOf | _Second | NumberSource
 TIME_ITSELF = "time"
 
 
@@ -68,7 +68,7 @@ class SharedNumbers:
         made: dict[tuple[int, str, int], np.ndarray] = {}
         for (instant, what), column in self._columns.items():
             at = times[:, instant]
-            if isinstance(what, Source):
+            if isinstance(what, NumberSource):
                 key = instant, what.path, what.output
                 if key not in made:
                     made[key] = np.array([values(what.path, what.output, time) for time in at.tolist()])

@@ -17,7 +17,7 @@ class Port(NamedTuple):
     number: int
 
 
-class Exported(NamedTuple):
+class ExportedPort(NamedTuple):
     """A port of the diagram.
 
     Attributes:
@@ -53,7 +53,7 @@ class Topology:
             name = diagram.get_output_port(number).get_name()
             self.outputs[name] = self._leaf_output(Port("", number))
 
-    def source(self, port: Port) -> Port | Exported | None:
+    def source(self, port: Port) -> Port | ExportedPort | None:
         """The leaf's output port, or the input port of the diagram, that feeds a leaf's input port; None if none does.
 
         Args:
@@ -65,10 +65,10 @@ class Topology:
             port = self._around[port]
             if port.path == "":
                 exported = self._diagrams[""].get_input_port(port.number)
-                return Exported(exported.get_name(), exported.size())
+                return ExportedPort(exported.get_name(), exported.size())
         return self._leaf_output(self._beside[port])
 
-    def sources(self, path: str) -> list[Port | Exported | None]:
+    def sources(self, path: str) -> list[Port | ExportedPort | None]:
         """What feeds each input port of a leaf."""
         return [self.source(Port(path, index)) for index in range(self.leaves[path].num_input_ports())]
 

@@ -8,11 +8,11 @@ from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 from drake_quad.compilation.blocks import Block, Rows, Work
-from drake_quad.compilation.shared_numbers import TIME_ITSELF, SharedNumbers, Source
-from drake_quad.compilation.topology import Exported, Port, Topology
+from drake_quad.compilation.shared_numbers import TIME_ITSELF, NumberSource, SharedNumbers
+from drake_quad.compilation.topology import ExportedPort, Port, Topology
 from drake_quad.framework.elementary import untyped, where
 from drake_quad.framework.formulas import TIME, Tick, TickOf
-from drake_quad.framework.symbols import Kind, Listing, Symbol
+from drake_quad.framework.symbols import Listing, Symbol, SymbolKind
 
 # The groups of a listing.
 STATE, PARAMETERS, INPUTS = range(3)
@@ -31,7 +31,7 @@ class Places(NamedTuple):
 
     states: Mapping[tuple[str, int], tuple[int, int]]
     parameters: Mapping[tuple[str, int], tuple[int, int]]
-    inputs: Mapping[Port | Exported, tuple[int, int]]
+    inputs: Mapping[Port | ExportedPort, tuple[int, int]]
 
 
 class Trace:
@@ -61,7 +61,7 @@ class Trace:
         instants: int,
         shared: SharedNumbers,
     ) -> None:
-        self.listing, self.instant, self.inputs = Listing(), 0, set[Port | Exported]()
+        self.listing, self.instant, self.inputs = Listing(), 0, set[Port | ExportedPort]()
         self._topology, self._blocks, self._places = topology, blocks, places
         self._base, self._instants, self._shared = base, instants, shared
         self._states: dict[tuple[str, int], Rows] = {}
@@ -127,7 +127,7 @@ class Trace:
         second = self.listing.shared(self._shared.second(self.instant, ticks))
         return Tick(untyped(number), untyped(second == 1.0))
 
-    def source(self, source: Source) -> Symbol:
+    def source(self, source: NumberSource) -> Symbol:
         """An element of a port that depends on the time alone."""
         return self.listing.shared(self._shared.place(self.instant, source))
 
@@ -148,13 +148,13 @@ class Trace:
             return None if source is None else self.output(source)
         return self._input(source)
 
-    def _input(self, source: Port | Exported) -> Rows:
+    def _input(self, source: Port | ExportedPort) -> Rows:
         self.inputs.add(source)
         return self._rows(INPUTS, self._places.inputs[source])
 
     def _rows(self, group: int, place: tuple[int, int]) -> Rows:
         first, count = place
-        return [self.listing.row(group, row, Kind.NUMBER) for row in range(first, first + count)]
+        return [self.listing.row(group, row, SymbolKind.NUMBER) for row in range(first, first + count)]
 
 
 class _Around:
@@ -176,4 +176,4 @@ class _Around:
         return self._trace.time() if read is TIME else self._trace.tick(read)
 
     def source(self, output: int, element: int) -> Any:
-        return self._trace.source(Source(self._path, output, element))
+        return self._trace.source(NumberSource(self._path, output, element))

@@ -2,9 +2,9 @@
 
 from typing import Annotated, NamedTuple
 
-from drake_quad.control.axes import PerAngle
 from drake_quad.framework.elementary import wrapped
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.geometry.per_axis import PerAngle
 from drake_quad.signals import AngularAcceleration, Attitude, BodyRates, Quantity, Row, State, Torque
 
 MomentOfInertia = Annotated[Row, Quantity("kg m²", "B")]

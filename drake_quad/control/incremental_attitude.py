@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 from drake_quad.control.attitude import AttitudeNumbers, torque_of, wanted_acceleration
 from drake_quad.control.disturbance.estimator import estimate, predict, waited
 from drake_quad.control.disturbance.laws import IncrementalLaw, Measured
-from drake_quad.control.disturbance.response import Command
+from drake_quad.control.disturbance.response import AxisCommand
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import layout_of
 from drake_quad.signals import AngularAcceleration, Attitude, BodyAccelerationB, BodyRates, Row, State, Time, Torque
@@ -27,7 +27,7 @@ class IncrementalAttitudeNumbers(NamedTuple):
     limit: BodyAccelerationB
 
 
-class Turning(NamedTuple):
+class IncrementalStep(NamedTuple):
     """What an `IncrementalAttitudeController` makes of a tick.
 
     Attributes:
@@ -47,14 +47,14 @@ def _turning(
     acceleration: AngularAcceleration,
     numbers: IncrementalAttitudeNumbers,
     period: float,
-) -> Turning:
+) -> IncrementalStep:
     # The rates alone are differentiated; the law has no use for the angles.
     measured = tuple([Measured(0.0, rate) for rate in (measurement.p, measurement.q, measurement.r)])
     known, disturbance = estimate(memory, measured, (numbers.law,) * 3, numbers.limit, period)
     gains = numbers.attitude
     wanted = wanted_acceleration(measurement, attitude, rates, acceleration, gains.k_p, gains.k_d)
     commanded = [whole - disturbing for whole, disturbing in zip(wanted, disturbance, strict=True)]
-    return Turning(known, AngularAcceleration(*commanded))
+    return IncrementalStep(known, AngularAcceleration(*commanded))
 
 
 def incremental_torque(
@@ -84,7 +84,7 @@ def incremental_torque(
 
 def next_incremental_memory(
     memory: tuple[Any, ...],
-    following: tuple[Command, ...],
+    following: tuple[AxisCommand, ...],
     under_way: tuple[tuple[Row, ...], ...],
     *arguments: Any,
 ) -> Any:
@@ -92,8 +92,8 @@ def next_incremental_memory(
     *_, numbers, period = arguments
     known, commanded = _turning(memory, *arguments)
     arrived, on_the_way = waited(tuple(commanded), under_way)
-    commands = tuple([Command(each, 0.0) for each in arrived])
-    lags = (Command(numbers.lag, numbers.lag),) * 3
+    commands = tuple([AxisCommand(each, 0.0) for each in arrived])
+    lags = (AxisCommand(numbers.lag, numbers.lag),) * 3
     after, following = predict(known, following, commands, (numbers.law,) * 3, lags, period)
     return (after, following, on_the_way) if on_the_way else (after, following)
 
@@ -139,7 +139,7 @@ class IncrementalAttitudeController(FleetSystem):
         acceleration = self.input("angular_acceleration_command", absent=AngularAcceleration(0.0, 0.0, 0.0))
         rest = (numbers.law.at_rest(0.0),) * 3
         memory = self.state("memory", lambda _: rest, layout=layout_of(tuple, rest))
-        still = (Command(0.0, 0.0),) * 3
+        still = (AxisCommand(0.0, 0.0),) * 3
         following = self.state("following", lambda _: still, layout=layout_of(tuple, still))
         under_way: Any = ()
         if delay_ticks:

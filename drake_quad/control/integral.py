@@ -8,9 +8,9 @@ Two rules are available, as in Simulink's block Discrete-Time Integrator:
 
 from typing import Annotated, Literal, NamedTuple
 
-from drake_quad.control.axes import PerAxis
 from drake_quad.framework.elementary import maximum, minimum
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.signals import Acceleration, PositionError, Quantity, Row
 
 Integration = Literal["forward_euler", "backward_euler"]

@@ -6,9 +6,9 @@ import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Adder, ConstantVectorSource, Gain
 
-from drake_quad.control.axes import PerAxis
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.wiring import split_output
+from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.signals import Acceleration, PositionError, PositionErrorRate, Reference, State
 
 Derivative = Literal["tracking_error", "measurement"]

@@ -8,7 +8,7 @@ from drake_quad.geometry.axes import BodyAxes
 from drake_quad.geometry.flatness import (
     EulerSequence,
     HeadingVector,
-    Tilt,
+    ThrustTilt,
     acceleration_from_quarter_turn,
     angular_accelerations,
     attitude_from_quarter_turn,
@@ -147,7 +147,7 @@ def vectored_thrust(
     return Vectored(Thrust(thrust), attitude, rates, acceleration)
 
 
-def _alignment(tilt: Tilt, measurement: State, sin_yaw: Row, cos_yaw: Row) -> Row:
+def _alignment(tilt: ThrustTilt, measurement: State, sin_yaw: Row, cos_yaw: Row) -> Row:
     """Cosine of the angle between the commanded and the measured axis of thrust, given the commanded yaw."""
     measured = BodyAxes.of(measurement.roll, measurement.pitch, measurement.yaw).z
     forward, left, up = in_heading(measured, sin_yaw, cos_yaw)

@@ -8,7 +8,7 @@ import numpy as np
 
 from drake_quad.design.gains import (
     AxisGains,
-    Family,
+    GainFamily,
     LoopDesign,
     PolePair,
     Proportional,
@@ -45,7 +45,7 @@ class LoopOptions(NamedTuple):
         effort: that is asked for; None for the largest that meets them.
     """
 
-    family: Family
+    family: GainFamily
     requirements: Requirements
     effort: float | None = None
 

@@ -9,8 +9,8 @@ the one that is asked for:
 
 - `PolePair`: the two gains put two poles of the sampled loop exactly at exp(s h), s = ω (-ζ ± i √(1 - ζ²)), for a
   bandwidth ω and a damping ζ; these two must stay the slowest of the loop.
-- `Regulator`: the two gains with the least quadratic cost, against a disturbance at the plant's input; what a full
-  linear-quadratic regulator, which knows every delay line, would do better is stated.
+- `RegulatorRequirements`: the two gains with the least quadratic cost, against a disturbance at the plant's input. The
+  advantage of a full linear-quadratic regulator, which knows every delay line, is stated.
 - `Proportional`: the one gain of a loop on board.
 """
 
@@ -119,7 +119,7 @@ class LoopDesign:
     limits: tuple[str, ...] = ()
 
 
-class Family(Protocol):
+class GainFamily(Protocol):
     """Gains that work the harder the larger a number is."""
 
     def gains(self, plant: SampledSystem, effort: float) -> AxisGains | ProportionalGain:
@@ -139,7 +139,7 @@ class PolePair(NamedTuple):
     damping: float
 
     def gains(self, plant: SampledSystem, effort: float) -> AxisGains:
-        """See `Family`: 1 + k_P G_value(z) + k_D G_rate(z) = 0 at the pole is linear in the gains."""
+        """See `GainFamily`: 1 + k_P G_value(z) + k_D G_rate(z) = 0 at the pole is linear in the gains."""
         s = effort * complex(-self.damping, math.sqrt(1.0 - self.damping**2))
         value, rate = plant.response(np.array([np.exp(s * plant.period)]))[0, :, 0]
         determinant = value.real * rate.imag - rate.real * value.imag
@@ -148,7 +148,7 @@ class PolePair(NamedTuple):
         return AxisGains(-rate.imag / determinant, value.imag / determinant)
 
     def efforts(self, plant: SampledSystem) -> np.ndarray:
-        """See `Family`."""
+        """See `GainFamily`."""
         return np.geomspace(_SLOWEST, _FASTEST_SHARE * math.pi / plant.period, _TRIED)
 
 
@@ -156,15 +156,15 @@ class Proportional(NamedTuple):
     """A single gain, which is the effort, 1/s."""
 
     def gains(self, plant: SampledSystem, effort: float) -> ProportionalGain:
-        """See `Family`."""
+        """See `GainFamily`."""
         return ProportionalGain(effort)
 
     def efforts(self, plant: SampledSystem) -> np.ndarray:
-        """See `Family`: what acts on an integrator crosses over at its gain."""
+        """See `GainFamily`: what acts on an integrator crosses over at its gain."""
         return np.geomspace(_SLOWEST, _FASTEST_SHARE * math.pi / plant.period, _TRIED)
 
 
-class Regulator(NamedTuple):
+class RegulatorRequirements(NamedTuple):
     """Gains of least cost Σ value² + (rate_time · rate)² + (u / effort)² after an impulse at the plant's input.
 
     Attributes:
@@ -174,7 +174,7 @@ class Regulator(NamedTuple):
     rate_time: float
 
     def gains(self, plant: SampledSystem, effort: float) -> AxisGains:
-        """See `Family`: the least over k_P and k_D, from those of a slow double integrator."""
+        """See `GainFamily`: the least over k_P and k_D, from those of a slow double integrator."""
         slow = [AxisGains(frequency**2, 1.6 * frequency) for frequency in _STARTS]
         start = next((gains for gains in slow if math.isfinite(self.cost(plant, gains, effort))), None)
         if start is None:
@@ -201,7 +201,7 @@ class Regulator(NamedTuple):
         return (plant.B.T @ S @ plant.B).item()
 
     def efforts(self, plant: SampledSystem) -> np.ndarray:
-        """See `Family`."""
+        """See `GainFamily`."""
         return np.geomspace(1e-2, 1e3, _TRIED // 6)
 
     def _state_weight(self, plant: SampledSystem) -> np.ndarray:
@@ -220,7 +220,7 @@ def pd_loop(plant: SampledSystem, gains: Gains) -> SampledSystem:
 
 def design_loop(
     plant: SampledSystem,
-    family: Family,
+    family: GainFamily,
     requirements: Requirements,
     *,
     axis: str,
@@ -243,14 +243,14 @@ def design_loop(
     grid = frequencies(plant.period)
     response = plant.response(np.exp(1j * grid * plant.period))[..., 0]
 
-    def trial(tried: float) -> _Trial:
+    def trial(tried: float) -> _GainTrial:
         gains = _rounded(family.gains(plant, tried))
         unsound = _unsound(plant, family, tried, gains)
         found = fast_margins(response @ np.array(gains), grid)
         share = -math.inf if unsound else requirements.share_met(found)
-        return _Trial(tried, gains, unsound or requirements.broken_by(found), share)
+        return _GainTrial(tried, gains, unsound or requirements.broken_by(found), share)
 
-    def finished(best: _Trial, limits: Iterable[str]) -> LoopDesign:
+    def finished(best: _GainTrial, limits: Iterable[str]) -> LoopDesign:
         return _finished(plant, family, axis, best, tuple(limits))
 
     if effort is not None:
@@ -334,7 +334,7 @@ def add_integral(
     return replace(design, gains=gains, plant=plant, margins=margins(pd_loop(plant, gains)))
 
 
-class _Trial(NamedTuple):
+class _GainTrial(NamedTuple):
     """Gains of some effort: what is wrong with them, in words, and the least share of a margin that they have."""
 
     effort: float
@@ -344,7 +344,7 @@ class _Trial(NamedTuple):
 
 
 def _unsound(
-    plant: SampledSystem, family: Family, effort: float, gains: AxisGains | ProportionalGain
+    plant: SampledSystem, family: GainFamily, effort: float, gains: AxisGains | ProportionalGain
 ) -> dict[str, str]:
     """What is wrong with the loop apart from its margins, and how, in words."""
     if not all(map(math.isfinite, gains)):
@@ -365,10 +365,12 @@ def _listed(flaws: dict[str, str]) -> str:
     return "; ".join(f"{name}: {value}" for name, value in flaws.items())
 
 
-def _finished(plant: SampledSystem, family: Family, axis: str, best: _Trial, limits: tuple[str, ...]) -> LoopDesign:
+def _finished(
+    plant: SampledSystem, family: GainFamily, axis: str, best: _GainTrial, limits: tuple[str, ...]
+) -> LoopDesign:
     gains, effort = best.gains, best.effort
     ratio = None
-    if isinstance(family, Regulator) and isinstance(gains, AxisGains):
+    if isinstance(family, RegulatorRequirements) and isinstance(gains, AxisGains):
         ratio = family.cost(plant, gains, effort) / family.least_cost(plant, effort)
     return LoopDesign(
         axis=axis,

@@ -19,9 +19,9 @@ import scipy
 
 from drake_quad.control.lqg.chains import (
     Answer,
+    ChainNoise,
     ContinuousModel,
     Disturbances,
-    Noise,
     attitude_model,
     lagging_attitude_model,
     sampled,
@@ -62,7 +62,7 @@ _TORQUE_HEADROOM = 2.0
 _ROUNDS, _NARROWER = 5, 0.998
 
 
-class Limits(NamedTuple):
+class LqgLimits(NamedTuple):
     """What a design keeps to.
 
     Attributes:
@@ -180,7 +180,7 @@ class LqgDesign:
     vertical: tuple[Predicted, ...]
 
 
-def design_lqg(scenario: Scenario, limits: Limits = Limits()) -> LqgDesign:
+def design_lqg(scenario: Scenario, limits: LqgLimits = LqgLimits()) -> LqgDesign:
     """Designs the linear-quadratic-Gaussian control of a scenario; without an autopilot its yaw as in a cascade.
 
     Args:
@@ -217,8 +217,8 @@ def design_lqg(scenario: Scenario, limits: Limits = Limits()) -> LqgDesign:
     # Where the search begins: the numbers of controllers/lqg.yaml, or as much for a command that is an acceleration.
     weight, noise = (1e-2, 0.3) if on_board else (1e-5, 3.3)
 
-    def search_along_x(timing: Timing) -> _Search:
-        return _Search(
+    def search_along_x(timing: Timing) -> _LqgSearch:
+        return _LqgSearch(
             lateral_axis,
             lambda axis: axis.loop(timing, gravity),
             [Truth.of(lateral_truth(plant, found), plant, found, timing, gravity) for plant in plants],
@@ -230,7 +230,7 @@ def design_lqg(scenario: Scenario, limits: Limits = Limits()) -> LqgDesign:
 
     lateral = min((search_along_x(timing).advanced() for timing in timings), key=lambda search: search.cost)
     timing = lateral.timing
-    vertical = _Search(
+    vertical = _LqgSearch(
         vertical_axis,
         lambda axis: axis.loop(timing, gravity),
         [Truth.of(vertical_truth(plant, found), plant, found, timing, gravity) for plant in plants],
@@ -293,7 +293,7 @@ def plants_of(scenario: Scenario) -> tuple[Plant, ...]:
     return Plant(lags_too, _lag(middle), answer, frames, ticks, gain), *corners
 
 
-def snap_limit(limits: Limits, found: Conditions) -> float:
+def snap_limit(limits: LqgLimits, found: Conditions) -> float:
     """Return the root mean square that a command over the link along x and y may have, m/s⁴.
 
     It is that of the limits, or a multiple of the torque that the command has to hold if that is more. The torque of a
@@ -471,7 +471,7 @@ def _variance(row: np.ndarray, X: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
+class _LqgSearch:
     """The search for the numbers of an axis.
 
     Attributes:
@@ -491,7 +491,7 @@ class _Search:
     most: float
     timing: Timing
     numbers: Sequence[float]
-    allowed: Limits
+    allowed: LqgLimits
     cost: float = math.inf
 
     def cost_of(self, logs: np.ndarray) -> float:
@@ -515,7 +515,7 @@ class _Search:
         broken += max(0.0, math.log(first.command / self.most))
         return float(0.5 * math.log(np.mean([answer.error**2 for answer in stable])) + _PENALTY * broken)
 
-    def advanced(self) -> "_Search":
+    def advanced(self) -> "_LqgSearch":
         """Return the search with the numbers of the lowest cost that it finds, starting from its present numbers."""
         logs = np.log(self.numbers)
         first, *_ = steps = np.eye(len(logs))
@@ -538,7 +538,7 @@ class _Search:
             raise InputError(f"no design of this kind is stable: at best there is a pole of size {answers[0].pole:.4f}")
         return axis, answers
 
-    def narrowed(self, limits: Limits, exact: Sequence[Margins | None]) -> "_Search":
+    def narrowed(self, limits: LqgLimits, exact: Sequence[Margins | None]) -> "_LqgSearch":
         """This search if the whole loop keeps the limits, else one with limits that much narrower."""
         looped = [margins for margins in exact if margins is not None]
         sensitivity = max((margins.sensitivity for margins in looped), default=0.0)
@@ -567,7 +567,7 @@ def _common(
 
 def lateral_truth(plant: Plant, found: Conditions) -> ContinuousModel:
     """The chain along x, or y, of a plant and what disturbs it."""
-    disturbances = _disturbing(found.lateral, Noise(found.bias, _BIAS))
+    disturbances = _disturbing(found.lateral, ChainNoise(found.bias, _BIAS))
     if plant.answer is None:
         return torque_model(plant.lag, disturbances)
     if plant.lags:
@@ -581,8 +581,8 @@ def vertical_truth(plant: Plant, found: Conditions) -> ContinuousModel:
     return model._replace(B=plant.thrust_gain * model.B)
 
 
-def _disturbing(found: Spectrum, bias: Noise | None) -> Disturbances:
-    return Disturbances(Noise(found.mean, _LASTING), Noise(found.deviation, found.time), bias, 0.0)
+def _disturbing(found: Spectrum, bias: ChainNoise | None) -> Disturbances:
+    return Disturbances(ChainNoise(found.mean, _LASTING), ChainNoise(found.deviation, found.time), bias, 0.0)
 
 
 def _yaw(scenario: Scenario) -> YawPd:

@@ -152,7 +152,7 @@ def tune(
     found = Tuned((), math.inf, 0.0)
     for stage in filter(None, ([i for i, knob in enumerate(knobs) if knob.vertical is way] for way in (False, True))):
         rounds = max(round(budget.rounds * len(stage) / len(knobs)), 1)
-        search = _Search([knobs[i] for i in stage], budget._replace(rounds=rounds), first_sample, seed, later)
+        search = _GainSearch([knobs[i] for i in stage], budget._replace(rounds=rounds), first_sample, seed, later)
         found = search.run([with_numbers(each, knobs, numbers) for each in scenarios], shares_met, progress)
         for i, number in zip(stage, found.numbers, strict=True):
             numbers[i] = number
@@ -200,7 +200,7 @@ def _local_search(
     return best
 
 
-class _Search(NamedTuple):
+class _GainSearch(NamedTuple):
     """The search for some numbers, all at once."""
 
     knobs: Sequence[Knob]

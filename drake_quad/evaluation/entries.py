@@ -15,7 +15,7 @@ from drake_quad.scenario.paths import steps_of
 Tree = dict[str, Any]
 
 
-class Entry(NamedTuple):
+class ControllerEntry(NamedTuple):
     """A controller that is judged.
 
     Attributes:
@@ -70,7 +70,7 @@ AROUND = ("pid", "disturbance_observer", "l1", "indi", "lqg")
 MAPPED = ("pd", "indi", "lqg")
 
 
-def entries_of(*, on_board: bool, maps: bool) -> dict[str, Entry]:
+def entries_of(*, on_board: bool, maps: bool) -> dict[str, ControllerEntry]:
     """All controllers, by the names under which files have them; networks after what they stand around.
 
     Args:
@@ -94,7 +94,7 @@ def _both(path: str) -> tuple[str, ...]:
     return f"control.{path}.0", f"control.{path}.1"
 
 
-def _controllers(on_board: bool) -> dict[str, Entry]:
+def _controllers(on_board: bool) -> dict[str, ControllerEntry]:
     """Return the controllers without a network, by name."""
     nothing, estimator = "nothing more", "delay; lag of the thrust is tuned"
     position_knobs = (
@@ -126,28 +126,28 @@ def _controllers(on_board: bool) -> dict[str, Entry]:
         integrating |= {"integral_limit": 20.0}
     filtered = {"position_noise": 0.001, "time_constant": [10.0, 10.0, 10.0], "deviation": [1.0, 1.0, 1.0]}
     found = {
-        "pd": Entry("PD", nothing, plain, knobs),
-        "pid": Entry("PID", nothing, _cascade(on_board, integrating), (*knobs, *integral)),
-        "geometric": Entry(
+        "pd": ControllerEntry("PD", nothing, plain, knobs),
+        "pid": ControllerEntry("PID", nothing, _cascade(on_board, integrating), (*knobs, *integral)),
+        "geometric": ControllerEntry(
             "PD, geometric attitude", nothing, _cascade(on_board, {"kind": "pd"}, {"kind": "geometric"}), knobs
         ),
-        "disturbance_observer": Entry(
+        "disturbance_observer": ControllerEntry(
             "disturbance observer",
             f"{estimator}; noise of the cameras",
             estimated({"kind": "disturbance_observer", **filtered}),
             (*knobs, lag, *deviation, *slow),
         ),
-        "l1": Entry(
+        "l1": ControllerEntry(
             "L1", estimator, estimated({"kind": "l1", "bandwidth": [1.0, 1.0, 1.0]}), (*knobs, lag, *bandwidth, *slow)
         ),
-        "indi": Entry(
+        "indi": ControllerEntry(
             "INDI",
             estimator,
             estimated({"kind": "indi", "bandwidth": [1.0, 1.0, 1.0]}),
             (*knobs, lag, *bandwidth, *slow),
         ),
-        "lqg": Entry("LQG", "delay, lags and noise, and how far they may be off; spectrum of the wind"),
-        "mpc": Entry("MPC", "as LQG, and the limits of tilt, thrust and snap", slow=True),
+        "lqg": ControllerEntry("LQG", "delay, lags and noise, and how far they may be off; spectrum of the wind"),
+        "mpc": ControllerEntry("MPC", "as LQG, and the limits of tilt, thrust and snap", slow=True),
     }
     if on_board:
         del found["geometric"]
@@ -202,7 +202,7 @@ _SCALES = {"error": (0.5, 100.0), "error_rate": (0.2, 30.0)}
 _ADAPTIVE = ("centres", "widths", "exponents")
 
 
-def _network(base: Entry, name: str, kind: str, inputs: Tree, law: Tree) -> Entry:
+def _network(base: ControllerEntry, name: str, kind: str, inputs: Tree, law: Tree) -> ControllerEntry:
     """A network of a kind of `NETWORKS` around a controller."""
     adaptive = kind == "t2fnn_adaptive"
     network: Tree = {"kind": "type_1" if kind == "t1fnn" else "type_2", "axes": ["x", "y"]}
@@ -218,7 +218,7 @@ def _network(base: Entry, name: str, kind: str, inputs: Tree, law: Tree) -> Entr
         knobs += [Knob((f"{path}.inputs.{field}.scale",), *ends) for field, ends in _SCALES.items()]
     if adaptive:
         knobs += [Knob((f"{path}.adaptive.{part}",), 1e-3, 10.0) for part in _ADAPTIVE]
-    return Entry(
+    return ControllerEntry(
         f"{base.words} + {NETWORKS[kind]}",
         "as around which it stands",
         {"network": network},

@@ -14,7 +14,7 @@ from drake_quad.design.tuning import LATENCY
 from drake_quad.errors import InputError
 from drake_quad.evaluation.designs import design_file, designs_in
 from drake_quad.evaluation.entries import MAPPED
-from drake_quad.evaluation.families import FAMILIES, FIRST_JUDGED, Family, laps_of
+from drake_quad.evaluation.families import FAMILIES, FIRST_JUDGED, LaboratoryFamily, laps_of
 from drake_quad.evaluation.results import (
     LAPS_IN,
     PRICED,
@@ -41,7 +41,7 @@ from drake_quad.scenario.models import Scenario
 _NUM_TIMED_FLIGHTS = 3  # of a lone vehicle
 
 
-class Sizes(NamedTuple):
+class EvaluationSizes(NamedTuple):
     """How much is flown.
 
     Attributes:
@@ -68,7 +68,7 @@ class Sizes(NamedTuple):
         return () if self.duration is None else (f"duration={self.duration!r}",)
 
 
-QUICK = Sizes(samples=4, slow=2, laps=2, most_laps=2, delayed=2, most_frames=4, duration=1.0)
+QUICK = EvaluationSizes(samples=4, slow=2, laps=2, most_laps=2, delayed=2, most_frames=4, duration=1.0)
 # Laboratory or family, controller, and its metrics or traits there.
 Result = tuple[str, str, Metrics | Traits]
 
@@ -76,7 +76,7 @@ Result = tuple[str, str, Metrics | Traits]
 def fly_evaluation(
     diagrams: Path,
     families: Sequence[str],
-    sizes: Sizes,
+    sizes: EvaluationSizes,
     folder: Path,
     *,
     only: Sequence[str] | None = None,
@@ -117,7 +117,7 @@ def fly_evaluation(
     return read_evaluation(folder)
 
 
-def _jobs(diagrams: Path, name: str, sizes: Sizes, only: Sequence[str] | None) -> Iterator[Job]:
+def _jobs(diagrams: Path, name: str, sizes: EvaluationSizes, only: Sequence[str] | None) -> Iterator[Job]:
     """Yield the jobs of a family."""
     family, designs = FAMILIES[name], designs_in(design_file(diagrams, name))
     entries = [each for each in family.entries if each in designs and (only is None or each in only)]
@@ -132,7 +132,9 @@ def _results(fly: Callable[..., Iterator[Result]], *arguments: Any) -> list[Resu
     return [*fly(*arguments)]
 
 
-def fly_family(diagrams: Path, name: str, family: Family, controller: str, sizes: Sizes) -> Iterator[Result]:
+def fly_family(
+    diagrams: Path, name: str, family: LaboratoryFamily, controller: str, sizes: EvaluationSizes
+) -> Iterator[Result]:
     """Fly a designed controller in the laboratories of a family.
 
     Args:
@@ -158,7 +160,9 @@ def fly_family(diagrams: Path, name: str, family: Family, controller: str, sizes
     yield name, controller, Traits(*margins, delay, lone_time(windy, compiled=not entry.slow), time_in_fleet)
 
 
-def fly_laps(diagrams: Path, name: str, family: Family, entries: Sequence[str], sizes: Sizes) -> Iterator[Result]:
+def fly_laps(
+    diagrams: Path, name: str, family: LaboratoryFamily, entries: Sequence[str], sizes: EvaluationSizes
+) -> Iterator[Result]:
     """Fly networks over the position, and the controllers around which they stand, lap after lap.
 
     Args:
@@ -176,7 +180,9 @@ def fly_laps(diagrams: Path, name: str, family: Family, entries: Sequence[str], 
             yield in_laps(count), controller, timed_flights(scenario, sizes.laps)[0]
 
 
-def fly_priced(diagrams: Path, family: Family, entries: Sequence[str], sizes: Sizes) -> Iterator[Result]:
+def fly_priced(
+    diagrams: Path, family: LaboratoryFamily, entries: Sequence[str], sizes: EvaluationSizes
+) -> Iterator[Result]:
     """Fly designs with other limits on the peak sensitivity; the arguments are those of `fly_laps`."""
     path = design_file(diagrams, PRICED)
     designs = designs_in(path)
@@ -218,7 +224,7 @@ def lone_time(scenario: Scenario, *, compiled: bool = True) -> float:
     return min(spent) / _ticks(fleet)
 
 
-def delay_flown(scenario: Scenario, sizes: Sizes) -> float:
+def delay_flown(scenario: Scenario, sizes: EvaluationSizes) -> float:
     """Return the additional delay that is tolerated, s: one frame less than that with which a sample crashes.
 
     The delay is infinite if no sample crashes with any delay, and negative if one crashes without additional delay.

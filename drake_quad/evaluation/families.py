@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from drake_quad.evaluation.entries import Entry, entries_of
+from drake_quad.evaluation.entries import ControllerEntry, entries_of
 from drake_quad.scenario.files.loading import load_scenario
 from drake_quad.scenario.models import Scenario
 
@@ -12,7 +12,7 @@ from drake_quad.scenario.models import Scenario
 FIRST_JUDGED = 1000
 
 
-class Family(NamedTuple):
+class LaboratoryFamily(NamedTuple):
     """Laboratories for which a controller has one design.
 
     Attributes:
@@ -32,7 +32,7 @@ class Family(NamedTuple):
     laps: tuple[str, ...] = ()
 
     @property
-    def entries(self) -> dict[str, Entry]:
+    def entries(self) -> dict[str, ControllerEntry]:
         """The controllers that are designed for the family, by name."""
         return entries_of(on_board=self.on_board, maps=self.maps)
 
@@ -56,7 +56,7 @@ def laps_of(count: int) -> tuple[str, ...]:
 
 
 FAMILIES = {
-    "laboratory": Family(
+    "laboratory": LaboratoryFamily(
         {
             "no wind": "laboratory.yaml:nominal",
             "low wind": "laboratory.yaml:low_wind",
@@ -67,10 +67,10 @@ FAMILIES = {
         maps=True,
         laps=laps_of(3),
     ),
-    "outdoor": Family({"outdoor": "outdoor.yaml"}, ("outdoor",), "outdoor"),
-    "robustness": Family({"robustness": "robustness.yaml"}, ("robustness",), "robustness"),
+    "outdoor": LaboratoryFamily({"outdoor": "outdoor.yaml"}, ("outdoor",), "outdoor"),
+    "robustness": LaboratoryFamily({"robustness": "robustness.yaml"}, ("robustness",), "robustness"),
     # The route has laps anyway.
-    "neural_fly": Family(
+    "neural_fly": LaboratoryFamily(
         {
             "still air": "neural_fly.yaml:still",
             "4 m/s": "neural_fly.yaml:wind_4",

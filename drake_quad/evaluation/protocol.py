@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.design.lqg import Limits, design_lqg
+from drake_quad.design.lqg import LqgLimits, design_lqg
 from drake_quad.design.tuning import Budget, LoopLimit, Tuned, delay_stood, tune
 from drake_quad.errors import InputError
 from drake_quad.evaluation.designs import design_file, designs_in, write_designs
-from drake_quad.evaluation.entries import Entry, entries_of
-from drake_quad.evaluation.families import FAMILIES, FAMILY_OF, Family
+from drake_quad.evaluation.entries import ControllerEntry, entries_of
+from drake_quad.evaluation.families import FAMILIES, FAMILY_OF, LaboratoryFamily
 from drake_quad.evaluation.results import PRICED, PRICED_CONTROLLERS, PRICED_IN, SENSITIVITIES, priced_name
 from drake_quad.scenario.batch import middle_of
 from drake_quad.scenario.files.loading import load_undesigned
@@ -36,7 +36,7 @@ class Designed(NamedTuple):
     words: str
 
 
-def tunable(family: Family, path: Path, names: Sequence[str] | None = None) -> dict[str, Entry]:
+def tunable(family: LaboratoryFamily, path: Path, names: Sequence[str] | None = None) -> dict[str, ControllerEntry]:
     """The entries of a family that the protocol tunes, each after what it stands around.
 
     Args:
@@ -59,8 +59,8 @@ def tunable(family: Family, path: Path, names: Sequence[str] | None = None) -> d
 def design_family(
     diagrams: Path,
     name: str,
-    family: Family,
-    entries: dict[str, Entry],
+    family: LaboratoryFamily,
+    entries: dict[str, ControllerEntry],
     *,
     budget: Budget = Budget(),
     limit: LoopLimit = LoopLimit(),
@@ -103,7 +103,7 @@ def _predictive(path: Path) -> Iterator[Designed]:
         yield Designed("mpc", words)
 
 
-def _untuned(diagrams: Path, family: Family, path: Path, name: str, entry: Entry) -> list[Scenario]:
+def _untuned(diagrams: Path, family: LaboratoryFamily, path: Path, name: str, entry: ControllerEntry) -> list[Scenario]:
     """Return the scenarios in which an entry is trained, with its numbers in the middle of their ranges."""
     # A copy of the file with the designs that the entry may extend, beside the file, from which they are found.
     trial = path.with_name(f".tuning_{path.name}")
@@ -116,13 +116,15 @@ def _untuned(diagrams: Path, family: Family, path: Path, name: str, entry: Entry
         trial.unlink(missing_ok=True)
 
 
-def training(diagrams: Path, family: Family, layer: str, entry: Entry) -> list[Scenario]:
+def training(diagrams: Path, family: LaboratoryFamily, layer: str, entry: ControllerEntry) -> list[Scenario]:
     """The scenarios in which an entry of a family is trained, with samples that are never judged."""
     overrides = family.laps if entry.laps else ()
     return [family.scenario(diagrams, each, [layer], overrides) for each in family.trained]
 
 
-def numbers_before(diagrams: Path, family: Family, path: Path, controller: str, entry: Entry) -> list[float] | None:
+def numbers_before(
+    diagrams: Path, family: LaboratoryFamily, path: Path, controller: str, entry: ControllerEntry
+) -> list[float] | None:
     """The numbers of an entry's knobs that an earlier design has; None if there is none, or it has no such numbers."""
     if controller not in designs_in(path):
         return None
@@ -150,7 +152,7 @@ def design_prices(
             tree, words = entry.tree(found.numbers), _words(entry, found, budget)
         else:
             place = load_undesigned(diagrams / family.laboratories[PRICED_IN])
-            design = design_lqg(place, Limits(sensitivity=sensitivity, delay=limit.delay))
+            design = design_lqg(place, LqgLimits(sensitivity=sensitivity, delay=limit.delay))
             control = design.control.model_dump(mode="json", exclude_none=True)
             tree, words = {"control": control}, "by its designer"
         write_designs(path, {name: tree}, said={name: words}, head=_PRICED_HEAD)
@@ -162,7 +164,7 @@ def _shares(limit: LoopLimit) -> Callable[[Scenario], np.ndarray]:
     return lambda scenario: limit.shares_met(middle_of(scenario))
 
 
-def _words(entry: Entry, found: Tuned, budget: Budget, later: float = 0.0) -> str:
+def _words(entry: ControllerEntry, found: Tuned, budget: Budget, later: float = 0.0) -> str:
     """What came of a tuning."""
     words = f"{len(entry.knobs)} numbers tuned in {budget.rounds} rounds, {100.0 * found.error:.2f} cm in training"
     if later:

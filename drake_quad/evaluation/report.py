@@ -10,7 +10,7 @@ import numpy as np
 from drake_quad.design.tuning import Budget, LoopLimit
 from drake_quad.evaluation.claims import WORDS, all_claims, beside, best_in, delay_words
 from drake_quad.evaluation.entries import entries_of
-from drake_quad.evaluation.families import FAMILIES, FAMILY_OF, FIRST_JUDGED, Family
+from drake_quad.evaluation.families import FAMILIES, FAMILY_OF, FIRST_JUDGED, LaboratoryFamily
 from drake_quad.evaluation.figures import evaluation_figures
 from drake_quad.evaluation.results import PRICED, Evaluation, Traits
 from drake_quad.laboratory.metrics import Metrics
@@ -131,7 +131,7 @@ def _best(found: Evaluation) -> str:
     return "\n".join(lines)
 
 
-def _family(found: Evaluation, name: str, family: Family) -> str:
+def _family(found: Evaluation, name: str, family: LaboratoryFamily) -> str:
     traits = found.traits.get(name, {})
     if not traits:
         return f"### {name}\n\nNo controller was flown here."
@@ -170,7 +170,7 @@ def _of_traits(each: Traits) -> tuple[str, ...]:
     )
 
 
-def _crash_shares(found: Evaluation, family: Family, traits: Mapping[str, Traits]) -> str:
+def _crash_shares(found: Evaluation, family: LaboratoryFamily, traits: Mapping[str, Traits]) -> str:
     """The probabilities of crashes, with their intervals, where there are any."""
     shares = [
         f"{WORDS[name]} in {place} {crash_probability(found.flights[place][name]).percent()}"

@@ -17,7 +17,7 @@ from drake_quad.laboratory.metrics import Metrics
 from drake_quad.planning.route import plan_in
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.scenario.hovering import in_hover, with_believed_vehicle
-from drake_quad.scenario.models import Scenario, Window
+from drake_quad.scenario.models import MetricWindow, Scenario
 from drake_quad.scenario.routes.hover import HoverRoute
 from drake_quad.statistics.estimates import mean_interval, positive
 from drake_quad.statistics.interval import Interval
@@ -123,7 +123,7 @@ def _hover_to_fly(scenario: Scenario, seed: int) -> Scenario:
         update={
             "route": hovering.route.model_copy(update={"duration": HOVER_TIME}),
             "vehicle": vehicle,
-            "metrics": Window(start=SETTLING_TIME),
+            "metrics": MetricWindow(start=SETTLING_TIME),
             "seed": seed,
         }
     )

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from drake_quad.framework.symbols import Kind, Symbol, lifted, number, operation, truth
+from drake_quad.framework.symbols import Symbol, SymbolKind, lifted, number, operation, truth
 
 # Added and taken away again, it rounds to a whole number, which then stands in the lowest bits.
 _ROUNDING = 1.5 * 2.0**52
@@ -212,7 +212,7 @@ def nearest(x: Symbol) -> Symbol:
 
 def copysign(x: Any, y: Symbol) -> Symbol:
     """The size of x with the sign of y."""
-    return operation("copy_sign", x, y, kind=Kind.NUMBER)
+    return operation("copy_sign", x, y, kind=SymbolKind.NUMBER)
 
 
 def sin_cos(x: Symbol) -> tuple[Symbol, Symbol]:
@@ -340,13 +340,13 @@ def word_of(x: Symbol) -> Symbol:
 
 def bits_of(x: Symbol) -> Symbol:
     """The bits of a number."""
-    return operation("bits_of", x, kind=Kind.WORD)
+    return operation("bits_of", x, kind=SymbolKind.WORD)
 
 
 def _number_of(bits: Symbol) -> Symbol:
-    return operation("number_of", bits, kind=Kind.NUMBER)
+    return operation("number_of", bits, kind=SymbolKind.NUMBER)
 
 
 def _is_negative(bits: Symbol) -> Symbol:
     """Whether the sign bit is set."""
-    return operation("negative", bits, kind=Kind.TRUTH)
+    return operation("negative", bits, kind=SymbolKind.TRUTH)

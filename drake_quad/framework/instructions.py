@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drake_quad.framework.scheduling import scheduled
-from drake_quad.framework.symbols import LEAVES, Branch, Kind, Layer, Listing, Symbol
+from drake_quad.framework.symbols import LEAVES, Branch, Listing, Symbol, SymbolKind, SymbolLayer
 
 # What an operation is in LLVM's language, {t} being the type of its first operand and {r} that of the result.
 INSTRUCTIONS = {
@@ -63,7 +63,7 @@ _BITWISE = {
     "shift_left": "shl {t} {0}, {1}",
     "shift_right": "lshr {t} {0}, {1}",
 }
-_ELEMENTS = {Kind.NUMBER: "double", Kind.TRUTH: "i1", Kind.WORD: "i64"}
+_ELEMENTS = {SymbolKind.NUMBER: "double", SymbolKind.TRUTH: "i1", SymbolKind.WORD: "i64"}
 _INTRINSICS = {"fabs": 1, "sqrt": 1, "rint": 1, "fma": 3, "copysign": 2}
 
 
@@ -95,7 +95,7 @@ class Store(NamedTuple):
 
 def declarations(lanes: int) -> str:
     """What a module with functions for so many lanes must begin with."""
-    number = _type(Kind.NUMBER, lanes)
+    number = _type(SymbolKind.NUMBER, lanes)
     return "\n".join(
         f"declare {number} @llvm.{name}.v{lanes}f64({', '.join([number] * count)})"
         for name, count in _INTRINSICS.items()
@@ -176,8 +176,8 @@ class _Calls:
     def __init__(self, name: str, lanes: int) -> None:
         self.functions: list[str] = []
         self._name, self._lanes, self._rows = name, lanes, 0
-        self._called: dict[Branch | Layer, str] = {}
-        self._results: dict[tuple[Branch | Layer, tuple[int, ...]], int] = {}
+        self._called: dict[Branch | SymbolLayer, str] = {}
+        self._results: dict[tuple[Branch | SymbolLayer, tuple[int, ...]], int] = {}
 
     def memory(self) -> list[str]:
         """The lines that make room for what is given to functions and for their results."""
@@ -200,7 +200,9 @@ class _Calls:
                 self._write_layer(lines, number, given, inside)
         return f"%v{first}_{place}"
 
-    def _write_branch(self, lines: list[str], number: int, given: Sequence[tuple[str, Kind]], branch: Branch) -> None:
+    def _write_branch(
+        self, lines: list[str], number: int, given: Sequence[tuple[str, SymbolKind]], branch: Branch
+    ) -> None:
         (mask, _), *arguments = given
         lanes = self._lanes
         lines += [
@@ -218,22 +220,24 @@ class _Calls:
         ]
         self._take(lines, number, [branch.operations[line].kind for line in branch.results])
 
-    def _write_layer(self, lines: list[str], number: int, given: Sequence[tuple[str, Kind]], layer: Layer) -> None:
+    def _write_layer(
+        self, lines: list[str], number: int, given: Sequence[tuple[str, SymbolKind]], layer: SymbolLayer
+    ) -> None:
         rows, _ = layer.matrix.shape
         self._give(lines, number, given)
         lines.append(f"call void {self._layer(layer)}(ptr %given, ptr %found)")
-        self._take(lines, number, [Kind.NUMBER] * rows)
+        self._take(lines, number, [SymbolKind.NUMBER] * rows)
         # The last block is written whole.
         self._rows = max(self._rows, rows + -rows % _BLOCK)
 
-    def _give(self, lines: list[str], number: int, arguments: Sequence[tuple[str, Kind]]) -> None:
+    def _give(self, lines: list[str], number: int, arguments: Sequence[tuple[str, SymbolKind]]) -> None:
         for place, (name, kind) in enumerate(arguments):
             pointer = f"%v{number}_given_{place}"
             lines += _pointer(pointer, Rows("%given", self._lanes), place)
             lines.append(f"store {_type(kind, self._lanes)} {name}, ptr {pointer}, align 8")
         self._rows = max(self._rows, len(arguments))
 
-    def _take(self, lines: list[str], number: int, kinds: Sequence[Kind]) -> None:
+    def _take(self, lines: list[str], number: int, kinds: Sequence[SymbolKind]) -> None:
         for place, kind in enumerate(kinds):
             pointer = f"%v{number}_found_{place}"
             lines += _pointer(pointer, Rows("%found", self._lanes), place)
@@ -255,7 +259,7 @@ class _Calls:
             )
         return self._called[branch]
 
-    def _layer(self, layer: Layer) -> str:
+    def _layer(self, layer: SymbolLayer) -> str:
         """The name of the function that a layer is."""
         if layer not in self._called:
             activation = self._function_of(layer.activation, "alwaysinline")
@@ -264,10 +268,10 @@ class _Calls:
         return self._called[layer]
 
 
-def _layer_function(name: str, layer: Layer, activation: str, lanes: int) -> str:
+def _layer_function(name: str, layer: SymbolLayer, activation: str, lanes: int) -> str:
     """The text of a layer: for each block of rows, bias by bias and then column by column of weights."""
     rows, columns = layer.matrix.shape
-    type_, block = _type(Kind.NUMBER, lanes), range(_BLOCK)
+    type_, block = _type(SymbolKind.NUMBER, lanes), range(_BLOCK)
     blocks = -(-rows // _BLOCK)
     numbers = [[bias, *weights] for bias, weights in layer.matrix.biases_and_weights()]
     numbers += [[0.0] * (columns + 1)] * (blocks * _BLOCK - rows)
@@ -338,7 +342,7 @@ def _layer_function(name: str, layer: Layer, activation: str, lanes: int) -> str
     )
 
 
-def _type(kind: Kind, lanes: int) -> str:
+def _type(kind: SymbolKind, lanes: int) -> str:
     return f"<{lanes} x {_ELEMENTS[kind]}>"
 
 
@@ -357,7 +361,7 @@ def _written(
     type_ = _type(kind, lanes)
     if operation.name == "constant":
         (bits,) = operation.operands
-        text = f"0x{bits:016X}" if kind is Kind.NUMBER else str(bits)
+        text = f"0x{bits:016X}" if kind is SymbolKind.NUMBER else str(bits)
         return f"<{', '.join([f'{_ELEMENTS[kind]} {text}'] * lanes)}>"
     if operation.name == "shared" and isinstance(shared, str):
         (place,) = operation.operands
@@ -376,7 +380,7 @@ def _written(
         lines.append(f"{name} = load {type_}, ptr {name}_at, align 8")
         return name
     first = listing.operations[operation.operands[0]].kind
-    templates = INSTRUCTIONS if first is Kind.NUMBER or operation.name not in _BITWISE else _BITWISE
+    templates = INSTRUCTIONS if first is SymbolKind.NUMBER or operation.name not in _BITWISE else _BITWISE
     operands = [names[operand] for operand in operation.operands]
     text = templates[operation.name].format(*operands, t=_type(first, lanes), r=type_, s=f"v{lanes}f64")
     lines.append(f"{name} = {text}")

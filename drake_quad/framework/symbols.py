@@ -4,7 +4,7 @@ A formula says what it computes in plain Python. Run once on symbols, it leaves 
 in order, from which machine code is made. What Python decides meanwhile, such as a loop over rules or an `if` on a
 constant, is decided once; a row can decide nothing, only select: `drake_quad.framework.elementary.where`. What costs
 much and is seldom needed is a listing of its own, a `Branch`: `drake_quad.framework.elementary.where_needed`. What
-would be thousands of lines that are alike is a loop, a `Layer`: `drake_quad.framework.elementary.dense`.
+would be thousands of lines that are alike is a loop, a `SymbolLayer`: `drake_quad.framework.elementary.dense`.
 """
 
 import hashlib
@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 
-class Kind(IntEnum):
+class SymbolKind(IntEnum):
     """What a symbol stands for: a floating-point number of 64 bits, true or false, or 64 bits."""
 
     NUMBER = 1
@@ -45,8 +45,8 @@ class Operation(NamedTuple):
 
     name: str
     operands: tuple[int, ...]
-    kind: Kind
-    inside: "tuple[Branch | Layer, int] | None" = None
+    kind: SymbolKind
+    inside: "tuple[Branch | SymbolLayer, int] | None" = None
 
 
 class Branch(NamedTuple):
@@ -109,7 +109,7 @@ class Matrix:
         return f"Matrix({self.shape}, {self._digest})"
 
 
-class Layer(NamedTuple):
+class SymbolLayer(NamedTuple):
     """A matrix times rows, plus biases, and the activation of the sums.
 
     Attributes:
@@ -129,7 +129,11 @@ class Listing:
         self._symbols: dict[tuple[Any, ...], Symbol] = {}
 
     def add(
-        self, name: str, operands: tuple[int, ...], kind: Kind, inside: tuple[Branch | Layer, int] | None = None
+        self,
+        name: str,
+        operands: tuple[int, ...],
+        kind: SymbolKind,
+        inside: tuple[Branch | SymbolLayer, int] | None = None,
     ) -> "Symbol":
         """The symbol of a line, which is added unless it is there."""
         key = name, operands, kind, inside
@@ -139,26 +143,26 @@ class Listing:
             self.operations.append(Operation(*key))
         return symbol
 
-    def row(self, group: int, place: int, kind: Kind = Kind.NUMBER) -> "Symbol":
+    def row(self, group: int, place: int, kind: SymbolKind = SymbolKind.NUMBER) -> "Symbol":
         """The symbol of a row of a group that is read."""
         return self.add("row", (group, place), kind)
 
     def shared(self, place: int) -> "Symbol":
         """The symbol of a number that is the same for all vehicles, given its place among those."""
-        return self.add("shared", (place,), Kind.NUMBER)
+        return self.add("shared", (place,), SymbolKind.NUMBER)
 
     def constant(self, value: Any) -> "Symbol":
         """Return the symbol of a number, of a NumPy uint64 or of a truth value."""
         if isinstance(value, np.ndarray) and value.ndim:
             raise TypeError(f"an array of shape {value.shape} stands where a number or a row is wanted; {ALLOWED}")
         if isinstance(value, bool | np.bool):
-            return self.add("constant", (int(value),), Kind.TRUTH)
+            return self.add("constant", (int(value),), SymbolKind.TRUTH)
         if isinstance(value, np.uint64):
-            return self.add("constant", (int(value),), Kind.WORD)
-        return self.add("constant", (int(np.float64(value).view(np.uint64)),), Kind.NUMBER)
+            return self.add("constant", (int(value),), SymbolKind.WORD)
+        return self.add("constant", (int(np.float64(value).view(np.uint64)),), SymbolKind.NUMBER)
 
 
-def _binary(name: str, kind: Kind | None = None) -> tuple[Callable[..., "Symbol"], Callable[..., "Symbol"]]:
+def _binary(name: str, kind: SymbolKind | None = None) -> tuple[Callable[..., "Symbol"], Callable[..., "Symbol"]]:
     """An operator of two operands, and the same with its operands the other way round."""
 
     def operator(self: "Symbol", other: Any) -> "Symbol":
@@ -180,7 +184,7 @@ class Symbol:
 
     __slots__ = ("kind", "line", "listing")
 
-    def __init__(self, listing: Listing, line: int, kind: Kind) -> None:
+    def __init__(self, listing: Listing, line: int, kind: SymbolKind) -> None:
         self.listing, self.line, self.kind = listing, line, kind
 
     __add__, __radd__ = _binary("add")
@@ -192,12 +196,12 @@ class Symbol:
     __xor__, __rxor__ = _binary("xor")
     __lshift__, _ = _binary("shift_left")
     __rshift__, _ = _binary("shift_right")
-    __lt__, _ = _binary("less", Kind.TRUTH)
-    __le__, _ = _binary("less_or_equal", Kind.TRUTH)
-    __gt__, _ = _binary("greater", Kind.TRUTH)
-    __ge__, _ = _binary("greater_or_equal", Kind.TRUTH)
-    __eq__, _ = _binary("equal", Kind.TRUTH)  # type: ignore[assignment]
-    __ne__, _ = _binary("unequal", Kind.TRUTH)  # type: ignore[assignment]
+    __lt__, _ = _binary("less", SymbolKind.TRUTH)
+    __le__, _ = _binary("less_or_equal", SymbolKind.TRUTH)
+    __gt__, _ = _binary("greater", SymbolKind.TRUTH)
+    __ge__, _ = _binary("greater_or_equal", SymbolKind.TRUTH)
+    __eq__, _ = _binary("equal", SymbolKind.TRUTH)  # type: ignore[assignment]
+    __ne__, _ = _binary("unequal", SymbolKind.TRUTH)  # type: ignore[assignment]
     __hash__ = object.__hash__
 
     def __neg__(self) -> "Symbol":
@@ -212,7 +216,7 @@ class Symbol:
         if name is None or method != "__call__" or options:
             raise TypeError(f"numpy.{function.__name__} does not take a row that is not known yet; {ALLOWED}")
         comparison = name.startswith(("less", "greater", "equal", "unequal"))
-        return operation(name, *inputs, kind=Kind.TRUTH if comparison else None)
+        return operation(name, *inputs, kind=SymbolKind.TRUTH if comparison else None)
 
     def __float__(self) -> float:
         raise TypeError(f"a row that is not known yet is not a float, as the functions of math take it; {ALLOWED}")
@@ -242,7 +246,7 @@ _ARITHMETIC: dict[np.ufunc, str] = {
 }
 
 
-def operation(name: str, *operands: Any, kind: Kind | None = None) -> Symbol:
+def operation(name: str, *operands: Any, kind: SymbolKind | None = None) -> Symbol:
     """Return the symbol of an operation on symbols and constants, at least one of them a symbol.
 
     Truth values are converted to numbers where the operation takes numbers.
@@ -267,7 +271,7 @@ def operation(name: str, *operands: Any, kind: Kind | None = None) -> Symbol:
     return first.listing.add(name, tuple([symbol.line for symbol in symbols]), kind or first.kind)
 
 
-def _of_truths(name: str, symbols: Sequence[Symbol], kind: Kind) -> Symbol:
+def _of_truths(name: str, symbols: Sequence[Symbol], kind: SymbolKind) -> Symbol:
     """Return the symbol of an operation that takes numbers, on operands of which some are truth values."""
     if all(symbol.kind is _TRUTH for symbol in symbols):
         if name == "multiply":
@@ -277,8 +281,8 @@ def _of_truths(name: str, symbols: Sequence[Symbol], kind: Kind) -> Symbol:
     return operation(name, *map(number, symbols), kind=kind)
 
 
-_NUMBER = Kind.NUMBER
-_TRUTH = Kind.TRUTH
+_NUMBER = SymbolKind.NUMBER
+_TRUTH = SymbolKind.TRUTH
 _LOGICAL = frozenset({"and", "or", "xor"})
 # Operations whose results on truth values differ between Python and NumPy.
 _AMBIGUOUS = ("add", "subtract", "negate")
@@ -356,6 +360,8 @@ def layer(matrix: Matrix, rows: Sequence[Any], activation: Callable[[Any], Any])
     inside = Listing()
     result = number(lifted(inside.row(0, 0), activation(inside.row(0, 0)))[1])
     symbols = [number(symbol) for symbol in lifted(*rows)]
-    found = Layer(matrix, _branch(inside, [result]))
+    found = SymbolLayer(matrix, _branch(inside, [result]))
     operands = tuple([symbol.line for symbol in symbols])
-    return [symbols[0].listing.add("layer", operands, Kind.NUMBER, (found, place)) for place in range(matrix.shape[0])]
+    return [
+        symbols[0].listing.add("layer", operands, SymbolKind.NUMBER, (found, place)) for place in range(matrix.shape[0])
+    ]

@@ -60,7 +60,7 @@ class HeadingVector(NamedTuple):
     up: Row
 
 
-class Tilt(NamedTuple):
+class ThrustTilt(NamedTuple):
     """How a specific thrust tilts the body.
 
     Attributes:
@@ -78,20 +78,20 @@ class Tilt(NamedTuple):
     cos_pitch: Row
 
 
-def tilt_of(specific_thrust: HeadingVector) -> Tilt:
+def tilt_of(specific_thrust: HeadingVector) -> ThrustTilt:
     """The tilt under which the rotors give a specific thrust (m/s²), which may not be wholly sideways."""
     forward, left, up = specific_thrust
     sagittal_squared = forward * forward + up * up
     sagittal, thrust = sqrt(sagittal_squared), sqrt(sagittal_squared + left * left)
-    return Tilt(thrust, -left / thrust, sagittal / thrust, forward / sagittal, up / sagittal)
+    return ThrustTilt(thrust, -left / thrust, sagittal / thrust, forward / sagittal, up / sagittal)
 
 
-def attitude_of(tilt: Tilt) -> tuple[Row, Row]:
+def attitude_of(tilt: ThrustTilt) -> tuple[Row, Row]:
     """Roll and pitch, eq (7), rad; the pitch is beyond a quarter turn for a thrust that points down."""
     return arcsin(tilt.sin_roll), arctan2(tilt.sin_pitch, tilt.cos_pitch)
 
 
-def body_rates(tilt: Tilt, jerk: HeadingVector, yaw_rate: Row) -> BodyRates:
+def body_rates(tilt: ThrustTilt, jerk: HeadingVector, yaw_rate: Row) -> BodyRates:
     """p, q and r.
 
     Args:
@@ -105,7 +105,7 @@ def body_rates(tilt: Tilt, jerk: HeadingVector, yaw_rate: Row) -> BodyRates:
 
 
 def angular_accelerations(
-    tilt: Tilt, rates: BodyRates, jerk: HeadingVector, snap: HeadingVector, yaw_rate: Row, yaw_acceleration: Row
+    tilt: ThrustTilt, rates: BodyRates, jerk: HeadingVector, snap: HeadingVector, yaw_rate: Row, yaw_acceleration: Row
 ) -> AngularAcceleration:
     """The rates of p, q and r.
 
@@ -130,7 +130,7 @@ def angular_accelerations(
     return AngularAcceleration(p_dot, q_dot, (turning + (r * sin_roll - q * cos_roll) * roll_rate) / cos_roll)
 
 
-def _in_body(tilt: Tilt, vector: HeadingVector) -> tuple[Row, Row, Row]:
+def _in_body(tilt: ThrustTilt, vector: HeadingVector) -> tuple[Row, Row, Row]:
     """The vector's parts along x_B, y_B and z_B."""
     forward, left, up = vector
     _, sin_roll, cos_roll, sin_pitch, cos_pitch = tilt
@@ -148,7 +148,7 @@ def in_heading(vector: VectorW, sin_yaw: Row, cos_yaw: Row) -> HeadingVector:
     return HeadingVector(x * cos_yaw + y * sin_yaw, y * cos_yaw - x * sin_yaw, vector.z)
 
 
-def attitude_from_quarter_turn(tilt: Tilt, yaw: Row) -> Attitude:
+def attitude_from_quarter_turn(tilt: ThrustTilt, yaw: Row) -> Attitude:
     """Return roll, pitch and yaw (zyx) of a body whose yaw is given in the sequence zxy.
 
     Args:

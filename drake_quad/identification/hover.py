@@ -24,7 +24,7 @@ _SHORTEST, _BLOCK = 1.0, 0.5
 _MEASURED = {"position": "m", "attitude": "rad", "body_rates": "rad/s", "specific_force": "m/s²"}
 
 
-class Noise(NamedTuple):
+class HoverNoise(NamedTuple):
     """White noise of a signal, each axis by itself.
 
     Attributes:
@@ -40,7 +40,7 @@ class Noise(NamedTuple):
     in_flight: np.ndarray
 
 
-def white_noise(record: FlightRecord) -> list[Noise]:
+def white_noise(record: FlightRecord) -> list[HoverNoise]:
     """The white noise of each signal that is measured."""
     flying = airborne(record)
     around = min(round(_LANDING / record.period), (len(flying) - 1) // 2)
@@ -51,7 +51,7 @@ def white_noise(record: FlightRecord) -> list[Noise]:
         if values is not None:
             smooth = np.unwrap(values, axis=0) if signal == "attitude" else values
             parts = (_white(record, smooth, chosen) for chosen in (resting, flying))
-            found.append(Noise(signal, unit, *parts))
+            found.append(HoverNoise(signal, unit, *parts))
     return found
 
 

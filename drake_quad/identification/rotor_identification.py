@@ -15,16 +15,16 @@ import scipy
 from drake_quad.errors import InputError, listed
 from drake_quad.identification.fitting.evidence import Evidence, Uncertainty
 from drake_quad.identification.fitting.firmware import allocated_commands
-from drake_quad.identification.fitting.flown_model import DELAY, DisturbanceKind, Vehicle
+from drake_quad.identification.fitting.flown_model import DELAY, DisturbanceKind, FlownVehicle
 from drake_quad.identification.fitting.forecast import Forecast, forecast
 from drake_quad.identification.fitting.prediction_error import (
-    Choice,
-    Fitted,
+    ParameterChoice,
+    PredictionFit,
     fit,
     noise_covariance,
     whitened,
 )
-from drake_quad.identification.fitting.predictor import FORCE, Noise, Output, Predictor
+from drake_quad.identification.fitting.predictor import FORCE, Output, PredictionNoise, Predictor
 from drake_quad.identification.fitting.random_effects import of_the_mean, variation_of
 from drake_quad.identification.fitting.windows import Cut, airborne, coarser, cut, held_out, steep_remarks
 from drake_quad.identification.logs.record import FlightRecord
@@ -119,9 +119,9 @@ class RotorIdentification:
 
     estimates: Estimates
     delay: Delay | None
-    noise: Noise
+    noise: PredictionNoise
     forecast: Forecast | None
-    fitted: Fitted
+    fitted: PredictionFit
     evidence: Evidence
 
 
@@ -294,7 +294,7 @@ class _Problem:
                 f" a vehicle takes {_FEWEST} at least, in what is held out and in the rest"
             )
         paths = [(DELAY,) if each.name == DELAY else (_path(each.name),) for each in sought]
-        vehicle = Vehicle(self.vehicle, paths, self.signal, kind=self.kind)
+        vehicle = FlownVehicle(self.vehicle, paths, self.signal, kind=self.kind)
         split = max(1, int(np.ceil(self.period / _STEP - 0.05))) if self.period > 2.0 * _STEP else 1
         return Predictor(vehicle, self.records, windows, sizes, self.outputs, split=split, longest=_LONGEST)
 
@@ -303,22 +303,22 @@ def _path(name: str) -> str:
     return scenario_path(name).removeprefix("vehicle.")
 
 
-def _first_noise(outputs: Sequence[Output]) -> Noise:
+def _first_noise(outputs: Sequence[Output]) -> PredictionNoise:
     """Where the noise begins: that of small vehicles; with cameras, turbulence turns them less than is seen."""
     of = {"position": 1e-3, "attitude": 4e-3, "body_rates": 0.02, FORCE: 0.3}
     imu = any(output.signal == FORCE for output in outputs)
     turning = [8.0, 8.0, 3.0] if imu else [0.01, 0.01, 0.01]
     memory = [0.1, 0.1, 0.1, 0.05, 0.05, 0.05] if imu else [0.5] * 6
     disturbance = np.array([0.3, 0.3, 0.5, *turning])
-    return Noise(np.array([of[output.signal] for output in outputs]), disturbance, np.array(memory))
+    return PredictionNoise(np.array([of[output.signal] for output in outputs]), disturbance, np.array(memory))
 
 
-def _choice(sought: Sequence[_Sought], start: np.ndarray) -> Choice:
+def _choice(sought: Sequence[_Sought], start: np.ndarray) -> ParameterChoice:
     scale, least, most = (np.array(values) for values in zip(*(each[1:] for each in sought), strict=True))
-    return Choice(start, scale, least, most)
+    return ParameterChoice(start, scale, least, most)
 
 
-def _told(predictor: Predictor, sought: Sequence[_Sought], start: np.ndarray, noise: Noise) -> list[_Sought]:
+def _told(predictor: Predictor, sought: Sequence[_Sought], start: np.ndarray, noise: PredictionNoise) -> list[_Sought]:
     """Those numbers that a log tells, by the information at the start.
 
     One after another the number that is told worst is left out, until all are told well, even without the block that
@@ -345,7 +345,7 @@ def _identified(
     vehicle: Any,
     predictor: Predictor,
     sought: Sequence[_Sought],
-    fitted: Fitted,
+    fitted: PredictionFit,
     uncertainty: Uncertainty,
     shown: Forecast | None,
 ) -> RotorIdentification:
@@ -393,7 +393,7 @@ def _identified(
     return RotorIdentification(estimates, delay, fitted.noise, shown, fitted, evidence)
 
 
-def _wide(sought: Sequence[_Sought], fitted: Fitted, uncertainty: Uncertainty) -> dict[str, str]:
+def _wide(sought: Sequence[_Sought], fitted: PredictionFit, uncertainty: Uncertainty) -> dict[str, str]:
     """Return the parameters that are not identified, with the reason.
 
     These are parameters at a limit, with too wide an interval, or determined by a single part of the flights.
@@ -417,7 +417,7 @@ def _wide(sought: Sequence[_Sought], fitted: Fitted, uncertainty: Uncertainty) -
     return found
 
 
-def _swamped(vehicle: Any, predictor: Predictor, sought: Sequence[_Sought], fitted: Fitted) -> dict[str, str]:
+def _swamped(vehicle: Any, predictor: Predictor, sought: Sequence[_Sought], fitted: PredictionFit) -> dict[str, str]:
     """Numbers of drag that is less than what disturbs, each with the reason why it is not told.
 
     Wind depends on the place, and a controller lets it push the vehicle: so it goes with velocity, by a part that no
@@ -492,7 +492,7 @@ def _not_seen(vehicle: Any, names: Sequence[str], signals: set[str]) -> dict[str
     return why
 
 
-def _remarks(predictor: Predictor, fitted: Fitted, names: Sequence[str]) -> tuple[str, ...]:
+def _remarks(predictor: Predictor, fitted: PredictionFit, names: Sequence[str]) -> tuple[str, ...]:
     time = len(predictor.windows) * predictor.sizes.length * predictor.inputs.period * predictor.split
     found = [f"{time:.1f} s in the air in {len(predictor.windows)} windows, {fitted.rounds} rounds"]
     if "rotor_time_constant_down" in names:

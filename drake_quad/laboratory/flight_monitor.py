@@ -8,7 +8,7 @@ from pydrake.systems.framework import Context
 
 from drake_quad.framework.elementary import maximum, minimum, where, where_needed
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fleet_system
-from drake_quad.laboratory.metrics import SUMS_OF_PORTS, Metrics, Sums, Tick, add_tick, summarized
+from drake_quad.laboratory.metrics import SUMS_OF_PORTS, Metrics, Sums, TickValues, add_tick, summarized
 from drake_quad.signals import (
     Acceleration,
     AttitudeTarget,
@@ -168,7 +168,7 @@ def judged(
     complete = True
     for part in shortfall:
         complete = complete & (part == 0.0)
-    after = add_tick(sums, Tick(error, command, where(complete, 0.0, 1.0)))
+    after = add_tick(sums, TickValues(error, command, where(complete, 0.0, 1.0)))
     counts = (time >= window.start) & (time <= window.end)
     return Judgement(
         Crashed(where(flying, 0.0, 1.0)),

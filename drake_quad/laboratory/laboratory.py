@@ -31,7 +31,7 @@ from drake_quad.randomness.noise import (
     export_noise,
     random_streams,
 )
-from drake_quad.randomness.streams import Kind
+from drake_quad.randomness.streams import StreamKind
 
 
 def build_laboratory(
@@ -82,7 +82,7 @@ def build_laboratory(
     allocated = split_output(builder, "allocation", allocation)
     builder.AddNamedSystem("vehicle", vehicle)
     builder.AddNamedSystem("motion_capture", motion_capture)
-    gusts = random_streams(wind, Kind.WIND)
+    gusts = random_streams(wind, StreamKind.WIND)
     air = builder.AddNamedSystem("wind", build_wind(wind, streams=gusts, num_vehicles=vehicle.num_vehicles))
 
     carried = "wrench" if autopilot is None else "attitude_target"
@@ -112,7 +112,7 @@ def build_laboratory(
         electronics["autopilot"] = autopilot
     ports = {
         stream: electronics[name].GetInputPort(stream.name.removeprefix(f"{name}."))
-        for name, streams in random_streams(electronics, Kind.NOISE).items()
+        for name, streams in random_streams(electronics, StreamKind.NOISE).items()
         for stream in streams
     }
     ports |= {stream: air.GetInputPort(stream.name) for streams in gusts.values() for stream in streams}

@@ -19,18 +19,11 @@ from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
 import numpy as np
 
 from drake_quad.framework.elementary import maximum, minimum
+from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.signals import Acceleration, PositionError, Quantity, Row
 
 
-class PerAxis(NamedTuple):
-    """A sum for each axis of W."""
-
-    x: Row = 0.0
-    y: Row = 0.0
-    z: Row = 0.0
-
-
-class Tick(NamedTuple):
+class TickValues(NamedTuple):
     """Values at a tick from which metrics are computed.
 
     Attributes:
@@ -42,6 +35,9 @@ class Tick(NamedTuple):
     error: PositionError
     command: Acceleration
     saturated: Row
+
+
+_ZEROS = PerAxis(0.0, 0.0, 0.0)
 
 
 class Sums(NamedTuple):
@@ -60,17 +56,17 @@ class Sums(NamedTuple):
     ticks: Row = 0.0
     peak: Row = 0.0
     saturated: Row = 0.0
-    error: PerAxis = PerAxis()
-    effort: PerAxis = PerAxis()
-    variation: PerAxis = PerAxis()
-    last: PerAxis = PerAxis()
+    error: PerAxis = _ZEROS
+    effort: PerAxis = _ZEROS
+    variation: PerAxis = _ZEROS
+    last: PerAxis = _ZEROS
 
 
 SUMS_OF_PORTS = {"acceleration_command": ("effort", "variation"), "shortfall": ("saturated",)}
 """Sums that are unknown if an optional input port of the flight monitor is not connected."""
 
 
-def add_tick(sums: Sums, tick: Tick) -> Sums:
+def add_tick(sums: Sums, tick: TickValues) -> Sums:
     """Return the sums with one more tick."""
     e_x, e_y, e_z = (e * e for e in tick.error)
     started = minimum(sums.ticks, 1.0)
@@ -201,7 +197,8 @@ class Metrics(NamedTuple):
         return Metrics._make(values[places] for values in self)
 
 
-_DEFINITIONS = {name: get_args(hint)[1] for name, hint in get_type_hints(Metrics, include_extras=True).items()}
+_HINTS = get_type_hints(Metrics, include_extras=True)
+_DEFINITIONS = {name: definition for name, hint in _HINTS.items() for _, definition in [get_args(hint)]}
 METRICS: dict[str, Metric] = {name: metric for name, metric in _DEFINITIONS.items() if isinstance(metric, Metric)}
 """Definition of each metric, without the crash time."""
 UNITS = {name: definition.unit for name, definition in _DEFINITIONS.items()}

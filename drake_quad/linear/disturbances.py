@@ -18,7 +18,7 @@ from drake_quad.planning.believed import nominal_parameters
 from drake_quad.planning.duration import flight_duration
 from drake_quad.planning.feasibility import plan_demand
 from drake_quad.randomness.noise import Samples, connect_noise, random_streams
-from drake_quad.randomness.streams import Kind
+from drake_quad.randomness.streams import StreamKind
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.scenario.batch import Batch
@@ -118,7 +118,7 @@ def _wind_along(batch: Batch, plan: Plan, times: np.ndarray, position: np.ndarra
     recipes = laboratory_recipes(batch, plan, flight_duration(scenario, plan))
     sources = {path.removeprefix("wind."): each.build(N) for path, each in recipes.items() if path.startswith("wind.")}
     builder = DiagramBuilder()
-    streams = random_streams(sources, Kind.WIND)
+    streams = random_streams(sources, StreamKind.WIND)
     air = builder.AddNamedSystem("wind", build_wind(sources, streams=streams, num_vehicles=N))
     ports = {stream: air.GetInputPort(stream.name) for each in streams.values() for stream in each}
     connect_noise(builder, ports, Samples(scenario.seed, batch.samples))

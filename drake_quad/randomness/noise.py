@@ -12,7 +12,7 @@ from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, TickOf, f
 from drake_quad.framework.formulas import Tick
 from drake_quad.framework.records import ROW, Layout
 from drake_quad.framework.wiring import split_output
-from drake_quad.randomness.streams import Kind, Seeds, StreamState, random_numbers, stream_states
+from drake_quad.randomness.streams import Seeds, StreamKind, StreamState, random_numbers, stream_states
 from drake_quad.signals import Row
 
 # What input ports of exported random numbers are called, before the names of their streams.
@@ -53,7 +53,7 @@ class Stream(NamedTuple):
     """
 
     name: str
-    kind: Kind
+    kind: StreamKind
     num_rows: int
     distribution: RandomDistribution
     period: float
@@ -102,7 +102,7 @@ class NoiseSource(FleetSystem):
         self.output("random", stream_numbers, self.parameter("streams", states), kinds, *ticks, layout=layout)
 
 
-def random_streams(systems: Mapping[str, Any], kind: Kind) -> dict[str, list[Stream]]:
+def random_streams(systems: Mapping[str, Any], kind: StreamKind) -> dict[str, list[Stream]]:
     """The streams for the random input ports of some systems, in the order of the ports; none for some systems.
 
     A stream is called after its system and port, so that its numbers do not change when other streams come or go.

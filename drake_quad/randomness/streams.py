@@ -32,7 +32,7 @@ _SHIFTS = np.uint64(30), np.uint64(27), np.uint64(31)
 _HALF, _LOW_HALF = np.uint64(32), np.uint64(2**32 - 1)
 
 
-class Kind(IntEnum):
+class StreamKind(IntEnum):
     """Of random numbers, as in the second entry of a seed sequence's spawn key."""
 
     PARAMETERS = 0
@@ -44,7 +44,7 @@ class Kind(IntEnum):
 Seeds = int | tuple[int, ...]
 
 
-def stream_states(seed: Seeds, samples: Sequence[int], kind: Kind, name: str) -> np.ndarray:
+def stream_states(seed: Seeds, samples: Sequence[int], kind: StreamKind, name: str) -> np.ndarray:
     """Where the streams of some samples begin: the (N,) states of SplitMix64, from NumPy's seed sequences.
 
     Args:
@@ -59,7 +59,7 @@ def stream_states(seed: Seeds, samples: Sequence[int], kind: Kind, name: str) ->
 
 
 @functools.lru_cache(maxsize=8)
-def _sample_words(seed: Seeds, samples: tuple[int, ...], kind: Kind) -> np.ndarray:
+def _sample_words(seed: Seeds, samples: tuple[int, ...], kind: StreamKind) -> np.ndarray:
     """The (N,) numbers that tell the samples apart, uint64."""
     return child_words(seed if isinstance(seed, int) else np.array(seed), np.array(samples), int(kind))
 
@@ -132,4 +132,4 @@ def normal_pair(state: Any) -> tuple[Row, Row]:
 
 def parameter_numbers(seed: Seeds, samples: Sequence[int], path: str) -> np.ndarray:
     """The (N,) numbers in (0, 1) from which the field at a path is drawn."""
-    return untyped(uniform_number(moved(stream_states(seed, samples, Kind.PARAMETERS, path), 0.0)))
+    return untyped(uniform_number(moved(stream_states(seed, samples, StreamKind.PARAMETERS, path), 0.0)))

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.reference.path_problem import Limits
+from drake_quad.reference.path_problem import PathLimits
 from drake_quad.reference.polynomial_path import PolynomialPath, norm_peaks
 from drake_quad.reference.regions import Corridor
 from drake_quad.reference.walls import turns
@@ -30,7 +30,7 @@ class Binding(NamedTuple):
     time: float
 
 
-def bindings(path: PolynomialPath, limits: Limits, corridors: Sequence[Corridor | None] = ()) -> list[Binding]:
+def bindings(path: PolynomialPath, limits: PathLimits, corridors: Sequence[Corridor | None] = ()) -> list[Binding]:
     """Returns what binds a path, in order of time.
 
     Args:
@@ -42,7 +42,7 @@ def bindings(path: PolynomialPath, limits: Limits, corridors: Sequence[Corridor 
     return sorted(found, key=lambda binding: binding.time)
 
 
-def _attained(path: PolynomialPath, limits: Limits) -> list[Binding]:
+def _attained(path: PolynomialPath, limits: PathLimits) -> list[Binding]:
     found = []
     for order, limit in limits.by_order.items():
         peaks = norm_peaks(path, order)

@@ -8,7 +8,7 @@ from drake_quad.reference.minimum_snap_program import (
     NO_PATH,
     WALL_MARGIN,
     MinimumSnapProgram,
-    Slack,
+    RelaxedBounds,
     path_within,
 )
 from drake_quad.reference.path_problem import PathProblem
@@ -32,7 +32,7 @@ def explain(problem: PathProblem, durations: np.ndarray) -> str:
         # That began at points a little elsewhere.
         return "there is a path, but the solver gave up on the way to it; move a waypoint a little, or its times"
     try:
-        least_excess = MinimumSnapProgram(problem, durations, slack=Slack.LIMITS).solve()
+        least_excess = MinimumSnapProgram(problem, durations, slack=RelaxedBounds.LIMITS).solve()
         complaint = _broken_limit(problem, least_excess, "at least")
     except NO_PATH:
         # The numbers are beyond the solver; those of the path without limits are not.
@@ -87,7 +87,7 @@ def _slower_factor(problem: PathProblem, durations: np.ndarray, enough: float) -
 
 def _explain_corridors(problem: PathProblem, durations: np.ndarray) -> str:
     unknown = "no path was found that keeps to the corridors and to what is given at the waypoints at these times"
-    relaxed = MinimumSnapProgram(problem.without_limits(), durations, slack=Slack.CORRIDORS)
+    relaxed = MinimumSnapProgram(problem.without_limits(), durations, slack=RelaxedBounds.CORRIDORS)
     try:
         path = relaxed.solve()
     except NO_PATH:

@@ -70,7 +70,7 @@ def path_within(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
         return MinimumSnapProgram(problem, durations).solve()
     except SolverError:
         # Just beyond what is feasible the solver may find neither a path nor a proof that there is none.
-        relaxed = MinimumSnapProgram(problem, durations, slack=Slack.LIMITS)
+        relaxed = MinimumSnapProgram(problem, durations, slack=RelaxedBounds.LIMITS)
         relaxed.solve()
         if relaxed.exceeded > _BREACH:
             raise InfeasibleError from None
@@ -82,7 +82,7 @@ def _kept(limit: float) -> float:
     return limit * (1.0 + 1e-9)
 
 
-class Slack(Enum):
+class RelaxedBounds(Enum):
     """What a program may exceed, at a price that replaces the snap: to find out by how much it must."""
 
     LIMITS = "limits"  # by a share of each limit
@@ -113,7 +113,7 @@ class MinimumSnapProgram:
         exceeded: after `solve`, by how much the slack was used.
     """
 
-    def __init__(self, problem: PathProblem, durations: np.ndarray, *, slack: Slack | None = None) -> None:
+    def __init__(self, problem: PathProblem, durations: np.ndarray, *, slack: RelaxedBounds | None = None) -> None:
         self._problem, self._durations = problem, durations
         self._points = problem.representatives()
         unconstrained = MinimumSnap(self._points, durations, problem.derivatives)
@@ -157,7 +157,7 @@ class MinimumSnapProgram:
         rows, variables, constant = self._derivative(segment, s, order)
         matrix = np.vstack([np.zeros(rows.shape[1]), rows / bound])
         offset = np.concatenate([[1.0], constant / bound])
-        if self._slack is Slack.LIMITS:
+        if self._slack is RelaxedBounds.LIMITS:
             matrix = np.column_stack([matrix, np.eye(len(matrix))[:, 0]])
             variables = np.concatenate([variables, self._slack_variable])
         if len(variables):
@@ -184,7 +184,7 @@ class MinimumSnapProgram:
         size = float(np.abs(row).max(initial=0.0)) or 1.0
         known = float(direction @ constant)
         low, high = low - known, high - known
-        if self._slack is Slack.CORRIDORS:
+        if self._slack is RelaxedBounds.CORRIDORS:
             for sign, bound in ((1.0, low), (-1.0, -high)):
                 if np.isfinite(bound):
                     matrix = np.append(sign * row, 1.0)[np.newaxis] / size
@@ -309,7 +309,7 @@ class MinimumSnapProgram:
     def _tighten(self, path: PolynomialPath) -> bool:
         """Adds bounds where the path breaks a limit or a corridor; returns whether it does."""
         broken = False
-        share = 1.0 + (self.exceeded if self._slack is Slack.LIMITS else 0.0)
+        share = 1.0 + (self.exceeded if self._slack is RelaxedBounds.LIMITS else 0.0)
         for order, limit in self._problem.limits.by_order.items():
             peaks = norm_peaks(path, order)
             over = peaks.norm > _kept(limit) * share
@@ -320,7 +320,7 @@ class MinimumSnapProgram:
 
     def _tighten_walls(self, path: PolynomialPath) -> bool:
         broken = False
-        beyond = self.exceeded if self._slack is Slack.CORRIDORS else 0.0
+        beyond = self.exceeded if self._slack is RelaxedBounds.CORRIDORS else 0.0
         for turn in turns(path, self._problem.corridors):
             if turn.room >= -(_WALL_TOLERANCE * turn.size + beyond):
                 continue

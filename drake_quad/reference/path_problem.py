@@ -22,7 +22,7 @@ _NEAREST, _FARTHEST = 1e-5, 1e5
 
 
 @dataclass(frozen=True)
-class Limits:
+class PathLimits:
     """Bounds on norms along the whole path; infinite where there is none.
 
     Attributes:
@@ -69,7 +69,7 @@ class PathProblem:
     places: tuple[Place, ...]
     derivatives: np.ndarray
     corridors: tuple[Corridor | None, ...]
-    limits: Limits = field(default_factory=Limits)
+    limits: PathLimits = field(default_factory=PathLimits)
     start: np.ndarray | None = None
 
     def __init__(
@@ -78,7 +78,7 @@ class PathProblem:
         *,
         derivatives: ArrayLike | None = None,
         corridors: Sequence[Corridor | None] | None = None,
-        limits: Limits | None = None,
+        limits: PathLimits | None = None,
         start: ArrayLike | None = None,
     ) -> None:
         if not all(isinstance(place, Box | Sphere | Polytope) for place in places):
@@ -95,7 +95,7 @@ class PathProblem:
         object.__setattr__(self, "places", tuple(places))
         object.__setattr__(self, "derivatives", given)
         object.__setattr__(self, "corridors", boxes)
-        object.__setattr__(self, "limits", limits or Limits())
+        object.__setattr__(self, "limits", limits or PathLimits())
         object.__setattr__(self, "start", None if start is None else np.array(start, dtype=float))
         if self.start is not None and self.start.shape != (len(places), axes):
             raise InputError(f"the start has the shape {self.start.shape}, but must have {(len(places), axes)}")
@@ -128,7 +128,7 @@ class PathProblem:
             "corridors": self.corridors,
             "_faces": self._faces,
         }
-        for name, value in (kept | {"limits": Limits(), "start": self.representatives()}).items():
+        for name, value in (kept | {"limits": PathLimits(), "start": self.representatives()}).items():
             object.__setattr__(problem, name, value)
         return problem
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from drake_quad.reference.path_problem import Limits
+from drake_quad.reference.path_problem import PathLimits
 from drake_quad.reference.polynomial_path import PolynomialPath, peak_norm
 
 # Peaks of speed and acceleration of the minimum-snap path from rest to rest over one metre in one second: 35/16 at the
@@ -36,7 +36,7 @@ def trapezoid_times(waypoints: np.ndarray, *, speed: float, acceleration: float)
     return np.select([distance <= ramp, to_go <= ramp], [speeding_up, slowing_down], cruising)
 
 
-def rest_to_rest_durations(waypoints: np.ndarray, limits: Limits) -> np.ndarray:
+def rest_to_rest_durations(waypoints: np.ndarray, limits: PathLimits) -> np.ndarray:
     """Returns the (segments,) durations with which a flight that stops at every waypoint just keeps to the limits, s.
 
     Args:
@@ -50,7 +50,7 @@ def rest_to_rest_durations(waypoints: np.ndarray, limits: Limits) -> np.ndarray:
     return np.asarray(np.max(demands, axis=0))
 
 
-def stretch_factor(path: PolynomialPath, limits: Limits) -> float:
+def stretch_factor(path: PolynomialPath, limits: PathLimits) -> float:
     """Returns how many times slower a path is to be flown so that one limit is attained and the other is kept.
 
     It is less than one for a path that stays below the limits.

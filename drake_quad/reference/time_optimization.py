@@ -15,7 +15,7 @@ from pydrake.solvers import ClpSolver, MathematicalProgram
 
 from drake_quad.process_settings import single_threaded_blas
 from drake_quad.reference.minimum_snap import DEGREE, FROM_BOUNDARY, Contact, MinimumSnap
-from drake_quad.reference.path_problem import Limits
+from drake_quad.reference.path_problem import PathLimits
 from drake_quad.reference.polynomial_path import norm_peaks, power_basis
 
 # Logarithms of how far durations may move from where they start: far beyond what any optimum was seen to need, and
@@ -81,7 +81,7 @@ def least_snap_durations(
 def shortest_durations(
     points: np.ndarray,
     durations: np.ndarray,
-    limits: Limits,
+    limits: PathLimits,
     derivatives: np.ndarray | None = None,
     *,
     contacts: Sequence[Contact] = (),
@@ -159,7 +159,7 @@ class _LimitPeaks(NamedTuple):
         return float(self.excess.max(initial=-math.inf))
 
 
-def _peaks(solution: MinimumSnap, limits: Limits) -> _LimitPeaks:
+def _peaks(solution: MinimumSnap, limits: PathLimits) -> _LimitPeaks:
     path = solution.path()
     parts = []
     for order, limit in limits.by_order.items():

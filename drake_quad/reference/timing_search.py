@@ -10,7 +10,7 @@ from drake_quad.errors import InputError
 from drake_quad.reference.infeasibility import explain
 from drake_quad.reference.minimum_snap import Contact, snap_cost
 from drake_quad.reference.minimum_snap_program import NO_PATH, path_within
-from drake_quad.reference.path_problem import Limits, PathProblem
+from drake_quad.reference.path_problem import PathLimits, PathProblem
 from drake_quad.reference.polynomial_path import PolynomialPath
 from drake_quad.reference.time_allocation import rest_to_rest_durations, stretch_factor, trapezoid_times
 from drake_quad.reference.time_optimization import least_snap_durations, shortest_durations
@@ -19,7 +19,7 @@ from drake_quad.reference.walls import turns
 # What the search makes small.
 _DURATION = attrgetter("duration")
 # Without limits, times are shared out as with these; only their ratios count.
-_ANY_LIMITS = Limits(acceleration=1.0)
+_ANY_LIMITS = PathLimits(acceleration=1.0)
 # No segment gets less than this share of the longest one to begin with: less for a route of points, which is planned
 # in closed form, than for one that needs the solver.
 _LEAST_SHARE_OF_POINTS, _LEAST_SHARE = 1e-3, 1e-2
@@ -87,7 +87,7 @@ def _fitted(problem: PathProblem, rule: Callable[[PathProblem, np.ndarray], np.n
     return path
 
 
-def _stretched(path: PolynomialPath, limits: Limits) -> PolynomialPath:
+def _stretched(path: PolynomialPath, limits: PathLimits) -> PolynomialPath:
     """The path as it is, but slower or faster, so that it attains a limit."""
     factor = stretch_factor(path, limits)
     if factor * path.duration < _NO_TIME:

@@ -39,7 +39,7 @@ _MAX_VEHICLES = 1024
 _MAX_RECORDED_VEHICLES = 256
 
 
-class Sizes(NamedTuple):
+class ExperimentSizes(NamedTuple):
     """How much is flown.
 
     Attributes:
@@ -59,7 +59,7 @@ class Sizes(NamedTuple):
     legs: int = 16
 
 
-QUICK = Sizes(cells=4, recorded=4, sweep=4, grid=5, map=2, legs=2)
+QUICK = ExperimentSizes(cells=4, recorded=4, sweep=4, grid=5, map=2, legs=2)
 
 
 class SweepPlan(NamedTuple):
@@ -101,7 +101,7 @@ class SweepPlan(NamedTuple):
         ]
 
 
-def sweep_plans(sizes: Sizes) -> dict[str, SweepPlan]:
+def sweep_plans(sizes: ExperimentSizes) -> dict[str, SweepPlan]:
     """Return the sweeps of the experiment by the name of their file."""
     network, pd = Cell("no_wind", "pd_t2fnn"), Cell("no_wind", "pd")
     slopes = {f"slope_{wind}": SweepPlan(Cell(wind, "pd_t2fnn"), slope_settings(), sizes.sweep) for wind in WINDS}
@@ -117,7 +117,7 @@ def sweep_plans(sizes: Sizes) -> dict[str, SweepPlan]:
 
 def fly_experiment(
     load: Callable[[Cell], Scenario],
-    sizes: Sizes,
+    sizes: ExperimentSizes,
     folder: Path,
     workers: Crew | None = None,
     *,

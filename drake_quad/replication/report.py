@@ -20,7 +20,7 @@ from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_tab
 from drake_quad.replication.results import Experiment
 from drake_quad.replication.table_ii import (
     QUANTITIES,
-    Entry,
+    TableEntry,
     number_or_dash,
     percent_or_dash,
     table_entries,
@@ -71,7 +71,7 @@ class Findings(NamedTuple):
         efforts: definitions of control effort, the closest first.
     """
 
-    entries: Sequence[Entry]
+    entries: Sequence[TableEntry]
     claims: Sequence[Claim]
     fair: Sequence[FairEntry]
     efforts: Sequence[EffortMatch]
@@ -200,7 +200,7 @@ def _of_calibration() -> dict[str, str]:
     return {"fitted": "\n".join(numbers), "calibration": table(header, rows), **spreads}
 
 
-def _of_table(entries: Sequence[Entry]) -> dict[str, Any]:
+def _of_table(entries: Sequence[TableEntry]) -> dict[str, Any]:
     errors = {entry.cell: entry for entry in entries if entry.quantity == "rmse"}
     predicted = [entry for cell, entry in errors.items() if cell not in _FITTED and np.isfinite(entry.off)]
     beyond = [entry for entry in predicted if abs(entry.off) > 0.1]
@@ -278,7 +278,7 @@ def _of_effort(matches: Sequence[EffortMatch]) -> dict[str, Any]:
     }
 
 
-def _named(entry: Entry) -> str:
+def _named(entry: TableEntry) -> str:
     return f"{CONTROLLERS[entry.cell.controller]} in {WINDS[entry.cell.wind]} ({percent_or_dash(entry.off)})"
 
 

@@ -25,7 +25,7 @@ _HEADER = """\
 |---|---|---|---|---|---|---|---|"""
 
 
-class Entry(NamedTuple):
+class TableEntry(NamedTuple):
     """A number of Table II.
 
     Attributes:
@@ -50,7 +50,7 @@ class Entry(NamedTuple):
         return self.mean.value / self.printed.mean - 1.0
 
 
-def table_entries(cells: Mapping[Cell, Study]) -> list[Entry]:
+def table_entries(cells: Mapping[Cell, Study]) -> list[TableEntry]:
     """Every number of Table II, from the studies of its cells; and those of the cells that the paper leaves out."""
     gap = Runs((math.nan, math.nan, math.nan), math.nan)
     printed = printed_table()
@@ -60,7 +60,7 @@ def table_entries(cells: Mapping[Cell, Study]) -> list[Entry]:
             metrics = cells[cell].metrics
             first, second, third = map(float, np.where(metrics.crashed, np.nan, getattr(metrics, quantity))[:3])
             entries.append(
-                Entry(
+                TableEntry(
                     cell,
                     quantity,
                     getattr(printed[cell], quantity) if cell in printed else gap,
@@ -72,7 +72,7 @@ def table_entries(cells: Mapping[Cell, Study]) -> list[Entry]:
     return entries
 
 
-def write_entries(path: Path, entries: Sequence[Entry]) -> Path:
+def write_entries(path: Path, entries: Sequence[TableEntry]) -> Path:
     """Write a row for each number, and return the path."""
     rows = []
     for entry in entries:
@@ -83,7 +83,7 @@ def write_entries(path: Path, entries: Sequence[Entry]) -> Path:
     return write_rows(path, rows)
 
 
-def table_markdown(entries: Sequence[Entry], quantity: str) -> str:
+def table_markdown(entries: Sequence[TableEntry], quantity: str) -> str:
     """Return the numbers of one quantity as a table in Markdown."""
     rows = (
         (

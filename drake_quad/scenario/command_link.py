@@ -13,7 +13,7 @@ from drake_quad.scenario.quantities import Period, Probability, Ticks, any_nonze
 from drake_quad.signals import AttitudeTarget, Wrench
 
 
-class CommandLink(Model):
+class CommandLinkSettings(Model):
     """Radio link that carries the wrench, or what an autopilot takes, to the vehicle."""
 
     period: Period = Field(default=0.02, description="time between ticks of the control (s); the paper's 50 Hz")

@@ -4,7 +4,7 @@ from typing import Any
 
 from drake_quad.errors import InputError
 from drake_quad.scenario.effects.effect import EFFECTS
-from drake_quad.scenario.models import Nominal, Scenario, Vehicle, Window
+from drake_quad.scenario.models import MetricWindow, Nominal, Scenario, Vehicle
 from drake_quad.scenario.paths import distributions_in
 from drake_quad.scenario.routes.hover import HoverRoute
 
@@ -63,7 +63,7 @@ def in_hover(scenario: Scenario) -> Scenario:
             "sample": None,
             "crash": nowhere,
             "space": None,
-            "metrics": Window(),
+            "metrics": MetricWindow(),
         }
     )
 

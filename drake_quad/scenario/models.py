@@ -22,7 +22,7 @@ from drake_quad.scenario.actions.action import ACTIONS
 from drake_quad.scenario.attitude_controllers.controller import ATTITUDE_CONTROLLERS
 from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS, AnyAutopilot
 from drake_quad.scenario.autopilots.none import NoAutopilot
-from drake_quad.scenario.command_link import CommandLink
+from drake_quad.scenario.command_link import CommandLinkSettings
 from drake_quad.scenario.controls.cascade import CascadeControl
 from drake_quad.scenario.controls.control import CONTROLS, AnyControl
 from drake_quad.scenario.correlation import shared_names
@@ -31,7 +31,7 @@ from drake_quad.scenario.effects.effect import EFFECTS, VehicleEffect
 from drake_quad.scenario.inertia import INERTIA_DEMAND, INERTIA_RULE, inertia_flaw
 from drake_quad.scenario.layouts import LAYOUTS, Layout, PlusLayout, arms_of, rotors_of
 from drake_quad.scenario.limits import MOST_SHARED, MOST_SOURCES, MOST_TICKS
-from drake_quad.scenario.motion_capture import MotionCapture
+from drake_quad.scenario.motion_capture import MotionCaptureSettings
 from drake_quad.scenario.motors import BelievedMotors, Motors, SpeedMotors
 from drake_quad.scenario.paths import distributions_in, steps_of
 from drake_quad.scenario.position_controllers.controller import POSITION_CONTROLLERS
@@ -52,7 +52,7 @@ from drake_quad.scenario.quantities import (
     field_of,
 )
 from drake_quad.scenario.routes.route import ROUTES, AnyRoute
-from drake_quad.scenario.space import Space
+from drake_quad.scenario.space import SpaceSettings
 from drake_quad.scenario.winds.source import WINDS, AnyWindSource
 from drake_quad.vehicle.allocation import Priority
 from drake_quad.vehicle.authority import hover_flaw, missing_direction
@@ -223,7 +223,7 @@ class Vehicle(Airframe[Positive, NonNegative]):
 EFFECTS.extend(Vehicle)
 
 
-class Allocation(Model):
+class AllocationSettings(Model):
     """On board: from a wrench to rotor speeds within the limits of `nominal`."""
 
     priority: Priority = Field(
@@ -236,16 +236,16 @@ class Allocation(Model):
 class Laboratory(Model):
     """What stands between the controllers and the vehicle."""
 
-    motion_capture: MotionCapture = MotionCapture()
-    command_link: CommandLink = CommandLink()
+    motion_capture: MotionCaptureSettings = MotionCaptureSettings()
+    command_link: CommandLinkSettings = CommandLinkSettings()
     autopilot: AnyAutopilot = Field(default=NoAutopilot(kind="none"), description="what runs on board")
-    allocation: Allocation = Allocation()
+    allocation: AllocationSettings = AllocationSettings()
     wind: Annotated[tuple[AnyWindSource, ...], Field(strict=False, max_length=MOST_SOURCES)] = Field(
         default=(), description="sources; they add up"
     )
 
 
-class Window(Model):
+class MetricWindow(Model):
     """The part of a flight that counts for the metrics."""
 
     start: PlainMoment = Field(default=0.0, description="first time that counts (s)")
@@ -296,7 +296,7 @@ class Mission(Model):
     )
     route: AnyRoute
     nominal: Nominal = Nominal()
-    space: Space | None = Field(default=None, description="obstacles, if any")
+    space: SpaceSettings | None = Field(default=None, description="obstacles, if any")
 
     @model_serializer(mode="wrap")
     def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -325,7 +325,7 @@ class Scenario(Mission):
     laboratory: Laboratory = Laboratory()
     control: AnyControl
     duration: PlainSpan | None = Field(default=None, description="of the flight (s); that of the route if not given")
-    metrics: Window = Window()
+    metrics: MetricWindow = MetricWindow()
     crash: Crash = Crash()
     seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(default=0, description="of everything random")
     sample: Annotated[int, Field(ge=0, lt=2**31)] | None = Field(

@@ -25,7 +25,7 @@ from drake_quad.scenario.quantities import (
 )
 
 
-class MotionCapture(Model):
+class MotionCaptureSettings(Model):
     """Cameras that see position and attitude; without imperfections they see velocity and body rates too."""
 
     period: Period = Field(default=0.01, description="time between frames (s); the paper's 100 Hz")

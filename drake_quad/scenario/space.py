@@ -105,7 +105,7 @@ class HullObstacle(Model):
 AnyObstacle = Annotated[BoxObstacle | CylinderObstacle | SphereObstacle | HullObstacle, Field(discriminator="kind")]
 
 
-class Space(Model):
+class SpaceSettings(Model):
     """Where there is no flying: what touches an obstacle has crashed, and a plan leads around it."""
 
     bounds: BoxRegion | None = Field(

@@ -11,7 +11,7 @@ from pydrake.geometry.optimization import HPolyhedron, Hyperrectangle
 
 from drake_quad.errors import InputError
 from drake_quad.reference.minimum_snap import snap_cost
-from drake_quad.reference.path_problem import Limits, PathProblem
+from drake_quad.reference.path_problem import PathLimits, PathProblem
 from drake_quad.reference.planner import GivenTimes, Heuristic, LeastSnap, Shortest, Timing, plan_path
 from drake_quad.reference.polynomial_path import PolynomialPath
 from drake_quad.reference.regions import Box, Corridor, Place, Sphere, common, touch
@@ -30,7 +30,7 @@ _MAX_PIECES = 4
 # Passages beside the shortest, and all whose times are searched for: that takes most of a second for each.
 _OTHERS, _MOST_SEARCHED = 12, 3
 # Without limits ways are compared as with these.
-_ANY_LIMITS = Limits(acceleration=1.0)
+_ANY_LIMITS = PathLimits(acceleration=1.0)
 
 
 class WayAround(NamedTuple):

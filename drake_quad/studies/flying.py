@@ -21,7 +21,7 @@ from drake_quad.studies.study import rows_of
 _own = threading.local()
 
 
-class Job(NamedTuple):
+class BatchJob(NamedTuple):
     """What all batches of a study have in common.
 
     Attributes:
@@ -48,7 +48,7 @@ def code_of(own: UserSystems) -> dict[str, str]:
     return {**provenance(), "own": sources_of(own.given.values())}
 
 
-def fly_batch(job: Job, samples: Sequence[int]) -> np.ndarray:
+def fly_batch(job: BatchJob, samples: Sequence[int]) -> np.ndarray:
     """Flies samples of a study and returns their (n, columns) rows.
 
     Raises:
@@ -60,13 +60,13 @@ def fly_batch(job: Job, samples: Sequence[int]) -> np.ndarray:
     return rows_of(batch, metrics, fleet.touched()[: len(batch)])
 
 
-def fly_trial(job: Job, samples: Sequence[int]) -> np.ndarray:
+def fly_trial(job: BatchJob, samples: Sequence[int]) -> np.ndarray:
     """Flies the last of some samples alone, alone once more, and beside the others; returns its three rows."""
     last = samples[-1:]
     return np.vstack([fly_batch(job, last), fly_batch(job, last), fly_batch(job, samples)[-1:]])
 
 
-def cause_of_crash(job: Job, samples: Sequence[int]) -> str | None:
+def cause_of_crash(job: BatchJob, samples: Sequence[int]) -> str | None:
     """Return a sentence on the first value that was NaN or infinite in the flight of the first of some samples.
 
     The result is None if the vehicle did not crash for this reason.
@@ -75,7 +75,7 @@ def cause_of_crash(job: Job, samples: Sequence[int]) -> str | None:
     return simulate(job.scenario, sample=samples[0], plan=job.plan, compiled=job.compiled, **own).cause
 
 
-def prepare(job: Job) -> None:
+def prepare(job: BatchJob) -> None:
     """Builds the fleet of a job and flies its first steps: processes forked from this one have both at once."""
     fleet = _fleet(job, job.num_vehicles)
     fleet.fly(range(job.num_vehicles), duration=2.0 * job.scenario.laboratory.command_link.period)
@@ -86,7 +86,7 @@ def forget() -> None:
     _own.__dict__.clear()
 
 
-def _fleet(job: Job, num_samples: int) -> StudyFleet:
+def _fleet(job: BatchJob, num_samples: int) -> StudyFleet:
     """A fleet for so many samples: the largest, or half of it, and so on, so that there are few."""
     if getattr(_own, "key", None) != job.key:
         forget()

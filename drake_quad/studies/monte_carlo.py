@@ -19,7 +19,7 @@ from drake_quad.memory import check_fleet_fits
 from drake_quad.planning.duration import flight_duration
 from drake_quad.scenario.models import Scenario
 from drake_quad.studies.crew import Crew, ExecutorCrew, fly_batches
-from drake_quad.studies.flying import Job, cause_of_crash, code_of, fly_batch, fly_trial, forget, prepare
+from drake_quad.studies.flying import BatchJob, cause_of_crash, code_of, fly_batch, fly_trial, forget, prepare
 from drake_quad.studies.processes import Workers, check_counts, check_makers, num_cores
 from drake_quad.studies.study import Study, columns_of
 from drake_quad.studies.study_folder import StudyRows, open_study
@@ -107,7 +107,7 @@ def run_monte_carlo(
     rows = None
     try:
         with _crew(executor, num_workers, time_limit) as crew:
-            job = Job(uuid.uuid4().hex, code_of(own), scenario, plan, batch_size or _BATCH_SIZE, own, compiled)
+            job = BatchJob(uuid.uuid4().hex, code_of(own), scenario, plan, batch_size or _BATCH_SIZE, own, compiled)
             if own.given:
                 _check_alike(crew, job)
             duration = flight_duration(scenario, plan)
@@ -136,7 +136,7 @@ def _saved(rows: StudyRows | None) -> str:
 
 def _fly(
     crew: Crew,
-    job: Job,
+    job: BatchJob,
     rows: StudyRows,
     progress: Callable[[int, int], None] | None,
 ) -> None:
@@ -172,7 +172,7 @@ def _crew(executor: Executor | Crew | None, num_workers: int, time_limit: float 
         crew.give_up()
 
 
-def _check_alike(crew: Crew, job: Job) -> None:
+def _check_alike(crew: Crew, job: BatchJob) -> None:
     """Check that sample 0 has the same result when it is flown alone, alone again, and in a batch with others.
 
     A trial that fails is ignored, since the study reports samples that cannot be flown. If the sample crashes because a

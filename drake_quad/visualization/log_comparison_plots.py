@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from drake_quad.identification.flown_again.comparison import INTERVAL, Comparison
+from drake_quad.identification.flown_again.comparison import INTERVAL, LogComparison
 from drake_quad.visualization.style import BLUE, REFERENCE, VERMILION, new_figure, styled
 
 _BAND: dict[str, Any] = {"color": BLUE, "alpha": 0.25, "linewidth": 0}
@@ -14,7 +14,7 @@ _BAND: dict[str, Any] = {"color": BLUE, "alpha": 0.25, "linewidth": 0}
 _GAP = 10.0
 
 
-def plot_log_comparison(comparison: Comparison) -> Figure:
+def plot_log_comparison(comparison: LogComparison) -> Figure:
     """Plots position and error on each axis: flown, and the median and the 95 % band of the predictions.
 
     Lines are broken where the log has a gap. A prediction counts until it crashes.

@@ -12,7 +12,7 @@ from pydrake.geometry.optimization import HPolyhedron, VPolytope
 
 from drake_quad.planning.feasibility import plan_demand
 from drake_quad.reference.feasibility import sample_times
-from drake_quad.reference.path_problem import Limits
+from drake_quad.reference.path_problem import PathLimits
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.reference.regions import Box, Corridor, Place, Polytope, Sphere
@@ -31,7 +31,7 @@ def plot_plan(
     plan: Plan,
     parameters: QuadrotorParameters,
     *,
-    limits: Limits | None = None,
+    limits: PathLimits | None = None,
     places: Sequence[Place] = (),
     corridors: Sequence[Corridor | None] = (),
     waypoints: np.ndarray | None = None,
@@ -61,7 +61,7 @@ def plot_plan(
             given = plan.waypoints if waypoints is None else plan.waypoints[waypoints]
             labels += _draw_view(axes, view, given, evaluate(plan.path, times), places, corridors)
         rows = sides[1].subgridspec(5, 1)
-        _draw_profiles([figure.add_subplot(rows[i]) for i in range(5)], plan, parameters, times, limits or Limits())
+        _draw_profiles([figure.add_subplot(rows[i]) for i in range(5)], plan, parameters, times, limits or PathLimits())
         figure.axes[0].set_title("Path, from above and from two sides")
         figure.align_ylabels(figure.axes[3:])
         place_labels(figure, labels)
@@ -156,7 +156,7 @@ def outline(region: Polytope, drawing: Box, i: int, j: int) -> np.ndarray:
 
 
 def _draw_profiles(
-    profiles: Sequence[Axes], plan: Plan, parameters: QuadrotorParameters, times: np.ndarray, limits: Limits
+    profiles: Sequence[Axes], plan: Plan, parameters: QuadrotorParameters, times: np.ndarray, limits: PathLimits
 ) -> None:
     speed, acceleration, snap, yaw, rotors = profiles
     rows = (

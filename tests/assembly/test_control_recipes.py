@@ -7,13 +7,12 @@ import pytest
 
 from drake_quad.assembly.control import control_recipes
 from drake_quad.control.attitude import AttitudeController, AttitudeNumbers
-from drake_quad.control.axes import PerAngle, PerAxis
 from drake_quad.control.disturbance.laws import AdaptiveLaw, IncrementalLaw, KalmanLaw
-from drake_quad.control.disturbance.response import Command
+from drake_quad.control.disturbance.response import AxisCommand
 from drake_quad.control.disturbance.tilt import TiltDisturbanceEstimator, TiltEstimatorNumbers
 from drake_quad.control.fuzzy.adaptation import AdaptationRates
 from drake_quad.control.fuzzy.inference import Antecedents, CircularSets, FuzzySets
-from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw
+from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, LearningLimits, SignLaw
 from drake_quad.control.fuzzy.set_learning import AdaptationNumbers, SetLearning
 from drake_quad.control.fuzzy.systems import FuzzyRules, Lead, LearningNumbers, RulesNumbers, WeightLearning
 from drake_quad.control.geometric import (
@@ -27,6 +26,7 @@ from drake_quad.control.position import PdGains, ProportionalDerivative
 from drake_quad.control.thrust_vectoring import ThrustVectoring
 from drake_quad.flight.mission import plan_route
 from drake_quad.framework.records import layout_of
+from drake_quad.geometry.per_axis import PerAngle, PerAxis
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.files.loading import with_fields
 
@@ -78,14 +78,14 @@ def test_an_estimator_has_the_law_and_the_response_of_the_scenario_and_begins_wh
     assert estimator.structure == {"period": 0.02, "delay_ticks": 3}
     laws, lags, limit, start = estimator.numbers
     assert laws == (AdaptiveLaw(2.0, 1.0), AdaptiveLaw(2.0, 2.0), AdaptiveLaw(2.0, 3.0))
-    assert lags == (Command(0.2, 0.06), Command(0.3, 0.07), Command(0.1, 0.05))
+    assert lags == (AxisCommand(0.2, 0.06), AxisCommand(0.3, 0.07), AxisCommand(0.1, 0.05))
     assert (limit, start) == (0.8, PerAxis(0.3, -0.2, 1.0))
     # What is fed forward follows as all else does, unless it is said.
     plain = "bandwidth: [1.0, 2.0, 3.0], response: {kind: commanded, lag: [0.2, 0.3, 0.1]}"
     found, _ = recipes_of(asymmetric("pid", f"control.position={{kind: indi, {PD}, {plain}}}"))
     laws, lags, *_ = found["position.estimator"].numbers
     assert laws == (IncrementalLaw(1.0), IncrementalLaw(2.0), IncrementalLaw(3.0))
-    assert lags == (Command(0.2, 0.2), Command(0.3, 0.3), Command(0.1, 0.1))
+    assert lags == (AxisCommand(0.2, 0.2), AxisCommand(0.3, 0.3), AxisCommand(0.1, 0.1))
 
 
 def test_a_kalman_filter_has_a_gain_for_each_axis(asymmetric):
@@ -139,7 +139,7 @@ def test_a_network_has_the_sets_and_the_law_of_the_scenario(asymmetric):
     assert not learning.structure["leads"]
     assert rules.structure["axes"] == learning.structure["axes"] == ("x", "y", "z")
     assert (learning.structure["num_rules"], learning.structure["period"]) == (12, 0.02)
-    law, limits = CovarianceLaw(0.8, 5.0, 0.997), Limits(0.9, 0.01, 0.02)
+    law, limits = CovarianceLaw(0.8, 5.0, 0.997), LearningLimits(0.9, 0.01, 0.02)
     assert learning.numbers == LearningNumbers(1.4, law, limits, 0.05)
     # The route begins with the first leg, at which nothing has been learned yet.
     assert learning.structure["reset_times"] == tuple(plan.leg_times[1:])
@@ -154,10 +154,10 @@ def test_a_network_of_type_1_has_triangles_and_the_other_laws_their_numbers(asym
     assert (sets.a1, sets.a2, sets.q) == (1.0, 1.0, 0.0)
     # A law that learns from the command has no use for a slope.
     learning = found["network.learning"].numbers
-    assert learning == LearningNumbers(0.0, SignLaw(0.05, 0.2), Limits(1.5, 0.03, 0.0), -0.04)
+    assert learning == LearningNumbers(0.0, SignLaw(0.05, 0.2), LearningLimits(1.5, 0.03, 0.0), -0.04)
     gradient = "control.network.learning={kind: gradient, rate: 0.4, slope: 1.7}"
     learning = recipes_of(asymmetric("pd_t1fnn", gradient))[0]["network.learning"].numbers
-    assert (learning.law, learning.slope, learning.limits) == (GradientLaw(0.4), 1.7, Limits())
+    assert (learning.law, learning.slope, learning.limits) == (GradientLaw(0.4), 1.7, LearningLimits())
 
 
 def test_what_varies_is_an_array_of_a_number_for_each_vehicle(asymmetric):

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from drake_quad.assembly.control import build_control, control_recipes
-from drake_quad.control.axes import PerAxis
 from drake_quad.control.lqg.chains import (
     Answer,
+    ChainNoise,
     Disturbances,
-    Noise,
     attitude_model,
     lagging_attitude_model,
     torque_model,
@@ -22,6 +21,7 @@ from drake_quad.control.lqg.system import LinearQuadraticGaussian
 from drake_quad.control.mpc.constraints import Corridor
 from drake_quad.control.mpc.system import OPEN, PredictiveProgramme
 from drake_quad.flight.mission import plan_route
+from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.controls.mpc import MpcControl
@@ -29,8 +29,8 @@ from drake_quad.scenario.controls.mpc import MpcControl
 WEIGHT = 0.7 * 9.79
 # A command acts one tick of 20 ms after its tick, for a tick.
 DELAY = 0.02 * (1 + 0.5)
-LATERAL = Disturbances(Noise(0.01108, 0.25), Noise(0.8325, 0.6), Noise(16.6, 20.0), 3.296)
-VERTICAL = Disturbances(Noise(0.4975, 0.25), Noise(0.7479, 0.6), None, 0.03164)
+LATERAL = Disturbances(ChainNoise(0.01108, 0.25), ChainNoise(0.8325, 0.6), ChainNoise(16.6, 20.0), 3.296)
+VERTICAL = Disturbances(ChainNoise(0.4975, 0.25), ChainNoise(0.7479, 0.6), None, 0.03164)
 
 
 def regulator_of_scenario(scenario):

@@ -11,11 +11,11 @@ from pydrake.systems.framework import BasicVector, LeafSystem
 from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
 from drake_quad.assembly.recorder import read_recorder
 from drake_quad.assembly.tracking import build_fleet_diagram
-from drake_quad.control.axes import PerAxis
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.fleets.fleet_simulation import fly, read_metrics
 from drake_quad.flight.mission import plan_route
 from drake_quad.framework.wiring import subsystem
+from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.planning.duration import flight_duration
 from drake_quad.scenario.batch import Batch
 from drake_quad.signals import SIGNALS

@@ -15,7 +15,7 @@ from test_passed_arguments import replaced  # noqa: F401 - a fixture
 
 from drake_quad import load_scenario
 from drake_quad.command_line import identify, interruption, running
-from drake_quad.design.lqg import Limits
+from drake_quad.design.lqg import LqgLimits
 from drake_quad.errors import InputWarning
 from drake_quad.flight.mission import plan_route
 from drake_quad.identification.logs.record import FlightRecord
@@ -120,7 +120,7 @@ def test_a_regulator_is_designed_within_the_limits_that_are_asked_for(run, repla
     result = run("design-lqg", "laboratory:low_wind", *limits, "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     (((scenario, allowed), _),) = calls["design_lqg"]
-    assert (scenario.name, allowed) == ("low_wind", Limits(2.5, 0.04, 30.0, 2.0))
+    assert (scenario.name, allowed) == ("low_wind", LqgLimits(2.5, 0.04, 30.0, 2.0))
     assert calls["print_margins"] == [(("margins",), {})]
     (((flown,), _),) = calls["link_margins"]
     assert flown.control == load_scenario(tmp_path / "scenario.yaml").control == control
@@ -129,7 +129,7 @@ def test_a_regulator_is_designed_within_the_limits_that_are_asked_for(run, repla
     assert f"\n  drake-quad study {files[1]} --samples 32\n" in result.stdout
     assert [line.strip() for line in result.stdout.split("wrote\n")[1].splitlines()] == files
     assert run("design-lqg", "laboratory:low_wind", "--output", tmp_path).returncode == 0
-    assert calls["design_lqg"][1][0][1] == Limits()
+    assert calls["design_lqg"][1][0][1] == LqgLimits()
 
 
 @pytest.mark.slow

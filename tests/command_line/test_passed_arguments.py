@@ -28,16 +28,16 @@ from drake_quad.command_line import (
 )
 from drake_quad.command_line.main import COMMANDS, full_parser
 from drake_quad.design.cascade import default_options, on_board_options
-from drake_quad.design.gains import PolePair, Regulator
+from drake_quad.design.gains import PolePair, RegulatorRequirements
 from drake_quad.design.tuning import Budget, Knob
-from drake_quad.evaluation.experiment import QUICK, Sizes
+from drake_quad.evaluation.experiment import QUICK, EvaluationSizes
 from drake_quad.evaluation.families import FAMILIES
 from drake_quad.evaluation.results import PRICED
 from drake_quad.flight.formats.flight_format import FORMATS
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication.experiment import QUICK as QUICK_EXPERIMENT
-from drake_quad.replication.experiment import Sizes as ExperimentSizes
+from drake_quad.replication.experiment import ExperimentSizes
 from drake_quad.replication.printed import Cell
 from drake_quad.scenario.files.shipped import shipped_folder
 from drake_quad.studies.study import Study
@@ -508,7 +508,7 @@ def test_options_of_a_design_replace_the_defaults_of_their_loops():
     assert {axis: each.effort for axis, each in damped.items() if each.effort} == {"yaw": 3.0, "x": 2.0, "y": 2.0}
     costs = {axis: each.family for axis, each in options("--method", "lqr", "--yaw-rate-time", 0.0).items()}
     times = {"roll": 0.2, "pitch": 0.2, "yaw": 0.0, "x": 1.0, "y": 1.0, "z": 0.2}
-    assert costs == {axis: Regulator(time) for axis, time in times.items()}
+    assert costs == {axis: RegulatorRequirements(time) for axis, time in times.items()}
 
 
 @pytest.mark.parametrize(
@@ -587,12 +587,12 @@ def test_controllers_are_judged_in_all_families_unless_some_are_named(run, repla
     )
     monkeypatch.setattr(judge, "output_folder", lambda folder: folder)
     for given, families, only, sizes, folder in (
-        ([], [*FAMILIES], None, Sizes(), "out/controllers"),
+        ([], [*FAMILIES], None, EvaluationSizes(), "out/controllers"),
         (
             ["--samples", 9, "--family", "laboratory", "--only", "pd"],
             ["laboratory"],
             ["pd"],
-            Sizes(samples=9),
+            EvaluationSizes(samples=9),
             "out/controllers",
         ),
         (["--quick"], [*FAMILIES], None, QUICK, "out/controllers_quick"),

@@ -33,7 +33,7 @@ from drake_quad.design.stability_map import MappedGains, StabilityMap
 from drake_quad.files import read_table
 from drake_quad.flight.mission import plan_route
 from drake_quad.identification.fitting.random_effects import Variation
-from drake_quad.identification.flown_again.comparison import Comparison
+from drake_quad.identification.flown_again.comparison import LogComparison
 from drake_quad.identification.flown_again.prediction import Predictions
 from drake_quad.identification.identified import Fitted, Identification, Spread
 from drake_quad.identification.logs.record import FlightRecord
@@ -43,10 +43,10 @@ from drake_quad.linear.margins import Margins
 from drake_quad.planning.believed import planned_parameters
 from drake_quad.planning.feasibility import plan_demand
 from drake_quad.reference.binding import Binding
-from drake_quad.reference.path_problem import Limits
+from drake_quad.reference.path_problem import PathLimits
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.replication.printed import Cell, Runs
-from drake_quad.replication.table_ii import Entry
+from drake_quad.replication.table_ii import TableEntry
 from drake_quad.statistics.interval import Interval, plus_minus, spread_alone
 from drake_quad.studies.study import Study
 
@@ -156,7 +156,7 @@ def compared():
     predicted[[3, 7], 30:] = np.nan
     reference = SimpleNamespace(deviation=0.00123, route=SimpleNamespace(knots=(0.0, 1.0, 2.0)))
     record = FlightRecord("log7", np.arange(2.0))
-    return Comparison(record, None, reference, None, time, np.zeros((50, 3)), flown, predicted)
+    return LogComparison(record, None, reference, None, time, np.zeros((50, 3)), flown, predicted)
 
 
 def test_a_log_is_compared_in_centimetres_axis_by_axis(compared, capsys):
@@ -537,7 +537,7 @@ def test_the_summary_of_a_plan_has_its_length_its_peaks_and_its_rotors():
     """A figure eight is measured by its own samples; a limit is named where there is one."""
     mission = load_scenario("figure_eight")
     flown = plan_route(mission)
-    rows = {name: (value, unit) for name, value, unit in plan.summary(mission, flown, Limits(speed=9.0), None)}
+    rows = {name: (value, unit) for name, value, unit in plan.summary(mission, flown, PathLimits(speed=9.0), None)}
     times = np.linspace(0.0, flown.duration, 20_001)
     way = evaluate(flown.path, times)
     assert float(rows["length"][0]) == pytest.approx(np.linalg.norm(np.diff(way, axis=1), axis=0).sum(), abs=0.02)
@@ -558,9 +558,9 @@ def test_errors_of_table_ii_are_printed_beside_those_of_the_paper(capsys):
     gap = Runs((math.nan,) * 3, math.nan)
     runs = Runs((0.1, 0.1, 0.1), 0.1)
     entries = [
-        Entry(Cell("low_wind", "pd"), "rmse", Runs((0.2, 0.2, 0.2), 0.2), runs, Interval(0.15, 0.14, 0.16), 0),
-        Entry(Cell("low_wind", "pd"), "effort_x", runs, runs, Interval(0.3, 0.2, 0.4), 0),
-        Entry(Cell("no_wind", "pd_t2fnn"), "rmse", gap, runs, Interval(0.05, 0.04, 0.06), 0),
+        TableEntry(Cell("low_wind", "pd"), "rmse", Runs((0.2, 0.2, 0.2), 0.2), runs, Interval(0.15, 0.14, 0.16), 0),
+        TableEntry(Cell("low_wind", "pd"), "effort_x", runs, runs, Interval(0.3, 0.2, 0.4), 0),
+        TableEntry(Cell("no_wind", "pd_t2fnn"), "rmse", gap, runs, Interval(0.05, 0.04, 0.06), 0),
     ]
     replicate.print_errors(entries)
     header, first, second = cells(capsys.readouterr().out)

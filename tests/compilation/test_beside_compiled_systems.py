@@ -12,10 +12,10 @@ from drake_quad import InputError, build_tracking_diagram, load_scenario, simula
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.compilation.compile_diagram import compile_diagram, compiled_part, or_stand_in
 from drake_quad.compilation.stand_in import StandIn
-from drake_quad.control.axes import PerAxis
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.fleets.study_fleet import StudyFleet
 from drake_quad.flight.mission import plan_route
+from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.laboratory.wind.wind import SteadyWind
 from drake_quad.signals import Wind
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drake_quad.compilation.clocked_loop import ClockedLoop
-from drake_quad.compilation.parts import Sizes
+from drake_quad.compilation.parts import PartSizes
 from drake_quad.compilation.trace import INPUTS, PARAMETERS, STATE
 from drake_quad.framework import elementary
 from drake_quad.framework.machine_code import LANES
@@ -17,7 +17,7 @@ def loop_of(n):
     x, p, u = listing.row(STATE, 1), listing.row(PARAMETERS, 0), listing.row(INPUTS, 0)
     step, shown = listing.shared(2), listing.shared(0)
     changes = {1: x + step * (elementary.exp(p) * x + u)}
-    return ClockedLoop(listing, changes, [x + shown], sizes=Sizes(2, 1, 1), width=3, num_vehicles=n)
+    return ClockedLoop(listing, changes, [x + shown], sizes=PartSizes(2, 1, 1), width=3, num_vehicles=n)
 
 
 def by_vehicle(rows, n):

@@ -7,7 +7,7 @@ import pytest
 
 from drake_quad.compilation import parts
 from drake_quad.compilation.loop import Loop
-from drake_quad.compilation.parts import Sizes
+from drake_quad.compilation.parts import PartSizes
 from drake_quad.compilation.trace import INPUTS, PARAMETERS, STATE
 from drake_quad.framework import elementary, scheduling
 from drake_quad.framework.machine_code import LANES
@@ -22,7 +22,7 @@ def run(listing, changes, logged, *, state, parameters=(), inputs=(), shared, wi
     n = state.shape[1]
     parameters, inputs = (np.array(rows, dtype=float).reshape(-1, n) for rows in (parameters, inputs))
     shared = np.array(shared, dtype=float)
-    sizes = Sizes(len(state), len(parameters), len(inputs))
+    sizes = PartSizes(len(state), len(parameters), len(inputs))
     loop = Loop(listing, changes, logged, sizes=sizes, width=shared.shape[1] if width is None else width, lone=lone)
     flat, log = state.ravel(), np.full((len(shared), loop.num_logged, loop.padded(n)), np.nan)
     loop.run(flat, parameters.ravel(), inputs.ravel(), shared, log, n)
@@ -58,7 +58,7 @@ def test_nothing_but_the_rows_that_change_is_written(n):
     """Not beyond the fleet either, nor by no events at all."""
     listing = Listing()
     (x, *_) = rows_of(listing, STATE, 3)
-    loop = Loop(listing, {1: x + 1.0}, [], sizes=Sizes(3, 0, 0), width=0, lone=False)
+    loop = Loop(listing, {1: x + 1.0}, [], sizes=PartSizes(3, 0, 0), width=0, lone=False)
     for events in (0, 1):
         state = np.arange(3.0 * n + 5.0)
         none = np.empty(0)
@@ -80,7 +80,8 @@ def test_rows_begin_with_a_line_of_the_cache():
 def test_a_log_has_room_for_whole_vectors():
     listing = Listing()
     loops = [
-        Loop(listing, {}, [listing.row(STATE, 0)], sizes=Sizes(1, 0, 0), width=0, lone=lone) for lone in (True, False)
+        Loop(listing, {}, [listing.row(STATE, 0)], sizes=PartSizes(1, 0, 0), width=0, lone=lone)
+        for lone in (True, False)
     ]
     assert loops[0].padded(1) == 1
     assert [loops[1].padded(n) for n in (1, LANES, LANES + 1)] == [LANES, LANES, 2 * LANES]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drake_quad.compilation.shared_numbers import TIME_ITSELF, SharedNumbers, Source
+from drake_quad.compilation.shared_numbers import TIME_ITSELF, NumberSource, SharedNumbers
 from drake_quad.framework.formulas import TickOf
 
 
@@ -42,8 +42,8 @@ def test_times_and_ticks_are_those_of_each_event_and_instant():
 def test_a_source_is_asked_once_for_all_its_elements():
     shared = SharedNumbers()
     for element in (2, 0):
-        shared.place(1, Source("reference", 0, element))
-    shared.place(0, Source("reference", 0, 1))
+        shared.place(1, NumberSource("reference", 0, element))
+    shared.place(0, NumberSource("reference", 0, 1))
     asked = []
 
     def values(path, output, time):

@@ -4,7 +4,7 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Adder, ConstantVectorSource, Gain
 
-from drake_quad.compilation.topology import Exported, Port, Topology
+from drake_quad.compilation.topology import ExportedPort, Port, Topology
 
 
 def named(builder, name, system):
@@ -45,7 +45,7 @@ def test_leaves_have_the_names_on_the_way(topology):
 
 
 def test_an_input_is_traced_to_the_leaf_or_the_port_of_the_diagram_that_feeds_it(topology):
-    u = Exported("u", 3)
+    u = ExportedPort("u", 3)
     assert topology.sources("outer.inner.gain") == [u]
     assert topology.sources("outer.twice") == [Port("outer.inner.gain", 0)]
     assert topology.sources("adder") == [Port("outer.twice", 0), u, None, Port("constant", 0)]

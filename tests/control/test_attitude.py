@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drake_quad.control.attitude import AttitudeController, AttitudeNumbers
-from drake_quad.control.axes import PerAngle
+from drake_quad.geometry.per_axis import PerAngle
 from drake_quad.signals import State, Torque
 
 INERTIA = (0.007, 0.008, 0.012)

@@ -7,17 +7,17 @@ import pytest
 from pydrake.systems.framework import BasicVector, LeafSystem
 
 from drake_quad.control.attitude import AttitudeController, AttitudeNumbers
-from drake_quad.control.axes import PerAngle, PerAxis
 from drake_quad.control.cascade import POSITION_SIGNALS, build_cascade
 from drake_quad.control.disturbance.estimator import DisturbanceEstimator, EstimatorNumbers
 from drake_quad.control.disturbance.laws import IncrementalLaw
-from drake_quad.control.disturbance.response import Command
+from drake_quad.control.disturbance.response import AxisCommand
 from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets, firing_strengths
 from drake_quad.control.fuzzy.set_learning import SetLearning
 from drake_quad.control.fuzzy.systems import FuzzyRules, Lead, RulesNumbers, WeightLearning, build_fuzzy_network
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, VectoringNumbers
+from drake_quad.geometry.per_axis import PerAngle, PerAxis
 from drake_quad.signals import Acceleration, Attitude, Jerk, Reference, Snap, State, Torque, Wrench
 
 GAINS = PdGains(PerAxis(1.3, 1.0, 5.0), PerAxis(1.5, 1.2, 3.2))
@@ -106,7 +106,7 @@ def test_it_shows_what_its_position_controller_shows():
     pd = ProportionalDerivative(numbers=GAINS)
     assert ports(cascade("none")) == (["measurement", "reference"], always + of_the_pd)
     network = build_fuzzy_network(rules=FuzzyRules(adaptive=True), learning=WeightLearning(), sets=SetLearning())
-    still = EstimatorNumbers((IncrementalLaw(3.0),) * 3, (Command(0.1, 0.1),) * 3, 1.0)
+    still = EstimatorNumbers((IncrementalLaw(3.0),) * 3, (AxisCommand(0.1, 0.1),) * 3, 1.0)
     corrected = build_position_controller(pd, disturbance=DisturbanceEstimator(numbers=still), takes_correction=True)
     assert ports(cascade("snap", corrected, network)) == ([*INPUTS], [*always, *POSITION_SIGNALS])
     integral = IntegralCorrection(numbers=IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6))

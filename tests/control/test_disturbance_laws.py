@@ -14,7 +14,7 @@ from drake_quad.control.disturbance.laws import (
     KalmanLaw,
     Measured,
 )
-from drake_quad.control.disturbance.response import Command, lagging, responded
+from drake_quad.control.disturbance.response import AxisCommand, lagging, responded
 
 H = 0.02
 
@@ -27,7 +27,7 @@ def test_a_lag_and_its_integrals_are_those_of_its_differential_equation():
 
 
 def test_what_is_fed_forward_has_a_lag_of_its_own():
-    after, speed, distance = responded(Command(0.3, -0.2), Command(1.1, 0.7), Command(0.2, 0.05), H)
+    after, speed, distance = responded(AxisCommand(0.3, -0.2), AxisCommand(1.1, 0.7), AxisCommand(0.2, 0.05), H)
     one, other = lagging(0.3, 1.1, 0.2, H), lagging(-0.2, 0.7, 0.05, H)
     assert after == (one.after, other.after)
     assert (speed, distance) == pytest.approx((one.speed + other.speed, one.distance + other.distance))

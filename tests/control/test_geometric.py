@@ -11,7 +11,6 @@ from pydrake.systems.analysis import Simulator
 from drake_quad import load_scenario, simulate
 from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.control.attitude import AttitudeNumbers, attitude_law
-from drake_quad.control.axes import PerAngle
 from drake_quad.control.geometric import (
     IntegratingAttitudeNumbers,
     geometric_law,
@@ -21,6 +20,7 @@ from drake_quad.control.geometric import (
 from drake_quad.fleets.fleet_simulation import fly
 from drake_quad.flight.mission import plan_route
 from drake_quad.framework.wiring import subsystem
+from drake_quad.geometry.per_axis import PerAngle
 from drake_quad.scenario.batch import Batch
 from drake_quad.signals import AngularAcceleration, Attitude, BodyRates, State
 

@@ -5,14 +5,14 @@ import pytest
 import scipy
 
 from drake_quad.control.attitude import AttitudeNumbers, attitude_law
-from drake_quad.control.axes import PerAngle
 from drake_quad.control.disturbance.laws import IncrementalLaw
-from drake_quad.control.disturbance.response import Command
+from drake_quad.control.disturbance.response import AxisCommand
 from drake_quad.control.incremental_attitude import (
     IncrementalAttitudeNumbers,
     incremental_torque,
     next_incremental_memory,
 )
+from drake_quad.geometry.per_axis import PerAngle
 from drake_quad.signals import AngularAcceleration, Attitude, BodyRates, State
 
 H, LAG = 0.02, 0.05
@@ -40,7 +40,7 @@ def settled(law_of):
 def test_a_constant_torque_turns_a_pd_aside_and_indi_not():
     angles, rates = settled(lambda measurement: attitude_law(measurement, *NOTHING, GAINS))
     np.testing.assert_allclose(angles, PUSH / np.array(GAINS.k_p), rtol=1e-3)
-    still = ((NUMBERS.law.at_rest(0.0),) * 3, (Command(0.0, 0.0),) * 3)
+    still = ((NUMBERS.law.at_rest(0.0),) * 3, (AxisCommand(0.0, 0.0),) * 3)
     states = [still]
 
     def incremental(measurement):
@@ -74,7 +74,7 @@ def test_the_torque_follows_the_equation_of_incremental_control():
     filtered, modelled, before = np.zeros((2, 3)), np.zeros(3), np.zeros(3)
     rate_increment = np.zeros(3)  # change of the modelled body rates in the last tick
     memory = (NUMBERS.law.at_rest(0.0),) * 3
-    following = (Command(0.0, 0.0),) * 3
+    following = (AxisCommand(0.0, 0.0),) * 3
     for _ in range(40):
         angles, rates, attitude, wanted_rates, feed_forward = rng.normal(size=(5, 3)) * [
             [0.2],

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from drake_quad.control.axes import PerAxis
 from drake_quad.control.integral import IntegralCorrection, IntegralGains, integrated
+from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.signals import Acceleration, PositionError
 
 H, K_I = 0.02, np.array([0.3, 0.5, 2.0])

@@ -12,10 +12,10 @@ import scipy
 
 from drake_quad import load_scenario, read_log, simulate
 from drake_quad.control.attitude import AttitudeNumbers
-from drake_quad.control.axes import PerAngle
 from drake_quad.control.geometric import geometric_law
 from drake_quad.control.thrust_vectoring import ThrustLimits, VectoringNumbers, vectored_thrust
 from drake_quad.geometry.axes import BodyAxes
+from drake_quad.geometry.per_axis import PerAngle
 from drake_quad.signals import Acceleration, AngularAcceleration, Jerk, Reference, State
 
 G = 9.81  # m/s²

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from drake_quad.control.axes import PerAxis
 from drake_quad.control.disturbance.estimator import DisturbanceEstimator, EstimatorNumbers
 from drake_quad.control.disturbance.laws import IncrementalLaw
-from drake_quad.control.disturbance.response import Command
+from drake_quad.control.disturbance.response import AxisCommand
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
+from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.signals import Acceleration, Reference, State
 
 K_P, K_D = np.array([1.0, 2.0, 3.0]), np.array([0.5, 0.6, 0.7])
@@ -75,7 +75,7 @@ def test_fleet_and_single_vehicle_agree():
 
 def test_correction_and_disturbance_are_taken_away_and_the_estimator_knows_what_was_commanded_and_corrected():
     """What a correction takes away the estimator is not to find once more: it models the command with it put back."""
-    lags = (Command(0.2, 0.05), Command(0.3, 0.06), Command(0.4, 0.07))
+    lags = (AxisCommand(0.2, 0.05), AxisCommand(0.3, 0.06), AxisCommand(0.4, 0.07))
     estimator = DisturbanceEstimator(numbers=EstimatorNumbers((IncrementalLaw(5.0),) * 3, lags, 10.0))
     pd = ProportionalDerivative(numbers=PdGains(PerAxis(*K_P), PerAxis(*K_D)), feeds_forward=True)
     diagram = build_position_controller(pd, disturbance=estimator, takes_correction=True)

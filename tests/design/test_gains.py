@@ -29,7 +29,7 @@ from drake_quad.design.gains import (
     LoopDesign,
     PidGains,
     PolePair,
-    Regulator,
+    RegulatorRequirements,
     Requirements,
     add_integral,
     design_loop,
@@ -128,7 +128,7 @@ def test_a_bandwidth_beyond_the_delay_needs_a_negative_gain(pitch):
 def test_a_regulator_is_found_under_any_delay():
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["laboratory.command_link.delay_ticks=50"])
     plant = attitude_plant(laboratory_plant(scenario), scenario, "pitch")
-    family = Regulator(0.2)
+    family = RegulatorRequirements(0.2)
     assert np.isfinite(family.cost(plant, family.gains(plant, 0.1), 0.1))
     with pytest.raises(InputError, match=r"pitch cannot have an effort of 30: phase margin"):
         design_loop(plant, family, Requirements(phase=60.0), axis="pitch", effort=30.0)
@@ -150,7 +150,7 @@ def double_integrator(h=0.02):
 
 
 def test_where_a_pd_knows_everything_it_is_the_regulator():
-    plant, family = double_integrator(), Regulator(0.3)
+    plant, family = double_integrator(), RegulatorRequirements(0.3)
     gains = family.gains(plant, 20.0)
     assert family.cost(plant, gains, 20.0) == pytest.approx(family.least_cost(plant, 20.0), rel=1e-6)
     # Drake's own gain for the same weights.
@@ -160,7 +160,7 @@ def test_where_a_pd_knows_everything_it_is_the_regulator():
 
 @pytest.mark.slow
 def test_the_hardest_regulator_that_keeps_the_margins_states_what_full_state_would_do_better(pitch):
-    family, required = Regulator(0.2), Requirements()
+    family, required = RegulatorRequirements(0.2), Requirements()
     design = design_loop(pitch, family, required, axis="pitch")
     assert design.limits
     assert design.bandwidth is None
@@ -177,7 +177,7 @@ def test_the_hardest_regulator_that_keeps_the_margins_states_what_full_state_wou
 
 
 def test_the_cost_is_the_sum_over_a_simulated_impulse(pitch):
-    family, gains, effort = Regulator(0.2), AxisGains(6.0, 4.0), 30.0
+    family, gains, effort = RegulatorRequirements(0.2), AxisGains(6.0, 4.0), 30.0
     x, total = pitch.B.copy(), 0.0
     for _ in range(5000):
         value, rate = (pitch.C @ x)[:, 0]
@@ -470,7 +470,7 @@ def test_of_gains_that_are_all_too_weak_the_nearest_is_told():
 
 
 def test_a_loop_that_is_not_stable_costs_without_end():
-    family, plant = Regulator(0.2), double_integrator()
+    family, plant = RegulatorRequirements(0.2), double_integrator()
     assert family.cost(plant, AxisGains(1.0, 0.001), 10.0) == np.inf
     assert family.cost(plant, AxisGains(0.0, 1.0), 10.0) == np.inf
     assert np.isfinite(family.cost(plant, AxisGains(1.0, 1.0), 10.0))
@@ -553,12 +553,12 @@ def behind(ticks):
 def test_a_search_for_a_regulator_starts_at_the_fastest_that_is_stable(monkeypatch, ticks, frequency):
     """The longer the delay the slower: a quarter of what it takes to turn by a radian is already too much."""
     monkeypatch.setattr("scipy.optimize.minimize", lambda function, start, **_: SimpleNamespace(x=start))
-    found = Regulator(0.2).gains(behind(ticks), 1.0)
+    found = RegulatorRequirements(0.2).gains(behind(ticks), 1.0)
     assert found == pytest.approx((frequency**2, 1.6 * frequency))
 
 
 def test_a_regulator_s_gains_are_found_to_a_thousandth():
-    plant, family = double_integrator(), Regulator(0.3)
+    plant, family = double_integrator(), RegulatorRequirements(0.3)
     for effort in (0.5, 20.0):
         K, _ = DiscreteTimeLinearQuadraticRegulator(plant.A, plant.B, np.diag([1.0, 0.09]), np.eye(1) / effort**2)
         np.testing.assert_allclose(family.gains(plant, effort), K[0], rtol=1e-3)

@@ -14,7 +14,7 @@ from drake_quad.design import lqg as lqg_design
 from drake_quad.design.cascade import design_cascade
 from drake_quad.design.lqg import (
     Conditions,
-    Limits,
+    LqgLimits,
     Plant,
     Truth,
     believed_timings,
@@ -186,7 +186,7 @@ def test_nothing_turns_a_vehicle_whose_attitude_answers_as_a_whole(diagrams):
 @pytest.mark.slow
 def test_a_command_may_be_as_large_as_the_torque_that_it_holds_twice():
     """A centre of mass that is r off turns a vehicle by m g r / I, a Crazyflie five times as fast as the paper's."""
-    limits, turning, largest = Limits(), {}, {}
+    limits, turning, largest = LqgLimits(), {}, {}
     for name in ("bad_day:crazyflie", "robustness"):
         scenario = load_scenario(name)
         found, vehicle = conditions_of(scenario), middle_of(scenario).vehicle
@@ -211,7 +211,7 @@ def test_the_delays_that_may_be_believed_are_the_mean_of_the_plants_and_the_tick
 def test_a_shipped_design_reaches_the_default_limits(low_wind):
     """A design of least error is at its limits, since each costs error: here at those of the peak and of the snap."""
     scenario, conditions = low_wind
-    limits, margins = Limits(), [*link_margins(middle_of(scenario)).values()]
+    limits, margins = LqgLimits(), [*link_margins(middle_of(scenario)).values()]
     assert 0.99 * limits.sensitivity < max(each.sensitivity for each in margins) <= limits.sensitivity
     assert min(each.delay for each in margins) >= limits.delay
     axes, timing = axes_of(scenario, plants_of(scenario)[0], conditions)
@@ -238,8 +238,8 @@ def test_a_design_believes_the_delay_of_less_cost_and_limits_the_command_of_each
         searches.append(search)
         return dataclasses.replace(search, cost=abs(search.timing.delay_ticks - best))
 
-    monkeypatch.setattr(lqg_design._Search, "advanced", advanced)
-    limits = Limits(sensitivity=1e3, delay=1e-6, snap=50.0, acceleration=5.0)
+    monkeypatch.setattr(lqg_design._LqgSearch, "advanced", advanced)
+    limits = LqgLimits(sensitivity=1e3, delay=1e-6, snap=50.0, acceleration=5.0)
     design = design_lqg(scenario, limits)
     assert design.control.delay_ticks == best
     first, second, vertical = searches
@@ -254,7 +254,7 @@ def test_a_design_flies_within_its_limits(diagrams, monkeypatch):
     """A vehicle with drag leans, of which the chains know nothing; the whole loop keeps the limits all the same."""
     monkeypatch.setattr(lqg_design, "_EVALUATIONS", 30)
     scenario = load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:wind_8_sine", ["route.laps=2", "metrics.start=6.3"])
-    design = design_lqg(scenario, Limits(sensitivity=2.2, delay=0.05))
+    design = design_lqg(scenario, LqgLimits(sensitivity=2.2, delay=0.05))
     assert all(np.isfinite(each.error) for each in (*design.lateral, *design.vertical))
     assert design.control.yaw is None
     # The estimate along z sets the thrust, and with it the tilt, so it must not believe in more than there is.
@@ -299,13 +299,13 @@ def search_of(shipped):
     loop = control.lateral.loop(timing, scenario.nominal.gravity)
     conditions = Conditions(STILL, STILL, 0.0, 1e-3, 4e-3, 0.0)
 
-    def make(*delays, limits=Limits(sensitivity=1e3, delay=1e-6), most=1e6, loop_of=lambda axis: loop):
+    def make(*delays, limits=LqgLimits(sensitivity=1e3, delay=1e-6), most=1e6, loop_of=lambda axis: loop):
         plants = [Plant(True, 0.05, None, 0, delay) for delay in delays]
         truths = [
             Truth.of(lateral_truth(plant, conditions), plant, conditions, timing, scenario.nominal.gravity)
             for plant in plants
         ]
-        return lqg_design._Search(lambda number: control.lateral, loop_of, truths, most, timing, (1.0,), limits)
+        return lqg_design._LqgSearch(lambda number: control.lateral, loop_of, truths, most, timing, (1.0,), limits)
 
     return make
 
@@ -316,7 +316,7 @@ def test_the_cost_is_the_logarithm_of_the_error_over_all_plants_unless_a_limit_i
     cost = search.cost_of(np.zeros(1))
     assert cost == pytest.approx(0.5 * np.log(0.5 * (first.error**2 + second.error**2)), rel=1e-9)
     assert search_of(1).cost_of(np.zeros(1)) == pytest.approx(np.log(first.error), rel=1e-9)
-    for change in ({"limits": Limits(1.01, 1e-6)}, {"limits": Limits(1e3, 1.0)}, {"most": 0.5 * first.command}):
+    for change in ({"limits": LqgLimits(1.01, 1e-6)}, {"limits": LqgLimits(1e3, 1.0)}, {"most": 0.5 * first.command}):
         assert search_of(1, 2, **change).cost_of(np.zeros(1)) > cost + 0.1
     assert search_of(1, 2, most=1.01 * first.command).cost_of(np.zeros(1)) == cost
 
@@ -338,7 +338,7 @@ def test_a_design_that_is_unstable_costs_more_than_any_that_is_stable_and_one_th
         search_of(6).found()
 
 
-class Bowl(lqg_design._Search):
+class Bowl(lqg_design._LqgSearch):
     """A search whose cost is the squared distance of the logarithms from those of known numbers, and even far away."""
 
     best = np.log([3e-3, 0.7, 40.0])
@@ -360,7 +360,7 @@ def test_a_search_finds_the_numbers_of_least_cost_wherever_the_first_begins(sear
 
 def test_limits_are_narrowed_until_the_whole_loop_keeps_them(search_of):
     """Limits shrink by slightly more than the loop exceeds them. A loop without feedback cannot be narrowed."""
-    limits = Limits(sensitivity=3.0, delay=0.03)
+    limits = LqgLimits(sensitivity=3.0, delay=0.03)
     search = search_of(1, limits=limits._replace(sensitivity=2.5, delay=0.04))
 
     def found(sensitivity, delay):
@@ -390,7 +390,7 @@ def test_a_design_is_made_of_what_is_believed_and_of_what_disturbs(diagrams, mon
     """Without an autopilot, and with limits that no design breaks."""
     monkeypatch.setattr(lqg_design, "_EVALUATIONS", 1)
     scenario = load_scenario(f"{diagrams}/laboratory.yaml:low_wind", ["duration=4", "metrics.start=0"])
-    design = design_lqg(scenario, Limits(sensitivity=1e3, delay=1e-6))
+    design = design_lqg(scenario, LqgLimits(sensitivity=1e3, delay=1e-6))
     control, found, gravity = design.control, design.conditions, scenario.nominal.gravity
     x, z, plant = control.lateral, control.vertical, design.plants[0]
     assert (x.lag, x.natural_frequency, x.damping, z.lag) == (plant.lag, None, None, plant.lag)

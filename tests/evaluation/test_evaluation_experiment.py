@@ -14,14 +14,14 @@ from drake_quad.evaluation.designs import design_file, designs_in, write_designs
 from drake_quad.evaluation.entries import entries_of
 from drake_quad.evaluation.experiment import (
     QUICK,
-    Sizes,
+    EvaluationSizes,
     fly_evaluation,
     fly_family,
     fly_laps,
     fly_priced,
     missing_designs,
 )
-from drake_quad.evaluation.families import FAMILIES, FIRST_JUDGED, Family, laps_of
+from drake_quad.evaluation.families import FAMILIES, FIRST_JUDGED, LaboratoryFamily, laps_of
 from drake_quad.evaluation.results import (
     PRICED,
     PRICED_CONTROLLERS,
@@ -31,7 +31,7 @@ from drake_quad.evaluation.results import (
     priced_name,
 )
 
-SIZES = Sizes(samples=7, slow=3, laps=5, most_laps=3, delayed=4, most_frames=6)
+SIZES = EvaluationSizes(samples=7, slow=3, laps=5, most_laps=3, delayed=4, most_frames=6)
 
 
 @pytest.fixture
@@ -41,7 +41,7 @@ def told(monkeypatch):
     def scenario(family, diagrams, place, layers=(), overrides=()):
         return (place, *(layer.rpartition(":")[2] for layer in layers), *overrides)
 
-    monkeypatch.setattr(Family, "scenario", scenario)
+    monkeypatch.setattr(LaboratoryFamily, "scenario", scenario)
     monkeypatch.setattr(
         experiment, "timed_flights", lambda of, count, compiled=True: (("flown", of, count, compiled), f"time {of[0]}")
     )
@@ -51,7 +51,7 @@ def told(monkeypatch):
 
 
 def test_a_family_is_judged_in_each_of_its_laboratories(told, diagrams):
-    family = Family({"gale": "a", "calm": "b"}, ("calm",), "gale", on_board=False, maps=True)
+    family = LaboratoryFamily({"gale": "a", "calm": "b"}, ("calm",), "gale", on_board=False, maps=True)
     for name in ("pd", "pd_t2fnn_map", "mpc"):
         *found, last = fly_family(diagrams, "mine", family, name, SIZES)
         slow = name == "mpc"
@@ -291,7 +291,7 @@ def test_a_network_is_tuned_without_a_linear_limit_but_with_late_frames(tuned, m
     folder = tmp_path / "diagrams"
     (folder / "controllers" / "designed").mkdir(parents=True)
     (folder / "mine.yaml").write_text(f"mine: {{extends: '{diagrams}/laboratory.yaml:low_wind'}}\n", encoding="utf-8")
-    family = Family({"low wind": "mine.yaml"}, ("low wind",), "low wind", laps=laps_of(2), maps=True)
+    family = LaboratoryFamily({"low wind": "mine.yaml"}, ("low wind",), "low wind", laps=laps_of(2), maps=True)
     asked = []
 
     def stood(scenarios, most, *, budget):

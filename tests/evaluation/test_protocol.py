@@ -8,8 +8,8 @@ from drake_quad.design.tuning import Budget, LoopLimit
 from drake_quad.evaluation import experiment
 from drake_quad.evaluation.designs import designs_in, write_designs
 from drake_quad.evaluation.entries import entries_of
-from drake_quad.evaluation.experiment import QUICK, Sizes, delay_flown, fly_family, fly_laps, lone_time
-from drake_quad.evaluation.families import FAMILIES, FIRST_JUDGED, Family
+from drake_quad.evaluation.experiment import QUICK, EvaluationSizes, delay_flown, fly_family, fly_laps, lone_time
+from drake_quad.evaluation.families import FAMILIES, FIRST_JUDGED, LaboratoryFamily
 from drake_quad.evaluation.protocol import design_family, training, tunable
 from drake_quad.evaluation.results import in_laps
 from drake_quad.scenario.paths import value_at
@@ -71,7 +71,7 @@ def copied(diagrams, tmp_path):
     (folder / "controllers" / "designed").mkdir(parents=True)
     spec = f"{diagrams}/laboratory.yaml:low_wind"
     (folder / "mine.yaml").write_text(f"mine: {{extends: '{spec}', duration: 2.0}}\n", encoding="utf-8")
-    return folder, Family({"low wind": "mine.yaml"}, ("low wind",), "low wind")
+    return folder, LaboratoryFamily({"low wind": "mine.yaml"}, ("low wind",), "low wind")
 
 
 @pytest.mark.slow
@@ -87,7 +87,7 @@ def test_designs_are_made_flown_and_better_than_the_middle_of_their_ranges(copie
     assert [each.name for each in made] == ["pd", "pd_t1fnn"]
     assert tuple(designs_in(path)) == ("pd", "pd_t1fnn")
     assert list(path.parent.iterdir()) == [path]
-    sizes = Sizes(samples=3, delayed=2, most_frames=2)
+    sizes = EvaluationSizes(samples=3, delayed=2, most_frames=2)
     (place, name, metrics), (_, _, traits), *_ = fly_family(folder, "mine", family, "pd", sizes)
     assert (place, name, len(metrics.rmse)) == ("low wind", "pd", 3)
     assert (traits.sensitivity, traits.delay) == (2.0, 0.05)
@@ -103,13 +103,13 @@ def test_designs_are_made_flown_and_better_than_the_middle_of_their_ranges(copie
 def test_the_delay_that_is_flown_is_one_frame_less_than_what_crashes(diagrams):
     stiff = ["control.attitude.k_p=[16, 16, 5.356]", "control.attitude.k_d=[6, 6, 3.5]", "duration=6"]
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal", stiff)
-    found = delay_flown(scenario, Sizes(delayed=2, most_frames=25))
+    found = delay_flown(scenario, EvaluationSizes(delayed=2, most_frames=25))
     assert 0.0 < found < 0.25
     frame = scenario.laboratory.motion_capture.period
     for more, frames in ((False, round(found / frame)), (True, round(found / frame) + 1)):
         late = [*stiff, f"laboratory.motion_capture.latency_frames={frames}"]
         again = load_scenario(diagrams / "laboratory.yaml:nominal", late)
-        assert (delay_flown(again, Sizes(delayed=2, most_frames=0)) < 0.0) is more
+        assert (delay_flown(again, EvaluationSizes(delayed=2, most_frames=0)) < 0.0) is more
     assert lone_time(scenario) > 0.0
 
 

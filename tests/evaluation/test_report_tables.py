@@ -17,7 +17,7 @@ from drake_quad.evaluation.claims import (
     priced,
 )
 from drake_quad.evaluation.entries import entries_of
-from drake_quad.evaluation.experiment import QUICK, Sizes
+from drake_quad.evaluation.experiment import QUICK, EvaluationSizes
 from drake_quad.evaluation.families import FAMILIES, FIRST_JUDGED
 from drake_quad.evaluation.report import FIGURES, machine, report_markdown, write_summary
 from drake_quad.evaluation.results import SENSITIVITIES, Traits, in_laps
@@ -48,7 +48,7 @@ def found():
 def test_the_report_that_is_shipped_is_that_of_the_default_sizes(root):
     """Its statements are in the order in which all are asked."""
     text = (root / "docs" / "controllers" / "report.md").read_text(encoding="utf-8")
-    whole = Sizes()
+    whole = EvaluationSizes()
     assert text.startswith("#")
     for words in (
         f"\n{whole.samples} samples in each of ",

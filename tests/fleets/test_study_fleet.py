@@ -10,13 +10,13 @@ from pydrake.systems.analysis import Simulator
 from drake_quad import InputError, load_scenario, simulate
 from drake_quad.assembly.tracking import build_fleet_diagram, reset_fleet
 from drake_quad.assembly.user_systems import UserSystems
-from drake_quad.control.axes import PerAxis
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.fleets.fleet_simulation import fly, read_metrics
 from drake_quad.fleets.study_fleet import StudyFleet
 from drake_quad.flight.mission import plan_route
 from drake_quad.flight.simulation import simulate_samples
 from drake_quad.framework.wiring import subsystem
+from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.scenario.batch import Batch
 
 

@@ -7,9 +7,9 @@ import pytest
 from ruamel.yaml import YAML
 
 from drake_quad import InputError, load_scenario, save_network, simulate
-from drake_quad.control.axes import PerAxis
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.flight.simulation import simulate_samples
+from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.scenario.files.saving import save_scenario
 
 ADAPTIVE = "control.network.adaptive={centres: 0.4, widths: 0.3, exponents: 0.2}"

@@ -9,12 +9,12 @@ from pydrake.systems.primitives import ConstantVectorSource, Gain
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
 from drake_quad.assembly.control import control_recipes
-from drake_quad.control.axes import PerAxis
 from drake_quad.control.lqg.system import LinearQuadraticGaussian
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.design.tuning import LoopLimit
 from drake_quad.flight.mission import plan_route
 from drake_quad.flight.simulation import simulate_batch
+from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.scenario.batch import Batch, middle_of
 
 DIAGRAMS = Path(__file__).parents[2] / "diagrams"

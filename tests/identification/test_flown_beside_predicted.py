@@ -9,8 +9,8 @@ import pytest
 from drake_quad import InputError, load_scenario, simulate
 from drake_quad.identification.flown_again.comparison import (
     AXES,
-    Comparison,
     ErrorFigures,
+    LogComparison,
     compare_with_log,
     on_route,
     side_by_side,
@@ -123,7 +123,7 @@ def comparison_of(flown, predicted):
     """A comparison of errors alone."""
     nothing = LoggedReference(None, 0.0, 0.0)
     time = np.arange(float(len(flown)))
-    return Comparison(None, None, nothing, None, time, np.zeros_like(flown), flown, predicted)
+    return LogComparison(None, None, nothing, None, time, np.zeros_like(flown), flown, predicted)
 
 
 def test_a_crash_is_an_infinite_error():

@@ -12,16 +12,16 @@ from drake_quad.identification.fitting.flown_model import (
     PUSH,
     Disturbance,
     Flown,
+    FlownVehicle,
     Inputs,
     Numbers,
     Span,
-    Vehicle,
     felt,
     rotors_after,
     rotors_at_rest,
     step,
 )
-from drake_quad.identification.fitting.windows import Cut, Window
+from drake_quad.identification.fitting.windows import Cut, LogWindow
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.vehicle_numbers import with_throttles
 from drake_quad.signals import RotorSpeed, State, Throttle
@@ -114,7 +114,7 @@ def uneven_record():
 def test_inputs_are_the_commands_and_steps_of_each_window(split):
     """The expected values are found step by step, with several steps per sample."""
     log = uneven_record()
-    windows, sizes = [Window(0, 40), Window(0, 70), Window(0, 199)], Cut(length=6, settle=3, warm_up=2)
+    windows, sizes = [LogWindow(0, 40), LogWindow(0, 70), LogWindow(0, 199)], Cut(length=6, settle=3, warm_up=2)
     inputs = Inputs.of([log], "rotor_speed_command", windows, sizes, split=split, longest=0.025)
     assert inputs.period == pytest.approx(PERIOD / split)
     # The margin is the longest delay in whole steps, plus two.
@@ -136,9 +136,9 @@ def test_rotors_begin_at_rest_and_then_follow_the_commands_of_the_warm_up(scenar
     """A lag of first order over each step, from the command before the warm-up on."""
     log = uneven_record()
     sizes = Cut(length=5, settle=3, warm_up=7)
-    inputs = Inputs.of([log], "rotor_speed_command", [Window(0, 65)], sizes, split=1, longest=0.02)
+    inputs = Inputs.of([log], "rotor_speed_command", [LogWindow(0, 65)], sizes, split=1, longest=0.02)
     model = Flown(
-        Vehicle(scenario.vehicle, [("mass",)], "rotor_speed_command", kind="world"), np.array([[1.0]]), inputs, 7
+        FlownVehicle(scenario.vehicle, [("mass",)], "rotor_speed_command", kind="world"), np.array([[1.0]]), inputs, 7
     )
     expected = log.rotor_speed_command[55].copy()
     for sample in range(55, 62):
@@ -156,8 +156,10 @@ def test_a_command_that_comes_late_by_a_part_of_a_sample_is_a_mean_of_two(scenar
     ramp = np.tile((150.0 + 10.0 * time)[:, None], 4)
     log = FlightRecord("log", time, rotor_speed_command=ramp)
     sizes = Cut(length=5, settle=3, warm_up=20)
-    inputs = Inputs.of([log], "rotor_speed_command", [Window(0, 100), Window(0, 130)], sizes, split=1, longest=0.02)
-    vehicle = Vehicle(scenario.vehicle, [("mass",), (DELAY,)], "rotor_speed_command", kind="world")
+    inputs = Inputs.of(
+        [log], "rotor_speed_command", [LogWindow(0, 100), LogWindow(0, 130)], sizes, split=1, longest=0.02
+    )
+    vehicle = FlownVehicle(scenario.vehicle, [("mass",), (DELAY,)], "rotor_speed_command", kind="world")
     assert vehicle.delay == 1
     # Each set of parameters has a delay of its own.
     model = Flown(vehicle, np.array([[0.7, 0.0], [0.7, delay], [0.9, delay]]), inputs, 20)
@@ -171,7 +173,7 @@ def test_a_command_that_comes_late_by_a_part_of_a_sample_is_a_mean_of_two(scenar
     np.testing.assert_allclose(model._told[:, 1, 0], 150.0 + 10.0 * (time[98] - delay))
     # A heavier vehicle falls more.
     assert (state[8, 2] < state[8, 1]).all()
-    without = Vehicle(scenario.vehicle, [("mass",)], "rotor_speed_command", kind="world")
+    without = FlownVehicle(scenario.vehicle, [("mass",)], "rotor_speed_command", kind="world")
     assert without.delay is None
     np.testing.assert_array_equal(without.delays(np.ones((4, 1))), np.zeros(4))
 
@@ -183,12 +185,12 @@ def test_machine_code_steps_and_feels_as_the_formulas_do(scenario, numbers, kind
     inputs = Inputs.of(
         [log],
         "rotor_speed_command",
-        [Window(0, 30)] * 2,
+        [LogWindow(0, 30)] * 2,
         Cut(length=5, settle=0, warm_up=3),
         split=1,
         longest=0.02,
     )
-    vehicle = Vehicle(scenario.vehicle, [("mass",)], "rotor_speed_command", kind=kind)
+    vehicle = FlownVehicle(scenario.vehicle, [("mass",)], "rotor_speed_command", kind=kind)
     masses = np.array([[0.5], [0.8]])
     model = Flown(vehicle, masses, inputs, 3)
     states = np.random.default_rng(1).normal(scale=0.3, size=(BODY + PUSH, 2, 2))

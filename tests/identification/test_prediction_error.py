@@ -8,21 +8,21 @@ import scipy
 
 from drake_quad.identification.fitting import prediction_error
 from drake_quad.identification.fitting.evidence import jackknife, of_blocks
-from drake_quad.identification.fitting.prediction_error import Choice, Fitted, scored
-from drake_quad.identification.fitting.predictor import Gains, Noise
+from drake_quad.identification.fitting.prediction_error import ParameterChoice, PredictionFit, scored
+from drake_quad.identification.fitting.predictor import Gains, PredictionNoise
 
 NOTHING = Gains(*(np.empty(0) for _ in Gains._fields))
-NO_NOISE = Noise(np.ones(1), np.ones(6), np.ones(6))
+NO_NOISE = PredictionNoise(np.ones(1), np.ones(6), np.ones(6))
 
 
-def line_fit(windows: int, samples: int, seed: int) -> tuple[Fitted, np.ndarray, np.ndarray]:
+def line_fit(windows: int, samples: int, seed: int) -> tuple[PredictionFit, np.ndarray, np.ndarray]:
     """A least-squares fit of two parameters to windows of samples; its rows and values."""
     rng = np.random.default_rng(seed)
     rows = rng.normal(size=(windows, samples, 2)) * rng.uniform(0.5, 2.0, size=(windows, 1, 1))
     values = rows @ [1.0, -2.0] + rng.normal(size=(windows, 1)) + 0.3 * rng.normal(size=(windows, samples))
     found = np.linalg.lstsq(rows.reshape(-1, 2), values.ravel(), rcond=None)[0]
     # An error is measured minus predicted.
-    return Fitted(found, NO_NOISE, NOTHING, -rows, values - rows @ found, 1), rows, values
+    return PredictionFit(found, NO_NOISE, NOTHING, -rows, values - rows @ found, 1), rows, values
 
 
 def test_covariance_is_the_jackknife_over_blocks() -> None:
@@ -64,7 +64,7 @@ def test_degrees_of_freedom_are_those_of_the_blocks_that_tell() -> None:
     slopes = np.zeros((10, 5, 2))
     slopes[:, :3, 0] = 1.0
     slopes[:2, 3:, 1] = 1.0
-    fitted = Fitted(np.zeros(2), NO_NOISE, NOTHING, slopes, np.zeros((10, 5)), 1)
+    fitted = PredictionFit(np.zeros(2), NO_NOISE, NOTHING, slopes, np.zeros((10, 5)), 1)
     found = fitted.covariance(np.arange(10)).degrees_of_freedom
     np.testing.assert_allclose(found, [9.0, 1.0])
 
@@ -98,7 +98,7 @@ def test_score_and_information_are_those_of_normal_errors() -> None:
 def test_few_windows_are_taken_apart_into_sixty_parts_in_the_order_of_flight(windows: int, parts: int) -> None:
     """Samples of several outputs stay together, and all parts together say what the windows say."""
     fitted, _, _ = line_fit(windows, 24, seed=1)
-    fitted = fitted._replace(noise=Noise(np.ones(2), np.ones(6), np.ones(6)))
+    fitted = fitted._replace(noise=PredictionNoise(np.ones(2), np.ones(6), np.ones(6)))
     found = fitted.evidence(["a", "b"], np.array([1.0, 2.0]), 30.0)
     assert len(found.scores) == windows * parts
     pieces = [
@@ -139,7 +139,7 @@ def test_rounds_end_when_no_parameter_moves_by_more_than_a_small_part_of_its_dev
     monkeypatch.setattr(prediction_error, "whitened", lambda *_: (np.zeros((1, 2)), slopes, None, None))
     monkeypatch.setattr(prediction_error, "_noise_of", lambda predictor, gains, noise: noise)
     predictor = SimpleNamespace(gains=lambda *_: NOTHING, hand_on=lambda *_: None)
-    choice = Choice(np.zeros(2), np.ones(2), np.full(2, -9.0), np.full(2, 9.0))
+    choice = ParameterChoice(np.zeros(2), np.ones(2), np.full(2, -9.0), np.full(2, 9.0))
     found = prediction_error.fit(predictor, choice, NO_NOISE)  # type: ignore[arg-type]
     assert found.rounds == rounds
     np.testing.assert_allclose(found.parameters, [0.0, deviation * sum(moves[:rounds])], atol=1e-12)

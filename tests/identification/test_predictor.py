@@ -9,9 +9,9 @@ from drake_quad import load_scenario
 from drake_quad.identification.fitting import prediction_error
 from drake_quad.identification.fitting import predictor as predicting
 from drake_quad.identification.fitting.flown_model import BODY, PUSH
-from drake_quad.identification.fitting.flown_model import Vehicle as Model
-from drake_quad.identification.fitting.predictor import FORCE, Noise, Output, Predictor
-from drake_quad.identification.fitting.windows import Cut, Window
+from drake_quad.identification.fitting.flown_model import FlownVehicle as Model
+from drake_quad.identification.fitting.predictor import FORCE, Output, PredictionNoise, Predictor
+from drake_quad.identification.fitting.windows import Cut, LogWindow
 from drake_quad.identification.logs.record import FlightRecord
 
 PERIOD = 0.01
@@ -46,7 +46,9 @@ def log(scenario):
     )
 
 
-def made(scenario, log, outputs=POSE, windows=(Window(0, 30), Window(0, 50), Window(0, 90)), sizes=SIZES, **options):
+def made(
+    scenario, log, outputs=POSE, windows=(LogWindow(0, 30), LogWindow(0, 50), LogWindow(0, 90)), sizes=SIZES, **options
+):
     vehicle = Model(scenario.vehicle, [("mass",), ("linear_drag",)], "rotor_speed_command", kind="world")
     return Predictor(vehicle, [log], windows, sizes, outputs, **options)
 
@@ -58,7 +60,7 @@ def values(scenario):
 
 def noise_of(outputs, *, white=1.0, push=1.0, memory=1.0):
     usual = {"position": 1e-3, "attitude": 4e-3, "body_rates": 0.02, FORCE: 0.3}
-    return Noise(
+    return PredictionNoise(
         white * np.array([usual[output.signal] for output in outputs]),
         push * np.array([0.3, 0.35, 0.5, 1.0, 1.1, 0.7]),
         memory * np.array([0.5, 0.6, 0.7, 0.3, 0.2, 0.4]),
@@ -105,7 +107,7 @@ def test_noise_is_one_number_for_what_is_alike(scenario, log):
     assert len(alike) == len(names) == 12 + 12
     np.testing.assert_array_equal(alike[:, None] == alike, [[one == other for other in names] for one in names])
     values = np.arange(24.0)
-    noise = Noise.of(values)
+    noise = PredictionNoise.of(values)
     np.testing.assert_array_equal(np.concatenate(noise), values)
     np.testing.assert_array_equal(noise.force, noise.disturbance[:3])
 
@@ -200,8 +202,8 @@ def test_a_window_goes_on_where_the_one_before_it_ended(scenario, log, values):
     np.testing.assert_array_equal(again.beginning[1], gains.handed_on[0])
     np.testing.assert_array_equal(again.beginning[0], gains.beginning[0])
     # The whole filter goes on: the second window foresees as if it were one with the first.
-    long = made(scenario, log, windows=[Window(0, 30)])
-    whole = Predictor(long.vehicle, [log], [Window(0, 30)], SIZES._replace(length=40), POSE).gains(values, noise)
+    long = made(scenario, log, windows=[LogWindow(0, 30)])
+    whole = Predictor(long.vehicle, [log], [LogWindow(0, 30)], SIZES._replace(length=40), POSE).gains(values, noise)
     np.testing.assert_allclose(again.errors[:, :, 1], whole.errors[20:, :, 0], atol=1e-6)
     # Other parameters begin where the one before would have ended with them, to first order.
     flown, begun = predictor._fly(values[None] * [1.0, 1.1])
@@ -235,7 +237,7 @@ def test_what_filters_of_other_noise_do_not_foresee_follows_to_first_order(scena
 def test_the_likeliest_noise_is_that_with_which_a_log_was_made(scenario, values):
     """The search starts with noise that is wrong by a factor of two; a log of some seconds limits the accuracy."""
     random = np.random.default_rng(8)
-    true = Noise(0.7 * noise_of(POSE).measured, np.array([0.5, 0.5, 0.8, 6.0, 6.0, 3.0]), np.full(6, 0.2))
+    true = PredictionNoise(0.7 * noise_of(POSE).measured, np.array([0.5, 0.5, 0.8, 6.0, 6.0, 3.0]), np.full(6, 0.2))
     hover = np.sqrt(scenario.vehicle.mass * scenario.vehicle.gravity / (4.0 * scenario.vehicle.thrust_factor))
     still = FlightRecord(
         "still",
@@ -244,7 +246,7 @@ def test_the_likeliest_noise_is_that_with_which_a_log_was_made(scenario, values)
         attitude=np.zeros((260, 3)),
         rotor_speed_command=np.full((260, 4), hover),
     )
-    predictor = made(scenario, still, windows=[Window(0, 55)] * 5, sizes=Cut(length=150, settle=50, warm_up=5))
+    predictor = made(scenario, still, windows=[LogWindow(0, 55)] * 5, sizes=Cut(length=150, settle=50, warm_up=5))
     flown, state = predictor._fly(values[None])
     state[BODY:, 0] = true.disturbance[:, None] * random.normal(size=(PUSH, 5))
     fades, measured = np.exp(-PERIOD / true.memory), []
@@ -254,7 +256,7 @@ def test_the_likeliest_noise_is_that_with_which_a_log_was_made(scenario, values)
         pushed = true.disturbance * np.sqrt(1.0 - fades**2)
         state[BODY:, 0] = fades[:, None] * state[BODY:, 0] + pushed[:, None] * random.normal(size=(PUSH, 5))
     predictor.measured = np.stack(measured) + true.measured[:, None] * random.normal(size=(200, 6, 5))
-    found = Noise(2.0 * true.measured, 0.5 * true.disturbance, true.memory)
+    found = PredictionNoise(2.0 * true.measured, 0.5 * true.disturbance, true.memory)
     for _ in range(2):
         found = prediction_error._noise_of(predictor, predictor.gains(values, found), found)
     np.testing.assert_allclose(found.measured, true.measured, rtol=0.1)
@@ -265,7 +267,7 @@ def test_the_likeliest_noise_is_that_with_which_a_log_was_made(scenario, values)
 def test_a_fit_ends_where_whitened_errors_are_least_and_windows_go_on_from_one_another(scenario, log, values):
     """No parameter that is within its limits changes the sum of squares, and those that would leave them stay there."""
     predictor, noise = made(scenario, log), noise_of(POSE)
-    choice = prediction_error.Choice(1.2 * values, values, 0.5 * values, 2.0 * values)
+    choice = prediction_error.ParameterChoice(1.2 * values, values, 0.5 * values, 2.0 * values)
     found = prediction_error.fit(predictor, choice, noise)
     assert found.slopes.shape == (3, 20 * 6, 2)
     assert found.errors.shape == (3, 20 * 6)

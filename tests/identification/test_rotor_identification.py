@@ -8,8 +8,8 @@ import scipy
 
 from drake_quad.errors import InputError
 from drake_quad.flight.simulation import simulate_samples
-from drake_quad.identification.fitting.flown_model import DELAY, Vehicle
-from drake_quad.identification.fitting.predictor import Noise, Output, Predictor
+from drake_quad.identification.fitting.flown_model import DELAY, FlownVehicle
+from drake_quad.identification.fitting.predictor import Output, PredictionNoise, Predictor
 from drake_quad.identification.fitting.windows import Cut, cut
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
@@ -87,9 +87,9 @@ def test_the_vehicle_that_flew_foresees_its_flight() -> None:
     sizes = Cut(length=100, settle=50, warm_up=25)
     windows = cut([record], [record.time > 1.0], sizes)
     outputs = [Output(signal, column) for signal in ("position", "attitude") for column in range(3)]
-    vehicle = Vehicle(scenario.vehicle, [(DELAY,)], "rotor_speed_command", kind="world")
+    vehicle = FlownVehicle(scenario.vehicle, [(DELAY,)], "rotor_speed_command", kind="world")
     predictor = Predictor(vehicle, [record], windows, sizes, outputs, split=4)
-    noise = Noise(np.repeat([1e-4, 1e-4], 3), np.full(6, 1e-3), np.ones(6))
+    noise = PredictionNoise(np.repeat([1e-4, 1e-4], 3), np.full(6, 1e-3), np.ones(6))
     foreseen = {}
     for delay in (LATE, 0.0):
         gains = predictor.gains(np.array([delay]), noise)

@@ -11,7 +11,7 @@ from drake_quad.identification import rotor_identification as rotors
 from drake_quad.identification.fitting.evidence import Evidence, Uncertainty
 from drake_quad.identification.fitting.flown_model import DELAY
 from drake_quad.identification.fitting.forecast import Forecast
-from drake_quad.identification.fitting.predictor import FORCE, Noise, Output
+from drake_quad.identification.fitting.predictor import FORCE, Output, PredictionNoise
 from drake_quad.identification.fitting.windows import Cut
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import Explained
@@ -264,7 +264,8 @@ def test_drag_below_the_disturbance_is_not_identified():
     ):
         force = factor * np.array([0.3 * speed[0], 0.3 * speed[0], 0.0]) / 2.0
         fitted = SimpleNamespace(
-            parameters=np.full(4, 0.3), noise=Noise(np.ones(4), np.concatenate([force, np.ones(3)]), np.ones(6))
+            parameters=np.full(4, 0.3),
+            noise=PredictionNoise(np.ones(4), np.concatenate([force, np.ones(3)]), np.ones(6)),
         )
         found = rotors._swamped(vehicle, predictor, given, fitted)
         assert set(found) == expected
@@ -430,7 +431,7 @@ def fit(monkeypatch):
     given = sought("thrust_factor", "inertia[0]", DELAY, "inertia[1]")
     outputs = [Output(name, column) for name in ("position", "attitude") for column in range(3)]
     uncertainty = Uncertainty(COVARIANCE, np.array([11.0, 12.0, 13.0, 14.0]), np.eye(4))
-    noise = Noise(np.array([2.0, 2.0, 2.0, 3.0, 3.0, 3.0]), np.full(6, 0.3), np.ones(6))
+    noise = PredictionNoise(np.array([2.0, 2.0, 2.0, 3.0, 3.0, 3.0]), np.full(6, 0.3), np.ones(6))
     windows, errors = 8, np.zeros((8, 50))
     evidence = Evidence(("a",), np.zeros(1), np.ones(1), np.ones((8, 1, 1)), np.zeros((8, 1)), 2.0)
 

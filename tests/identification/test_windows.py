@@ -6,7 +6,7 @@ import pytest
 from drake_quad.errors import InputError
 from drake_quad.identification.fitting.windows import (
     Cut,
-    Window,
+    LogWindow,
     airborne,
     coarser,
     common_period,
@@ -61,7 +61,7 @@ def test_windows_lie_one_after_another_and_none_spans_a_gap() -> None:
     broken = FlightRecord("gap", time, motor_command=base.motor_command)
     assert pieces(broken)[[500, 501]].tolist() == [0, 1]
     found = cut([broken], [np.ones(1000, dtype=bool)], Cut(length=100, settle=50, warm_up=0))
-    assert found == [Window(0, start) for start in (50, 150, 250, 350, 551, 651, 751, 851)]
+    assert found == [LogWindow(0, start) for start in (50, 150, 250, 350, 551, 651, 751, 851)]
 
 
 def test_windows_use_flight_only() -> None:
@@ -198,7 +198,7 @@ def test_windows_of_several_logs_are_those_of_each() -> None:
     sizes = Cut(length=100, settle=50, warm_up=30)
     logs = [record(2.52), record(2.5), record(1.51)]
     found = cut(logs, [np.ones(len(each.time), dtype=bool) for each in logs], sizes)
-    assert found == [Window(0, 50), Window(0, 150), Window(1, 50), Window(2, 50)]
+    assert found == [LogWindow(0, 50), LogWindow(0, 150), LogWindow(1, 50), LogWindow(2, 50)]
 
 
 def test_gaps_are_steps_of_more_than_three_periods() -> None:

@@ -20,7 +20,7 @@ from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet
 from drake_quad.laboratory.wind.gust import Gust, GustNumbers
 from drake_quad.laboratory.wind.sine import SineNumbers, SineWind
 from drake_quad.randomness.noise import Samples
-from drake_quad.randomness.streams import Kind
+from drake_quad.randomness.streams import StreamKind
 from drake_quad.scenario import models
 from drake_quad.signals import Wind, Wrench
 
@@ -88,7 +88,7 @@ def test_lost_packets_leave_the_last_one_out(delay):
     source = builder.AddNamedSystem("clock", clock(4 * n))
     builder.AddNamedSystem("link", link)
     builder.Connect(source.get_output_port(), link.GetInputPort("wrench"))
-    feed_noise(builder, link, Kind.NOISE, Samples(2, range(n)))
+    feed_noise(builder, link, StreamKind.NOISE, Samples(2, range(n)))
     log = LogVectorOutput(link.GetOutputPort("wrench"), builder, publish_period=0.02)
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(20.0)

@@ -27,7 +27,7 @@ from drake_quad.laboratory.motion_capture import (
     seen_pose,
 )
 from drake_quad.randomness.noise import Samples
-from drake_quad.randomness.streams import Kind
+from drake_quad.randomness.streams import StreamKind
 from drake_quad.signals import Attitude, State
 
 H = 0.01
@@ -39,7 +39,7 @@ def seen(state, camera, *, duration, n=1):
     source = builder.AddNamedSystem("state", TrajectorySource(state))
     cameras = builder.AddNamedSystem("cameras", camera)
     builder.Connect(source.get_output_port(), cameras.GetInputPort("state"))
-    feed_noise(builder, cameras, Kind.NOISE, Samples(1, range(n)))
+    feed_noise(builder, cameras, StreamKind.NOISE, Samples(1, range(n)))
     log = LogVectorOutput(cameras.GetOutputPort("measurement"), builder, publish_period=H)
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(duration)

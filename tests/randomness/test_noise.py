@@ -18,7 +18,7 @@ from drake_quad.randomness.noise import (
     export_noise,
     random_streams,
 )
-from drake_quad.randomness.streams import Kind
+from drake_quad.randomness.streams import StreamKind
 
 GAUSSIAN, UNIFORM = RandomDistribution.kGaussian, RandomDistribution.kUniform
 
@@ -35,7 +35,7 @@ class Shown:
 
 
 def numbers_of(samples, rows=3, distribution=GAUSSIAN, period=0.01, name="n"):
-    return Shown(Stream(name, Kind.NOISE, rows, distribution, period), Samples(5, samples))
+    return Shown(Stream(name, StreamKind.NOISE, rows, distribution, period), Samples(5, samples))
 
 
 def shown(source, time, context=None):
@@ -59,7 +59,7 @@ def test_what_stands_at_a_tick_depends_on_the_tick_and_the_sample_alone(distribu
         np.testing.assert_array_equal(numbers_of([2999], rows, distribution).at(time), alone)
 
 
-@pytest.mark.parametrize("kind", [Kind.WIND, Kind.NOISE])
+@pytest.mark.parametrize("kind", [StreamKind.WIND, StreamKind.NOISE])
 def test_a_stream_is_what_the_oracle_makes_number_by_number(kind):
     """SplitMix64 and Box and Muller, with Python's whole numbers."""
     name = "motion_capture.camera_noise"
@@ -72,9 +72,9 @@ def test_a_stream_is_what_the_oracle_makes_number_by_number(kind):
 
 def test_streams_are_the_same_beside_others_in_a_source():
     streams = [
-        Stream("a", Kind.NOISE, 3, GAUSSIAN, 0.01),
-        Stream("b", Kind.WIND, 1, UNIFORM, 0.01),
-        Stream("c", Kind.WIND, 2, GAUSSIAN, 0.01),
+        Stream("a", StreamKind.NOISE, 3, GAUSSIAN, 0.01),
+        Stream("b", StreamKind.WIND, 1, UNIFORM, 0.01),
+        Stream("c", StreamKind.WIND, 2, GAUSSIAN, 0.01),
     ]
     samples = Samples(5, [4, 1])
     together = NoiseSource(num_vehicles=2, streams=streams, numbers=samples)
@@ -92,7 +92,7 @@ def test_no_number_stands_twice():
 
 def test_a_source_has_streams_of_several_periods():
     samples = Samples(5, [0])
-    streams = Stream("n", Kind.NOISE, 2, GAUSSIAN, 0.01), Stream("slow", Kind.NOISE, 1, UNIFORM, 0.02)
+    streams = Stream("n", StreamKind.NOISE, 2, GAUSSIAN, 0.01), Stream("slow", StreamKind.NOISE, 1, UNIFORM, 0.02)
     fast, slow = (Shown(stream, samples) for stream in streams)
     builder = DiagramBuilder()
     source = builder.AddNamedSystem("noise", NoiseSource(streams=streams, numbers=samples))
@@ -108,7 +108,7 @@ def test_a_source_has_streams_of_several_periods():
 
 def test_a_context_with_other_samples_shows_their_numbers():
     """And no other context, and not the source itself, does."""
-    streams = [Stream("a", Kind.NOISE, 3, GAUSSIAN, 0.01), Stream("b", Kind.WIND, 1, UNIFORM, 0.02)]
+    streams = [Stream("a", StreamKind.NOISE, 3, GAUSSIAN, 0.01), Stream("b", StreamKind.WIND, 1, UNIFORM, 0.02)]
     first, second = Samples(5, [4, 1]), Samples(6, [2, 9])
     source, other = (NoiseSource(num_vehicles=2, streams=streams, numbers=samples) for samples in (first, second))
     untouched, context = source.CreateDefaultContext(), source.CreateDefaultContext()
@@ -130,14 +130,14 @@ def turbulent_builder(num_vehicles):
     }
     for name, source in sources.items():
         builder.AddNamedSystem(name, source)
-    streams = random_streams(sources, Kind.WIND)
+    streams = random_streams(sources, StreamKind.WIND)
     return builder, {streams[name][0]: source.GetInputPort("turbulence_noise") for name, source in sources.items()}
 
 
 def test_streams_are_called_after_system_and_port():
     _, ports = turbulent_builder(1)
     name = "turbulence_noise"
-    assert [*ports] == [Stream(f"{system}.{name}", Kind.WIND, 5, GAUSSIAN, 0.02) for system in "ab"]
+    assert [*ports] == [Stream(f"{system}.{name}", StreamKind.WIND, 5, GAUSSIAN, 0.02) for system in "ab"]
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import scipy
 from drake_quad.framework.formulas import TickOf, kernel
 from drake_quad.framework.records import layout_of
 from drake_quad.randomness.streams import (
-    Kind,
+    StreamKind,
     StreamState,
     mixed,
     moved,
@@ -79,7 +79,7 @@ def test_mixing_is_one_to_one():
 
 @pytest.fixture(scope="module")
 def states():
-    return stream_states(7, range(500), Kind.NOISE, "motion_capture.camera_noise")
+    return stream_states(7, range(500), StreamKind.NOISE, "motion_capture.camera_noise")
 
 
 @pytest.mark.slow
@@ -120,16 +120,16 @@ def test_neighbours_in_time_in_the_fleet_and_in_a_pair_are_independent(states):
         (numbers[:, :, 1:], numbers[:, :, :-1]),
         (numbers[0], numbers[1]),
         (np.abs(numbers[0]), np.abs(numbers[1])),
-        (numbers, normal_pairs(stream_states(7, range(500), Kind.NOISE, "command_link.noise"), 2000)),
-        (numbers, normal_pairs(stream_states(7, range(500), Kind.WIND, "motion_capture.camera_noise"), 2000)),
-        (numbers, normal_pairs(stream_states(8, range(500), Kind.NOISE, "motion_capture.camera_noise"), 2000)),
+        (numbers, normal_pairs(stream_states(7, range(500), StreamKind.NOISE, "command_link.noise"), 2000)),
+        (numbers, normal_pairs(stream_states(7, range(500), StreamKind.WIND, "motion_capture.camera_noise"), 2000)),
+        (numbers, normal_pairs(stream_states(8, range(500), StreamKind.NOISE, "motion_capture.camera_noise"), 2000)),
     ):
         assert abs(np.corrcoef(a.ravel(), b.ravel())[0, 1]) < limit
 
 
 def test_a_sample_has_its_numbers_wherever_it_is():
-    many = stream_states(3, range(50), Kind.WIND, "fans.jet_noise")
-    np.testing.assert_array_equal(stream_states(3, [41, 7], Kind.WIND, "fans.jet_noise"), many[[41, 7]])
+    many = stream_states(3, range(50), StreamKind.WIND, "fans.jet_noise")
+    np.testing.assert_array_equal(stream_states(3, [41, 7], StreamKind.WIND, "fans.jet_noise"), many[[41, 7]])
     mass = parameter_numbers(3, range(1000), "vehicle.mass")
     np.testing.assert_array_equal(parameter_numbers(3, [9], "vehicle.mass"), mass[9:10])
     others = [parameter_numbers(3, range(1000), path) for path in ("vehicle.inertia[0]", "vehicle.inertia[1]")]
@@ -137,6 +137,6 @@ def test_a_sample_has_its_numbers_wherever_it_is():
 
 
 def test_samples_of_several_studies_have_the_streams_of_each():
-    together = stream_states((3, 2**40), (7, 8), Kind.WIND, "gust")
-    alone = [stream_states(seed, (sample,), Kind.WIND, "gust") for seed, sample in ((3, 7), (2**40, 8))]
+    together = stream_states((3, 2**40), (7, 8), StreamKind.WIND, "gust")
+    alone = [stream_states(seed, (sample,), StreamKind.WIND, "gust") for seed, sample in ((3, 7), (2**40, 8))]
     np.testing.assert_array_equal(together, np.concatenate(alone))

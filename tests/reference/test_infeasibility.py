@@ -7,7 +7,7 @@ from drake_quad.reference import infeasibility
 from drake_quad.reference.infeasibility import explain
 from drake_quad.reference.minimum_snap import rest_at_ends
 from drake_quad.reference.minimum_snap_program import InfeasibleError, SolverError, path_within
-from drake_quad.reference.path_problem import Box, Limits, PathProblem
+from drake_quad.reference.path_problem import Box, PathLimits, PathProblem
 
 
 def problem(points, velocity=None, **more):
@@ -23,9 +23,9 @@ def problem(points, velocity=None, **more):
     ("limits", "words"),
     [
         # From rest to rest, 1 m in 1 s takes 35/16 m/s and 84 √5 / 25 m/s².
-        (Limits(speed=1.0, acceleration=5.0), "the speed limit of 1 m/s cannot be kept on segment 1: "
+        (PathLimits(speed=1.0, acceleration=5.0), "the speed limit of 1 m/s cannot be kept on segment 1: "
          "at these times at least 2.19 m/s is needed; flown 2.19 times slower it is feasible"),
-        (Limits(speed=2.0, acceleration=2.0), "the acceleration limit of 2 m/s² cannot be kept on segment 1: "
+        (PathLimits(speed=2.0, acceleration=2.0), "the acceleration limit of 2 m/s² cannot be kept on segment 1: "
          "at these times at least 7.52 m/s² is needed; flown 1.94 times slower it is feasible"),
     ],
 )  # fmt: skip
@@ -35,12 +35,12 @@ def test_the_limit_and_segment_that_are_broken_most_are_named(limits, words):
 
 @pytest.mark.parametrize("speed", [2.19, 3.01, 40.7, 511.0, 0.0633])
 def test_numbers_of_three_digits_are_not_rounded_up(speed):
-    asked = problem([[0.0], [16.0 / 35.0 * speed]], limits=Limits(speed=0.5 * speed))
+    asked = problem([[0.0], [16.0 / 35.0 * speed]], limits=PathLimits(speed=0.5 * speed))
     assert f"at least {speed:g} m/s is needed; flown " in explain(asked, np.ones(1))
 
 
 def test_what_is_given_is_kept_by_the_least_factor_of_three_digits():
-    asked = problem([[0.0], [4.0], [8.0]], [1.5], limits=Limits(speed=3.0, acceleration=1.0))
+    asked = problem([[0.0], [4.0], [8.0]], [1.5], limits=PathLimits(speed=3.0, acceleration=1.0))
     durations = np.array([3.0, 3.2])
     said = re.search(r"on segment 0: .* flown ([\d.]+) times slower it is feasible", explain(asked, durations))
     factor = float(said[1])
@@ -51,7 +51,7 @@ def test_what_is_given_is_kept_by_the_least_factor_of_three_digits():
 
 def test_a_velocity_that_no_slower_flight_keeps_is_told():
     """At 0.05 m/s², 1.9 m/s takes 36 m to brake."""
-    asked = problem([[0.0], [0.2], [0.4]], [1.9], limits=Limits(acceleration=0.05))
+    asked = problem([[0.0], [0.2], [0.4]], [1.9], limits=PathLimits(acceleration=0.05))
     assert re.fullmatch(
         r"the acceleration limit of 0.05 m/s² cannot be kept on segment \d: at these times at least [\d.]+ m/s² is "
         r"needed; no slower flight was found that keeps to what is given at the waypoints",
@@ -60,7 +60,7 @@ def test_a_velocity_that_no_slower_flight_keeps_is_told():
 
 
 def test_beyond_the_solver_the_smoothest_path_tells_what_is_needed():
-    asked = problem([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]], limits=Limits(acceleration=1.0))
+    asked = problem([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]], limits=PathLimits(acceleration=1.0))
     asked = PathProblem(asked.places, limits=asked.limits)
     said = explain(asked, np.array([1e-9, 1e-9]))
     assert "at these times by the smoothest path " in said

@@ -12,11 +12,11 @@ from drake_quad.reference.minimum_snap import MinimumSnap, rest_at_ends, snap_co
 from drake_quad.reference.minimum_snap_program import (
     InfeasibleError,
     MinimumSnapProgram,
-    Slack,
+    RelaxedBounds,
     SolverError,
     path_within,
 )
-from drake_quad.reference.path_problem import Box, Limits, PathProblem, Sphere
+from drake_quad.reference.path_problem import Box, PathLimits, PathProblem, Sphere
 from drake_quad.reference.polynomial_path import evaluate, evaluate_at, peak_norm
 
 
@@ -52,7 +52,7 @@ def test_limits_are_kept_everywhere_and_attained(seed, segments, share):
     waypoints, durations = random_route(seed, segments)
     free = MinimumSnap(waypoints, durations).path()
     peaks = {order: peak_norm(free, order) for order in (1, 2)}
-    limits = Limits(speed=share * peaks[1], acceleration=share * peaks[2])
+    limits = PathLimits(speed=share * peaks[1], acceleration=share * peaks[2])
     try:
         path = path_within(PathProblem(points(waypoints), limits=limits), durations)
     except InfeasibleError:
@@ -91,7 +91,7 @@ def test_an_independent_optimiser_finds_the_same_constrained_path():
         options={"ftol": 1e-10, "maxiter": 300},
     )
     assert found.success
-    path = path_within(PathProblem(points(waypoints), limits=Limits(acceleration=limit)), durations)
+    path = path_within(PathProblem(points(waypoints), limits=PathLimits(acceleration=limit)), durations)
     # Ours keeps a margin of 1e-4 below the limit, theirs none.
     assert snap_cost(path)[0] / cost == pytest.approx(found.fun, rel=1e-3)
 
@@ -162,7 +162,9 @@ def test_a_user_s_own_constraint_can_be_added(order):
     assert evaluate(changed, [1.0], order)[0, 0] == pytest.approx(0.5 * free, rel=1e-6)
 
 
-@pytest.mark.parametrize(("slack", "share"), [(None, 1.0), (Slack.LIMITS, 1e-6), (Slack.CORRIDORS, 1e-6)])
+@pytest.mark.parametrize(
+    ("slack", "share"), [(None, 1.0), (RelaxedBounds.LIMITS, 1e-6), (RelaxedBounds.CORRIDORS, 1e-6)]
+)
 def test_each_variable_alone_moved_by_one_costs_as_much_as_the_path(slack, share):
     """However much the durations differ; that keeps the numbers of the program of one size."""
     waypoints, durations = np.array([[0.0, 0.0], [1.0, 3.0], [30.0, 2.0], [28.0, 1.0]]), np.array([0.3, 20.0, 2.0])
@@ -179,7 +181,7 @@ def test_each_variable_alone_moved_by_one_costs_as_much_as_the_path(slack, share
 def test_points_within_limits_are_passed_on_the_fast_path_itself():
     waypoints, durations = random_route(5, 4)
     free = MinimumSnap(waypoints, durations).path()
-    limits = Limits(speed=peak_norm(free, 1), acceleration=1.01 * peak_norm(free, 2))
+    limits = PathLimits(speed=peak_norm(free, 1), acceleration=1.01 * peak_norm(free, 2))
     np.testing.assert_array_equal(
         path_within(PathProblem(points(waypoints), limits=limits), durations).coefficients, free.coefficients
     )
@@ -191,7 +193,7 @@ def test_one_limit_that_is_broken_is_enough(order):
     free = MinimumSnap(waypoints, durations).path()
     bounds = {1: 9.0 * peak_norm(free, 1), 2: 9.0 * peak_norm(free, 2)}
     bounds[order] /= 10.0
-    path = path_within(PathProblem(points(waypoints), limits=Limits(bounds[1], bounds[2])), durations)
+    path = path_within(PathProblem(points(waypoints), limits=PathLimits(bounds[1], bounds[2])), durations)
     assert peak_norm(path, order) == pytest.approx(bounds[order], rel=1e-3)
 
 
@@ -248,11 +250,11 @@ def test_corridors_of_millimetres_are_kept_as_those_of_metres():
         np.testing.assert_allclose(within(scale).coefficients / scale, wanted, atol=2e-5 * np.abs(wanted).max())
 
 
-@pytest.mark.parametrize("slack", list(Slack))
+@pytest.mark.parametrize("slack", list(RelaxedBounds))
 def test_where_nothing_must_be_exceeded_nothing_is_and_the_path_is_the_smoothest(slack):
     waypoints, durations = random_route(3, 4)
     free = MinimumSnap(waypoints, durations).path()
-    limits = Limits(speed=3.0 * peak_norm(free, 1), acceleration=3.0 * peak_norm(free, 2))
+    limits = PathLimits(speed=3.0 * peak_norm(free, 1), acceleration=3.0 * peak_norm(free, 2))
     wide = [Box([-99.0] * 3, [99.0] * 3)] * 4
     planned = MinimumSnapProgram(PathProblem(points(waypoints), limits=limits, corridors=wide), durations, slack=slack)
     path = planned.solve()
@@ -261,11 +263,11 @@ def test_where_nothing_must_be_exceeded_nothing_is_and_the_path_is_the_smoothest
 
 
 def test_what_cannot_be_kept_is_infeasible():
-    single = PathProblem(points([[0.0], [1.0]]), limits=Limits(speed=1.0))
+    single = PathProblem(points([[0.0], [1.0]]), limits=PathLimits(speed=1.0))
     assert peak_norm(path_within(single, np.array([2.2])), 1) == pytest.approx(2.1875 / 2.2)
     with pytest.raises(InfeasibleError):
         path_within(single, np.array([2.1]))
-    double = PathProblem(points([[0.0], [1.0], [2.0]]), limits=Limits(speed=1.0))
+    double = PathProblem(points([[0.0], [1.0], [2.0]]), limits=PathLimits(speed=1.0))
     with pytest.raises(InfeasibleError):
         path_within(double, np.array([0.9, 0.9]))
 
@@ -333,7 +335,7 @@ def test_the_solver_is_asked_again_for_less_accuracy_and_says_nothing_of_it(monk
 def test_bounds_are_not_added_for_ever(monkeypatch):
     monkeypatch.setattr(minimum_snap_program, "_ROUNDS", 1)
     waypoints, durations = random_route(5, 4)
-    limits = Limits(speed=0.9 * peak_norm(MinimumSnap(waypoints, durations).path(), 1))
+    limits = PathLimits(speed=0.9 * peak_norm(MinimumSnap(waypoints, durations).path(), 1))
     with pytest.raises(SolverError, match="still broke a limit or corridor after 1 rounds"):
         MinimumSnapProgram(PathProblem(points(waypoints), limits=limits), durations).solve()
 
@@ -343,7 +345,7 @@ def test_drake_s_log_is_as_talkative_after_a_solution_as_before():
     level = logger.level
     try:
         logger.setLevel(logging.INFO)
-        limits = Limits(speed=0.9 * peak_norm(MinimumSnap(np.array([[0.0], [1.0], [3.0]]), np.ones(2)).path(), 1))
+        limits = PathLimits(speed=0.9 * peak_norm(MinimumSnap(np.array([[0.0], [1.0], [3.0]]), np.ones(2)).path(), 1))
         path_within(PathProblem(points([[0.0], [1.0], [3.0]]), limits=limits), np.array([1.0, 1.0]))
         assert logger.level == logging.INFO
     finally:
@@ -354,12 +356,14 @@ def test_what_limits_are_exceeded_by_is_the_least_that_must_be():
     waypoints, durations = random_route(3, 6)
     free = MinimumSnap(waypoints, durations).path()
     limits = {"speed": 0.6 * peak_norm(free, 1), "acceleration": 0.6 * peak_norm(free, 2)}
-    program = MinimumSnapProgram(PathProblem(points(waypoints), limits=Limits(**limits)), durations, slack=Slack.LIMITS)
+    program = MinimumSnapProgram(
+        PathProblem(points(waypoints), limits=PathLimits(**limits)), durations, slack=RelaxedBounds.LIMITS
+    )
     program.solve()
     assert program.exceeded > 0.01
 
     def path(share):
-        wider = Limits(**{name: (1.0 + share * program.exceeded) * limit for name, limit in limits.items()})
+        wider = PathLimits(**{name: (1.0 + share * program.exceeded) * limit for name, limit in limits.items()})
         return path_within(PathProblem(points(waypoints), limits=wider), durations)
 
     assert path(1.01).duration == pytest.approx(durations.sum())
@@ -377,6 +381,6 @@ def test_a_program_that_is_not_solved_is_no_path(monkeypatch):
 
     monkeypatch.setattr(minimum_snap_program, "ClarabelSolver", Hasty)
     route = points(np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 0.0], [3.0, 0.0, 1.0]]))
-    problem = PathProblem(route, derivatives=rest_at_ends(3, 3), limits=Limits(speed=2.0))
+    problem = PathProblem(route, derivatives=rest_at_ends(3, 3), limits=PathLimits(speed=2.0))
     with pytest.raises(SolverError, match="the minimum-snap program was not solved: k"):
         path_within(problem, np.array([1.5, 1.5]))

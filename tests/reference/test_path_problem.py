@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drake_quad.errors import InputError
-from drake_quad.reference.path_problem import Box, Limits, PathProblem, Sphere
+from drake_quad.reference.path_problem import Box, PathLimits, PathProblem, Sphere
 
 POINTS = [Box.point(point) for point in ([0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 2.0, 0.0])]
 
@@ -51,10 +51,10 @@ def test_a_problem_is_rest_at_the_ends_without_limits_unless_it_is_said_otherwis
     assert (problem.corridors, problem.limits.by_order, problem.segments) == ((None, None), {}, 2)
     assert problem.stretchable
     assert not PathProblem(POINTS, derivatives=PUSHED).stretchable
-    assert Limits(acceleration=3.0).by_order == {2: 3.0}
-    assert Limits(speed=3.0).by_order == {1: 3.0}
+    assert PathLimits(acceleration=3.0).by_order == {2: 3.0}
+    assert PathLimits(speed=3.0).by_order == {1: 3.0}
     limited = PathProblem(
-        POINTS, derivatives=PUSHED, corridors=[None, around([0, 0, 0], [3, 3, 3])], limits=Limits(4.0)
+        POINTS, derivatives=PUSHED, corridors=[None, around([0, 0, 0], [3, 3, 3])], limits=PathLimits(4.0)
     )
     unlimited = limited.without_limits()
     assert unlimited.limits.by_order == {}
@@ -74,7 +74,7 @@ def test_the_first_and_the_last_waypoint_have_the_room_of_one_corridor():
 def test_what_a_path_can_keep_is_not_refused():
     """A velocity along a flat corridor, one at its limit, and a place around another one's centre."""
     flat = around([2, 0, 0], [2, 2, 0])
-    PathProblem(POINTS, derivatives=ALONG_Y, corridors=[None, flat], limits=Limits(speed=3.0))
+    PathProblem(POINTS, derivatives=ALONG_Y, corridors=[None, flat], limits=PathLimits(speed=3.0))
     PathProblem([POINTS[0], Box([-1e-7, -1, 0], [1e-7, 1, 0]), POINTS[2]])
 
 
@@ -158,11 +158,11 @@ def test_only_points_without_corridors_are_the_fast_path_s():
             "waypoint 0, .* they are 1 m apart on axis 3",
         ),
         (
-            {"limits": Limits(speed=2.0), "derivatives": ALONG_Y},
+            {"limits": PathLimits(speed=2.0), "derivatives": ALONG_Y},
             "the velocity at waypoint 1 is given as 3 m/s, beyond the limit of 2 m/s",
         ),
         (
-            {"limits": Limits(acceleration=1.0), "derivatives": PUSHED},
+            {"limits": PathLimits(acceleration=1.0), "derivatives": PUSHED},
             "the acceleration at waypoint 1 is given as 2 m/s², beyond the limit of 1 m/s²",
         ),
     ],
@@ -175,9 +175,9 @@ def test_what_no_path_can_keep_is_refused(arguments, words):
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: Limits(speed=0.0), "the speed limit is 0 m/s, but must be positive"),
-        (lambda: Limits(acceleration=-1.0), "the acceleration limit is -1"),
-        (lambda: Limits(speed=math.nan), "the speed limit is nan"),
+        (lambda: PathLimits(speed=0.0), "the speed limit is 0 m/s, but must be positive"),
+        (lambda: PathLimits(acceleration=-1.0), "the acceleration limit is -1"),
+        (lambda: PathLimits(speed=math.nan), "the speed limit is nan"),
         (lambda: Box([0, 0], [1, -1]), "is empty"),
         (lambda: Box([0, 0], [1, math.inf]), "not finite"),
         (lambda: Box([-math.inf, 0], [1, 1]), "not finite"),

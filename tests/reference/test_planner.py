@@ -8,12 +8,12 @@ import pytest
 from drake_quad.errors import InputError
 from drake_quad.reference.binding import bindings
 from drake_quad.reference.minimum_snap import MinimumSnap, rest_at_ends, snap_cost
-from drake_quad.reference.path_problem import Box, Limits, PathProblem, Sphere
+from drake_quad.reference.path_problem import Box, PathLimits, PathProblem, Sphere
 from drake_quad.reference.planner import GivenTimes, Heuristic, LeastSnap, Shortest, merged, passing_times, plan_path
 from drake_quad.reference.polynomial_path import evaluate, evaluate_at, peak_norm
 from drake_quad.reference.time_allocation import rest_to_rest_durations
 
-LIMITS = Limits(speed=2.0, acceleration=0.7)
+LIMITS = PathLimits(speed=2.0, acceleration=0.7)
 SQUARE = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [0, 0, 1]], dtype=float)
 HALLWAYS = [Box(np.minimum(a, b) - 0.1, np.maximum(a, b) + 0.1) for a, b in itertools.pairwise(SQUARE)]
 # A thousand take some minutes.
@@ -125,14 +125,14 @@ def test_times_for_a_corridor_are_near_the_best_that_a_search_finds():
 @pytest.mark.slow
 def test_least_snap_in_a_corridor_is_near_the_best_that_a_search_finds():
     """Nelder-Mead over the durations found a cost of 13.210 m²/s⁷ in 14 s."""
-    path = plan_path(problem(corridors=HALLWAYS, limits=Limits()), LeastSnap(14.0))
+    path = plan_path(problem(corridors=HALLWAYS, limits=PathLimits()), LeastSnap(14.0))
     assert snap_cost(path).sum() <= 1.002 * 13.210
 
 
 def test_least_snap_gives_way_to_limits():
     asked = problem()
     shortest = plan_path(asked, Shortest())
-    free = plan_path(problem(limits=Limits()), LeastSnap(total(shortest)))
+    free = plan_path(problem(limits=PathLimits()), LeastSnap(total(shortest)))
     within = plan_path(asked, LeastSnap(total(shortest)))
     assert max(shares(free)) > 1.001
     assert max(shares(within)) <= 1.0 + 1e-6
@@ -191,7 +191,7 @@ def test_times_may_begin_anywhere_and_span_a_day():
 
 @pytest.mark.parametrize("total", [1e-3, 86_400.0])
 def test_the_total_of_least_snap_may_be_a_millisecond_or_a_day(total):
-    assert plan_path(problem(limits=Limits()), LeastSnap(total)).duration == pytest.approx(total, rel=1e-9)
+    assert plan_path(problem(limits=PathLimits()), LeastSnap(total)).duration == pytest.approx(total, rel=1e-9)
 
 
 def test_what_follows_a_stay_is_as_free_as_if_the_flight_began_there():
@@ -234,7 +234,7 @@ def test_too_short_a_time_is_explained_and_the_remedy_works():
     with pytest.raises(InputError, match="cannot be kept"):
         plan_path(problem(), GivenTimes(tuple(0.98 * slower * times)))
     with pytest.raises(InputError, match=r"the speed limit of 1 m/s .* at least 2.19 m/s is needed; flown 2.19 times"):
-        plan_path(problem(SQUARE[:2], limits=Limits(speed=1.0)), GivenTimes((0.0, 2.0)))
+        plan_path(problem(SQUARE[:2], limits=PathLimits(speed=1.0)), GivenTimes((0.0, 2.0)))
     with pytest.raises(InputError, match=r"the acceleration limit .* flown 1\.\d+ times slower"):
         plan_path(problem(), LeastSnap(9.0))
 
@@ -279,15 +279,15 @@ def test_a_velocity_that_leads_out_of_its_corridor_is_explained():
         (problem(), GivenTimes((0.0, 1.0, 2.0, 3.0, 1e9)), "the times span 1e\\+09 s, more than 86400 s"),
         (problem(), LeastSnap(0.0), "total duration is 0 s, but must be positive"),
         (problem(), LeastSnap(1e6), "total duration is 1e\\+06 s, but must be positive, and 86400 at most"),
-        (problem(limits=Limits(speed=1e-9)), Shortest(), "would take about .* s, more than 86400 s"),
-        (problem(limits=Limits(speed=1e-300)), Heuristic(), "would take about .* s, more than 86400 s"),
+        (problem(limits=PathLimits(speed=1e-9)), Shortest(), "would take about .* s, more than 86400 s"),
+        (problem(limits=PathLimits(speed=1e-300)), Heuristic(), "would take about .* s, more than 86400 s"),
         (PathProblem([Box([0, 0], [1, 1])] * 2, limits=LIMITS), Shortest(), "nothing has to move, so give the times"),
         (
             PathProblem([Sphere([0, 0], 1.0), Sphere([0.1, 0], 1.0), Sphere([0, 0.1], 1.0)], limits=LIMITS),
             Shortest(),
             "nothing has to move, so give the times",
         ),
-        (problem(limits=Limits()), Shortest(), "a limit on the speed or the acceleration is needed"),
+        (problem(limits=PathLimits()), Shortest(), "a limit on the speed or the acceleration is needed"),
         (problem(SQUARE[[0, 0]]), Shortest(), r"all waypoints are the same point, \(0, 0, 0\) m"),
     ],
 )

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from drake_quad.errors import InputError
-from drake_quad.reference.path_problem import Limits, PathProblem
+from drake_quad.reference.path_problem import PathLimits, PathProblem
 from drake_quad.reference.planner import GivenTimes, Heuristic, LeastSnap, Shortest, plan_path
 from drake_quad.reference.polynomial_path import evaluate, evaluate_at, peak_norm
 from drake_quad.reference.regions import Box, Polytope
 
-LIMITS = Limits(speed=2.0, acceleration=0.7)
+LIMITS = PathLimits(speed=2.0, acceleration=0.7)
 TIMINGS = [GivenTimes((0.0, 5.0, 10.0, 15.0)), LeastSnap(15.0), Heuristic(), Shortest()]
 POINTS = np.array([[0, 0, 1], [3, 0.2, 1.2], [3.2, 3, 1.5], [0, 3.5, 1.0]])
 HALLS = [Box(np.minimum(a, b) - 0.25, np.maximum(a, b) + 0.25) for a, b in itertools.pairwise(POINTS)]
@@ -118,7 +118,7 @@ def test_a_long_chain_of_polytopes_is_kept_everywhere(segments, timing):
         cells.append(Polytope(normals, [along @ other + 0.15, -along @ one + 0.15, *offsets]))
     joints = [one.intersection(other) for one, other in itertools.pairwise(cells)]
     places = [Box.point(points[0]), *joints, Box.point(points[-1])]
-    limits = Limits(speed=2.0, acceleration=2.0)
+    limits = PathLimits(speed=2.0, acceleration=2.0)
     path = plan_path(PathProblem(places, corridors=cells, limits=limits), timing)
     assert farthest_beyond(path, cells) < 1e-6
     assert peak_norm(path, 1) <= 2.0 + 1e-9

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drake_quad.reference.minimum_snap import minimum_snap
-from drake_quad.reference.path_problem import Limits
+from drake_quad.reference.path_problem import PathLimits
 from drake_quad.reference.polynomial_path import peak_norm
 from drake_quad.reference.time_allocation import rest_to_rest_durations, stretch_factor, trapezoid_times
 
@@ -21,7 +21,7 @@ def random_path(seed, segments=6):
 @settings(max_examples=40, deadline=None)
 def test_a_stretched_path_attains_one_limit_and_keeps_the_other(seed, top_speed, top_acceleration):
     path = random_path(seed)
-    path = path.stretched(stretch_factor(path, Limits(top_speed, top_acceleration)))
+    path = path.stretched(stretch_factor(path, PathLimits(top_speed, top_acceleration)))
     shares = peak_norm(path, 1) / top_speed, peak_norm(path, 2) / top_acceleration
     assert max(shares) == pytest.approx(1.0, abs=1e-12)
 
@@ -30,7 +30,7 @@ def test_a_stretched_path_attains_one_limit_and_keeps_the_other(seed, top_speed,
 def test_a_flight_from_stop_to_stop_just_keeps_to_the_limits(distance, speed, acceleration):
     if math.isinf(speed) and math.isinf(acceleration):
         return
-    limits = Limits(speed, acceleration)
+    limits = PathLimits(speed, acceleration)
     points = np.array([[0.0], [distance]])
     path = minimum_snap(points, [0.0, *rest_to_rest_durations(points, limits)])
     shares = peak_norm(path, 1) / speed, peak_norm(path, 2) / acceleration

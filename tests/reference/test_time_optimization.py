@@ -5,12 +5,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drake_quad.reference.minimum_snap import Contact, MinimumSnap, rest_at_ends
-from drake_quad.reference.path_problem import Limits
+from drake_quad.reference.path_problem import PathLimits
 from drake_quad.reference.polynomial_path import peak_norm
 from drake_quad.reference.time_allocation import rest_to_rest_durations, stretch_factor
 from drake_quad.reference.time_optimization import least_snap_durations, shortest_durations
 
-LIMITS = Limits(speed=2.0, acceleration=0.7)
+LIMITS = PathLimits(speed=2.0, acceleration=0.7)
 
 
 def random_points(seed, segments):
@@ -70,7 +70,7 @@ def test_a_search_without_gradients_finds_nothing_shorter(seed):
     assert durations.sum() <= np.exp(found.fun) * (1.0 + 1e-3)
 
 
-@pytest.mark.parametrize("limits", [Limits(speed=1.0), Limits(speed=0.5, acceleration=0.3)])
+@pytest.mark.parametrize("limits", [PathLimits(speed=1.0), PathLimits(speed=0.5, acceleration=0.3)])
 def test_times_cannot_be_moved_so_that_a_speed_allows_less(limits):
     """No 1 % more for a segment, or less, and then as much for all that the limits are attained, gains anything."""
     points = random_points(2, 4)

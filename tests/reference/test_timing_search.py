@@ -7,7 +7,7 @@ from drake_quad.errors import InputError
 from drake_quad.reference.infeasibility import explain
 from drake_quad.reference.minimum_snap import MinimumSnap, rest_at_ends, snap_cost
 from drake_quad.reference.minimum_snap_program import NO_PATH, InfeasibleError, path_within
-from drake_quad.reference.path_problem import Box, Limits, PathProblem
+from drake_quad.reference.path_problem import Box, PathLimits, PathProblem
 from drake_quad.reference.time_allocation import rest_to_rest_durations, stretch_factor, trapezoid_times
 from drake_quad.reference.time_optimization import least_snap_durations
 from drake_quad.reference.timing_search import (
@@ -18,7 +18,7 @@ from drake_quad.reference.timing_search import (
     shortest_path,
 )
 
-LIMITS = Limits(speed=2.0, acceleration=1.0)
+LIMITS = PathLimits(speed=2.0, acceleration=1.0)
 ALONG = np.array([[0.0, 0.0], [1.0, 0.0], [5.0, 0.2], [9.0, 0.0]])
 THERE_AND_BACK = np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 0.1], [2.0, 0.0]])
 # A long step, and two short ones that turn away.
@@ -68,7 +68,9 @@ def test_the_heuristic_looks_for_the_times_of_the_points_that_it_passes():
 def test_no_segment_begins_with_next_to_no_time(corridor, share):
     """At a given speed, half a millimetre would take a hundred-thousandth of the time of 50 m."""
     points = np.array([[0.0, 0.0], [50.0, 0.0], [50.0, 0.0005], [1.0, 0.0]])
-    durations = heuristic_path(problem(points, limits=Limits(speed=2.0), corridors=[corridor, None, None])).durations
+    durations = heuristic_path(
+        problem(points, limits=PathLimits(speed=2.0), corridors=[corridor, None, None])
+    ).durations
     assert durations.min() / durations.max() == pytest.approx(share)
 
 
@@ -192,8 +194,8 @@ def test_least_snap_within_limits_is_the_first_on_the_way_to_the_shortest(longer
 
 
 def test_least_snap_needs_no_limits_and_finds_the_same_from_any_units():
-    free = least_snap_path(problem(ALONG, limits=Limits()), 9.0)
-    limited = least_snap_path(problem(ALONG, limits=Limits(speed=50.0)), 9.0)
+    free = least_snap_path(problem(ALONG, limits=PathLimits()), 9.0)
+    limited = least_snap_path(problem(ALONG, limits=PathLimits(speed=50.0)), 9.0)
     np.testing.assert_allclose(free.durations, limited.durations, rtol=1e-3)
     assert snap_cost(free).sum() == pytest.approx(snap_cost(limited).sum(), rel=1e-6)
 
@@ -203,7 +205,7 @@ def test_why_there_is_no_path_of_least_snap_is_explained():
     points = np.array([[0.0, 0.0], [4.0, 0.0], [7.0, 0.0]])
     with pytest.raises(InputError) as error:
         least_snap_path(problem(points, [1.5, 0.0]), 6.0)
-    smoothest = least_snap_path(problem(points, [1.5, 0.0], limits=Limits()), 6.0)
+    smoothest = least_snap_path(problem(points, [1.5, 0.0], limits=PathLimits()), 6.0)
     assert str(error.value) == explain(problem(points, [1.5, 0.0]), smoothest.durations)
     halls = [Box([0.0, -1.0], [4.0, 1.0]), Box([4.0, -1.0], [8.0, 1.0])]
     with pytest.raises(

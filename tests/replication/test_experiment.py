@@ -11,8 +11,8 @@ from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication import experiment
 from drake_quad.replication.experiment import (
     QUICK,
+    ExperimentSizes,
     RecordedCell,
-    Sizes,
     SweepPlan,
     _fly_cell,
     _record_cell,
@@ -100,9 +100,11 @@ def test_errors_leg_by_leg_make_up_the_whole():
 
 
 def test_as_much_is_flown_as_the_report_says():
-    assert Sizes() == (1000, 8, 60, 16, 4, 16)
+    assert ExperimentSizes() == (1000, 8, 60, 16, 4, 16)
     assert QUICK == (4, 4, 4, 5, 2, 2)
-    flights = {name: num_rows(plan.settings) * plan.num_samples for name, plan in sweep_plans(Sizes()).items()}
+    flights = {
+        name: num_rows(plan.settings) * plan.num_samples for name, plan in sweep_plans(ExperimentSizes()).items()
+    }
     assert flights == {
         "noise": 15 * 60,
         "q": 15 * 60,
@@ -174,7 +176,7 @@ def test_a_resumed_cell_is_the_same_to_the_byte(tmp_path):
 
 def test_an_experiment_leaves_every_number_where_it_is_read(tmp_path, monkeypatch):
     """With flights in whose place stands what was asked for."""
-    sizes = Sizes(cells=6, recorded=3, sweep=4, grid=2, map=3, legs=2)
+    sizes = ExperimentSizes(cells=6, recorded=3, sweep=4, grid=2, map=3, legs=2)
     cells, told = {}, []
 
     def fly_cell(scenario, count, folder, *, compiled):

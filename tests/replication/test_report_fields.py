@@ -14,7 +14,7 @@ from drake_quad.replication.fair import COMPARED, FairEntry
 from drake_quad.replication.measures import EFFORTS, OUR_EFFORT
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, Runs, printed_table
 from drake_quad.replication.results import Experiment, cells_of
-from drake_quad.replication.table_ii import QUANTITIES, Entry, table_markdown
+from drake_quad.replication.table_ii import QUANTITIES, TableEntry, table_markdown
 from drake_quad.reports.claims import Claim
 from drake_quad.reports.page import image
 from drake_quad.statistics.interval import Interval
@@ -26,7 +26,7 @@ NAN = float("nan")
 
 def entry(cell, quantity, printed, mean, crashed=0):
     runs = Runs((mean, mean, mean), mean)
-    return Entry(Cell(*cell), quantity, Runs((printed,) * 3, printed), runs, Interval(mean, mean, mean), crashed)
+    return TableEntry(Cell(*cell), quantity, Runs((printed,) * 3, printed), runs, Interval(mean, mean, mean), crashed)
 
 
 def entries_of_table(crashed=0):

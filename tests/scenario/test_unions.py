@@ -21,7 +21,7 @@ from drake_quad.scenario.actions.acceleration import AccelerationAction
 from drake_quad.scenario.actions.action import ACTIONS
 from drake_quad.scenario.attitude_controllers.controller import ATTITUDE_CONTROLLERS
 from drake_quad.scenario.attitude_controllers.pd import PdAttitude
-from drake_quad.scenario.autopilots.attitude import AttitudeAutopilot
+from drake_quad.scenario.autopilots.attitude import AttitudeAutopilotSettings
 from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.controls.control import CONTROLS
@@ -271,7 +271,7 @@ def test_a_position_controller_of_a_user_is_part_of_the_language(sliding):
     POSITION_CONTROLLERS.member(sliding)
 
 
-class OwnAutopilot(AttitudeAutopilot):
+class OwnAutopilot(AttitudeAutopilotSettings):
     kind: Literal["own_autopilot"]
 
 

@@ -32,7 +32,7 @@ from drake_quad.vehicle.responding import (
     RespondingQuadrotor,
 )
 
-EXAMPLE = Path(__file__).parent.parent.parent / "scripts" / "examples" / "ceiling_effect.py"
+EXAMPLE = Path(__file__).parent.parent.parent / "scripts" / "ceiling_effect.py"
 PAPER = QuadrotorParameters()
 HEIGHT = 0.3
 NUM_STATES = len(State._fields) + len(RotorSpeed._fields)

@@ -18,14 +18,14 @@ from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.hovering import at_rest, in_hover
 from drake_quad.scenario.schema import file_schema, language_page
 from drake_quad.scenario.winds.gust import GustSource
-from drake_quad.scenario.winds.source import WINDS, Surroundings, WindSource, steady_wind
+from drake_quad.scenario.winds.source import WINDS, WindSource, WindSurroundings, steady_wind
 from drake_quad.signals import Wind
 
 ROOT = Path(__file__).parent.parent.parent
 EXAMPLE = ROOT / "scripts" / "wind_shear.py"
 # Places of four vehicles around the origin, m.
 PLACES = np.array([[0.0, 0.0, 1.0], [1.3, 0.2, 1.0], [0.4, -2.0, 1.7], [2.5, 0.1, 3.0]])
-AIR = Surroundings(Wind(0.3, -0.2, 0.1), period=0.01)
+AIR = WindSurroundings(Wind(0.3, -0.2, 0.1), period=0.01)
 
 
 def example(kind: type[WindSource], **changes: Any) -> WindSource:

@@ -9,7 +9,7 @@ from test_passage import Boxes
 
 from drake_quad.errors import InputError
 from drake_quad.reference.minimum_snap import snap_cost
-from drake_quad.reference.path_problem import Limits, PathProblem
+from drake_quad.reference.path_problem import PathLimits, PathProblem
 from drake_quad.reference.planner import GivenTimes, Heuristic, LeastSnap, Shortest, plan_path
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.reference.regions import Box, Polytope, Sphere
@@ -20,7 +20,7 @@ from drake_quad.space.regions import Regions
 from drake_quad.space.shapes import Ball, Cuboid
 from drake_quad.space.space import Obstacle, Space
 
-LIMITS = Limits(speed=2.0, acceleration=2.0)
+LIMITS = PathLimits(speed=2.0, acceleration=2.0)
 BEGIN = Box.point([0.5, 1.0, 1.0])
 END = Box.point([3.5, 1.0, 1.0])
 BOUNDS = Box([0.0, 0.0, 0.0], [4.0, 2.0, 2.0])
@@ -101,9 +101,9 @@ TIMINGS = {
     "heuristic": (Heuristic(), LIMITS),
     "shortest": (Shortest(), LIMITS),
     "least snap": (LeastSnap(4.0), LIMITS),
-    "least snap without limits": (LeastSnap(4.0), Limits()),
+    "least snap without limits": (LeastSnap(4.0), PathLimits()),
     "given times": (GivenTimes((0.0, 4.0)), LIMITS),
-    "given times without limits": (GivenTimes((0.0, 4.0)), Limits()),
+    "given times without limits": (GivenTimes((0.0, 4.0)), PathLimits()),
 }
 
 
@@ -124,7 +124,7 @@ def test_the_best_of_all_ways_is_taken(monkeypatch, timing, limits):
 def test_ways_that_cannot_be_planned_are_skipped(monkeypatch):
     """Three metres in four seconds need more than 0.1 m/s²."""
     straight, aside = DETOURS[-1], DETOURS[0]
-    slow = WayAround(PathProblem([BEGIN, END], limits=Limits(acceleration=0.1)), np.array([0, 1]))
+    slow = WayAround(PathProblem([BEGIN, END], limits=PathLimits(acceleration=0.1)), np.array([0, 1]))
     monkeypatch.setattr(around, "_ways_around", lambda *_: [slow, aside, straight])
     assert plan_around(space_of(), BOUNDS, straight.problem, LeastSnap(4.0))[1] is straight
     monkeypatch.setattr(around, "_ways_around", lambda *_: [slow])
@@ -309,7 +309,7 @@ def test_what_a_straight_way_promises_is_what_it_costs():
     """Along one straight segment from rest to rest every path of the same duration is the same."""
     straight = DETOURS[-1]
     timing = LeastSnap(4.0)
-    for limits in (LIMITS, Limits()):
+    for limits in (LIMITS, PathLimits()):
         way = WayAround(PathProblem(straight.problem.places, limits=limits), straight.waypoints)
         expected = snap_cost(plan_path(way.problem, timing)).sum()
         assert around._promise(way, timing) == pytest.approx(expected, rel=1e-6)

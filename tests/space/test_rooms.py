@@ -10,7 +10,7 @@ import pytest
 from rooms import Room, Search, least_distances, random_room
 
 from drake_quad.errors import InputError
-from drake_quad.reference.path_problem import Limits, PathProblem
+from drake_quad.reference.path_problem import PathLimits, PathProblem
 from drake_quad.reference.planner import Heuristic, LeastSnap, Shortest
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.reference.regions import Box
@@ -20,7 +20,7 @@ from drake_quad.space.space import Obstacle, Space
 
 # `make rooms` plans a hundred.
 ROOMS = int(os.environ.get("ROOMS", "10"))
-LIMITS = Limits(speed=2.0, acceleration=2.0)
+LIMITS = PathLimits(speed=2.0, acceleration=2.0)
 
 
 def plan(room, timing):

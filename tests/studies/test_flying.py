@@ -7,13 +7,13 @@ from drake_quad import InputError, load_scenario, simulate
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.flight.mission import plan_route
 from drake_quad.studies import flying
-from drake_quad.studies.flying import Job, code_of, fly_batch, fly_trial, forget, prepare
+from drake_quad.studies.flying import BatchJob, code_of, fly_batch, fly_trial, forget, prepare
 
 
 @pytest.fixture
 def job():
     scenario = load_scenario("diagrams/robustness.yaml", ["duration=0.1"])
-    yield Job("a study", code_of(UserSystems()), scenario, plan_route(scenario), 10, UserSystems(), True)
+    yield BatchJob("a study", code_of(UserSystems()), scenario, plan_route(scenario), 10, UserSystems(), True)
     forget()
 
 

@@ -19,7 +19,7 @@ from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.studies import flying
 from drake_quad.studies import monte_carlo as run_module
 from drake_quad.studies.crew import Crew, Outcome
-from drake_quad.studies.flying import Job, fly_batch, fly_trial, prepare
+from drake_quad.studies.flying import BatchJob, fly_batch, fly_trial, prepare
 from drake_quad.studies.monte_carlo import StudyInterrupted, run_monte_carlo
 from drake_quad.studies.processes import Workers
 from drake_quad.studies.results_file import read_results, write_results
@@ -535,7 +535,7 @@ def trial(num_vehicles, rmse, reason="", refused=False):
     rows[:, columns_of(study()).index("crashed")] = 0.0
     crew = Known(Outcome([0], rows, reason, refused))
     own = UserSystems(position_controller=Draught, wind=Draught)
-    run_module._check_alike(crew, Job("key", {}, study(), None, num_vehicles, own, True))
+    run_module._check_alike(crew, BatchJob("key", {}, study(), None, num_vehicles, own, True))
     return crew
 
 

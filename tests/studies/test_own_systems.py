@@ -15,7 +15,7 @@ from pydrake.systems.framework import BasicVector, LeafSystem
 from drake_quad import InputError, load_scenario, read_study, run_monte_carlo, simulate
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.studies import processes as workers_module
-from drake_quad.studies.flying import Job, code_of, fly_batch
+from drake_quad.studies.flying import BatchJob, code_of, fly_batch
 from drake_quad.studies.processes import Workers
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="worker processes find these classes by a fork")
@@ -206,6 +206,6 @@ def test_a_time_limit_is_for_processes_that_are_not_given():
     ],
 )
 def test_a_worker_with_other_code_refuses_to_fly(code, words):
-    job = Job("key", {**code_of(UserSystems()), code: "1.2.3"}, study(), None, 1, UserSystems(), True)
+    job = BatchJob("key", {**code_of(UserSystems()), code: "1.2.3"}, study(), None, 1, UserSystems(), True)
     with pytest.raises(InputError, match=f"a worker on .* has {words}"):
         fly_batch(job, [0])

@@ -15,7 +15,7 @@ from drake_quad.laboratory.metrics import Metrics
 from drake_quad.linear.closed_loop import closed_loop
 from drake_quad.planning.believed import planned_parameters
 from drake_quad.planning.feasibility import plan_demand
-from drake_quad.reference.path_problem import Limits
+from drake_quad.reference.path_problem import PathLimits
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import evaluate, hermite_path
 from drake_quad.reference.regions import Box, Polytope, Sphere
@@ -301,7 +301,7 @@ def planned():
 @pytest.fixture(scope="module")
 def drawn_plan(planned):
     """Return the axes of a plan without regions, whose speed is far below its limit."""
-    return plan_plots.plot_plan(*planned, limits=Limits(speed=9.0)).axes
+    return plan_plots.plot_plan(*planned, limits=PathLimits(speed=9.0)).axes
 
 
 def test_a_plan_is_seen_from_three_sides(planned, drawn_plan):

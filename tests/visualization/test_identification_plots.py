@@ -8,7 +8,7 @@ from figure_content import legends
 from scipy import signal
 
 from drake_quad import load_scenario
-from drake_quad.identification.flown_again.comparison import Comparison
+from drake_quad.identification.flown_again.comparison import LogComparison
 from drake_quad.identification.flown_again.prediction import Predictions
 from drake_quad.identification.identified import Fitted, Identification
 from drake_quad.identification.results.estimates import Estimates, Source
@@ -264,7 +264,7 @@ def compared():
     flown = 0.02 * np.stack([np.sin(9.0 * time), np.cos(9.0 * time), time], axis=1)
     predicted = flown + 0.01 * RNG.normal(size=(20, 80, 3))
     predicted[4, 40:] = np.nan
-    return Comparison(None, None, None, None, time, target, flown, predicted)
+    return LogComparison(None, None, None, None, time, target, flown, predicted)
 
 
 def test_a_log_is_drawn_over_the_band_of_its_predictions(compared):

@@ -10,7 +10,7 @@ from browser import CHROMIUM, Browser
 
 from drake_quad import load_scenario, simulate
 from drake_quad.visualization.replay.page import save_replay
-from drake_quad.visualization.replay.scene import Room, draw_surroundings, local_meshcat, reference_points
+from drake_quad.visualization.replay.scene import SceneRoom, draw_surroundings, local_meshcat, reference_points
 from drake_quad.visualization.replay.story import story
 
 POST = "post: {kind: cylinder, centre: [1.0, 0.5, 1.5], radius: 0.2, height: 3.0}"
@@ -44,7 +44,7 @@ def test_whole_obstacles_are_seen_but_of_a_long_wall_what_is_near(hover):
 
 
 def test_a_story_tells_what_was_crashed_into(hover):
-    room = Room(np.zeros(3), np.ones(3), 0.2, np.zeros((1, 3)), {"post": np.array([1.0, 0.5, 3.0])})
+    room = SceneRoom(np.zeros(3), np.ones(3), 0.2, np.zeros((1, 3)), {"post": np.array([1.0, 0.5, 3.0])})
     group = [
         replace(hover, metrics=hover.metrics._replace(crash_time=time), touched=name)
         for time, name in ((0.8, "post"), (0.4, None), (0.2, "wall"))
@@ -56,7 +56,7 @@ def test_a_story_tells_what_was_crashed_into(hover):
 
 
 def test_a_story_has_no_numbers_that_a_page_cannot_read(hover):
-    room = Room(np.zeros(3), np.ones(3), 0.2, np.zeros((1, 3)), {"post": np.array([np.nan, 0.5, 3.0])})
+    room = SceneRoom(np.zeros(3), np.ones(3), 0.2, np.zeros((1, 3)), {"post": np.array([np.nan, 0.5, 3.0])})
     with pytest.raises(ValueError, match="JSON"):
         story({"all": [hover]}, {"all": "#000000"}, {"a": "/x"}, room)
 

@@ -18,7 +18,7 @@ from drake_quad.vehicle.rotors import Rotors
 from drake_quad.visualization.places import places
 from drake_quad.visualization.replay import page
 from drake_quad.visualization.replay.page import draw_replay
-from drake_quad.visualization.replay.scene import Room, draw_surroundings, look_at, reference_points
+from drake_quad.visualization.replay.scene import SceneRoom, draw_surroundings, look_at, reference_points
 from drake_quad.visualization.replay.shapes import (
     ERRORS,
     Frame,
@@ -465,7 +465,9 @@ def test_a_swarm_shows_its_crashes_in_red(flights, monkeypatch, tmp_path):
 
 def test_a_story_contains_errors_and_speeds_over_time(flights):
     """Errors are in centimetres and speeds in m/s, every 50 ms and with three digits."""
-    room = Room(np.array([-1.0, -2.0, 0.0]), np.array([3.0, 2.0, 1.5]), 0.5, np.zeros((1, 3)), {"post": np.ones(3)})
+    room = SceneRoom(
+        np.array([-1.0, -2.0, 0.0]), np.array([3.0, 2.0, 1.5]), 0.5, np.zeros((1, 3)), {"post": np.ones(3)}
+    )
     content = json.loads(
         story(
             {name: [flight] for name, flight in flights.items()},

@@ -2,12 +2,12 @@
 
 from typing import Annotated, Any, NamedTuple
 
-from drake_quad.control.axes import PerAxis
 from drake_quad.control.disturbance.laws import Gained, Measured
-from drake_quad.control.disturbance.response import Command, responded
+from drake_quad.control.disturbance.response import AxisCommand, responded
 from drake_quad.framework.elementary import maximum, minimum
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import layout_of
+from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.signals import Acceleration, Quantity, Row, State
 
 
@@ -22,7 +22,7 @@ class EstimatorNumbers(NamedTuple):
     """
 
     laws: tuple[Any, ...]
-    lags: tuple[Command, ...]
+    lags: tuple[AxisCommand, ...]
     limit: Annotated[Row, Quantity("m/s²")]
     start: PerAxis = PerAxis(0.0, 0.0, 0.0)
 
@@ -50,12 +50,12 @@ def estimate(
 
 def predict(
     known: tuple[Any, ...],
-    following: tuple[Command, ...],
-    commands: tuple[Command, ...],
+    following: tuple[AxisCommand, ...],
+    commands: tuple[AxisCommand, ...],
     laws: tuple[Any, ...],
-    lags: tuple[Command, ...],
+    lags: tuple[AxisCommand, ...],
     period: float,
-) -> tuple[tuple[Any, ...], tuple[Command, ...]]:
+) -> tuple[tuple[Any, ...], tuple[AxisCommand, ...]]:
     """The memory of each axis at the next tick, and how the vehicle follows its command there.
 
     Args:
@@ -90,8 +90,8 @@ def shown_disturbance(
 
 def next_memory(
     memory: tuple[Any, ...],
-    following: tuple[Command, ...],
-    under_way: tuple[tuple[Command, ...], ...],
+    following: tuple[AxisCommand, ...],
+    under_way: tuple[tuple[AxisCommand, ...], ...],
     measurement: State,
     command: Acceleration,
     correction: Acceleration,
@@ -103,7 +103,7 @@ def next_memory(
     known, _ = estimate(memory, measured_on_axes(measurement), numbers.laws, numbers.limit, period)
     sent = tuple(
         [
-            Command(whole + learned - known_before, known_before)
+            AxisCommand(whole + learned - known_before, known_before)
             for whole, learned, known_before in zip(command, correction, feed_forward, strict=True)
         ]
     )
@@ -151,7 +151,7 @@ class DisturbanceEstimator(FleetSystem):
         feed_forward = self.input("feed_forward", absent=nothing)
         parameter = self.parameter("numbers", lambda numbers: numbers)
         memory = self.state("memory", memory_at_rest, layout=layout_of(tuple, memory_at_rest(numbers)))
-        still = (Command(0.0, 0.0),) * 3
+        still = (AxisCommand(0.0, 0.0),) * 3
         following = self.state("following", lambda _: still, layout=layout_of(tuple, still))
         under_way: Any = ()
         if delay_ticks:

@@ -40,7 +40,7 @@ class Gained(NamedTuple):
     distance: Row
 
 
-class Law(Protocol):
+class DisturbanceLaw(Protocol):
     """An estimator of the disturbance on an axis."""
 
     def at_rest(self, position: Row) -> "tuple[Row, ...]":
@@ -104,20 +104,20 @@ class KalmanLaw(NamedTuple):
         return cls(time_constant, KalmanMemory(*gain.ravel().tolist()))
 
     def at_rest(self, position: Row) -> KalmanMemory:
-        """See `Law`."""
+        """See `DisturbanceLaw`."""
         return KalmanMemory(position, 0.0, 0.0)
 
     def corrected(self, memory: KalmanMemory, measured: Measured, period: float) -> KalmanMemory:
-        """See `Law`: x̂ + L (y - p̂)."""
+        """See `DisturbanceLaw`: x̂ + L (y - p̂)."""
         innovation = measured.position - memory.position
         return KalmanMemory._make(known + gain * innovation for known, gain in zip(memory, self.gain, strict=True))
 
     def disturbance(self, memory: KalmanMemory) -> Row:
-        """See `Law`."""
+        """See `DisturbanceLaw`."""
         return memory.disturbance
 
     def predicted(self, memory: KalmanMemory, gained: Gained, period: float) -> KalmanMemory:
-        """See `Law`: the model, exactly."""
+        """See `DisturbanceLaw`: the model, exactly."""
         position, velocity, disturbance = memory
         after, speed, distance = lagging(disturbance, 0.0, self.time_constant, period)
         return KalmanMemory(
@@ -179,11 +179,11 @@ class AdaptiveLaw(NamedTuple):
     bandwidth: Row
 
     def at_rest(self, position: Row) -> DifferencedMemory:
-        """See `Law`."""
+        """See `DisturbanceLaw`."""
         return _rest(position)
 
     def corrected(self, memory: DifferencedMemory, measured: Measured, period: float) -> DifferencedMemory:
-        """See `Law`: the adaptation, and its filter under what is held from the tick on."""
+        """See `DisturbanceLaw`: the adaptation, and its filter under what is held from the tick on."""
         decay = exp(-self.adaptation * period)
         phi = (1.0 - decay) / self.adaptation
         prediction_error = -phi * _residual(memory, measured.velocity, period)
@@ -192,11 +192,11 @@ class AdaptiveLaw(NamedTuple):
         return DifferencedMemory(measured.velocity, 0.0, filtered, 0.0)
 
     def disturbance(self, memory: DifferencedMemory) -> Row:
-        """See `Law`."""
+        """See `DisturbanceLaw`."""
         return memory.filtered
 
     def predicted(self, memory: DifferencedMemory, gained: Gained, period: float) -> DifferencedMemory:
-        """See `Law`."""
+        """See `DisturbanceLaw`."""
         return memory._replace(modelled=gained.velocity)
 
 
@@ -215,11 +215,11 @@ class IncrementalLaw(NamedTuple):
     bandwidth: Row
 
     def at_rest(self, position: Row) -> DifferencedMemory:
-        """See `Law`."""
+        """See `DisturbanceLaw`."""
         return _rest(position)
 
     def corrected(self, memory: DifferencedMemory, measured: Measured, period: float) -> DifferencedMemory:
-        """See `Law`: the filter, exactly, under the difference of the last tick."""
+        """See `DisturbanceLaw`: the filter, exactly, under the difference of the last tick."""
         residual = _residual(memory, measured.velocity, period)
         damped = self.bandwidth * math.sqrt(0.5)
         sine, cosine = sin_cos(damped * period)
@@ -233,9 +233,9 @@ class IncrementalLaw(NamedTuple):
         )
 
     def disturbance(self, memory: DifferencedMemory) -> Row:
-        """See `Law`."""
+        """See `DisturbanceLaw`."""
         return memory.filtered
 
     def predicted(self, memory: DifferencedMemory, gained: Gained, period: float) -> DifferencedMemory:
-        """See `Law`."""
+        """See `DisturbanceLaw`."""
         return memory._replace(modelled=gained.velocity)

@@ -25,7 +25,7 @@ class Moved(NamedTuple):
     distance: Row
 
 
-class Command(NamedTuple):
+class AxisCommand(NamedTuple):
     """A commanded acceleration on an axis, or how the vehicle follows it, m/s².
 
     Attributes:
@@ -53,7 +53,9 @@ def lagging(before: Row, target: Row, lag: Row, period: float) -> Moved:
     return Moved(before - share * off, period * target + speed, distance)
 
 
-def responded(before: Command, command: Command, lags: Command, period: float) -> tuple[Command, Row, Row]:
+def responded(
+    before: AxisCommand, command: AxisCommand, lags: AxisCommand, period: float
+) -> tuple[AxisCommand, Row, Row]:
     """How the vehicle follows a command a tick later, and the velocity (m/s) and distance (m) that it gains.
 
     Args:
@@ -65,5 +67,5 @@ def responded(before: Command, command: Command, lags: Command, period: float) -
     feedback, feed_forward = (
         lagging(a, target, lag, period) for a, target, lag in zip(before, command, lags, strict=True)
     )
-    after = Command(feedback.after, feed_forward.after)
+    after = AxisCommand(feedback.after, feed_forward.after)
     return after, feedback.speed + feed_forward.speed, feedback.distance + feed_forward.distance

@@ -2,7 +2,6 @@
 
 from typing import Annotated, Any, NamedTuple
 
-from drake_quad.control.axes import PerAxis
 from drake_quad.control.disturbance.estimator import estimate, measured_on_axes, memory_at_rest, waited
 from drake_quad.control.disturbance.laws import Gained
 from drake_quad.control.disturbance.response import lagging
@@ -10,6 +9,7 @@ from drake_quad.framework.elementary import sqrt
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import layout_of
 from drake_quad.geometry.axes import BodyAxes
+from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.signals import Acceleration, Quantity, Row, State, Time
 
 _Specific = Annotated[Row, Quantity("m/s²")]

@@ -10,8 +10,8 @@ import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
-from drake_quad.control.axes import Axis
 from drake_quad.framework.elementary import maximum, minimum, nearest, where
+from drake_quad.geometry.per_axis import Axis
 from drake_quad.signals import Row, State
 
 InputName = Literal["error", "error_rate", "x", "y", "z", "v_x", "v_y", "v_z", "phase", "disturbance"]

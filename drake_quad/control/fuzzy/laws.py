@@ -25,7 +25,7 @@ from drake_quad.signals import Number, Row
 Rows = tuple[Row, ...]
 
 
-class Law(Protocol):
+class LearningLaw(Protocol):
     """What all laws have in common; they are records of rows.
 
     The signal that a law learns from is s_p of eq (15), m/s, or the feedback τ_c, m/s²; units of gains are those for
@@ -72,15 +72,15 @@ class CovarianceLaw(NamedTuple):
 
     @property
     def memory_name(self) -> str:
-        """See `Law`."""
+        """See `LearningLaw`."""
         return "covariance"
 
     def memory(self, num_rules: int) -> Rows:
-        """See `Law`."""
+        """See `LearningLaw`."""
         return tuple([self.initial_covariance if i == j else 0.0 for i, j in _upper_triangle(num_rules)])
 
     def learned(self, weights: Rows, memory: Rows, firing: Rows, signal: Row, period: float) -> tuple[Rows, Rows]:
-        """Eqs (16) and (17); see `Law`."""
+        """Eqs (16) and (17); see `LearningLaw`."""
         size = len(weights)
         covariance = dict(zip(_upper_triangle(size), memory, strict=True))
         information = [
@@ -107,15 +107,15 @@ class GradientLaw(NamedTuple):
 
     @property
     def memory_name(self) -> str:
-        """See `Law`."""
+        """See `LearningLaw`."""
         return "nothing"
 
     def memory(self, num_rules: int) -> Rows:
-        """See `Law`: none."""
+        """See `LearningLaw`: none."""
         return ()
 
     def learned(self, weights: Rows, memory: Rows, firing: Rows, signal: Row, period: float) -> tuple[Rows, Rows]:
-        """See `Law`."""
+        """See `LearningLaw`."""
         step = period * self.rate * signal
         return tuple([f - step * w for f, w in zip(weights, firing, strict=True)]), memory
 
@@ -135,15 +135,15 @@ class SignLaw(NamedTuple):
 
     @property
     def memory_name(self) -> str:
-        """See `Law`."""
+        """See `LearningLaw`."""
         return "slope"
 
     def memory(self, num_rules: int) -> Rows:
-        """See `Law`."""
+        """See `LearningLaw`."""
         return (self.initial_slope,)
 
     def learned(self, weights: Rows, memory: Rows, firing: Rows, signal: Row, period: float) -> tuple[Rows, Rows]:
-        """See `Law`."""
+        """See `LearningLaw`."""
         (slope,) = memory
         sign = where(signal > 0.0, 1.0, where(signal < 0.0, -1.0, 0.0))
         step = period * slope * sign / dot(firing, firing)
@@ -151,7 +151,7 @@ class SignLaw(NamedTuple):
         return after, (slope + 2.0 * period * self.rate * abs(signal),)
 
 
-class Limits(NamedTuple):
+class LearningLimits(NamedTuple):
     """What keeps learning within bounds; nothing does by default.
 
     Attributes:

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from typing import Any, Literal, NamedTuple
 
-from drake_quad.control.axes import Axis
 from drake_quad.control.fuzzy.adaptation import AdaptationRates, Part, adapted, output_gradient
 from drake_quad.control.fuzzy.inference import Antecedents
 from drake_quad.control.fuzzy.inputs import InputName, input_values, signals_of
@@ -17,6 +16,7 @@ from drake_quad.control.fuzzy.systems import (
     signal_and_ports,
 )
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.geometry.per_axis import Axis
 from drake_quad.signals import Row
 
 

@@ -6,13 +6,13 @@ from typing import Any, Literal, NamedTuple
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from drake_quad.control.axes import Axis
 from drake_quad.control.fuzzy.inference import Antecedents, firing_strengths
 from drake_quad.control.fuzzy.inputs import InputName, input_values, moved_on, signals_of
-from drake_quad.control.fuzzy.laws import CovarianceLaw, Limits, Rows, dot, trace
+from drake_quad.control.fuzzy.laws import CovarianceLaw, LearningLimits, Rows, dot, trace
 from drake_quad.framework.elementary import exp, maximum, minimum, nearest, where
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import Layout, layout_of
+from drake_quad.geometry.per_axis import Axis
 from drake_quad.signals import SIGNALS, Acceleration, PositionError, PositionErrorRate, Row, Time
 
 # What is known of a network on each of its axes.
@@ -170,7 +170,7 @@ class LearningNumbers(NamedTuple):
 
     slope: Row = 1.0
     law: Any = CovarianceLaw()
-    limits: Limits = Limits()
+    limits: LearningLimits = LearningLimits()
     initial_weight: Row = 0.0
 
 

@@ -86,7 +86,7 @@ class VerticalChain(NamedTuple):
     second_rate: Row
 
 
-class Noise(NamedTuple):
+class ChainNoise(NamedTuple):
     """Coloured noise, which is white noise filtered by 1 / (1 + T s), or by 1 / (1 + T s)² for second order.
 
     Attributes:
@@ -108,9 +108,9 @@ class Disturbances(NamedTuple):
         command_noise: spectral density of white noise on the command, in the unit of the command times √s.
     """
 
-    first: Noise
-    second: Noise
-    bias: Noise | None
+    first: ChainNoise
+    second: ChainNoise
+    bias: ChainNoise | None
     command_noise: float
 
 

@@ -27,7 +27,7 @@ from typing import Annotated, Any, NamedTuple
 
 from drake_quad.control.lqg.design import AxisLoop
 from drake_quad.framework.elementary import maximum, minimum, sin_cos, sqrt, where, wrapped
-from drake_quad.geometry.flatness import Tilt, angular_accelerations, attitude_of, body_rates, in_heading, tilt_of
+from drake_quad.geometry.flatness import ThrustTilt, angular_accelerations, attitude_of, body_rates, in_heading, tilt_of
 from drake_quad.signals import (
     Acceleration,
     AttitudeTarget,
@@ -128,7 +128,7 @@ class Estimate(NamedTuple):
     z: Any
 
 
-class Filter(NamedTuple):
+class KalmanState(NamedTuple):
     """State of the filter.
 
     Attributes:
@@ -142,7 +142,7 @@ class Filter(NamedTuple):
     seen: PositionW
 
 
-class Command(NamedTuple):
+class ChainCommands(NamedTuple):
     """Commands of the three chains: m/s⁴ along X and Y with torques over the link, m/s² otherwise."""
 
     x: Row
@@ -160,15 +160,15 @@ class Sent(NamedTuple):
         snap: of the reference at the last tick; None with an autopilot.
     """
 
-    commands: tuple[Command, ...]
-    deviations: tuple[Command, ...]
+    commands: tuple[ChainCommands, ...]
+    deviations: tuple[ChainCommands, ...]
     upward: Row
     snap: Snap | None
 
     @classmethod
     def hovering(cls, numbers: LqgNumbers) -> "Sent":
         """What has been sent to a vehicle that hovers."""
-        nothing = Command(0.0, 0.0, 0.0)
+        nothing = ChainCommands(0.0, 0.0, 0.0)
         under_way = (nothing,) * len(numbers.lateral.K_pending)
         snap = None if numbers.torques is None else Snap(0.0, 0.0, 0.0, 0.0)
         return cls((*under_way, nothing), under_way, numbers.thrust.gravity, snap)
@@ -200,15 +200,15 @@ class Regulated(NamedTuple):
         upward: f̄, m/s².
     """
 
-    command: Command
-    deviation: Command
+    command: ChainCommands
+    deviation: ChainCommands
     acceleration: Acceleration
     upward: Row
 
 
 def estimated(
     measurement: State,
-    before: Filter,
+    before: KalmanState,
     sent: Sent,
     known: Acceleration | None,
     numbers: LqgNumbers,
@@ -244,16 +244,16 @@ def estimated(
 
 def filter_after(
     measurement: State,
-    before: Filter,
+    before: KalmanState,
     sent: Sent,
     known: Acceleration | None,
     numbers: LqgNumbers,
     period: float,
     loses_frames: bool,
-) -> Filter:
+) -> KalmanState:
     """The state of the filter after a frame; arguments as of `estimated`."""
     estimate = estimated(measurement, before, sent, known, numbers, period, loses_frames)
-    return Filter(estimate, 1.0, measurement.x)
+    return KalmanState(estimate, 1.0, measurement.x)
 
 
 def regulated(
@@ -263,7 +263,7 @@ def regulated(
     snap: Snap,
     sent: Sent,
     correction: Acceleration | None,
-    perturbation: Command | None,
+    perturbation: ChainCommands | None,
     numbers: LqgNumbers,
     tick: float,
 ) -> Regulated:
@@ -303,8 +303,8 @@ def regulated(
     else:
         a_x, a_y = u_x, u_y = _shortened(u_x, u_y, limits)
     return Regulated(
-        Command(u_x, u_y, u_z),
-        Command(u_x - forward.x, u_y - forward.y, u_z - forward.z),
+        ChainCommands(u_x, u_y, u_z),
+        ChainCommands(u_x - forward.x, u_y - forward.y, u_z - forward.z),
         Acceleration(a_x, a_y, u_z),
         limits.gravity + _held_up(wanted.z - disturbance_of(estimate).z, limits),
     )
@@ -312,7 +312,7 @@ def regulated(
 
 def fed_forward(
     wanted: Acceleration, jerk: Jerk, snap: Snap, before: Snap | None, numbers: LqgNumbers, tick: float
-) -> Command:
+) -> ChainCommands:
     """The commands u_ff that follow from the reference alone.
 
     Args:
@@ -326,10 +326,10 @@ def fed_forward(
     z = wanted.z + numbers.thrust.lead * jerk.z
     if numbers.torques is not None and before is not None:
         ticks = numbers.torques.lead / tick
-        return Command(snap.x + ticks * (snap.x - before.x), snap.y + ticks * (snap.y - before.y), z)
+        return ChainCommands(snap.x + ticks * (snap.x - before.x), snap.y + ticks * (snap.y - before.y), z)
     assert numbers.target is not None
     lead = numbers.target
-    return Command(
+    return ChainCommands(
         wanted.x + lead.jerk * jerk.x + lead.snap * snap.x, wanted.y + lead.jerk * jerk.y + lead.snap * snap.y, z
     )
 
@@ -360,7 +360,7 @@ def wrench_for(
     assert torques is not None
     sin_yaw, cos_yaw = sin_cos(measurement.yaw)
     (sin_roll, cos_roll), (sin_pitch, cos_pitch) = sin_cos(measurement.roll), sin_cos(measurement.pitch)
-    tilt = Tilt(_length(estimate, asked.upward), sin_roll, cos_roll, sin_pitch, cos_pitch)
+    tilt = ThrustTilt(_length(estimate, asked.upward), sin_roll, cos_roll, sin_pitch, cos_pitch)
     turned_jerk = in_heading(Jerk(estimate.x.jerk, estimate.y.jerk, jerk.z), sin_yaw, cos_yaw)
     turned_snap = in_heading(Jerk(asked.command.x, asked.command.y, snap.z), sin_yaw, cos_yaw)
     rates = body_rates(tilt, turned_jerk, reference.yaw_rate)
@@ -408,7 +408,7 @@ def deviations(estimate: Estimate, reference: Reference, wanted: Acceleration, j
 
 def pending_of(sent: Sent) -> list[tuple[Row, ...]]:
     """The deviations of the commands that are under way along X, Y and Z, the oldest first."""
-    return [tuple([getattr(du, axis) for du in sent.deviations]) for axis in Command._fields]
+    return [tuple([getattr(du, axis) for du in sent.deviations]) for axis in ChainCommands._fields]
 
 
 def fed_back_of(

@@ -6,7 +6,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_quad.control.cascade import put_around
 from drake_quad.control.lqg import laws
-from drake_quad.control.lqg.laws import Command, Deviations, Estimate, Filter, LqgNumbers, Regulated, Sent
+from drake_quad.control.lqg.laws import ChainCommands, Deviations, Estimate, KalmanState, LqgNumbers, Regulated, Sent
 from drake_quad.framework.elementary import where
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import Layout, layout_of
@@ -29,7 +29,7 @@ def _asked(
     jerk: Jerk,
     snap: Snap,
     correction: Acceleration | None,
-    perturbation: Command | None,
+    perturbation: ChainCommands | None,
     tick: float,
     *remembered: Any,
 ) -> tuple[Estimate, Regulated]:
@@ -104,9 +104,9 @@ def deviations_of(numbers: LqgNumbers) -> Layout:
     return layout_of(Deviations, Deviations(lateral, lateral, vertical, _none(numbers)))
 
 
-def _first(numbers: LqgNumbers) -> Filter:
+def _first(numbers: LqgNumbers) -> KalmanState:
     lateral, vertical = ([type(loop.K)(*[0.0] * len(loop.K))] for loop in (numbers.lateral, numbers.vertical))
-    return Filter(Estimate(*lateral, *lateral, *vertical), 0.0, 0.0)
+    return KalmanState(Estimate(*lateral, *lateral, *vertical), 0.0, 0.0)
 
 
 @fleet_system(float, AutoDiffXd)
@@ -185,7 +185,7 @@ class LinearQuadraticGaussian(FleetSystem):
             learned = self.input("learned_disturbance", absent=Acceleration(0.0, 0.0, 0.0))
             self.update(period, _held, learned, writes=[known])
         if takes_perturbation:
-            perturbation = self.input("perturbation", layout=layout_of(Command))
+            perturbation = self.input("perturbation", layout=layout_of(ChainCommands))
         remembered = measurement, before, sent, known, parameter, period, loses_frames
         wanted = reference, jerk, snap, correction, perturbation, tick, *remembered
         self.update(period, laws.filter_after, *remembered, writes=[before])

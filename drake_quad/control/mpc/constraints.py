@@ -18,10 +18,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.control.axes import PerAxis
 from drake_quad.control.lqg.design import Regulator
-from drake_quad.control.lqg.laws import Command, LqgNumbers, fed_forward
+from drake_quad.control.lqg.laws import ChainCommands, LqgNumbers, fed_forward
 from drake_quad.control.mpc.prediction import Prediction, Response
+from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.signals import Acceleration, Jerk, Reference, Snap
 
 # Sides m of the polygon, which leave 98 % of the tilt everywhere.
@@ -60,7 +60,7 @@ class Preview(NamedTuple):
     before: Snap
 
 
-class Slack(NamedTuple):
+class SharedSlack(NamedTuple):
     """An ε for each tick, which constraints of the same name share.
 
     Attributes:
@@ -89,7 +89,7 @@ class Constraint(NamedTuple):
     left: np.ndarray
     shift: np.ndarray
     later: bool
-    slack: Slack | None
+    slack: SharedSlack | None
 
 
 class Horizon(NamedTuple):
@@ -126,7 +126,7 @@ def horizontal_constraints(regulator: Regulator, horizon: Horizon) -> Iterator[C
     else:
         fields = type(horizon.numbers.lateral.K)._fields
         tilted, ahead = axis.state(fields.index("thrust")), (reference.a_x, reference.a_y)
-        slack = Slack("tilt", horizon.tilt_weight)
+        slack = SharedSlack("tilt", horizon.tilt_weight)
         for along, snap in (((1.0, 0.0), forward.x), ((0.0, 1.0), forward.y)):
             for share in (1.0 / torques.max_snap, -1.0 / torques.max_snap):
                 yield _sum(axis.command(), [share * each for each in along], left=1.0 - np.multiply(share, snap))
@@ -160,11 +160,11 @@ def _walls(axis: Prediction, along: Sequence[float], name: str, horizon: Horizon
     place = axis.state(type(horizon.numbers.vertical.K)._fields.index("position"))
     for sign, walls in ((1.0, corridor.upper), (-1.0, corridor.lower)):
         if np.isfinite(wall := getattr(walls, name)):
-            left, slack = np.multiply(sign, wall - position), Slack(f"corridor along {name}", corridor.weight)
+            left, slack = np.multiply(sign, wall - position), SharedSlack(f"corridor along {name}", corridor.weight)
             yield _sum(place, [sign * share for share in along], left=left, slack=slack)
 
 
-def _forward(horizon: Horizon) -> Command:
+def _forward(horizon: Horizon) -> ChainCommands:
     """The commands that are fed forward, rows of (ticks of the preview,)."""
     reference, jerk, snap, before = horizon.preview
     wanted = Acceleration(reference.a_x, reference.a_y, reference.a_z)
@@ -177,7 +177,7 @@ def _sum(
     *,
     left: np.ndarray,
     shift: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    slack: Slack | None = None,
+    slack: SharedSlack | None = None,
 ) -> Constraint:
     """A constraint of a sum of the same row of several axes, of which there are some shares."""
     free, forced = (np.hstack([share * part for share in shares]) for part in (response.free, response.forced))

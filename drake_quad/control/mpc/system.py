@@ -5,14 +5,14 @@ from types import MethodType
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context
 
-from drake_quad.control.axes import PerAxis
 from drake_quad.control.lqg.design import Regulator
-from drake_quad.control.lqg.laws import Command, LqgNumbers
+from drake_quad.control.lqg.laws import ChainCommands, LqgNumbers
 from drake_quad.control.lqg.system import deviations_of
 from drake_quad.control.mpc.constraints import Corridor, Horizon, Preview, horizontal_constraints, vertical_constraints
 from drake_quad.control.mpc.programme import Programme
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import layout_of
+from drake_quad.geometry.per_axis import PerAxis
 
 OPEN = Corridor(PerAxis(-np.inf, -np.inf, -np.inf), PerAxis(np.inf, np.inf, np.inf), moves=True, weight=1.0)
 """A corridor without walls."""
@@ -78,5 +78,5 @@ class PredictiveProgramme(FleetSystem):
             ]
             output.SetFromVector(np.ravel(added).astype(system.scalar))
 
-        model, seen = self._model(layout_of(Command)), {deviation.ticket(self), self.time_ticket()}
+        model, seen = self._model(layout_of(ChainCommands)), {deviation.ticket(self), self.time_ticket()}
         self.DeclareVectorOutputPort("perturbation", model, MethodType(calc, self), seen)

@@ -146,7 +146,7 @@ class Network(NamedTuple):
         return len(last.initial) if isinstance(last, Gru) else last.matrix.num_rows
 
 
-class Step(NamedTuple):
+class NetworkStep(NamedTuple):
     """What a network makes of an input.
 
     Attributes:
@@ -158,7 +158,7 @@ class Step(NamedTuple):
     memory: tuple[tuple[Row, ...], ...]
 
 
-def passed(network: Network, inputs: Sequence[Row], memory: Sequence[Sequence[Row]]) -> Step:
+def passed(network: Network, inputs: Sequence[Row], memory: Sequence[Sequence[Row]]) -> NetworkStep:
     """Evaluate a network for one input.
 
     Args:
@@ -174,7 +174,7 @@ def passed(network: Network, inputs: Sequence[Row], memory: Sequence[Sequence[Ro
         else:
             rows = _recurrent(layer, rows, memory[len(remembered)])
             remembered.append(tuple(rows))
-    return Step(tuple(rows), tuple(remembered))
+    return NetworkStep(tuple(rows), tuple(remembered))
 
 
 def _prepared(network: Network, inputs: Sequence[Row]) -> list[Row]:

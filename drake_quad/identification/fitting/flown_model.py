@@ -21,7 +21,7 @@ from drake_quad.assembly.laboratory import vehicle_parameters
 from drake_quad.framework.formulas import kernel
 from drake_quad.framework.records import Layout, layout_of
 from drake_quad.geometry.axes import BodyAxes, Vector, plus
-from drake_quad.identification.fitting.windows import Cut, Window
+from drake_quad.identification.fitting.windows import Cut, LogWindow
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.scenario.paths import replaced
 from drake_quad.signals import BodyAccelerationB, Quantity, RotorSpeed, Row, State, Throttle, Time, Wind
@@ -81,7 +81,7 @@ class Numbers(NamedTuple):
     effects: Effects
 
 
-class Step(NamedTuple):
+class ModelStep(NamedTuple):
     """The vehicle at the end of a step."""
 
     body: State
@@ -96,7 +96,7 @@ def step(
     span: Span,
     numbers: Numbers,
     kind: DisturbanceKind,
-) -> Step:
+) -> ModelStep:
     """Return the vehicle at the end of a step from time 0 on, during which a disturbance is constant.
 
     A payload that is dropped later is present in every step.
@@ -122,7 +122,7 @@ def step(
         q=moved.q + h * disturbance.q,
         r=moved.r + h * disturbance.r,
     )
-    return Step(pushed, after.rotors)
+    return ModelStep(pushed, after.rotors)
 
 
 def rotors_after(rotors: RotorSpeed, command: RotorSpeed | Throttle, span: Span, numbers: Numbers) -> RotorSpeed:
@@ -187,7 +187,7 @@ class _Kernels(NamedTuple):
         )
 
 
-class Vehicle:
+class FlownVehicle:
     """A vehicle as a function of some of its numbers.
 
     Args:
@@ -233,7 +233,7 @@ class Inputs(NamedTuple):
         cls,
         records: Sequence[FlightRecord],
         signal: str,
-        windows: Sequence[Window],
+        windows: Sequence[LogWindow],
         sizes: Cut,
         *,
         split: int,
@@ -275,7 +275,7 @@ class Flown:
         warm_up: steps in which rotors follow their commands.
     """
 
-    def __init__(self, vehicle: Vehicle, parameters: np.ndarray, inputs: Inputs, warm_up: int) -> None:
+    def __init__(self, vehicle: FlownVehicle, parameters: np.ndarray, inputs: Inputs, warm_up: int) -> None:
         self.count, self.windows = len(parameters), inputs.commands.shape[2]
         numbers = vehicle.numbers(parameters)
         self._kernels = _Kernels.of(

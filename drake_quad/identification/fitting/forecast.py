@@ -12,7 +12,7 @@ import numpy as np
 
 from drake_quad.identification.fitting.evidence import explained_share
 from drake_quad.identification.fitting.flown_model import ROWS
-from drake_quad.identification.fitting.predictor import FORCE, Noise, Predictor
+from drake_quad.identification.fitting.predictor import FORCE, PredictionNoise, Predictor
 from drake_quad.identification.fitting.windows import within_half_a_turn
 
 _AXES = ("x", "y", "z"), ("roll", "pitch", "yaw"), ("p", "q", "r")
@@ -37,7 +37,7 @@ class Forecast(NamedTuple):
     explained: np.ndarray
 
 
-def forecast(predictor: Predictor, parameters: np.ndarray, noise: Noise) -> Forecast:
+def forecast(predictor: Predictor, parameters: np.ndarray, noise: PredictionNoise) -> Forecast:
     """Return the forecast of a predictor's model over the length of its windows, for parameters (p,)."""
     gains = predictor.gains(parameters, noise)
     held = gains._replace(gain=np.where(predictor.counted[:, None, None, None], 0.0, gains.gain))

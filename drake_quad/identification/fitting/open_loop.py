@@ -25,7 +25,7 @@ from drake_quad.geometry.kinematics import small_rotation
 from drake_quad.identification.fitting.firmware import allocated_commands
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import scenario_path
-from drake_quad.scenario.autopilots.response import AttitudeResponse as ResponseOfScenario
+from drake_quad.scenario.autopilots.response import AttitudeResponseSettings as ResponseOfScenario
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import replaced
 from drake_quad.scenario.winds.source import steady_wind

@@ -17,7 +17,7 @@ import numpy as np
 import scipy
 
 from drake_quad.identification.fitting.evidence import Evidence, Uncertainty, jackknife, of_blocks
-from drake_quad.identification.fitting.predictor import Gains, Noise, Predictor
+from drake_quad.identification.fitting.predictor import Gains, PredictionNoise, Predictor
 
 # Steps of differences, of a parameter's scale; and of the delay, in samples, over which it is taken to both sides,
 # since the slope has a jump at every sample.
@@ -44,7 +44,7 @@ _FORGOTTEN = 0.25
 _PIECES = 60
 
 
-class Choice(NamedTuple):
+class ParameterChoice(NamedTuple):
     """Parameters to be found.
 
     Attributes:
@@ -60,7 +60,7 @@ class Choice(NamedTuple):
     most: np.ndarray
 
 
-class Fitted(NamedTuple):
+class PredictionFit(NamedTuple):
     """What came out.
 
     Attributes:
@@ -73,7 +73,7 @@ class Fitted(NamedTuple):
     """
 
     parameters: np.ndarray
-    noise: Noise
+    noise: PredictionNoise
     gains: Gains
     slopes: np.ndarray
     errors: np.ndarray
@@ -112,7 +112,7 @@ def _told_by(slopes: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.nda
     return slopes.swapaxes(1, 2) @ slopes, np.einsum("wkp,wk->wp", slopes, errors)
 
 
-def fit(predictor: Predictor, choice: Choice, noise: Noise) -> Fitted:
+def fit(predictor: Predictor, choice: ParameterChoice, noise: PredictionNoise) -> PredictionFit:
     """Parameters and noise of the model of a predictor."""
     parameters = choice.start
     for number in range(1, _ROUNDS + 1):
@@ -124,10 +124,12 @@ def fit(predictor: Predictor, choice: Choice, noise: Noise) -> Fitted:
         if number > 2 and np.all(np.abs(parameters - before) < _RESTS * np.sqrt(np.diag(expected))):
             break
         noise = _noise_of(predictor, predictor.gains(parameters, noise), noise)
-    return Fitted(parameters, noise, gains, slopes, errors, number)
+    return PredictionFit(parameters, noise, gains, slopes, errors, number)
 
 
-def _least_squares(predictor: Predictor, choice: Choice, start: np.ndarray, gains: Gains, noise: Noise) -> np.ndarray:
+def _least_squares(
+    predictor: Predictor, choice: ParameterChoice, start: np.ndarray, gains: Gains, noise: PredictionNoise
+) -> np.ndarray:
     found = scipy.optimize.least_squares(
         lambda x: _whitened_errors(predictor, x[None], gains, noise)[0][..., 0].ravel(),
         np.clip(start, choice.least, choice.most),
@@ -142,7 +144,7 @@ def _least_squares(predictor: Predictor, choice: Choice, start: np.ndarray, gain
 
 
 def _whitened_errors(
-    predictor: Predictor, parameters: np.ndarray, gains: Gains, noise: Noise
+    predictor: Predictor, parameters: np.ndarray, gains: Gains, noise: PredictionNoise
 ) -> tuple[np.ndarray, np.ndarray]:
     """(W, k, K) of what counts, for (K, p) parameters, and the states where the next window begins."""
     counted = predictor.counted
@@ -152,7 +154,7 @@ def _whitened_errors(
 
 
 def whitened(
-    predictor: Predictor, choice: Choice, parameters: np.ndarray, gains: Gains, noise: Noise
+    predictor: Predictor, choice: ParameterChoice, parameters: np.ndarray, gains: Gains, noise: PredictionNoise
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """(W, k) whitened errors and their (W, k, p) derivatives; the states where the next window begins and theirs."""
     delay, up = predictor.vehicle.delay, _STEP * choice.scale
@@ -177,7 +179,7 @@ def _slopes(values: np.ndarray, up: np.ndarray, delay: int | None) -> np.ndarray
     return np.asarray(found)
 
 
-def _noise_of(predictor: Predictor, gains: Gains, noise: Noise) -> Noise:
+def _noise_of(predictor: Predictor, gains: Gains, noise: PredictionNoise) -> PredictionNoise:
     """The noise of the largest likelihood, by Fisher's scoring of the logarithms of its numbers.
 
     With ∂e, ∂S the derivatives of errors and of their covariance, whitened, the score is
@@ -209,10 +211,10 @@ def _noise_of(predictor: Predictor, gains: Gains, noise: Noise) -> Noise:
         trial = np.clip(logs + step, lower, upper)
         if 0.0 < gained < _GAINED and np.isfinite(best_before):
             break
-    return Noise.of(np.exp(logs)[alike])
+    return PredictionNoise.of(np.exp(logs)[alike])
 
 
-def noise_covariance(predictor: Predictor, fitted: Fitted) -> np.ndarray:
+def noise_covariance(predictor: Predictor, fitted: PredictionFit) -> np.ndarray:
     """(m + 12, m + 12) covariance of the errors of the noise's numbers, over their product: of their logarithms.
 
     It is the inverse of the information, if the model is right; what the log does not tell has a large one.
@@ -225,11 +227,11 @@ def noise_covariance(predictor: Predictor, fitted: Fitted) -> np.ndarray:
 
 
 def _noise_slopes(
-    predictor: Predictor, gains: Gains, own: Noise, logs: np.ndarray, chosen: np.ndarray
+    predictor: Predictor, gains: Gains, own: PredictionNoise, logs: np.ndarray, chosen: np.ndarray
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """What `scored` says of a noise of some logarithms, around the filter of another noise."""
     points = np.vstack([logs, logs + _NOISE_STEP * np.eye(len(logs))])
-    noises = [Noise.of(np.exp(point)[predictor.alike]) for point in points]
+    noises = [PredictionNoise.of(np.exp(point)[predictor.alike]) for point in points]
     return scored(*predictor.expected(gains, own, noises, chosen), _NOISE_STEP)
 
 

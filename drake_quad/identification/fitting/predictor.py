@@ -19,8 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.identification.fitting.flown_model import BODY, PUSH, ROWS, Flown, Inputs, Vehicle
-from drake_quad.identification.fitting.windows import Cut, Window, within_half_a_turn
+from drake_quad.identification.fitting.flown_model import BODY, PUSH, ROWS, Flown, FlownVehicle, Inputs
+from drake_quad.identification.fitting.windows import Cut, LogWindow, within_half_a_turn
 from drake_quad.identification.logs.record import FlightRecord
 
 FORCE = "specific_force"
@@ -40,7 +40,7 @@ class Output(NamedTuple):
     column: int
 
 
-class Noise(NamedTuple):
+class PredictionNoise(NamedTuple):
     """Standard deviations.
 
     Attributes:
@@ -54,7 +54,7 @@ class Noise(NamedTuple):
     memory: np.ndarray
 
     @classmethod
-    def of(cls, values: np.ndarray) -> "Noise":
+    def of(cls, values: np.ndarray) -> "PredictionNoise":
         """The noise of (m + 12,) numbers in a row."""
         return cls(values[:-12], values[-12:-6], values[-6:])
 
@@ -89,7 +89,7 @@ class Gains(NamedTuple):
     handed_on: np.ndarray
 
 
-class Beginnings(NamedTuple):
+class WindowBeginnings(NamedTuple):
     """What filters begin with, to first order in the parameters.
 
     Attributes:
@@ -122,9 +122,9 @@ class Predictor:
 
     def __init__(
         self,
-        vehicle: Vehicle,
+        vehicle: FlownVehicle,
         records: Sequence[FlightRecord],
-        windows: Sequence[Window],
+        windows: Sequence[LogWindow],
         sizes: Cut,
         outputs: Sequence[Output],
         *,
@@ -156,7 +156,7 @@ class Predictor:
         p = len(vehicle.paths)
         state, n, W = self._start(records, index[0]), len(self.free), len(windows)
         slopes, nothing = np.zeros((BODY + PUSH, p, W)), np.zeros((W, n, n))
-        self.beginnings = Beginnings(state, slopes, np.zeros(p), nothing, np.zeros(W, dtype=bool))
+        self.beginnings = WindowBeginnings(state, slopes, np.zeros(p), nothing, np.zeros(W, dtype=bool))
         # Windows that go on where the one before them ends.
         self._follows = np.array(
             [i > 0 and windows[i - 1] == (number, start - sizes.length) for i, (number, start) in enumerate(windows)]
@@ -209,7 +209,7 @@ class Predictor:
         state, slope, covariance = old.state.copy(), old.slopes.copy(), old.covariance.copy()
         state[:, then], slope[:, :, then] = states[:, before], slopes[:, :, before]
         covariance[then] = gains.handed_on[before]
-        self.beginnings = Beginnings(state, slope, parameters, covariance, self._follows)
+        self.beginnings = WindowBeginnings(state, slope, parameters, covariance, self._follows)
 
     def _predicted(self, flown: Flown, state: np.ndarray) -> np.ndarray:
         """Return the predicted outputs (m, K, W)."""
@@ -230,16 +230,16 @@ class Predictor:
         errors[self._angles] = within_half_a_turn(errors[self._angles])
         return errors
 
-    def _fades(self, noise: Noise) -> np.ndarray:
+    def _fades(self, noise: PredictionNoise) -> np.ndarray:
         return np.exp(-self.period / noise.memory)
 
-    def pushes(self, noise: Noise) -> np.ndarray:
+    def pushes(self, noise: PredictionNoise) -> np.ndarray:
         """(n,) variance that is added to each row of the state from one measurement to the next."""
         pushed = np.zeros(BODY + PUSH)
         pushed[BODY:] = noise.disturbance**2 * (1.0 - self._fades(noise) ** 2)
         return pushed[self.free]
 
-    def gains(self, parameters: np.ndarray, noise: Noise) -> Gains:
+    def gains(self, parameters: np.ndarray, noise: PredictionNoise) -> Gains:
         """Return the gains of the filter for the predictions with parameters (p,)."""
         n, free = len(self.free), self.free
         steps = _STEPS[free]
@@ -271,14 +271,14 @@ class Predictor:
         gain, whitening, transition, output, errors, expected = (np.stack(values) for values in zip(*kept, strict=True))
         return Gains(gain, whitening, transition, output, errors, expected, beginning, handed_on)
 
-    def _first(self, noise: Noise) -> np.ndarray:
+    def _first(self, noise: PredictionNoise) -> np.ndarray:
         """(W, n, n) covariance at the beginning."""
         first = np.concatenate([_UNKNOWN[:BODY], noise.disturbance]) ** 2
         _, _, _, covariance, known = self.beginnings
         return np.where(known[:, None, None], covariance, np.diag(first[self.free]))
 
     def errors(
-        self, parameters: np.ndarray, gains: Gains, noise: Noise, *, keep: int | None = None
+        self, parameters: np.ndarray, gains: Gains, noise: PredictionNoise, *, keep: int | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """What filters with these gains do not foresee.
 
@@ -305,7 +305,7 @@ class Predictor:
         return found, handed_on
 
     def expected(
-        self, gains: Gains, own: Noise, noises: Sequence[Noise], chosen: np.ndarray
+        self, gains: Gains, own: PredictionNoise, noises: Sequence[PredictionNoise], chosen: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """What filters of other noise do not foresee, to first order around the predictions of a filter.
 

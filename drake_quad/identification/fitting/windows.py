@@ -33,7 +33,7 @@ _IDLE = 0.5
 _ODD = 0.1
 
 
-class Window(NamedTuple):
+class LogWindow(NamedTuple):
     """A stretch of a record.
 
     Attributes:
@@ -174,7 +174,7 @@ def _near(found: np.ndarray, samples: int) -> np.ndarray:
     )
 
 
-def cut(records: Sequence[FlightRecord], flying: Sequence[np.ndarray], sizes: Cut) -> list[Window]:
+def cut(records: Sequence[FlightRecord], flying: Sequence[np.ndarray], sizes: Cut) -> list[LogWindow]:
     """Cuts records into windows, one after another.
 
     Args:
@@ -190,7 +190,7 @@ def cut(records: Sequence[FlightRecord], flying: Sequence[np.ndarray], sizes: Cu
         while start + sizes.length < len(record.time):
             first, last = start - sizes.settle, start + sizes.length
             if piece[first] == piece[last] and usable[first] and broken[first] == broken[last]:
-                found.append(Window(number, start))
+                found.append(LogWindow(number, start))
                 start += sizes.length
             else:
                 # The next place at which a window can begin at the earliest.

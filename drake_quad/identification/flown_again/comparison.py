@@ -54,7 +54,7 @@ class ErrorFigures(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class LogComparison:
     """A flown flight and its predictions.
 
     Attributes:
@@ -124,7 +124,7 @@ def compare_with_log(
     rest: float = REST,
     start: float | None = None,
     progress: Callable[[int, int], None] | None = None,
-) -> Comparison:
+) -> LogComparison:
     """Simulate the reference of a log under a scenario's control, and compare the simulation with the logged flight.
 
     The simulated vehicle hovers at the first point of the reference for `rest` and then follows the log's clock. The
@@ -158,7 +158,9 @@ def compare_with_log(
     instants = record.time[chosen] + reference.start
     target = evaluate(plan.flown_path, instants).T
     predicted = _positions(flying, plan, instants, samples, progress)
-    return Comparison(record, flying, reference, plan, record.time[chosen], target, flown[chosen], target - predicted)
+    return LogComparison(
+        record, flying, reference, plan, record.time[chosen], target, flown[chosen], target - predicted
+    )
 
 
 def on_route(scenario: Scenario, reference: LoggedReference) -> Scenario:
@@ -167,7 +169,7 @@ def on_route(scenario: Scenario, reference: LoggedReference) -> Scenario:
     return scenario.model_copy(update={"route": reference.route, "duration": None, "metrics": window})
 
 
-def side_by_side(comparison: Comparison) -> dict[str, Flight]:
+def side_by_side(comparison: LogComparison) -> dict[str, Flight]:
     """Return the logged flight and the typical prediction as two flights of the same reference, for a replay.
 
     The states of both are measured states. If the log contains no rotor speeds, those of the prediction are shown. A

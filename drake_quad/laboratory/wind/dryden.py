@@ -88,7 +88,7 @@ class TurbulenceNumbers(NamedTuple):
     heading: Angle = 0.0
 
 
-class Filter(NamedTuple):
+class AxisFilter(NamedTuple):
     """Dryden's filter on one axis, from one sample to the next.
 
     Attributes:
@@ -130,7 +130,7 @@ class SampledTurbulence(NamedTuple):
         sin_heading: sine of the heading.
     """
 
-    u: Filter
+    u: AxisFilter
     v: FilterAcross
     w: FilterAcross
     deviation: PerDirection
@@ -148,7 +148,7 @@ class SampledTurbulence(NamedTuple):
         turbulence = numbers.turbulence
         u, v, w = (period * turbulence.airspeed / length for length in turbulence.length)
         return cls(
-            Filter(np.exp(-u), np.sqrt(scipy.special.gammainc(1.0, 2.0 * u))),
+            AxisFilter(np.exp(-u), np.sqrt(scipy.special.gammainc(1.0, 2.0 * u))),
             _across(v),
             _across(w),
             turbulence.deviation,

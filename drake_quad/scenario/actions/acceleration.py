@@ -9,7 +9,7 @@ from drake_quad.control.policy.actuation import AccelerationActuation
 from drake_quad.control.policy.frames import LevelFrame
 from drake_quad.framework.recipe import Recipe
 from drake_quad.scenario.actions.action import ACTIONS, Action
-from drake_quad.scenario.attitude_controllers.controller import AttitudeController
+from drake_quad.scenario.attitude_controllers.controller import AttitudeControllerSettings
 from drake_quad.scenario.quantities import PlainPositives
 from drake_quad.scenario.setting import ControlSetting
 from drake_quad.vehicle.parameters import QuadrotorParameters
@@ -30,7 +30,7 @@ class AccelerationAction(Action):
     commands: ClassVar = "attitude"
     vectors_thrust: ClassVar = True
 
-    def recipe(self, setting: ControlSetting, *, turn: float, attitude: AttitudeController | None) -> Recipe:
+    def recipe(self, setting: ControlSetting, *, turn: float, attitude: AttitudeControllerSettings | None) -> Recipe:
         """Return the recipe for an `AccelerationActuation`."""
         return Recipe(AccelerationActuation, {"frame": self.frame, "turn": turn}, AccelerationScale(*self.most))
 

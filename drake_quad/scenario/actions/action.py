@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 
 from drake_quad.control.policy.actions import ThrustRange
 from drake_quad.framework.recipe import Recipe
-from drake_quad.scenario.attitude_controllers.controller import AttitudeController, check_attitude_control
+from drake_quad.scenario.attitude_controllers.controller import AttitudeControllerSettings, check_attitude_control
 from drake_quad.scenario.autopilots.autopilot import Autopilot, Commanded
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.quantities import PlainNonNegative, PlainPositive
@@ -34,7 +34,7 @@ class Action(Model):
     vectors_thrust: ClassVar[bool] = False
 
     @abstractmethod
-    def recipe(self, setting: ControlSetting, *, turn: float, attitude: AttitudeController | None) -> Recipe:
+    def recipe(self, setting: ControlSetting, *, turn: float, attitude: AttitudeControllerSettings | None) -> Recipe:
         """Return the recipe for the system that makes a command of an action.
 
         Args:

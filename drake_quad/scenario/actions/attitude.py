@@ -9,7 +9,7 @@ from drake_quad.control.policy.actions import AttitudeScale
 from drake_quad.control.policy.actuation import AttitudeActuation
 from drake_quad.framework.recipe import Recipe
 from drake_quad.scenario.actions.action import ACTIONS, ThrustAction
-from drake_quad.scenario.attitude_controllers.controller import AttitudeController
+from drake_quad.scenario.attitude_controllers.controller import AttitudeControllerSettings
 from drake_quad.scenario.quantities import PlainTilt, radians
 from drake_quad.scenario.setting import ControlSetting
 
@@ -26,7 +26,7 @@ class AttitudeAction(ThrustAction):
     )
     commands: ClassVar = "attitude"
 
-    def recipe(self, setting: ControlSetting, *, turn: float, attitude: AttitudeController | None) -> Recipe:
+    def recipe(self, setting: ControlSetting, *, turn: float, attitude: AttitudeControllerSettings | None) -> Recipe:
         """Return the recipe for an `AttitudeActuation`."""
         scale = AttitudeScale(self.thrusts(setting.believed), self.max_tilt, self.max_yaw)
         return Recipe(AttitudeActuation, {}, scale)

@@ -5,12 +5,12 @@ from typing import Any, ClassVar, Literal
 from pydantic import Field
 from pydantic_core import PydanticCustomError
 
-from drake_quad.control.axes import PerAngle
 from drake_quad.control.policy.actions import RatesScale
 from drake_quad.control.policy.actuation import RatesFromTheGround, RatesOnBoard
 from drake_quad.framework.recipe import Recipe
+from drake_quad.geometry.per_axis import PerAngle
 from drake_quad.scenario.actions.action import ACTIONS, ThrustAction
-from drake_quad.scenario.attitude_controllers.controller import AttitudeController
+from drake_quad.scenario.attitude_controllers.controller import AttitudeControllerSettings
 from drake_quad.scenario.autopilots.autopilot import Autopilot
 from drake_quad.scenario.quantities import Gains, PlainPositives
 from drake_quad.scenario.setting import ControlSetting
@@ -30,7 +30,7 @@ class RatesAction(ThrustAction):
     )
     commands: ClassVar = "rates"
 
-    def recipe(self, setting: ControlSetting, *, turn: float, attitude: AttitudeController | None) -> Recipe:
+    def recipe(self, setting: ControlSetting, *, turn: float, attitude: AttitudeControllerSettings | None) -> Recipe:
         """Return the recipe for a loop of the rates on the ground, or for a target for the loop on board."""
         on_board = setting.autopilot.controls_attitude
         gains: Any = (0.0, 0.0, 0.0) if on_board else self.k_rate

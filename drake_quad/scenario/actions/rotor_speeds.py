@@ -9,7 +9,7 @@ from drake_quad.control.policy.actions import PerRotor, SpeedScale
 from drake_quad.control.policy.actuation import RotorSpeedActuation
 from drake_quad.framework.recipe import Recipe
 from drake_quad.scenario.actions.action import ACTIONS, Action
-from drake_quad.scenario.attitude_controllers.controller import AttitudeController
+from drake_quad.scenario.attitude_controllers.controller import AttitudeControllerSettings
 from drake_quad.scenario.quantities import PlainNonNegative
 from drake_quad.scenario.setting import ControlSetting
 from drake_quad.signals import RotorSpeed, Wrench
@@ -37,7 +37,7 @@ class RotorSpeedsAction(Action):
             raise self.wrong("order", kind="order", demand="must name each rotor from 1 to 4 once")
         return self
 
-    def recipe(self, setting: ControlSetting, *, turn: float, attitude: AttitudeController | None) -> Recipe:
+    def recipe(self, setting: ControlSetting, *, turn: float, attitude: AttitudeControllerSettings | None) -> Recipe:
         """Return the recipe for a `RotorSpeedActuation`."""
         believed = setting.believed
         units = [RotorSpeed._make(np.eye(4)[rotor].tolist()) for rotor in range(4)]

@@ -1,6 +1,6 @@
 """Attitude controllers on the ground, and the questions about them that the rest of the library asks.
 
-An attitude controller of your own is a class that extends `AttitudeController` and is registered with
+An attitude controller of your own is a class that extends `AttitudeControllerSettings` and is registered with
 `ATTITUDE_CONTROLLERS.member`.
 """
 
@@ -11,15 +11,15 @@ from pydantic import Field
 from pydantic_core import PydanticCustomError
 
 from drake_quad.control.attitude import AttitudeNumbers
-from drake_quad.control.axes import PerAngle
 from drake_quad.framework.recipe import Recipe
+from drake_quad.geometry.per_axis import PerAngle
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.quantities import Gains
 from drake_quad.scenario.unions import OpenUnion
 from drake_quad.vehicle.parameters import Inertia
 
 
-class AttitudeController(Model):
+class AttitudeControllerSettings(Model):
     """Law from a commanded attitude to torques. Numbers that a study draws are (N,) arrays in `recipe` for a fleet."""
 
     kind: str
@@ -28,7 +28,7 @@ class AttitudeController(Model):
 
     @abstractmethod
     def recipe(self, inertia: Inertia, period: float) -> Recipe:
-        """Return the recipe for a system with the ports of an `AttitudeController`.
+        """Return the recipe for a system with the ports of an `AttitudeControllerSettings`.
 
         Args:
             inertia: moments of inertia of the nominal vehicle.
@@ -43,15 +43,15 @@ class AttitudeController(Model):
         """Return the structure of the `ThrustVectoring` that commands its attitude."""
         return {"projects": False}
 
-    def plain(self) -> "AttitudeController":
+    def plain(self) -> "AttitudeControllerSettings":
         """Return the controller without estimates that stands in its place when gains are designed."""
         return self
 
 
-ATTITUDE_CONTROLLERS = OpenUnion(AttitudeController, silent="pd")
+ATTITUDE_CONTROLLERS = OpenUnion(AttitudeControllerSettings, silent="pd")
 """Kinds of attitude controllers."""
 
-AnyAttitudeController = Annotated[AttitudeController, ATTITUDE_CONTROLLERS]
+AnyAttitudeController = Annotated[AttitudeControllerSettings, ATTITUDE_CONTROLLERS]
 
 
 def check_attitude_control(scenario: Any) -> None:

@@ -4,7 +4,6 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from drake_quad.control.axes import PerAngle
 from drake_quad.control.geometric import (
     GeometricAttitudeController,
     IntegratingAttitudeController,
@@ -12,13 +11,14 @@ from drake_quad.control.geometric import (
 )
 from drake_quad.framework.recipe import Recipe
 from drake_quad.geometry.flatness import EulerSequence
-from drake_quad.scenario.attitude_controllers.controller import ATTITUDE_CONTROLLERS, AttitudeController
+from drake_quad.geometry.per_axis import PerAngle
+from drake_quad.scenario.attitude_controllers.controller import ATTITUDE_CONTROLLERS, AttitudeControllerSettings
 from drake_quad.scenario.quantities import Gains, IntegrationRule, Positive
 from drake_quad.vehicle.parameters import Inertia
 
 
 @ATTITUDE_CONTROLLERS.member
-class GeometricAttitude(AttitudeController):
+class GeometricAttitude(AttitudeControllerSettings):
     """PD on the error of the rotation, without a singularity; thrust is projected on its measured axis.
 
     `euler_sequence: zxy` and `integration: backward_euler` without the transport term are the Lee controller of the

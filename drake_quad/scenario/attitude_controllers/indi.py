@@ -7,14 +7,14 @@ from pydantic import Field
 from drake_quad.control.disturbance.laws import IncrementalLaw
 from drake_quad.control.incremental_attitude import IncrementalAttitudeController, IncrementalAttitudeNumbers
 from drake_quad.framework.recipe import Recipe
-from drake_quad.scenario.attitude_controllers.controller import ATTITUDE_CONTROLLERS, AttitudeController
+from drake_quad.scenario.attitude_controllers.controller import ATTITUDE_CONTROLLERS, AttitudeControllerSettings
 from drake_quad.scenario.attitude_controllers.pd import PdAttitude
 from drake_quad.scenario.quantities import Positive, Span
 from drake_quad.vehicle.parameters import Inertia
 
 
 @ATTITUDE_CONTROLLERS.member
-class IndiAttitude(AttitudeController):
+class IndiAttitude(AttitudeControllerSettings):
     """PD with incremental nonlinear dynamic inversion of the angular acceleration."""
 
     kind: Literal["indi"]
@@ -37,6 +37,6 @@ class IndiAttitude(AttitudeController):
         numbers = IncrementalAttitudeNumbers(self.numbers(inertia), law, self.lag, self.disturbance_limit)
         return Recipe(IncrementalAttitudeController, {"period": period, "delay_ticks": self.delay_ticks}, numbers)
 
-    def plain(self) -> AttitudeController:
+    def plain(self) -> AttitudeControllerSettings:
         """Return the PD without the estimate."""
         return PdAttitude(k_p=self.k_p, k_d=self.k_d)

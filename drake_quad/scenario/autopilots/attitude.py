@@ -16,7 +16,7 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 
 
 @AUTOPILOTS.member
-class AttitudeAutopilot(Autopilot):
+class AttitudeAutopilotSettings(Autopilot):
     """An attitude and a rate loop on board, as PX4 has them; the link carries thrust, attitude and body rates."""
 
     command: ClassVar = "attitude_target"

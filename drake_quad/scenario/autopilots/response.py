@@ -20,7 +20,7 @@ PerAngle = Annotated[tuple[Positive, Positive, Positive], Field(strict=False)]
 
 
 @AUTOPILOTS.member
-class AttitudeResponse(Autopilot):
+class AttitudeResponseSettings(Autopilot):
     """Autopilot and vehicle as a whole: each angle follows its command as a lag of second order, as flights show it."""
 
     period: ClassVar = None

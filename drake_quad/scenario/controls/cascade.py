@@ -14,7 +14,7 @@ from drake_quad.scenario.attitude_controllers.controller import (
     check_attitude_control,
 )
 from drake_quad.scenario.controls.control import CONTROLS, Control
-from drake_quad.scenario.controls.thrust_vectoring import ThrustVectoring
+from drake_quad.scenario.controls.thrust_vectoring import ThrustVectoringSettings
 from drake_quad.scenario.networks.network import Network
 from drake_quad.scenario.position_controllers.controller import POSITION_CONTROLLERS, AnyPositionController
 from drake_quad.scenario.setting import ControlSetting
@@ -29,7 +29,7 @@ class CascadeControl(Control):
     network: Network | None = Field(  # type: ignore[misc]
         default=None, description="around the position controller, if any"
     )
-    thrust_vectoring: ThrustVectoring = ThrustVectoring()
+    thrust_vectoring: ThrustVectoringSettings = ThrustVectoringSettings()
     attitude: AnyAttitudeController | None = Field(
         default=None, description="on the ground; needed without an autopilot, and to be left out, or null, with one"
     )
@@ -83,7 +83,7 @@ class CascadeControl(Control):
             feed_forward=self.position.feed_forward,
         )
 
-    def limits(self) -> ThrustVectoring:
+    def limits(self) -> ThrustVectoringSettings:
         """Return the limits of thrust vectoring."""
         return self.thrust_vectoring
 

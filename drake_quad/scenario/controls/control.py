@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 from pydrake.systems.framework import Diagram
 
 from drake_quad.framework.recipe import Recipe
-from drake_quad.scenario.controls.thrust_vectoring import ThrustVectoring
+from drake_quad.scenario.controls.thrust_vectoring import ThrustVectoringSettings
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.networks.network import Network
 from drake_quad.scenario.setting import ControlSetting
@@ -46,7 +46,7 @@ class Control(Model):
         """
 
     @abstractmethod
-    def limits(self) -> ThrustVectoring:
+    def limits(self) -> ThrustVectoringSettings:
         """Return the limits of tilt and thrust."""
 
     def check_fits(self, scenario: Any) -> None:

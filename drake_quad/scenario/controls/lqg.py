@@ -12,9 +12,9 @@ from pydrake.systems.framework import Diagram
 
 from drake_quad.control.lqg.chains import (
     Answer,
+    ChainNoise,
     ContinuousModel,
     Disturbances,
-    Noise,
     attitude_model,
     lagging_attitude_model,
     torque_model,
@@ -27,7 +27,7 @@ from drake_quad.errors import InputError
 from drake_quad.framework.recipe import Recipe
 from drake_quad.process_settings import without_warnings
 from drake_quad.scenario.controls.control import CONTROLS, Control
-from drake_quad.scenario.controls.thrust_vectoring import MaxThrust, MinThrust, ThrustVectoring
+from drake_quad.scenario.controls.thrust_vectoring import MaxThrust, MinThrust, ThrustVectoringSettings
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.networks.network import Network
 from drake_quad.scenario.quantities import (
@@ -49,9 +49,9 @@ class ColouredNoise(Model):
     deviation: PlainPositive = Field(description="standard deviation, in the unit of what it is")
     time: PlainSpan = Field(description="T of the lag (s)")
 
-    def noise(self) -> Noise:
+    def noise(self) -> ChainNoise:
         """Return the record that models take."""
-        return Noise(self.deviation, self.time)
+        return ChainNoise(self.deviation, self.time)
 
 
 class Axis(Model):
@@ -95,7 +95,7 @@ class Axis(Model):
     def _noise(self, gravity: float) -> list[float]:
         return [self.position_noise]
 
-    def _disturbances(self, bias: Noise | None) -> Disturbances:
+    def _disturbances(self, bias: ChainNoise | None) -> Disturbances:
         return Disturbances(self.first.noise(), self.second.noise(), bias, self.command_noise)
 
 
@@ -235,8 +235,8 @@ class LqgControl(Control):
         network = None if self.network is None else self.network.build(systems)
         return build_lqg_control(systems["regulator"], network, systems.get("programme"))
 
-    def limits(self) -> ThrustVectoring:
+    def limits(self) -> ThrustVectoringSettings:
         """Return the limits of tilt and thrust."""
-        return ThrustVectoring.model_construct(
+        return ThrustVectoringSettings.model_construct(
             max_tilt=self.max_tilt, min_thrust=self.min_thrust, max_thrust=self.max_thrust
         )

@@ -9,7 +9,6 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 import numpy as np
 from pydantic import Field, model_validator
 
-from drake_quad.control.axes import PerAxis
 from drake_quad.control.lqg.design import regulator_of
 from drake_quad.control.lqg.laws import LqgNumbers
 from drake_quad.control.mpc import constraints
@@ -17,6 +16,7 @@ from drake_quad.control.mpc.constraints import Preview
 from drake_quad.control.mpc.system import OPEN, PredictiveProgramme
 from drake_quad.framework.recipe import Recipe
 from drake_quad.framework.records import layout_of
+from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.controls.control import CONTROLS
 from drake_quad.scenario.controls.lqg import LqgControl

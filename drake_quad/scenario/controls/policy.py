@@ -12,9 +12,9 @@ from drake_quad.framework.recipe import Recipe
 from drake_quad.scenario.actions.action import ACTIONS, AnyAction
 from drake_quad.scenario.attitude_controllers.controller import ATTITUDE_CONTROLLERS, AnyAttitudeController
 from drake_quad.scenario.controls.control import CONTROLS, Control
-from drake_quad.scenario.controls.thrust_vectoring import ThrustVectoring
+from drake_quad.scenario.controls.thrust_vectoring import ThrustVectoringSettings
 from drake_quad.scenario.networks.learned import or_file
-from drake_quad.scenario.policies.observation import Observation
+from drake_quad.scenario.policies.observation import ObservationSettings
 from drake_quad.scenario.policies.trained_network import TrainedNetwork
 from drake_quad.scenario.setting import ControlSetting
 
@@ -31,9 +31,9 @@ class PolicyControl(Control):
         json_schema_extra=or_file,
     )
     action: AnyAction = Field(description="what the network's output means")
-    observation: Observation = Field(default=Observation(), description="what the network sees")
-    thrust_vectoring: ThrustVectoring = Field(
-        default=ThrustVectoring(), description="limits, where the action is an acceleration"
+    observation: ObservationSettings = Field(default=ObservationSettings(), description="what the network sees")
+    thrust_vectoring: ThrustVectoringSettings = Field(
+        default=ThrustVectoringSettings(), description="limits, where the action is an acceleration"
     )
     attitude: AnyAttitudeController | None = Field(
         default=None, description="on the ground; needed without an autopilot for accelerations and attitudes"
@@ -94,7 +94,7 @@ class PolicyControl(Control):
             attitude=systems.get("attitude"),
         )
 
-    def limits(self) -> ThrustVectoring:
+    def limits(self) -> ThrustVectoringSettings:
         """Return the limits of thrust vectoring."""
         return self.thrust_vectoring
 

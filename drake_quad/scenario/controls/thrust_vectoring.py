@@ -8,7 +8,7 @@ from pydantic import Field
 from drake_quad.control import thrust_vectoring
 from drake_quad.control.thrust_vectoring import ThrustLimits, VectoringNumbers
 from drake_quad.framework.recipe import Recipe
-from drake_quad.scenario.attitude_controllers.controller import AttitudeController
+from drake_quad.scenario.attitude_controllers.controller import AttitudeControllerSettings
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.quantities import Number, Tilt, bounded
 from drake_quad.vehicle.parameters import QuadrotorParameters
@@ -17,7 +17,7 @@ MinThrust = Annotated[Number, bounded(above=0.0, below=1.0)]
 MaxThrust = Annotated[Number, bounded(above=1.0)]
 
 
-class ThrustVectoring(Model):
+class ThrustVectoringSettings(Model):
     """Limits of what eq (7) may command."""
 
     max_tilt: Tilt = Field(default=0.6, description="largest angle between thrust and vertical (rad)")
@@ -29,7 +29,7 @@ class ThrustVectoring(Model):
         weight = believed.mass * believed.gravity
         return ThrustLimits(np.tan(self.max_tilt), self.min_thrust * weight, self.max_thrust * weight)
 
-    def recipe(self, believed: QuadrotorParameters, attitude: AttitudeController | None) -> Recipe:
+    def recipe(self, believed: QuadrotorParameters, attitude: AttitudeControllerSettings | None) -> Recipe:
         """Return the recipe of the system that commands an attitude, given the attitude control on the ground."""
         structure = {"projects": False} if attitude is None else attitude.vectoring()
         numbers = VectoringNumbers(believed.mass, believed.gravity, self.thrust_limits(believed))

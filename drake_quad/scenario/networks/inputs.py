@@ -17,7 +17,7 @@ _Centres = Annotated[tuple[Real, ...], Field(strict=False, min_length=2, max_len
 _Widths = Annotated[tuple[Positive, ...], Field(strict=False)]
 
 
-class FuzzySets(Model):
+class InputSets(Model):
     """The fuzzy sets of one input of a network."""
 
     scale: Positive = Field(default=1.0, description="that the input is multiplied with (1 over its unit)")
@@ -34,7 +34,7 @@ class FuzzySets(Model):
         return centres
 
     @model_validator(mode="after")
-    def _covered(self) -> "FuzzySets":
+    def _covered(self) -> "InputSets":
         if len(self.widths) != len(self.centres):
             raise self.wrong(
                 "widths", kind="widths", demand="must be as many as centres, {count}", count=len(self.centres)
@@ -62,7 +62,7 @@ class FuzzySets(Model):
         return ends
 
 
-class CircularSets(FuzzySets):
+class CircularInputSets(InputSets):
     """The fuzzy sets of an input that goes around a circle: 0 and 1 are one place."""
 
     scale: Positive = Field(
@@ -83,33 +83,33 @@ class CircularSets(FuzzySets):
         return [*ends, (first + longest, width)]
 
 
-class Inputs(Model):
+class NetworkInputs(Model):
     """What the rules of a network look at: the fuzzy sets of one to four inputs; there is a rule for every choice."""
 
-    error: FuzzySets | None = Field(default=None, description="of e on the network's own axis (m)")
-    error_rate: FuzzySets | None = Field(default=None, description="of ė on the network's own axis (m/s)")
-    x: FuzzySets | None = Field(default=None, description="of the measured position along X of W (m)")
-    y: FuzzySets | None = Field(default=None, description="along Y (m)")
-    z: FuzzySets | None = Field(default=None, description="along Z (m)")
-    v_x: FuzzySets | None = Field(default=None, description="of the measured velocity along X of W (m/s)")
-    v_y: FuzzySets | None = Field(default=None, description="along Y (m/s)")
-    v_z: FuzzySets | None = Field(default=None, description="along Z (m/s)")
-    phase: CircularSets | None = Field(
+    error: InputSets | None = Field(default=None, description="of e on the network's own axis (m)")
+    error_rate: InputSets | None = Field(default=None, description="of ė on the network's own axis (m/s)")
+    x: InputSets | None = Field(default=None, description="of the measured position along X of W (m)")
+    y: InputSets | None = Field(default=None, description="along Y (m)")
+    z: InputSets | None = Field(default=None, description="along Z (m)")
+    v_x: InputSets | None = Field(default=None, description="of the measured velocity along X of W (m/s)")
+    v_y: InputSets | None = Field(default=None, description="along Y (m/s)")
+    v_z: InputSets | None = Field(default=None, description="along Z (m/s)")
+    phase: CircularInputSets | None = Field(
         default=None,
         description="of the share of the lap, or of a route without laps, that should be over, 0 to 1 (1); these are"
         " one place",
     )
-    disturbance: FuzzySets | None = Field(
+    disturbance: InputSets | None = Field(
         default=None, description="of the disturbance on the network's own axis that the controller estimates (m/s²)"
     )
 
     @property
-    def given(self) -> dict[InputName, FuzzySets]:
+    def given(self) -> dict[InputName, InputSets]:
         """The inputs that there are, in the order in which rules take them."""
         return {name: sets for name in _INPUT_NAMES if (sets := getattr(self, name)) is not None}
 
     @model_validator(mode="after")
-    def _some(self) -> "Inputs":
+    def _some(self) -> "NetworkInputs":
         given = self.given
         if not 1 <= len(given) <= 4:
             demand = "must be one to four of {names}"

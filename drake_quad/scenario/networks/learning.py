@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw
+from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, LearningLimits, SignLaw
 from drake_quad.control.fuzzy.systems import LearningNumbers
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.quantities import NonNegative, Number, Positive, bounded
@@ -29,7 +29,9 @@ class _Learning(Model):
         """Return the numbers of the systems that learn by this law."""
         own: Any = self
         limit = math.inf if own.weight_limit is None else own.weight_limit
-        return LearningNumbers(own.slope, self.law(), Limits(limit, own.deadzone, own.leakage), own.initial_weight)
+        return LearningNumbers(
+            own.slope, self.law(), LearningLimits(limit, own.deadzone, own.leakage), own.initial_weight
+        )
 
 
 class _LearningFromEither(_Learning):

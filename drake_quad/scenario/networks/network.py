@@ -14,7 +14,7 @@ from drake_quad.framework.recipe import Recipe
 from drake_quad.framework.records import layout_of
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.distributions import Model
-from drake_quad.scenario.networks.inputs import FuzzySets, Inputs
+from drake_quad.scenario.networks.inputs import InputSets, NetworkInputs
 from drake_quad.scenario.networks.learned import AXES, Axis, LearnedAxis, LearnedNetwork, or_file
 from drake_quad.scenario.networks.learning import CovarianceLearning, Learning
 from drake_quad.scenario.quantities import NonNegative, Number, Positive, Probability, bounded, can_differ_from_zero
@@ -27,8 +27,8 @@ class _Network(Model):
 
     kind: Literal["type_1", "type_2"]
     axes: Axes = Field(default=("x", "y"), description="on which there is a network")
-    inputs: Inputs = Field(
-        default=Inputs(error=FuzzySets(), error_rate=FuzzySets()), description="what its rules look at"
+    inputs: NetworkInputs = Field(
+        default=NetworkInputs(error=InputSets(), error_rate=InputSets()), description="what its rules look at"
     )
     lead: NonNegative = Field(
         default=0.0,

@@ -14,7 +14,7 @@ from drake_quad.space.space import Space
 SignalName = Literal[tuple(SIGNALS_SEEN)]  # type: ignore[valid-type] # the names of a table
 
 
-class Observation(Model):
+class ObservationSettings(Model):
     """What a policy sees at each tick of the control."""
 
     signals: Annotated[tuple[SignalName, ...], Field(strict=False, min_length=1)] = Field(  # type: ignore[valid-type]
@@ -44,7 +44,7 @@ class Observation(Model):
     )
 
     @model_validator(mode="after")
-    def _complete(self) -> "Observation":
+    def _complete(self) -> "ObservationSettings":
         if len(set(self.signals)) < len(self.signals):
             raise self.wrong("signals", kind="signals", demand="must name each signal once")
         if ("reference_ahead" in self.signals) != bool(self.ahead):

@@ -5,11 +5,11 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from drake_quad.control.axes import PerAxis
 from drake_quad.control.disturbance.estimator import DisturbanceEstimator, EstimatorNumbers
-from drake_quad.control.disturbance.response import Command
+from drake_quad.control.disturbance.response import AxisCommand
 from drake_quad.control.disturbance.tilt import TiltDisturbanceEstimator, TiltEstimatorNumbers
 from drake_quad.framework.recipe import Recipe
+from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.position_controllers.pd import PdPosition
 from drake_quad.scenario.quantities import Positive, Span, Spans
@@ -53,7 +53,7 @@ class CommandedResponse(BelievedResponse):
     def estimator(self, laws: tuple[Any, ...], limit: Row, setting: ControlSetting) -> Recipe:
         """Return the recipe for a `DisturbanceEstimator`."""
         fed_forward = self.lag if self.feed_forward_lag is None else self.feed_forward_lag
-        lags = tuple([Command(*lags) for lags in zip(self.lag, fed_forward, strict=True)])
+        lags = tuple([AxisCommand(*lags) for lags in zip(self.lag, fed_forward, strict=True)])
         numbers = EstimatorNumbers(laws, lags, limit, _start(setting))
         return Recipe(DisturbanceEstimator, self._structure(setting), numbers)
 

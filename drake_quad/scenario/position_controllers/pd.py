@@ -5,7 +5,6 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import Field
 
-from drake_quad.control.axes import PerAxis
 from drake_quad.control.position import (
     Derivative,
     FeedForward,
@@ -14,6 +13,7 @@ from drake_quad.control.position import (
     build_position_controller,
 )
 from drake_quad.framework.recipe import Recipe
+from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.scenario.position_controllers.controller import POSITION_CONTROLLERS, PositionController
 from drake_quad.scenario.quantities import Gains
 from drake_quad.scenario.setting import ControlSetting

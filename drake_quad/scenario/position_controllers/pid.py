@@ -4,9 +4,9 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from drake_quad.control.axes import PerAxis
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.framework.recipe import Recipe
+from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.scenario.position_controllers.controller import POSITION_CONTROLLERS
 from drake_quad.scenario.position_controllers.pd import PdPosition
 from drake_quad.scenario.quantities import Gains, IntegrationRule, Positive

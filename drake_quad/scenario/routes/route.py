@@ -11,7 +11,7 @@ from pydantic import Field
 
 from drake_quad.reference.laps import LapDurations
 from drake_quad.reference.minimum_snap import minimum_snap
-from drake_quad.reference.path_problem import Limits, PathProblem
+from drake_quad.reference.path_problem import PathLimits, PathProblem
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import PolynomialPath
 from drake_quad.reference.routes import Route
@@ -54,9 +54,9 @@ class MissionRoute(Model):
         """Return the field that determines the end of the route, and this time, s; None if a plan determines it."""
         return ("route",), None
 
-    def limits(self) -> Limits:
+    def limits(self) -> PathLimits:
         """Return the limits of the path."""
-        return Limits()
+        return PathLimits()
 
     @abstractmethod
     def plan(self, space: Space | None) -> Planned:
@@ -88,10 +88,10 @@ class MovingRoute(MissionRoute):
         default=0.7, description="limit on the acceleration (m/s²); the paper's 0.7 m/s²"
     )
 
-    def limits(self) -> Limits:
+    def limits(self) -> PathLimits:
         """Return the limits of the path; the route holds no distributions."""
         given = {"speed": self.top_speed, "acceleration": self.top_acceleration}
-        return Limits(**{name: limit for name, limit in given.items() if limit is not None})
+        return PathLimits(**{name: limit for name, limit in given.items() if limit is not None})
 
     def yaw_of(self, path: PolynomialPath) -> PolynomialPath:
         """Return the yaw along a path."""

@@ -66,7 +66,7 @@ class Given(WaypointTimes):
         return planner.GivenTimes(self.times)
 
 
-class Heuristic(WaypointTimes):
+class HeuristicTimes(WaypointTimes):
     """Heuristic timing: the faster of a ride without stops and one that stops everywhere, stretched to the limits."""
 
     chooses_total: ClassVar = True
@@ -77,7 +77,7 @@ class Heuristic(WaypointTimes):
         return planner.Heuristic()
 
 
-class LeastSnap(WaypointTimes):
+class LeastSnapTimes(WaypointTimes):
     """The times with the least snap in a given total."""
 
     kind: Literal["least_snap"]
@@ -92,7 +92,7 @@ class LeastSnap(WaypointTimes):
         return planner.LeastSnap(self.duration)
 
 
-class Shortest(WaypointTimes):
+class ShortestTimes(WaypointTimes):
     """The least total time for which the minimum-snap path keeps to the limits, a local optimum."""
 
     chooses_total: ClassVar = True
@@ -103,4 +103,4 @@ class Shortest(WaypointTimes):
         return planner.Shortest()
 
 
-Times = Annotated[Given | Heuristic | LeastSnap | Shortest, Field(discriminator="kind")]
+Times = Annotated[Given | HeuristicTimes | LeastSnapTimes | ShortestTimes, Field(discriminator="kind")]

@@ -24,7 +24,7 @@ from drake_quad.scenario.limits import MOST_WAYPOINTS
 from drake_quad.scenario.quantities import RADIANS, TWO_TURNS, Point, Position, Positive, in_radians
 from drake_quad.scenario.regions import BoxRegion, CorridorRegion, SphereRegion
 from drake_quad.scenario.routes.route import ROUTES, KnownEnd, Laps, MovingRoute, Planned, of_three_laps
-from drake_quad.scenario.routes.waypoint_times import Given, LeastSnap, Shortest, Times
+from drake_quad.scenario.routes.waypoint_times import Given, LeastSnapTimes, ShortestTimes, Times
 from drake_quad.space.distance import nearest_approach
 from drake_quad.space.space import Space
 
@@ -79,7 +79,7 @@ class WaypointRoute(MovingRoute):
     waypoints: Annotated[tuple[Waypoint, ...], Field(strict=False, min_length=2, max_length=MOST_WAYPOINTS)] = Field(
         description="places to pass, in order; segment i leads from waypoint i to waypoint i + 1"
     )
-    times: Times = Field(default=Shortest(kind="shortest"), description="when to pass them, or how to choose that")
+    times: Times = Field(default=ShortestTimes(kind="shortest"), description="when to pass them, or how to choose that")
     corridors: Annotated[tuple[CorridorRegion | None, ...], Field(strict=False)] | None = Field(
         default=None, description="for each segment a box or half-spaces that the path must not leave, or null"
     )
@@ -164,7 +164,7 @@ class WaypointRoute(MovingRoute):
         for name in ("corridors", "space"):
             if getattr(self, name) is not None:
                 raise self.wrong(name, kind="laps", demand="must be left out: laps keep to none")
-        if isinstance(self.times, LeastSnap):
+        if isinstance(self.times, LeastSnapTimes):
             demand = "must be given, heuristic or shortest, since there are laps"
             raise self.wrong("times", "kind", kind="laps", demand=demand)
         return self

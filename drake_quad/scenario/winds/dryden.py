@@ -8,7 +8,7 @@ from pydantic import Field
 from drake_quad.framework.recipe import Recipe
 from drake_quad.laboratory.wind.dryden import WIND_AT_20_FEET, DrydenTurbulence, Turbulence, TurbulenceNumbers
 from drake_quad.scenario.quantities import Direction, NonNegative, Number, bounded
-from drake_quad.scenario.winds.source import WINDS, Surroundings, WindSource, speed
+from drake_quad.scenario.winds.source import WINDS, WindSource, WindSurroundings, speed
 from drake_quad.signals import VelocityW
 
 
@@ -43,7 +43,7 @@ class DrydenSource(WindSource):
         """Return None."""
         return None
 
-    def recipe(self, surroundings: Surroundings) -> Recipe:
+    def recipe(self, surroundings: WindSurroundings) -> Recipe:
         """Return the recipe for a `DrydenTurbulence`, carried by the steady wind unless the source says otherwise."""
         mean = surroundings.steady_wind
         turbulence = Turbulence.at_low_altitude(

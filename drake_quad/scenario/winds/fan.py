@@ -10,7 +10,7 @@ from drake_quad.framework.recipe import Recipe
 from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet
 from drake_quad.scenario.limits import SMALLEST
 from drake_quad.scenario.quantities import NonNegative, Number, Position, Positive, excludes_zero
-from drake_quad.scenario.winds.source import WINDS, Surroundings, WindSource, jets
+from drake_quad.scenario.winds.source import WINDS, WindSource, WindSurroundings, jets
 from drake_quad.signals import VelocityW
 
 
@@ -57,11 +57,11 @@ class FanSource(WindSource):
         """Return the fan with a jet that is not turbulent."""
         return self.model_copy(update={"turbulence": 0.0})
 
-    def recipe(self, surroundings: Surroundings) -> Recipe:
+    def recipe(self, surroundings: WindSurroundings) -> Recipe:
         """Return the recipe for the wind of this fan."""
         return Recipe(Fans, {"period": surroundings.period}, self.jets())
 
     @classmethod
-    def recipes(cls, sources: Sequence[Any], surroundings: Surroundings) -> dict[str, Recipe]:
+    def recipes(cls, sources: Sequence[Any], surroundings: WindSurroundings) -> dict[str, Recipe]:
         """Return the recipe for one system, which makes the wind of all fans."""
         return {"fans": sources[0].recipe(surroundings)._replace(numbers=jets(sources))}

@@ -8,7 +8,7 @@ from pydantic import Field
 from drake_quad.framework.recipe import Recipe
 from drake_quad.laboratory.wind.gust import Gust, GustNumbers
 from drake_quad.scenario.quantities import Moment, Span
-from drake_quad.scenario.winds.source import WINDS, BlowingSource, Surroundings
+from drake_quad.scenario.winds.source import WINDS, BlowingSource, WindSurroundings
 
 
 @WINDS.member
@@ -24,7 +24,7 @@ class GustSource(BlowingSource):
     depends_on_place: ClassVar = False
     depends_on_time: ClassVar = True
 
-    def recipe(self, surroundings: Surroundings) -> Recipe:
+    def recipe(self, surroundings: WindSurroundings) -> Recipe:
         """Return the recipe for a `Gust`."""
         hold_time = math.inf if self.hold_time is None else self.hold_time
         numbers = GustNumbers(self.full_velocity(), self.start, self.rise_time, hold_time)

@@ -7,7 +7,7 @@ from pydantic import Field
 from drake_quad.framework.recipe import Recipe
 from drake_quad.laboratory.wind.sine import SineNumbers, SineWind
 from drake_quad.scenario.quantities import Direction, Positive
-from drake_quad.scenario.winds.source import WINDS, BlowingSource, Surroundings
+from drake_quad.scenario.winds.source import WINDS, BlowingSource, WindSurroundings
 
 
 @WINDS.member
@@ -20,7 +20,7 @@ class SineSource(BlowingSource):
     depends_on_place: ClassVar = False
     depends_on_time: ClassVar = True
 
-    def recipe(self, surroundings: Surroundings) -> Recipe:
+    def recipe(self, surroundings: WindSurroundings) -> Recipe:
         """Return the recipe for a `SineWind`."""
         numbers = SineNumbers(self.full_velocity(), self.frequency, self.phase)
         return Recipe(SineWind, {"period": surroundings.period}, numbers)

@@ -20,7 +20,7 @@ from drake_quad.scenario.unions import OpenUnion
 from drake_quad.signals import Row, VelocityW, Wind
 
 
-class Surroundings(NamedTuple):
+class WindSurroundings(NamedTuple):
     """Properties of the laboratory that a source may depend on.
 
     Attributes:
@@ -61,11 +61,11 @@ class WindSource(Model):
         """Return the source without its random part; None if nothing remains."""
 
     @abstractmethod
-    def recipe(self, surroundings: Surroundings) -> Recipe:
+    def recipe(self, surroundings: WindSurroundings) -> Recipe:
         """Return the recipe for the system that makes this wind."""
 
     @classmethod
-    def recipes(cls, sources: Sequence["WindSource"], surroundings: Surroundings) -> dict[str, Recipe]:
+    def recipes(cls, sources: Sequence["WindSource"], surroundings: WindSurroundings) -> dict[str, Recipe]:
         """Return the recipes for all sources of this kind in a laboratory, by name.
 
         Seeds depend on the names. Sources are counted by kind, so that a source of another kind changes no turbulence.

@@ -7,7 +7,7 @@ import numpy as np
 
 from drake_quad.framework.recipe import Recipe
 from drake_quad.laboratory.wind.wind import SteadyWind
-from drake_quad.scenario.winds.source import WINDS, BlowingSource, Surroundings, WindSource
+from drake_quad.scenario.winds.source import WINDS, BlowingSource, WindSource, WindSurroundings
 from drake_quad.signals import VelocityW, Wind
 
 
@@ -27,12 +27,12 @@ class SteadySource(BlowingSource):
         """Return 0, since all of the wind is steady."""
         return 0.0
 
-    def recipe(self, surroundings: Surroundings) -> Recipe:
+    def recipe(self, surroundings: WindSurroundings) -> Recipe:
         """Return the recipe for the sum of all steady winds."""
         return Recipe(SteadyWind, {}, surroundings.steady_wind)
 
     @classmethod
-    def recipes(cls, sources: Sequence[WindSource], surroundings: Surroundings) -> dict[str, Recipe]:
+    def recipes(cls, sources: Sequence[WindSource], surroundings: WindSurroundings) -> dict[str, Recipe]:
         """Return the recipe for one system, which makes the sum of all steady winds; none if the air is at rest."""
         blows = any(isinstance(part, np.ndarray) or part != 0.0 for part in surroundings.steady_wind)
         return {"steady": sources[0].recipe(surroundings)} if blows else {}

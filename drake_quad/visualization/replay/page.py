@@ -15,7 +15,7 @@ from drake_quad.files import output_folder, write_text
 from drake_quad.flight.flight import Flight
 from drake_quad.signals import RotorSpeed, State, Wind
 from drake_quad.visualization.places import places
-from drake_quad.visualization.replay.scene import Room, draw_surroundings, local_meshcat, wind_blows_elsewhere
+from drake_quad.visualization.replay.scene import SceneRoom, draw_surroundings, local_meshcat, wind_blows_elsewhere
 from drake_quad.visualization.replay.shapes import (
     ERRORS,
     TRAIL_PIECE,
@@ -60,7 +60,7 @@ def save_replay(flights: Mapping[str, Flight], path: Path | str) -> Path:
     return _write(meshcat, path, ", ".join(flights), legend, _duration(flights.values()), told)
 
 
-def draw_replay(meshcat: Meshcat, flights: Mapping[str, Flight]) -> Room:
+def draw_replay(meshcat: Meshcat, flights: Mapping[str, Flight]) -> SceneRoom:
     """Draws flights of one reference in a scene that can be played and scrubbed.
 
     Args:

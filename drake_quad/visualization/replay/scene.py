@@ -32,7 +32,7 @@ _LIGHTS = {
 }
 
 
-class Room(NamedTuple):
+class SceneRoom(NamedTuple):
     """What is drawn around a flight.
 
     Attributes:
@@ -70,7 +70,7 @@ def local_meshcat() -> Meshcat:
     return meshcat
 
 
-def draw_surroundings(meshcat: Meshcat, scenario: Scenario, plan: Plan, flown: np.ndarray) -> Room:
+def draw_surroundings(meshcat: Meshcat, scenario: Scenario, plan: Plan, flown: np.ndarray) -> SceneRoom:
     """Draws floor, grid, room, path of the reference, obstacles and fans, and turns the camera to them.
 
     Args:
@@ -101,7 +101,7 @@ def draw_surroundings(meshcat: Meshcat, scenario: Scenario, plan: Plan, flown: n
         shown.append(_corners(extent))
         names[obstacle.name] = np.array([*extent.mean(axis=0)[:2], extent[1, 2]])
     low[2] = 0.0
-    room = Room(low, high, round_spacing(float(np.max(high - low))), np.vstack(shown), names)
+    room = SceneRoom(low, high, round_spacing(float(np.max(high - low))), np.vstack(shown), names)
     _draw_room(meshcat, room)
     if len(path) > 1:
         meshcat.SetLine("/reference_path", path.T, _LINE, rgba("0.45"))
@@ -144,7 +144,7 @@ def wind_blows_elsewhere(scenario: Scenario) -> bool:
     return len(jets(scenario.laboratory.wind)) < len(scenario.laboratory.wind)
 
 
-def _draw_room(meshcat: Meshcat, room: Room) -> None:
+def _draw_room(meshcat: Meshcat, room: SceneRoom) -> None:
     """Draws floor and grid, the edges of the room, and X, Y and Z along those that have the metres."""
     low, high = room.low, room.high
     size, middle = high - low, 0.5 * (low + high)

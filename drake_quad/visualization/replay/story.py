@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from drake_quad.flight.flight import Flight
-from drake_quad.visualization.replay.scene import Room
+from drake_quad.visualization.replay.scene import SceneRoom
 from drake_quad.visualization.replay.shapes import Frame
 from drake_quad.visualization.style import AXES
 
@@ -19,7 +19,7 @@ _BAND = (0.05, 0.95)
 
 
 def story(
-    groups: Mapping[str, Sequence[Flight]], colors: Mapping[str, str], vehicles: Mapping[str, str], room: Room
+    groups: Mapping[str, Sequence[Flight]], colors: Mapping[str, str], vehicles: Mapping[str, str], room: SceneRoom
 ) -> str:
     """The numbers of a page, as JSON.
 
@@ -84,7 +84,7 @@ def _middle(values: np.ndarray, share: float = 0.5) -> list[float | None]:
     return [float(f"{value:.3g}") if np.isfinite(value) else None for value in found]
 
 
-def _marks(room: Room) -> list[dict[str, Any]]:
+def _marks(room: SceneRoom) -> list[dict[str, Any]]:
     """Where metres are written: along two edges of the floor, up the corner that both leave free; obstacles' names."""
     low, high = room.low, room.high
     out = 0.04 * float(np.max(high - low))

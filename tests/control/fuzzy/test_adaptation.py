@@ -14,7 +14,7 @@ from drake_quad.control.fuzzy.inference import (
     elliptic_membership,
     firing_strengths,
 )
-from drake_quad.control.fuzzy.laws import GradientLaw, Limits
+from drake_quad.control.fuzzy.laws import GradientLaw, LearningLimits
 from drake_quad.control.fuzzy.set_learning import AdaptationNumbers, SetLearning
 from drake_quad.control.fuzzy.systems import (
     FuzzyRules,
@@ -117,7 +117,7 @@ def test_only_what_shall_learn_does(part):
 def test_a_tick_of_the_system_is_a_step_down_the_gradient_on_each_axis(learns_from):
     """Of the numbers of one vehicle of two; against the mathematics."""
     sets = (START._replace(inputs=SETS[:2]), START._replace(a1=1.2, inputs=SETS[:2]))
-    learning = LearningNumbers(1.7, GradientLaw(0.4), Limits(deadzone=0.05))
+    learning = LearningNumbers(1.7, GradientLaw(0.4), LearningLimits(deadzone=0.05))
     numbers = AdaptationNumbers(sets, AdaptationRates(0.5, 0.3, 0.2), learning)
     system = SetLearning(num_vehicles=2, axes=("x", "z"), learns_from=learns_from, numbers=numbers)
     rng, context = np.random.default_rng(2), system.CreateDefaultContext()

@@ -8,7 +8,7 @@ import pytest
 import scipy
 
 from drake_quad.control.fuzzy.inference import Antecedents, firing_strengths
-from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw, trace
+from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, LearningLimits, SignLaw, trace
 from drake_quad.control.fuzzy.systems import LearningNumbers, WeightLearning
 
 H = 0.02
@@ -17,7 +17,7 @@ H = 0.02
 class Learner:
     """Learning on X by a law that is the same for all n vehicles, from a signal as it is, in machine code."""
 
-    def __init__(self, law, num_rules=9, n=1, *, limits=Limits(), initial_weight=0.0, period=H):
+    def __init__(self, law, num_rules=9, n=1, *, limits=LearningLimits(), initial_weight=0.0, period=H):
         # Without a slope, s_p is the rate of the error.
         numbers = LearningNumbers(slope=0.0, law=law, limits=limits, initial_weight=initial_weight)
         self.learns_from = "feedback" if isinstance(law, SignLaw) else "surface"
@@ -226,11 +226,13 @@ def test_limits():
         learner.learn(firing, np.array(signal))
         return learner.weights
 
-    weights = learned(GradientLaw(100.0), Limits(weight=0.6), [-5.0, 5.0])
+    weights = learned(GradientLaw(100.0), LearningLimits(weight=0.6), [-5.0, 5.0])
     assert weights.max() == 0.6
     assert weights.min() == -0.6
-    np.testing.assert_array_equal(learned(GradientLaw(1.0), Limits(deadzone=0.1), [0.09, -0.09]), 0.5)
-    np.testing.assert_allclose(learned(GradientLaw(1.0), Limits(leakage=2.0), [0.0, 0.0]), 0.5 * math.exp(-2.0 * H))
+    np.testing.assert_array_equal(learned(GradientLaw(1.0), LearningLimits(deadzone=0.1), [0.09, -0.09]), 0.5)
+    np.testing.assert_allclose(
+        learned(GradientLaw(1.0), LearningLimits(leakage=2.0), [0.0, 0.0]), 0.5 * math.exp(-2.0 * H)
+    )
 
 
 @pytest.mark.slow
@@ -257,7 +259,7 @@ def test_a_constant_disturbance_is_learned_at_the_predicted_rate():
 @pytest.mark.parametrize("law", [CovarianceLaw(0.9, 3.0, 0.99), GradientLaw(0.7), SignLaw(0.3, 0.2)])
 def test_a_vehicle_learns_as_it_would_alone_wherever_it_is_in_a_large_fleet(law):
     """On X, with a dead zone, a leakage and a limit that some are at."""
-    n, limits, rng = 150, Limits(weight=0.4, deadzone=0.1, leakage=0.3), np.random.default_rng(5)
+    n, limits, rng = 150, LearningLimits(weight=0.4, deadzone=0.1, leakage=0.3), np.random.default_rng(5)
     firing, signal = strengths(rng, n), rng.normal(size=n)
     fleet, alone = Learner(law, n=n, limits=limits, period=0.5), Learner(law, limits=limits, period=0.5)
     for _ in range(3):
@@ -275,4 +277,4 @@ def test_a_vehicle_learns_as_it_would_alone_wherever_it_is_in_a_large_fleet(law)
 def test_laws_that_are_told_nothing():
     """Unit gains, and no limits."""
     assert (CovarianceLaw(), GradientLaw(), SignLaw()) == ((1.0, 1.0, 1.0), (1.0,), (1.0, 0.0))
-    assert Limits() == (np.inf, 0.0, 0.0)
+    assert LearningLimits() == (np.inf, 0.0, 0.0)

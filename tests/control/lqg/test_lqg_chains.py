@@ -9,8 +9,8 @@ import scipy
 
 from drake_quad.control.lqg.chains import (
     Answer,
+    ChainNoise,
     Disturbances,
-    Noise,
     attitude_model,
     lagging_attitude_model,
     torque_model,
@@ -20,7 +20,7 @@ from drake_quad.control.lqg.chains import (
 PAGE = Path(__file__).parents[3] / "docs" / "reference" / "controllers_lqg.md"
 LAG = 0.043  # s
 AUTOPILOT_RESPONSE = Answer(9.1, 0.72)
-LATERAL = Disturbances(Noise(0.31, 2.3), Noise(0.27, 0.6), Noise(4.1, 1.7), 0.0)
+LATERAL = Disturbances(ChainNoise(0.31, 2.3), ChainNoise(0.27, 0.6), ChainNoise(4.1, 1.7), 0.0)
 VERTICAL = LATERAL._replace(bias=None)
 MODELS = {
     "torques": torque_model(LAG, LATERAL),

@@ -6,8 +6,8 @@ import scipy.signal
 
 from drake_quad.control.lqg.chains import (
     Answer,
+    ChainNoise,
     Disturbances,
-    Noise,
     attitude_model,
     sampled,
     sampled_noise,
@@ -22,7 +22,7 @@ from drake_quad.control.lqg.design import (
     with_commands_under_way,
 )
 
-DISTURBANCES = Disturbances(Noise(0.3, 0.25), Noise(0.8, 0.6), Noise(12.0, 20.0), 2.0)
+DISTURBANCES = Disturbances(ChainNoise(0.3, 0.25), ChainNoise(0.8, 0.6), ChainNoise(12.0, 20.0), 2.0)
 VERTICAL = DISTURBANCES._replace(bias=None)
 MODELS = {
     "torque": torque_model(0.04, DISTURBANCES),
@@ -139,7 +139,9 @@ def test_the_outer_gain_is_that_of_a_vehicle_that_stands_still():
 
 def test_the_shipped_numbers_make_the_gains_that_were_measured():
     """To the four digits with which the gains of the search were written down."""
-    lateral = torque_model(0.05, Disturbances(Noise(0.01108, 0.25), Noise(0.8325, 0.6), Noise(16.6, 20.0), 3.296))
+    lateral = torque_model(
+        0.05, Disturbances(ChainNoise(0.01108, 0.25), ChainNoise(0.8325, 0.6), ChainNoise(16.6, 20.0), 3.296)
+    )
     noise = np.array([1e-3, 0.001331 * 9.81])
     loop = axis_loop(lateral, Timing(H, TICK, 2), noise=noise, command_weight=9.049e-6)
     np.testing.assert_allclose(loop.K, [297.4, 210.8, 74.72, 16.23, 0.6492, 35.48, 70.04, 10.25, 2.112], rtol=1e-3)

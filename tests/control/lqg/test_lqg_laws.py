@@ -8,9 +8,9 @@ from all_systems import BELIEVED, WITH_TARGETS, WITH_TORQUES
 
 from drake_quad.control.lqg.chains import AttitudeChain, TorqueChain, VerticalChain
 from drake_quad.control.lqg.laws import (
-    Command,
+    ChainCommands,
     Estimate,
-    Filter,
+    KalmanState,
     Regulated,
     Sent,
     disturbance_of,
@@ -41,12 +41,12 @@ def chain(kind, scale=0.1):
 
 
 def begun(kind):
-    return Filter(Estimate(chain(kind), chain(kind), chain(VerticalChain)), 1.0, 0.3)
+    return KalmanState(Estimate(chain(kind), chain(kind), chain(VerticalChain)), 1.0, 0.3)
 
 
 def under_way(delay, snap):
-    commands = tuple(Command(*RNG.normal(size=3).tolist()) for _ in range(delay + 1))
-    return Sent(commands, tuple(Command(*RNG.normal(size=3).tolist()) for _ in range(delay)), UPWARD, snap)
+    commands = tuple(ChainCommands(*RNG.normal(size=3).tolist()) for _ in range(delay + 1))
+    return Sent(commands, tuple(ChainCommands(*RNG.normal(size=3).tolist()) for _ in range(delay)), UPWARD, snap)
 
 
 def rotation(state):
@@ -220,7 +220,7 @@ def flown(kind):
 
 def asked_for(x, y, z):
     """Commands of a vehicle that nothing disturbs."""
-    command = Command(x, y, z)
+    command = ChainCommands(x, y, z)
     return Regulated(command, command, Acceleration(x, y, z), BELIEVED.gravity + REFERENCE.a_z)
 
 
@@ -282,7 +282,7 @@ def test_a_thrust_that_changes_leaves_the_attitude_that_is_told_and_the_one_that
     assert turned_too.thrust - turned.thrust == pytest.approx(0.68 * change / up)
     # What is seen of the attitude is no innovation, but the velocity follows the thrust.
     sent = under_way(1, None)._replace(upward=9.81 + REFERENCE.a_z)
-    before = Filter(estimate, 1.0, 0.0), Filter(shaken, 1.0, 0.0)
+    before = KalmanState(estimate, 1.0, 0.0), KalmanState(shaken, 1.0, 0.0)
     plain, pulled = (estimated(seen, each, sent, None, free, H, True) for each in before)
     assert pulled.x[2:] == plain.x[2:]
     sideways = REFERENCE.a_x * change / (9.81 + REFERENCE.a_z)

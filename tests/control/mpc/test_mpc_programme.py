@@ -5,11 +5,10 @@ import pytest
 import scipy
 from pydrake.autodiffutils import InitializeAutoDiff
 
-from drake_quad.control.axes import PerAxis
 from drake_quad.control.lqg.chains import (
     Answer,
+    ChainNoise,
     Disturbances,
-    Noise,
     attitude_model,
     sampled,
     torque_model,
@@ -26,6 +25,7 @@ from drake_quad.control.mpc.constraints import (
 )
 from drake_quad.control.mpc.prediction import Prediction
 from drake_quad.control.mpc.programme import Programme
+from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.signals import Jerk, Reference, Snap
 
 TIMING = Timing(0.01, 0.02, 2)
@@ -35,7 +35,7 @@ ATTITUDE_WEIGHT = 2e-3
 THRUST = ThrustNumbers(0.7, 9.8, np.tan(0.1), 4.0, 7.2, 0.07)
 TORQUES = TorqueNumbers(0.0065, 0.0085, 0.0126, 5.0, 3.1, 40.0, 0.05)
 TARGET = TargetNumbers(0.2, 0.03)
-BELIEF = Disturbances(Noise(0.5, 20.0), Noise(1.2, 0.7), Noise(1.0, 20.0), 2.0)
+BELIEF = Disturbances(ChainNoise(0.5, 20.0), ChainNoise(1.2, 0.7), ChainNoise(1.0, 20.0), 2.0)
 MODELS = {
     "torques": torque_model(0.045, BELIEF),
     "attitude": attitude_model(Answer(8.5, 0.7), BELIEF),

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from pydrake.math import RotationMatrix
 
-from drake_quad.control.axes import PerAngle
 from drake_quad.control.policy.actions import (
     AccelerationScale,
     AttitudeScale,
@@ -18,6 +17,7 @@ from drake_quad.control.policy.actions import (
     rates_on_board,
     wrench_of_speeds,
 )
+from drake_quad.geometry.per_axis import PerAngle
 from drake_quad.signals import BodyRates, Reference, State, Wrench
 
 THRUST = ThrustRange(2.0, 12.0)

@@ -25,7 +25,7 @@ from drake_quad.laboratory.wind.dryden import (
     stationary_state,
 )
 from drake_quad.randomness.noise import Samples
-from drake_quad.randomness.streams import Kind
+from drake_quad.randomness.streams import StreamKind
 
 # Ten feet up: scales of 3 m and 23 m.
 NEAR_GROUND = Turbulence.at_low_altitude(height=3.048, wind_at_20_feet=15.4, airspeed=5.0)
@@ -77,7 +77,7 @@ def test_standard_deviation_of_a_long_record(period, duration):
     builder = DiagramBuilder()
     turbulence = DrydenTurbulence(num_vehicles=n, period=period, numbers=TurbulenceNumbers(NEAR_GROUND))
     system = builder.AddNamedSystem("dryden", turbulence)
-    feed_noise(builder, system, Kind.WIND, Samples(4, range(n)))
+    feed_noise(builder, system, StreamKind.WIND, Samples(4, range(n)))
     log = LogVectorOutput(system.get_output_port(), builder, publish_period=20 * period)
     diagram = builder.Build()
     simulator = Simulator(diagram)

@@ -13,7 +13,7 @@ from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet, air, jet_speed
 from drake_quad.laboratory.wind.wind import build_wind
 from drake_quad.randomness.noise import Samples, random_streams
-from drake_quad.randomness.streams import Kind
+from drake_quad.randomness.streams import StreamKind
 from drake_quad.signals import State
 
 D, Q = 0.75, 2.5
@@ -107,7 +107,7 @@ def wind_at(state, *jets, n, duration, seed=0):
     source = builder.AddNamedSystem("state", ConstantVectorSource(np.repeat(state, n)))
     fans = builder.AddNamedSystem("fans", Fans(num_vehicles=n, period=0.01, numbers=jets))
     builder.Connect(source.get_output_port(), fans.GetInputPort("state"))
-    feed_noise(builder, fans, Kind.WIND, Samples(seed, range(n)))
+    feed_noise(builder, fans, StreamKind.WIND, Samples(seed, range(n)))
     log = LogVectorOutput(fans.get_output_port(), builder, publish_period=0.01)
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(duration)
@@ -149,7 +149,7 @@ def test_sources_that_depend_on_the_place_share_it():
     apart, together = {f"fan_{i}": Fans(numbers=(jet,)) for i, jet in enumerate(jets)}, {"fans": Fans(numbers=jets)}
     found = []
     for sources in (apart, together):
-        wind = build_wind(sources, streams=random_streams(sources, Kind.WIND))
+        wind = build_wind(sources, streams=random_streams(sources, StreamKind.WIND))
         simulator = Simulator(wind)
         context = simulator.get_mutable_context()
         wind.GetInputPort("state").FixValue(context, at(2.0, 0.1))
