@@ -919,7 +919,7 @@ def test_a_study_is_written_as_parquet_and_its_crashes_are_plotted_over_a_number
 @pytest.mark.slow
 @pytest.mark.usefixtures("unpainted")
 def test_a_flight_is_written_for_other_programs(run, tmp_path, monkeypatch):
-    flight = ["hover", "--set", "duration=1", "--compiled", "--mcap", "--output", tmp_path]
+    flight = ["hover", "--set", "duration=1", "--mcap", "--output", tmp_path]
     assert run("fly", *flight, "--px4").returncode == 0
     assert (tmp_path / "flight.mcap").read_bytes().startswith(b"\x89MCAP0")
     assert (tmp_path / "px4.csv").read_text().startswith("timestamp,vehicle_local_position.x,")

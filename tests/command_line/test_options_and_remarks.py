@@ -39,7 +39,7 @@ def test_commands_of_scenarios_have_overrides_and_those_with_figures_write_drawi
         assert ("--set" in flags) == (command not in WITHOUT_SCENARIO - {"identify"})
         assert ("--output" in flags) == (command not in LISTS | {"completion"})
         assert ("--vector" in flags) == (command in DRAWS)
-        assert ("--wired" in flags) == (command in {"study", "compare", "map", "replicate"})
+        assert ("--wired" in flags) == (command in {"fly", "study", "compare", "map", "replicate"})
 
 
 def test_folders_are_named_after_the_command_by_default():

@@ -173,8 +173,8 @@ def test_a_worker_with_other_code_is_refused(tmp_path):
     shutil.copytree(ROOT / "drake_quad", copy, ignore=shutil.ignore_patterns("__pycache__"))
     changed = copy / "laboratory" / "metrics.py"
     text = changed.read_text()
-    assert "np.sqrt(sums.error.x" in text
-    changed.write_text(text.replace("np.sqrt(sums.error.x", "1.02 * np.sqrt(sums.error.x"))
+    assert "np.sqrt((s.error.x" in text
+    changed.write_text(text.replace("np.sqrt((s.error.x", "1.02 * np.sqrt((s.error.x"))
     cluster = Cluster(tmp_path)
     try:
         cluster.add_worker(copy.parent)
