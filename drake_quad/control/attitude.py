@@ -1,6 +1,6 @@
 """The inner loop: from the attitude error to torques."""
 
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from drake_quad.framework.elementary import wrapped
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
@@ -76,6 +76,21 @@ def attitude_law(
     return torque_of(wanted, rates, *inertia)
 
 
+def attitude_inputs(system: FleetSystem) -> tuple[Any, Any, Any, Any, Any]:
+    """Declare the input ports and the parameter of an attitude controller.
+
+    Returns:
+        Measurement, attitude, body rates, angular acceleration (zero if not connected), and the parameter `numbers`.
+    """
+    return (
+        system.input("measurement"),
+        system.input("attitude_command"),
+        system.input("body_rate_command"),
+        system.input("angular_acceleration_command", absent=AngularAcceleration(0.0, 0.0, 0.0)),
+        system.parameter("numbers", lambda numbers: numbers),
+    )
+
+
 @fleet_system(float, AutoDiffXd)
 class AttitudeController(FleetSystem):
     """PD on roll, pitch and yaw with feed-forward: τ = I (k_P e + k_D ė + ω̇_r) + ω_r × I ω_r in B.
@@ -104,8 +119,4 @@ class AttitudeController(FleetSystem):
 
     def declare(self, *, numbers: AttitudeNumbers) -> None:
         """Declares the system."""
-        parameter = self.parameter("numbers", lambda numbers: numbers)
-        measurement, attitude = self.input("measurement"), self.input("attitude_command")
-        rates = self.input("body_rate_command")
-        acceleration = self.input("angular_acceleration_command", absent=AngularAcceleration(0.0, 0.0, 0.0))
-        self.output("torque", attitude_law, measurement, attitude, rates, acceleration, parameter)
+        self.output("torque", attitude_law, *attitude_inputs(self))

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from drake_quad.control.attitude import AttitudeNumbers, torque_of
+from drake_quad.control.attitude import AttitudeNumbers, attitude_inputs, torque_of
 from drake_quad.control.integral import Integration
 from drake_quad.framework.elementary import maximum, minimum
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
@@ -164,11 +164,7 @@ class GeometricAttitudeController(FleetSystem):
 
     def declare(self, *, transports: bool = True, numbers: AttitudeNumbers) -> None:
         """Declare ports, states and parameters."""
-        parameter = self.parameter("numbers", lambda numbers: numbers)
-        measurement, attitude = self.input("measurement"), self.input("attitude_command")
-        rates = self.input("body_rate_command")
-        acceleration = self.input("angular_acceleration_command", absent=AngularAcceleration(0.0, 0.0, 0.0))
-        self.output("torque", geometric_law, measurement, attitude, rates, acceleration, parameter, transports)
+        self.output("torque", geometric_law, *attitude_inputs(self), transports)
 
 
 def _nothing(numbers: IntegratingAttitudeNumbers) -> AngularAcceleration:
@@ -216,10 +212,7 @@ class IntegratingAttitudeController(FleetSystem):
         numbers: IntegratingAttitudeNumbers,
     ) -> None:
         """Declare ports, states and parameters."""
-        parameter = self.parameter("numbers", lambda numbers: numbers)
-        measurement, attitude = self.input("measurement"), self.input("attitude_command")
-        rates = self.input("body_rate_command")
-        acceleration = self.input("angular_acceleration_command", absent=AngularAcceleration(0.0, 0.0, 0.0))
+        measurement, attitude, rates, acceleration, parameter = attitude_inputs(self)
         integral = self.state("integral", _nothing)
         before = integral, measurement, attitude, parameter
         self.update(period, integrated_rotation, *before, period, writes=[integral])

@@ -2,7 +2,7 @@
 
 from typing import Any, NamedTuple
 
-from drake_quad.control.attitude import AttitudeNumbers, torque_of, wanted_acceleration
+from drake_quad.control.attitude import AttitudeNumbers, attitude_inputs, torque_of, wanted_acceleration
 from drake_quad.control.disturbance.estimator import estimate, predict, waited
 from drake_quad.control.disturbance.laws import IncrementalLaw, Measured
 from drake_quad.control.disturbance.response import AxisCommand
@@ -133,10 +133,7 @@ class IncrementalAttitudeController(FleetSystem):
 
     def declare(self, *, period: float = 0.02, delay_ticks: int = 0, numbers: IncrementalAttitudeNumbers) -> None:
         """Declares the system."""
-        parameter = self.parameter("numbers", lambda numbers: numbers)
-        measurement, attitude = self.input("measurement"), self.input("attitude_command")
-        rates = self.input("body_rate_command")
-        acceleration = self.input("angular_acceleration_command", absent=AngularAcceleration(0.0, 0.0, 0.0))
+        measurement, attitude, rates, acceleration, parameter = attitude_inputs(self)
         rest = (numbers.law.at_rest(0.0),) * 3
         memory = self.state("memory", lambda _: rest, layout=layout_of(tuple, rest))
         still = (AxisCommand(0.0, 0.0),) * 3
