@@ -158,6 +158,8 @@ def write_reference(app: Any) -> None:
     )
     output = Path(app.srcdir) / "reference" / "api"
     output.mkdir(exist_ok=True)
+    for page in output.glob("*.md"):
+        page.unlink()
     for name, text in texts.items():
         (output / f"{name}.md").write_text(text)
 
@@ -168,7 +170,8 @@ def _module(name: str) -> str:
 
 def setup(app: Any) -> None:
     """Register the extensions of this file with Sphinx."""
-    app.connect("builder-inited", write_reference)
+    # autosummary reads the pages at the same event, with the priority 500.
+    app.connect("builder-inited", write_reference, priority=100)
     app.connect("source-read", with_commands)
     app.add_directive("pydrake_system", PortBlock)
     app.connect("autodoc-process-docstring", as_written, priority=400)
