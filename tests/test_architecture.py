@@ -1,9 +1,11 @@
-"""The table of folders in CONTRIBUTING.md: each import leads from a higher level to a lower one."""
+"""The table of folders in CONTRIBUTING.md, whose order imports follow, and the table of commands in README.md."""
 
 import ast
 import re
 from collections import defaultdict
 from pathlib import Path
+
+from drake_quad.command_line.main import COMMANDS
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "drake_quad"
@@ -92,3 +94,10 @@ def test_no_modules_import_each_other_in_a_cycle():
             users[target].add(module)
     in_cycles = {module: targets & remaining.keys() for module, targets in remaining.items() if users[module]}
     assert not in_cycles
+
+
+def test_the_readme_lists_each_command_once():
+    _, _, after = (ROOT / "README.md").read_text().partition("| `drake-quad` |")
+    table, _, _ = after.partition("\n\n")
+    listed = [name for row in table.split("\n")[2:] for name in re.findall(r"`([\w-]+)`", row.split("|")[1])]
+    assert sorted(listed) == sorted(COMMANDS)
