@@ -391,7 +391,9 @@ def test_wind_without_a_mean_is_drawn(run, tmp_path, wind):
 @pytest.mark.slow
 @pytest.mark.usefixtures("unpainted")
 def test_what_is_zero_has_no_sensitivities(run, tmp_path):
-    result = run("sensitivities", "diagrams/hover.yaml", "--field", "vehicle.mass", "--set", "duration=0.5", "--output", tmp_path)
+    result = run(
+        "sensitivities", "diagrams/hover.yaml", "--field", "vehicle.mass", "--set", "duration=0.5", "--output", tmp_path
+    )
     assert (result.returncode, result.stderr) == (0, "")
     assert "rmse is zero, where it has no derivative" in result.stdout
 
