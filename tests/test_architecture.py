@@ -1,6 +1,7 @@
 """The table of folders in CONTRIBUTING.md: each import leads from a higher level to a lower one."""
 
 import ast
+import functools
 import re
 from collections import defaultdict
 from pathlib import Path
@@ -41,6 +42,7 @@ def is_module(name):
     return path.is_dir() or path.with_suffix(".py").is_file()
 
 
+@functools.cache
 def imports():
     """Return the imports of each module of the package."""
     found = {}
