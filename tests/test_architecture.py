@@ -1,6 +1,7 @@
 """The table of folders in CONTRIBUTING.md, whose order imports follow, and the table of commands in README.md."""
 
 import ast
+import functools
 import re
 from collections import defaultdict
 from pathlib import Path
@@ -43,6 +44,7 @@ def is_module(name):
     return path.is_dir() or path.with_suffix(".py").is_file()
 
 
+@functools.cache
 def imports():
     """Return the imports of each module of the package."""
     found = {}

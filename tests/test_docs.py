@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from all_systems import FLEET_SYSTEMS, SYSTEMS
 
-from drake_quad import load_scenario
+from drake_quad import load_scenario, run_monte_carlo
 from drake_quad.command_line.main import COMMANDS, main
 from drake_quad.control.policy.observation import SIGNALS_SEEN
 from drake_quad.framework.records import layout_of
@@ -38,6 +38,8 @@ SHORT = {
     "identify_crazyswarm2.py": ["--log", "180", "--output", "mine.yaml"],
     "tune": ["--rounds", "1", "--samples", "1", "--set", "duration=1", "--sensitivity", "100"],
 }
+# Two waypoints between the trunks of the forest, since planning its whole route takes several seconds.
+SHORT_FOREST = ["--set", "route.waypoints=[[-1, -2.7, 1.2], [1, -1.9, 1.4]]"]
 
 
 def blocks(language):
@@ -57,15 +59,24 @@ def elsewhere(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.fixture
+def few_samples(monkeypatch):
+    """Studies of at most 12 samples, flown by one worker."""
+
+    def run_few(scenario, num_samples, **options):
+        return run_monte_carlo(scenario, min(num_samples, 12), **{**options, "num_workers": 1})
+
+    monkeypatch.setattr("drake_quad.run_monte_carlo", run_few)
+
+
 @pytest.mark.slow
+@pytest.mark.usefixtures("unpainted", "few_samples")
 @pytest.mark.parametrize("block", blocks("python"))
 def test_every_block_of_python_runs(block, elsewhere, capsys):
-    if "__main__" in block:  # worker processes import it
-        (elsewhere / "block.py").write_text(block, encoding="utf-8")
-        printed = subprocess.run([sys.executable, "block.py"], check=True, capture_output=True, text=True).stdout
-    else:
-        exec(compile(block, "page", "exec"), {"__name__": "__main__"})
-        printed = capsys.readouterr().out
+    (elsewhere / "block.py").write_text(block, encoding="utf-8")
+    # This replaces sys.modules["__main__"], where worker processes look up the classes of a block.
+    runpy.run_path("block.py", run_name="__main__")
+    printed = capsys.readouterr().out
     assert re.search(r"\w", printed)
     assert "nan" not in printed
 
@@ -96,7 +107,8 @@ def test_every_block_of_commands_runs(block, monkeypatch):
             # Given a Python, it does not try all that are there.
             subprocess.run(["make", "--dry-run", "PYTHON=python", *arguments], check=True, capture_output=True)
             continue
-        called(program, [*arguments, *SHORT.get(Path(arguments[0]).name, [])], monkeypatch)
+        short = [*SHORT.get(Path(arguments[0]).name, []), *(SHORT_FOREST if "forest" in arguments else [])]
+        called(program, [*arguments, *short], monkeypatch)
 
 
 def called(program, arguments, monkeypatch):

@@ -25,35 +25,34 @@ INTERVALS = (
 FLIGHT = "from drake_quad import load_scenario, simulate; simulate(load_scenario('diagrams/figure_eight.yaml'))"
 
 
-def loaded_by(statement):
-    """The modules that a new process has loaded after a statement."""
-    command = f"import sys; {statement}; print(*sys.modules)"
-    return subprocess.run(
-        [sys.executable, "-c", command], cwd=ROOT, check=True, capture_output=True, text=True
-    ).stdout.split()
+# Statements that one process runs one after another, with modules that each needs, and modules that are still absent
+# after it.
+STATEMENTS = [
+    ("import drake_quad", [], HEAVY),
+    ("from drake_quad import InputError", [], HEAVY),
+    ("from drake_quad import load_scenario", ["pydantic"], SELDOM),
+    ("from drake_quad import *", ["drake_quad.studies.study"], SELDOM),
+    ("from drake_quad.command_line import fly, study", ["drake_quad.command_line.options"], SELDOM),
+    (FLIGHT, ["scipy.linalg"], [name for name in SELDOM if name != "scipy.linalg"]),
+    (INTERVALS, ["scipy.special"], ["scipy.stats"]),
+    ("from drake_quad.visualization import plots, study_plots", ["matplotlib"], ["scipy.spatial", "scipy.stats"]),
+]
 
 
-def test_the_package_alone_loads_no_library():
-    assert not {*HEAVY} & {*loaded_by("import drake_quad")}
+@pytest.fixture(scope="module")
+def loaded():
+    """The modules that a new process has loaded after each of the statements."""
+    command = "import sys\n" + "\n".join(f"{statement}\nprint(*sys.modules)" for statement, _, _ in STATEMENTS)
+    printed = subprocess.run([sys.executable, "-c", command], cwd=ROOT, check=True, capture_output=True, text=True)
+    return [{*line.split()} for line in printed.stdout.splitlines()]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("statement", "wanted", "absent"),
-    [
-        ("from drake_quad import InputError", [], HEAVY),
-        ("from drake_quad import load_scenario", ["pydantic"], SELDOM),
-        ("from drake_quad import *", ["drake_quad.studies.study"], SELDOM),
-        ("from drake_quad.command_line import fly, study", ["drake_quad.command_line.options"], SELDOM),
-        (INTERVALS, ["scipy.special"], ["scipy.stats"]),
-        ("from drake_quad.visualization import plots, study_plots", ["matplotlib"], ["scipy.spatial", "scipy.stats"]),
-        (FLIGHT, ["scipy.linalg"], [name for name in SELDOM if name != "scipy.linalg"]),
-    ],
-)
-def test_nothing_loads_a_library_that_it_does_not_use(statement, wanted, absent):
-    loaded = {*loaded_by(statement)}
-    assert {*wanted} <= loaded
-    assert not {*absent} & loaded
+@pytest.mark.parametrize("place", range(len(STATEMENTS)))
+def test_nothing_loads_a_library_that_it_does_not_use(loaded, place):
+    _, wanted, absent = STATEMENTS[place]
+    assert {*wanted} <= loaded[place]
+    assert not {*absent} & loaded[place]
 
 
 def test_the_package_has_the_names_that_type_checkers_see():

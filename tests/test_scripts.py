@@ -1,10 +1,8 @@
 """The scripts that users read and change, each run as a newcomer runs it, and the tools of development."""
 
 import ast
-import os
 import re
 import runpy
-import subprocess
 import sys
 from pathlib import Path
 
@@ -80,15 +78,6 @@ def printed(tmp_path, monkeypatch, capsys):
 
     yield call
     plt.close("all")
-
-
-def in_a_process(name, folder):
-    """Run a script in a process of its own, whose workers import the file, and return what it prints."""
-    command = [sys.executable, str(ROOT / "scripts" / name)]
-    environment = {**os.environ, "MPLBACKEND": "agg"}
-    return subprocess.run(
-        command, cwd=folder, env=environment, check=True, capture_output=True, text=True, timeout=120
-    ).stdout
 
 
 def numbers(pattern, text):
@@ -306,8 +295,8 @@ def test_a_drone_of_a_data_sheet_has_margins_and_flies(printed, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_regulator_of_ones_own_is_flown_beside_the_built_in_controller(tmp_path):
-    text = in_a_process("lqr_with_kalman_filter.py", tmp_path)
+def test_a_regulator_of_ones_own_is_flown_beside_the_built_in_controller(printed):
+    text, _ = printed("lqr_with_kalman_filter.py")
     own, low, high = numbers(r"RMSE, LQR: # cm \[#, #\]", text)
     assert 4.0 < low < own < high < 5.0
     assert high - low < 0.1

@@ -8,9 +8,10 @@ The numbers that depend on the time alone stand in a table, a row a tick; each v
 follows from parameters alone is computed when these change.
 """
 
+import copy
 import ctypes
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -52,14 +53,9 @@ class ClockedLoop:
         num_vehicles: int,
     ) -> None:
         self.lanes = lanes = 1 if num_vehicles == 1 else LANES
-        vectors, width = -(-num_vehicles // lanes), max(1, width)
+        width = max(1, width)
         before, event = divided(listing, changes, logged)
         rows = {**sizes._asdict(), "kept": len(before.stores), "log": len(logged)}
-        self.state, self.parameters, self.inputs, self._kept, self.log = (
-            _zeros(vectors, count, lanes) for count in rows.values()
-        )
-        self.clocks = np.zeros((vectors, lanes), dtype=np.int64)
-        self._shared = aligned(width * lanes)
         shared = Rows("%shared", lanes)
         text = "\n".join(
             [
@@ -72,6 +68,22 @@ class ClockedLoop:
         )
         arguments: list[Any] = [ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, *[ctypes.py_object] * 8]
         self._run: Callable[..., None] = ctypes.PYFUNCTYPE(None, *arguments)(address(text))
+        self._counts, self._width = tuple(rows.values()), width
+        self._allocate(num_vehicles)
+
+    def fresh(self, num_vehicles: int) -> Self:
+        """Return a loop of the same machine code for other vehicles, one or several as before."""
+        result = copy.copy(self)
+        result._allocate(num_vehicles)
+        return result
+
+    def _allocate(self, num_vehicles: int) -> None:
+        vectors = -(-num_vehicles // self.lanes)
+        self.state, self.parameters, self.inputs, self._kept, self.log = (
+            _zeros(vectors, count, self.lanes) for count in self._counts
+        )
+        self.clocks = np.zeros((vectors, self.lanes), dtype=np.int64)
+        self._shared = aligned(self._width * self.lanes)
         self._arrays = self.state, self.parameters, self.inputs, self._kept, self.log, self.clocks, self._shared
 
     def prepare(self, vectors: Sequence[int]) -> None:

@@ -257,6 +257,13 @@ class Program:
             )
         if any(work.at_start for _, work in self.works(0, unrestricted=True)):
             raise InputError(f"vehicles of {name} cannot have clocks of their own: it begins with an update of its own")
+        found: tuple[ClockedLoop, SharedNumbers] = self._kept(
+            ("tick", instants, tuple(shown), judge), lambda: self._tick(instants, shown, judge)
+        )
+        loop, shared = found
+        return loop.fresh(self.num_vehicles), shared
+
+    def _tick(self, instants: int, shown: Sequence[Port], judge: str) -> tuple[ClockedLoop, SharedNumbers]:
         trace, shared = self._trace(instants)
         trace.advance(self.works(0), first=True)
         self._pass(trace, 0, instants)
@@ -269,7 +276,7 @@ class Program:
             logged,
             sizes=self.sizes,
             width=shared.width,
-            num_vehicles=self.num_vehicles,
+            num_vehicles=1 if self.num_vehicles == 1 else 2,
         )
         return loop, shared
 

@@ -505,12 +505,14 @@ def test_default_fields_are_those_of_the_layout_and_the_autopilot():
     attitude = [f"control.attitude.{gain}.{axis}" for gain in ("k_p", "k_d") for axis in (0, 1)]
     turning = ["vehicle.inertia.0", "vehicle.inertia.1"]
     on_board = "laboratory.autopilot."
+    response = "laboratory.autopilot={kind: response, natural_frequency: [6.8, 6.1, 3], damping: [0.5, 0.5, 0.7]}"
     found = {
         name: [*sensitivities.default_fields(load_scenario(*arguments))]
         for name, arguments in {
             "plus": ("hover",),
             "h": ("hover", ["nominal.layout={kind: h, length: 0.2, width: 0.3}"]),
             "attitude": ("onboard",),
+            "response": ("onboard", [response, "control.position.feed_forward=acceleration"]),
         }.items()
     }
     assert found["plus"] == [*vehicle, *position, *turning, "vehicle.arm_length", *attitude]
@@ -521,6 +523,11 @@ def test_default_fields_are_those_of_the_layout_and_the_autopilot():
         *vehicle, *position, *turning, "vehicle.arm_length",
         *(f"{on_board}{gain}.{axis}" for gain in ("k_attitude", "k_rate") for axis in (0, 1)),
         *(f"{on_board}gyroscope_bias.{axis}" for axis in (0, 1)),
+    ]  # fmt: skip
+    # Inertias and arms are parts of the response of the attitude.
+    assert found["response"] == [
+        *vehicle, *position,
+        *(f"{on_board}{number}.{axis}" for number in ("natural_frequency", "damping") for axis in (0, 1)),
     ]  # fmt: skip
 
 

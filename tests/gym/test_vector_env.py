@@ -333,6 +333,19 @@ def test_what_a_step_is_worth_and_when_it_ends_may_be_a_function():
     assert (np.array(distances) > 0.5).any()
 
 
+@pytest.mark.parametrize("name", ["wind", "rotor_speed", "measurement"])
+def test_environments_of_one_structure_have_the_signals_that_each_asks_for(name):
+    kept = []
+    envs = envs_of(2, signals=[name], reward=lambda step: kept.append(step.signals) or np.zeros(2))
+    envs.reset(seed=0)
+    envs.step(np.zeros((2, 4)))
+    (signals,) = kept
+    assert [*signals] == [name]
+    np.testing.assert_array_equal(signals[name], envs._fleet.record(name))
+    flight = simulate(envs.scenario, seed=0, sample=0, policy=action_source(np.zeros((1, 4)), 0.02), until=0.02)
+    np.testing.assert_allclose(np.array(signals[name])[:, 0], flight[name][1], rtol=0.0, atol=1e-9)
+
+
 @pytest.mark.parametrize("n", [1, 8, 9])
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 def test_a_transition_stays_what_it_was(n, mode):

@@ -1,8 +1,6 @@
 """Every member of every open union answers every question truthfully, and members of one's own are equals."""
 
 import pickle
-import subprocess
-import sys
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -316,7 +314,8 @@ def test_a_member_of_a_user_flies_as_the_member_that_it_extends(union, kind, bas
 
 
 @pytest.mark.slow
-def test_a_command_imports_a_position_controller_of_a_user(tmp_path):
+@pytest.mark.usefixtures("unpainted")
+def test_a_command_imports_a_position_controller_of_a_user(run, tmp_path):
     position = f"control.position={{kind: sliding_mode, slope: {SLIDING['slope']}, gain: [2, 2, 4], width: [1, 1, 1]}}"
     mass = "vehicle.mass={uniform: {min: 0.66, max: 0.7}}"
     study = [
@@ -328,6 +327,5 @@ def test_a_command_imports_a_position_controller_of_a_user(tmp_path):
         "2",
         *(part for field in ("duration=0.5", mass, position) for part in ("--set", field)),
     ]
-    command = [sys.executable, "-m", "drake_quad", *study, "--output", str(tmp_path), "--import", str(EXAMPLE)]
-    result = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
+    result = run(*study, "--output", tmp_path, "--import", EXAMPLE)
     assert (result.returncode, result.stderr) == (0, "")

@@ -1,8 +1,6 @@
 """Every kind of wind answers every question truthfully, and kinds of one's own are equals."""
 
 import pickle
-import subprocess
-import sys
 from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -184,11 +182,11 @@ def test_steady_winds_add_up():
 
 
 @pytest.mark.slow
-def test_a_command_imports_a_kind_of_a_user(tmp_path):
+@pytest.mark.usefixtures("unpainted")
+def test_a_command_imports_a_kind_of_a_user(run, tmp_path):
     wind = "laboratory.wind=[{kind: shear, velocity: [3, 0, 0], exponent: {uniform: {min: 0.1, max: 0.3}}}]"
     study = ["study", "hover", "--samples", "4", "--workers", "2", "--set", "duration=0.5", "--set", wind]
-    command = [sys.executable, "-m", "drake_quad", *study, "--output", str(tmp_path)]
-    result = subprocess.run([*command, "--import", str(EXAMPLE)], capture_output=True, text=True, cwd=ROOT, check=False)
+    result = run(*study, "--output", tmp_path, "--import", EXAMPLE)
     assert (result.returncode, result.stderr) == (0, "")
     assert result.stdout.count(f" --sample 0 --import {EXAMPLE}\n") == 1, "the worst flights are flown again like this"
     assert "laboratory.wind.0.exponent" in (tmp_path / "results.csv").read_text(encoding="utf-8")
@@ -199,8 +197,6 @@ def test_a_command_imports_a_kind_of_a_user(tmp_path):
         ("broken.py", "ZeroDivisionError: division by zero"),
         ("random.py", "another module is called random; rename the file"),
     ):
-        result = subprocess.run(
-            [*command, "--import", str(tmp_path / given)], capture_output=True, text=True, check=False
-        )
+        result = run(*study, "--output", tmp_path, "--import", tmp_path / given)
         assert result.returncode == 2
         assert result.stderr.endswith(f"--import {tmp_path / given}: {words}\n")

@@ -9,7 +9,7 @@ from drake_quad.studies import drake_monte_carlo as drakes_tool
 from drake_quad.studies.drake_monte_carlo import drake_monte_carlo
 from drake_quad.studies.monte_carlo import run_monte_carlo
 
-OVERRIDES = ["duration=1.0", "crash.position_error=0.2"]
+OVERRIDES = ["duration=0.5", "crash.position_error=0.05"]
 
 
 @pytest.mark.slow

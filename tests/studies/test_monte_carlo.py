@@ -47,6 +47,11 @@ def study(*overrides):
     return load_scenario("diagrams/robustness.yaml", [*OVERRIDES, *overrides])
 
 
+def simple():
+    """A scenario of few systems, for studies that are not compiled."""
+    return load_scenario("figure_eight", ["duration=0.4", "vehicle.linear_drag={uniform: {min: 0.1, max: 0.2}}"])
+
+
 def run(folder=None, num_samples=N, **options):
     return run_monte_carlo(study(), num_samples, 5, **{"folder": folder, "num_workers": 2, "batch_size": 5, **options})
 
@@ -80,12 +85,14 @@ def test_batches_and_workers_do_not_matter(whole, options, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_wind_of_ones_own_blows_in_every_worker(whole):
-    found = run(num_samples=4, batch_size=2, wind=Draught)
+def test_a_wind_of_ones_own_blows_in_every_worker():
+    scenario = simple()
+    found = run_monte_carlo(scenario, 4, 5, num_workers=2, batch_size=2, wind=Draught)
     assert found.failures == {}
-    alone = simulate(study(), seed=5, sample=3, wind=Draught(1), compiled=False).metrics
+    alone = simulate(scenario, seed=5, sample=3, wind=Draught(1), compiled=False).metrics
     assert found.metrics.rmse[3] == pytest.approx(alone.rmse, rel=1e-9)
-    assert found.metrics.rmse[3] != pytest.approx(whole[1].metrics.rmse[3], rel=1e-6)
+    calm = simulate(scenario, seed=5, sample=3).metrics
+    assert found.metrics.rmse[3] != pytest.approx(calm.rmse, rel=1e-6)
 
 
 def test_what_workers_would_not_find_is_refused_before_anything_is_written(tmp_path):
@@ -158,7 +165,7 @@ def test_kill_at_many_row_counts_and_resume(whole, tmp_path):
     """Nothing is flown twice, no worker is left behind, and the file is the one of an undisturbed study."""
     context, folder = multiprocessing.get_context("fork"), tmp_path / "study"
     path, flown = folder / "results.csv", set()
-    for count in (0, 1, 2, 3, 7, 8, 15, 16, 22, 24):
+    for count in (0, 1, 3, 8, 15, 24):
         options = {"resume": True, "batch_size": 2, "progress": dies_at(tmp_path, count)}
         process = context.Process(target=run, args=(folder,), kwargs=options)
         process.start()
@@ -590,7 +597,7 @@ def test_fleets_are_built_before_the_fork_where_there_is_one_and_let_go_of_at_th
     assert prepared == [5]
     assert fleets == {}
     run(tmp_path, num_samples=7, resume=True)
-    run(num_samples=2, wind=Draught)
+    run_monte_carlo(simple(), 2, 5, num_workers=2, batch_size=5, wind=Draught)
     with ThreadPoolExecutor(1) as executor:
         run(num_samples=2, executor=executor)
     monkeypatch.setattr(Workers, "inherit", False)
