@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from both_ways import assert_flown_alike
+from covering import covering
 from random_scenarios import scenario_of, structures
 from ruamel.yaml import YAML
 
@@ -52,10 +53,7 @@ def test_every_structure_in_the_shipped_scenarios_flies_as_wired():
         plan = plans[spec] = plans[route] = plans.get(route) or plan_route(scenario)
         batches[spec] = Batch.draw(scenario, [3])
         structures[spec] = structures_in(batches[spec], plan)
-    left = set().union(*structures.values())
-    while left:
-        spec = max(structures, key=lambda each: len(structures[each] & left))
-        left -= structures[spec]
+    for spec in covering(structures):
         (flight,) = assert_flown_alike(batches[spec], plan=plans[spec])
         assert len(flight.time) == round(0.6 / flight.scenario.laboratory.command_link.period) + 1, spec
 
