@@ -17,7 +17,7 @@ LIMITS = PathLimits(speed=2.0, acceleration=0.7)
 SQUARE = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [0, 0, 1]], dtype=float)
 HALLWAYS = [Box(np.minimum(a, b) - 0.1, np.maximum(a, b) + 0.1) for a, b in itertools.pairwise(SQUARE)]
 # A thousand take some minutes.
-ROUTES = int(os.environ.get("ROUTES", "40"))
+ROUTES = int(os.environ.get("ROUTES", "15"))
 
 
 def problem(points=SQUARE, **more):

@@ -85,7 +85,9 @@ PASSED = [
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "timing"), PASSED, ids=lambda each: each if isinstance(each, str) else type(each).__name__)
+@pytest.mark.parametrize(
+    ("name", "timing"), PASSED, ids=lambda each: each if isinstance(each, str) else type(each).__name__
+)
 def test_the_one_best_passage_is_taken(name, timing):
     room = walled(*PASSAGES[name])
     path = plan(room, timing)
