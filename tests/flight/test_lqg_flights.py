@@ -73,7 +73,8 @@ def test_designs_for_families_keep_the_limit_of_the_protocol_and_fly(spec):
     assert mean_rmse(scenario) < cascade
 
 
-FEWER_PLACES = "control.network.inputs={y: {scale: 0.3, centres: [-1, -0.5, 0, 0.5, 1], widths: [0.5, 0.5, 0.5, 0.5, 0.5]}, z: null}"
+FIVE_PLACES = "{scale: 0.3, centres: [-1, -0.5, 0, 0.5, 1], widths: [0.5, 0.5, 0.5, 0.5, 0.5]}"
+FEWER_PLACES = f"control.network.inputs={{y: {FIVE_PLACES}, z: null}}"
 PHASES = np.arange(16) / 16
 FEWER_PHASES = f"control.network.inputs.phase={{centres: {PHASES.tolist()}, widths: {[0.1] * 16}}}"
 
