@@ -332,10 +332,10 @@ CALM = [f"laboratory.wind=[{FANS[1]}]"]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("overrides", "n"), [([], 1), (LABORATORY, 1), (LABORATORY, 2), (CALM, 1), (CALM, 2)])
+@pytest.mark.parametrize(("overrides", "n"), [(LABORATORY, 1), (LABORATORY, 2), (CALM, 2)])
 def test_the_whole_loop_differentiates(figure_eight, overrides, n):
-    """Derivative of the state after two seconds with respect to the gains of the first vehicle, against differences."""
-    scenario = figure_eight("duration=2.0", "control.position.k_p=[1.0, 1.0, 4.0]", *overrides)
+    """Derivative of the state after 1.2 s with respect to the gains of the first vehicle, against differences."""
+    scenario = figure_eight("duration=1.2", "control.position.k_p=[1.0, 1.0, 4.0]", *overrides)
     diagram = build_tracking_diagram(scenario, n)
 
     def set_gain(diagram, context, k_p):
@@ -348,7 +348,7 @@ def test_the_whole_loop_differentiates(figure_eight, overrides, n):
     def final_state(k_p):
         simulator = Simulator(diagram)
         set_gain(diagram, simulator.get_mutable_context(), k_p)
-        fly(simulator, 2.0)
+        fly(simulator, 1.2)
         return diagram.GetOutputPort("state").Eval(simulator.get_context())
 
     converted = diagram.ToAutoDiffXd()
@@ -356,7 +356,7 @@ def test_the_whole_loop_differentiates(figure_eight, overrides, n):
     context.SetTimeStateAndParametersFrom(diagram.CreateDefaultContext())
     set_gain(converted, context, AutoDiffXd(1.0, [1.0]))
     simulator = Simulator_[AutoDiffXd](converted, context)
-    simulator.AdvanceTo(2.0)
+    simulator.AdvanceTo(1.2)
     simulator.AdvancePendingEvents()
     state = converted.GetOutputPort("state").Eval(context)
     gradient = ExtractGradient(np.asarray(state))[:, 0]

@@ -89,7 +89,7 @@ def test_other_samples_fly_as_in_a_fleet_of_their_own(scenario, overrides, contr
     for fleet, is_compiled in ((wired, False), (compiled, True)):
         assert fleet._simulation.compiled == is_compiled
         assert not fleet._simulation._diagram.HasSubsystemNamed("recorder")
-    for samples in ([7, 8, 9], [3, 1, 2], [7, 8, 9]):
+    for samples in ([7, 8, 9], [3, 1, 2]):
         expected = flown(study, Batch.draw(study, samples))
         for found, wanted in zip(wired.fly(samples), expected, strict=True):
             np.testing.assert_array_equal(found, wanted)

@@ -52,10 +52,10 @@ def scenario(diagrams):
 @kinds
 def test_a_fleet_flies_compiled_as_wired_and_each_of_it_as_alone(scenario, kind):
     """To the bit, each with numbers, noise and delay of its own."""
-    flights = assert_flown_alike(Batch.draw(scenario(kind, "duration=2"), range(5)))
-    assert len({flight.metrics.rmse for flight in flights}) == 5
-    for sample in (1, 4):
-        alone = simulate(scenario(kind, "duration=2"), sample=sample, compiled=True)
+    flights = assert_flown_alike(Batch.draw(scenario(kind, "duration=1"), range(3)))
+    assert len({flight.metrics.rmse for flight in flights}) == 3
+    for sample in (1, 2):
+        alone = simulate(scenario(kind, "duration=1"), sample=sample, compiled=True)
         for name, values in alone.signals.items():
             np.testing.assert_array_equal(values, flights[sample][name], err_msg=name)
 

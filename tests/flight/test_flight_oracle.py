@@ -28,11 +28,11 @@ PD = "k_p: [1.3, 1.0, 5.0], k_d: [1.5, 1.3, 3.2]"
 FLIGHTS = {
     "pid": ("pid", []),
     "pd_t2fnn": ("pd_t2fnn", []),
-    "a sign law and triangles": ("pd_t1fnn", ["duration=6"]),
+    "a sign law and triangles": ("pd_t1fnn", ["duration=3"]),
     "a gradient law, three ticks of delay and none lost, frames as they come": (
         "pd_t1fnn",
         [
-            "duration=4",
+            "duration=2",
             "control.network.learning={kind: gradient, rate: 0.4, slope: 1.7, leakage: 0.1, deadzone: 0.05}",
             "control.position.derivative=measurement",
             "laboratory.command_link={delay_ticks: 3, loss_rate: 0}",
@@ -42,7 +42,7 @@ FLIGHTS = {
     "maps of where the vehicle is, and when, that learn from the feedback": (
         "pd_t2fnn",
         [
-            "duration=6",
+            "duration=3",
             "control.network.inputs={error_rate: null, y: {scale: 0.6, centres: [-1.0, 0.1, 1], widths: [1.2, 1, 1.3]},"
             " v_x: {scale: 0.9}, phase: {scale: 4.0, centres: [-0.7, 0.6, 1.9], widths: [1.2, 1.0, 1.4]}}",
             "control.network.lead=0.13",
@@ -52,7 +52,7 @@ FLIGHTS = {
     "a grid of three periods, no delay, no filter": (
         "pid",
         [
-            "duration=4",
+            "duration=2",
             "vehicle.time_step=0.005",
             "laboratory.command_link={period: 0.04, delay_ticks: 0, loss_rate: 0.1}",
             "laboratory.motion_capture.derivative_bandwidth=null",
@@ -61,7 +61,7 @@ FLIGHTS = {
     "small angles, frames and ticks at once, nothing fed forward": (
         "pid",
         [
-            "duration=4",
+            "duration=2",
             "vehicle.attitude_kinematics=small_angle",
             "laboratory.motion_capture={period: 0.02, latency_frames: 0, dropout_rate: 0.0, derivative_bandwidth: 60}",
             "control.position={kind: pd, k_p: [1.3, 1.0, 5.0], k_d: [1.5, 1.3, 3.2], feed_forward: none}",
@@ -71,7 +71,7 @@ FLIGHTS = {
         f"rotors that are too weak for all parts of the wrench, {priority} first": (
             "pid",
             [
-                "duration=6",
+                "duration=3",
                 "nominal.min_rotor_speed=200",
                 "nominal.max_rotor_speed=217",
                 "vehicle.min_rotor_speed=201",
@@ -86,7 +86,7 @@ FLIGHTS = {
     "an x of measured distances that turns the other way round": (
         "pid",
         [
-            "duration=4",
+            "duration=2",
             "nominal.layout={kind: x, length: 0.21, width: 0.24, rotor_1_turns: anticlockwise}",
             "vehicle.layout={kind: x, length: 0.212, width: 0.25, rotor_1_turns: anticlockwise}",
         ],
@@ -94,7 +94,7 @@ FLIGHTS = {
     "rotors anywhere that are too weak for all parts of the wrench": (
         "pid",
         [
-            "duration=6",
+            "duration=3",
             "nominal.layout={kind: rotors, rotors: ["
             "{position: [0.14, -0.11, 0.02], turns: clockwise},"
             "{position: [-0.09, -0.13, 0.01], turns: anticlockwise, thrust_factor: 4.1e-5},"
@@ -116,7 +116,7 @@ FLIGHTS = {
     "a disturbance observer and geometric attitude control": (
         "pid",
         [
-            "duration=5",
+            "duration=2.5",
             f"control.position={{kind: disturbance_observer, {PD}, feed_forward: snap, position_noise: 0.002,"
             " deviation: [0.3, 0.4, 0.2], time_constant: [0.5, 0.6, 0.7], response: {kind: commanded, delay_ticks: 2,"
             " lag: [0.25, 0.27, 0.06], feed_forward_lag: [0.07, 0.08, 0.05]}}",
@@ -126,9 +126,9 @@ FLIGHTS = {
     "geometric attitude control with an integral, velocity that is seen too large and drifts, filtered": (
         "pid",
         [
-            "duration=5",
+            "duration=2.5",
             "control.attitude={kind: geometric, k_p: [17.0, 14.0, 5.0], k_d: [7.5, 6.8, 3.1], k_i: [9.0, 6.0, 2.0],"
-            " integral_limit: 0.4}",
+            " integral_limit: 0.1}",
             "laboratory.motion_capture.velocity_error=[0.1, -0.05, 0.2]",
             "laboratory.motion_capture.velocity_drift=[0.02, 0.0, 0.04]",
         ],
@@ -136,7 +136,7 @@ FLIGHTS = {
     "the firmware's Lee controller: fast, without a link, velocity from elsewhere": (
         "pid",
         [
-            "duration=2",
+            "duration=1.4",
             "vehicle.time_step=0.0025",
             "laboratory.command_link={period: 0.005, delay_ticks: 0, loss_rate: 0}",
             "laboratory.motion_capture={period: 0.0025, velocity_error: [0.1, -0.05, 0.2]}",
@@ -149,7 +149,7 @@ FLIGHTS = {
     "velocity of an estimator, which is too large and drifts": (
         "pid",
         [
-            "duration=2",
+            "duration=1.4",
             "laboratory.motion_capture.derivative_bandwidth=null",
             "laboratory.motion_capture.velocity_error=[0.1, -0.05, 0.2]",
             "laboratory.motion_capture.velocity_drift=[0.03, 0.02, 0.01]",
@@ -159,18 +159,18 @@ FLIGHTS = {
     "L1 and INDI of the attitude, within limits": (
         "pid",
         [
-            "duration=5",
+            "duration=2.5",
             f"control.position={{kind: l1, {PD}, feed_forward: acceleration, adaptation: 2.5,"
             " bandwidth: [1.7, 2.1, 3.3], disturbance_limit: 0.4,"
             " response: {kind: commanded, delay_ticks: 0, lag: [0.25, 0.27, 0.06]}}",
             "control.attitude={kind: indi, k_p: [17.0, 14.0, 5.0], k_d: [7.5, 6.8, 3.1], lag: 0.08, bandwidth: 3.5,"
-            " delay_ticks: 2, disturbance_limit: 0.9}",
+            " delay_ticks: 2, disturbance_limit: 0.15}",
         ],
     ),
     "INDI of position and attitude": (
         "pid",
         [
-            "duration=5",
+            "duration=2.5",
             f"control.position={{kind: indi, {PD}, feed_forward: jerk, bandwidth: [2.7, 3.1, 4.3],"
             " response: {kind: commanded, lag: [0.25, 0.27, 0.06], feed_forward_lag: [0.07, 0.08, 0.05]}}",
             "control.attitude={kind: indi, k_p: [17.0, 14.0, 5.0], k_d: [7.5, 6.8, 3.1], lag: 0.08, bandwidth: 3.5,"
@@ -180,7 +180,7 @@ FLIGHTS = {
     "INDI that sees where the thrust points": (
         "pid",
         [
-            "duration=5",
+            "duration=2.5",
             f"control.position={{kind: indi, {PD}, feed_forward: snap, bandwidth: [2.7, 3.1, 4.3],"
             " response: {kind: tilt, delay_ticks: 2, lag: 0.07}}",
         ],
@@ -188,20 +188,20 @@ FLIGHTS = {
     "a map around the same, ahead of time, that learns from all feedback": (
         "pd_t2fnn",
         [
-            "duration=5",
+            "duration=2.5",
             f"control.position={{kind: indi, {PD}, feed_forward: snap, bandwidth: [2.7, 3.1, 4.3],"
             " response: {kind: tilt, delay_ticks: 2, lag: 0.07}}",
             "control.network.lead=0.17",
             "control.network.inputs={error: null, error_rate: null,"
             " x: {centres: [-1.0, 0.1, 1], widths: [1.2, 1, 1.3]}, z: {centres: [0.0, 1.1], widths: [1.2, 1.3]}}",
-            "control.network.learning={kind: gradient, signal: feedback, rate: 1.5, weight_limit: 0.9}",
+            "control.network.learning={kind: gradient, signal: feedback, rate: 1.5, weight_limit: 0.6}",
         ],
     ),
     "a disturbance observer that sees where the thrust points, in front of an autopilot": (
         "pid",
         [
             *ON_BOARD,
-            "duration=4",
+            "duration=2",
             f"control.position={{kind: disturbance_observer, {PD}, feed_forward: jerk, position_noise: 0.002,"
             " deviation: [0.3, 0.4, 0.2], time_constant: [0.5, 0.6, 0.7],"
             " response: {kind: tilt, delay_ticks: 0, lag: 0.07}}",
@@ -211,28 +211,28 @@ FLIGHTS = {
         "pid",
         [
             *ON_BOARD,
-            "duration=4",
+            "duration=2",
             f"control.position={{kind: indi, {PD}, feed_forward: jerk, bandwidth: [2.7, 3.1, 4.3],"
             " response: {kind: commanded, delay_ticks: 1, lag: [0.25, 0.27, 0.06]}}",
         ],
     ),
-    "an autopilot on board": ("pid", [*ON_BOARD, "duration=6", "control.position.feed_forward=jerk"]),
+    "an autopilot on board": ("pid", [*ON_BOARD, "duration=3", "control.position.feed_forward=jerk"]),
     "an autopilot without noise that works every other step, and a heading along the path": (
         "pd_t2fnn",
         [
             *ON_BOARD,
-            "duration=4",
+            "duration=2",
             "vehicle.time_step=0.0025",
             "control.position.feed_forward=jerk",
             "laboratory.autopilot={gyroscope_noise: 0, attitude_noise: 0, k_rate: [9.0, 7.0, 5.0]}",
         ],
     ),
-    "an attitude that responds": ("pid", [*RESPONDING, "duration=6"]),
+    "an attitude that responds": ("pid", [*RESPONDING, "duration=3"]),
     "an attitude that responds with small angles, from frames without a filter": (
         "pd_t1fnn",
         [
             *RESPONDING,
-            "duration=4",
+            "duration=2",
             "vehicle.attitude_kinematics=small_angle",
             "control.position.feed_forward=none",
             "laboratory.motion_capture.derivative_bandwidth=null",
@@ -284,18 +284,18 @@ def test_a_flight_is_what_its_equations_make_it(flown, name):
 
 
 DRAWN = [
-    "duration=4",
+    "duration=2",
     "vehicle.mass={uniform: {min: 0.68, max: 0.76}}",
     "nominal.layout={kind: x}",
     "vehicle.layout={kind: x, length: {uniform: {min: 0.22, max: 0.24}}, width: {uniform: {min: 0.22, max: 0.24}}}",
     "vehicle.thrust_factor_error.rotor_2={uniform: {min: -0.02, max: 0.0}}",
     "vehicle.battery_sag={uniform: {min: 0.0, max: 0.03}}",
     "vehicle.rotor_failure.rotor={choice: [1, 2, 3, 4]}",
-    "vehicle.rotor_failure.time={uniform: {min: 0.0, max: 4.0}}",
+    "vehicle.rotor_failure.time={uniform: {min: 0.0, max: 2.0}}",
     "laboratory.motion_capture.latency_frames={choice: [0, 1, 2, 3]}",
     "laboratory.motion_capture.misalignment.2={uniform: {min: -0.05, max: 0.05}}",
     "laboratory.command_link.delay_ticks={choice: [0, 1, 2]}",
-    "laboratory.wind.1.start={uniform: {min: 0.0, max: 3.0}}",
+    "laboratory.wind.1.start={uniform: {min: 0.0, max: 1.5}}",
     "laboratory.wind.5.flow={uniform: {min: 1.0, max: 3.0}}",
     "control.position.k_p.0={uniform: {min: 1.0, max: 1.5}}",
     "control.network.q={uniform: {min: 0.0, max: 1.0}}",

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError, load_scenario
-from drake_quad.evaluation.designs import designs_in
 from drake_quad.fleets.study_fleet import StudyFleet
 from drake_quad.flight import hover_error as hover_error_module
 from drake_quad.flight.hover_error import HOVER_TIME, SETTLING_TIME, HoverError, believed_tracking_error, hover_error
@@ -19,12 +18,6 @@ from drake_quad.statistics.interval import Interval
 
 CONTROLLERS = Path(__file__).parent.parent.parent / "diagrams" / "controllers"
 DESIGNED = CONTROLLERS / "designed" / "laboratory.yaml"
-# The error of a learning controller does not settle, and model predictive control is slow to simulate.
-SETTLING_CONTROLLERS = [
-    f"designed/laboratory.yaml:{name}"
-    for name, design in designs_in(DESIGNED).items()
-    if not design["control"].get("network") and design["control"].get("kind") != "mpc"
-]
 AXES = ("x", "y", "z")
 
 
@@ -51,7 +44,7 @@ def root_mean_square(metrics):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("layer", [*SETTLING_CONTROLLERS, "lqg.yaml:lqg_low_wind", "lqg.yaml:lqg_robustness"])
+@pytest.mark.parametrize("layer", [f"designed/laboratory.yaml:{name}" for name in ("pid", "indi_fast", "lqg")])
 def test_other_flights_have_the_predicted_error(layer):
     """The error on each axis agrees to a tenth, later in the flight and with other random numbers."""
     error = hover_error(in_laboratory(layer))

@@ -13,7 +13,7 @@ from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.scenario.files.saving import save_scenario
 
 ADAPTIVE = "control.network.adaptive={centres: 0.4, widths: 0.3, exponents: 0.2}"
-SHORT = ("duration=1.5", "metrics.start=0")
+SHORT = ("duration=0.8", "metrics.start=0")
 
 
 def flown(asymmetric, *overrides):

@@ -1,4 +1,4 @@
-"""Flights under linear-quadratic-Gaussian control: the errors for which it is shipped, and what it stands."""
+"""Flights under linear-quadratic-Gaussian control: what shipped designs promise, and networks around them."""
 
 from pathlib import Path
 
@@ -29,62 +29,63 @@ def flown(scenario, num_samples):
     return [flight.metrics for flight in simulate_batch(Batch.draw(scenario, range(num_samples)), compiled=True)]
 
 
+def mean_rmse(scenario, num_samples=4):
+    """Return the mean RMSE of a few flights, none of which crashes, m."""
+    metrics = flown(scenario, num_samples)
+    assert not any(each.crashed for each in metrics)
+    return np.mean([each.rmse for each in metrics])
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("spec", "centimetres", "overrides"),
+    ("controller", "spec"),
     [
-        ("laboratory.yaml:nominal", 1.0, ()),
-        ("laboratory.yaml:low_wind", 1.93, ()),
-        ("laboratory.yaml:high_wind", 2.27, ()),
-        ("laboratory.yaml:low_wind", 4.0, ("laboratory.motion_capture.latency_frames=5",)),
+        ("lqg", HIGH_WIND),
+        ("lqg_low_wind", HIGH_WIND),
+        ("lqg_onboard", "onboard.yaml"),
+        ("lqg_neural_fly", "neural_fly.yaml:wind_12"),
+        ("lqg_robustness", "robustness.yaml"),
     ],
 )
-def test_the_shipped_controller_is_as_good_as_it_was_when_it_was_found(spec, centimetres, overrides):
-    """Mean RMSE of the prototype over 32 samples, whose standard error was 0.02 cm; here of eight."""
-    errors = [100.0 * metrics.rmse for metrics in flown(scenario_of(spec, *overrides), 8)]
-    assert np.mean(errors) == pytest.approx(centimetres, abs=0.08)
+def test_a_shipped_design_halves_the_error_of_the_cascade_of_its_laboratory(controller, spec):
+    cascade = np.mean([metrics.rmse for metrics in flown(load_scenario(f"{DIAGRAMS}/{spec}"), 4)])
+    assert mean_rmse(scenario_of(spec, controller=controller)) < 0.6 * cascade
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("controller", "spec", "centimetres"),
-    [
-        ("lqg_low_wind", "laboratory.yaml:high_wind", 1.25),
-        ("lqg_onboard", "onboard.yaml", 0.36),
-        ("lqg_neural_fly", "vehicles/neural_fly.yaml:wind_12", 2.29),
-    ],
-)
-def test_shipped_designs_are_as_good_as_when_they_were_made(controller, spec, centimetres):
-    errors = [100.0 * metrics.rmse for metrics in flown(scenario_of(spec, controller=controller), 4)]
-    assert np.mean(errors) == pytest.approx(centimetres, rel=0.1)
+def test_a_design_for_one_laboratory_has_less_error_there_than_one_for_nine():
+    assert mean_rmse(scenario_of(HIGH_WIND, controller="lqg_low_wind")) < 0.7 * mean_rmse(scenario_of(HIGH_WIND))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("spec", "centimetres"),
-    [("outdoor.yaml", 4.7), ("neural_fly.yaml:wind_8", 2.27)],
-)
-def test_designs_for_families_keep_the_limit_of_the_protocol_and_fly_as_they_say(spec, centimetres):
+def test_the_shipped_controller_stands_frames_that_are_50_ms_late():
+    late = "laboratory.motion_capture.latency_frames=5", "duration=8"
+    assert mean_rmse(scenario_of("laboratory.yaml:low_wind", *late)) < 0.06
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("spec", ["outdoor.yaml", "neural_fly.yaml:wind_8"])
+def test_designs_for_families_keep_the_limit_of_the_protocol_and_fly(spec):
     family = spec.partition(".")[0]
     scenario = load_scenario(f"{DIAGRAMS}/{spec}", layers=[f"{DIAGRAMS}/controllers/designed/{family}.yaml:lqg"])
     assert LoopLimit().shares_met(middle_of(scenario)).min() >= 1.0
-    # Outdoors sixteen flights tell the mean within a tenth.
-    assert 100.0 * np.mean([metrics.rmse for metrics in flown(scenario, 16)]) == pytest.approx(centimetres, rel=0.15)
+    cascade = np.mean([metrics.rmse for metrics in flown(load_scenario(f"{DIAGRAMS}/{spec}"), 4)])
+    assert mean_rmse(scenario) < cascade
+
+
+FIVE_PLACES = "{scale: 0.3, centres: [-1, -0.5, 0, 0.5, 1], widths: [0.5, 0.5, 0.5, 0.5, 0.5]}"
+FEWER_PLACES = f"control.network.inputs={{y: {FIVE_PLACES}, z: null}}"
+PHASES = np.arange(16) / 16
+FEWER_PHASES = f"control.network.inputs.phase={{centres: {PHASES.tolist()}, widths: {[0.1] * 16}}}"
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("controller", "centimetres"), [("lqg_map", 1.19), ("lqg_schedule", 1.20)])
-def test_what_is_learned_in_laps_is_as_good_as_when_it_was_tuned(controller, centimetres):
-    """In high wind the fourth to the sixth lap; without the network they are at 1.50 cm."""
-    laps = "route.laps=6", "metrics={first_lap: 4}"
-    mapped, plain = (
-        np.mean(
-            [100.0 * metrics.rmse for metrics in flown(scenario_of(HIGH_WIND, *laps, *more, controller=controller), 4)]
-        )
-        for more in ((), ("control.network=null",))
-    )
-    assert mapped == pytest.approx(centimetres, abs=0.06)
-    assert plain == pytest.approx(1.50, abs=0.06)
+@pytest.mark.parametrize(("controller", "override"), [("lqg_map", FEWER_PLACES), ("lqg_schedule", FEWER_PHASES)])
+def test_what_is_learned_in_a_lap_lowers_the_error_of_the_next_by_a_tenth(controller, override):
+    """Learned over the place or over the phase of the lap; a network with fewer sets compiles faster."""
+    laps = "route.laps=2", "metrics={first_lap: 2}", override
+    learned = mean_rmse(scenario_of(HIGH_WIND, *laps, controller=controller))
+    assert learned < 0.9 * mean_rmse(scenario_of(HIGH_WIND, *laps, "control.network=null", controller=controller))
 
 
 def test_a_network_around_it_closes_no_algebraic_loop():
@@ -104,7 +105,7 @@ def test_a_network_around_it_closes_no_algebraic_loop():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("taken", "learned"), [(0.0, 0.0), (0.6, 0.6), (1.0, 1.0), (0.5, 0.2)])
+@pytest.mark.parametrize(("taken", "learned"), [(0.6, 0.6), (0.5, 0.2)])
 def test_of_a_disturbance_that_a_network_knows_the_filter_finds_the_rest(taken, learned):
     """A steady wind along x and y pushes by c / m of itself; what is known of it now counts, not what is taken away."""
     wind = np.array([1.5, -2.5, 0.0])

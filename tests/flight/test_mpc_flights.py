@@ -29,7 +29,7 @@ def as_lqg(scenario):
 @pytest.mark.slow
 def test_where_no_limit_is_near_it_is_the_regulator():
     """In the fans' wind, for a flight to the first half of the eight; the shipped design is that of the LQG."""
-    mpc = load(f"{MPC}:mpc", "duration=12", wind="high_wind")
+    mpc = load(f"{MPC}:mpc", "duration=8", wind="high_wind")
     found, expected = (simulate(each, compiled=True) for each in (mpc, as_lqg(mpc)))
     assert np.abs(expected["disturbance"]).max() > 0.3
     for name in ("state", "wrench", "acceleration_command", "error", "disturbance"):

@@ -145,18 +145,30 @@ def test_a_log_without_thrust_is_refused(vehicle):
         identify_forces([replace(made(0.0, 0), thrust_share=None)], vehicle)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("mapping", ["flight", "flight_truth"])
-def test_the_drag_of_our_own_flights(tmp_path, mapping):
-    """From the velocity, since flight.csv has no residual force."""
+WINDS = [-8.0, 2.0, 0.0], [0.0, 5.0, 0.0], [-3.0, -2.0, 0.0]
+
+
+@pytest.fixture(scope="module")
+def dragged(tmp_path_factory):
+    """Return the folder of flights in `WINDS`, and the scenario of the last."""
+    folder = tmp_path_factory.mktemp("flights")
     drag = "vehicle.body_drag={linear: [0.5, 0.4, 0.0], quadratic: [0.05, 0.05, 0.1]}"
-    records = []
-    for number, wind in enumerate(([-8.0, 2.0, 0.0], [0.0, 5.0, 0.0], [-3.0, -2.0, 0.0])):
+    for number, wind in enumerate(WINDS):
         blown = f"laboratory.wind=[{{kind: steady, velocity: {wind}}}]"
         path = "route.amplitude=[1.25, 1.0, 0.75]"
         scenario = load_scenario(f"{DIAGRAM}:still", [drag, blown, path, "laboratory.command_link.loss_rate=0"])
-        simulate(scenario, sample=number, compiled=True).save(tmp_path / str(number))
-        record = read_log(tmp_path / str(number) / "flight.csv", mapping)
+        simulate(scenario, sample=number, compiled=True).save(folder / str(number))
+    return folder, scenario
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mapping", ["flight", "flight_truth"])
+def test_the_drag_of_our_own_flights(dragged, mapping):
+    """From the velocity, since flight.csv has no residual force."""
+    folder, scenario = dragged
+    records = []
+    for number, wind in enumerate(WINDS):
+        record = read_log(folder / str(number) / "flight.csv", mapping)
         records.append(replace(record, name=f"flight {number}", wind=np.tile(wind, (len(record.time), 1))))
     forces = identify_forces(records, scenario)
     estimates = forces.estimates

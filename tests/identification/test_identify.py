@@ -78,7 +78,7 @@ def test_prediction_errors_are_used_with_an_accelerometer_or_half_a_minute_of_po
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seconds", [10.0, 35.0], ids=["multiple shooting", "prediction errors"])
+@pytest.mark.parametrize("seconds", [8.0, 31.0], ids=["multiple shooting", "prediction errors"])
 def test_a_flight_without_motion_identifies_only_the_thrust(rotors, seconds):
     """No estimate is divided by a variance of zero: a NumPy warning fails the test."""
     vehicle = rotors.vehicle

@@ -233,8 +233,9 @@ def with_position_scaled(scenario, factor, axes):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize(("row", "axes", "duration"), [("z", (2,), 8.0), ("x", (0, 1), 12.0)])
+@pytest.mark.parametrize(
+    ("kind", "row", "axes", "duration"), [("attitude", "z", (2,), 8.0), ("response", "x", (0, 1), 12.0)]
+)
 def test_the_edge_of_stability_of_the_position_is_where_flights_begin_to_oscillate(onboard, kind, row, axes, duration):
     """2 %: below it a small displacement decays, above it grows."""
     scenario = onboard(*KINDS[kind])

@@ -40,7 +40,6 @@ def flown(scenario, samples=24, settled=15.0):
 @pytest.mark.parametrize(
     ("name", "layer", "overrides"),
     [
-        ("laboratory:nominal", "pd", []),
         ("laboratory:nominal", "indi", []),
         ("laboratory:nominal", "lqg", []),
         # Cameras and turbulence draw several random numbers per control tick, and a gyroscope draws more.

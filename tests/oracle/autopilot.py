@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from oracle.randomness import NOISE, Stream
-from oracle.vehicle import Vehicle, WithSmallAngles, euler_to_body, rotation
+from oracle.vehicle import Vehicle, WithSmallAngles, cross, euler_to_body, rotation
 
 
 class Nothing:
@@ -46,7 +46,7 @@ class Loops:
         error[2] = math.remainder(error[2], math.tau)
         wanted = target[4:7] + np.array(numbers.k_attitude) * error
         acceleration = np.array(numbers.k_rate) * (wanted - rates)
-        self.out = np.concatenate([target[0:1], self.inertia @ acceleration + np.cross(rates, self.inertia @ rates)])
+        self.out = np.concatenate([target[0:1], self.inertia @ acceleration + cross(rates, self.inertia @ rates)])
 
     def wrench(self, command):
         return self.out

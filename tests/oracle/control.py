@@ -5,7 +5,7 @@ import math
 import numpy as np
 import scipy
 
-from oracle.vehicle import euler_to_body, rotation
+from oracle.vehicle import cross, euler_to_body, rotation
 
 
 class Lagged:
@@ -419,7 +419,7 @@ class Controller:
             without = geometric_torque(measured, attitude, rates, accelerations, k_p, k_d, inertia)
             if not gains.transport_term:
                 carried = rotation(*measured[3:6]).T @ rotation(*attitude) @ rates
-                without = without + inertia @ np.cross(measured[9:12], carried)
+                without = without + inertia @ cross(measured[9:12], carried)
             if gains.k_i is None:
                 return without
             before = self.held
@@ -431,7 +431,7 @@ class Controller:
         wanted = k_p * error + k_d * (rates - measured[9:12]) + accelerations
         if self.turning is not None:
             wanted = self.turning.act(wanted, measured)
-        return inertia @ wanted + np.cross(rates, inertia @ rates)
+        return inertia @ wanted + cross(rates, inertia @ rates)
 
 
 def rotation_error(measured, attitude):
@@ -445,8 +445,8 @@ def geometric_torque(measured, attitude, rates, accelerations, k_p, k_d, J):
     """Lee, Leok and McClamroch (2010), eqs (10), (11) and (16), with gains over the moments of inertia."""
     R, R_d, Omega = rotation(*measured[3:6]), rotation(*attitude), measured[9:12]
     e_R, e_Omega = rotation_error(measured, attitude), Omega - R.T @ R_d @ rates
-    follow = np.cross(Omega, R.T @ R_d @ rates) - R.T @ R_d @ accelerations
-    return -J @ (k_p * e_R) - J @ (k_d * e_Omega) + np.cross(Omega, J @ Omega) - J @ follow
+    follow = cross(Omega, R.T @ R_d @ rates) - R.T @ R_d @ accelerations
+    return -J @ (k_p * e_R) - J @ (k_d * e_Omega) + cross(Omega, J @ Omega) - J @ follow
 
 
 def flat(roll, pitch, yaw, thrust, jerk, snap, psi_dot, psi_ddot):
@@ -483,9 +483,9 @@ def flat(roll, pitch, yaw, thrust, jerk, snap, psi_dot, psi_ddot):
 def square_axes(force, yaw):
     """Return the axes of a body, as columns, with z_B along a force and y_B perpendicular to the heading."""
     z_B = force / np.linalg.norm(force)
-    y_B = np.cross(z_B, [math.cos(yaw), math.sin(yaw), 0.0])
+    y_B = cross(z_B, [math.cos(yaw), math.sin(yaw), 0.0])
     y_B = y_B / np.linalg.norm(y_B)
-    return np.column_stack([np.cross(y_B, z_B), y_B, z_B])
+    return np.column_stack([cross(y_B, z_B), y_B, z_B])
 
 
 def angles_near(axes, yaw):
@@ -507,7 +507,7 @@ def square_flat(axes, yaw, thrust, jerk, snap, psi_dot, psi_ddot):
     r = (p * (z_B @ x_C) + psi_dot * (y_B @ y_C)) / (x_B @ x_C)
     p_dot = q * r - (y_B @ snap + 2.0 * F_dot * p) / thrust
     q_dot = (x_B @ snap - 2.0 * F_dot * q) / thrust - p * r
-    x_dot, y_dot, z_dot = (np.cross(axes @ [p, q, r], axis) for axis in (x_B, y_B, z_B))
+    x_dot, y_dot, z_dot = (cross(axes @ [p, q, r], axis) for axis in (x_B, y_B, z_B))
     right = p_dot * (z_B @ x_C) + p * (z_dot @ x_C + psi_dot * (z_B @ y_C))
     right += psi_ddot * (y_B @ y_C) + psi_dot * (y_dot @ y_C - psi_dot * (y_B @ x_C))
     left = r * (x_dot @ x_C + psi_dot * (x_B @ y_C))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from oracle.vehicle import Z, rotation
+from oracle.vehicle import Z, cross, rotation
 
 
 def cross_matrix(vector):
@@ -85,18 +85,18 @@ def accelerations(vehicle, state, speeds, pairs, torque, parts):
     for mass, place, inertia in bodies:
         S = cross_matrix(place)
         about = inertia - mass * S @ S
-        turned = mass * np.cross(rates, np.cross(rates, place))
+        turned = mass * cross(rates, cross(rates, place))
         matrix[:3, :3] += mass * np.eye(3)
         matrix[:3, 3:] -= mass * S
         matrix[3:, :3] += mass * S
         matrix[3:, 3:] += about
         right[:3] += mass * gravity - turned
-        right[3:] += mass * np.cross(place, gravity) - np.cross(rates, about @ rates)
+        right[3:] += mass * cross(place, gravity) - cross(rates, about @ rates)
     spin = vehicle.rotor_inertia * np.dot([rotor.direction for rotor in vehicle.rotors], speeds) * Z
-    right[3:] -= np.cross(rates, spin)
+    right[3:] -= cross(rates, spin)
     for place, force in pairs:
         right[:3] += force
-        right[3:] += np.cross(place, force)
+        right[3:] += cross(place, force)
     right[3:] += torque
     found = np.linalg.solve(matrix, right)
     return np.concatenate([R @ found[:3], found[3:]])

@@ -54,10 +54,9 @@ def test_an_axis_aligned_polytope_gives_the_plan_of_the_box(timing):
     np.testing.assert_allclose(positions(polytopes), positions(boxes), atol=1e-5)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("timing", TIMINGS, ids=lambda timing: type(timing).__name__)
-def test_a_rotated_problem_has_the_rotated_plan(timing, seed):
-    matrix = rotation(seed)
+def test_a_rotated_problem_has_the_rotated_plan(timing):
+    matrix = rotation(1)
     boxes = planned(POINTS, HALLS, timing)
     rotated = planned(POINTS @ matrix.T, [turned(box, matrix) for box in HALLS], timing)
     assert rotated.duration == pytest.approx(boxes.duration, rel=1e-6)
@@ -82,7 +81,7 @@ def chain(seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("timing", [Heuristic(), LeastSnap(30.0), Shortest()], ids=lambda timing: type(timing).__name__)
 def test_a_path_stays_behind_every_face_everywhere(timing, seed):
     problem = chain(seed)
@@ -103,8 +102,9 @@ def test_a_point_outside_is_told_by_how_far():
         PathProblem([Box.point([0, 0, 0]), Box.point([1, 0, 0])], corridors=[behind])
 
 
-@pytest.mark.parametrize("segments", [10, 25])
-@pytest.mark.parametrize("timing", [Heuristic(), Shortest()], ids=["heuristic", "shortest"])
+@pytest.mark.parametrize(
+    ("segments", "timing"), [(25, Heuristic()), (10, Shortest())], ids=["25 heuristic", "10 shortest"]
+)
 def test_a_long_chain_of_polytopes_is_kept_everywhere(segments, timing):
     """Cells of a zigzag, each turned against the next, with a waypoint anywhere between two of them."""
     random = np.random.default_rng(segments)

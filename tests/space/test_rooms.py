@@ -18,8 +18,8 @@ from drake_quad.space.around import plan_around
 from drake_quad.space.shapes import Cuboid
 from drake_quad.space.space import Obstacle, Space
 
-# `make rooms` plans a hundred.
-ROOMS = int(os.environ.get("ROOMS", "10"))
+# `make rooms` plans a hundred. Of these, room 4 is blocked, and room 1 is planned with the least snap.
+ROOMS = range(int(os.environ["ROOMS"])) if "ROOMS" in os.environ else (1, 2, 4)
 LIMITS = PathLimits(speed=2.0, acceleration=2.0)
 
 
@@ -36,7 +36,7 @@ def keeps_clear(room, path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(ROOMS))
+@pytest.mark.parametrize("seed", ROOMS)
 def test_a_room_is_planned_or_blocked(seed):
     room = random_room(seed)
     timing = (Heuristic(), LeastSnap(12.0), *[Heuristic()] * 7, Shortest())[seed % 10]
@@ -76,12 +76,20 @@ PASSAGES = {
 }
 
 
-@pytest.mark.parametrize("solids", PASSAGES.values(), ids=PASSAGES)
+# Every passage with the fastest timing, and one beside and one above or below the wall with each of the others.
+PASSED = [
+    *((name, Heuristic()) for name in PASSAGES),
+    *((name, Shortest()) for name in ("a door on the right", "over a beam")),
+    *((name, LeastSnap(8.0)) for name in ("a door on the left", "under a beam")),
+]
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    "timing", [Heuristic(), Shortest(), LeastSnap(8.0)], ids=["heuristic", "shortest", "least_snap"]
+    ("name", "timing"), PASSED, ids=lambda each: each if isinstance(each, str) else type(each).__name__
 )
-def test_the_one_best_passage_is_taken(solids, timing):
-    room = walled(*solids)
+def test_the_one_best_passage_is_taken(name, timing):
+    room = walled(*PASSAGES[name])
     path = plan(room, timing)
     assert keeps_clear(room, path)
     way = Search(room).shortest()
@@ -94,11 +102,11 @@ def test_the_one_best_passage_is_taken(solids, timing):
 
 
 def test_the_same_room_gives_the_same_plan_in_another_process():
-    path = plan(random_room(1), Heuristic())
+    path = plan(random_room(2), Heuristic())
     digest = hashlib.sha256(path.times.tobytes() + path.coefficients.tobytes()).hexdigest()
     text = (
         "import hashlib, test_rooms as t\n"
-        "path = t.plan(t.random_room(1), t.Heuristic())\n"
+        "path = t.plan(t.random_room(2), t.Heuristic())\n"
         "print(hashlib.sha256(path.times.tobytes() + path.coefficients.tobytes()).hexdigest())\n"
     )
     folder = __file__.rpartition("/")[0]

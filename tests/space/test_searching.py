@@ -102,8 +102,7 @@ def test_all_that_must_go_is_named():
         plan(room, Heuristic())
     said = str(refusal.value)
     assert "no way" in said
-    assert all(f"wall_{i}" in said for i in range(3))
-    assert "wall_3" not in said
+    assert "without wall_0, wall_1 and wall_2, there would be one" in said
 
 
 def test_a_seed_on_the_bounds_lies_in_its_region_despite_rounding():

@@ -43,7 +43,6 @@ def drone(corners_per_disc, more=0):
 
 MESHES = {
     "sphere of 500": (sphere(500), 0.022),
-    "sphere of 700": (sphere(700, 9), 0.03),
     "sphere of 120": (sphere(120), 0.015),
     "flat ellipsoid": (sphere(400, 1) * [1.0, 1.0, 0.02], 0.03),
     "needle": (sphere(400, 2) * [1.0, 0.01, 0.01], 0.03),

@@ -116,7 +116,7 @@ def test_each_part_of_a_wrench_is_the_best_that_the_parts_before_it_allow(shape,
     rng = np.random.default_rng(5)
     paired = shape is not random_layout
     cut = np.zeros(3)
-    for _ in range(120):
+    for _ in range(50):
         length, width = rng.uniform(0.1, 0.6, 2)
         rotors = shape(length=length, width=width) if paired else random_layout(rng)
         wrench = demand_on(rotors, rng)
@@ -128,7 +128,7 @@ def test_each_part_of_a_wrench_is_the_best_that_the_parts_before_it_allow(shape,
             action = rotor_action(speeds, QuadrotorParameters(rotors=rotors)).wrench
             np.testing.assert_allclose(action, given_up, rtol=0.0, atol=1e-9)
         cut += parts
-    assert (cut > 10).all(), "each part of the wrench must be cut in several samples"
+    assert (cut > 4).all(), "each part of the wrench must be cut in several samples"
 
 
 @pytest.mark.slow
