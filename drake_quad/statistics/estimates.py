@@ -128,6 +128,8 @@ def two_sided_sign_test(count: int, total: int) -> float:
 
 def _binomial_quantile(share: float, total: int, probability: float) -> int:
     """Return the least count of a binomial distribution at or below which at least this share of it lies."""
+    if not total or probability in (0.0, 1.0):  # some versions of SciPy return NaN there
+        return round(total * probability)
     count = math.ceil(scipy.special.bdtrik(share, total, probability))
     return count - 1 if count and scipy.special.bdtr(count - 1, total, probability) >= share else count
 
