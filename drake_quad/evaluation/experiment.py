@@ -42,7 +42,7 @@ _NUM_TIMED_FLIGHTS = 3  # of a lone vehicle
 
 
 class EvaluationSizes(NamedTuple):
-    """How much is flown.
+    """Numbers of samples of the experiment.
 
     Attributes:
         samples: samples of each controller in each laboratory.

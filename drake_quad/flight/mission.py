@@ -46,7 +46,7 @@ def planned(mission: Mission) -> Planned:
     """
     if mission.space is None:
         return plan_in(mission, None)
-    # Of what is no part of a mission only the tracking error depends.
+    # Besides the mission, the plan depends on the whole scenario only through the predicted tracking error.
     depends = None if mission.space.tracking else set(Mission.model_fields)
 
     def make() -> Planned:

@@ -50,7 +50,7 @@ def task_of(
     if not isinstance(fields["action"], Mapping):
         raise InputError(f"action is {shown(action)}, but must be the name of a kind of action, or a mapping of fields")
     kind = ACTIONS.get(fields["action"].get("kind"))
-    # Whether the fields of the action are valid is checked with the scenario.
+    # The validation of the scenario checks the fields of the action.
     unchecked = {str(name): value for name, value in fields["action"].items()}
     if kind is not None and kind.model_construct(**unchecked).needs_attitude(autopilot):
         fields["attitude"] = attitude or _designed_attitude(scenario)

@@ -205,7 +205,7 @@ class LinearQuadraticGaussian(FleetSystem):
 
 
 def build_lqg_control(regulator: Any, network: Any = None, programme: Any = None) -> Diagram:
-    """Builds the diagram `control` with the controller in it, and what stands beside it.
+    """Build the diagram `control`, which contains the controller and the systems around it.
 
     Args:
         regulator: a `LinearQuadraticGaussian`, which takes a correction if there is a network, and a perturbation if

@@ -17,11 +17,11 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers
 
 Commanded = Literal["attitude", "rates", "wrench"]
-"""What a control commands beside the thrust, before attitude control on the ground, if any, makes torques of it."""
+"""Command of a control in addition to the thrust, before any attitude control on the ground converts it to torques."""
 
 
 class Autopilot(Model):
-    """What flies on board. Numbers that a study draws are (N,) arrays when its recipes are made for a fleet.
+    """Autopilot on board. Numbers that a study draws are (N,) arrays when its recipes are made for a fleet.
 
     Attributes:
         period: period of the loops on board, s; None if there are none.
@@ -47,7 +47,7 @@ class Autopilot(Model):
 
     @property
     def controls_attitude(self) -> bool:
-        """Whether attitude is controlled on board, and not on the ground."""
+        """True if attitude is controlled on board instead of on the ground."""
         return self.command == "attitude_target"
 
     @abstractmethod
