@@ -4,6 +4,7 @@ A `with` statement such as `with single_threaded_blas():` changes a setting and 
 """
 
 import functools
+import gc
 import io
 import logging
 import threading
@@ -64,6 +65,17 @@ def _drake_at_warning() -> Iterator[None]:
         logger.setLevel(level)
 
 
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()
+
+
 single_threaded_blas = ProcessSetting(lambda: _linear_algebra().limit(limits=1, user_api="blas"))
 """Limit of one thread for BLAS: on small matrices two threads can take a hundred times as long as one."""
 
@@ -75,3 +87,6 @@ without_prints = ProcessSetting(lambda: redirect_stdout(io.StringIO()))
 
 without_warnings = ProcessSetting(lambda: warnings.catch_warnings(action="ignore"))
 """Filter that hides Python's warnings."""
+
+without_garbage_collection = ProcessSetting(_uncollected)
+"""Pause of Python's garbage collector, which takes a third of the time where many small objects are made and kept."""

@@ -1,6 +1,9 @@
+import gc
 import logging
 
-from drake_quad.process_settings import without_drake_remarks
+import pytest
+
+from drake_quad.process_settings import without_drake_remarks, without_garbage_collection
 
 
 def test_drake_s_remarks_are_hidden_until_the_last_user_has_left():
@@ -15,3 +18,15 @@ def test_drake_s_remarks_are_hidden_until_the_last_user_has_left():
         assert logger.level == logging.INFO
     finally:
         logger.setLevel(before)
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+def test_the_garbage_collector_pauses_and_goes_on_as_before(enabled):
+    before = gc.isenabled()
+    (gc.enable if enabled else gc.disable)()
+    try:
+        with without_garbage_collection():
+            assert not gc.isenabled()
+        assert gc.isenabled() == enabled
+    finally:
+        (gc.enable if before else gc.disable)()

@@ -20,6 +20,7 @@ from drake_quad.compilation.trace import ROUNDING, Places, Trace
 from drake_quad.errors import InputError
 from drake_quad.framework.fleet_system import FleetSystem
 from drake_quad.framework.symbols import Symbol
+from drake_quad.process_settings import without_garbage_collection
 
 # Of instants until everything happens together again.
 _LONGEST_CYCLE = 64
@@ -325,7 +326,7 @@ class Program:
 
     def _kept(self, key: tuple[Any, ...], make: Callable[[], Any]) -> Any:
         """Return cached events of this or of an equivalent diagram; make them if there are none."""
-        return _made.get((self._signature, *key), make)
+        return _made.get((self._signature, *key), lambda: _uncollected(make))
 
     def _trace(self, instants: int) -> tuple[Trace, SharedNumbers]:
         shared = SharedNumbers()
@@ -425,6 +426,11 @@ class Program:
             for path, index, vector in self._groups(name, context):
                 first, rows = places[path, index]
                 yield vector, numbers[first * self.num_vehicles : (first + rows) * self.num_vehicles]
+
+
+def _uncollected(make: Callable[[], Any]) -> Any:
+    with without_garbage_collection():
+        return make()
 
 
 def _shown(trace: Trace, shared: SharedNumbers, rows: Sequence[Any]) -> Shown | None:
