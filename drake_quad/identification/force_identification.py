@@ -25,9 +25,9 @@ import numpy as np
 import scipy
 
 from drake_quad.errors import InputError, shown
-from drake_quad.identification.fitting.evidence import bias_reduced, explained_share
+from drake_quad.identification.evidence import bias_reduced, explained_share
 from drake_quad.identification.fitting.open_loop import delay_of, thrust_by_share
-from drake_quad.identification.fitting.windows import airborne, common_period, held_out, pieces
+from drake_quad.identification.windows import airborne, common_period, held_out, pieces
 from drake_quad.identification.identified import Fitted, Spread
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import Estimates, Explained, Source, kind_of

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.identification.fitting.windows import airborne
+from drake_quad.identification.windows import airborne
 from drake_quad.identification.identified import Spread
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.logs.timing import pieces

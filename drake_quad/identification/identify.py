@@ -1,29 +1,84 @@
-"""Chooses how a vehicle is identified by what logs hold."""
+"""Identification of a vehicle from flight logs, by prediction errors.
+
+A Kalman filter predicts each measurement from those before it, with the vehicle as its model
+(`drake_quad.identification.prediction_errors`). The estimates are those parameters for which the predictions are best,
+given a weak prior around the values of a data sheet (`drake_quad.identification.fit`). The model is the same for every
+log: rotors that are commanded one by one, or the attitude response of an autopilot, with an accelerometer, a motion
+capture system, or heights alone. What differs is which outputs are predicted (`_outputs`) and which parameters may be
+determined by them (`drake_quad.identification.parameters`).
+
+A parameter whose posterior is not much narrower than its prior is reported as not identified. It keeps its value, and
+its uncertainty widens the intervals of the parameters with which it is correlated.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
 
-from drake_quad.errors import InputError
-from drake_quad.identification import rotor_identification
-from drake_quad.identification.fitting.forecast import Forecast
-from drake_quad.identification.fitting.open_loop import DELAY, delay_of
-from drake_quad.identification.fitting.windows import airborne
-from drake_quad.identification.force_identification import identify_forces, tells_forces
-from drake_quad.identification.identified import Fitted, Identification, Spread
+from drake_quad.errors import InputError, listed
+from drake_quad.identification.evidence import Uncertainty
+from drake_quad.identification.fit import PredictionFit, fit, noise_covariance
+from drake_quad.identification.forecast import Forecast, forecast
 from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.identification.response_identification import identify_attitude_response, identify_from_poses
-from drake_quad.identification.results.estimates import Estimates
+from drake_quad.identification.model import (
+    DELAY,
+    MISALIGNMENT,
+    LogModel,
+    level_record,
+    level_vehicle,
+    thrust_of_share,
+    with_commands,
+)
+from drake_quad.identification.parameters import Parameter, parameters_of
+from drake_quad.identification.prediction_errors import FORCE, Output, PredictionNoise, Predictor
+from drake_quad.identification.random_effects import of_the_mean, variation_of
+from drake_quad.identification.result import Fitted, Identification, Spread
+from drake_quad.identification.results.estimates import Estimates, Explained, Source, quantile
 from drake_quad.identification.results.held_out import hold_out
-from drake_quad.identification.results.vehicle_numbers import with_estimates, with_numbers, with_throttles
+from drake_quad.identification.results.vehicle_numbers import (
+    number_of,
+    with_effects,
+    with_estimates,
+    with_numbers,
+    with_throttles,
+)
+from drake_quad.identification.windows import (
+    LogWindow,
+    WindowSizes,
+    airborne,
+    coarser,
+    common_period,
+    cut,
+    held_out,
+    steep_remarks,
+)
 from drake_quad.scenario.models import Scenario
+from drake_quad.statistics.interval import plus_minus
+from drake_quad.vehicle.motors import thrust_of
 from drake_quad.vehicle.rigid_body import inertia_flaw
 
-# In the air, s, for windows in which a filter settles; shorter flights need shorter windows.
-_LONG = 30.0
-_UNITS = {"position": "m", "specific": "m/s²", "body": "rad/s"}
+# s, a tenth of the time constant of a small motor; faster logs are averaged to this period.
+_PERIOD = 0.008
+_MAX_STEP = 0.01  # s, longest step of the model
+# s, length of a window and time before it in which the filter settles. Without poses, attitude and velocity drift.
+_POSE_WINDOW, _IMU_WINDOW = (2.5, 0.5), (1.0, 0.4)
+_MIN_WINDOW = 0.5  # s
+_WARM_UP = 0.4  # s, about five time constants of a small motor
+_POSE_HORIZON, _IMU_HORIZON = 0.5, 0.1  # s, of the forecast of held-out flight
+_MAX_DELAY = 0.15  # s
+# s, and number of blocks; errors are correlated over about the length of a block.
+_BLOCK, _MIN_BLOCKS = 4.0, 15
+_MIN_WINDOWS = 4
+# A parameter is identified if its 95 % interval reaches no farther than its scale to each side.
+_MAX_REACH = 1.0
+_MIN_DEGREES_OF_FREEDOM = 2.0
+_SPEED_WINDOW = 0.1  # s, long enough to average out position noise
+_POSE = ("position", "attitude")
+_NOISES = {signal: f"laboratory.motion_capture.{signal}_noise" for signal in _POSE}
+_UNITS = {"position": "m", "velocity": "m/s", "specific": "m/s²", "body": "rad/s"}
 
 
 def identify(
@@ -31,20 +86,11 @@ def identify(
 ) -> Identification:
     """Identify a vehicle from flight logs.
 
-    The method depends on the signals in the logs:
-
-    - Behind an autopilot that logs the residual force: attitude response and forces
-      (`drake_quad.identification.force_identification`).
-    - With rotor commands, and an accelerometer or half a minute of poses: prediction errors
-      (`drake_quad.identification.rotor_identification`).
-    - Behind another autopilot, in short flights, and without attitude: multiple shooting
-      (`drake_quad.identification.response_identification`).
-
     Args:
-        records: records of flights of the same vehicle.
-        scenario: scenario without distributions, with the initial values. Parameters that the logs do not identify
-            keep these values.
-        held_out_share: share of the airborne time, at the end of each log, that is held out for validation.
+        records: records of flights of the same vehicle. Each needs commands that the vehicle takes, and body rates with
+            specific force, poses, or heights.
+        scenario: scenario without distributions, with the initial values. Its mass and geometry are taken as known.
+        held_out_share: share of the airborne time, at the end of each log, that is held out for the forecast.
 
     Raises:
         InputError: no log is given, a log lacks a signal, the flights are too short, or the logged values are
@@ -54,7 +100,7 @@ def identify(
         raise InputError("there is no log to identify a vehicle from")
     try:
         found = _identified(records, scenario, held_out_share)
-    except np.linalg.LinAlgError as error:
+    except (np.linalg.LinAlgError, FloatingPointError) as error:
         raise InputError(
             f"the logs cannot be fitted ({error}): their values are not those of a flying vehicle; check the units in"
             " the mapping"
@@ -64,94 +110,359 @@ def identify(
     return replace(found, remarks=(*found.remarks, *remarks))
 
 
-def _identified(records: Sequence[FlightRecord], scenario: Scenario, held_out_share: float) -> Identification:
-    """Identify a vehicle with the method that suits the signals of the logs; arguments are those of `identify`."""
-    responds = scenario.laboratory.autopilot.models_vehicle
-    if responds and all(map(tells_forces, records)):
-        return _from_attitudes_and_forces(records, scenario, held_out_share)
-    if responds or not _by_prediction_errors(records):
-        return identify_from_poses(records, scenario, held_out_share=held_out_share)
-    if any(record.motor_command is not None for record in records):
+class _Logs(NamedTuple):
+    """Logs as they are fitted.
+
+    Attributes:
+        records: records with the commands and outputs of the model.
+        scenario: scenario with the vehicle that flies them.
+        outputs: outputs that are predicted.
+        flying: (n,) mask of the usable samples of each record.
+        own_throttles: whether each motor has a command of its own.
+    """
+
+    records: list[FlightRecord]
+    scenario: Scenario
+    outputs: list[Output]
+    flying: list[np.ndarray]
+    own_throttles: bool
+
+    @property
+    def period(self) -> float:
+        return common_period(self.records)
+
+    @property
+    def signals(self) -> set[str]:
+        return {output.signal for output in self.outputs}
+
+    @property
+    def poses(self) -> bool:
+        return bool({"position", "attitude", "velocity"} & self.signals)
+
+    def predictor(
+        self, parameters: Sequence[Parameter], flying: Sequence[np.ndarray], *, horizon: bool = False
+    ) -> Predictor:
+        """Return the predictor of the outputs in windows of the usable parts of the records."""
+        length, settle = _POSE_WINDOW if self.poses else _IMU_WINDOW
+        if horizon:
+            length = _POSE_HORIZON if self.poses else _IMU_HORIZON
+        else:
+            time = self.period * sum(int(usable.sum()) for usable in flying)
+            length = min(length, max(_MIN_WINDOW, time / (_MIN_BLOCKS + 1)))
+        sizes = WindowSizes(*(max(1, round(time / self.period)) for time in (length, settle, _WARM_UP)))
+        windows = cut(self.records, flying, sizes)
+        if len(windows) < _MIN_WINDOWS:
+            raise InputError(
+                f"only {len(windows)} windows of {length + settle:.2g} s in the air can be cut from"
+                f" {'the held-out part of the logs' if horizon else 'the logs'}; at least {_MIN_WINDOWS} are needed"
+            )
+        names = [parameter.name for parameter in parameters]
+        scenario = with_effects(self.scenario, tuple(name for name in names if name != DELAY))
+        model = LogModel(scenario, names, frame="world" if self.poses else "body")
+        split = max(1, int(np.ceil(self.period / _MAX_STEP - 0.05)))
+        return Predictor(
+            model, self.records, windows, sizes, self.outputs, split=split, longest=_MAX_DELAY + self.period
+        )
+
+
+def _logs(records: Sequence[FlightRecord], scenario: Scenario) -> tuple[_Logs, Scenario]:
+    """Return the logs as they are fitted, and the scenario that the estimates are put into."""
+    own_throttles = any(record.motor_command is not None for record in records)
+    if own_throttles:
         scenario = with_throttles(scenario)
-    return _translated(rotor_identification.identify(records, scenario, share=held_out_share), scenario, records)
+    flown = scenario
+    responds = scenario.laboratory.autopilot.models_vehicle
+    if responds:
+        vehicle = scenario.vehicle.model_copy(update={"rotor_time_constant_down": None})
+        flown = scenario = scenario.model_copy(update={"vehicle": vehicle})
+    elif any(record.attitude is None and record.body_rates is None for record in records):
+        records = [level_record(record) for record in records]
+        flown = level_vehicle(scenario)
+    believed = scenario
+    prepared = [_with_specific_force(record, believed) for record in records]
+    prepared = [with_commands(record, flown, believed) for record in prepared]
+    prepared = [coarser(record, max(1, int(_PERIOD / record.period + 0.05))) for record in prepared]
+    logs = _Logs(prepared, flown, _outputs(prepared), [airborne(record) for record in prepared], own_throttles)
+    logs.period  # refuses logs of different rates
+    return logs, scenario
 
 
-def _from_attitudes_and_forces(
-    records: Sequence[FlightRecord], scenario: Scenario, held_out_share: float
-) -> Identification:
-    """The answer of the attitude first, whose delay is that of the thrust, too; then the forces in it."""
-    turning = identify_attitude_response(records, scenario, held_out_share=held_out_share)
-    deviation = 0.0 if turning.delay is None else turning.delay.deviation
-    forces = identify_forces(records, turning.vehicle, delay_deviation=deviation, held_out_share=held_out_share)
-    estimates = _joined(turning.estimates, forces.estimates)
-    return Identification(
-        estimates,
-        with_estimates(turning.vehicle, estimates),
-        (*forces.outputs, *turning.outputs),
-        turning.delay,
-        {**forces.further, **(turning.further or {})},
-        (*turning.remarks, *forces.remarks),
-        turning.held_out,
+def _with_specific_force(record: FlightRecord, scenario: Scenario) -> FlightRecord:
+    """Return a record whose residual force is converted to the specific force that an accelerometer would measure.
+
+    An autopilot logs as residual force the force other than the weight and the thrust that it commanded.
+    """
+    if record.residual_force is None or record.attitude is None or record.specific_force is not None:
+        return record
+    if record.thrust_share is not None and record.hover_share is not None:
+        thrust = thrust_of_share(record, scenario.vehicle.mass * scenario.vehicle.gravity)
+    elif record.thrust_command is not None:
+        thrust = record.thrust_command
+    else:
+        curve = scenario.nominal.motors.thrust_curve()
+        if record.thrust_share is None or curve is None:
+            return record
+        shares: Any = np.repeat(record.thrust_share[:, None], 4, axis=1)
+        thrust = np.asarray(thrust_of(shares, curve)).sum(axis=1)
+    turned = scipy.spatial.transform.Rotation.from_euler("ZYX", record.attitude[:, ::-1]).inv()
+    force = turned.apply(record.residual_force) + thrust[:, None] * np.array([0.0, 0.0, 1.0])
+    return replace(record, specific_force=force / scenario.vehicle.mass)
+
+
+def _outputs(records: Sequence[FlightRecord]) -> list[Output]:
+    """Return the outputs that are predicted, which all records contain.
+
+    Velocities beside positions, and body rates beside attitudes without an accelerometer, are left out: estimators make
+    them of positions and attitudes, with the same noise and with a delay of their own.
+    """
+    have = set.intersection(*(set(record.names) for record in records))
+    signals = [name for name in _POSE if name in have]
+    if "position" not in have and "velocity" in have and "attitude" in have:
+        signals.append("velocity")
+    if "body_rates" in have and ("attitude" not in have or FORCE in have):
+        signals.append("body_rates")
+    if FORCE in have and ("body_rates" in have or "attitude" in have):
+        signals.append(FORCE)
+    if not signals:
+        raise InputError(
+            "to identify a vehicle, a log needs body_rates and specific_force, position or velocity with attitude, or"
+            f" position; all of these logs have {listed(sorted(have), len(have)) or 'nothing'}"
+        )
+    if signals == ["position"]:
+        return [Output("position", 2)]
+    return [Output(name, column) for name in signals for column in range(3)]
+
+
+def _initial_noise(outputs: Sequence[Output]) -> PredictionNoise:
+    """Return the initial noise.
+
+    The disturbance is large, so that an initial model that is far off is corrected by the measurements, and does not
+    diverge within a window. Its likelihood soon makes it smaller.
+    """
+    measured = {"position": 1e-3, "velocity": 2e-2, "attitude": 4e-3, "body_rates": 2e-2, FORCE: 0.3}
+    memory = [0.1, 0.1, 0.1, 0.05, 0.05, 0.05]
+    return PredictionNoise(
+        np.array([measured[output.signal] for output in outputs]),
+        np.array([1.0, 1.0, 1.0, 8.0, 8.0, 3.0]),
+        np.array(memory),
     )
 
 
-def _by_prediction_errors(records: Sequence[FlightRecord]) -> bool:
-    if all(record.specific_force is not None and record.body_rates is not None for record in records):
-        return True
-    poses = all(record.position is not None and record.attitude is not None for record in records)
-    return poses and sum(float(airborne(record).sum()) * record.period for record in records) >= _LONG
+def _identified(records: Sequence[FlightRecord], scenario: Scenario, share: float) -> Identification:
+    """Identify a vehicle; arguments are those of `identify`."""
+    logs, scenario = _logs(records, scenario)
+    parameters = parameters_of(
+        logs.scenario,
+        logs.signals,
+        own_throttles=logs.own_throttles,
+        delay=max(0.5 * logs.period, min(frame_age(scenario), 0.5 * _MAX_DELAY)),
+        max_delay=_MAX_DELAY,
+    )
+    noise, start, shown = _initial_noise(logs.outputs), None, None
+    if share > 0.0:
+        spared = [held_out(usable, share) for usable in logs.flying]
+        kept = [usable & ~late for usable, late in zip(logs.flying, spared, strict=True)]
+        training = fit(logs.predictor(parameters, kept), parameters, noise)
+        shown = forecast(logs.predictor(parameters, spared, horizon=True), training.parameters, training.noise)
+        start, noise = training.parameters, training.noise
+    predictor = logs.predictor(parameters, logs.flying)
+    fitted = fit(predictor, parameters, noise, start)
+    return _result(logs, scenario, predictor, parameters, fitted, shown)
 
 
-def _translated(
-    found: rotor_identification.RotorIdentification, scenario: Scenario, records: Sequence[FlightRecord]
+def frame_age(scenario: Scenario) -> float:
+    """Return the age of a frame of the cameras when it is received, s."""
+    cameras = scenario.laboratory.motion_capture
+    return float((1 + cameras.latency_frames) * cameras.period)
+
+
+def delay_of(scenario: Scenario) -> float:
+    """Return the delay from a command to the measurement of its effect in a scenario, s."""
+    link = scenario.laboratory.command_link
+    return float(link.delay_ticks * link.period) + frame_age(scenario)
+
+
+def _blocks(predictor: Predictor) -> np.ndarray:
+    """Return the number (W,) of the block of each window; blocks last some seconds, as model errors do."""
+    windows = len(predictor.windows)
+    time = windows * predictor.sizes.length * predictor.period
+    number = min(windows, max(_MIN_BLOCKS, round(time / _BLOCK)))
+    return np.asarray(np.arange(windows) * number // windows)
+
+
+def _result(
+    logs: _Logs,
+    scenario: Scenario,
+    predictor: Predictor,
+    parameters: Sequence[Parameter],
+    fitted: PredictionFit,
+    shown: Forecast | None,
 ) -> Identification:
-    """The result of prediction errors."""
-    vehicle, delay = with_estimates(scenario, found.estimates), None
-    if found.delay is not None:
-        delay = Spread(found.delay.value, found.delay.deviation, "s", found.delay.degrees_of_freedom)
+    names = [parameter.name for parameter in parameters]
+    scales = np.array([parameter.scale for parameter in parameters])
+    uncertainty = fitted.covariance(_blocks(predictor))
+    weak = _not_identified(parameters, fitted.parameters, uncertainty)
+    swamped = _swamped(logs.scenario, predictor, parameters, fitted)
+    untold = weak | swamped
+    held = np.array([name in untold for name in names])
+    if held[[name != DELAY for name in names]].all():
+        raise InputError(
+            "cannot identify the vehicle: the logs determine none of its parameters: "
+            + "; ".join(f"{name}: {reason}" for name, reason in untold.items())
+        )
+    values, uncertainty = fitted.given(held, np.array([parameter.start for parameter in parameters]), uncertainty)
+    free = np.flatnonzero(~held)
+    evidence = fitted.evidence(names, scales, len(predictor.windows) * predictor.sizes.length * predictor.period)
+    evidence = evidence.given([names[i] for i in free])
+    variation = variation_of(evidence)
+    part = Uncertainty(*(each[free] if each.ndim == 1 else each[np.ix_(free, free)] for each in uncertainty))
+    part = of_the_mean(part, evidence, variation)
+    own = [i for i, place in enumerate(free) if names[place] != DELAY]
+    told, numbers = [names[free[i]] for i in own], values[free[own]]
+    covariance, freedom = part.covariance[np.ix_(own, own)], part.degrees_of_freedom[own]
+    estimates_variation = None if variation is None else variation.part(own)
+    seen = [name for name in _POSE if Output(name, 0) in predictor.outputs]
+    if seen:
+        places = [predictor.outputs.index(Output(name, 0)) for name in seen]
+        level = fitted.noise.measured[places]
+        spread = noise_covariance(predictor, fitted)[np.ix_(places, places)] * np.outer(level, level)
+        told, numbers = [*told, *(_NOISES[name] for name in seen)], np.concatenate([numbers, level])
+        covariance = scipy.linalg.block_diag(covariance, spread)
+        freedom = np.concatenate([freedom, np.full(len(seen), float(fitted.errors.size))])
+        estimates_variation = None if estimates_variation is None else estimates_variation.beside(len(seen))
+    source = Source(
+        f"prediction errors of {' and '.join(sorted(signal.replace('_', ' ') for signal in logs.signals))}",
+        ", ".join(dict.fromkeys(record.name for record in logs.records)),
+    )
+    estimates = Estimates(
+        names=tuple(told),
+        values=numbers,
+        covariance=covariance,
+        degrees_of_freedom=freedom,
+        sources=source,
+        explained={} if shown is None else _explained([names[i] for i in free], fitted, free, predictor, shown),
+        not_seen=_never_identified(logs.scenario, names) | {name: why for name, why in untold.items() if name != DELAY},
+        variation=estimates_variation,
+    )
+    vehicle, delay = with_estimates(scenario, estimates), None
+    if DELAY in [names[i] for i in free]:
+        i = [names[i] for i in free].index(DELAY)
+        delay = Spread(
+            float(values[free[i]]),
+            float(np.sqrt(part.covariance[i, i])),
+            "s",
+            float(part.degrees_of_freedom[i]),
+        )
         link = scenario.laboratory.command_link
-        vehicle = with_numbers(vehicle, {DELAY: (delay.value - float(delay_of(scenario, 0.0))) / link.period})
-    outputs = () if found.forecast is None else _series(found.forecast, found.noise.measured, records[0].name)
-    told = {*found.estimates.names, rotor_identification.DELAY}
-    covered = {name: each for name, each in hold_out(found.evidence).items() if name in told}
-    return Identification(found.estimates, vehicle, outputs, delay, held_out=covered)
+        ticks = (delay.value - frame_age(scenario)) / link.period
+        vehicle = with_numbers(vehicle, {"laboratory.command_link.delay_ticks": ticks})
+    outputs = () if shown is None else _series(shown, fitted.noise.measured, logs.records[0].name)
+    remarks = (*_remarks(predictor, fitted, names), *steep_remarks(logs.records))
+    covered = {name: each for name, each in hold_out(evidence).items() if name in told or name == DELAY}
+    return Identification(estimates, vehicle, outputs, delay, fitted.noise, shown, remarks, covered)
 
 
-def _series(forecast: Forecast, deviations: np.ndarray, log: str) -> tuple[Fitted, ...]:
-    """What was told of the end of the flights; windows stand one after another."""
-    windows = forecast.measured.shape[2]
-    length = float(forecast.time[-1])
-    time = np.arange(windows)[:, None] * length + forecast.time
+def _not_identified(
+    parameters: Sequence[Parameter], values: np.ndarray, uncertainty: Uncertainty
+) -> dict[str, str]:
+    """Return the parameters that are not identified, with the reason."""
+    reaches = quantile(uncertainty.degrees_of_freedom) * np.sqrt(np.diag(uncertainty.covariance))
+    found = {}
+    columns = zip(parameters, values, reaches, uncertainty.degrees_of_freedom, strict=True)
+    for parameter, value, reach, freedom in columns:
+        size = min(parameter.scale, value) if parameter.least > 0.0 else parameter.scale
+        if reach > _MAX_REACH * size:
+            found[parameter.name] = (
+                f"its 95 % interval would be {plus_minus(value, reach)}, wider than the usual error of a data sheet,"
+                f" {parameter.scale:.2g}"
+            )
+        elif freedom < _MIN_DEGREES_OF_FREEDOM:
+            found[parameter.name] = f"essentially one window determines it, as {value:.3g}"
+    return found
+
+
+def _swamped(
+    scenario: Scenario, predictor: Predictor, parameters: Sequence[Parameter], fitted: PredictionFit
+) -> dict[str, str]:
+    """Return the drag parameters that are smaller than the disturbing force, with the reason.
+
+    A wind that is not logged depends on the place, so it is correlated with the velocity, and no interval contains that
+    part. Where it is as large as the drag, the estimate of drag is mostly an estimate of the wind.
+    """
+    places = [i for i, output in enumerate(predictor.outputs) if output.signal == "position"]
+    if len(places) < 3:
+        return {}
+    positions = predictor.measured[predictor.counted][:, places]
+    ahead = max(1, round(_SPEED_WINDOW / predictor.period))
+    speed = np.sqrt(np.mean((positions[ahead:] - positions[:-ahead]) ** 2, axis=(0, 2))) / (ahead * predictor.period)
+    push = float(scenario.vehicle.mass) * fitted.noise.force
+    found = {}
+    for parameter, value in zip(parameters, fitted.parameters, strict=True):
+        name = parameter.name
+        axes = [0, 1] if name == "linear_drag" else [int(name[-2])] if "drag.linear" in name else []
+        if axes and np.any(push[axes] > value * speed[axes]):
+            found[name] = (
+                f"the disturbing force, such as wind, is {push[axes].max():.2g} N, and the drag itself"
+                f" {(value * speed[axes]).min():.2g} N"
+            )
+    return found
+
+
+def _explained(
+    names: Sequence[str], fitted: PredictionFit, places: np.ndarray, predictor: Predictor, shown: Forecast
+) -> dict[str, Explained]:
+    """Return, for each parameter, the share of the variance that is forecast of the output that determines it most."""
+    count = len(predictor.outputs)
+    slopes = fitted.slopes.reshape(len(fitted.slopes), -1, count, fitted.slopes.shape[-1])
+    most = np.argmax(np.einsum("wtop,wtop->op", slopes, slopes), axis=0)[places]
+    return {
+        name: Explained(float(shown.explained[output]), shown.names[output])
+        for name, output in zip(names, most, strict=True)
+        if name != DELAY and np.isfinite(shown.explained[output])
+    }
+
+
+def _never_identified(scenario: Scenario, names: Sequence[str]) -> dict[str, str]:
+    """Return parameters that no log determines, with the reason."""
+    why = {"mass": "motion determines forces only relative to the mass; weigh the vehicle"}
+    if "inertia[2]" in names:
+        why["drag_factor"] = "yaw determines only its ratio to inertia[2], which assumes its value in the scenario"
+    if scenario.vehicle.motors.take_throttles:
+        why["thrust_factor"] = "motors that take throttles show their thrust, not their speed"
+    if "linear_drag" in names and scenario.vehicle.quadratic_drag > 0.0:
+        why["quadratic_drag"] = (
+            "in a wind that is not logged it looks like linear drag, so linear_drag includes that part of it"
+        )
+    return why
+
+
+def _remarks(predictor: Predictor, fitted: PredictionFit, names: Sequence[str]) -> tuple[str, ...]:
+    time = len(predictor.windows) * predictor.sizes.length * predictor.period
+    found = [f"{len(predictor.windows)} windows of {time / len(predictor.windows):.2g} s in the air were fitted"]
+    if "rotor_time_constant_down" in names:
+        up, down = (fitted.parameters[names.index(f"rotor_time_constant{end}")] for end in ("", "_down"))
+        found.append(f"small motions lag by the mean of the two time constants, {500.0 * (up + down):.3g} ms")
+    if "rotor_aerodynamics.climb" in names:
+        found.append("climb includes the linear drag along z of the body, which a flight does not tell from it")
+    return tuple(found)
+
+
+def _series(shown: Forecast, deviations: np.ndarray, log: str) -> tuple[Fitted, ...]:
+    """Return the forecasts of the held-out flight, one window after another."""
+    windows = shown.measured.shape[2]
+    time = np.arange(windows)[:, None] * float(shown.time[-1]) + shown.time
     return tuple(
         Fitted(
             name,
             _UNITS.get(name.split()[0], "rad"),
             np.array([log] * windows),
             time,
-            forecast.measured[:, i].T,
-            forecast.predicted[:, i].T,
+            shown.measured[:, i].T,
+            shown.predicted[:, i].T,
             np.ones(windows, dtype=bool),
-            float(forecast.explained[i]),
+            float(shown.explained[i]),
             np.nan,
             float(deviations[i]),
         )
-        for i, name in enumerate(forecast.names)
-    )
-
-
-def _joined(first: Estimates, second: Estimates) -> Estimates:
-    """Estimates of different numbers as one, without the correlation of errors of one part with those of the other.
-
-    The error of the delay is in the deviations of the numbers of forces, not in a correlation with the delay.
-    """
-    parts = (first, second)
-    return Estimates(
-        tuple(name for part in parts for name in part.names),
-        np.concatenate([part.values for part in parts]),
-        scipy.linalg.block_diag(*(part.covariance for part in parts)),
-        np.concatenate([np.asarray(part.degrees_of_freedom) for part in parts]),
-        tuple(part.sources_of(i) for part in parts for i in range(len(part.names))),
-        {name: share for part in parts for name, share in part.explained.items()},
-        {name: why for part in parts for name, why in part.not_seen.items()},
-        variation=None if first.variation is None else first.variation.beside(len(second.names)),
+        for i, name in enumerate(shown.names)
     )

@@ -15,9 +15,9 @@ import numpy as np
 from drake_quad.errors import InputError
 from drake_quad.flight.flight import Flight
 from drake_quad.flight.simulation import simulate_samples
-from drake_quad.identification import rotor_identification
+from drake_quad.identification.identify import delay_of, identify
 from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.identification.response_identification import identify_from_poses
+from drake_quad.identification.model import DELAY
 from drake_quad.identification.results.estimates import Estimates
 from drake_quad.identification.results.vehicle_numbers import number_of
 from drake_quad.scenario.files.loading import load_scenario
@@ -145,16 +145,14 @@ def checked(flight: Flight, believed: Scenario) -> list[Checked]:
         flight: of a known vehicle.
         believed: to begin with.
     """
-    record = record_of(flight)
     try:
-        if record.rotor_speed_command is None:
-            return _beside(identify_from_poses([record], believed, held_out_share=0.0).estimates, flight.scenario)
-        found = rotor_identification.identify([record], believed, share=0.0)
+        found = identify([record_of(flight)], believed, held_out_share=0.0)
     except InputError:
         return []
     rows = _beside(found.estimates, flight.scenario)
     if found.delay is not None:
-        rows.append(Checked(rotor_identification.DELAY, _late(flight.scenario), *found.delay))
+        delay, deviation, _, freedom = found.delay
+        rows.append(Checked(DELAY, _late(flight.scenario), delay, deviation, freedom))
     return rows
 
 
@@ -189,6 +187,8 @@ def _beside(estimates: Estimates, scenario: Scenario) -> list[Checked]:
 
 
 def _late(scenario: Scenario) -> float:
-    """By how much cameras show the vehicle later than it is, less the time that a logged command was held before, s."""
+    """Return the delay from a logged command to the logged measurement of its effect, s."""
+    if scenario.laboratory.autopilot.models_vehicle:
+        return delay_of(scenario)
     capture, link = scenario.laboratory.motion_capture, scenario.laboratory.command_link
     return float(capture.period * (1 + capture.latency_frames) - link.period)

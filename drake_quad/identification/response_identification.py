@@ -20,7 +20,7 @@ import numpy as np
 
 from drake_quad.errors import InputError
 from drake_quad.geometry.axes import BodyAxes
-from drake_quad.identification.fitting.evidence import Evidence, Uncertainty, explained_share
+from drake_quad.identification.evidence import Evidence, Uncertainty, explained_share
 from drake_quad.identification.fitting.multiple_shooting import Fit, Problem, evidence, fit, slopes_at, uncertainty
 from drake_quad.identification.fitting.open_loop import (
     DELAY,
@@ -31,9 +31,9 @@ from drake_quad.identification.fitting.open_loop import (
     level_vehicle,
     with_level_commands,
 )
-from drake_quad.identification.fitting.random_effects import Variation, of_the_mean, variation_of
+from drake_quad.identification.random_effects import Variation, of_the_mean, variation_of
 from drake_quad.identification.fitting.whitening import Noise, Shape, noise_of, still, straying
-from drake_quad.identification.fitting.windows import (
+from drake_quad.identification.windows import (
     airborne,
     common_period,
     held_out,

@@ -13,20 +13,20 @@ import numpy as np
 import scipy
 
 from drake_quad.errors import InputError, listed
-from drake_quad.identification.fitting.evidence import Evidence, Uncertainty
-from drake_quad.identification.fitting.firmware import allocated_commands
+from drake_quad.identification.evidence import Evidence, Uncertainty
+from drake_quad.identification.firmware import allocated_commands
 from drake_quad.identification.fitting.flown_model import DELAY, DisturbanceKind, FlownVehicle
-from drake_quad.identification.fitting.forecast import Forecast, forecast
-from drake_quad.identification.fitting.prediction_error import (
+from drake_quad.identification.forecast import Forecast, forecast
+from drake_quad.identification.fit import (
     ParameterChoice,
     PredictionFit,
     fit,
     noise_covariance,
     whitened,
 )
-from drake_quad.identification.fitting.predictor import FORCE, Output, PredictionNoise, Predictor
-from drake_quad.identification.fitting.random_effects import of_the_mean, variation_of
-from drake_quad.identification.fitting.windows import Cut, airborne, coarser, cut, held_out, steep_remarks
+from drake_quad.identification.prediction_errors import FORCE, Output, PredictionNoise, Predictor
+from drake_quad.identification.random_effects import of_the_mean, variation_of
+from drake_quad.identification.windows import WindowSizes, airborne, coarser, cut, held_out, steep_remarks
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import (
     CONFIDENCE,
@@ -286,7 +286,7 @@ class _Problem:
             # Of a short flight shorter ones, for as many blocks.
             time = self.period * sum(int(usable.sum()) for usable in flying)
             length = min(length, max(_SHORTEST, time / (_BLOCKS + 1)))
-        sizes = Cut(*(max(1, round(time / self.period)) for time in (length, settle, _WARM_UP)))
+        sizes = WindowSizes(*(max(1, round(time / self.period)) for time in (length, settle, _WARM_UP)))
         windows = cut(self.records, flying, sizes)
         if len(windows) < _FEWEST:
             raise InputError(

@@ -21,7 +21,7 @@ from drake_quad.assembly.laboratory import vehicle_parameters
 from drake_quad.framework.formulas import kernel
 from drake_quad.framework.records import Layout, layout_of
 from drake_quad.geometry.axes import BodyAxes, Vector, plus
-from drake_quad.identification.fitting.windows import Cut, LogWindow
+from drake_quad.identification.windows import WindowSizes, LogWindow
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.scenario.paths import replaced
 from drake_quad.signals import BodyAccelerationB, Quantity, RotorSpeed, Row, State, Throttle, Time, Wind
@@ -234,7 +234,7 @@ class Inputs(NamedTuple):
         records: Sequence[FlightRecord],
         signal: str,
         windows: Sequence[LogWindow],
-        sizes: Cut,
+        sizes: WindowSizes,
         *,
         split: int,
         longest: float,

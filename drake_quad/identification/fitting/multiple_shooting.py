@@ -30,7 +30,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.identification.fitting.evidence import Evidence, Uncertainty, bias_reduced, effective_blocks, of_blocks
+from drake_quad.identification.evidence import Evidence, Uncertainty, bias_reduced, effective_blocks, of_blocks
 
 # Step of a difference, of the scale of a number.
 _STEP = 1e-5

@@ -22,7 +22,7 @@ from drake_quad.errors import InputError, shown
 from drake_quad.framework.formulas import kernel
 from drake_quad.framework.records import layout_of
 from drake_quad.geometry.kinematics import small_rotation
-from drake_quad.identification.fitting.firmware import allocated_commands
+from drake_quad.identification.firmware import allocated_commands
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import scenario_path
 from drake_quad.scenario.autopilots.response import AttitudeResponseSettings as ResponseOfScenario

@@ -27,7 +27,7 @@ from drake_quad.identification.fitting.open_loop import (
     level_vehicle,
     with_level_commands,
 )
-from drake_quad.identification.fitting.windows import airborne, held_out, pieces, within_half_a_turn
+from drake_quad.identification.windows import airborne, held_out, pieces, within_half_a_turn
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import quantile
 from drake_quad.scenario.models import Scenario

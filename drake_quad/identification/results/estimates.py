@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from drake_quad.errors import InputError, listed, shortened, shown
-from drake_quad.identification.fitting.random_effects import Variation
+from drake_quad.identification.random_effects import Variation
 from drake_quad.scenario.correlation import checked_deviations
 from drake_quad.scenario.limits import LARGEST, LONGEST, SHORTEST, SMALLEST
 from drake_quad.scenario.paths import joined

@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.identification.fitting.evidence import Evidence
-from drake_quad.identification.fitting.random_effects import STRETCHES, Stretches
+from drake_quad.identification.evidence import Evidence
+from drake_quad.identification.random_effects import STRETCHES, Stretches
 from drake_quad.identification.results.estimates import quantile
 
 

@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drake_quad.identification.forecast import Forecast
+from drake_quad.identification.prediction_errors import PredictionNoise
 from drake_quad.identification.results.estimates import Estimates, quantile
 from drake_quad.identification.results.held_out import HeldOut
 from drake_quad.scenario.models import Scenario
@@ -68,23 +70,26 @@ class Spread(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """What logs tell of a vehicle.
+    """Vehicle identified from logs.
 
     Attributes:
-        estimates: numbers with their covariance, and why others are not seen.
-        vehicle: the scenario that was begun with, with the estimates in the place of its numbers.
-        outputs: of the model, beside what was measured.
-        delay: from a command to what is measured of it; None if the log does not tell.
-        further: numbers for the report, by what they are.
-        remarks: sentences.
-        held_out: how intervals hold for a tenth of the flights at a time, by the name of the number; empty if there is
-            too little flight.
+        estimates: estimates of the parameters with their covariance, and the reason for each parameter that is not
+            identified.
+        vehicle: initial scenario with the estimates in place of its values.
+        outputs: forecasts of the held-out flight, beside the measurements; empty if nothing was held out.
+        delay: delay from a logged command to the logged measurement of its effect; None if it is not identified.
+        noise: noise of the measurements and of the disturbance.
+        forecast: forecast of the held-out flight by a fit to the rest; None if nothing was held out.
+        remarks: sentences on the fit.
+        held_out: coverage of the intervals when a tenth of the flight at a time is left out, by the name of the
+            parameter; empty if there is too little flight.
     """
 
     estimates: Estimates
     vehicle: Scenario
     outputs: tuple[Fitted, ...]
-    delay: Spread | None = None
-    further: dict[str, Spread] | None = None
+    delay: Spread | None
+    noise: PredictionNoise
+    forecast: Forecast | None
     remarks: tuple[str, ...] = ()
     held_out: Mapping[str, HeldOut] = field(default_factory=dict)

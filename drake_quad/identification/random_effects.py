@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from drake_quad.identification.fitting.evidence import Evidence, Uncertainty, inverted, jackknife, of_blocks
+from drake_quad.identification.evidence import Evidence, Uncertainty, inverted, jackknife, of_blocks
 
 # Stretches that all flights are cut into: as many as are held out, one after another.
 STRETCHES = 10

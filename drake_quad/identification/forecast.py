@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.identification.fitting.evidence import explained_share
-from drake_quad.identification.fitting.flown_model import ROWS
-from drake_quad.identification.fitting.predictor import FORCE, PredictionNoise, Predictor
-from drake_quad.identification.fitting.windows import within_half_a_turn
+from drake_quad.identification.evidence import explained_share
+from drake_quad.identification.model import STATE_ROWS
+from drake_quad.identification.prediction_errors import FORCE, PredictionNoise, Predictor
+from drake_quad.identification.windows import within_half_a_turn
 
 _AXES = ("x", "y", "z"), ("roll", "pitch", "yaw"), ("p", "q", "r")
 _ROWS_OF_RATES = {"position": 6, "attitude": 9}
@@ -51,7 +51,7 @@ def forecast(predictor: Predictor, parameters: np.ndarray, noise: PredictionNois
         if signal == FORCE:
             off[:, i] = measured[:, i] - measured[:, i].mean()
             continue
-        start = state[ROWS[signal] + column, 0]
+        start = state[STATE_ROWS[signal] + column, 0]
         rate = state[_ROWS_OF_RATES[signal] + column, 0] if signal in _ROWS_OF_RATES else 0.0 * start
         off[:, i] = measured[:, i] - start - time[:, None] * rate
         if signal == "attitude":

@@ -19,13 +19,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.identification.fitting.flown_model import BODY, PUSH, ROWS, Flown, FlownVehicle, Inputs
-from drake_quad.identification.fitting.windows import Cut, LogWindow, within_half_a_turn
 from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.model import NUM_BODY, NUM_DISTURBANCE, STATE_ROWS, LogModel, ModelFlight, WindowInputs
+from drake_quad.identification.windows import LogWindow, WindowSizes, within_half_a_turn
 
 FORCE = "specific_force"
 # Roll, pitch and yaw among the rows of the state.
-_ATTITUDE = slice(ROWS["attitude"], ROWS["attitude"] + 3)
+_ATTITUDE = slice(STATE_ROWS["attitude"], STATE_ROWS["attitude"] + 3)
 # Steps of the differences that linearise the filter, in the unit of each row of the state.
 _STEPS = np.repeat([1e-4, 1e-5, 1e-4, 1e-4, 1e-3, 1e-2], 3)
 # What is not known at the beginning of a window of a row that is not measured: position (m), attitude (rad), velocity
@@ -93,8 +93,8 @@ class WindowBeginnings(NamedTuple):
     """What filters begin with, to first order in the parameters.
 
     Attributes:
-        state: (BODY + PUSH, W).
-        slopes: (BODY + PUSH, p, W) by the parameters.
+        state: (NUM_BODY + NUM_DISTURBANCE, W).
+        slopes: (NUM_BODY + NUM_DISTURBANCE, p, W) by the parameters.
         parameters: (p,) at which that is so.
         covariance: (W, n, n); that of `known` windows counts, the others know little.
         known: (W,) True for those that go on where another one was.
@@ -111,7 +111,7 @@ class Predictor:
     """Predictor of the measurements in windows of records.
 
     Args:
-        vehicle: model of the vehicle.
+        model: model of the vehicle.
         records: records that contain the windows.
         windows: W windows of the records.
         sizes: sizes of the windows.
@@ -122,17 +122,17 @@ class Predictor:
 
     def __init__(
         self,
-        vehicle: FlownVehicle,
+        model: LogModel,
         records: Sequence[FlightRecord],
         windows: Sequence[LogWindow],
-        sizes: Cut,
+        sizes: WindowSizes,
         outputs: Sequence[Output],
         *,
         split: int = 1,
         longest: float = 0.05,
     ) -> None:
-        self.vehicle, self.windows, self.sizes, self.outputs, self.split = vehicle, windows, sizes, outputs, split
-        self.inputs = Inputs.of(records, vehicle.signal, windows, sizes, split=split, longest=longest)
+        self.model, self.windows, self.sizes, self.outputs, self.split = model, windows, sizes, outputs, split
+        self.inputs = WindowInputs.of(records, model, windows, sizes, split=split, max_delay=longest)
         index = np.arange(-sizes.settle, sizes.length)
         self.counted = index >= 0
         self.measured = np.stack(
@@ -145,17 +145,10 @@ class Predictor:
         signals = {signal for signal, _ in outputs}
         self._angles = np.array([signal == "attitude" for signal, _ in outputs])
         # Of what is not measured and decides nothing that is: position and yaw.
-        needed = set(range(BODY + PUSH))
-        if "position" not in signals:
-            needed -= {0, 1, 2}
-            if "attitude" not in signals:
-                needed -= {5}
-            if "velocity" not in signals and FORCE not in signals:
-                needed -= {6, 7, 8, 12, 13, 14}
-        self.free = np.array(sorted(needed))
-        p = len(vehicle.paths)
+        self.free = _free_rows(signals)
+        p = len(model.names)
         state, n, W = self._start(records, index[0]), len(self.free), len(windows)
-        slopes, nothing = np.zeros((BODY + PUSH, p, W)), np.zeros((W, n, n))
+        slopes, nothing = np.zeros((NUM_BODY + NUM_DISTURBANCE, p, W)), np.zeros((W, n, n))
         self.beginnings = WindowBeginnings(state, slopes, np.zeros(p), nothing, np.zeros(W, dtype=bool))
         # Windows that go on where the one before them ends.
         self._follows = np.array(
@@ -178,17 +171,17 @@ class Predictor:
         return self.split * self.inputs.period
 
     def _start(self, records: Sequence[FlightRecord], first: int) -> np.ndarray:
-        """(BODY + PUSH, W) where the filters begin: as measured, at rest where it is not."""
-        state = np.zeros((BODY + PUSH, len(self.windows)))
-        for signal, row in ROWS.items():
+        """(NUM_BODY + NUM_DISTURBANCE, W) where the filters begin: as measured, at rest where it is not."""
+        state = np.zeros((NUM_BODY + NUM_DISTURBANCE, len(self.windows)))
+        for signal, row in STATE_ROWS.items():
             for w, (number, start) in enumerate(self.windows):
                 values = getattr(records[number], signal)
                 if values is not None:
                     state[row : row + 3, w] = values[start + first]
         return state
 
-    def _fly(self, parameters: np.ndarray) -> tuple[Flown, np.ndarray]:
-        flown = Flown(self.vehicle, parameters, self.inputs, self.split * self.sizes.warm_up)
+    def _fly(self, parameters: np.ndarray) -> tuple[ModelFlight, np.ndarray]:
+        flown = ModelFlight(self.model, parameters, self.inputs, self.split * self.sizes.warm_up)
         state, slopes, own, _, _ = self.beginnings
         return flown, state[:, None, :] + np.einsum("rpw,kp->rkw", slopes, parameters - own)
 
@@ -199,8 +192,8 @@ class Predictor:
         the past, would take for noise what a controller made of it.
 
         Args:
-            states: (BODY + PUSH, W) in each window where the next begins, for (p,) parameters.
-            slopes: (BODY + PUSH, p, W) of them by the parameters.
+            states: (NUM_BODY + NUM_DISTURBANCE, W) in each window where the next begins, for (p,) parameters.
+            slopes: (NUM_BODY + NUM_DISTURBANCE, p, W) of them by the parameters.
             parameters: (p,).
             gains: of the filter.
         """
@@ -211,12 +204,15 @@ class Predictor:
         covariance[then] = gains.handed_on[before]
         self.beginnings = WindowBeginnings(state, slope, parameters, covariance, self._follows)
 
-    def _predicted(self, flown: Flown, state: np.ndarray) -> np.ndarray:
+    def _predicted(self, flown: ModelFlight, state: np.ndarray) -> np.ndarray:
         """Return the predicted outputs (m, K, W)."""
-        force = flown.felt(state) if any(signal == FORCE for signal, _ in self.outputs) else np.empty(0)
-        return np.stack(
-            [state[ROWS[signal] + column] if signal != FORCE else force[column] for signal, column in self.outputs]
-        )
+        signals = {signal for signal, _ in self.outputs}
+        values = {signal: state[row : row + 3] for signal, row in STATE_ROWS.items() if signal in signals}
+        if FORCE in signals:
+            values[FORCE] = flown.specific_force(state)
+        if "attitude" in signals:
+            values["attitude"] = self.model.seen_attitude(values["attitude"], flown.parameters)
+        return np.stack([values[signal][column] for signal, column in self.outputs])
 
     def _differences(self, predicted: np.ndarray) -> np.ndarray:
         """Return the differences (m, K - 1, W) of outputs (m, K, W) from the first of the K predictions."""
@@ -235,8 +231,8 @@ class Predictor:
 
     def pushes(self, noise: PredictionNoise) -> np.ndarray:
         """(n,) variance that is added to each row of the state from one measurement to the next."""
-        pushed = np.zeros(BODY + PUSH)
-        pushed[BODY:] = noise.disturbance**2 * (1.0 - self._fades(noise) ** 2)
+        pushed = np.zeros(NUM_BODY + NUM_DISTURBANCE)
+        pushed[NUM_BODY:] = noise.disturbance**2 * (1.0 - self._fades(noise) ** 2)
         return pushed[self.free]
 
     def gains(self, parameters: np.ndarray, noise: PredictionNoise) -> Gains:
@@ -261,19 +257,19 @@ class Predictor:
             state[free] += np.einsum("nmw,mw->nw", gain, errors)[:, None, :]
             for _ in range(self.split):
                 flown.step(state)
-            state[BODY:] *= fades[:, None, None]
+            state[NUM_BODY:] *= fades[:, None, None]
             apart = state[:, 1:] - state[:, :1]
             apart[_ATTITUDE] = within_half_a_turn(apart[_ATTITUDE])
             transition = (apart[free] / steps[:, None]).transpose(2, 0, 1)
             covariance = transition @ update.covariance @ transition.transpose(0, 2, 1) + pushes
-            expected = np.where(free[:, None] >= BODY, state[free, 0], 0.0)
+            expected = np.where(free[:, None] >= NUM_BODY, state[free, 0], 0.0)
             kept.append((gain, update.whitening, transition, output, errors, expected))
         gain, whitening, transition, output, errors, expected = (np.stack(values) for values in zip(*kept, strict=True))
         return Gains(gain, whitening, transition, output, errors, expected, beginning, handed_on)
 
     def _first(self, noise: PredictionNoise) -> np.ndarray:
         """(W, n, n) covariance at the beginning."""
-        first = np.concatenate([_UNKNOWN[:BODY], noise.disturbance]) ** 2
+        first = np.concatenate([_UNKNOWN[:NUM_BODY], noise.disturbance]) ** 2
         _, _, _, covariance, known = self.beginnings
         return np.where(known[:, None, None], covariance, np.diag(first[self.free]))
 
@@ -289,7 +285,7 @@ class Predictor:
             keep: measurement before which the state is kept; where the next window begins if not given.
 
         Returns:
-            (T, m, K, W) errors, and (BODY + PUSH, K, W) states.
+            (T, m, K, W) errors, and (NUM_BODY + NUM_DISTURBANCE, K, W) states.
         """
         keep = self.sizes.length if keep is None else keep
         flown, state = self._fly(parameters)
@@ -301,7 +297,7 @@ class Predictor:
             state[self.free] += np.einsum("nmw,mkw->nkw", gains.gain[j], found[j])
             for _ in range(self.split):
                 flown.step(state)
-            state[BODY:] *= fades[:, None, None]
+            state[NUM_BODY:] *= fades[:, None, None]
         return found, handed_on
 
     def expected(
@@ -322,10 +318,10 @@ class Predictor:
         covariance = np.stack([self._first(noise)[chosen] for noise in noises])
         variances = np.stack([np.diag(noise.measured**2) for noise in noises])[:, None]
         pushes = np.stack([np.diag(self.pushes(noise)) for noise in noises])[:, None]
-        last = self.free >= BODY
+        last = self.free >= NUM_BODY
         fading = np.ones((C, 1, n, 1))
         for c, noise in enumerate(noises):
-            fading[c, 0, last, 0] = (self._fades(noise) / self._fades(own))[self.free[last] - BODY]
+            fading[c, 0, last, 0] = (self._fades(noise) / self._fades(own))[self.free[last] - NUM_BODY]
         both = fading * fading.swapaxes(-1, -2)
         off, errors, spreads = np.zeros((C, W, n, 1)), [], []
         for j in range(len(self.measured)):
@@ -343,6 +339,20 @@ class Predictor:
             off = fading * (transition @ moved) + (fading - 1.0) * disturbance
             covariance = both * (transition @ update.covariance @ transition.swapaxes(-1, -2)) + pushes
         return np.stack(errors), np.stack(spreads)
+
+
+def _free_rows(signals: set[str]) -> np.ndarray:
+    """Return the rows of the state that the filter estimates: those that the outputs determine, or depend on."""
+    if signals == {"position"}:
+        return np.array([2, 8, 14])  # the height of a vehicle that is assumed to stay level
+    rows = set(range(NUM_BODY + NUM_DISTURBANCE))
+    if "position" not in signals:
+        rows -= {0, 1, 2}
+        if "attitude" not in signals:
+            rows -= {5}
+        if "velocity" not in signals and FORCE not in signals:
+            rows -= {6, 7, 8, 12, 13, 14}
+    return np.array(sorted(rows))
 
 
 class _Update(NamedTuple):

@@ -7,7 +7,7 @@ With L_t the Cholesky factor of the covariance that the filter expects of its er
 by SciPy's trust-region least squares. Then the noise is that of the largest likelihood
 Σ_t -log det L_t - ½ |L_t⁻¹ e_t|², the gains are computed anew, and so on until θ rests.
 
-How far θ is off is told by blocks of windows (`drake_quad.identification.fitting.evidence`).
+How far θ is off is told by blocks of windows (`drake_quad.identification.evidence`).
 """
 
 from collections.abc import Sequence
@@ -16,16 +16,18 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from drake_quad.identification.fitting.evidence import Evidence, Uncertainty, jackknife, of_blocks
-from drake_quad.identification.fitting.predictor import Gains, PredictionNoise, Predictor
+from drake_quad.identification.evidence import Evidence, Uncertainty, jackknife, of_blocks
+from drake_quad.identification.parameters import Parameter
+from drake_quad.identification.prediction_errors import Gains, PredictionNoise, Predictor
 
 # Steps of differences, of a parameter's scale; and of the delay, in samples, over which it is taken to both sides,
 # since the slope has a jump at every sample.
 _STEP = 1e-5
 _DELAY_STEP = 0.5
 # Iterations between parameters and noise, at most, and of how many deviations the parameters may still move.
-_ROUNDS = 6
+_MAX_ROUNDS = 8
 _RESTS = 0.2
+_DIVERGED = 1e6  # whitened error in place of one that is not finite
 # Measurements that the noise is estimated from in a round, at most; steps of differences of the logarithms of its
 # numbers, how far they may go in a round, and in how many steps, until the likelihood gains no more than so much.
 _NOISE_SAMPLES = 3000
@@ -44,22 +46,6 @@ _FORGOTTEN = 0.25
 _PIECES = 60
 
 
-class ParameterChoice(NamedTuple):
-    """Parameters to be found.
-
-    Attributes:
-        start: (p,) where to begin.
-        scale: (p,) by how much they may well be off.
-        least: (p,) limit.
-        most: (p,) limit.
-    """
-
-    start: np.ndarray
-    scale: np.ndarray
-    least: np.ndarray
-    most: np.ndarray
-
-
 class PredictionFit(NamedTuple):
     """What came out.
 
@@ -70,6 +56,7 @@ class PredictionFit(NamedTuple):
         slopes: (W, k, p) L⁻¹ ∂e/∂θ, of k whitened errors in each window.
         errors: (W, k) L⁻¹ e.
         rounds: between parameters and noise.
+        prior: (p,) information of the prior on each parameter.
     """
 
     parameters: np.ndarray
@@ -78,11 +65,42 @@ class PredictionFit(NamedTuple):
     slopes: np.ndarray
     errors: np.ndarray
     rounds: int
+    prior: np.ndarray
 
     def covariance(self, blocks: np.ndarray) -> Uncertainty:
-        """How sure parameters are, over (W,) numbers of blocks of windows, from 0 on."""
-        information, scores = _told_by(self.slopes, self.errors)
-        return jackknife(of_blocks(information, blocks), of_blocks(scores, blocks), adjoining=True)
+        """Return the uncertainty of the parameters, from (W,) numbers of blocks of windows, counted from 0."""
+        information, scores = _information_and_scores(self.slopes, self.errors)
+        own = of_blocks(information, blocks), of_blocks(scores, blocks)
+        return jackknife(*own, prior=self.prior, adjoining=True)
+
+    def given(
+        self, held: np.ndarray, values: np.ndarray, uncertainty: Uncertainty
+    ) -> tuple[np.ndarray, Uncertainty]:
+        """Return the parameters and their uncertainty if some parameters are held at other values.
+
+        The other parameters change with them, to first order. The uncertainty of those that are held is that of the
+        prior, and widens that of the others.
+
+        Args:
+            held: (p,) mask of the parameters that are held.
+            values: (p,) values at which they are held.
+            uncertainty: uncertainty of all parameters.
+        """
+        if not held.any():
+            return self.parameters, uncertainty
+        information, _ = _information_and_scores(self.slopes, self.errors)
+        whole = information.sum(axis=0) + np.diag(self.prior)
+        free = ~held
+        sensitivity = -np.linalg.solve(whole[np.ix_(free, free)], whole[np.ix_(free, held)])
+        parameters = np.where(held, values, self.parameters)
+        parameters[free] += sensitivity @ (values - self.parameters)[held]
+        # What the estimates of the free parameters would be off by if the held ones were known, plus the prior's part.
+        joint = np.eye(len(held))[free]
+        joint[:, held] = -sensitivity
+        covariance = uncertainty.covariance.copy()
+        own = joint @ uncertainty.covariance @ joint.T
+        covariance[np.ix_(free, free)] = own + sensitivity @ np.diag(1.0 / self.prior[held]) @ sensitivity.T
+        return parameters, uncertainty._replace(covariance=covariance)
 
     def evidence(self, names: Sequence[str], scales: np.ndarray, seconds: float) -> Evidence:
         """What windows say; if they are few, parts of them.
@@ -95,7 +113,7 @@ class PredictionFit(NamedTuple):
         windows, size, count = self.slopes.shape
         measured = len(self.noise.measured)
         parts = np.array_split(np.arange(size).reshape(-1, measured), max(1, -(-_PIECES // windows)))
-        told = [_told_by(self.slopes[:, part.ravel()], self.errors[:, part.ravel()]) for part in parts]
+        told = [_information_and_scores(self.slopes[:, part.ravel()], self.errors[:, part.ravel()]) for part in parts]
         information, scores = (np.stack(each, axis=1) for each in zip(*told, strict=True))
         return Evidence(
             tuple(names),
@@ -107,35 +125,60 @@ class PredictionFit(NamedTuple):
         )
 
 
-def _told_by(slopes: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _information_and_scores(slopes: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(W, p, p) information and (W, p) scores of whitened errors."""
     return slopes.swapaxes(1, 2) @ slopes, np.einsum("wkp,wk->wp", slopes, errors)
 
 
-def fit(predictor: Predictor, choice: ParameterChoice, noise: PredictionNoise) -> PredictionFit:
-    """Parameters and noise of the model of a predictor."""
-    parameters = choice.start
-    for number in range(1, _ROUNDS + 1):
-        gains = predictor.gains(parameters, noise)
-        before, parameters = parameters, _least_squares(predictor, choice, parameters, gains, noise)
-        errors, slopes, states, moves = whitened(predictor, choice, parameters, gains, noise)
-        predictor.hand_on(states, moves, parameters, gains)
-        expected = np.linalg.inv(np.einsum("wkp,wkq->pq", slopes, slopes))
-        if number > 2 and np.all(np.abs(parameters - before) < _RESTS * np.sqrt(np.diag(expected))):
+def fit(
+    predictor: Predictor, parameters: Sequence[Parameter], noise: PredictionNoise, start: np.ndarray | None = None
+) -> PredictionFit:
+    """Fit the parameters and the noise of a predictor.
+
+    Args:
+        predictor: predictor of the outputs.
+        parameters: p parameters of its model.
+        noise: initial noise.
+        start: (p,) initial parameters; by default the means of the priors.
+    """
+    values = np.array([parameter.start for parameter in parameters]) if start is None else start
+    scales = np.array([parameter.scale for parameter in parameters])
+    prior = np.array([parameter.deviation**-2.0 for parameter in parameters])
+    for number in range(1, _MAX_ROUNDS + 1):
+        gains = predictor.gains(values, noise)
+        before, values = values, _least_squares(predictor, parameters, values, gains, noise)
+        errors, slopes, states, moves = whitened(predictor, scales, values, gains, noise)
+        predictor.hand_on(states, moves, values, gains)
+        expected = np.linalg.inv(np.einsum("wkp,wkq->pq", slopes, slopes) + np.diag(prior))
+        if number > 2 and np.all(np.abs(values - before) < _RESTS * np.sqrt(np.diag(expected))):
             break
-        noise = _noise_of(predictor, predictor.gains(parameters, noise), noise)
-    return PredictionFit(parameters, noise, gains, slopes, errors, number)
+        noise = _noise_of(predictor, predictor.gains(values, noise), noise)
+    return PredictionFit(values, noise, gains, slopes, errors, number, prior)
 
 
 def _least_squares(
-    predictor: Predictor, choice: ParameterChoice, start: np.ndarray, gains: Gains, noise: PredictionNoise
+    predictor: Predictor, parameters: Sequence[Parameter], start: np.ndarray, gains: Gains, noise: PredictionNoise
 ) -> np.ndarray:
+    mean, scale, deviation, least, most = (
+        np.array([getattr(parameter, name) for parameter in parameters], dtype=float)
+        for name in ("start", "scale", "deviation", "least", "most")
+    )
+    weights = np.diag(1.0 / deviation)
+
+    def residuals(x: np.ndarray) -> np.ndarray:
+        errors = _whitened_errors(predictor, x[None], gains, noise)[0][..., 0].ravel()
+        # A step so far that the model diverges is refused by the search.
+        return np.concatenate([np.nan_to_num(errors, nan=_DIVERGED, posinf=_DIVERGED), weights @ (x - mean)])
+
+    def slopes(x: np.ndarray) -> np.ndarray:
+        return np.vstack([whitened(predictor, scale, x, gains, noise)[1].reshape(-1, len(x)), weights])
+
     found = scipy.optimize.least_squares(
-        lambda x: _whitened_errors(predictor, x[None], gains, noise)[0][..., 0].ravel(),
-        np.clip(start, choice.least, choice.most),
-        jac=lambda x: whitened(predictor, choice, x, gains, noise)[1].reshape(-1, len(x)),
-        bounds=(choice.least, choice.most),
-        x_scale=choice.scale,
+        residuals,
+        np.clip(start, least, most),
+        jac=slopes,
+        bounds=(least, most),
+        x_scale=scale,
         xtol=1e-5,
         ftol=1e-6,
         max_nfev=8,
@@ -154,10 +197,10 @@ def _whitened_errors(
 
 
 def whitened(
-    predictor: Predictor, choice: ParameterChoice, parameters: np.ndarray, gains: Gains, noise: PredictionNoise
+    predictor: Predictor, scales: np.ndarray, parameters: np.ndarray, gains: Gains, noise: PredictionNoise
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """(W, k) whitened errors and their (W, k, p) derivatives; the states where the next window begins and theirs."""
-    delay, up = predictor.vehicle.delay, _STEP * choice.scale
+    delay, up = predictor.model.delay_place, _STEP * scales
     down = np.zeros(len(parameters))
     if delay is not None:
         up[delay] = down[delay] = _DELAY_STEP * predictor.inputs.period
@@ -193,7 +236,7 @@ def _noise_of(predictor: Predictor, gains: Gains, noise: PredictionNoise) -> Pre
     logs = start = np.log(np.concatenate(noise))[first]
     lower = np.maximum(np.log(np.repeat(_LEAST, [m, 6, 6]))[first], start - _REACH)
     most = np.repeat(_MOST, [m, 6, 6])
-    if predictor.vehicle.kind == "body":
+    if predictor.model.frame == "body":
         most[m + 6 : m + 9] = _FORGOTTEN
     upper = np.minimum(np.log(most)[first], start + _REACH)
     best, damping = -np.inf, _DAMPING

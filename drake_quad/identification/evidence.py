@@ -73,7 +73,9 @@ class Evidence(NamedTuple):
         )
 
 
-def jackknife(information: np.ndarray, scores: np.ndarray, *, adjoining: bool = False) -> Uncertainty:
+def jackknife(
+    information: np.ndarray, scores: np.ndarray, *, prior: np.ndarray | None = None, adjoining: bool = False
+) -> Uncertainty:
     """How sure parameters are.
 
     A number that a single block tells does not move as that is left out: it has one degree of freedom, the fewest.
@@ -81,10 +83,12 @@ def jackknife(information: np.ndarray, scores: np.ndarray, *, adjoining: bool = 
     Args:
         information: (B, p, p) of blocks.
         scores: (B, p).
+        prior: (p,) information of the prior, whose share of the uncertainty is added.
         adjoining: whether each ends in the state that the next begins with.
     """
     number = len(scores)
-    whole = information.sum(axis=0)
+    beliefs = np.zeros(information.shape[1]) if prior is None else prior
+    whole = information.sum(axis=0) + np.diag(beliefs)
     moves = (inverted(whole - information, whole) @ scores[:, :, None])[:, :, 0]
     inverse = inverted(whole, whole)
     freedom = effective_blocks(information, inverse) - 1.0
@@ -92,7 +96,8 @@ def jackknife(information: np.ndarray, scores: np.ndarray, *, adjoining: bool = 
     if adjoining:
         neighbours = moves[:-1].T @ moves[1:]
         squares += 0.5 * (neighbours + neighbours.T)
-    return Uncertainty((number - 1) / number * squares, np.maximum(freedom, 1.0), inverse)
+    covariance = (number - 1) / number * squares + inverse @ np.diag(beliefs) @ inverse
+    return Uncertainty(covariance, np.maximum(freedom, 1.0), inverse)
 
 
 def effective_blocks(information: np.ndarray, inverse: np.ndarray) -> np.ndarray:

@@ -45,7 +45,7 @@ class LogWindow(NamedTuple):
     start: int
 
 
-class Cut(NamedTuple):
+class WindowSizes(NamedTuple):
     """How records are cut into windows, in samples.
 
     Attributes:
@@ -174,7 +174,7 @@ def _near(found: np.ndarray, samples: int) -> np.ndarray:
     )
 
 
-def cut(records: Sequence[FlightRecord], flying: Sequence[np.ndarray], sizes: Cut) -> list[LogWindow]:
+def cut(records: Sequence[FlightRecord], flying: Sequence[np.ndarray], sizes: WindowSizes) -> list[LogWindow]:
     """Cuts records into windows, one after another.
 
     Args:

@@ -1,0 +1,487 @@
+"""The vehicle of the library as the forward model of a log.
+
+The formulas are those that fly, `step_of_flight` or, behind an autopilot whose closed attitude loop is known as a
+whole, `responding_step`. A log is flown again in windows, for several sets of parameters at once, driven by the logged
+commands.
+
+What the model lacks acts as a disturbance: a specific force, and an angular acceleration about the axes of B (for an
+attitude response, accelerations of the angles). The force has constant components along the axes of W where attitudes
+are logged, otherwise along those of B: a vehicle leans into the wind, so along the axes of B the force of a wind would
+always have a part along the thrust.
+
+Commands act after a delay. A command that is held between samples and is late by n + f samples is, in the mean over
+one step,
+
+    (1 - f) u[k - n] + f u[k - n - 1],  0 ≤ f < 1,
+
+which is what rotors feel of it to first order of the step over their time constant, and continuous in the delay.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Annotated, Any, Literal, NamedTuple
+
+import numpy as np
+
+from drake_quad.assembly.laboratory import vehicle_parameters
+from drake_quad.errors import InputError, shown
+from drake_quad.framework.formulas import kernel
+from drake_quad.framework.records import layout_of
+from drake_quad.geometry.axes import BodyAxes, Vector, plus
+from drake_quad.identification.firmware import allocated_commands
+from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.results.estimates import scenario_path
+from drake_quad.identification.windows import LogWindow, WindowSizes
+from drake_quad.laboratory.motion_capture import attitude_of_markers
+from drake_quad.scenario.autopilots.response import AttitudeResponseSettings
+from drake_quad.scenario.models import Scenario
+from drake_quad.scenario.paths import replaced
+from drake_quad.scenario.winds.source import steady_wind
+from drake_quad.signals import (
+    Attitude,
+    AttitudeTarget,
+    BodyAccelerationB,
+    Quantity,
+    RotorSpeed,
+    Row,
+    State,
+    Throttle,
+    Time,
+    Wind,
+)
+from drake_quad.vehicle.attitude_kinematics import RIGID_KINEMATICS
+from drake_quad.vehicle.dynamics import Motion
+from drake_quad.vehicle.effects import Effects
+from drake_quad.vehicle.motion import accelerations, turning
+from drake_quad.vehicle.motors import decays, lagging
+from drake_quad.vehicle.parameters import QuadrotorParameters
+from drake_quad.vehicle.responding import (
+    AttitudeResponse,
+    DampingRatios,
+    NaturalFrequencies,
+    RespondingBody,
+    responding_step,
+    shown_state,
+)
+from drake_quad.geometry.kinematics import small_rotation
+from drake_quad.vehicle.stepping import VehicleState, rotor_target, step_of_flight
+
+_SpecificForce = Annotated[Row, Quantity("m/s²", "B")]
+
+NUM_BODY = len(State._fields)
+NUM_DISTURBANCE = 6
+NUM_ROTORS = len(RotorSpeed._fields)
+# Rows of the signals of a record in the state of the model.
+STATE_ROWS = {"position": 0, "attitude": 3, "velocity": 6, "body_rates": 9}
+
+DELAY = "delay"
+"""Name of the delay from a logged command to the logged measurement of its effect, s."""
+MISALIGNMENT = tuple(f"laboratory.motion_capture.misalignment[{axis}]" for axis in range(3))
+"""Names of the angles of the markers' frame in B, rad."""
+
+# Natural frequency of a vehicle that is assumed to stay level, rad/s. Any value serves.
+_LEVEL_FREQUENCY = 20.0
+
+DisturbanceFrame = Literal["world", "body"]
+
+
+class SpecificForce(NamedTuple):
+    """Force other than weight, divided by mass, along the axes of B."""
+
+    x: _SpecificForce
+    y: _SpecificForce
+    z: _SpecificForce
+
+
+class Disturbance(NamedTuple):
+    """Specific force and angular acceleration that the model lacks."""
+
+    x: _SpecificForce
+    y: _SpecificForce
+    z: _SpecificForce
+    p: BodyAccelerationB
+    q: BodyAccelerationB
+    r: BodyAccelerationB
+
+
+class Span(NamedTuple):
+    """Duration of a step."""
+
+    span: Time
+
+
+class Numbers(NamedTuple):
+    """Numbers of a vehicle, and of its attitude response if it has one."""
+
+    parameters: QuadrotorParameters
+    effects: Effects
+    response: AttitudeResponse | None
+
+
+class ModelStep(NamedTuple):
+    """Body and rotors at the end of a step."""
+
+    body: State
+    rotors: RotorSpeed
+
+
+def step(
+    body: State,
+    rotors: RotorSpeed,
+    command: RotorSpeed | Throttle,
+    attitude: Attitude,
+    wind: Wind,
+    disturbance: Disturbance,
+    span: Span,
+    numbers: Numbers,
+    frame: DisturbanceFrame,
+) -> ModelStep:
+    """Return the vehicle at the end of a step from time 0 on, during which inputs and disturbance are constant.
+
+    A payload that is dropped later is present in every step. With an attitude response, the body rates in the state are
+    the rates of the angles.
+    """
+    (h,) = span
+    parameters, effects, response = numbers
+    target = _target(rotors, command, numbers)
+    after: Any
+    if response is None:
+        before = VehicleState(body, rotors)
+        after = step_of_flight(before, target, wind, parameters, effects, h, h, RIGID_KINEMATICS)
+    else:
+        wanted = AttitudeTarget(0.0, *attitude, 0.0, 0.0, 0.0)
+        rest = wind, None, parameters, response, None, effects, 0.0, h, "exact"
+        after = responding_step(RespondingBody(*body), rotors, command, wanted, *rest)  # type: ignore[arg-type]
+    push = Vector(disturbance.x, disturbance.y, disturbance.z)
+    if frame == "body":
+        push = BodyAxes.of(body.roll, body.pitch, body.yaw).in_world(push)
+    moved = State(*after.body)
+    half = 0.5 * h * h
+    pushed = moved._replace(
+        x=moved.x + half * push.x,
+        y=moved.y + half * push.y,
+        z=moved.z + half * push.z,
+        v_x=moved.v_x + h * push.x,
+        v_y=moved.v_y + h * push.y,
+        v_z=moved.v_z + h * push.z,
+        p=moved.p + h * disturbance.p,
+        q=moved.q + h * disturbance.q,
+        r=moved.r + h * disturbance.r,
+    )
+    return ModelStep(pushed, after.rotors)
+
+
+def rotors_after(rotors: RotorSpeed, command: RotorSpeed | Throttle, span: Span, numbers: Numbers) -> RotorSpeed:
+    """Return the rotors at the end of a step."""
+    target = _target(rotors, command, numbers)
+    lags = decays(rotors, target, span.span, numbers.parameters, numbers.effects.spin_down)
+    return lagging(rotors, target, lags)
+
+
+def rotors_at_rest(command: RotorSpeed | Throttle, numbers: Numbers) -> RotorSpeed:
+    """Return the rotors a long time after a command."""
+    return _target(RotorSpeed(0.0, 0.0, 0.0, 0.0), command, numbers)
+
+
+def specific_force(
+    body: State,
+    rotors: RotorSpeed,
+    command: RotorSpeed | Throttle,
+    wind: Wind,
+    disturbance: Disturbance,
+    numbers: Numbers,
+    frame: DisturbanceFrame,
+) -> SpecificForce:
+    """Return the specific force that an accelerometer at the centre of mass measures."""
+    parameters, effects, response = numbers
+    turned = turning(rotors, _target(rotors, command, numbers), parameters, effects)
+    axes = BodyAxes.of(body.roll, body.pitch, body.yaw)
+    motion = Motion.of(body) if response is None else Motion(body.v_x, body.v_y, body.v_z, 0.0, 0.0, 0.0)
+    rates = accelerations(axes, motion, None, body.z, turned, wind, parameters, effects).motion
+    push = Vector(disturbance.x, disturbance.y, disturbance.z)
+    own = Vector(rates.v_x, rates.v_y, rates.v_z + parameters.gravity)
+    if frame == "body":
+        return SpecificForce(*plus(axes.in_body(own), push))
+    return SpecificForce(*axes.in_body(plus(own, push)))
+
+
+def _target(rotors: RotorSpeed, command: RotorSpeed | Throttle, numbers: Numbers) -> RotorSpeed:
+    state = VehicleState(State(*(0.0,) * NUM_BODY), rotors)
+    return rotor_target(state, command, numbers.parameters, None, numbers.effects, 0.0)
+
+
+def thrust_of_share(record: FlightRecord, weight: float) -> np.ndarray:
+    """Return the commanded thrust (n,) in N of a log with the autopilot's estimate of its hover thrust.
+
+    Args:
+        record: record with thrust_share and hover_share.
+        weight: weight of the vehicle, N.
+
+    Raises:
+        InputError: if hover_share is not positive throughout.
+    """
+    hover = record.of("hover_share")
+    if np.any(hover <= 0.0):
+        raise InputError(f"hover_share of the log {shown(record.name)} is zero or negative; it must be positive")
+    return np.asarray(weight * record.of("thrust_share") / hover)
+
+
+def with_commands(record: FlightRecord, scenario: Scenario, believed: Scenario) -> FlightRecord:
+    """Return a record with the commands that the vehicle takes as input.
+
+    These are `motor_command` for a vehicle with throttles, and otherwise `rotor_speed_command`; with an attitude response
+    also `attitude_command`. If the log lacks the commands of the rotors, they follow from the logged thrust and torque,
+    or from the thrust alone with an attitude response, through the allocation of the firmware. If the autopilot logs
+    its estimate of the hover thrust, thrust is taken as a multiple of the weight, so that a battery that discharges does
+    not distort the thrust curve.
+
+    Args:
+        record: record of the flight.
+        scenario: scenario with the vehicle that takes the commands.
+        believed: scenario whose `nominal` vehicle the allocation of the firmware uses.
+
+    Raises:
+        InputError: if the log has no commands for this vehicle.
+    """
+    throttles, responds = scenario.vehicle.motors.take_throttles, scenario.laboratory.autopilot.models_vehicle
+    signal = "motor_command" if throttles else "rotor_speed_command"
+    if responds:
+        record = replace(record, attitude_command=np.unwrap(record.of("attitude_command"), axis=0))
+    if getattr(record, signal) is not None:
+        return record
+    thrust, torque = record.thrust_command, record.torque_command
+    if throttles and responds and record.thrust_share is not None:
+        if record.hover_share is None:
+            return replace(record, motor_command=np.repeat(record.thrust_share[:, None], NUM_ROTORS, axis=1))
+        thrust = thrust_of_share(record, believed.nominal.mass * believed.nominal.gravity)
+    if thrust is None or (torque is None and not responds):
+        other = {"rotor_speed_command": "throttles", "motor_command": "speeds"}[signal]
+        logged = record.motor_command is not None or record.rotor_speed_command is not None
+        hint = f"; its motors take {other}, so use a vehicle whose vehicle.motors do" if logged else ""
+        wanted = f"{signal}, or thrust_command" + ("" if responds else " and torque_command")
+        raise InputError(
+            f"the log {shown(record.name)} has no commands for the vehicle {scenario.name}: it needs {wanted}, and has"
+            f" {', '.join(record.names)}{hint}"
+        )
+    torques = np.zeros((len(record.time), 3)) if responds or torque is None else torque
+    commands: Any = allocated_commands(thrust, torques, believed, throttles=throttles)
+    return replace(record, **{signal: commands})
+
+
+def level_vehicle(scenario: Scenario) -> Scenario:
+    """Return the scenario with a vehicle that stays level, for logs of heights alone."""
+    angles = (_LEVEL_FREQUENCY,) * 3
+    autopilot = AttitudeResponseSettings(kind="response", natural_frequency=angles, damping=(1.0, 1.0, 1.0))
+    laboratory = scenario.laboratory.model_copy(update={"autopilot": autopilot})
+    return scenario.model_copy(update={"laboratory": laboratory})
+
+
+def level_record(record: FlightRecord) -> FlightRecord:
+    """Return the record of a vehicle that is assumed to stay level."""
+    return replace(record, attitude_command=np.zeros((len(record.time), 3)))
+
+
+class LogModel:
+    """Vehicle as a function of some of its numbers.
+
+    Args:
+        scenario: scenario without distributions, with the vehicle and its autopilot.
+        names: names of the p parameters, as in `Estimates`, and `DELAY`.
+        frame: axes along which the disturbing force is constant.
+        delay: delay if it is no parameter, s.
+    """
+
+    def __init__(
+        self, scenario: Scenario, names: Sequence[str], *, frame: DisturbanceFrame = "world", delay: float = 0.0
+    ) -> None:
+        self.scenario, self.names, self.frame = scenario, tuple(names), frame
+        self.throttles = scenario.vehicle.motors.take_throttles
+        self.responds = scenario.laboratory.autopilot.models_vehicle
+        self._delay = delay
+        self._paths = {
+            scenario_path(name): i for i, name in enumerate(names) if name != DELAY and name not in MISALIGNMENT
+        }
+        command = layout_of(Throttle if self.throttles else RotorSpeed)
+        numbers = self.numbers(np.empty((1, len(names))) + 1.0)
+        self.layout = layout_of(Numbers, numbers)
+        body, rotors, span, wind = (layout_of(kind) for kind in (State, RotorSpeed, Span, Wind))
+        push, force, attitude = (layout_of(kind) for kind in (Disturbance, SpecificForce, Attitude))
+        inputs = body, rotors, command, attitude, wind, push, span, self.layout, frame
+        self.step = kernel(step, inputs, (body, rotors), lone=False)
+        self.rotors_after = kernel(rotors_after, (rotors, command, span, self.layout), (rotors,), lone=False)
+        self.rotors_at_rest = kernel(rotors_at_rest, (command, self.layout), (rotors,), lone=False)
+        felt = body, rotors, command, wind, push, self.layout, frame
+        self.specific_force = kernel(specific_force, felt, (force,), lone=False)
+
+    @property
+    def command_signal(self) -> str:
+        """Signal of a record with the commands of the rotors."""
+        return "motor_command" if self.throttles else "rotor_speed_command"
+
+    @property
+    def delay_place(self) -> int | None:
+        """Place of the delay among the parameters; None if it is fixed."""
+        return self.names.index(DELAY) if DELAY in self.names else None
+
+    def numbers(self, parameters: np.ndarray) -> Numbers:
+        """Return the numbers for (K, p) parameters, each a number or a (K,) array."""
+        scenario = replaced(
+            self.scenario, lambda path, old: parameters[:, self._paths[path]] if path in self._paths else old
+        )
+        response = None
+        if self.responds:
+            autopilot = scenario.laboratory.autopilot
+            frequency, damping = autopilot.natural_frequency, autopilot.damping
+            response = AttitudeResponse(NaturalFrequencies(*frequency), DampingRatios(*damping))
+        return Numbers(vehicle_parameters(scenario.vehicle), scenario.vehicle.effect_numbers(), response)
+
+    def delays(self, parameters: np.ndarray) -> np.ndarray:
+        """Return the delays (K,) of the commands in s."""
+        place = self.delay_place
+        return np.full(len(parameters), self._delay) if place is None else parameters[:, place]
+
+    def seen_attitude(self, attitude: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+        """Return roll, pitch and yaw (3, K, W) of the markers' frame for attitudes (3, K, W) of the body."""
+        angles: Any = [
+            parameters[:, self.names.index(name), None] if name in self.names else believed
+            for name, believed in zip(
+                MISALIGNMENT, self.scenario.laboratory.motion_capture.misalignment, strict=True
+            )
+        ]
+        if not any(np.any(angle) for angle in angles):
+            return attitude
+        return np.stack(attitude_of_markers(Attitude(*attitude), BodyAxes.of(*angles)))  # type: ignore[arg-type]
+
+    def seen_state(self, state: np.ndarray) -> np.ndarray:
+        """Return states (12, ...) with body rates in place of the rates of the angles of an attitude response."""
+        if not self.responds:
+            return state
+        return np.stack(shown_state(RespondingBody(*state), small_rotation))  # type: ignore[arg-type]
+
+
+class WindowInputs(NamedTuple):
+    """Inputs of the model in windows, in T steps from the beginning of the warm-up to the end of each window.
+
+    Attributes:
+        commands: (T + 2 · margin, 7, W) commands of rotors and attitude, with `margin` further steps at both ends.
+        wind: (T, 3, W) velocity of the air, m/s.
+        spans: (T, W) durations of the steps, s.
+        period: median duration of a step, s.
+        margin: largest delay, in steps.
+    """
+
+    commands: np.ndarray
+    wind: np.ndarray
+    spans: np.ndarray
+    period: float
+    margin: int
+
+    @classmethod
+    def of(
+        cls,
+        records: Sequence[FlightRecord],
+        model: LogModel,
+        windows: Sequence[LogWindow],
+        sizes: WindowSizes,
+        *,
+        split: int,
+        max_delay: float,
+    ) -> "WindowInputs":
+        """Return the inputs of windows of records.
+
+        Args:
+            records: records that contain the windows, with commands of the model, see `with_commands`.
+            model: model that takes the inputs.
+            windows: W windows.
+            sizes: sizes of the windows.
+            split: number of steps per sample.
+            max_delay: largest delay in either direction, s.
+        """
+        period = float(np.median([record.period for record in records])) / split
+        margin = int(np.ceil(max_delay / period)) + 2
+        first = -split * (sizes.settle + sizes.warm_up) - margin
+        offsets = np.arange(first, split * sizes.length + margin) // split
+        still = np.asarray(steady_wind(model.scenario.laboratory.wind), dtype=float)
+        rows, winds, spans = [], [], []
+        for record in records:
+            steps = np.diff(record.time, append=record.time[-1] + record.period)
+            size = len(steps)
+            attitude = record.of("attitude_command") if model.responds else np.zeros((size, 3))
+            rows.append(np.hstack([record.of(model.command_signal), attitude]))
+            winds.append(np.tile(still, (size, 1)) if record.wind is None else record.wind)
+            spans.append(np.minimum(steps, 3.0 * split * period) / split)
+        index = [(number, np.clip(start + offsets, 0, len(spans[number]) - 1)) for number, start in windows]
+        inner = slice(margin, -margin)
+        commands = np.stack([rows[number][at] for number, at in index], axis=2)
+        wind = np.stack([winds[number][at[inner]] for number, at in index], axis=2)
+        return cls(commands, wind, np.stack([spans[number][at[inner]] for number, at in index], axis=1), period, margin)
+
+
+class ModelFlight:
+    """Flight of the model in W windows at once, for K sets of parameters.
+
+    The rows of a state are those of the body, then those of the disturbance: (NUM_BODY + NUM_DISTURBANCE, K, W).
+
+    Args:
+        model: model of the vehicle.
+        parameters: (K, p) parameters.
+        inputs: inputs in the windows.
+        warm_up: number of steps during which only the rotors follow their commands.
+    """
+
+    def __init__(self, model: LogModel, parameters: np.ndarray, inputs: WindowInputs, warm_up: int) -> None:
+        self.model, self.parameters = model, parameters
+        count, windows = len(parameters), inputs.commands.shape[2]
+        self.shape, self._size = (count, windows), count * windows
+        flat = model.layout.flatten(model.numbers(parameters))
+        rows = [np.broadcast_to(np.asarray(row, float), (count,)) for row in flat]
+        self._numbers = np.repeat(np.array(rows), windows, axis=1).ravel()
+        whole = model.delays(parameters) / inputs.period
+        late = np.floor(whole).astype(int)
+        pairs = list(zip(late.tolist(), (whole - late).tolist(), strict=True))
+        self._lags = [(*pair, [k for k in range(count) if pairs[k] == pair]) for pair in dict.fromkeys(pairs)]
+        self._inputs, self._k = inputs, 0
+        self._rotors = np.empty(NUM_ROTORS * self._size)
+        self._command = np.empty((inputs.commands.shape[1], count, windows))
+        self._span, self._wind = np.empty((count, windows)), np.empty((3, count, windows))
+        self._read_inputs()
+        model.rotors_at_rest(self._size, 0.0, self._rotors, self._rotor_command, self._numbers)
+        for _ in range(warm_up):
+            span = self._span.reshape(-1)
+            model.rotors_after(
+                self._size, 0.0, self._rotors, self._rotors, self._rotor_command, span, self._numbers
+            )
+            self._next()
+
+    @property
+    def _rotor_command(self) -> np.ndarray:
+        return self._command[:NUM_ROTORS].reshape(-1)
+
+    def _read_inputs(self) -> None:
+        """Read commands, wind and duration of the step that begins now."""
+        commands, at = self._inputs.commands, self._k + self._inputs.margin
+        for lag, share, which in self._lags:
+            self._command[:, which] = ((1.0 - share) * commands[at - lag] + share * commands[at - lag - 1])[:, None, :]
+        last = min(self._k, len(self._inputs.spans) - 1)
+        self._span[:], self._wind[:] = self._inputs.spans[last], self._inputs.wind[last][:, None, :]
+
+    def _next(self) -> None:
+        self._k += 1
+        self._read_inputs()
+
+    def step(self, state: np.ndarray) -> None:
+        """Advance a state by one step, with a constant disturbance."""
+        body = state[:NUM_BODY].reshape(-1)
+        attitude, wind = self._command[NUM_ROTORS:].reshape(-1), self._wind.reshape(-1)
+        push, span = state[NUM_BODY:].reshape(-1), self._span.reshape(-1)
+        inputs = body, self._rotors, self._rotor_command, attitude, wind, push, span, self._numbers
+        self.model.step(self._size, 0.0, body, self._rotors, *inputs)
+        self._next()
+
+    def specific_force(self, state: np.ndarray) -> np.ndarray:
+        """Return the specific force (3, K, W) in a state, m/s²."""
+        force = np.empty(3 * self._size)
+        body, push = state[:NUM_BODY].reshape(-1), state[NUM_BODY:].reshape(-1)
+        inputs = body, self._rotors, self._rotor_command, self._wind.reshape(-1), push, self._numbers
+        self.model.specific_force(self._size, 0.0, force, *inputs)
+        return force.reshape(3, *self.shape)
