@@ -19,6 +19,7 @@ import numpy as np
 import scipy
 
 from drake_quad.errors import InputError, listed
+from drake_quad.identification.delays import frame_age
 from drake_quad.identification.evidence import Uncertainty
 from drake_quad.identification.fit import PredictionFit, fit, noise_covariance
 from drake_quad.identification.forecast import Forecast, forecast
@@ -144,10 +145,11 @@ class _Logs(NamedTuple):
     ) -> Predictor:
         """Return the predictor of the outputs in windows of the usable parts of the records."""
         length, settle = _POSE_WINDOW if self.poses else _IMU_WINDOW
+        time = self.period * sum(int(usable.sum()) for usable in flying)
         if horizon:
-            length = _POSE_HORIZON if self.poses else _IMU_HORIZON
+            length = min(_POSE_HORIZON if self.poses else _IMU_HORIZON, time / (2.0 * _MIN_WINDOWS))
+            settle = min(settle, length)
         else:
-            time = self.period * sum(int(usable.sum()) for usable in flying)
             length = min(length, max(_MIN_WINDOW, time / (_MIN_BLOCKS + 1)))
         sizes = WindowSizes(*(max(1, round(time / self.period)) for time in (length, settle, _WARM_UP)))
         windows = cut(self.records, flying, sizes)
@@ -268,18 +270,6 @@ def _identified(records: Sequence[FlightRecord], scenario: Scenario, share: floa
     predictor = logs.predictor(parameters, logs.flying)
     fitted = fit(predictor, parameters, noise, start)
     return _result(logs, scenario, predictor, parameters, fitted, shown)
-
-
-def frame_age(scenario: Scenario) -> float:
-    """Return the age of a frame of the cameras when it is received, s."""
-    cameras = scenario.laboratory.motion_capture
-    return float((1 + cameras.latency_frames) * cameras.period)
-
-
-def delay_of(scenario: Scenario) -> float:
-    """Return the delay from a command to the measurement of its effect in a scenario, s."""
-    link = scenario.laboratory.command_link
-    return float(link.delay_ticks * link.period) + frame_age(scenario)
 
 
 def _blocks(predictor: Predictor) -> np.ndarray:

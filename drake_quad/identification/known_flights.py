@@ -15,7 +15,8 @@ import numpy as np
 from drake_quad.errors import InputError
 from drake_quad.flight.flight import Flight
 from drake_quad.flight.simulation import simulate_samples
-from drake_quad.identification.identify import delay_of, identify
+from drake_quad.identification.delays import delay_of
+from drake_quad.identification.identify import identify
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import DELAY
 from drake_quad.identification.results.estimates import Estimates

@@ -22,12 +22,14 @@ from dataclasses import replace
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from drake_quad.assembly.laboratory import vehicle_parameters
 from drake_quad.errors import InputError, shown
 from drake_quad.framework.formulas import kernel
 from drake_quad.framework.records import layout_of
 from drake_quad.geometry.axes import BodyAxes, Vector, plus
+from drake_quad.geometry.kinematics import angle_rates, small_rotation
 from drake_quad.identification.firmware import allocated_commands
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import scenario_path
@@ -41,6 +43,7 @@ from drake_quad.signals import (
     Attitude,
     AttitudeTarget,
     BodyAccelerationB,
+    BodyRates,
     Quantity,
     RotorSpeed,
     Row,
@@ -63,7 +66,6 @@ from drake_quad.vehicle.responding import (
     responding_step,
     shown_state,
 )
-from drake_quad.geometry.kinematics import small_rotation
 from drake_quad.vehicle.stepping import VehicleState, rotor_target, step_of_flight
 
 _SpecificForce = Annotated[Row, Quantity("m/s²", "B")]
@@ -353,10 +355,28 @@ class LogModel:
         return np.stack(attitude_of_markers(Attitude(*attitude), BodyAxes.of(*angles)))  # type: ignore[arg-type]
 
     def seen_state(self, state: np.ndarray) -> np.ndarray:
-        """Return states (12, ...) with body rates in place of the rates of the angles of an attitude response."""
-        if not self.responds:
+        """Return measured states (12, S) of states of the model, for the misalignment in the scenario."""
+        if self.responds:
+            state = np.stack(shown_state(RespondingBody(*state), small_rotation))  # type: ignore[arg-type]
+        return self._turned(state, 1)
+
+    def state_of(self, seen: np.ndarray) -> np.ndarray:
+        """Return states (12, S) of the model of measured states, the inverse of `seen_state`."""
+        state = self._turned(seen, -1)
+        if self.responds:
+            x, y, z, roll, pitch, yaw, v_x, v_y, v_z, *rates = state
+            rates = angle_rates(BodyRates(*rates), Attitude(roll, pitch, yaw))  # type: ignore[assignment, arg-type]
+            state = np.stack([x, y, z, roll, pitch, yaw, v_x, v_y, v_z, *rates])
+        return state
+
+    def _turned(self, state: np.ndarray, power: int) -> np.ndarray:
+        """Return states (12, S) of the markers' frame of those of the body, or the other way round for power -1."""
+        misalignment = np.array(self.scenario.laboratory.motion_capture.misalignment, dtype=float)
+        if not misalignment.any():
             return state
-        return np.stack(shown_state(RespondingBody(*state), small_rotation))  # type: ignore[arg-type]
+        turn = Rotation.from_euler("ZYX", misalignment[::-1]) ** power
+        angles = (Rotation.from_euler("ZYX", state[5:2:-1].T) * turn).as_euler("ZYX").T[::-1]
+        return np.concatenate([state[:3], angles, state[6:]])
 
 
 class WindowInputs(NamedTuple):
