@@ -27,6 +27,10 @@ _DELAY_STEP = 0.5
 # Iterations between parameters and noise, at most, and of how many deviations the parameters may still move.
 _MAX_ROUNDS = 8
 _RESTS = 0.2
+_MAX_EVALUATIONS = 5
+# Factors of the disturbance that are tried, since scoring shrinks one that is much too large only slowly.
+_QUIETER_TURNING = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)
+_QUIETER_FORCE = (0.2, 0.2, 0.2, 1.0, 1.0, 1.0)
 _DIVERGED = 1e6  # whitened error in place of one that is not finite
 # Measurements that the noise is estimated from in a round, at most; steps of differences of the logarithms of its
 # numbers, how far they may go in a round, and in how many steps, until the likelihood gains no more than so much.
@@ -142,18 +146,62 @@ def fit(
         start: (p,) initial parameters; by default the means of the priors.
     """
     values = np.array([parameter.start for parameter in parameters]) if start is None else start
-    scales = np.array([parameter.scale for parameter in parameters])
     prior = np.array([parameter.deviation**-2.0 for parameter in parameters])
+    at = _Point.of(predictor, parameters, values, noise)
+    quieter = [_QUIETER_TURNING, _QUIETER_FORCE]
     for number in range(1, _MAX_ROUNDS + 1):
-        gains = predictor.gains(values, noise)
-        before, values = values, _least_squares(predictor, parameters, values, gains, noise)
-        errors, slopes, states, moves = whitened(predictor, scales, values, gains, noise)
-        predictor.hand_on(states, moves, values, gains)
-        expected = np.linalg.inv(np.einsum("wkp,wkq->pq", slopes, slopes) + np.diag(prior))
-        if number > 2 and np.all(np.abs(values - before) < _RESTS * np.sqrt(np.diag(expected))):
+        before = at.values
+        noise = _noise_of(predictor, predictor.gains(before, at.noise), at.noise)
+        at = _Point.of(predictor, parameters, before, noise)
+        for factors in list(quieter):
+            smaller = at.noise.disturbance * factors
+            if np.all(smaller > _LEAST[1]):
+                other = _Point.of(predictor, parameters, at.values, at.noise._replace(disturbance=smaller))
+                if other.likelihood > at.likelihood:
+                    at = other
+                    continue
+            quieter.remove(factors)
+        predictor.hand_on(at.states, at.moves, at.values, at.gains)
+        expected = np.linalg.inv(np.einsum("wkp,wkq->pq", at.slopes, at.slopes) + np.diag(prior))
+        if number > 2 and np.all(np.abs(at.values - before) < _RESTS * np.sqrt(np.diag(expected))):
             break
-        noise = _noise_of(predictor, predictor.gains(values, noise), noise)
-    return PredictionFit(values, noise, gains, slopes, errors, number, prior)
+    return PredictionFit(at.values, at.noise, at.gains, at.slopes, at.errors, number, prior)
+
+
+class _Point(NamedTuple):
+    """Best parameters for a noise, and the predictions with them.
+
+    Attributes:
+        values: (p,) parameters.
+        noise: noise.
+        gains: gains of the filter.
+        errors: (W, k) whitened errors.
+        slopes: (W, k, p) derivatives of the errors.
+        states: states where the next windows begin.
+        moves: derivatives of the states.
+        likelihood: logarithm of the likelihood of the measurements.
+    """
+
+    values: np.ndarray
+    noise: PredictionNoise
+    gains: Gains
+    errors: np.ndarray
+    slopes: np.ndarray
+    states: np.ndarray
+    moves: np.ndarray
+    likelihood: float
+
+    @classmethod
+    def of(
+        cls, predictor: Predictor, parameters: Sequence[Parameter], start: np.ndarray, noise: PredictionNoise
+    ) -> "_Point":
+        gains = predictor.gains(start, noise)
+        values = _least_squares(predictor, parameters, start, gains, noise)
+        scales = np.array([parameter.scale for parameter in parameters])
+        errors, slopes, states, moves = whitened(predictor, scales, values, gains, noise)
+        factors = np.diagonal(gains.whitening[predictor.counted], axis1=-2, axis2=-1)
+        likelihood = float(np.log(factors).sum() - 0.5 * np.sum(errors**2))
+        return cls(values, noise, gains, errors, slopes, states, moves, likelihood)
 
 
 def _least_squares(
@@ -165,23 +213,28 @@ def _least_squares(
     )
     weights = np.diag(1.0 / deviation)
 
-    def residuals(x: np.ndarray) -> np.ndarray:
-        errors = _whitened_errors(predictor, x[None], gains, noise)[0][..., 0].ravel()
-        # A step so far that the model diverges is refused by the search.
-        return np.concatenate([np.nan_to_num(errors, nan=_DIVERGED, posinf=_DIVERGED), weights @ (x - mean)])
+    known: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
 
-    def slopes(x: np.ndarray) -> np.ndarray:
-        return np.vstack([whitened(predictor, scale, x, gains, noise)[1].reshape(-1, len(x)), weights])
+    def at(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return residuals and slopes, which cost hardly more than residuals alone."""
+        if x.tobytes() not in known:
+            known.clear()
+            errors, slopes, *_ = whitened(predictor, scale, x, gains, noise)
+            # A step so far that the model diverges is refused by the search.
+            errors = np.nan_to_num(errors.ravel(), nan=_DIVERGED, posinf=_DIVERGED, neginf=-_DIVERGED)
+            slopes = np.nan_to_num(slopes.reshape(-1, len(x)), nan=0.0, posinf=0.0, neginf=0.0)
+            known[x.tobytes()] = np.concatenate([errors, weights @ (x - mean)]), np.vstack([slopes, weights])
+        return known[x.tobytes()]
 
     found = scipy.optimize.least_squares(
-        residuals,
+        lambda x: at(x)[0],
         np.clip(start, least, most),
-        jac=slopes,
+        jac=lambda x: at(x)[1],
         bounds=(least, most),
         x_scale=scale,
         xtol=1e-5,
         ftol=1e-6,
-        max_nfev=8,
+        max_nfev=_MAX_EVALUATIONS,
     )
     return np.asarray(found.x)
 

@@ -65,7 +65,7 @@ from drake_quad.vehicle.rigid_body import inertia_flaw
 _PERIOD = 0.008
 _MAX_STEP = 0.01  # s, longest step of the model
 # s, length of a window and time before it in which the filter settles. Without poses, attitude and velocity drift.
-_POSE_WINDOW, _IMU_WINDOW = (2.5, 0.5), (1.0, 0.4)
+_POSE_WINDOW, _IMU_WINDOW = (1.25, 0.4), (1.0, 0.4)
 _MIN_WINDOW = 0.5  # s
 _WARM_UP = 0.4  # s, about five time constants of a small motor
 _POSE_HORIZON, _IMU_HORIZON = 0.5, 0.1  # s, of the forecast of held-out flight
