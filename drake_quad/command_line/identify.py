@@ -19,7 +19,7 @@ from drake_quad.errors import shown
 from drake_quad.files import output_folder
 from drake_quad.identification.flown_again.prediction import Predictions, joined, predict
 from drake_quad.identification.hover import delay_by_correlation, trim, white_noise
-from drake_quad.identification.identified import Identification
+from drake_quad.identification.result import Identification
 from drake_quad.identification.identify import identify
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
@@ -100,6 +100,8 @@ def main(arguments: argparse.Namespace) -> None:
     predictions = predicted(records, found, base)
     print("predicted ahead from logged commands, held out: RMS error at the horizon")
     print_predictions(predictions)
+    for sentence in predictions.losses("identified"):
+        remark(sentence)
     write_vehicle(path, name, found.estimates, base=vehicle, given=[each.assignment for each in given])
     figures = {
         "fit": plots.plot_fit(found),
@@ -214,6 +216,8 @@ def print_estimates(found: Identification) -> None:
     known = estimates.variation_known
     columns = zip(estimates.names, estimates.values, reaches, farther, known, estimates.units, strict=True)
     for name, value, reach, far, varies, unit in columns:
+        if name in estimates.not_seen:
+            continue
         explained = estimates.explained.get(name)
         share = (
             ""
@@ -226,12 +230,8 @@ def print_estimates(found: Identification) -> None:
     print_columns(("number", "value", "unit", "another stretch", "interval holds", "explains, held out"), rows)
     if found.delay is not None:
         print(f"a command shows after {plus_minus(1e3 * found.delay.value, 1e3 * found.delay.reach)} ms")
-    for name, spread in (found.further or {}).items():
-        if math.isfinite(spread.deviation):
-            unit = "" if spread.unit == "1" else f" {spread.unit}"
-            print(f"{name}: {plus_minus(spread.value, spread.reach)}{unit}")
     for name, why in estimates.not_seen.items():
-        print(f"not told: {name}: {why}")
+        print(f"not identified: {name}: {why}")
     for sentence in (*found.remarks, *estimates.remarks):
         remark(sentence)
 
@@ -246,19 +246,12 @@ def covered(found: Identification, name: str) -> str:
 
 def print_score(found: Identification) -> None:
     """Prints how much of the variance is explained."""
-    print("explained of the variance in windows")
     rows = [
-        (
-            output.name,
-            percent(output.share_fitted),
-            percent(output.share),
-            f"{np.sqrt(np.mean(output.residual[output.held_out] ** 2)):.2g}",
-            f"{output.deviation:.2g}",
-            output.unit,
-        )
+        (output.name, percent(output.share), f"{np.sqrt(np.mean(output.residual**2)):.2g}", f"{output.deviation:.2g}", output.unit)
         for output in found.outputs
     ]
-    print_columns(("output", "fitted", "held out", "left, RMS", "white noise", ""), rows)
+    print("forecast of the flight that was held out, in windows")
+    print_columns(("output", "explained variance", "RMS error", "white noise", ""), rows)
 
 
 def print_hover(records: list[FlightRecord]) -> None:

@@ -54,7 +54,7 @@ class PredictionFit(NamedTuple):
     """What came out.
 
     Attributes:
-        parameters: (p,).
+        values: (p,) estimates of the parameters.
         noise: of measurement and disturbance.
         gains: of the filter.
         slopes: (W, k, p) L⁻¹ ∂e/∂θ, of k whitened errors in each window.
@@ -63,7 +63,7 @@ class PredictionFit(NamedTuple):
         prior: (p,) information of the prior on each parameter.
     """
 
-    parameters: np.ndarray
+    values: np.ndarray
     noise: PredictionNoise
     gains: Gains
     slopes: np.ndarray
@@ -77,36 +77,7 @@ class PredictionFit(NamedTuple):
         own = of_blocks(information, blocks), of_blocks(scores, blocks)
         return jackknife(*own, prior=self.prior, adjoining=True)
 
-    def given(
-        self, held: np.ndarray, values: np.ndarray, uncertainty: Uncertainty
-    ) -> tuple[np.ndarray, Uncertainty]:
-        """Return the parameters and their uncertainty if some parameters are held at other values.
-
-        The other parameters change with them, to first order. The uncertainty of those that are held is that of the
-        prior, and widens that of the others.
-
-        Args:
-            held: (p,) mask of the parameters that are held.
-            values: (p,) values at which they are held.
-            uncertainty: uncertainty of all parameters.
-        """
-        if not held.any():
-            return self.parameters, uncertainty
-        information, _ = _information_and_scores(self.slopes, self.errors)
-        whole = information.sum(axis=0) + np.diag(self.prior)
-        free = ~held
-        sensitivity = -np.linalg.solve(whole[np.ix_(free, free)], whole[np.ix_(free, held)])
-        parameters = np.where(held, values, self.parameters)
-        parameters[free] += sensitivity @ (values - self.parameters)[held]
-        # What the estimates of the free parameters would be off by if the held ones were known, plus the prior's part.
-        joint = np.eye(len(held))[free]
-        joint[:, held] = -sensitivity
-        covariance = uncertainty.covariance.copy()
-        own = joint @ uncertainty.covariance @ joint.T
-        covariance[np.ix_(free, free)] = own + sensitivity @ np.diag(1.0 / self.prior[held]) @ sensitivity.T
-        return parameters, uncertainty._replace(covariance=covariance)
-
-    def evidence(self, names: Sequence[str], scales: np.ndarray, seconds: float) -> Evidence:
+    def evidence(self, names: Sequence[str], scales: Sequence[float], seconds: float) -> Evidence:
         """What windows say; if they are few, parts of them.
 
         Args:
@@ -121,8 +92,8 @@ class PredictionFit(NamedTuple):
         information, scores = (np.stack(each, axis=1) for each in zip(*told, strict=True))
         return Evidence(
             tuple(names),
-            self.parameters,
-            scales,
+            self.values,
+            np.asarray(scales),
             information.reshape(-1, count, count),
             scores.reshape(-1, count),
             seconds,

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drake_quad.identification.windows import airborne
-from drake_quad.identification.identified import Spread
+from drake_quad.identification.result import Spread
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.logs.timing import pieces
 

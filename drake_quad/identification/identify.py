@@ -11,7 +11,7 @@ A parameter whose posterior is not much narrower than its prior is reported as n
 its uncertainty widens the intervals of the parameters with which it is correlated.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -75,7 +75,6 @@ _BLOCK, _MIN_BLOCKS = 4.0, 15
 _MIN_WINDOWS = 4
 # A parameter is identified if its 95 % interval reaches no farther than its scale to each side.
 _MAX_REACH = 1.0
-_MIN_DEGREES_OF_FREEDOM = 2.0
 _SPEED_WINDOW = 0.1  # s, long enough to average out position noise
 _POSE = ("position", "attitude")
 _NOISES = {signal: f"laboratory.motion_capture.{signal}_noise" for signal in _POSE}
@@ -265,18 +264,23 @@ def _identified(records: Sequence[FlightRecord], scenario: Scenario, share: floa
         spared = [held_out(usable, share) for usable in logs.flying]
         kept = [usable & ~late for usable, late in zip(logs.flying, spared, strict=True)]
         training = fit(logs.predictor(parameters, kept), parameters, noise)
-        shown = forecast(logs.predictor(parameters, spared, horizon=True), training.parameters, training.noise)
-        start, noise = training.parameters, training.noise
+        shown = forecast(logs.predictor(parameters, spared, horizon=True), training.values, training.noise)
+        start, noise = training.values, training.noise
     predictor = logs.predictor(parameters, logs.flying)
     fitted = fit(predictor, parameters, noise, start)
-    return _result(logs, scenario, predictor, parameters, fitted, shown)
+    held = _swamped(logs.scenario, predictor, parameters, fitted)
+    if held:
+        kept = [i for i, parameter in enumerate(parameters) if parameter.name not in held]
+        parameters = [parameters[i] for i in kept]
+        predictor = logs.predictor(parameters, logs.flying)
+        fitted = fit(predictor, parameters, fitted.noise, fitted.values[kept])
+    return _result(logs, scenario, predictor, parameters, fitted, shown, held)
 
 
 def _blocks(predictor: Predictor) -> np.ndarray:
     """Return the number (W,) of the block of each window; blocks last some seconds, as model errors do."""
     windows = len(predictor.windows)
-    time = windows * predictor.sizes.length * predictor.period
-    number = min(windows, max(_MIN_BLOCKS, round(time / _BLOCK)))
+    number = min(windows, max(_MIN_BLOCKS, round(predictor.duration / _BLOCK)))
     return np.asarray(np.arange(windows) * number // windows)
 
 
@@ -287,87 +291,77 @@ def _result(
     parameters: Sequence[Parameter],
     fitted: PredictionFit,
     shown: Forecast | None,
+    held: Mapping[str, str],
 ) -> Identification:
     names = [parameter.name for parameter in parameters]
-    scales = np.array([parameter.scale for parameter in parameters])
-    uncertainty = fitted.covariance(_blocks(predictor))
-    weak = _not_identified(parameters, fitted.parameters, uncertainty)
-    swamped = _swamped(logs.scenario, predictor, parameters, fitted)
-    untold = weak | swamped
-    held = np.array([name in untold for name in names])
-    if held[[name != DELAY for name in names]].all():
+    blocks = _blocks(predictor)
+    evidence = fitted.evidence(names, [parameter.scale for parameter in parameters], predictor.duration)
+    variation = variation_of(evidence)
+    uncertainty = of_the_mean(fitted.covariance(blocks), evidence, variation)
+    weak = _not_identified(parameters, fitted.values, uncertainty)
+    if {*names} <= {*weak, DELAY}:
         raise InputError(
             "cannot identify the vehicle: the logs determine none of its parameters: "
-            + "; ".join(f"{name}: {reason}" for name, reason in untold.items())
+            + "; ".join(f"{name}: {reason}" for name, reason in weak.items())
         )
-    values, uncertainty = fitted.given(held, np.array([parameter.start for parameter in parameters]), uncertainty)
-    free = np.flatnonzero(~held)
-    evidence = fitted.evidence(names, scales, len(predictor.windows) * predictor.sizes.length * predictor.period)
-    evidence = evidence.given([names[i] for i in free])
-    variation = variation_of(evidence)
-    part = Uncertainty(*(each[free] if each.ndim == 1 else each[np.ix_(free, free)] for each in uncertainty))
-    part = of_the_mean(part, evidence, variation)
-    own = [i for i, place in enumerate(free) if names[place] != DELAY]
-    told, numbers = [names[free[i]] for i in own], values[free[own]]
-    covariance, freedom = part.covariance[np.ix_(own, own)], part.degrees_of_freedom[own]
-    estimates_variation = None if variation is None else variation.part(own)
+    own = [i for i, name in enumerate(names) if name != DELAY]
+    values, covariance = fitted.values[own], uncertainty.covariance[np.ix_(own, own)]
+    freedom, told = uncertainty.degrees_of_freedom[own], [names[i] for i in own]
     seen = [name for name in _POSE if Output(name, 0) in predictor.outputs]
     if seen:
         places = [predictor.outputs.index(Output(name, 0)) for name in seen]
         level = fitted.noise.measured[places]
         spread = noise_covariance(predictor, fitted)[np.ix_(places, places)] * np.outer(level, level)
-        told, numbers = [*told, *(_NOISES[name] for name in seen)], np.concatenate([numbers, level])
+        told, values = [*told, *(_NOISES[name] for name in seen)], np.concatenate([values, level])
         covariance = scipy.linalg.block_diag(covariance, spread)
         freedom = np.concatenate([freedom, np.full(len(seen), float(fitted.errors.size))])
-        estimates_variation = None if estimates_variation is None else estimates_variation.beside(len(seen))
-    source = Source(
-        f"prediction errors of {' and '.join(sorted(signal.replace('_', ' ') for signal in logs.signals))}",
-        ", ".join(dict.fromkeys(record.name for record in logs.records)),
-    )
     estimates = Estimates(
         names=tuple(told),
-        values=numbers,
+        values=values,
         covariance=covariance,
         degrees_of_freedom=freedom,
-        sources=source,
-        explained={} if shown is None else _explained([names[i] for i in free], fitted, free, predictor, shown),
-        not_seen=_never_identified(logs.scenario, names) | {name: why for name, why in untold.items() if name != DELAY},
-        variation=estimates_variation,
+        sources=Source(
+            f"prediction errors of {' and '.join(sorted(signal.replace('_', ' ') for signal in logs.signals))}",
+            ", ".join(dict.fromkeys(record.name for record in logs.records)),
+        ),
+        explained={} if shown is None else _explained(parameters, fitted, predictor, shown),
+        not_seen=_never_identified(logs.scenario, names)
+        | held
+        | {name: reason for name, reason in weak.items() if name != DELAY},
+        variation=None if variation is None else variation.part(own).beside(len(seen)),
     )
-    vehicle, delay = with_estimates(scenario, estimates), None
-    if DELAY in [names[i] for i in free]:
-        i = [names[i] for i in free].index(DELAY)
-        delay = Spread(
-            float(values[free[i]]),
-            float(np.sqrt(part.covariance[i, i])),
-            "s",
-            float(part.degrees_of_freedom[i]),
-        )
-        link = scenario.laboratory.command_link
-        ticks = (delay.value - frame_age(scenario)) / link.period
-        vehicle = with_numbers(vehicle, {"laboratory.command_link.delay_ticks": ticks})
+    i = names.index(DELAY)
+    deviation = float(np.sqrt(uncertainty.covariance[i, i]))
+    delay = Spread(float(fitted.values[i]), deviation, "s", float(uncertainty.degrees_of_freedom[i]))
+    vehicle = with_estimates(scenario, estimates)
+    remarks = [*_remarks(predictor, fitted, names), *steep_remarks(logs.records)]
+    if DELAY in weak:
+        remarks.append(f"the delay is not identified: {weak[DELAY]}")
+    else:
+        ticks = (delay.value - frame_age(scenario)) / scenario.laboratory.command_link.period
+        vehicle = with_numbers(vehicle, {"laboratory.command_link.delay_ticks": max(0.0, ticks)})
     outputs = () if shown is None else _series(shown, fitted.noise.measured, logs.records[0].name)
-    remarks = (*_remarks(predictor, fitted, names), *steep_remarks(logs.records))
-    covered = {name: each for name, each in hold_out(evidence).items() if name in told or name == DELAY}
-    return Identification(estimates, vehicle, outputs, delay, fitted.noise, shown, remarks, covered)
+    covered = {name: each for name, each in hold_out(evidence).items() if name not in weak}
+    result_delay = None if DELAY in weak else delay
+    return Identification(estimates, vehicle, outputs, result_delay, fitted.noise, shown, tuple(remarks), covered)
 
 
 def _not_identified(
     parameters: Sequence[Parameter], values: np.ndarray, uncertainty: Uncertainty
 ) -> dict[str, str]:
-    """Return the parameters that are not identified, with the reason."""
+    """Return the parameters that are not identified, with the reason.
+
+    Their estimates are those of the data sheet, as far as the log narrows them.
+    """
     reaches = quantile(uncertainty.degrees_of_freedom) * np.sqrt(np.diag(uncertainty.covariance))
     found = {}
-    columns = zip(parameters, values, reaches, uncertainty.degrees_of_freedom, strict=True)
-    for parameter, value, reach, freedom in columns:
+    for parameter, value, reach in zip(parameters, values, reaches, strict=True):
         size = min(parameter.scale, value) if parameter.least > 0.0 else parameter.scale
         if reach > _MAX_REACH * size:
             found[parameter.name] = (
-                f"its 95 % interval would be {plus_minus(value, reach)}, wider than the usual error of a data sheet,"
+                f"its 95 % interval is {plus_minus(value, reach)}, wider than the usual error of a data sheet,"
                 f" {parameter.scale:.2g}"
             )
-        elif freedom < _MIN_DEGREES_OF_FREEDOM:
-            found[parameter.name] = f"essentially one window determines it, as {value:.3g}"
     return found
 
 
@@ -387,7 +381,7 @@ def _swamped(
     speed = np.sqrt(np.mean((positions[ahead:] - positions[:-ahead]) ** 2, axis=(0, 2))) / (ahead * predictor.period)
     push = float(scenario.vehicle.mass) * fitted.noise.force
     found = {}
-    for parameter, value in zip(parameters, fitted.parameters, strict=True):
+    for parameter, value in zip(parameters, fitted.values, strict=True):
         name = parameter.name
         axes = [0, 1] if name == "linear_drag" else [int(name[-2])] if "drag.linear" in name else []
         if axes and np.any(push[axes] > value * speed[axes]):
@@ -399,16 +393,16 @@ def _swamped(
 
 
 def _explained(
-    names: Sequence[str], fitted: PredictionFit, places: np.ndarray, predictor: Predictor, shown: Forecast
+    parameters: Sequence[Parameter], fitted: PredictionFit, predictor: Predictor, shown: Forecast
 ) -> dict[str, Explained]:
     """Return, for each parameter, the share of the variance that is forecast of the output that determines it most."""
     count = len(predictor.outputs)
-    slopes = fitted.slopes.reshape(len(fitted.slopes), -1, count, fitted.slopes.shape[-1])
-    most = np.argmax(np.einsum("wtop,wtop->op", slopes, slopes), axis=0)[places]
+    slopes = fitted.slopes.reshape(len(fitted.slopes), -1, count, len(parameters))
+    most = np.argmax(np.einsum("wtop,wtop->op", slopes, slopes), axis=0)
     return {
-        name: Explained(float(shown.explained[output]), shown.names[output])
-        for name, output in zip(names, most, strict=True)
-        if name != DELAY and np.isfinite(shown.explained[output])
+        parameter.name: Explained(float(shown.explained[output]), shown.names[output])
+        for parameter, output in zip(parameters, most, strict=True)
+        if parameter.name != DELAY and np.isfinite(shown.explained[output])
     }
 
 
@@ -427,10 +421,10 @@ def _never_identified(scenario: Scenario, names: Sequence[str]) -> dict[str, str
 
 
 def _remarks(predictor: Predictor, fitted: PredictionFit, names: Sequence[str]) -> tuple[str, ...]:
-    time = len(predictor.windows) * predictor.sizes.length * predictor.period
-    found = [f"{len(predictor.windows)} windows of {time / len(predictor.windows):.2g} s in the air were fitted"]
+    length = predictor.duration / len(predictor.windows)
+    found = [f"{len(predictor.windows)} windows of {length:.2g} s in the air were fitted"]
     if "rotor_time_constant_down" in names:
-        up, down = (fitted.parameters[names.index(f"rotor_time_constant{end}")] for end in ("", "_down"))
+        up, down = (fitted.values[names.index(f"rotor_time_constant{end}")] for end in ("", "_down"))
         found.append(f"small motions lag by the mean of the two time constants, {500.0 * (up + down):.3g} ms")
     if "rotor_aerodynamics.climb" in names:
         found.append("climb includes the linear drag along z of the body, which a flight does not tell from it")

@@ -17,7 +17,7 @@ from drake_quad.scenario.layouts import arm_length_of
 from drake_quad.scenario.models import Scenario
 
 # Standard deviation of a prior, in scales. Weak, so that it counts only where the data say little.
-_PRIOR_SCALES = 3.0
+_PRIOR_SCALES = 1.0
 # Limits of a positive parameter, relative to its value in the scenario.
 _LEAST_RATIO, _MOST_RATIO = 0.02, 50.0
 # s; a scenario without lag or delay still gets a fit of them.
@@ -80,7 +80,7 @@ def _candidates(scenario: Scenario, signals: set[str], own_throttles: bool) -> I
     """Yield name, scale and range of each parameter."""
     vehicle = scenario.vehicle
     responds = scenario.laboratory.autopilot.models_vehicle
-    turning, moving = bool({"attitude", "body_rates"} & signals), bool({"position", "velocity", FORCE} & signals)
+    turning, moving = bool({"attitude", "body_rates"} & signals), bool({"position", "velocity"} & signals)
     mass, hover, arm = vehicle.mass, 0.25 * vehicle.mass * vehicle.gravity, arm_length_of(vehicle)
     if vehicle.motors.take_throttles:
         # A log of heights or of a common share of the thrust varies around hover, and determines fewer numbers.
@@ -104,6 +104,9 @@ def _candidates(scenario: Scenario, signals: set[str], own_throttles: bool) -> I
             yield f"centre_of_mass[{i}]", 0.2 * arm, "any"
         if vehicle.reaction_torque:
             yield "rotor_inertia", vehicle.rotor_inertia, "positive"
+    if not responds and turning and FORCE in signals and vehicle.body_drag is not None:
+        yield "body_drag.centre_of_pressure[2]", 0.2 * arm, "any"
+    # An accelerometer alone determines drag and velocity only as a product.
     if not moving:
         return
     if "attitude" in signals and "position" in signals:
@@ -118,7 +121,7 @@ def _candidates(scenario: Scenario, signals: set[str], own_throttles: bool) -> I
         if responds or FORCE in signals:
             for i in range(3):
                 yield f"body_drag.quadratic[{i}]", 0.05 * mass, "not negative"
-        if not responds:
+        if not responds and FORCE not in signals:
             yield "body_drag.centre_of_pressure[2]", 0.2 * arm, "any"
     if responds or vehicle.rotor_aerodynamics is not None:
         if responds:

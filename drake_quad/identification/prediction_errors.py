@@ -170,6 +170,11 @@ class Predictor:
         """Between measurements, s."""
         return self.split * self.inputs.period
 
+    @property
+    def duration(self) -> float:
+        """Duration of all windows together, s."""
+        return len(self.windows) * self.sizes.length * self.period
+
     def _start(self, records: Sequence[FlightRecord], first: int) -> np.ndarray:
         """(NUM_BODY + NUM_DISTURBANCE, W) where the filters begin: as measured, at rest where it is not."""
         state = np.zeros((NUM_BODY + NUM_DISTURBANCE, len(self.windows)))

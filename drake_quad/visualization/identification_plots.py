@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from drake_quad.identification.flown_again.prediction import Predictions
-from drake_quad.identification.identified import Fitted, Identification
+from drake_quad.identification.result import Fitted, Identification
 from drake_quad.identification.results.estimates import CONFIDENCE, Estimates
 from drake_quad.vehicle.motors import ThrustCurve, thrust_of
 from drake_quad.visualization.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, REFERENCE, VERMILION, new_figure, styled

@@ -22,7 +22,7 @@ from drake_quad.files import output_folder, write_whole
 from drake_quad.identification.fitting.open_loop import DELAY
 from drake_quad.identification.flown_again.estimator import VelocityEstimate, velocity_estimate
 from drake_quad.identification.force_identification import linear_drag
-from drake_quad.identification.identified import Identification, Spread
+from drake_quad.identification.result import Identification, Spread
 from drake_quad.identification.identify import identify
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.results.estimates import Estimates

@@ -35,7 +35,7 @@ from drake_quad.flight.mission import plan_route
 from drake_quad.identification.fitting.random_effects import Variation
 from drake_quad.identification.flown_again.comparison import LogComparison
 from drake_quad.identification.flown_again.prediction import Predictions
-from drake_quad.identification.identified import Fitted, Identification, Spread
+from drake_quad.identification.result import Fitted, Identification, Spread
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import Estimates, Explained, Source
 from drake_quad.laboratory.metrics import Metrics

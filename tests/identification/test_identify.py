@@ -9,7 +9,7 @@ from drake_quad import InputError, load_scenario
 from drake_quad.identification import identify as module
 from drake_quad.identification.fitting.forecast import Forecast
 from drake_quad.identification.fitting.random_effects import Variation
-from drake_quad.identification.identified import Identification, Spread
+from drake_quad.identification.result import Identification, Spread
 from drake_quad.identification.identify import identify
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import Estimates, Explained, Source

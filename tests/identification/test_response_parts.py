@@ -16,7 +16,7 @@ from drake_quad.identification.fitting.open_loop import DELAY, OpenLoop, Starts,
 from drake_quad.identification.fitting.random_effects import of_the_mean, variation_of
 from drake_quad.identification.fitting.whitening import Noise
 from drake_quad.identification.fitting.windows import held_out
-from drake_quad.identification.identified import Spread
+from drake_quad.identification.result import Spread
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import Explained
 from drake_quad.identification.results.vehicle_numbers import number_of

@@ -14,7 +14,7 @@ from drake_quad import load_scenario, simulate
 from drake_quad.design.cascade import design_cascade
 from drake_quad.flight.mission import plan_route
 from drake_quad.identification.flown_again.prediction import Predictions
-from drake_quad.identification.identified import Fitted, Identification
+from drake_quad.identification.result import Fitted, Identification
 from drake_quad.identification.results.estimates import Estimates, Source
 from drake_quad.planning.believed import planned_parameters
 from drake_quad.signals import Reference, State

@@ -10,7 +10,7 @@ from scipy import signal
 from drake_quad import load_scenario
 from drake_quad.identification.flown_again.comparison import LogComparison
 from drake_quad.identification.flown_again.prediction import Predictions
-from drake_quad.identification.identified import Fitted, Identification
+from drake_quad.identification.result import Fitted, Identification
 from drake_quad.identification.results.estimates import Estimates, Source
 from drake_quad.identification.results.vehicle_numbers import with_estimates
 from drake_quad.visualization import identification_plots as plots

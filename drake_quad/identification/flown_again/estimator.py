@@ -16,7 +16,7 @@ import numpy as np
 import scipy
 
 from drake_quad.errors import InputError
-from drake_quad.identification.identified import Spread
+from drake_quad.identification.result import Spread
 from drake_quad.identification.logs.record import FlightRecord
 
 # Of the mean in which single corrections of an estimator vanish, of the blocks for deviations, and of the beginning of

@@ -178,7 +178,8 @@ class Estimates:
         degrees_of_freedom: (n,) of Student's distribution of each error; one number stands for all.
         sources: (n,) what each is from, one or several; a single source stands for all.
         explained: share of variance, by name, where it is known.
-        not_seen: why the log does not tell a number, a sentence by its name.
+        not_seen: reason, by its name, why the log does not identify a parameter. The estimate of such a parameter, if
+            there is one, is the value of the data sheet, as far as the log narrows it.
         remarks: further sentences on how the numbers came about.
         variation: what the numbers vary by from one stretch of flight to the next, beside the errors of their mean;
             None if it is known of none.
@@ -221,18 +222,23 @@ class Estimates:
             ("covariance", 0.5 * (covariance + covariance.T)),
             ("degrees_of_freedom", freedom),
             ("sources", sources),
-            ("not_seen", {name: why for name, why in self.not_seen.items() if name not in names}),
         ):
             object.__setattr__(self, name, value)
 
     def __str__(self) -> str:
         """Return a line for each parameter with its unit and 95 % interval, and one for each not identified."""
         rows = zip(self.names, self.values, self.intervals(), self.units, strict=True)
-        told = [
+        found = [
             f"{name}: {Interval(value, *ends).text(unit='' if unit == '1' else unit)}"
             for name, value, ends, unit in rows
+            if name not in self.not_seen
         ]
-        return "\n".join([*told, *(f"not told: {name}: {why}" for name, why in self.not_seen.items())])
+        return "\n".join([*found, *(f"not identified: {name}: {why}" for name, why in self.not_seen.items())])
+
+    @property
+    def identified(self) -> tuple[str, ...]:
+        """Names of the parameters that the logs identify."""
+        return tuple(name for name in self.names if name not in self.not_seen)
 
     @property
     def deviations(self) -> np.ndarray:

@@ -234,6 +234,8 @@ def _comment(estimates: Estimates, name: str, written: Any) -> str:
     own, elsewhere = (
         Interval(value, *each.intervals()[place]).text(unit=unit) for each in (estimates, estimates.elsewhere())
     )
+    if name in estimates.not_seen:
+        return f"not identified, {own}: as in what this extends, as far as the log narrows it"
     parts = [f"{own} with 95 % confidence"]
     if estimates.variation is not None and estimates.variation.covariance[place, place] > 0.0:
         parts.append(f"{elsewhere} in another {estimates.variation.seconds:.2g} s of flight")
@@ -408,7 +410,7 @@ def _introduction(estimates: Estimates, distributions: bool) -> list[str]:
             f" A distribution has what the flights say of a number{among}{but}. Fields that share a variable are"
             " correlated."
         )
-    unseen = [f"{name} is as in what this extends: {why}" for name, why in estimates.not_seen.items()]
+    unseen = [f"{name} is not identified: {why}" for name, why in estimates.not_seen.items()]
     return [f"Identified from {', '.join(logs)}.{drawn}", *estimates.remarks, *unseen]
 
 
