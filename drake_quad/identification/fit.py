@@ -34,7 +34,7 @@ _QUIETER_FORCE = (0.2, 0.2, 0.2, 1.0, 1.0, 1.0)
 _DIVERGED = 1e6  # whitened error in place of one that is not finite
 # Measurements that the noise is estimated from in a round, at most; steps of differences of the logarithms of its
 # numbers, how far they may go in a round, and in how many steps, until the likelihood gains no more than so much.
-_NOISE_SAMPLES = 3000
+_NOISE_SAMPLES = 1500
 _NOISE_STEP = 1e-4
 _REACH = 2.5
 _SCORINGS = 6
@@ -136,7 +136,8 @@ def fit(
         expected = np.linalg.inv(np.einsum("wkp,wkq->pq", at.slopes, at.slopes) + np.diag(prior))
         if number > 2 and np.all(np.abs(at.values - before) < _RESTS * np.sqrt(np.diag(expected))):
             break
-    return PredictionFit(at.values, at.noise, at.gains, at.slopes, at.errors, number, prior)
+    noise = _noise_of(predictor, at.gains, at.noise, np.arange(len(predictor.windows)))
+    return PredictionFit(at.values, noise, at.gains, at.slopes, at.errors, number, prior)
 
 
 class _Point(NamedTuple):
@@ -194,7 +195,9 @@ def _least_squares(
             # A step so far that the model diverges is refused by the search.
             errors = np.nan_to_num(errors.ravel(), nan=_DIVERGED, posinf=_DIVERGED, neginf=-_DIVERGED)
             slopes = np.nan_to_num(slopes.reshape(-1, len(x)), nan=0.0, posinf=0.0, neginf=0.0)
-            known[x.tobytes()] = np.concatenate([errors, weights @ (x - mean)]), np.vstack([slopes, weights])
+            known[x.tobytes()] = _condensed(
+                np.concatenate([errors, weights @ (x - mean)]), np.vstack([slopes, weights])
+            )
         return known[x.tobytes()]
 
     found = scipy.optimize.least_squares(
@@ -208,6 +211,17 @@ def _least_squares(
         max_nfev=_MAX_EVALUATIONS,
     )
     return np.asarray(found.x)
+
+
+def _condensed(residuals: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return p + 1 residuals and their slopes with the same squares and products as many residuals.
+
+    A search for the least squares depends on nothing else, and takes a fraction of the time with them.
+    """
+    factor = np.linalg.cholesky(slopes.T @ slopes).T
+    along = scipy.linalg.solve_triangular(factor, slopes.T @ residuals, trans="T")
+    across = np.sqrt(max(0.0, float(residuals @ residuals - along @ along)))
+    return np.append(along, across), np.vstack([factor, np.zeros(len(factor))])
 
 
 def _whitened_errors(
@@ -246,7 +260,9 @@ def _slopes(values: np.ndarray, up: np.ndarray, delay: int | None) -> np.ndarray
     return np.asarray(found)
 
 
-def _noise_of(predictor: Predictor, gains: Gains, noise: PredictionNoise) -> PredictionNoise:
+def _noise_of(
+    predictor: Predictor, gains: Gains, noise: PredictionNoise, chosen: np.ndarray | None = None
+) -> PredictionNoise:
     """The noise of the largest likelihood, by Fisher's scoring of the logarithms of its numbers.
 
     With ∂e, ∂S the derivatives of errors and of their covariance, whitened, the score is
@@ -256,7 +272,8 @@ def _noise_of(predictor: Predictor, gains: Gains, noise: PredictionNoise) -> Pre
     _, first = np.unique(alike, return_index=True)
     rows = int(np.sum(predictor.counted))
     windows, m = len(predictor.windows), len(noise.measured)
-    chosen = np.linspace(0, windows - 1, min(windows, max(5, _NOISE_SAMPLES // rows))).astype(int)
+    if chosen is None:
+        chosen = np.linspace(0, windows - 1, min(windows, max(5, _NOISE_SAMPLES // rows))).astype(int)
     logs = start = np.log(np.concatenate(noise))[first]
     lower = np.maximum(np.log(np.repeat(_LEAST, [m, 6, 6]))[first], start - _REACH)
     most = np.repeat(_MOST, [m, 6, 6])

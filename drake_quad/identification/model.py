@@ -207,6 +207,11 @@ def specific_force(
     return SpecificForce(*axes.in_body(plus(own, push)))
 
 
+def seen_attitude(attitude: Attitude, misalignment: Attitude) -> Attitude:
+    """Return roll, pitch and yaw of the markers' frame in W, given its own in B."""
+    return attitude_of_markers(attitude, BodyAxes.of(misalignment.roll, misalignment.pitch, misalignment.yaw))
+
+
 def _target(rotors: RotorSpeed, command: RotorSpeed | Throttle, numbers: Numbers) -> RotorSpeed:
     state = VehicleState(State(*(0.0,) * NUM_BODY), rotors)
     return rotor_target(state, command, numbers.parameters, None, numbers.effects, 0.0)
@@ -314,6 +319,7 @@ class LogModel:
         self.rotors_at_rest = kernel(rotors_at_rest, (command, self.layout), (rotors,), lone=False)
         felt = body, rotors, command, wind, push, self.layout, frame
         self.specific_force = kernel(specific_force, felt, (force,), lone=False)
+        self.seen_attitude = kernel(seen_attitude, (attitude, attitude), (attitude,), lone=False)
 
     @property
     def command_signal(self) -> str:
@@ -337,22 +343,19 @@ class LogModel:
             response = AttitudeResponse(NaturalFrequencies(*frequency), DampingRatios(*damping))
         return Numbers(vehicle_parameters(scenario.vehicle), scenario.vehicle.effect_numbers(), response)
 
+    def misalignment(self, parameters: np.ndarray) -> np.ndarray:
+        """Return roll, pitch and yaw (3, K) of the markers' frame in B for (K, p) parameters."""
+        believed = self.scenario.laboratory.motion_capture.misalignment
+        angles = [
+            parameters[:, self.names.index(name)] if name in self.names else np.full(len(parameters), own, dtype=float)
+            for name, own in zip(MISALIGNMENT, believed, strict=True)
+        ]
+        return np.stack(angles)
+
     def delays(self, parameters: np.ndarray) -> np.ndarray:
         """Return the delays (K,) of the commands in s."""
         place = self.delay_place
         return np.full(len(parameters), self._delay) if place is None else parameters[:, place]
-
-    def seen_attitude(self, attitude: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-        """Return roll, pitch and yaw (3, K, W) of the markers' frame for attitudes (3, K, W) of the body."""
-        angles: Any = [
-            parameters[:, self.names.index(name), None] if name in self.names else believed
-            for name, believed in zip(
-                MISALIGNMENT, self.scenario.laboratory.motion_capture.misalignment, strict=True
-            )
-        ]
-        if not any(np.any(angle) for angle in angles):
-            return attitude
-        return np.stack(attitude_of_markers(Attitude(*attitude), BodyAxes.of(*angles)))  # type: ignore[arg-type]
 
     def seen_state(self, state: np.ndarray) -> np.ndarray:
         """Return measured states (12, S) of states of the model, for the misalignment in the scenario."""
@@ -456,6 +459,7 @@ class ModelFlight:
         flat = model.layout.flatten(model.numbers(parameters))
         rows = [np.broadcast_to(np.asarray(row, float), (count,)) for row in flat]
         self._numbers = np.repeat(np.array(rows), windows, axis=1).ravel()
+        self._misalignment = np.repeat(model.misalignment(parameters), windows, axis=1).ravel()
         whole = model.delays(parameters) / inputs.period
         late = np.floor(whole).astype(int)
         pairs = list(zip(late.tolist(), (whole - late).tolist(), strict=True))
@@ -505,3 +509,12 @@ class ModelFlight:
         inputs = body, self._rotors, self._rotor_command, self._wind.reshape(-1), push, self._numbers
         self.model.specific_force(self._size, 0.0, force, *inputs)
         return force.reshape(3, *self.shape)
+
+    def seen_attitude(self, state: np.ndarray) -> np.ndarray:
+        """Return roll, pitch and yaw (3, K, W) of the markers' frame in a state."""
+        place = STATE_ROWS["attitude"]
+        if not self._misalignment.any():
+            return state[place : place + 3]
+        seen = np.empty(3 * self._size)
+        self.model.seen_attitude(self._size, 0.0, seen, state[place : place + 3].reshape(-1), self._misalignment)
+        return seen.reshape(3, *self.shape)

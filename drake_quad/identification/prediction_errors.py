@@ -216,7 +216,7 @@ class Predictor:
         if FORCE in signals:
             values[FORCE] = flown.specific_force(state)
         if "attitude" in signals:
-            values["attitude"] = self.model.seen_attitude(values["attitude"], flown.parameters)
+            values["attitude"] = flown.seen_attitude(state)
         return np.stack([values[signal][column] for signal, column in self.outputs])
 
     def _differences(self, predicted: np.ndarray) -> np.ndarray:
