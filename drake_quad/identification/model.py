@@ -71,7 +71,7 @@ from drake_quad.vehicle.stepping import VehicleState, rotor_target, step_of_flig
 _SpecificForce = Annotated[Row, Quantity("m/s²", "B")]
 
 NUM_BODY = len(State._fields)
-NUM_DISTURBANCE = 6
+NUM_DISTURBANCE = 8
 NUM_ROTORS = len(RotorSpeed._fields)
 # Rows of the signals of a record in the state of the model.
 STATE_ROWS = {"position": 0, "attitude": 3, "velocity": 6, "body_rates": 9}
@@ -96,7 +96,7 @@ class SpecificForce(NamedTuple):
 
 
 class Disturbance(NamedTuple):
-    """Specific force and angular acceleration that the model lacks."""
+    """Specific force and angular acceleration that the model lacks, and a constant part of the horizontal force."""
 
     x: _SpecificForce
     y: _SpecificForce
@@ -104,6 +104,8 @@ class Disturbance(NamedTuple):
     p: BodyAccelerationB
     q: BodyAccelerationB
     r: BodyAccelerationB
+    constant_x: _SpecificForce
+    constant_y: _SpecificForce
 
 
 class Span(NamedTuple):
@@ -154,7 +156,7 @@ def step(
         wanted = AttitudeTarget(0.0, *attitude, 0.0, 0.0, 0.0)
         rest = wind, None, parameters, response, None, effects, 0.0, h, "exact"
         after = responding_step(RespondingBody(*body), rotors, command, wanted, *rest)  # type: ignore[arg-type]
-    push = Vector(disturbance.x, disturbance.y, disturbance.z)
+    push = Vector(disturbance.x + disturbance.constant_x, disturbance.y + disturbance.constant_y, disturbance.z)
     if frame == "body":
         push = BodyAxes.of(body.roll, body.pitch, body.yaw).in_world(push)
     moved = State(*after.body)
@@ -200,7 +202,7 @@ def specific_force(
     axes = BodyAxes.of(body.roll, body.pitch, body.yaw)
     motion = Motion.of(body) if response is None else Motion(body.v_x, body.v_y, body.v_z, 0.0, 0.0, 0.0)
     rates = accelerations(axes, motion, None, body.z, turned, wind, parameters, effects).motion
-    push = Vector(disturbance.x, disturbance.y, disturbance.z)
+    push = Vector(disturbance.x + disturbance.constant_x, disturbance.y + disturbance.constant_y, disturbance.z)
     own = Vector(rates.v_x, rates.v_y, rates.v_z + parameters.gravity)
     if frame == "body":
         return SpecificForce(*plus(axes.in_body(own), push))

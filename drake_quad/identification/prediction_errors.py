@@ -20,14 +20,24 @@ from typing import NamedTuple
 import numpy as np
 
 from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.identification.model import NUM_BODY, NUM_DISTURBANCE, STATE_ROWS, LogModel, ModelFlight, WindowInputs
+from drake_quad.identification.model import (
+    NUM_BODY,
+    NUM_DISTURBANCE,
+    STATE_ROWS,
+    DisturbanceFrame,
+    LogModel,
+    ModelFlight,
+    WindowInputs,
+)
 from drake_quad.identification.windows import LogWindow, WindowSizes, within_half_a_turn
 
 FORCE = "specific_force"
 # Roll, pitch and yaw among the rows of the state.
 _ATTITUDE = slice(STATE_ROWS["attitude"], STATE_ROWS["attitude"] + 3)
 # Steps of the differences that linearise the filter, in the unit of each row of the state.
-_STEPS = np.repeat([1e-4, 1e-5, 1e-4, 1e-4, 1e-3, 1e-2], 3)
+_STEPS = np.append(np.repeat([1e-4, 1e-5, 1e-4, 1e-4, 1e-3, 1e-2], 3), [1e-3, 1e-3])
+# Standard deviation of the constant part of the horizontal force, m/s²: that of a wind that is not logged.
+_CONSTANT_FORCE = 1.0
 # What is not known at the beginning of a window of a row that is not measured: position (m), attitude (rad), velocity
 # (m/s), body rates (rad/s).
 _UNKNOWN = np.repeat([1.0, 0.5, 2.0, 10.0], 3)
@@ -145,7 +155,7 @@ class Predictor:
         signals = {signal for signal, _ in outputs}
         self._angles = np.array([signal == "attitude" for signal, _ in outputs])
         # Of what is not measured and decides nothing that is: position and yaw.
-        self.free = _free_rows(signals)
+        self.free = _free_rows(signals, model.frame)
         p = len(model.names)
         state, n, W = self._start(records, index[0]), len(self.free), len(windows)
         slopes, nothing = np.zeros((NUM_BODY + NUM_DISTURBANCE, p, W)), np.zeros((W, n, n))
@@ -232,12 +242,13 @@ class Predictor:
         return errors
 
     def _fades(self, noise: PredictionNoise) -> np.ndarray:
-        return np.exp(-self.period / noise.memory)
+        """Return the share (NUM_DISTURBANCE,) of the disturbance that is left at the next measurement."""
+        return np.append(np.exp(-self.period / noise.memory), [1.0, 1.0])
 
     def pushes(self, noise: PredictionNoise) -> np.ndarray:
         """(n,) variance that is added to each row of the state from one measurement to the next."""
         pushed = np.zeros(NUM_BODY + NUM_DISTURBANCE)
-        pushed[NUM_BODY:] = noise.disturbance**2 * (1.0 - self._fades(noise) ** 2)
+        pushed[NUM_BODY:] = _of_disturbance(noise) ** 2 * (1.0 - self._fades(noise) ** 2)
         return pushed[self.free]
 
     def gains(self, parameters: np.ndarray, noise: PredictionNoise) -> Gains:
@@ -274,7 +285,7 @@ class Predictor:
 
     def _first(self, noise: PredictionNoise) -> np.ndarray:
         """(W, n, n) covariance at the beginning."""
-        first = np.concatenate([_UNKNOWN[:NUM_BODY], noise.disturbance]) ** 2
+        first = np.concatenate([_UNKNOWN, _of_disturbance(noise)]) ** 2
         _, _, _, covariance, known = self.beginnings
         return np.where(known[:, None, None], covariance, np.diag(first[self.free]))
 
@@ -346,17 +357,24 @@ class Predictor:
         return np.stack(errors), np.stack(spreads)
 
 
-def _free_rows(signals: set[str]) -> np.ndarray:
+def _of_disturbance(noise: PredictionNoise) -> np.ndarray:
+    """Return the standard deviations (NUM_DISTURBANCE,) of the disturbance."""
+    return np.append(noise.disturbance, [_CONSTANT_FORCE, _CONSTANT_FORCE])
+
+
+def _free_rows(signals: set[str], frame: DisturbanceFrame) -> np.ndarray:
     """Return the rows of the state that the filter estimates: those that the outputs determine, or depend on."""
     if signals == {"position"}:
         return np.array([2, 8, 14])  # the height of a vehicle that is assumed to stay level
     rows = set(range(NUM_BODY + NUM_DISTURBANCE))
+    if frame == "body":
+        rows -= {18, 19}
     if "position" not in signals:
         rows -= {0, 1, 2}
         if "attitude" not in signals:
             rows -= {5}
         if "velocity" not in signals and FORCE not in signals:
-            rows -= {6, 7, 8, 12, 13, 14}
+            rows -= {6, 7, 8, 12, 13, 14, 18, 19}
     return np.array(sorted(rows))
 
 
