@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from functools import reduce
 from operator import or_
 from types import UnionType
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, LiteralString, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar
 
 import numpy as np
 import scipy
@@ -57,19 +57,37 @@ class Model(BaseModel):
                     )
         return data
 
-    def wrong(self, *path: str | int, kind: str, demand: LiteralString, **context: Any) -> PydanticCustomError:
-        """An error of a field inside of this mapping; it carries the field's value, which may stand in no file.
+    def wrong(self, demand: str, *path: str | int) -> PydanticCustomError:
+        """Return a validation error for a field of this mapping, with the value of the field.
 
         Args:
-            path: from here to the field.
-            kind: of error.
-            demand: what the field must be, with names of the context in braces.
-            context: numbers and words for the demand.
+            demand: what the value must be.
+            path: keys and indices that lead from this mapping to the field.
         """
         value: Any = self
         for key in path:
             value = value[key] if isinstance(key, int) else getattr(value, key)
-        return PydanticCustomError(kind, demand, {**context, "path": path, "value": value})
+        return refused(demand, path=path, value=value)
+
+
+def refused(demand: str, **context: Any) -> PydanticCustomError:
+    """Return a validation error whose message is a demand on the value, such as "must be finite"."""
+    return PydanticCustomError("refused", "{demand}", {"demand": demand, **context})
+
+
+def omits_defaults(*names: str) -> Any:
+    """Return a serializer that omits some fields of a model if they have their defaults.
+
+    Documents of earlier versions, and the studies that they identify, do not have these fields.
+    """
+
+    @model_serializer(mode="wrap")
+    def written(self: Model, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        fields: dict[str, Any] = write(self)
+        silent = {name for name in names if getattr(self, name) == type(self).model_fields[name].default}
+        return {name: value for name, value in fields.items() if name not in silent}
+
+    return written
 
 
 class Range(Model):
@@ -81,7 +99,7 @@ class Range(Model):
     @model_validator(mode="after")
     def _ordered(self) -> "Range":
         if not self.min < self.max:
-            raise self.wrong("max", kind="range_order", demand="must be larger than min, {min}", min=self.min)
+            raise self.wrong(f"must be larger than min, {self.min}", "max")
         return self
 
 
@@ -112,19 +130,14 @@ class Bell(Model):
     def _sharing(cls, shared: dict[str, float]) -> dict[str, float]:
         wrong = next((name for name in shared if not re.fullmatch(_IDENTIFIER, name)), None)
         if wrong is not None:
-            demand = "must name normal variables by at most 60 letters, digits and '_', no digit first, not by {name}"
-            raise PydanticCustomError("identifier", demand, {"name": shown(wrong)})
+            demand = "must name normal variables by at most 60 letters, digits and '_', no digit first, not by"
+            raise refused(f"{demand} {shown(wrong)}")
         total = math.fsum(each * each for each in shared.values())
         if total > 1.0 + _ROUNDING:
-            demand = "must have correlations whose squares sum to at most 1, not {total}"
-            raise PydanticCustomError("correlation", demand, {"total": f"{total:.6g}"})
+            raise refused(f"must have correlations whose squares sum to at most 1, not {total:.6g}")
         return shared
 
-    @model_serializer(mode="wrap")
-    def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """What shares nothing says nothing of it: its studies are those from before it could."""
-        fields: dict[str, Any] = write(self)
-        return fields if self.shared else {name: value for name, value in fields.items() if name != "shared"}
+    _written = omits_defaults("shared")
 
     @model_validator(mode="after")
     def _limits_around_mean(self) -> "Bell":
@@ -133,9 +146,7 @@ class Bell(Model):
             ("max", self.max is not None and self.max < self.mean),
         ):
             if wrong:
-                raise self.wrong(
-                    field, kind="limit_side", demand="must not lie beyond the mean, {mean}", mean=self.mean
-                )
+                raise self.wrong(f"must not lie beyond the mean, {self.mean}", field)
         return self
 
 

@@ -47,6 +47,11 @@ def steps_of(path: str) -> list[str]:
     return steps
 
 
+def keys_of(path: str) -> list[str | int]:
+    """Return the steps of a path as keys of mappings and indices of lists."""
+    return [int(step) if step.isdecimal() else step for step in steps_of(path)]
+
+
 def parts_of(value: Any) -> Iterator[tuple[str, Any]]:
     """The fields of a mapping or the items of a list, each after its step; none of what is neither."""
     if isinstance(value, Model) and not isinstance(value, Distribution):

@@ -3,14 +3,14 @@
 import math
 from collections.abc import Iterator
 from types import UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
-from pydantic_core import PydanticCustomError, PydanticUndefined
+from pydantic_core import PydanticUndefined
 
 from drake_quad.control.integral import Integration
-from drake_quad.scenario.distributions import Distribution, Model, NumberOrDistribution, Real
+from drake_quad.scenario.distributions import Distribution, Model, NumberOrDistribution, Real, refused
 from drake_quad.scenario.limits import LARGEST, LONGEST, SHORTEST, SMALLEST
 
 
@@ -71,7 +71,7 @@ def bounded(
             and (most is None or (highest is not None and highest <= most))
         )
         if not fits:
-            raise PydanticCustomError("bounds", "must be {demands}", {"demands": " and ".join(demands)})
+            raise refused("must be " + " and ".join(demands))
         return value
 
     return AfterValidator(check)
@@ -87,20 +87,15 @@ def radians(most: float) -> BeforeValidator:
     def check(value: Any) -> Any:
         large = next((number for number in _numbers_in(value) if abs(number) > most), None)
         if large is not None:
-            raise PydanticCustomError("radians", RADIANS, in_radians(large, most))
+            raise refused(radians_demand(large, most))
         return value
 
     return BeforeValidator(check)
 
 
-RADIANS: Literal["must be in radians, at most {most} in size; {degrees} degrees are {radians} rad"] = (
-    "must be in radians, at most {most} in size; {degrees} degrees are {radians} rad"
-)
-
-
-def in_radians(degrees: float, most: float) -> dict[str, str]:
-    """Return the values for the message `RADIANS`, given an angle in degrees and the largest angle in radians."""
-    return {"most": f"{most:.4g}", "degrees": f"{degrees:g}", "radians": f"{math.radians(degrees):.4g}"}
+def radians_demand(degrees: float, most: float) -> str:
+    """Return the demand on an angle that must have been given in degrees, where the largest angle is `most`, rad."""
+    return f"must be in radians, at most {most:.4g} in size; {degrees:g} degrees are {math.radians(degrees):.4g} rad"
 
 
 def _numbers_in(value: Any) -> Iterator[float]:
@@ -120,11 +115,7 @@ def whole(*, least: int, most: int) -> AfterValidator:
     def check(value: NumberOrDistribution) -> NumberOrDistribution:
         numbers = _values_of(value)
         if numbers is None or not all(number.is_integer() and least <= number <= most for number in numbers):
-            raise PydanticCustomError(
-                "whole",
-                "must be a whole number from {least} to {most}, or a choice of such",
-                {"least": least, "most": most},
-            )
+            raise refused(f"must be a whole number from {least} to {most}, or a choice of such")
         return value
 
     return AfterValidator(check)
@@ -164,7 +155,7 @@ def excludes_zero(value: NumberOrDistribution) -> bool:
 
 def _no_shorter_step(step: float) -> float:
     if 0.0 < step < SHORTEST:
-        raise PydanticCustomError("step", "must be 0, or at least {least}", {"least": SHORTEST})
+        raise refused(f"must be 0, or at least {SHORTEST}")
     return step
 
 

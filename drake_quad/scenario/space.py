@@ -5,10 +5,9 @@ import warnings
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
-from pydantic_core import PydanticCustomError
 
 from drake_quad.errors import InputError, InputWarning, shortened
-from drake_quad.scenario.distributions import DISTRIBUTIONS, Model
+from drake_quad.scenario.distributions import DISTRIBUTIONS, Model, refused
 from drake_quad.scenario.limits import MOST_CORNERS, MOST_OBSTACLES, MOST_POINTS
 from drake_quad.scenario.quantities import PlainDirections, PlainNonNegative, PlainPositive, PlainPositives, Point
 from drake_quad.scenario.regions import BoxRegion
@@ -83,7 +82,7 @@ class HullObstacle(Model):
         try:
             hull = surrounding(points, MOST_CORNERS)
         except InputError as error:
-            raise PydanticCustomError("hull", "{flaw}", {"flaw": str(error)}) from None
+            raise refused(str(error)) from None
         if not hull.is_simpler:
             return points
         warnings.warn(f"obstacle of kind hull: {hull}", InputWarning, stacklevel=2)
@@ -94,7 +93,7 @@ class HullObstacle(Model):
         try:
             self.shape()
         except InputError as error:
-            raise self.wrong("points", kind="hull", demand="{flaw}", flaw=str(error)) from None
+            raise self.wrong(str(error), "points") from None
         return self
 
     def shape(self) -> Hull:
@@ -129,15 +128,13 @@ class SpaceSettings(Model):
     @classmethod
     def _named(cls, obstacles: Any) -> Any:
         if not isinstance(obstacles, dict):
-            raise PydanticCustomError("obstacles", "must be a mapping of names to solids")
+            raise refused("must be a mapping of names to solids")
         if len(obstacles) > MOST_OBSTACLES:
-            counts = {"most": MOST_OBSTACLES, "count": len(obstacles)}
-            raise PydanticCustomError("obstacles", "there may be {most} obstacles, not {count}", counts)
+            raise refused(f"there may be {MOST_OBSTACLES} obstacles, not {len(obstacles)}")
         for name in obstacles:
             if not _NAME.fullmatch(str(name)) or name in _RESERVED:
-                demand = "the name of an obstacle must be of letters, digits, '_' and '-', and none of {reserved}"
-                context = {"reserved": ", ".join(_RESERVED), "path": (shortened(str(name)),)}
-                raise PydanticCustomError("name", demand, context)
+                demand = "the name of an obstacle must be of letters, digits, '_' and '-', and none of "
+                raise refused(demand + ", ".join(_RESERVED), path=(shortened(str(name)),))
         return obstacles
 
     def room(self, farthest_rotor: float, tracking_error: float = 0.0) -> room.Space:

@@ -56,4 +56,4 @@ class AttitudeResponseSettings(Autopilot):
         """Raise a validation error if the vehicle has what was not there when the response was identified."""
         for name in scenario.vehicle.without_response():
             demand = "must be left out: laboratory.autopilot of kind response does not know it"
-            raise scenario.wrong("vehicle", name, kind="response", demand=demand)
+            raise scenario.wrong(demand, "vehicle", name)

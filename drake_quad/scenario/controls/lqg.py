@@ -179,9 +179,8 @@ class LqgControl(Control):
         laboratory, autopilot = scenario.laboratory, scenario.laboratory.autopilot
         frame, tick = laboratory.motion_capture.period, laboratory.command_link.period
         if frame > tick:
-            demand = "must not be longer than the period of the command link, {tick} s, with control.kind {control}"
-            cameras = "laboratory", "motion_capture", "period"
-            raise scenario.wrong(*cameras, kind="period", demand=demand, tick=tick, control=self.kind)
+            demand = f"must not be longer than the period of the command link, {tick} s, with control.kind {self.kind}"
+            raise scenario.wrong(demand, "laboratory", "motion_capture", "period")
         on_the_ground: tuple[tuple[str, ...], ...] = (("yaw",),)
         on_board = ("lateral", "natural_frequency"), ("lateral", "damping")
         for path in on_board if autopilot.controls_attitude else (("lateral", "lag"), *on_the_ground):
@@ -189,8 +188,8 @@ class LqgControl(Control):
                 raise PydanticCustomError("missing", "is missing", {"path": ("control", *path)})
         for path in on_the_ground if autopilot.controls_attitude else on_board:
             if reduce(getattr, path, self) is not None:
-                demand = "must be left out, or null, with laboratory.autopilot of kind {autopilot}"
-                raise scenario.wrong("control", *path, kind="on_board", demand=demand, autopilot=autopilot.kind)
+                demand = f"must be left out, or null, with laboratory.autopilot of kind {autopilot.kind}"
+                raise scenario.wrong(demand, "control", *path)
 
     def timing(self, frame: float, tick: float) -> Timing:
         """Return the times of frames and ticks (s), and the delay that it believes in."""

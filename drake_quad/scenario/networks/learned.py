@@ -4,10 +4,9 @@ import math
 from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
 
 from drake_quad.control.fuzzy.inputs import InputName
-from drake_quad.scenario.distributions import Model, Real
+from drake_quad.scenario.distributions import Model, Real, refused
 
 Axis = Literal["x", "y", "z"]
 AXES: tuple[Axis, ...] = get_args(Axis)
@@ -42,11 +41,11 @@ class LearnedNetwork(Model):
         rules, numbers = math.prod(self.sets), 3 + sum(1 + 2 * count for count in self.sets)
         for axis, known in self.axes.items():
             if len(known.weights) != rules:
-                raise self.wrong(axis, "weights", kind="learned", demand="must be {rules} numbers", rules=rules)
+                raise self.wrong(f"must be {rules} numbers", axis, "weights")
             if known.antecedents is not None and len(known.antecedents) != numbers:
-                raise self.wrong(axis, "antecedents", kind="learned", demand="must be {count} numbers", count=numbers)
+                raise self.wrong(f"must be {numbers} numbers", axis, "antecedents")
         if len({known.antecedents is None for known in self.axes.values()}) > 1:
-            raise PydanticCustomError("learned", "must have antecedents on all axes or on none")
+            raise refused("must have antecedents on all axes or on none")
         return self
 
 

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
 
 from drake_quad.control.fuzzy.adaptation import AdaptationRates, Part
 from drake_quad.control.fuzzy.inference import Antecedents
@@ -13,7 +12,7 @@ from drake_quad.control.fuzzy.systems import FuzzyRules, Lead, RulesNumbers, Wei
 from drake_quad.framework.recipe import Recipe
 from drake_quad.framework.records import layout_of
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.distributions import Model, refused
 from drake_quad.scenario.networks.inputs import InputSets, NetworkInputs
 from drake_quad.scenario.networks.learned import AXES, Axis, LearnedAxis, LearnedNetwork, or_file
 from drake_quad.scenario.networks.learning import CovarianceLearning, Learning
@@ -56,9 +55,8 @@ class _Network(Model):
         known = {name: getattr(self.learned, name) for name in ("kind", "inputs", "sets")}
         for name, value in {**known, "axes": tuple(self.learned.axes)}.items():
             if value != own[name]:
-                words = {"name": name, "own": _words(own[name]), "learned": _words(value)}
-                demand = "must be of a network of the same {name}: this one's are {own}, those learned on {learned}"
-                raise self.wrong("learned", kind="learned", demand=demand, **words)
+                words = f"this one's are {_words(own[name])}, those learned on {_words(value)}"
+                raise self.wrong(f"must be of a network of the same {name}: {words}", "learned")
         return self
 
     def antecedents(self) -> Antecedents:
@@ -133,7 +131,7 @@ class AdaptiveTriangles(Model):
     def _some(self) -> "AdaptiveTriangles":
         if not self.parts:
             names = " or ".join(type(self).model_fields)
-            raise PydanticCustomError("parts", "must have a rate of {names}, or be null", {"names": names})
+            raise refused(f"must have a rate of {names}, or be null")
         return self
 
 

@@ -46,13 +46,11 @@ class ObservationSettings(Model):
     @model_validator(mode="after")
     def _complete(self) -> "ObservationSettings":
         if len(set(self.signals)) < len(self.signals):
-            raise self.wrong("signals", kind="signals", demand="must name each signal once")
+            raise self.wrong("must name each signal once", "signals")
         if ("reference_ahead" in self.signals) != bool(self.ahead):
-            raise self.wrong(
-                "ahead", kind="ahead", demand="must be given with the signal reference_ahead, and only then"
-            )
+            raise self.wrong("must be given with the signal reference_ahead, and only then", "ahead")
         if self.turn and "attitude" in self.signals:
-            raise self.wrong("turn", kind="turn", demand="must be 0 with the signal attitude; rotation is seen turned")
+            raise self.wrong("must be 0 with the signal attitude; rotation is seen turned", "turn")
         return self
 
     def spec(self) -> ObservationSpec:

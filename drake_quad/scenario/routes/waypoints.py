@@ -19,9 +19,9 @@ from drake_quad.reference.regions import Box, Corridor, Sphere, common
 from drake_quad.reference.routes import Leg
 from drake_quad.reference.time_allocation import stretch_factor
 from drake_quad.reference.yaw import yaw_through
-from drake_quad.scenario.distributions import Model, Real
+from drake_quad.scenario.distributions import Model, Real, refused
 from drake_quad.scenario.limits import MOST_WAYPOINTS
-from drake_quad.scenario.quantities import RADIANS, TWO_TURNS, Point, Position, Positive, in_radians
+from drake_quad.scenario.quantities import TWO_TURNS, Point, Position, Positive, radians_demand
 from drake_quad.scenario.regions import BoxRegion, CorridorRegion, SphereRegion
 from drake_quad.scenario.routes.route import ROUTES, KnownEnd, Laps, MovingRoute, Planned, of_three_laps
 from drake_quad.scenario.routes.waypoint_times import Given, LeastSnapTimes, ShortestTimes, Times
@@ -57,9 +57,9 @@ class Waypoint(Model):
         given = [name for name in ("point", "box", "sphere") if getattr(self, name) is not None]
         if len(given) != 1:
             found = " and ".join(given) or "none"
-            raise PydanticCustomError("place", "must have one of point, box and sphere, not {found}", {"found": found})
+            raise refused(f"must have one of point, box and sphere, not {found}")
         if self.stop and any(value is not None for value in (self.velocity, self.acceleration, self.jerk)):
-            raise PydanticCustomError("place", "must not have both stop and given derivatives", {})
+            raise refused("must not have both stop and given derivatives")
         return self
 
     def place(self) -> Box | Sphere:
@@ -111,26 +111,19 @@ class WaypointRoute(MovingRoute):
     def _consistent(self) -> "WaypointRoute":
         count = len(self.waypoints)
         if isinstance(self.times, Given) and len(self.times.times) != count:
-            raise self.wrong(
-                "times", kind="count", demand="must hold one time for each of the {count} waypoints", count=count
-            )
+            raise self.wrong(f"must hold one time for each of the {count} waypoints", "times")
         if self.corridors is not None and len(self.corridors) != count - 1:
-            raise self.wrong(
-                "corridors",
-                kind="count",
-                demand="must hold one box, half-spaces or null for each of the {count} segments",
-                count=count - 1,
-            )
+            demand = f"must hold one box, half-spaces or null for each of the {count - 1} segments"
+            raise self.wrong(demand, "corridors")
         yaws = [waypoint.yaw for waypoint in self.waypoints]
         if self.heading == "waypoints" and not any(yaw is not None for yaw in yaws):
-            raise self.wrong("heading", kind="heading", demand="needs a yaw at one of the waypoints")
+            raise self.wrong("needs a yaw at one of the waypoints", "heading")
         if self.heading != "waypoints" and any(yaw is not None for yaw in yaws):
-            raise self.wrong("heading", kind="heading", demand="must be waypoints if yaws are given there")
+            raise self.wrong("must be waypoints if yaws are given there", "heading")
         self._check_yaws()
         limited = self.top_speed is not None or self.top_acceleration is not None
         if not limited and self.times.chooses_total:
-            demand = "must be a number, or else top_acceleration, to choose the total time"
-            raise self.wrong("top_speed", kind="limits", demand=demand)
+            raise self.wrong("must be a number, or else top_acceleration, to choose the total time", "top_speed")
         return self
 
     def _check_yaws(self) -> None:
@@ -140,8 +133,7 @@ class WaypointRoute(MovingRoute):
             if waypoint.yaw is None:
                 continue
             if abs(waypoint.yaw) > TWO_TURNS and abs(waypoint.yaw - before) > _HALF_TURN:
-                numbers = in_radians(waypoint.yaw, TWO_TURNS)
-                raise self.wrong("waypoints", i, "yaw", kind="radians", demand=RADIANS, **numbers)
+                raise self.wrong(radians_demand(waypoint.yaw, TWO_TURNS), "waypoints", i, "yaw")
             before = waypoint.yaw
 
     @model_validator(mode="after")
@@ -151,22 +143,19 @@ class WaypointRoute(MovingRoute):
             return self
         first, last = self.waypoints[0].point, self.waypoints[-1].point
         if first is None or first != last:
-            demand = "must be 1, since the route does not end at the point where it begins"
-            raise self.wrong("laps", kind="laps", demand=demand)
+            raise self.wrong("must be 1, since the route does not end at the point where it begins", "laps")
         if self.laps * len(self.waypoints) > MOST_WAYPOINTS:
-            demand = "must be fewer: in all laps there may be {most} waypoints"
-            raise self.wrong("laps", kind="laps", demand=demand, most=MOST_WAYPOINTS)
+            raise self.wrong(f"must be fewer: in all laps there may be {MOST_WAYPOINTS} waypoints", "laps")
         for i, waypoint in enumerate(self.waypoints):
             for name in ("velocity", "acceleration", "jerk"):
                 if getattr(waypoint, name) is not None:
                     demand = "must be left out: with laps only stops can be given at a waypoint"
-                    raise self.wrong("waypoints", i, name, kind="laps", demand=demand)
+                    raise self.wrong(demand, "waypoints", i, name)
         for name in ("corridors", "space"):
             if getattr(self, name) is not None:
-                raise self.wrong(name, kind="laps", demand="must be left out: laps keep to none")
+                raise self.wrong("must be left out: laps keep to none", name)
         if isinstance(self.times, LeastSnapTimes):
-            demand = "must be given, heuristic or shortest, since there are laps"
-            raise self.wrong("times", "kind", kind="laps", demand=demand)
+            raise self.wrong("must be given, heuristic or shortest, since there are laps", "times", "kind")
         return self
 
     @model_validator(mode="after")
