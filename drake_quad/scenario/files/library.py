@@ -8,9 +8,7 @@ from drake_quad.errors import InputError, listed, shortened, shown
 from drake_quad.scenario.files.documents import parse_document
 from drake_quad.scenario.files.layers import DEFAULT_VEHICLE, check_description, laid_over
 from drake_quad.scenario.files.marked_tree import Mark, Tree
-from drake_quad.scenario.files.mesh_file import mesh_points
 from drake_quad.scenario.files.piece_table import is_piece_table, parse_piece_table
-from drake_quad.scenario.files.policy_file import policy_network
 from drake_quad.scenario.files.reading import read_text
 from drake_quad.scenario.files.robot_files import robot_instead_of_scenario
 from drake_quad.scenario.files.shipped import shipped_file, unknown
@@ -63,22 +61,6 @@ class Library:
         text = read_text(path, most=self._bytes)
         self._bytes -= len(text)
         return parse_piece_table(text, path)
-
-    def points(self, path: Path) -> Tree:
-        """Reads the points of a mesh, see `mesh_points`.
-
-        Raises:
-            InputError: it cannot be read, or is something else.
-        """
-        return mesh_points(path)
-
-    def policy(self, path: Path, output: str | None = None) -> Tree:
-        """Read the network of a policy, see `policy_network`.
-
-        Raises:
-            InputError: it cannot be read, or is something else.
-        """
-        return policy_network(path, output)
 
     def parse(self, text: str, source: str, *, numbered: bool) -> Tree:
         """Parses YAML as a part of the scenario; see `parse_document`."""

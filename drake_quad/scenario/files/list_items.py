@@ -39,46 +39,9 @@ def within_lists(tree: Tree, override: Tree, path: str = "") -> Tree:
 def without(tree: Tree, path: tuple[Any, ...]) -> Tree:
     """Return the tree without the field at a path."""
     key, *inside = path
-    if not inside:
-        return Tree({name: each for name, each in tree.value.items() if name != key}, tree.mark)
-    return _replaced(tree, key, without(tree.value[key], tuple(inside)))
-
-
-def with_items(tree: Tree, path: tuple[Any, ...], default: list[Any], items: Tree) -> Tree:
-    """Return a scenario with a list that it does not contain: the default list with some items replaced.
-
-    Args:
-        tree: scenario without defaults.
-        path: path of the list in the scenario.
-        default: default value of the list.
-        items: new items, by their index.
-
-    Raises:
-        InputError: an index is outside the list.
-    """
-    return _placed(tree, path, within_lists(Tree.of(default, items.mark), items, joined(*path)))
-
-
-def at(value: Any, path: tuple[Any, ...]) -> Any:
-    """Return the value at a path in nested mappings and lists; None if the path does not exist."""
-    for key in path:
-        is_there = key in value if isinstance(value, dict) else isinstance(value, list) and key in range(len(value))
-        if not is_there:
-            return None
-        value = value[key]
-    return value
-
-
-def _placed(tree: Tree, path: tuple[Any, ...], part: Tree) -> Tree:
-    if not path:
-        return part
-    key, *inside = path
-    before = tree.value[key] if isinstance(tree.value, list) or key in tree.value else Tree({}, part.mark)
-    return _replaced(tree, key, _placed(before, tuple(inside), part))
-
-
-def _replaced(tree: Tree, key: Any, part: Tree) -> Tree:
-    """Return the tree with the part at a key or index replaced."""
-    if isinstance(tree.value, list):
-        return Tree([part if i == key else each for i, each in enumerate(tree.value)], tree.mark)
-    return Tree({**tree.value, key: part}, tree.mark)
+    parts = tree.value.copy()
+    if inside:
+        parts[key] = without(parts[key], tuple(inside))
+    else:
+        del parts[key]
+    return Tree(parts, tree.mark)

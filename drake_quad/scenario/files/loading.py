@@ -17,7 +17,7 @@ from drake_quad.scenario.distributions import DISTRIBUTIONS, Model
 from drake_quad.scenario.files.given_values import given_trees
 from drake_quad.scenario.files.layers import changed, laid_over, merged, with_default_vehicle
 from drake_quad.scenario.files.library import Library
-from drake_quad.scenario.files.list_items import at, with_items, within_lists, without
+from drake_quad.scenario.files.list_items import within_lists, without
 from drake_quad.scenario.files.marked_tree import Mark, Tree
 from drake_quad.scenario.files.named_files import with_named_files
 from drake_quad.scenario.files.relative import refuse_dropped, refuse_elsewhere, with_absolute_distributions
@@ -244,11 +244,10 @@ def validated(model: type[_Valid], tree: Tree) -> _Valid:
         if not lists_are_missing:
             raise InputError(_explain(others, model, rest, rest.plain())) from None
         defaults = {}
-    if not paths or not all(isinstance(at(defaults, path), list) for path in paths):
+    beneath = Tree.of(defaults, tree.mark)
+    if not paths or not all(isinstance(beneath.at(path)[0].value, list) for path in paths):
         raise InputError(_explain(problems, model, tree, data))
-    for path in paths:
-        rest = with_items(rest, path, at(defaults, path), tree.at(path)[0])
-    return validated(model, rest)
+    return validated(model, within_lists(beneath, tree))
 
 
 def _gives_items(problem: Any) -> bool:
