@@ -21,6 +21,7 @@ from drake_quad.errors import InputError
 from drake_quad.linear.closed_loop import LaboratoryPlant, laboratory_plant, on_board_plant
 from drake_quad.linear.sampled_system import SampledSystem
 from drake_quad.scenario.models import Scenario
+from drake_quad.scenario.paths import updated
 from drake_quad.scenario.position_controllers.pid import PidPosition
 
 # Which torque turns which angle at which rate; thrust lifts like a torque turns.
@@ -105,8 +106,7 @@ def with_integrals(scenario: Scenario) -> Scenario:
     """
     if scenario.cascade.position.has_integral:
         return scenario
-    update = {"position": _integrating(scenario)}
-    return scenario.model_copy(update={"control": scenario.cascade.model_copy(update=update)})
+    return updated(scenario, {"control.position": _integrating(scenario)})
 
 
 def _integrating(scenario: Scenario) -> PidPosition:
@@ -121,19 +121,14 @@ def with_gains(scenario: Scenario, gains: Mapping[str, Mapping[str, Sequence[flo
     Raises:
         InputError: if the gains of the position controller cannot be designed.
     """
-    cascade = scenario.cascade
-    blocks = {
-        name: getattr(cascade, name).plain().model_copy(update={kind: tuple(rows) for kind, rows in block.items()})
-        for name, block in gains.items()
-    }
-    return scenario.model_copy(update={"control": cascade.model_copy(update=blocks)})
+    blocks = {f"control.{name}": getattr(scenario.cascade, name).plain() for name in gains}
+    rows = {f"control.{name}.{kind}": tuple(own) for name, block in gains.items() for kind, own in block.items()}
+    return updated(updated(scenario, blocks), rows)
 
 
 def with_autopilot_gains(scenario: Scenario, gains: Mapping[str, Sequence[float]]) -> Scenario:
     """The scenario with other gains on board, as `CascadeDesign.autopilot_gains` has them."""
-    update = {name: tuple(rows) for name, rows in gains.items()}
-    autopilot = scenario.laboratory.autopilot.model_copy(update=update)
-    return scenario.model_copy(update={"laboratory": scenario.laboratory.model_copy(update={"autopilot": autopilot})})
+    return updated(scenario, {f"laboratory.autopilot.{name}": tuple(rows) for name, rows in gains.items()})
 
 
 def default_options(period: float) -> dict[str, LoopOptions]:

@@ -26,7 +26,6 @@ from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
 from drake_quad.control.integral import Integration
 from drake_quad.errors import InputError
 from drake_quad.linear.margins import FastMargins, Margins, fast_margins, frequencies, margins
-from drake_quad.linear.modes import is_stabilizable
 from drake_quad.linear.sampled_system import SampledSystem
 
 # Bandwidths that are tried, rad/s: from far below what any laboratory allows up to a third of half the sampling rate.
@@ -238,8 +237,6 @@ def design_loop(
     Raises:
         InputError: the plant cannot be stabilised, or the requirements cannot be met.
     """
-    if not is_stabilizable(plant.A, plant.B, period=plant.period):
-        raise InputError(f"the plant of {axis} cannot be stabilised: its command does not reach every mode that lasts")
     grid = frequencies(plant.period)
     response = plant.response(np.exp(1j * grid * plant.period))[..., 0]
 

@@ -22,11 +22,9 @@ from drake_quad.control.lqg.chains import (
     ChainNoise,
     ContinuousModel,
     Disturbances,
-    attitude_model,
-    lagging_attitude_model,
+    lateral_model,
     sampled,
     sampled_noise,
-    torque_model,
     vertical_model,
 )
 from drake_quad.control.lqg.design import AxisLoop, Timing
@@ -567,12 +565,8 @@ def _common(
 
 def lateral_truth(plant: Plant, found: Conditions) -> ContinuousModel:
     """The chain along x, or y, of a plant and what disturbs it."""
-    disturbances = _disturbing(found.lateral, ChainNoise(found.bias, _BIAS))
-    if plant.answer is None:
-        return torque_model(plant.lag, disturbances)
-    if plant.lags:
-        return lagging_attitude_model(plant.answer, plant.lag, disturbances)
-    return attitude_model(plant.answer, disturbances)
+    lag = plant.lag if plant.lags or plant.answer is None else None
+    return lateral_model(lag, plant.answer, _disturbing(found.lateral, ChainNoise(found.bias, _BIAS)))
 
 
 def vertical_truth(plant: Plant, found: Conditions) -> ContinuousModel:

@@ -41,7 +41,7 @@ class RotorLayout(Model):
         """Return the rotors of an airframe with this layout."""
 
 
-LAYOUTS = OpenUnion(RotorLayout, "is_paired", "has_sides")
+LAYOUTS = OpenUnion(RotorLayout)
 """Kinds of layouts."""
 
 Layout = Annotated[RotorLayout, LAYOUTS]

@@ -4,8 +4,8 @@ Items of lists are counted from 0, but for those of rotors, which are called as 
 `vehicle.thrust_factor_error.rotor_1`.
 """
 
-from collections.abc import Callable, Iterable, Iterator
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any, TypeVar
 
 from drake_quad.errors import InputError
 from drake_quad.scenario.distributions import Distribution, Model
@@ -13,6 +13,8 @@ from drake_quad.scenario.distributions import Distribution, Model
 # Fields that hold a list of one item for each rotor.
 _PER_ROTOR = ("thrust_factor_error", "rotors")
 _ROTOR = "rotor_"
+
+_AnyModel = TypeVar("_AnyModel", bound=Model)
 
 
 def joined(*steps: str | int) -> str:
@@ -112,6 +114,21 @@ def replaced(value: Any, replace: Callable[[str, Any], Any], path: str = "") -> 
     if isinstance(value, dict):
         return after
     return tuple(after.values()) if isinstance(value, tuple) else value.model_copy(update=changed)
+
+
+def updated(model: _AnyModel, values: Mapping[str, Any]) -> _AnyModel:
+    """Return a copy of a mapping with other values in some fields, which are not validated.
+
+    Args:
+        model: a scenario, or a mapping in it.
+        values: new values by the paths of their fields; a field is no item of a list.
+    """
+    inside: dict[str, dict[str, Any]] = {}
+    for path, value in values.items():
+        field, _, rest = path.partition(".")
+        inside.setdefault(field, {})[rest] = value
+    parts = {field: own[""] if "" in own else updated(getattr(model, field), own) for field, own in inside.items()}
+    return model.model_copy(update=parts)
 
 
 def refuse_distributions(paths: Iterable[str]) -> None:

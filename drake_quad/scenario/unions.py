@@ -28,13 +28,15 @@ class _Members(ABC):
 
     Args:
         base: class that all members extend.
-        questions: names of class attributes or fields that each member must define, since no default is safe. It must
-            also define the abstract methods of the base class.
+        fields: names of fields or class attributes that each member must define. It must also define the class
+            attributes without a value, and the abstract methods, of the base class, for which no default is safe.
         silent: kind of a mapping that does not state its kind; None if every mapping must.
     """
 
-    def __init__(self, base: type[Model], *questions: str, silent: str | None = None) -> None:
-        self._base, self._questions, self.silent = base, questions, silent
+    def __init__(self, base: type[Model], *fields: str, silent: str | None = None) -> None:
+        self._base, self.silent = base, silent
+        unanswered = [name for name in base.__annotations__ if name in base.__class_vars__ and not hasattr(base, name)]
+        self._questions = [*fields, *unanswered]
         self._members: dict[str, type[Any]] = {}
         self._rebuilders: list[Callable[[], Any]] = []
 

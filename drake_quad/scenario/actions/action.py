@@ -65,7 +65,7 @@ class Action(Model):
             raise scenario.wrong(demand, "control", "attitude")
 
 
-ACTIONS = OpenUnion(Action, "num_rows", "commands")
+ACTIONS = OpenUnion(Action)
 """Kinds of actions."""
 
 AnyAction = Annotated[Action, ACTIONS]

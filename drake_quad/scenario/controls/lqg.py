@@ -15,9 +15,7 @@ from drake_quad.control.lqg.chains import (
     ChainNoise,
     ContinuousModel,
     Disturbances,
-    attitude_model,
-    lagging_attitude_model,
-    torque_model,
+    lateral_model,
     vertical_model,
 )
 from drake_quad.control.lqg.design import AxisLoop, Timing, axis_loop
@@ -129,14 +127,9 @@ class LateralAxis(Axis):
 
     def model(self) -> ContinuousModel:
         """Return the model of x and of y."""
-        disturbances = self._disturbances(self.bias.noise())
-        if self.natural_frequency is None or self.damping is None:
-            assert self.lag is not None
-            return torque_model(self.lag, disturbances)
-        answer = Answer(self.natural_frequency, self.damping)
-        if self.lag is None:
-            return attitude_model(answer, disturbances)
-        return lagging_attitude_model(answer, self.lag, disturbances)
+        omega, zeta = self.natural_frequency, self.damping
+        answer = None if omega is None or zeta is None else Answer(omega, zeta)
+        return lateral_model(self.lag, answer, self._disturbances(self.bias.noise()))
 
     def _noise(self, gravity: float) -> list[float]:
         return [self.position_noise, self.attitude_noise * gravity]

@@ -72,7 +72,7 @@ class WindSource(Model):
         return {f"{source.kind}_{i}": source.recipe(surroundings) for i, source in enumerate(sources)}
 
 
-WINDS = OpenUnion(WindSource, "depends_on_place", "depends_on_time")
+WINDS = OpenUnion(WindSource)
 """Kinds of sources of wind."""
 
 AnyWindSource = Annotated[WindSource, WINDS]
