@@ -1,6 +1,5 @@
 """The scenario language, as its models have it: a schema for editors, and a page for readers."""
 
-import copy
 from collections.abc import Iterator
 from importlib.resources import files
 from typing import Any
@@ -67,8 +66,9 @@ def file_schema() -> dict[str, Any]:
 def _allow_relative(definitions: dict[str, Any]) -> None:
     """Allow a relative distribution wherever a vehicle may have a distribution."""
     for name in ("Vehicle", *_order(definitions["Vehicle"], definitions)):
-        for forms in _forms_with_distributions(definitions[name]):
-            forms.append({"$ref": f"{_REFERENCE}Relative"})
+        for forms in [*_nodes(definitions[name])]:
+            if isinstance(forms, list) and any(map(_is_distribution, forms)):
+                forms.append({"$ref": f"{_REFERENCE}Relative"})
     one = {name: definitions[model]["properties"][name] for model, name in _FORMS.items()}
     to = {"type": "number", "exclusiveMinimum": 0.0, "description": "value of the field to which the numbers belong"}
     definitions["Relative"] = {
@@ -79,16 +79,12 @@ def _allow_relative(definitions: dict[str, Any]) -> None:
     }
 
 
-def _forms_with_distributions(node: Any) -> Iterator[list[Any]]:
-    """Yield the lists of alternatives in a schema that contain distributions."""
-    if isinstance(node, list):
-        if any(map(_is_distribution, node)):
-            yield node
-        for each in node:
-            yield from _forms_with_distributions(each)
-    elif isinstance(node, dict):
-        for each in node.values():
-            yield from _forms_with_distributions(each)
+def _nodes(node: Any) -> Iterator[Any]:
+    """Yield a node of a schema and all nodes inside it."""
+    yield node
+    if isinstance(node, dict | list):
+        for each in node.values() if isinstance(node, dict) else node:
+            yield from _nodes(each)
 
 
 def _of_numbers(node: Any, definitions: dict[str, Any]) -> Any:
@@ -129,7 +125,7 @@ def language_page() -> str:
 def _order(schema: dict[str, Any], definitions: dict[str, Any]) -> list[str]:
     """The names of the mappings that a schema refers to, as one comes upon them."""
     found: dict[str, None] = {}
-    pending = list(_references(copy.deepcopy(schema["properties"])))
+    pending = _references(schema["properties"])
     while pending:
         name = pending.pop(0)
         if name not in found:
@@ -138,16 +134,9 @@ def _order(schema: dict[str, Any], definitions: dict[str, Any]) -> list[str]:
     return sorted(found, key=lambda name: name in _DISTRIBUTIONS or name in ("Range", "PositiveRange", "Bell"))
 
 
-def _references(node: Any) -> Iterator[str]:
-    if isinstance(node, dict):
-        if "$ref" in node:
-            yield node["$ref"].removeprefix(_REFERENCE)
-        for key, value in node.items():
-            if key != "discriminator":
-                yield from _references(value)
-    elif isinstance(node, list):
-        for each in node:
-            yield from _references(each)
+def _references(node: Any) -> list[str]:
+    """Return the names of the mappings to which a node refers."""
+    return [each["$ref"].removeprefix(_REFERENCE) for each in _nodes(node) if isinstance(each, dict) and "$ref" in each]
 
 
 def _section(name: str, model: dict[str, Any]) -> str:
