@@ -77,10 +77,6 @@ class Flight(Mapping[str, np.ndarray]):
         """How many signals there are."""
         return len(self.signals)
 
-    def __contains__(self, name: object) -> bool:
-        """Is there a signal of this name?"""
-        return name in self.signals
-
     # Two flights are the same if they are one: arrays have no equality.
     __eq__ = object.__eq__
     __hash__ = object.__hash__
@@ -144,12 +140,6 @@ class Flight(Mapping[str, np.ndarray]):
         return flight_remarks(self.scenario, self.plan)
 
     @property
-    def _words(self) -> dict[str, str]:
-        """Texts that describe the crash, by their name in the file of arrays."""
-        words = {_TOUCHED: self.touched, _CAUSE: self.cause}
-        return {name: each for name, each in words.items() if each is not None}
-
-    @property
     def euclidean_error(self) -> np.ndarray:
         """(ticks,) distance of the vehicle to the reference, m."""
         reference, state = self.record("reference"), self.record("state")
@@ -174,7 +164,8 @@ class Flight(Mapping[str, np.ndarray]):
 
         def save_arrays(path: Path) -> None:
             arrays: dict[str, Any] = {"time": self.time, **self.signals, _COMPILED: np.array(self.compiled)}
-            arrays |= {name: np.array(each, dtype=str) for name, each in self._words.items()}
+            words = {_TOUCHED: self.touched, _CAUSE: self.cause}
+            arrays |= {name: np.array(text, dtype=str) for name, text in words.items() if text is not None}
             np.savez_compressed(path, **(arrays | _arrays_of(self.plan)))
 
         return [

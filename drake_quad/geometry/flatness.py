@@ -22,28 +22,13 @@ Rz(ψ) Rx(φ) Ry(θ) Rz(π/2) = Rz(ψ + π/2) Ry(-φ) Rx(θ). Computing with zyx
 the rotated axes. `attitude_from_quarter_turn` and the two functions after it convert them to the axes of the body.
 """
 
-from typing import Literal, NamedTuple, Protocol
+from typing import Literal, NamedTuple
 
 from drake_quad.framework.elementary import arcsin, arctan2, sqrt
-from drake_quad.signals import AngularAcceleration, Attitude, BodyRates, Row
+from drake_quad.geometry.axes import Vector
+from drake_quad.signals import Acceleration, AngularAcceleration, Attitude, BodyRates, Jerk, Row, Snap
 
 EulerSequence = Literal["zyx", "zxy"]
-
-
-class VectorW(Protocol):
-    """A record with three rows along the axes of W."""
-
-    @property
-    def x(self) -> Row:
-        """Along X."""
-
-    @property
-    def y(self) -> Row:
-        """Along Y."""
-
-    @property
-    def z(self) -> Row:
-        """Along Z."""
 
 
 class HeadingVector(NamedTuple):
@@ -142,7 +127,7 @@ def _in_body(tilt: ThrustTilt, vector: HeadingVector) -> tuple[Row, Row, Row]:
     )
 
 
-def in_heading(vector: VectorW, sin_yaw: Row, cos_yaw: Row) -> HeadingVector:
+def in_heading(vector: Vector | Acceleration | Jerk | Snap, sin_yaw: Row, cos_yaw: Row) -> HeadingVector:
     """Turns a vector in W by minus the yaw."""
     x, y = vector.x, vector.y
     return HeadingVector(x * cos_yaw + y * sin_yaw, y * cos_yaw - x * sin_yaw, vector.z)

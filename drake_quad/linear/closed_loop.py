@@ -1,7 +1,7 @@
 """The loop of a scenario at rest: its equilibrium, its linear model, and the plants that its controllers act on."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
@@ -27,10 +27,6 @@ from drake_quad.vehicle.effects import as_in_hover
 from drake_quad.vehicle.motors import ThrottleModel, told_as
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
-if TYPE_CHECKING:
-    import control
-    import scipy
-
 # They watch the loop and do not act on it.
 WATCHERS = ("monitor", "recorder")
 _HOVER = HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))
@@ -54,14 +50,6 @@ class ClosedLoop(NamedTuple):
     diagram: Diagram
     context: Context
     system: SampledSystem
-
-    def to_control(self) -> "control.StateSpace":
-        """The system as python-control's StateSpace, see `SampledSystem.to_control`."""
-        return self.system.to_control()
-
-    def to_scipy(self) -> "scipy.signal.StateSpace":
-        """The system as SciPy's StateSpace, see `SampledSystem.to_scipy`."""
-        return self.system.to_scipy()
 
 
 def closed_loop(scenario: Scenario, *, position_controller: Any = None, control: Any = None) -> ClosedLoop:

@@ -128,14 +128,6 @@ class Nominal(Airframe[PlainPositive, PlainNonNegative]):
 
     motors: BelievedMotors = Field(default=SpeedMotors(kind="speed"), description="what the motors are told")
 
-    @field_validator("max_rotor_speed")
-    @classmethod
-    def _above_idle(cls, top: float, info: ValidationInfo) -> float:
-        idle = info.data.get("min_rotor_speed")
-        if idle is not None and not top > idle:
-            raise refused(f"must be larger than min_rotor_speed, {idle}")
-        return top
-
     @field_validator("layout")
     @classmethod
     def _believed(cls, layout: Layout) -> Layout:
@@ -145,6 +137,8 @@ class Nominal(Airframe[PlainPositive, PlainNonNegative]):
 
     @model_validator(mode="after")
     def _can_fly(self) -> "Nominal":
+        if not self.max_rotor_speed > self.min_rotor_speed:
+            raise self.wrong(f"must be larger than min_rotor_speed, {self.min_rotor_speed}", "max_rotor_speed")
         self.check_inertia()
         self.check_layout()
         flaw = hover_flaw(rotors_of(self), min_speed=self.min_rotor_speed, max_speed=self.max_rotor_speed)
@@ -253,21 +247,13 @@ class MetricWindow(Model):
         default=None, description="last time that counts (s); the end of the flight if not given"
     )
 
-    @field_validator("first_lap")
-    @classmethod
-    def _alone(cls, first_lap: int | None, info: ValidationInfo) -> int | None:
-        start = info.data.get("start")
-        if first_lap is not None and start:
-            raise refused(f"must not stand beside a start, {start}")
-        return first_lap
-
-    @field_validator("end")
-    @classmethod
-    def _after_start(cls, end: float | None, info: ValidationInfo) -> float | None:
-        start = info.data.get("start")
-        if end is not None and start is not None and not end > start:
-            raise refused(f"must be later than start, {start}")
-        return end
+    @model_validator(mode="after")
+    def _begins_once_and_ends_later(self) -> "MetricWindow":
+        if self.first_lap is not None and self.start:
+            raise self.wrong(f"must not stand beside a start, {self.start}", "first_lap")
+        if self.end is not None and not self.end > self.start:
+            raise self.wrong(f"must be later than start, {self.start}", "end")
+        return self
 
 
 class Crash(Model):

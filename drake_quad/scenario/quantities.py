@@ -1,6 +1,7 @@
 """Physical quantities of the scenario language: numbers with bounds, or distributions within them."""
 
 import math
+import operator
 from collections.abc import Iterator
 from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
@@ -51,27 +52,18 @@ def bounded(
     *, above: float | None = None, least: float | None = None, below: float | None = None, most: float | None = None
 ) -> AfterValidator:
     """A validator that holds a number, or all that a distribution can give, to bounds."""
-    demands = [
-        f"{words} {bound:g}"
-        for words, bound in (
-            ("larger than", above),
-            ("at least", least),
-            ("smaller than", below),
-            ("at most", most),
-        )
-        if bound is not None
-    ]
+    rules = (
+        ("larger than", above, 0, operator.gt),
+        ("at least", least, 0, operator.ge),
+        ("smaller than", below, 1, operator.lt),
+        ("at most", most, 1, operator.le),
+    )
+    bounds = [(words, bound, side, holds) for words, bound, side, holds in rules if bound is not None]
 
     def check(value: NumberOrDistribution) -> NumberOrDistribution:
-        lowest, highest = extremes(value)
-        fits = (
-            (above is None or (lowest is not None and lowest > above))
-            and (least is None or (lowest is not None and lowest >= least))
-            and (below is None or (highest is not None and highest < below))
-            and (most is None or (highest is not None and highest <= most))
-        )
-        if not fits:
-            raise refused("must be " + " and ".join(demands))
+        ends = extremes(value)
+        if any((end := ends[side]) is None or not holds(end, bound) for _, bound, side, holds in bounds):
+            raise refused("must be " + " and ".join(f"{words} {bound:g}" for words, bound, *_ in bounds))
         return value
 
     return AfterValidator(check)

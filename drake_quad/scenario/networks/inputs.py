@@ -4,7 +4,7 @@ import itertools
 import math
 from typing import Annotated, get_args
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from drake_quad.control.fuzzy import inference
 from drake_quad.control.fuzzy.inputs import InputName
@@ -25,15 +25,10 @@ class InputSets(Model):
     )
     widths: _Widths = Field(default=(1.0, 1.0, 1.0), description="d of each set (1)")
 
-    @field_validator("centres")
-    @classmethod
-    def _ascending(cls, centres: tuple[float, ...]) -> tuple[float, ...]:
-        if any(not low < high for low, high in itertools.pairwise(centres)):
-            raise refused("must rise from one to the next")
-        return centres
-
     @model_validator(mode="after")
     def _covered(self) -> "InputSets":
+        if any(not low < high for low, high in itertools.pairwise(self.centres)):
+            raise self.wrong("must rise from one to the next", "centres")
         if len(self.widths) != len(self.centres):
             raise self.wrong(f"must be as many as centres, {len(self.centres)}", "widths")
         ends = [(centre, extremes(width)[0]) for centre, width in zip(self.centres, self.widths, strict=True)]
