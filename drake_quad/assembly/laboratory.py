@@ -158,25 +158,21 @@ def _check_step(fleet: Any) -> None:
     drag = vehicle.linear_drag + 2.0 * vehicle.quadratic_drag * airspeed
     effects = vehicle.effects()
     steepest = sum(effect.max_slope(vehicle, airspeed) for effect in effects.values())
-    rate = np.max((drag + steepest) / vehicle.mass)
-    if vehicle.time_step * rate > _STABLE:
-        raise InputError(
-            f"vehicle.time_step is {vehicle.time_step:g} s, too long for this much drag, which carries a vehicle along"
-            f" within {1.0 / rate:.2g} s; shorten it, or make it 0 for a continuous state"
-        )
-    for name, effect in effects.items():
-        swings = np.max(effect.natural_frequency(vehicle))
-        if vehicle.time_step * swings > _STABLE:
+    rates = {
+        "this much drag, which carries a vehicle along within {time:.2g} s": (drag + steepest) / vehicle.mass,
+        **{
+            f"this {name.replace('_', ' ')}, which swings with {{rate:.2g}} rad/s": effect.natural_frequency(vehicle)
+            for name, effect in effects.items()
+        },
+        "an attitude that responds within {time:.2g} s": fleet.laboratory.autopilot.fastest_decay(),
+    }
+    for what, row in rates.items():
+        rate = np.max(row)
+        if vehicle.time_step * rate > _STABLE:
             raise InputError(
-                f"vehicle.time_step is {vehicle.time_step:g} s, too long for this {name.replace('_', ' ')}, which"
-                f" swings with {swings:.2g} rad/s; shorten it, or make it 0 for a continuous state"
+                f"vehicle.time_step is {vehicle.time_step:g} s, too long for {what.format(time=1.0 / rate, rate=rate)};"
+                " shorten it, or make it 0 for a continuous state"
             )
-    fastest = fleet.laboratory.autopilot.fastest_decay()
-    if vehicle.time_step * fastest > _STABLE:
-        raise InputError(
-            f"vehicle.time_step is {vehicle.time_step:g} s, too long for an attitude that responds within"
-            f" {1.0 / fastest:.2g} s; shorten it, or make it 0 for a continuous state"
-        )
 
 
 def _command_link(scenario: Scenario, fleet: Any, yaw: float) -> Recipe:

@@ -80,7 +80,7 @@ def as_believed(scenario: Scenario) -> Scenario:
 def with_believed_vehicle(scenario: Scenario) -> Scenario:
     """The scenario with the vehicle that the ground believes in, see `as_believed`."""
     believed = {name: getattr(scenario.nominal, name) for name in Nominal.model_fields}
-    effects = [name for name, effect in EFFECTS.items() if effect.is_believed]
+    effects = [name for name, effect in EFFECTS.members.items() if effect.is_believed]
     kept = ("rotor_time_constant", "linear_drag", "quadratic_drag", "attitude_kinematics", "time_step", *effects)
     vehicle = Vehicle().model_copy(update=believed | {name: getattr(scenario.vehicle, name) for name in kept})
     return scenario.model_copy(update={"vehicle": vehicle})

@@ -186,13 +186,12 @@ class Vehicle(Airframe[Positive, NonNegative]):
 
     def effects(self) -> dict[str, VehicleEffect]:
         """Return the effects that are switched on, by the names of their fields."""
-        fields = {name: getattr(self, name) for name in EFFECTS.names}
+        fields = {name: getattr(self, name) for name in EFFECTS.members}
         return {name: effect for name, effect in fields.items() if effect is not None}
 
     def effect_numbers(self) -> Effects:
         """Return the numbers of the effects for the formulas of the motion."""
-        effects = {name: effect for name, effect in self.effects().items() if name != "rotor_failure"}
-        numbers = {name: effect.numbers() for name, effect in effects.items()}
+        numbers = {name: effect.numbers() for name, effect in self.effects().items() if name != "rotor_failure"}
         own = {name: record for name, record in numbers.items() if name in Effects._fields}
         down = self.rotor_time_constant_down
         return Effects(

@@ -55,7 +55,7 @@ class Action(Model):
         """Raise a validation error if the action does not fit the other parts of its `Scenario`."""
         autopilot = scenario.laboratory.autopilot
         if self.commands not in autopilot.accepts:
-            allowed = ", ".join(kind for kind in ACTIONS.names if ACTIONS.get(kind).commands in autopilot.accepts)
+            allowed = ", ".join(name for name, kind in ACTIONS.members.items() if kind.commands in autopilot.accepts)
             demand = f"must be {allowed}: laboratory.autopilot of kind {autopilot.kind} takes no other"
             raise scenario.wrong(demand, "control", "action", "kind")
         if self.commands == "attitude":

@@ -17,25 +17,18 @@ from drake_quad.scenario.files.relative import (
     laid_on_values,
     relative_part,
 )
+from drake_quad.scenario.models import Airframe
 
 DEFAULT_VEHICLE = "default_vehicle"
 """Key of the vehicle that flies if no layer describes a vehicle."""
 # Kinds of controls that may omit `kind`.
 _SILENT_KINDS = {"control": CONTROLS.silent}
-# Fields of `nominal` that describe an airframe, together with one of the fields that give the positions of the rotors.
-_AIRFRAME_FIELDS = (
-    "mass",
-    "inertia",
-    "thrust_factor",
-    "drag_factor",
-    "rotor_inertia",
-    "min_rotor_speed",
-    "max_rotor_speed",
-)
 _ROTOR_POSITION_FIELDS = ("layout", "arm_length")
 # Fields that a new vehicle keeps beside some effects, since they are not part of the airframe: gravity and the
 # integration of the motion.
 _FLIGHT_FIELDS = {"nominal": ("gravity",), "vehicle": ("time_step", "attitude_kinematics")}
+# Fields of `nominal` that describe an airframe, together with one of the fields that give the positions of the rotors.
+_AIRFRAME_FIELDS = Airframe.model_fields.keys() - {*_ROTOR_POSITION_FIELDS, *_FLIGHT_FIELDS["nominal"]}
 # A new route replaces all of these fields, since the duration and the metric window belong to the route.
 _ROUTE_FIELDS = ("route", "metrics", "duration")
 
@@ -147,7 +140,7 @@ def with_default_vehicle(tree: Tree) -> Tree:
 
 def _missing(nominal: Tree) -> list[str]:
     """Return the fields of an airframe that `nominal` does not have."""
-    missing = [name for name in _AIRFRAME_FIELDS if name not in nominal.value]
+    missing = [name for name in Airframe.model_fields if name in _AIRFRAME_FIELDS - nominal.value.keys()]
     return missing if any(name in nominal.value for name in _ROTOR_POSITION_FIELDS) else ["layout", *missing]
 
 
@@ -157,7 +150,7 @@ def _without_airframe(fields: dict[str, Tree]) -> dict[str, Tree]:
     for section, names in _FLIGHT_FIELDS.items():
         if section in kept and isinstance(kept[section].value, dict):
             spreads = relative_part(kept[section])
-            flown = [*names, *(name for name, effect in EFFECTS.items() if not effect.belongs_to_airframe)]
+            flown = [*names, *(name for name, effect in EFFECTS.members.items() if not effect.belongs_to_airframe)]
             own = {name: part for name, part in kept[section].value.items() if name in flown}
             kept[section] = kept[section]._replace(value={**({} if spreads is None else spreads.value), **own})
     laboratory = kept.get("laboratory")

@@ -351,7 +351,7 @@ def _members(metadata: Iterable[Any]) -> Iterator[type[Model]]:
     """Yield the members of open unions in the metadata of a field."""
     for union in metadata:
         if isinstance(union, OpenUnion):
-            yield from union
+            yield from union.members.values()
 
 
 def _real_path(problem: Any, data: Any) -> tuple[Any, ...]:
