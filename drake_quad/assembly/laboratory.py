@@ -85,14 +85,13 @@ def build_monitor(scenario: Scenario, plan: Plan, num_vehicles: int) -> FlightMo
     """Build the monitor for flights of a plan in a scenario."""
     space, tilt = space_of(scenario), scenario.crash.tilt
     solids = () if space is None else tuple(obstacle.shape for obstacle in space.obstacles)
-    monitor: FlightMonitor = FlightMonitor(
+    return FlightMonitor(
         num_vehicles=num_vehicles,
         period=scenario.laboratory.command_link.period,
         limits=record_like(CrashLimits, scenario.crash, tilt=math.inf if tilt is None else tilt),
         surroundings=Surroundings(solids, 0.0 if space is None else space.radius),
         window=Window(window_start(scenario, plan), window_end(scenario, plan)),
     )
-    return monitor
 
 
 def vehicle_parameters(vehicle: Any) -> QuadrotorParameters:
@@ -130,8 +129,7 @@ def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Rec
     x, y, z = plan.waypoints[0]
     place = Place(float(x), float(y), float(z), plan.initial_yaw)
     numbers = QuadrotorNumbers(parameters, _faults(fleet.vehicle, duration), place, effects)
-    recipe: Recipe = fleet.laboratory.autopilot.vehicle_recipe(structure, numbers)
-    return recipe
+    return fleet.laboratory.autopilot.vehicle_recipe(structure, numbers)
 
 
 def jump_times(batch: Batch) -> tuple[float, ...]:
@@ -196,8 +194,7 @@ def _autopilot(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
     """Return the recipe for what stands on board between link and allocation, if anything does."""
     written, believed = scenario.laboratory.autopilot, nominal_parameters(scenario)
     heeds_attitude = not scenario.control.commands_rates_alone()
-    recipes: dict[str, Recipe] = fleet.recipes(believed, written=written, heeds_attitude=heeds_attitude)
-    return recipes
+    return fleet.recipes(believed, written=written, heeds_attitude=heeds_attitude)
 
 
 def _wind(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:

@@ -442,8 +442,7 @@ class _Lifted:
     def sensitivity(self, z: np.ndarray) -> np.ndarray:
         """Return 1 / (1 + L) of the first plant at points of the z-plane, as det(zI - A_opened) / det(zI - A)."""
         zeros, poles = (np.linalg.eigvals(each[0]) for each in (self.opened, self.A))
-        S: np.ndarray = ((z[:, np.newaxis] - zeros) / (z[:, np.newaxis] - poles)).prod(axis=1)
-        return S
+        return ((z[:, np.newaxis] - zeros) / (z[:, np.newaxis] - poles)).prod(axis=1)
 
 
 def _stationary_covariance(A: np.ndarray, Q: np.ndarray) -> np.ndarray:
@@ -464,8 +463,7 @@ def _stationary_covariance(A: np.ndarray, Q: np.ndarray) -> np.ndarray:
 
 def _variance(row: np.ndarray, X: np.ndarray) -> np.ndarray:
     """Return (..., k) variances of rows (k, n) of states whose covariances are X (..., k, n, n)."""
-    variance: np.ndarray = np.einsum("ki,...kij,kj->...k", row, X, row)
-    return variance
+    return np.einsum("ki,...kij,kj->...k", row, X, row)
 
 
 @dataclass(frozen=True, eq=False)

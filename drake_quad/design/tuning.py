@@ -267,8 +267,7 @@ class _Trial:
 
     def point(self, numbers: Sequence[float]) -> np.ndarray:
         """The point at which the knobs have these numbers."""
-        found: np.ndarray = (np.log(numbers) - self._low) / self._width
-        return found
+        return (np.log(numbers) - self._low) / self._width
 
     def scenario(self, point: np.ndarray) -> Scenario:
         """The first scenario with the numbers of a point."""
@@ -328,15 +327,13 @@ def with_later_frames(scenario: Scenario, later: float) -> Scenario:
             else value + frames
         )
 
-    found: Scenario = replaced(scenario, added)
-    return found
+    return replaced(scenario, added)
 
 
 def with_numbers(scenario: Scenario, knobs: Sequence[Knob], numbers: Sequence[float]) -> Scenario:
     """The scenario with the numbers of knobs."""
     values = {path: value for knob, value in zip(knobs, numbers, strict=True) for path in knob.paths}
-    tuned: Scenario = replaced(scenario, lambda path, value: values.get(path, value))
-    return tuned
+    return replaced(scenario, lambda path, value: values.get(path, value))
 
 
 def _errors(metrics: Metrics, duration: float, count: int) -> np.ndarray:
@@ -389,8 +386,7 @@ def _near_limit(shares: np.ndarray, count: int) -> np.ndarray:
 
     Far from the limit shares jump, with a crossing of a loop or with its stability, and need not be known.
     """
-    found: np.ndarray = np.log(np.clip(np.broadcast_to(shares, count), *_ENDS))
-    return found
+    return np.log(np.clip(np.broadcast_to(shares, count), *_ENDS))
 
 
 def _better(first: Tuned, second: Tuned) -> Tuned:

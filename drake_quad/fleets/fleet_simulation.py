@@ -62,8 +62,7 @@ class FleetSimulation(ABC):
         """(N,) number of the obstacle that each vehicle crashed into, from 1 on; 0 if it touched none."""
         diagram, context = self._wired_now()
         monitor = diagram.GetSubsystemByName("monitor")
-        touched: np.ndarray = monitor.touched(monitor.GetMyContextFromRoot(context))
-        return touched
+        return monitor.touched(monitor.GetMyContextFromRoot(context))
 
     @abstractmethod
     def _wired_now(self) -> tuple[Diagram, Context]:

@@ -160,8 +160,7 @@ def build_vehicle(scenario: Scenario, num_vehicles: int = 1, *, plan: Plan | Non
     Raises:
         InputError: as `build_tracking_diagram`.
     """
-    vehicle: FleetSystem = _recipes(_identical_vehicles(scenario, num_vehicles), plan)["vehicle"].build(num_vehicles)
-    return vehicle
+    return _recipes(_identical_vehicles(scenario, num_vehicles), plan)["vehicle"].build(num_vehicles)
 
 
 def _identical_vehicles(scenario: Scenario, num_vehicles: int) -> Batch:

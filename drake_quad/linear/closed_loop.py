@@ -296,8 +296,7 @@ def _wrench_pattern(hover: RotorSpeed, parameters: QuadrotorParameters) -> np.nd
     """(4, 4) from rotor speeds to what makes thrust and torques near hover, eq (5); the largest of each row is 1."""
     columns = [rotor_action(RotorSpeed(*column), parameters).wrench for column in np.diag(np.sqrt(hover))]
     pattern = np.array(columns).T
-    scaled: np.ndarray = pattern / np.abs(pattern).max(axis=1, keepdims=True)
-    return scaled
+    return pattern / np.abs(pattern).max(axis=1, keepdims=True)
 
 
 def _periods(scenario: Scenario) -> dict[str, float]:

@@ -27,8 +27,7 @@ class _Hash:
         words = words ^ np.uint32(self._constant)
         self._constant = self._constant * self._factor & _MASK
         words = words * np.uint32(self._constant)
-        scrambled: np.ndarray = words ^ (words >> _SHIFT)
-        return scrambled
+        return words ^ (words >> _SHIFT)
 
 
 def child_words(entropy: int | np.ndarray, samples: np.ndarray, kind: int) -> np.ndarray:
@@ -64,5 +63,4 @@ def _words(entropy: int | np.ndarray) -> list[Any]:
 
 def _mixed(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     result: np.ndarray = _MIX_L * x - _MIX_R * y
-    mixed: np.ndarray = result ^ (result >> _SHIFT)
-    return mixed
+    return result ^ (result >> _SHIFT)

@@ -54,8 +54,7 @@ def stream_states(seed: Seeds, samples: Sequence[int], kind: StreamKind, name: s
         name: of the stream, unlike that of any other of its kind.
     """
     label = int.from_bytes(hashlib.blake2b(name.encode(), digest_size=8).digest(), "little")
-    states: np.ndarray = mixed(_sample_words(seed, tuple(samples), kind) ^ np.uint64(label))
-    return states
+    return mixed(_sample_words(seed, tuple(samples), kind) ^ np.uint64(label))
 
 
 @functools.lru_cache(maxsize=8)

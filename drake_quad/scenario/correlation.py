@@ -74,8 +74,7 @@ def shared_stream(name: str) -> str:
 
 
 def _standard_normal(seed: Seeds, samples: Sequence[int], stream: str) -> np.ndarray:
-    numbers: np.ndarray = scipy.special.ndtri(parameter_numbers(seed, samples, stream))
-    return numbers
+    return scipy.special.ndtri(parameter_numbers(seed, samples, stream))
 
 
 def correlation_matrix(distributions: Sequence[Distribution]) -> np.ndarray:

@@ -148,8 +148,7 @@ class RotorsLayout(RotorLayout):
 
 def rotors_of(airframe: Any) -> Rotors:
     """Return the rotors of an airframe of a scenario, or of a `Batch.fleet_scenario`."""
-    rotors: Rotors = airframe.layout.rotors_of(airframe)
-    return rotors
+    return airframe.layout.rotors_of(airframe)
 
 
 def arms_of(airframe: Any) -> tuple[float, float]:

@@ -59,8 +59,7 @@ def file_schema() -> dict[str, Any]:
         "additionalProperties": {"$ref": f"{_REFERENCE}Scenario"},
         "$defs": definitions,
     }
-    loosened: dict[str, Any] = _loosened(schema)
-    return loosened
+    return _loosened(schema)
 
 
 def _allow_relative(definitions: dict[str, Any]) -> None:

@@ -137,8 +137,7 @@ def _binomial_quantile(share: float, total: int, probability: float) -> int:
 def _ranks(values: np.ndarray) -> np.ndarray:
     """Return the ranks (n,) of values (n,), from 1 on; equal values share the mean of their ranks."""
     _, places, counts = np.unique(values, return_inverse=True, return_counts=True)
-    ranks: np.ndarray = (np.cumsum(counts) - 0.5 * (counts - 1))[places]
-    return ranks
+    return (np.cumsum(counts) - 0.5 * (counts - 1))[places]
 
 
 def _of_ranks(rho: float, count: int, confidence: float) -> Interval:
