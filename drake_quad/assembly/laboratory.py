@@ -77,7 +77,7 @@ def build_laboratory_of(
 
 
 def wind_period(scenario: Scenario) -> float:
-    """How long wind is held, s."""
+    """Return the sampling period of the wind, s."""
     return scenario.vehicle.time_step or scenario.laboratory.motion_capture.period
 
 

@@ -32,7 +32,7 @@ class UserSystems(NamedTuple):
 
     @property
     def given(self) -> dict[str, Any]:
-        """Those that are given, by their place."""
+        """Systems that the user gives, by their place."""
         return {name: system for name, system in self._asdict().items() if system is not None}
 
     def made(self, num_vehicles: int) -> "UserSystems":
@@ -58,7 +58,7 @@ class UserSystems(NamedTuple):
 
 
 class SystemPlace(NamedTuple):
-    """What a system in some place of the loop must be like.
+    """Ports that a system in a place of the loop must have.
 
     Attributes:
         inputs: the input ports that it may have.

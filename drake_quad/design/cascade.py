@@ -38,7 +38,7 @@ _TILTS = {"x": ("pitch", 1.0), "y": ("roll", -1.0)}
 
 
 class LoopOptions(NamedTuple):
-    """How a loop is to be designed.
+    """Options for the design of a loop.
 
     Attributes:
         family: of gains.
@@ -65,7 +65,7 @@ class CascadeDesign:
 
     @property
     def all_loops(self) -> dict[str, LoopDesign]:
-        """Those on board, then those on the ground."""
+        """All loops: those on board first, then those on the ground."""
         return {**self.on_board, **self.loops}
 
     def gains(self) -> dict[str, dict[str, list[float]]]:

@@ -30,11 +30,12 @@ from drake_quad.linear.sampled_system import SampledSystem
 
 # Bandwidths that are tried, rad/s: from far below what any laboratory allows up to a third of half the sampling rate.
 _SLOWEST, _FASTEST_SHARE, _TRIED = 0.05, 1.0 / 3.0, 120
-# How often the step to the effort that is too much is halved.
+# Number of bisections between the last acceptable effort and the first unacceptable one.
 _HALVINGS = 12
-# Of the integral's corner in the crossover of its PD: the reset time of four over it of usual rules for PIDs.
+# Largest corner frequency of the integral, relative to the crossover of its PD. Common PID rules use a reset time of
+# four over the crossover.
 _LARGEST_SHARE = 0.25
-# Where the search for a regulator's gains may start, rad/s: at the fastest of these that is stable.
+# Frequencies at which the search for a regulator's gains may start, rad/s; the first stable one is used.
 _STARTS = (0.2, 0.05, 0.0125, 0.003)
 
 
@@ -84,7 +85,7 @@ class Requirements(NamedTuple):
         return min((float(have) / needed for have, needed in pairs), default=1.0)
 
     def broken_by(self, found: FastMargins) -> dict[str, str]:
-        """What falls short, and by how much, in words."""
+        """Return the margins that fall short, with their values in words."""
         units = {"phase": ("°", 1.0), "gain": (" dB", 1.0), "delay": (" ms", 1e3)}
         return {
             f"{name} margin": f"{factor * float(getattr(found, name)):.1f}{unit}, less than"
@@ -343,7 +344,7 @@ class _GainTrial(NamedTuple):
 def _unsound(
     plant: SampledSystem, family: GainFamily, effort: float, gains: AxisGains | ProportionalGain
 ) -> dict[str, str]:
-    """What is wrong with the loop apart from its margins, and how, in words."""
+    """Return the flaws of the loop other than its margins, in words."""
     if not all(map(math.isfinite, gains)):
         return {"no gains": "none have this effect"}
     if not min(gains) > 0.0:

@@ -48,7 +48,7 @@ _SAMPLES, _LASTING, _BIAS = 32, 50.0, 20.0
 # Least deviations, so that a calm and ideal laboratory has a design, too: of disturbances (m/s²), of the bias (m/s⁴)
 # and of the noise of position (m) and attitude (rad), half of what laboratory.yaml has.
 _CALM, _UNBIASED, _SHARP, _LEVEL = 0.05, 0.5, 5e-4, 2e-3
-# By how much a plant that is written as one number may be off: the lag or its inverse as a factor, frames and ticks.
+# Assumed uncertainty of a plant without distributions: factors on the lag and on the answer, and frames or ticks.
 _LAG_SPREAD, _ANSWER_SPREAD, _LATER = 1.6, 1.15, 1
 # Points at which margins are looked at and the lowest frequency, rad/s; weight of what breaks a limit, of the logarithm
 # of the error; evaluations of a search.
@@ -61,7 +61,7 @@ _ROUNDS, _NARROWER = 5, 0.998
 
 
 class LqgLimits(NamedTuple):
-    """What a design keeps to.
+    """Limits of a design.
 
     Attributes:
         sensitivity: peak of |1 / (1 + L)|, broken where commands go over the link, of the middle plant's whole loop.
@@ -77,7 +77,7 @@ class LqgLimits(NamedTuple):
 
 
 class Plant(NamedTuple):
-    """What may lie between the command and the vehicle.
+    """Plant between the command and the motion of the vehicle.
 
     Attributes:
         lags: whether the attitude lags behind the rotors, too; not if its answer is known as a whole.
@@ -97,7 +97,7 @@ class Plant(NamedTuple):
 
 
 class Conditions(NamedTuple):
-    """In what a vehicle flies.
+    """Disturbances and noise of a laboratory.
 
     Attributes:
         lateral: disturbing acceleration along x and y.
@@ -146,7 +146,7 @@ class Truth(NamedTuple):
 
 
 class Predicted(NamedTuple):
-    """What the linear model of an axis predicts.
+    """Prediction of the linear model of an axis.
 
     Attributes:
         error: root mean square of the position error at the ticks, m; infinite if the loop is unstable.
@@ -338,7 +338,7 @@ def conditions_of(scenario: Scenario) -> Conditions:
 
 
 def predicted(loop: AxisLoop, truth: Truth, timing: Timing) -> Predicted:
-    """What the linear model of an axis predicts for a plant that may be another than the loop believes."""
+    """Return the prediction of the linear model of an axis for a plant, which may differ from the believed one."""
     (answer,) = _Lifted.of(loop, [truth], timing).predicted()
     return answer
 
@@ -384,7 +384,7 @@ class _Lifted:
         ends = np.cumsum((0, n, p * frames, m, believed + 1, ticks))
         chain, line, filtered, told, sent = (slice(*pair) for pair in itertools.pairwise(ends.tolist()))
         size = int(ends[-1])
-        # Of the filter and the line of frames, at every frame.
+        # The filter and the line of frames are updated at every frame.
         F, H, L, gain = (np.array(part) for part in (loop.A, loop.B, loop.L, loop.K))
         C = np.eye(m)[[loop.K._fields.index(name) for name in ("position", "thrust")[:p]]]
         update, camera, moved = (np.tile(np.eye(size), (len(truths), 1, 1)) for _ in range(3))
@@ -399,7 +399,7 @@ class _Lifted:
             camera[i, arriving, chain] = truth.C
             moved[i, chain, chain], moved[i, chain, sent.start + plant.delay_ticks] = truth.A, truth.B.ravel()
             noise[i, chain, chain], noise[i, arriving, arriving] = truth.Q, truth.R
-        # What is told to the filter and what is sent, the newest first, move up at a tick.
+        # At a tick, the queues of commands for the filter and for the vehicle, newest first, move up.
         row = np.zeros(size)
         row[filtered] = -gain
         row[told.start : told.stop - 1] = -np.array(loop.K_pending)[::-1]
@@ -427,7 +427,7 @@ class _Lifted:
         stable = np.flatnonzero(poles < 1.0 - 1e-9)
         lost = self.lost[stable]
         noise = np.stack([self.Q[stable], lost @ lost.transpose(0, 2, 1)])
-        # For the noise of a tick, and for noise of size 1 in place of the command: (2, stable plants) each.
+        # Each array is (2, stable plants): for the noise of a tick, and for unit noise in place of the command.
         X = _stationary_covariance(self.A[stable], noise)
         errors, commands, changes = X[..., 0, 0], _variance(self.command[stable], X), _variance(self.change[stable], X)
         # A lost command is noise of the size of its change, to which that noise adds.
@@ -590,7 +590,7 @@ def _lag(scenario: Scenario) -> float:
 
 
 def _thrust_gain(scenario: Scenario) -> float:
-    """By how much more the thrust changes than is believed, from the answer of the height to a slow command."""
+    """Return the actual over the believed gain of the thrust, from the response of the height to a slow command."""
     period, mass, slow = scenario.laboratory.command_link.period, scenario.nominal.mass, 2.0
     plant = laboratory_plant(scenario, vehicle="as it is").system
     command = f"{scenario.laboratory.autopilot.command}.thrust"

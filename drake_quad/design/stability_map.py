@@ -23,9 +23,9 @@ _ON_BOARD = "laboratory.autopilot"
 # Modes that die faster than this within a tick are delay lines, whose damping means nothing.
 _FAST = 0.05
 _POINTS = 300
-# Of a gain, between two linear models that differ by it alone; any would do.
+# Difference of a gain between two linear models. They are affine in the gain, so that any value would do.
 _STEP = 1.0
-# Beside the largest, what these differences show of a state that has no part in them.
+# Entries below this, relative to the largest one, are rounding errors of states that do not depend on the gain.
 _ROUNDING = 1e-9
 
 
@@ -141,7 +141,7 @@ def _mapped(plant: SampledSystem, gains: np.ndarray) -> StabilityMap:
 
 
 def mapped_plant(scenario: Scenario, loop: Loop) -> SampledSystem:
-    """What the gains of one of a scenario's loops act on along x, with all else of the loop as it is.
+    """Return the plant along x that the gains of one loop act on, with the rest of the scenario's loop closed.
 
     On the ground that is made of linear models of the whole loop, whose matrix from tick to tick is A - b (k_P c_P +
     k_D c_D), since a PD acts at one place. So everything around the PD is in it, the other loop of the cascade,

@@ -25,14 +25,14 @@ from drake_quad.scenario.distributions import Choice
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import replaced
 
-# What a flight that ends in a crash is charged with, m: so that of 25 flights one crash costs as much as 4 cm in all.
+# Cost of a flight that ends in a crash, m: one crash in 25 flights costs as much as 4 cm of error in all of them.
 # An early crash costs up to twice as much, so that a search finds its way where all flights crash.
 _CRASH = 1.0
 LATENCY = "laboratory.motion_capture.latency_frames"
 # Share of the points that make the next distribution, and the part of the way there that is gone; least deviation of
 # each number, in logarithms, against an early end; by how much more often the limit is looked at in the first round.
 _ELITE, _STEP, _LEAST, _FIRST = 0.25, 0.7, 0.01, 4
-# What breaks the limit costs so many times as much, in logarithms of the error, as it misses of it.
+# Penalty on the logarithm of the error, relative to the logarithm by which the limit is missed.
 _PENALTY = 4.0
 # How much better the limit may be kept than told, in logarithms, a width of the box away from what has been looked at,
 # at the beginning; what is kept from the limit, since what is told is not exact.
@@ -58,12 +58,12 @@ class Knob(NamedTuple):
 
     @property
     def vertical(self) -> bool:
-        """Whether it is of the vertical axis, the third of three."""
+        """True if the number belongs to the vertical axis, the third of three."""
         return all(path.endswith(".2") for path in self.paths)
 
 
 class Budget(NamedTuple):
-    """What each controller's tuning may cost.
+    """Budget for the tuning of each controller.
 
     Attributes:
         rounds: of the search.
@@ -81,7 +81,7 @@ class Budget(NamedTuple):
 
 
 class LoopLimit(NamedTuple):
-    """What the loops of a control must keep where its commands go over the link.
+    """Limits on the loops of a control, broken at the command link.
 
     Attributes:
         sensitivity: largest peak of |1 / (1 + L)|.
@@ -101,7 +101,7 @@ class LoopLimit(NamedTuple):
 
 
 class Tuned(NamedTuple):
-    """What a tuning found.
+    """Result of a tuning.
 
     Attributes:
         numbers: of the knobs, in their order.
@@ -218,7 +218,7 @@ class _GainSearch(NamedTuple):
         """The best that is found; arguments as for `tune`."""
         count, size = len(self.knobs), self.budget.candidates
         trial = _Trial(scenarios, self.knobs, self.budget, self.first_sample, self.later)
-        # In units of the box, from 0 to 1.
+        # Coordinates are relative to the box, from 0 to 1.
         points = scipy.stats.qmc.Sobol(count, seed=self.seed).random(2 ** math.ceil(math.log2(size)))[:size]
         normal = np.random.default_rng(self.seed)
         known, mean, spread = _Known(count), np.full(count, 0.5), np.eye(count) / 12.0
@@ -290,7 +290,7 @@ class _Trial:
 def delay_stood(
     scenarios: Sequence[Scenario], most: float, *, budget: Budget = Budget(), first_sample: int = 0
 ) -> float:
-    """How much later frames may come, up to the most, so that no training flight crashes, s; whole frames.
+    """Return the largest additional latency of the cameras for which no training flight crashes, s, in whole frames.
 
     Args:
         scenarios: laboratories with the controller.
@@ -309,7 +309,7 @@ def delay_stood(
 
 
 def _training_samples(budget: Budget, laboratories: int, first: int) -> range:
-    """Those that are flown in each laboratory."""
+    """Return the samples that are flown in each laboratory."""
     return range(first, first + max(budget.samples // laboratories, 1))
 
 
@@ -350,7 +350,7 @@ def _crashes(metrics: Metrics, duration: float, count: int) -> np.ndarray:
 
 
 class _Known:
-    """What is known of the limit: the shares of it that are met at the points that have been looked at."""
+    """Evaluated points of a search, with the shares of the limit that are met at each."""
 
     def __init__(self, dimensions: int) -> None:
         self._dimensions = dimensions
@@ -371,7 +371,7 @@ class _Known:
             points: (count, dimensions).
             doubt: how much better the limit may be kept than told, in logarithms, a width of the box away.
         """
-        # As many neighbours as a plane through them needs.
+        # The interpolation needs as many points as determine a plane.
         if len(self._points) <= self._dimensions + 1:
             return np.zeros(len(points))
         count = max(map(len, self._shares))

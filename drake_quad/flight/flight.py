@@ -1,4 +1,4 @@
-"""What a flight leaves behind."""
+"""Recorded flights, and their files."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -74,7 +74,7 @@ class Flight(Mapping[str, np.ndarray]):
         return iter(self.signals)
 
     def __len__(self) -> int:
-        """How many signals there are."""
+        """Return the number of signals."""
         return len(self.signals)
 
     # Two flights are the same if they are one: arrays have no equality.

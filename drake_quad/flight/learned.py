@@ -1,4 +1,4 @@
-"""What a network has learned in a flight, to begin another one with."""
+"""Saving of the parameters that a network has learned in a flight."""
 
 from pathlib import Path
 

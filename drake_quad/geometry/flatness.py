@@ -46,7 +46,7 @@ class HeadingVector(NamedTuple):
 
 
 class ThrustTilt(NamedTuple):
-    """How a specific thrust tilts the body.
+    """Tilt of a body under a specific thrust.
 
     Attributes:
         thrust: F, m/s².
@@ -110,7 +110,7 @@ def angular_accelerations(
     p_dot, q_dot = q * r - (y + twice * p) / thrust, (x - twice * q) / thrust - p * r
     roll_rate = p + yaw_rate * sin_pitch
     pitch_rate = (q - yaw_rate * cos_pitch * sin_roll) / cos_roll
-    # What r cos φ = ψ̇ cos θ - q sin φ is when differentiated.
+    # This is the derivative of r cos φ = ψ̇ cos θ - q sin φ.
     turning = yaw_acceleration * cos_pitch - yaw_rate * sin_pitch * pitch_rate - q_dot * sin_roll
     return AngularAcceleration(p_dot, q_dot, (turning + (r * sin_roll - q * cos_roll) * roll_rate) / cos_roll)
 

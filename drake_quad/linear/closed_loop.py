@@ -27,13 +27,13 @@ from drake_quad.vehicle.effects import as_in_hover
 from drake_quad.vehicle.motors import ThrottleModel, told_as
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
-# They watch the loop and do not act on it.
+# Subsystems that only observe the loop.
 WATCHERS = ("monitor", "recorder")
 _HOVER = HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))
 # Ticks after which the equilibrium is sought (the first grids that do not quite coincide are behind), and how still
 # everything must be (in SI units over a period) to be called one.
 _TICKS, _STILL = 4, 1e-9
-# Of Newton's method.
+# Number of steps of Newton's method.
 _STEPS = 20
 
 
@@ -71,7 +71,7 @@ def closed_loop(scenario: Scenario, *, position_controller: Any = None, control:
 
 
 def loop_with_injection(scenario: Scenario, *, position_controller: Any = None, control: Any = None) -> ClosedLoop:
-    """The same, from what is added to the signals of the command link to what goes over it then.
+    """Return the closed loop from an addition to the signals of the command link to these signals.
 
     The inputs of the system are `injection.0`, `injection.1`, ..., its outputs `injected.0` and so on, row by row of
     what the link carries.
@@ -208,10 +208,10 @@ def _in_still_air(scenario: Scenario, vehicle: Literal["believed", "as it is"]) 
 
 
 def _hover_speeds(resting: Scenario) -> RotorSpeed:
-    """At which the rotors of a resting scenario's vehicle turn in hover.
+    """Return the rotor speeds in hover of a resting scenario's vehicle, rad/s.
 
     Raises:
-        InputError: they cannot.
+        InputError: the rotors cannot hold the vehicle in hover.
     """
     parameters, effects = vehicle_parameters(resting.vehicle), resting.vehicle.effect_numbers()
     hover = hover_rotor_speeds(as_in_hover(parameters, effects, _HOVER.position[2]))
@@ -224,7 +224,7 @@ def _hover_speeds(resting: Scenario) -> RotorSpeed:
 
 
 def _hover_wrench(resting: Scenario, hover: RotorSpeed) -> Wrench:
-    """What the ground believes to command where the vehicle's rotors hover at some speeds."""
+    """Return the wrench that commands these rotor speeds according to the nominal model."""
     believed, commanded = nominal_parameters(resting), hover
     flown, known = resting.vehicle.effect_numbers().thrust_curve, resting.nominal.motors.thrust_curve()
     if flown is not None and known is not None:

@@ -34,7 +34,7 @@ def leaf_paths(diagram: Diagram, *, without: Sequence[str] = ()) -> Iterator[tup
 
 
 class ContextVector:
-    """What a diagram remembers, leaf system by leaf system, and perhaps its numeric parameters.
+    """State of a diagram, leaf system by leaf system, and optionally its numeric parameters.
 
     The names are those of the systems on the way, of the group and of the row, as in
     `laboratory.vehicle.state.pitch`. The same layout serves the diagram's other scalar types.

@@ -1,4 +1,4 @@
-"""How far a sampled loop is from instability."""
+"""Stability margins of sampled loops."""
 
 import math
 from collections.abc import Callable

@@ -58,17 +58,17 @@ class SampledSystem:
     outputs: tuple[str, ...]
 
     def to_control(self) -> "control.StateSpace":
-        """The same as python-control's StateSpace, with its period and its names, which have "_" in place of "."."""
+        """Return python-control's StateSpace with the same period and names, with "_" in place of "."."""
         import control
 
         names = {"states": undotted(self.states), "inputs": undotted(self.inputs), "outputs": undotted(self.outputs)}
         return control.ss(self.A, self.B, self.C, self.D, self.period, **names)
 
     to_state_space = to_control
-    """The same, under the name that `drake_quad.linear.vehicle_model` has for continuous systems."""
+    """Alias of `to_control`, with the name that `drake_quad.linear.vehicle_model` uses for continuous systems."""
 
     def to_scipy(self) -> "scipy.signal.StateSpace":
-        """The same as SciPy's StateSpace, with its period.
+        """Return SciPy's StateSpace with the same period.
 
         It has no names: its states, inputs and outputs are those of this system, in order.
         """

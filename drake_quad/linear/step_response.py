@@ -13,7 +13,7 @@ from drake_quad.linear.sampled_system import resumed, tick_after
 
 
 class StepResponse(NamedTuple):
-    """What the vehicle does after a step; rows are those of the vehicle's `state`.
+    """Response of the vehicle to a step; its rows are those of the vehicle's `state`.
 
     Attributes:
         time: (ticks,) s.

@@ -36,12 +36,12 @@ if TYPE_CHECKING:
 _NUM_ROTORS, _NUM_WIND = len(RotorSpeed._fields), len(Wind._fields)
 OUTPUTS = port_rows("state", len(State._fields))
 STATES = (*State._fields, *port_rows("rotor_speed", _NUM_ROTORS))
-# Of a vehicle with a slung load, behind the others.
+# Further states of a vehicle with a slung load.
 SWING_STATES = tuple(port_rows("swing", len(HANGING)))
 INPUTS = (*port_rows("rotor_speed_command", _NUM_ROTORS), *port_rows("wind", _NUM_WIND))
 # What counts as standing still (m/s², rad/s²), and how far from upright an operating point is sought (rad).
 _STILL, _LARGEST_TILT = 1e-9, 1.4
-# Of Newton's method.
+# Number of steps of Newton's method.
 _STEPS = 3
 
 

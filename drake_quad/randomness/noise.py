@@ -143,7 +143,7 @@ def connect_noise(builder: DiagramBuilder, ports: Mapping[Stream, Any], samples:
 
 
 def of_this_tick(numbers: tuple[Row, ...], count: int, tick: Tick) -> tuple[Row, ...]:
-    """Those of a period's numbers that are for a tick, of which the period has some count."""
+    """Return the numbers for one tick out of the numbers for a period of `count` ticks."""
     num_rows = len(numbers) // count
     number = 2.0 * tick.pair + where(tick.second, 1.0, 0.0)
     place = number - count * nearest(number / count - 0.5 + 0.5 / count)

@@ -1,4 +1,4 @@
-"""Where every random number of a study comes from.
+"""Streams of the random numbers of a study.
 
 A study has one seed, and each of its samples three kinds of random numbers: drawn parameters, wind, and noise. Every
 one has a stream of its own, named by kind and by what it is for. So a sample is the same whatever else is drawn, in
@@ -45,7 +45,7 @@ Seeds = int | tuple[int, ...]
 
 
 def stream_states(seed: Seeds, samples: Sequence[int], kind: StreamKind, name: str) -> np.ndarray:
-    """Where the streams of some samples begin: the (N,) states of SplitMix64, from NumPy's seed sequences.
+    """Return the initial states (N,) of the streams of some samples: SplitMix64 states from NumPy's seed sequences.
 
     Args:
         seed: of all samples, or of each.
@@ -64,7 +64,7 @@ def _sample_words(seed: Seeds, samples: tuple[int, ...], kind: StreamKind) -> np
 
 
 class StreamState(NamedTuple):
-    """Where a stream begins: the halves of SplitMix64's state, two whole numbers.
+    """Initial state of a stream: the halves of SplitMix64's state, two whole numbers.
 
     Attributes:
         high: of 32 bits.
@@ -105,7 +105,7 @@ def random_numbers(state: StreamState, tick: Tick, num_rows: int, normal: bool) 
 
 
 def moved(word: Any, number: Row) -> Any:
-    """What word `number` of a stream, counted from 0, is mixed from."""
+    """Return the state from which the word `number` of a stream, counted from 0, is mixed."""
     return word + word_of(number + 1.0) * _GAMMA
 
 

@@ -1,4 +1,4 @@
-"""What a fleet flies: samples of a scenario's study, side by side."""
+"""Batches of samples of a study, which a fleet flies side by side."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -78,11 +78,11 @@ class Batch:
         return len(self.samples)
 
     def with_varying(self, varying: Mapping[str, np.ndarray]) -> "Batch":
-        """The same with other (N,) numbers in some fields, by their paths; nothing checks whether they may be there."""
+        """Return the batch with other (N,) numbers in some fields, by path; the numbers are not validated."""
         return replace(self, varying={**self.varying, **varying})
 
     def padded(self, num_vehicles: int) -> "Batch":
-        """The same for more vehicles, of which those that are added fly what the last one does."""
+        """Return the batch for more vehicles; each additional vehicle flies the last sample."""
         missing = num_vehicles - len(self)
         varying = {path: np.append(numbers, [numbers[-1]] * missing) for path, numbers in self.varying.items()}
         seeds = self.seeds and (*self.seeds, *self.seeds[-1:] * missing)
@@ -152,7 +152,7 @@ def _with_rigid_bodies(scenario: Scenario, varying: Mapping[str, np.ndarray]) ->
 
 
 def _label(path: str) -> str:
-    """What the stream of a field is called: the path with items of lists in brackets, as in `vehicle.inertia[0]`.
+    """Return the name of a field's stream: its path with indices in brackets, as in `vehicle.inertia[0]`.
 
     This was once how paths were written, and a study's samples stay the same.
     """

@@ -69,7 +69,7 @@ def drawn_values(
 
 
 def shared_stream(name: str) -> str:
-    """What the stream of a shared variable is called: unlike that of any field, whose path has no space in it."""
+    """Return the name of a shared variable's stream, which no field has, since paths contain no spaces."""
     return f"shared {name}"
 
 
@@ -236,7 +236,7 @@ def _weights(correlation: np.ndarray) -> np.ndarray:
 
 
 def _grouped(correlation: np.ndarray, least: float, decimals: int) -> np.ndarray:
-    """The same where correlations and weights below the least count for none; each group has variables of its own."""
+    """Return weights without correlations and weights below `least`; each group has its own shared variables."""
     count = len(correlation)
     _, groups = scipy.sparse.csgraph.connected_components(np.abs(correlation) > least, directed=False)
     columns = [np.zeros((count, 0))]

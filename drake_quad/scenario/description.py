@@ -1,4 +1,4 @@
-"""What the fields of a scenario mean."""
+"""Descriptions and units of the fields of a scenario."""
 
 import re
 from typing import Any

@@ -1,4 +1,4 @@
-"""Where the rotors are, in the scenario language."""
+"""Rotor layouts of the scenario language."""
 
 from abc import abstractmethod
 from collections.abc import Callable

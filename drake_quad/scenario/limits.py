@@ -1,4 +1,4 @@
-"""How much a scenario may hold.
+"""Limits on the size of a scenario.
 
 Nothing that a person or a script of this project writes comes near these limits. They are for what is broken, or no
 scenario at all, and act before the most of it is read: ruamel.yaml takes a second for 30,000 names and values, and

@@ -73,7 +73,7 @@ _NonNegative = TypeVar("_NonNegative")
 
 
 class Airframe(Model, Generic[_Positive, _NonNegative]):
-    """What a vehicle is made of; the defaults are the paper's Table I where it has them."""
+    """Airframe of a vehicle; the defaults are from the paper's Table I as far as it has them."""
 
     mass: _Positive = field_of(_PAPER, "mass", "m")
     inertia: Annotated[tuple[_Positive, _Positive, _Positive], Field(strict=False)] = field_of(
@@ -109,7 +109,7 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
             raise self.wrong(flaw, "inertia")
 
     def _check_arm(self) -> None:
-        """What is written twice must be the same: a mistaken arm length would not be noticed."""
+        """Raise an error if the arm length contradicts the layout: such a mistake would go unnoticed otherwise."""
         if "arm_length" not in self.model_fields_set or not self.layout.has_distances:
             return
         written: Any = self.arm_length
@@ -124,7 +124,7 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
 
 
 class Nominal(Airframe[PlainPositive, PlainNonNegative]):
-    """What planner and controllers believe of the vehicle; the defaults are the paper's Table I where it has them."""
+    """Vehicle that planner and controllers assume; the defaults are from the paper's Table I as far as it has them."""
 
     motors: BelievedMotors = Field(default=SpeedMotors(kind="speed"), description="what the motors are told")
 
@@ -222,7 +222,7 @@ class AllocationSettings(Model):
 
 
 class Laboratory(Model):
-    """What stands between the controllers and the vehicle."""
+    """Systems between the controllers and the vehicle."""
 
     motion_capture: MotionCaptureSettings = MotionCaptureSettings()
     command_link: CommandLinkSettings = CommandLinkSettings()
@@ -266,7 +266,7 @@ class Crash(Model):
 
 
 class Mission(Model):
-    """What flies where: all that a plan depends on."""
+    """Vehicle, route and space: all that a plan depends on."""
 
     name: str = Field(
         default="scenario",
@@ -285,11 +285,11 @@ class Mission(Model):
         return f"<{type(self).__name__} {self.name}: {'; '.join(self._words())}>"
 
     def _words(self) -> list[str]:
-        """What there is to say in a line."""
+        """Return the parts of the line that `repr` shows."""
         return [f"route {self.route.kind}", f"nominal mass {self.nominal.mass:g} kg", *self._obstructed()]
 
     def _obstructed(self) -> list[str]:
-        """How many obstacles there are, if any."""
+        """Return the number of obstacles in words, if there are any."""
         count = 0 if self.space is None else len(self.space.obstacles)
         return [f"{count} obstacle{'' if count == 1 else 's'}"] if count else []
 

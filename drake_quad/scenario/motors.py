@@ -34,7 +34,7 @@ class ThrottleMotors(Model):
 
 
 class BelievedThrottleMotors(ThrottleMotors):
-    """The same as the autopilot believes it; the thrust must rise with the throttle."""
+    """Motors with throttles as the autopilot models them; the thrust must rise with the throttle."""
 
     curve: Annotated[tuple[Real, Real, Real], Field(strict=False)] = Field(description="K0, K1, K2 (N)")
 

@@ -87,7 +87,7 @@ def _nodes(node: Any) -> Iterator[Any]:
 
 
 def _of_numbers(node: Any, definitions: dict[str, Any]) -> Any:
-    """The same with what it refers to written out, and no distribution in place of a number."""
+    """Return a node with its references resolved and without the alternatives that are distributions."""
     if isinstance(node, list):
         return [_of_numbers(each, definitions) for each in node if not _is_distribution(each)]
     if not isinstance(node, dict):
@@ -157,7 +157,7 @@ def _default(value: Any) -> str:
 
 
 def _takes(node: dict[str, Any]) -> str:
-    """What a field takes, in words."""
+    """Return the values that a field takes, in words."""
     if "$ref" in node:
         name = node["$ref"].removeprefix(_REFERENCE)
         return f"[{name}](#{name.lower()})"

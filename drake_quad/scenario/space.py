@@ -105,7 +105,7 @@ AnyObstacle = Annotated[BoxObstacle | CylinderObstacle | SphereObstacle | HullOb
 
 
 class SpaceSettings(Model):
-    """Where there is no flying: what touches an obstacle has crashed, and a plan leads around it."""
+    """Obstacles: a vehicle that touches one has crashed, and plans lead around them."""
 
     bounds: BoxRegion | None = Field(
         default=None, description="that a plan does not leave, for the centre of mass; they are not solid"

@@ -150,7 +150,7 @@ def _of_ranks(rho: float, count: int, confidence: float) -> Interval:
 def running_mean(values: np.ndarray, confidence: float = CONFIDENCE) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the running mean (n,) of values, and the lower and upper ends (n,) of its Student's intervals."""
     count = np.arange(1, len(values) + 1)
-    # About the whole mean, so that nothing cancels.
+    # Deviations from the total mean avoid cancellation.
     shift = values - (values.mean() if len(values) else 0.0)
     mean = np.cumsum(shift) / count
     with np.errstate(invalid="ignore", divide="ignore"):

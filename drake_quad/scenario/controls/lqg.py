@@ -98,7 +98,7 @@ class Axis(Model):
 
 
 class VerticalAxis(Axis):
-    """What the controller believes of the way from its command to the height, and what it weighs."""
+    """Believed model from the command to the height, and the weights of the design."""
 
     lag: PlainSpan = Field(description="of the thrust behind its command (s)")
     name: ClassVar = "vertical"
@@ -109,7 +109,7 @@ class VerticalAxis(Axis):
 
 
 class LateralAxis(Axis):
-    """What the controller believes of the way from its command to x and to y, and what it weighs."""
+    """Believed model from the command to x and to y, and the weights of the design."""
 
     lag: PlainSpan | None = Field(
         default=None,
@@ -164,7 +164,7 @@ class LqgControl(Control):
     max_snap: PlainPositive = Field(
         default=400.0, description="largest command along x and along y with torques over the link (m/s⁴)"
     )
-    # Whether a programme stands beside the regulator, as with kinds that extend this one.
+    # True for kinds that add a programme to the regulator.
     takes_perturbation: ClassVar = False
 
     def check_fits(self, scenario: Any) -> None:

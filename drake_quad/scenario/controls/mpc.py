@@ -32,7 +32,7 @@ _OPEN = (None, None, None)
 
 
 class _Corridor(Model):
-    """What the walls of a corridor have in common."""
+    """Fields of corridors of both kinds."""
 
     weight: PlainPositive = Field(
         default=10.0, description="ζ of the cost at a tick, p² + ρ u² + ζ ε², for being ε beyond it (m)"
@@ -126,7 +126,7 @@ class MpcControl(LqgControl):
 
 
 class _Shown(NamedTuple):
-    """What the reference shows at an instant."""
+    """Reference at an instant, with its derivatives."""
 
     reference: Reference
     jerk: Jerk

@@ -52,7 +52,7 @@ def parse_document(text: str, source: str, *, numbered: bool = True, most: int =
 
 
 class _Limits:
-    """Where in a document the reader is, and whether it may go on."""
+    """Position of a reader in a document, and limits on what it reads."""
 
     def __init__(self, source: str, numbered: bool, most: int) -> None:
         self._source, self._numbered = source, numbered

@@ -191,7 +191,7 @@ def located(spec: str) -> tuple[Path, str | None]:
 
 
 def is_shipped(spec: str) -> bool:
-    """Whether a spec names a scenario that comes with the package, and no file."""
+    """Return whether a spec names a scenario that comes with the package, and no file."""
     return not split_spec(spec)[0].endswith(_SUFFIXES) and not os.path.isfile(spec) and _shipped(spec) is not None  # noqa: PTH113 - as above
 
 

@@ -136,7 +136,7 @@ def _word(tree: Tree, *path: str) -> Any:
 
 
 def has_control(spec: str | Path) -> bool:
-    """Whether what is written of a scenario has a control; a vehicle alone has none.
+    """Return whether the files of a scenario give it a control; a vehicle alone has none.
 
     Raises:
         InputError: there is no such file or scenario, or it is not YAML.

@@ -280,7 +280,7 @@ class _Graph:
 
 
 def _stays_small(kind: str, given: Sequence[Any]) -> bool:
-    """Whether what a node makes of constants is known to be no larger than these, and so is computed."""
+    """Return whether the result of a node is certainly not larger than the constants that it takes."""
     if kind in _OF_TWO:
         return min(each.size for each in given) == 1 or len({each.shape for each in given}) == 1
     return kind in _OF_ONE

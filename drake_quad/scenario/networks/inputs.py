@@ -69,7 +69,7 @@ class CircularInputSets(InputSets):
 
 
 class NetworkInputs(Model):
-    """What the rules of a network look at: the fuzzy sets of one to four inputs; there is a rule for every choice."""
+    """Inputs of a network, one to four, with their fuzzy sets; there is a rule for every combination of sets."""
 
     error: InputSets | None = Field(default=None, description="of e on the network's own axis (m)")
     error_rate: InputSets | None = Field(default=None, description="of ė on the network's own axis (m/s)")

@@ -1,4 +1,4 @@
-"""What a fuzzy network has learned in a flight."""
+"""Learned parameters of a fuzzy network."""
 
 import math
 from typing import Annotated, Any, Literal, get_args
@@ -13,7 +13,7 @@ AXES: tuple[Axis, ...] = get_args(Axis)
 
 
 class LearnedAxis(Model):
-    """What a network has learned on one axis."""
+    """Learned parameters of a network on one axis."""
 
     weights: Annotated[tuple[Real, ...], Field(strict=False)] = Field(description="F, one a rule (m/s²)")
     antecedents: Annotated[tuple[Real, ...], Field(strict=False)] | None = Field(
@@ -22,7 +22,7 @@ class LearnedAxis(Model):
 
 
 class LearnedNetwork(Model):
-    """What a network has learned in a flight; `learned: FILE` reads it from what `simulate.py --save-network` wrote."""
+    """Parameters that a network learned in a flight; `learned: FILE` reads a file that `fly --save-network` wrote."""
 
     kind: Literal["type_1", "type_2"] = Field(description="type of the network")
     inputs: Annotated[tuple[InputName, ...], Field(strict=False)] = Field(description="what its rules look at")
@@ -33,7 +33,7 @@ class LearnedNetwork(Model):
 
     @property
     def axes(self) -> dict[Axis, LearnedAxis]:
-        """What has been learned, by axis."""
+        """Learned parameters by axis."""
         return {axis: known for axis in AXES if (known := getattr(self, axis)) is not None}
 
     @model_validator(mode="after")

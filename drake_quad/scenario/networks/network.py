@@ -22,7 +22,7 @@ Axes = Annotated[tuple[Axis, ...], Field(strict=False, min_length=1)]
 
 
 class _Network(Model):
-    """What networks of both types have in common."""
+    """Fields of networks of both types."""
 
     kind: Literal["type_1", "type_2"]
     axes: Axes = Field(default=("x", "y"), description="on which there is a network")
@@ -43,7 +43,7 @@ class _Network(Model):
 
     @model_validator(mode="after")
     def _fits(self) -> "_Network":
-        """What was learned before is of a network like this one."""
+        """Raise an error if the parameters were learned by a network with another structure."""
         if self.learned is None:
             return self
         own = {
@@ -124,7 +124,7 @@ class AdaptiveTriangles(Model):
 
     @property
     def parts(self) -> tuple[Part, ...]:
-        """What learns."""
+        """Parts of the membership functions that learn."""
         return tuple([part for part in get_args(Part) if getattr(self, part, None) is not None])
 
     @model_validator(mode="after")

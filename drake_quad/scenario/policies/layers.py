@@ -13,7 +13,7 @@ _Gates = tuple[np.ndarray, np.ndarray]
 
 
 class UnreadableError(Exception):
-    """What is wrong with a file."""
+    """Error in a file of a network."""
 
 
 class Layers:

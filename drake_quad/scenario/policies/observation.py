@@ -15,7 +15,7 @@ SignalName = Literal[tuple(SIGNALS_SEEN)]  # type: ignore[valid-type] # the name
 
 
 class ObservationSettings(Model):
-    """What a policy sees at each tick of the control."""
+    """Observation of a policy at each tick of the control."""
 
     signals: Annotated[tuple[SignalName, ...], Field(strict=False, min_length=1)] = Field(  # type: ignore[valid-type]
         default=("position_error", "velocity_error", "rotation", "body_rates", "reference_acceleration", "action"),

@@ -15,15 +15,15 @@ from drake_quad.scenario.quantities import TWO_TURNS, PlainMoment, PlainPositive
 from drake_quad.scenario.routes.route import ROUTES, KnownEnd, MissionRoute, Planned
 from drake_quad.space.space import Space
 
-# By which a trajectory may jump from piece to piece, by path and order, in m, m/s and rad: no vehicle would notice.
-# Added to that is what is left of six decimals in the coefficients of the piece before, with which files are written.
+# Largest jumps of a trajectory between pieces, by path and order, in m, m/s and rad; no vehicle would notice them. The
+# rounding of the coefficients of the previous piece to six decimals, as in files, is added.
 _JUMPS = {("path", 0): ("m", 1e-3), ("path", 1): ("m/s", 1e-2), ("yaw", 0): ("rad", 1e-2)}
 _DECIMALS = 1e-6
 _ENDS = np.array([1.0, 0.0])
 
 
 class Knot(Model):
-    """Where a trajectory is at a time, and how it moves there."""
+    """Position of a trajectory at a time, with its derivatives."""
 
     time: PlainMoment = Field(description="when (s)")
     position: Point = Field(description="in W (m)")
@@ -56,7 +56,7 @@ class Piece(Model):
     )
 
     def row(self) -> list[float]:
-        """As the row of a table of pieces, see `drake_quad.reference.pieces`."""
+        """Return the row of a table of pieces, see `drake_quad.reference.pieces`."""
         padded = [(*part, *[0.0] * (POWERS - len(part))) for part in (self.x, self.y, self.z, self.yaw)]
         return [self.duration, *itertools.chain(*padded)]
 

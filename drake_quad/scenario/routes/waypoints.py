@@ -36,7 +36,7 @@ _HALF_TURN = math.pi + 1e-6
 
 
 class Waypoint(Model):
-    """Where to pass, and if need be how; [x, y, z] alone is short for its point."""
+    """Place to pass, with velocity and derivatives if they are given; [x, y, z] is short for a point."""
 
     point: Position | None = Field(default=None, description="exactly here, in W (m)")
     box: BoxRegion | None = Field(default=None, description="somewhere in this box")
@@ -138,7 +138,7 @@ class WaypointRoute(MovingRoute):
 
     @model_validator(mode="after")
     def _closed(self) -> "WaypointRoute":
-        """What is flown in laps ends where it begins, in a way that can be repeated."""
+        """Raise an error if the route has laps but cannot be repeated."""
         if self.laps == 1:
             return self
         first, last = self.waypoints[0].point, self.waypoints[-1].point
@@ -177,7 +177,7 @@ class WaypointRoute(MovingRoute):
         return self.times.known_end(self.laps) or super().known_end()
 
     def problem(self, laps: int = 1) -> PathProblem:
-        """What the path of so many laps must keep to; the route holds no distributions.
+        """Return the problem of planning some laps, for a route without distributions.
 
         Raises:
             InputError: no path can, whatever its times.
@@ -249,7 +249,7 @@ class WaypointRoute(MovingRoute):
             durations, points = of_three_laps(path.durations, segments), path.waypoints[segments : 2 * segments + 1]
         stops = (problem.derivatives[: len(points)] == 0.0).all(axis=(1, 2))
         stops[[0, -1]] = self.waypoints[-1].stop
-        # Where times are given, a waypoint that repeats the one before is a place to stay at.
+        # If times are given, the vehicle stays at a waypoint that is repeated.
         staying = (np.diff(points, axis=0) == 0.0).all(axis=1)
         stops[:-1] |= staying
         stops[1:] |= staying
