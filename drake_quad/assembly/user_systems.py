@@ -106,7 +106,10 @@ def check_user_systems(
     for name, system in systems.given.items():
         place = PLACES[name]
         place = place._replace(output=command) if name == "control" else place
-        sizes = {port: rows[port] if port in rows else _num_rows(port) for port in (*place.inputs, place.output)}
+        sizes = {
+            port: rows[port] if port in rows else layout_of(SIGNALS[port]).num_rows
+            for port in (*place.inputs, place.output)
+        }
         _check(name, system, place, sizes, num_vehicles)
 
 
@@ -170,10 +173,6 @@ def _returned(thing: Any) -> str:
     if isinstance(thing, type):
         return f"the class {thing.__name__} and not an object of it"
     return "nothing" if thing is None else _described(thing)
-
-
-def _num_rows(signal: str) -> int:
-    return layout_of(SIGNALS[signal]).num_rows
 
 
 def _listed(names: Mapping[str, int]) -> str:

@@ -266,29 +266,27 @@ def plants_of(scenario: Scenario) -> tuple[Plant, ...]:
     middle, low, high = (at_quantile(scenario, share) for share in (0.5, 0.1, 0.9))
     varied = distributions_in(scenario)
 
-    def ends(path: str, number: Callable[[Scenario], float], lower: float, upper: float) -> tuple[float, float]:
-        if path in varied:
-            return number(low), number(high)
-        return lower * number(middle), upper * number(middle)
+    def ends(path: str, number: Callable[[Scenario], Any], least: Any, most: Any) -> tuple[Any, Any]:
+        return (number(low), number(high)) if path in varied else (least, most)
 
-    lags = ends("vehicle.rotor_time_constant", _lag, 1.0 / _LAG_SPREAD, _LAG_SPREAD)
-    frames, ticks = int(_latency(middle)), int(_delay(middle))
-    late = "laboratory.motion_capture.latency_frames" in varied, "laboratory.command_link.delay_ticks" in varied
-    early = int(_latency(low)) if late[0] else frames, int(_delay(low)) if late[1] else ticks
-    after = (
-        int(_latency(high)) if late[0] else frames + _LATER,
-        int(_delay(high)) if late[1] else ticks + _LATER,
-    )
-    gain = _thrust_gain(middle)
+    lag, frames, ticks = _lag(middle), _latency(middle), _delay(middle)
+    lags = ends("vehicle.rotor_time_constant", _lag, 1.0 / _LAG_SPREAD * lag, _LAG_SPREAD * lag)
+    latencies = ends("laboratory.motion_capture.latency_frames", _latency, frames, frames + _LATER)
+    delays = ends("laboratory.command_link.delay_ticks", _delay, ticks, ticks + _LATER)
     autopilot = middle.laboratory.autopilot
-    answer, lags_too = autopilot.answer(), not autopilot.models_vehicle
+    answer = autopilot.answer()
+    middle_plant = Plant(not autopilot.models_vehicle, lag, answer, frames, ticks, _thrust_gain(middle))
+    spread = zip(lags, (_ANSWER_SPREAD, 1.0 / _ANSWER_SPREAD), strict=True)
     corners = [
-        Plant(lags_too, lag, answer and _faster(answer, factor), *when, gain)
-        for (lag, factor), when in itertools.product(
-            zip(lags, (_ANSWER_SPREAD, 1.0 / _ANSWER_SPREAD), strict=True), (early, after)
+        middle_plant._replace(
+            lag=lag,
+            answer=answer and answer._replace(natural_frequency=factor * answer.natural_frequency),
+            latency_frames=latency,
+            delay_ticks=delay,
         )
+        for (lag, factor), (latency, delay) in itertools.product(spread, zip(latencies, delays, strict=True))
     ]
-    return Plant(lags_too, _lag(middle), answer, frames, ticks, gain), *corners
+    return middle_plant, *corners
 
 
 def snap_limit(limits: LqgLimits, found: Conditions) -> float:
@@ -598,16 +596,12 @@ def _thrust_gain(scenario: Scenario) -> float:
     return float(f"{abs(answer) * mass * slow**2 * math.hypot(1.0, slow * _lag(scenario)):.3g}")
 
 
-def _latency(scenario: Scenario) -> float:
-    return float(scenario.laboratory.motion_capture.latency_frames)
+def _latency(scenario: Scenario) -> int:
+    return int(scenario.laboratory.motion_capture.latency_frames)
 
 
-def _delay(scenario: Scenario) -> float:
-    return float(scenario.laboratory.command_link.delay_ticks)
-
-
-def _faster(answer: Answer, factor: float) -> Answer:
-    return answer._replace(natural_frequency=factor * answer.natural_frequency)
+def _delay(scenario: Scenario) -> int:
+    return int(scenario.laboratory.command_link.delay_ticks)
 
 
 def _size(quantity: Any) -> float:

@@ -335,23 +335,16 @@ def _complaint(problem: Any, value: str, path: tuple[Any, ...], model: type[Mode
 
 
 def _further_in(model: type[Model], name: str) -> list[str]:
-    """The fields of that name in the mappings of a model."""
-    kinds = {
-        field: (info.annotation, *get_args(info.annotation), *_members(info.metadata))
-        for field, info in model.model_fields.items()
-    }
-    return [
-        f"{field}.{name}"
-        for field, mappings in kinds.items()
-        if any(name in getattr(mapping, "model_fields", {}) for mapping in mappings)
-    ]
-
-
-def _members(metadata: Iterable[Any]) -> Iterator[type[Model]]:
-    """Yield the members of open unions in the metadata of a field."""
-    for union in metadata:
-        if isinstance(union, OpenUnion):
-            yield from union.members.values()
+    """Return the paths of the fields of that name in the mappings of a model."""
+    found = []
+    for field, info in model.model_fields.items():
+        members = [
+            member for union in info.metadata if isinstance(union, OpenUnion) for member in union.members.values()
+        ]
+        mappings = info.annotation, *get_args(info.annotation), *members
+        if any(name in getattr(mapping, "model_fields", {}) for mapping in mappings):
+            found.append(f"{field}.{name}")
+    return found
 
 
 def _real_path(problem: Any, data: Any) -> tuple[Any, ...]:
