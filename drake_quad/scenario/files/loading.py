@@ -15,9 +15,8 @@ from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS
 from drake_quad.scenario.controls.control import CONTROLS
 from drake_quad.scenario.distributions import DISTRIBUTIONS, Model
 from drake_quad.scenario.files.given_values import given_trees
-from drake_quad.scenario.files.layers import changed, laid_over, merged, with_default_vehicle
+from drake_quad.scenario.files.layers import changed, laid_over, merged, with_default_vehicle, within_lists
 from drake_quad.scenario.files.library import Library
-from drake_quad.scenario.files.list_items import within_lists, without
 from drake_quad.scenario.files.marked_tree import Mark, Tree
 from drake_quad.scenario.files.named_files import with_named_files
 from drake_quad.scenario.files.relative import refuse_dropped, refuse_elsewhere, with_absolute_distributions
@@ -235,7 +234,7 @@ def validated(model: type[_Valid], tree: Tree) -> _Valid:
     except ValidationError as error:
         problems = error.errors(include_url=False)
     paths = [_real_path(problem, data) for problem in problems if _gives_items(problem)]
-    rest = reduce(without, paths, tree)
+    rest = reduce(_without, paths, tree)
     try:
         defaults = model.model_validate(rest.plain()).model_dump(mode="json") if paths else {}
     except ValidationError as error:
@@ -248,6 +247,17 @@ def validated(model: type[_Valid], tree: Tree) -> _Valid:
     if not paths or not all(isinstance(beneath.at(path)[0].value, list) for path in paths):
         raise InputError(_explain(problems, model, tree, data))
     return validated(model, within_lists(beneath, tree))
+
+
+def _without(tree: Tree, path: tuple[Any, ...]) -> Tree:
+    """Return the tree without the field at a path."""
+    key, *inside = path
+    parts = tree.value.copy()
+    if inside:
+        parts[key] = _without(parts[key], tuple(inside))
+    else:
+        del parts[key]
+    return Tree(parts, tree.mark)
 
 
 def _gives_items(problem: Any) -> bool:
