@@ -104,12 +104,11 @@ class CorrelatedPair(NamedTuple):
     correlation: float
 
 
-def correlated_pairs(distributions: Mapping[str, Distribution], least: float = _LEAST) -> list[CorrelatedPair]:
-    """The pairs of fields with a correlation of at least this size, the strongest first.
+def correlated_pairs(distributions: Mapping[str, Distribution]) -> list[CorrelatedPair]:
+    """Return the pairs of correlated fields, the strongest correlation first.
 
     Args:
-        distributions: by the path of their field, as of `distributions_in`.
-        least: size of the correlations that count.
+        distributions: distributions by the path of their field, as from `distributions_in`.
     """
     chosen = {path: each for path, each in distributions.items() if each.correlations}
     paths, matrix = list(chosen), correlation_matrix(list(chosen.values()))
@@ -117,7 +116,7 @@ def correlated_pairs(distributions: Mapping[str, Distribution], least: float = _
         CorrelatedPair(paths[i], paths[j], float(matrix[i, j]))
         for i in range(len(paths))
         for j in range(i + 1, len(paths))
-        if abs(matrix[i, j]) >= least
+        if abs(matrix[i, j]) >= _LEAST
     ]
     return sorted(pairs, key=lambda pair: -abs(pair.correlation))
 

@@ -24,7 +24,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from ruamel.yaml import YAML
 
 from drake_quad.errors import InputError
 from drake_quad.extras import needed
@@ -32,6 +31,7 @@ from drake_quad.files import write_whole
 from drake_quad.flight.flight import Flight
 from drake_quad.flight.formats.flight_format import FORMATS, FlightFormat
 from drake_quad.geometry.quaternion import Quaternion
+from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.layouts import rotors_of
 from drake_quad.signals import SIGNALS, Reference, State, quantities, row_names
 
@@ -238,14 +238,13 @@ def _stamp(time: int) -> dict[str, int]:
 
 
 def _scenario_text(flight: Flight) -> bytes:
-    text, scenario = io.BytesIO(), flight.scenario
-    YAML().dump({scenario.name: scenario.model_dump(mode="json", exclude={"name"})}, text)
-    return text.getvalue()
+    text = io.StringIO()
+    save_scenario(flight.scenario, text)
+    return text.getvalue().encode()
 
 
-def _object(title: str, properties: dict[str, Any], description: str = "") -> dict[str, Any]:
-    schema = {"title": title, "type": "object", "properties": properties, "required": [*properties]}
-    return schema | ({"description": description} if description else {})
+def _object(title: str, properties: dict[str, Any]) -> dict[str, Any]:
+    return {"title": title, "type": "object", "properties": properties, "required": [*properties]}
 
 
 def _list(items: dict[str, Any] | None = None) -> dict[str, Any]:
