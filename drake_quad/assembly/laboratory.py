@@ -61,7 +61,7 @@ def laboratory_recipes(batch: Batch, plan: Plan, duration: float) -> dict[str, R
 def build_laboratory_of(
     recipes: dict[str, Recipe], num_vehicles: int, samples: Samples | Exported | None, *, own_wind: Any = None
 ) -> Diagram:
-    """Builds a laboratory.
+    """Build a laboratory.
 
     Args:
         recipes: of its parts.
@@ -95,7 +95,7 @@ def build_monitor(scenario: Scenario, plan: Plan, num_vehicles: int) -> FlightMo
 
 
 def vehicle_parameters(vehicle: Any) -> QuadrotorParameters:
-    """The parameters of the vehicle of a scenario, or of a `Batch.fleet_scenario`, as it is."""
+    """Return the parameters of the vehicle of a scenario, or of a `Batch.fleet_scenario`, as it is."""
     rotors = rotors_of(vehicle)
     factors = (b * (1.0 + error) for b, error in zip(rotors.thrust_factors, vehicle.thrust_factor_error, strict=True))
     return record_like(QuadrotorParameters, vehicle, rotors=rotors.with_thrust_factors(*factors))
@@ -113,7 +113,7 @@ def _allocation(scenario: Scenario) -> Recipe:
 
 
 def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Recipe:
-    """The vehicle, with its attitude's response to commands where that is known as a whole."""
+    """Return the vehicle, with its attitude's response to commands where that is known as a whole."""
     vehicle = scenario.vehicle
     effects = fleet.vehicle.effect_numbers()
     structure = {
@@ -150,7 +150,7 @@ def _faults(fleet: Any, duration: float) -> RotorFaults:
 
 
 def _check_step(fleet: Any) -> None:
-    """Raises InputError if drag or swings of a load are too fast for steps of the vehicle to be stable."""
+    """Raise InputError if drag or swings of a load are too fast for steps of the vehicle to be stable."""
     vehicle, sources = fleet.vehicle, fleet.laboratory.wind
     airspeed = speed(steady_wind(sources)) + sum(source.max_speed() for source in sources)
     drag = vehicle.linear_drag + 2.0 * vehicle.quadratic_drag * airspeed
@@ -174,7 +174,7 @@ def _check_step(fleet: Any) -> None:
 
 
 def _command_link(scenario: Scenario, fleet: Any, yaw: float) -> Recipe:
-    """The link, which carries what hovers until the first packet arrives.
+    """Return the link, which carries what hovers until the first packet arrives.
 
     Args:
         scenario: it is of.

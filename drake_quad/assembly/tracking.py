@@ -82,7 +82,7 @@ def build_fleet_diagram(
     monitor = builder.AddNamedSystem("monitor", build_monitor(scenario, plan, num_vehicles))
 
     def connect(source: Any, signal: str, target: Any) -> None:
-        """Connects ports of one name, if the target takes the signal and the source has it."""
+        """Connect ports of one name, if the target takes the signal and the source has it."""
         if target.HasInputPort(signal) and source.HasOutputPort(signal):
             builder.Connect(source.GetOutputPort(signal), target.GetInputPort(signal))
 
@@ -130,7 +130,7 @@ def build_fleet_diagram(
 def reset_fleet(
     diagram: Diagram, context: Context, batch: Batch, plan: Plan, *, own: UserSystems = UserSystems()
 ) -> None:
-    """Makes a context what it would be by default, had its diagram been built for another batch.
+    """Make a context what it would be by default, had its diagram been built for another batch.
 
     Args:
         diagram: from `build_fleet_diagram`, for a batch of the same scenario and size, and with the same plan.
@@ -160,7 +160,7 @@ def _samples(batch: Batch) -> Samples:
 
 
 def _sampled(wind: Any, scenario: Scenario) -> Any:
-    """A user's source of wind, sampled unless it does that itself; None if there is none."""
+    """Return a user's source of wind, sampled unless it does that itself; None if there is none."""
     if wind is None or (isinstance(wind, FleetSystem) and wind.updates):
         return wind
     return build_held_wind(wind, period=wind_period(scenario))

@@ -88,7 +88,7 @@ PLACES = {
 def check_user_systems(
     systems: UserSystems, num_vehicles: int, *, command: str, rows: Mapping[str, int] = MappingProxyType({})
 ) -> None:
-    """Checks that a user's systems have the ports that their places in the loop need.
+    """Check that a user's systems have the ports that their places in the loop need.
 
     Args:
         systems: to check.

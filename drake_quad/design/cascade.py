@@ -69,7 +69,7 @@ class CascadeDesign:
         return {**self.on_board, **self.loops}
 
     def gains(self) -> dict[str, dict[str, list[float]]]:
-        """The gains as the block `control` of a scenario has them."""
+        """Return the gains as the block `control` of a scenario has them."""
         blocks = {"position": _POSITION, "attitude": _ANGLES}
         designed = {
             block: [self.loops[axis].gains for axis in axes]
@@ -127,12 +127,12 @@ def with_gains(scenario: Scenario, gains: Mapping[str, Mapping[str, Sequence[flo
 
 
 def with_autopilot_gains(scenario: Scenario, gains: Mapping[str, Sequence[float]]) -> Scenario:
-    """The scenario with other gains on board, as `CascadeDesign.autopilot_gains` has them."""
+    """Return the scenario with other gains on board, as `CascadeDesign.autopilot_gains` has them."""
     return updated(scenario, {f"laboratory.autopilot.{name}": tuple(rows) for name, rows in gains.items()})
 
 
 def default_options(period: float) -> dict[str, LoopOptions]:
-    """The fastest pole pairs within 45°, 6 dB and, for the attitude, two ticks of delay.
+    """Return the fastest pole pairs within 45°, 6 dB and, for the attitude, two ticks of delay.
 
     Args:
         period: of the ticks, s.
@@ -143,7 +143,7 @@ def default_options(period: float) -> dict[str, LoopOptions]:
 
 
 def on_board_options() -> dict[str, LoopOptions]:
-    """The fastest gains of an autopilot's loops within 60° and 10 dB.
+    """Return the fastest gains of an autopilot's loops within 60° and 10 dB.
 
     That is more than on the ground, since every packet of the link is a step for these loops: they shall hardly
     overshoot.
@@ -188,7 +188,7 @@ def design_cascade(
     loops: dict[str, LoopDesign] = {}
 
     def add(axis: str, plant: SampledSystem) -> None:
-        """Designs a loop, unless there is already one like it: an even vehicle's axes are alike."""
+        """Design a loop, unless there is already one like it: an even vehicle's axes are alike."""
         how = wanted[axis]
         required = how.requirements
         if integral is not None and axis in _POSITION:
@@ -215,7 +215,7 @@ def design_cascade(
 
 
 def _design_on_board(scenario: Scenario, options: Mapping[str, LoopOptions]) -> dict[str, LoopDesign]:
-    """Designs the loops of an autopilot: those of the rates, each the fastest within its margins, then those around.
+    """Design the loops of an autopilot: those of the rates, each the fastest within its margins, then those around.
 
     Args:
         scenario: with an autopilot of kind attitude, whose gains do not matter.
@@ -273,7 +273,7 @@ def _alike(a: SampledSystem, b: SampledSystem) -> bool:
 
 
 def _markov(plant: SampledSystem) -> np.ndarray:
-    """The answer to an impulse, long enough to tell plants with these many states apart."""
+    """Return the answer to an impulse, long enough to tell plants with these many states apart."""
     state, answer = plant.B, []
     for _ in range(2 * len(plant.A)):
         answer.append(plant.C @ state)

@@ -80,7 +80,7 @@ class Requirements(NamedTuple):
     delay: float = 0.0
 
     def share_met(self, found: FastMargins) -> float:
-        """The least share of a required margin that is there; 1 or more if all are."""
+        """Return the least share of a required margin that is there; 1 or more if all are."""
         pairs = ((getattr(found, name), needed) for name, needed in self._asdict().items() if needed > 0.0)
         return min((float(have) / needed for have, needed in pairs), default=1.0)
 
@@ -123,10 +123,10 @@ class GainFamily(Protocol):
     """Gains that work the harder the larger a number is."""
 
     def gains(self, plant: SampledSystem, effort: float) -> AxisGains | ProportionalGain:
-        """The gains for a plant."""
+        """Return the gains for a plant."""
 
     def efforts(self, plant: SampledSystem) -> np.ndarray:
-        """The numbers to try, rising."""
+        """Return the numbers to try, rising."""
 
 
 class PolePair(NamedTuple):
@@ -187,7 +187,7 @@ class RegulatorRequirements(NamedTuple):
         return AxisGains(*(float(gain) for gain in np.exp(best.x)))
 
     def cost(self, plant: SampledSystem, gains: AxisGains, effort: float) -> float:
-        """The cost of a PD, by Lyapunov's equation; infinite if it is not stable."""
+        """Return the cost of a PD, by Lyapunov's equation; infinite if it is not stable."""
         feedback = np.array([gains]) @ plant.C
         closed = plant.A - plant.B @ feedback
         if np.abs(np.linalg.eigvals(closed)).max() > 1.0 - 1e-7:
@@ -196,7 +196,7 @@ class RegulatorRequirements(NamedTuple):
         return (plant.B.T @ scipy.linalg.solve_discrete_lyapunov(closed.T, weight, method="bilinear") @ plant.B).item()
 
     def least_cost(self, plant: SampledSystem, effort: float) -> float:
-        """The cost of the full linear-quadratic regulator, which feeds back every state."""
+        """Return the cost of the full linear-quadratic regulator, which feeds back every state."""
         _, S = DiscreteTimeLinearQuadraticRegulator(plant.A, plant.B, self._state_weight(plant), np.eye(1) / effort**2)
         return (plant.B.T @ S @ plant.B).item()
 
@@ -209,7 +209,7 @@ class RegulatorRequirements(NamedTuple):
 
 
 def pd_loop(plant: SampledSystem, gains: Gains) -> SampledSystem:
-    """The loop transfer function k_P G_value + k_D G_rate of a PD around a plant with these two outputs.
+    """Return the loop transfer function k_P G_value + k_D G_rate of a PD around a plant with these two outputs.
 
     Of a PID around a plant `with_integral` there is k_I G_integral besides; of a proportional law around a plant with
     one output it is k G.
@@ -226,7 +226,7 @@ def design_loop(
     axis: str,
     effort: float | None = None,
 ) -> LoopDesign:
-    """Designs the PD, or the proportional law, of one axis.
+    """Design the PD, or the proportional law, of one axis.
 
     Args:
         plant: from a commanded acceleration to the measured value and rate; for a proportional law it has one output.

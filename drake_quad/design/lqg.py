@@ -139,7 +139,7 @@ class Truth(NamedTuple):
 
     @classmethod
     def of(cls, model: ContinuousModel, plant: Plant, found: Conditions, timing: Timing, gravity: float) -> "Truth":
-        """The plant of a model, in conditions that are found."""
+        """Return the plant of a model, in conditions that are found."""
         noise = np.array([found.position_noise, gravity * found.attitude_noise])[: len(model.C)]
         Q = sampled_noise(model.A, model.Q, timing.frame)
         return cls(*sampled(model.A, model.B, timing.frame), model.C, Q, np.diag(noise**2), plant, found.loss_rate)
@@ -179,7 +179,7 @@ class LqgDesign:
 
 
 def design_lqg(scenario: Scenario, limits: LqgLimits = LqgLimits()) -> LqgDesign:
-    """Designs the linear-quadratic-Gaussian control of a scenario; without an autopilot its yaw as in a cascade.
+    """Design the linear-quadratic-Gaussian control of a scenario; without an autopilot its yaw as in a cascade.
 
     Args:
         scenario: with or without distributions; its control does not matter.
@@ -258,7 +258,7 @@ def design_lqg(scenario: Scenario, limits: LqgLimits = LqgLimits()) -> LqgDesign
 
 
 def plants_of(scenario: Scenario) -> tuple[Plant, ...]:
-    """The plants for which a controller of a scenario shall be good: the middle one, and the corners around it.
+    """Return the plants for which a controller of a scenario shall be good: the middle one, and the corners around it.
 
     Where the scenario has a distribution, the corners are its tenth and its last; else they are what a model that is
     written as one number may be off by.
@@ -311,7 +311,7 @@ def believed_timings(scenario: Scenario, plants: Sequence[Plant]) -> list[Timing
 
 
 def conditions_of(scenario: Scenario) -> Conditions:
-    """The wind, the noise and the faults in which a scenario is flown, from samples along its plan."""
+    """Return the wind, the noise and the faults in which a scenario is flown, from samples along its plan."""
     batch = Batch.draw(scenario, range(_SAMPLES))
     disturbed = disturbances_along(batch, plan_route(scenario))
     x, y, z = disturbed.acceleration
@@ -375,7 +375,7 @@ class _Lifted:
 
     @classmethod
     def of(cls, loop: AxisLoop, truths: Sequence[Truth], timing: Timing) -> "_Lifted":
-        """The loops of one filter and regulator around plants."""
+        """Return the loops of one filter and regulator around plants."""
         nominal, plants = truths[0], [truth.plant for truth in truths]
         n, p, m, believed = len(nominal.A), len(nominal.C), len(loop.K), len(loop.K_pending)
         frames, ticks = (max(late) + 1 for late in zip(*((each.latency_frames, each.delay_ticks) for each in plants)))
@@ -489,7 +489,7 @@ class _LqgSearch:
     cost: float = math.inf
 
     def cost_of(self, logs: np.ndarray) -> float:
-        """The logarithm of the error, and a penalty for what breaks a limit, of numbers by their logarithms."""
+        """Return the logarithm of the error, and a penalty for what breaks a limit, of numbers by their logarithms."""
         try:
             loop = self.loop_of(self.axis_of(*np.exp(logs).tolist()))
         except (np.linalg.LinAlgError, ValueError):
@@ -524,7 +524,7 @@ class _LqgSearch:
         return replace(self, numbers=np.exp(best.x).tolist(), cost=float(best.fun))
 
     def found(self) -> tuple[Any, tuple[Predicted, ...]]:
-        """The axis that has the numbers, and what is predicted of it for each plant."""
+        """Return the axis that has the numbers, and what is predicted of it for each plant."""
         axis = self.axis_of(*(float(f"{number:.4g}") for number in self.numbers))
         loop = self.loop_of(axis)
         answers = tuple(predicted(loop, truth, self.timing) for truth in self.truths)
@@ -549,7 +549,7 @@ class _LqgSearch:
 def _common(
     weight: float, noise: float, first: float, second: float, time: float, position_noise: float
 ) -> dict[str, Any]:
-    """The fields that all axes have."""
+    """Return the fields that all axes have."""
     return {
         "first": ColouredNoise(deviation=first, time=_LASTING),
         "second": ColouredNoise(deviation=second, time=float(f"{time:.3g}")),
@@ -560,13 +560,13 @@ def _common(
 
 
 def lateral_truth(plant: Plant, found: Conditions) -> ContinuousModel:
-    """The chain along x, or y, of a plant and what disturbs it."""
+    """Return the chain along x, or y, of a plant and what disturbs it."""
     lag = plant.lag if plant.lags or plant.answer is None else None
     return lateral_model(lag, plant.answer, _disturbing(found.lateral, ChainNoise(found.bias, _BIAS)))
 
 
 def vertical_truth(plant: Plant, found: Conditions) -> ContinuousModel:
-    """The chain along z of a plant and what disturbs it."""
+    """Return the chain along z of a plant and what disturbs it."""
     model = vertical_model(plant.lag, _disturbing(found.vertical, None))
     return model._replace(B=plant.thrust_gain * model.B)
 
@@ -576,13 +576,13 @@ def _disturbing(found: Spectrum, bias: ChainNoise | None) -> Disturbances:
 
 
 def _yaw(scenario: Scenario) -> YawPd:
-    """The yaw's PD, as a cascade has it."""
+    """Return the yaw's PD, as a cascade has it."""
     gains: Any = design_cascade(middle_of(scenario)).loops["yaw"].gains
     return YawPd(k_p=gains.k_p, k_d=gains.k_d)
 
 
 def _lag(scenario: Scenario) -> float:
-    """The lag of the rotors; the geometric mean of those upwards and downwards if they differ, s."""
+    """Return the lag of the rotors; the geometric mean of those upwards and downwards if they differ, s."""
     up, down = scenario.vehicle.rotor_time_constant, scenario.vehicle.rotor_time_constant_down
     return float(f"{up if down is None else math.sqrt(up * down):.4g}")
 
@@ -605,7 +605,7 @@ def _delay(scenario: Scenario) -> int:
 
 
 def _size(quantity: Any) -> float:
-    """The root mean square of a quantity that may be a distribution."""
+    """Return the root mean square of a quantity that may be a distribution."""
     if isinstance(quantity, float):
         return quantity
     drawn = quantity.quantile((np.arange(101) + 0.5) / 101)

@@ -119,7 +119,7 @@ def _structure(diagram: Diagram) -> list[Any]:
 
 
 def _seed(scenario: Scenario, plan: Plan, field: str, layout: ContextVector, nominal: np.ndarray) -> np.ndarray:
-    """The derivative of all numbers of the default context with respect to a field."""
+    """Return the derivative of all numbers of the default context with respect to a field."""
     if field.startswith("route."):
         raise InputError(f"{field} changes the plan, which is not differentiated")
     if field.endswith(_COMPARED):

@@ -88,7 +88,7 @@ def mapped_gains(scenario: Scenario, loop: Loop) -> MappedGains:
 
 
 def linear_map(scenario: Scenario, loop: Loop, first: np.ndarray, second: np.ndarray) -> StabilityMap:
-    """The map of a scenario's loop in its linear model, see `mapped_plant`.
+    """Return the map of a scenario's loop in its linear model, see `mapped_plant`.
 
     Args:
         scenario: whose loop it is.
@@ -104,7 +104,7 @@ def linear_map(scenario: Scenario, loop: Loop, first: np.ndarray, second: np.nda
 
 
 def stability_map(plant: SampledSystem, k_p: np.ndarray, k_d: np.ndarray) -> StabilityMap:
-    """The map of a PD around a plant, from the poles and the frequency response of every loop.
+    """Return the map of a PD around a plant, from the poles and the frequency response of every loop.
 
     Args:
         plant: from a commanded acceleration to the measured value and rate.
@@ -115,7 +115,7 @@ def stability_map(plant: SampledSystem, k_p: np.ndarray, k_d: np.ndarray) -> Sta
 
 
 def cascade_map(plant: SampledSystem, k_attitude: np.ndarray, k_rate: np.ndarray) -> StabilityMap:
-    """The map of an attitude loop around a rate loop: u = k_rate (k_attitude (θ_r - θ) - q).
+    """Return the map of an attitude loop around a rate loop: u = k_rate (k_attitude (θ_r - θ) - q).
 
     Args:
         plant: from a commanded angular acceleration to the angle and its rate.
@@ -127,7 +127,7 @@ def cascade_map(plant: SampledSystem, k_attitude: np.ndarray, k_rate: np.ndarray
 
 
 def _mapped(plant: SampledSystem, gains: np.ndarray) -> StabilityMap:
-    """The map of (rows, columns, 2) gains on a value and its rate."""
+    """Return the map of (rows, columns, 2) gains on a value and its rate."""
     closed = plant.A - plant.B @ (gains[..., np.newaxis, :] @ plant.C)
     poles = np.linalg.eigvals(closed)
     lasting = np.where(np.abs(poles) > _FAST, poles, _FAST)
@@ -178,7 +178,7 @@ def mapped_plant(scenario: Scenario, loop: Loop) -> SampledSystem:
 def flown_map(
     scenario: Scenario, loop: Loop, first: np.ndarray, second: np.ndarray, *, sample: int = 0, compiled: bool = True
 ) -> Metrics:
-    """Flies a scenario with every pair of gains in one fleet, all in the same wind and noise.
+    """Fly a scenario with every pair of gains in one fleet, all in the same wind and noise.
 
     Args:
         scenario: whose route is flown.

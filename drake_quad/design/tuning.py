@@ -126,7 +126,7 @@ def tune(
     before: Sequence[float] | None = None,
     progress: Callable[[], None] | None = None,
 ) -> Tuned:
-    """Tunes the numbers of a controller: those of the lateral axes first, then those of the vertical one.
+    """Tune the numbers of a controller: those of the lateral axes first, then those of the vertical one.
 
     The two hardly touch each other, and the rounds are shared out by how many numbers each has. The vertical numbers
     wait in the middle of their ranges.
@@ -215,7 +215,7 @@ class _GainSearch(NamedTuple):
         shares_met: Callable[[Scenario], np.ndarray] | None,
         progress: Callable[[], None] | None,
     ) -> Tuned:
-        """The best that is found; arguments as for `tune`."""
+        """Return the best that is found; arguments as for `tune`."""
         count, size = len(self.knobs), self.budget.candidates
         trial = _Trial(scenarios, self.knobs, self.budget, self.first_sample, self.later)
         # Coordinates are relative to the box, from 0 to 1.
@@ -262,15 +262,15 @@ class _Trial:
         self.least = _LEAST / self._width
 
     def numbers(self, point: np.ndarray) -> tuple[float, ...]:
-        """The numbers of the knobs at a point."""
+        """Return the numbers of the knobs at a point."""
         return tuple(np.exp(self._low + self._width * point).tolist())
 
     def point(self, numbers: Sequence[float]) -> np.ndarray:
-        """The point at which the knobs have these numbers."""
+        """Return the point at which the knobs have these numbers."""
         return (np.log(numbers) - self._low) / self._width
 
     def scenario(self, point: np.ndarray) -> Scenario:
-        """The first scenario with the numbers of a point."""
+        """Return the first scenario with the numbers of a point."""
         return with_numbers(self._scenarios[0], self._knobs, self.numbers(point))
 
     def errors(self, points: np.ndarray) -> np.ndarray:
@@ -282,7 +282,7 @@ class _Trial:
         return np.asarray(np.mean(found, axis=0) + sum(late, np.zeros(len(points))) / len(found))
 
     def _flown(self, fleet: StudyFleet, varying: dict[str, np.ndarray], count: int) -> tuple[Metrics, float, int]:
-        """The flights of some candidates, how long they were to last, and the number of candidates."""
+        """Return the flights of some candidates, how long they were to last, and the number of candidates."""
         batch = Batch.draw(fleet.scenario, [*self._samples] * count).with_varying(varying)
         return fleet.fly_batch(batch), fleet.duration, count
 
@@ -314,7 +314,7 @@ def _training_samples(budget: Budget, laboratories: int, first: int) -> range:
 
 
 def with_later_frames(scenario: Scenario, later: float) -> Scenario:
-    """The scenario with frames that come so much later than its own (s), in whole frames."""
+    """Return the scenario with frames that come so much later than its own (s), in whole frames."""
     cameras = scenario.laboratory.motion_capture
     frames = float(round(later / cameras.period))
 
@@ -331,7 +331,7 @@ def with_later_frames(scenario: Scenario, later: float) -> Scenario:
 
 
 def with_numbers(scenario: Scenario, knobs: Sequence[Knob], numbers: Sequence[float]) -> Scenario:
-    """The scenario with the numbers of knobs."""
+    """Return the scenario with the numbers of knobs."""
     values = {path: value for knob, value in zip(knobs, numbers, strict=True) for path in knob.paths}
     return replaced(scenario, lambda path, value: values.get(path, value))
 
@@ -358,7 +358,7 @@ class _Known:
         self._shares: list[np.ndarray] = []
 
     def add(self, point: np.ndarray, shares: np.ndarray) -> None:
-        """Adds a point that has been looked at."""
+        """Add a point that has been looked at."""
         self._points.append(point)
         self._shares.append(shares)
 
@@ -390,5 +390,5 @@ def _near_limit(shares: np.ndarray, count: int) -> np.ndarray:
 
 
 def _better(first: Tuned, second: Tuned) -> Tuned:
-    """The least error of those that keep the limit; of none, what meets most of it."""
+    """Return the least error of those that keep the limit; of none, what meets most of it."""
     return min(first, second, key=lambda each: (-min(each.share, 1.0), each.error))

@@ -58,7 +58,7 @@ class StudyFleet:
         duration: float | None = None,
         progress: Callable[[float, float], None] | None = None,
     ) -> Metrics:
-        """Flies samples and returns the (n,) metrics of each.
+        """Fly samples and return the (n,) metrics of each.
 
         Args:
             samples: n numbers of samples, from 1 to N of them.
@@ -77,7 +77,7 @@ class StudyFleet:
         duration: float | None = None,
         progress: Callable[[float, float], None] | None = None,
     ) -> Metrics:
-        """Flies a batch of n vehicles, from 1 to N of them, and returns the (n,) metrics of each.
+        """Fly a batch of n vehicles, from 1 to N of them, and return the (n,) metrics of each.
 
         With fewer than N the last is flown several times: what a vehicle does depends on no other.
         """

@@ -64,13 +64,13 @@ class Flight(Mapping[str, np.ndarray]):
     cause: str | None = None
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """The (ticks, rows) values of a signal."""
+        """Return the (ticks, rows) values of a signal."""
         if name not in self.signals:
             raise KeyError(f"{name} is no signal of this flight, which has {', '.join(self.signals)}")
         return self.signals[name]
 
     def __iter__(self) -> Iterator[str]:
-        """The names of the signals."""
+        """Return the names of the signals."""
         return iter(self.signals)
 
     def __len__(self) -> int:
@@ -97,7 +97,7 @@ class Flight(Mapping[str, np.ndarray]):
         }
 
     def to_frame(self) -> "pd.DataFrame":
-        """The flight as a table of pandas, with a row for each tick.
+        """Return the flight as a table of pandas, with a row for each tick.
 
         Its index is the `time` (s), its columns are the rows of the signals, as in `state.roll` and `error.x`.
         `frame.attrs` has the `units` of the columns, the `frames` along whose axes they are (W, B, or "" for what has

@@ -12,7 +12,7 @@ from drake_quad.scenario.networks.learned import LearnedAxis, LearnedNetwork
 
 
 def save_network(flight: Flight, path: Path | str) -> Path:
-    """Writes what the network of a flight had learned by its last tick: the weights, and the sets if they learn.
+    """Write what the network of a flight had learned by its last tick: the weights, and the sets if they learn.
 
     A scenario flies on from it with `control.network.learned: FILE`; a fleet does so with all of its vehicles.
 

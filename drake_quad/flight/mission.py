@@ -30,7 +30,7 @@ _obstacle_plans: "ThreadSafeCache[Planned]" = ThreadSafeCache(_MAX_OBSTACLE_PLAN
 
 
 def plan_route(mission: Mission) -> Plan:
-    """The plan for the route of a scenario, for the nominal vehicle.
+    """Return the plan for the route of a scenario, for the nominal vehicle.
 
     Raises:
         InputError: the route holds a distribution, or no path or no rotors can keep to what it asks, or obstacles leave
@@ -67,7 +67,7 @@ def build_tracking_diagram(
     record: bool = False,
     drake_random: bool = False,
 ) -> Diagram:
-    """Builds the closed loop of a scenario, for vehicles that all fly the same.
+    """Build the closed loop of a scenario, for vehicles that all fly the same.
 
     Each is in the wind and noise of a sample of its own: the scenario's sample, or 0, the next one, and so on.
 

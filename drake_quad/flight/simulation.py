@@ -110,7 +110,7 @@ def simulate_samples(
     plan: Plan | None = None,
     compiled: bool | None = None,
 ) -> list[Flight]:
-    """Flies samples of a study side by side and records every signal of each, as `simulate` does of one.
+    """Fly samples of a study side by side and record every signal of each, as `simulate` does of one.
 
     Args:
         scenario: with or without distributions.
@@ -127,7 +127,7 @@ def simulate_samples(
 
 
 def simulate_batch(batch: Batch, *, plan: Plan | None = None, compiled: bool | None = None) -> list[Flight]:
-    """Flies a batch and records every signal of each vehicle: a few megabytes a flight of half a minute.
+    """Fly a batch and record every signal of each vehicle: a few megabytes a flight of half a minute.
 
     Args:
         batch: to fly.

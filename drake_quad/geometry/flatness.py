@@ -64,7 +64,7 @@ class ThrustTilt(NamedTuple):
 
 
 def tilt_of(specific_thrust: HeadingVector) -> ThrustTilt:
-    """The tilt under which the rotors give a specific thrust (m/s²), which may not be wholly sideways."""
+    """Return the tilt under which the rotors give a specific thrust (m/s²), which may not be wholly sideways."""
     forward, left, up = specific_thrust
     sagittal_squared = forward * forward + up * up
     sagittal, thrust = sqrt(sagittal_squared), sqrt(sagittal_squared + left * left)
@@ -92,7 +92,7 @@ def body_rates(tilt: ThrustTilt, jerk: HeadingVector, yaw_rate: Row) -> BodyRate
 def angular_accelerations(
     tilt: ThrustTilt, rates: BodyRates, jerk: HeadingVector, snap: HeadingVector, yaw_rate: Row, yaw_acceleration: Row
 ) -> AngularAcceleration:
-    """The rates of p, q and r.
+    """Return the rates of p, q and r.
 
     Args:
         tilt: of the body.
@@ -116,7 +116,7 @@ def angular_accelerations(
 
 
 def _in_body(tilt: ThrustTilt, vector: HeadingVector) -> tuple[Row, Row, Row]:
-    """The vector's parts along x_B, y_B and z_B."""
+    """Return the vector's parts along x_B, y_B and z_B."""
     forward, left, up = vector
     _, sin_roll, cos_roll, sin_pitch, cos_pitch = tilt
     upright = forward * sin_pitch + up * cos_pitch
@@ -128,7 +128,7 @@ def _in_body(tilt: ThrustTilt, vector: HeadingVector) -> tuple[Row, Row, Row]:
 
 
 def in_heading(vector: Vector | Acceleration | Jerk | Snap, sin_yaw: Row, cos_yaw: Row) -> HeadingVector:
-    """Turns a vector in W by minus the yaw."""
+    """Turn a vector in W by minus the yaw."""
     x, y = vector.x, vector.y
     return HeadingVector(x * cos_yaw + y * sin_yaw, y * cos_yaw - x * sin_yaw, vector.z)
 

@@ -53,7 +53,7 @@ class ClosedLoop(NamedTuple):
 
 
 def closed_loop(scenario: Scenario, *, position_controller: Any = None, control: Any = None) -> ClosedLoop:
-    """Finds the equilibrium of a scenario's loop at rest and linearises it there.
+    """Find the equilibrium of a scenario's loop at rest and linearise it there.
 
     Newton's method on x = Φ(x), from hover at the reference: in wind or with an uneven vehicle a PD settles beside it.
 
@@ -100,7 +100,7 @@ def loop_with_injection(scenario: Scenario, *, position_controller: Any = None, 
 
 
 def loop_with_noise(hovering: Scenario) -> tuple[ClosedLoop, np.ndarray]:
-    """The loop from its noise and turbulence to the vehicle's state.
+    """Return the loop from its noise and turbulence to the vehicle's state.
 
     The inputs of the system are normal numbers of deviation 1, those of a whole period for each stream; its outputs
     are the rows of `state`.
@@ -130,7 +130,7 @@ def loop_with_noise(hovering: Scenario) -> tuple[ClosedLoop, np.ndarray]:
 
 
 def _settled(name: str, diagram: Diagram, context: Context, period: float, **ports: Sequence[str]) -> ClosedLoop:
-    """A diagram in its equilibrium near what it is in, and its linear system over a period (s)."""
+    """Return a diagram in its equilibrium near what it is in, and its linear system over a period (s)."""
     at_tick(diagram, _TICKS * period, context)
     layout = ContextVector(diagram, without=WATCHERS)
     for _ in range(_STEPS):
@@ -164,7 +164,7 @@ class LaboratoryPlant(NamedTuple):
 
 
 def laboratory_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it is"] = "believed") -> LaboratoryPlant:
-    """The plant that a scenario's controllers act on, in hover in still air.
+    """Return the plant that a scenario's controllers act on, in hover in still air.
 
     Args:
         scenario: whose laboratory it is.
@@ -203,7 +203,7 @@ def laboratory_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it 
 
 
 def _in_still_air(scenario: Scenario, vehicle: Literal["believed", "as it is"]) -> Scenario:
-    """The scenario of which plants are made, in hover at (0, 0, 1)."""
+    """Return the scenario of which plants are made, in hover at (0, 0, 1)."""
     return as_believed(scenario) if vehicle == "believed" else _even(at_rest(scenario))
 
 
@@ -234,7 +234,7 @@ def _hover_wrench(resting: Scenario, hover: RotorSpeed) -> Wrench:
 
 
 def _with_axes_apart(system: SampledSystem, hover: RotorSpeed, parameters: QuadrotorParameters) -> SampledSystem:
-    """The system with thrust and torques in place of the speeds of the rotors, which hover at some."""
+    """Return the system with thrust and torques in place of the speeds of the rotors, which hover at some."""
     turning = "vehicle.rotor_speed."
     rotors = [i for i, name in enumerate(system.states) if turning in name]
     inside, _, _ = system.states[rotors[0]].partition(turning)
@@ -244,7 +244,7 @@ def _with_axes_apart(system: SampledSystem, hover: RotorSpeed, parameters: Quadr
 
 
 def loop_by_axes(scenario: Scenario) -> SampledSystem:
-    """The linear model of `closed_loop`, with thrust and torques in place of the speeds of the rotors.
+    """Return the linear model of `closed_loop`, with thrust and torques in place of the speeds of the rotors.
 
     An even vehicle's axes then have no state in common.
 
@@ -257,7 +257,7 @@ def loop_by_axes(scenario: Scenario) -> SampledSystem:
 
 
 def on_board_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it is"] = "believed") -> SampledSystem:
-    """The plant of an autopilot's loops: from `wrench` to `state`, over a period of the autopilot.
+    """Return the plant of an autopilot's loops: from `wrench` to `state`, over a period of the autopilot.
 
     The autopilot sees the state of its instant, and its wrench acts from then on. So does a fixed input here: just
     before an instant's events a stepping vehicle still has the state of a step before, and there the period begins.
@@ -300,6 +300,6 @@ def _wrench_pattern(hover: RotorSpeed, parameters: QuadrotorParameters) -> np.nd
 
 
 def _periods(scenario: Scenario) -> dict[str, float]:
-    """The periods of all that happens in a loop, s; 0 for a vehicle that moves continuously."""
+    """Return the periods of all that happens in a loop, s; 0 for a vehicle that moves continuously."""
     periods = {".".join(path): period for path, period in scenario.periods.items()}
     return periods | {"vehicle.time_step": scenario.vehicle.time_step}

@@ -31,7 +31,7 @@ class Mode(NamedTuple):
 
 
 def modes(A: np.ndarray, states: tuple[str, ...], *, period: float | None = None) -> list[Mode]:
-    """The modes of ẋ = A x, or of x⁺ = A x, the slowest first.
+    """Return the modes of ẋ = A x, or of x⁺ = A x, the slowest first.
 
     A state takes part by its entry on the diagonal of the mode's spectral projector, which for a single eigenvalue is
     its participation factor and is sound for repeated ones, too. What dies within a period, as a delay line does, is

@@ -27,7 +27,7 @@ class StepResponse(NamedTuple):
 
 
 def release(loop: ClosedLoop, displacement: Mapping[str, float], *, duration: float) -> StepResponse:
-    """Lets a loop go from beside its equilibrium: a step of the reference, seen from the reference.
+    """Let a loop go from beside its equilibrium: a step of the reference, seen from the reference.
 
     Args:
         loop: of `closed_loop`.

@@ -152,7 +152,7 @@ def affine_vehicle(
 
 
 def to_state_space(system: LinearSystem) -> "control.StateSpace":
-    """The model as python-control's StateSpace, named, in deviations from the operating point."""
+    """Return the model as python-control's StateSpace, named, in deviations from the operating point."""
     import control
 
     states = (*STATES, *SWING_STATES)[: len(system.A())]
@@ -161,14 +161,14 @@ def to_state_space(system: LinearSystem) -> "control.StateSpace":
 
 
 def _of_motion(effects: Effects) -> Effects:
-    """The effects without those that stand before the rotors' speeds."""
+    """Return the effects without those that stand before the rotors' speeds."""
     return effects._replace(thrust_curve=None, battery=None)
 
 
 def _at(
     trim: Trim, parameters: QuadrotorParameters, kinematics: Kinematics, effects: Effects
 ) -> tuple[Diagram, Context]:
-    """The vehicle with a continuous state and all its inputs in one port, at an operating point."""
+    """Return the vehicle with a continuous state and all its inputs in one port, at an operating point."""
     builder = DiagramBuilder()
     acting = _of_motion(effects)
     numbers = QuadrotorNumbers(parameters, effects=acting)

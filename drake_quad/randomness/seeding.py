@@ -31,7 +31,7 @@ class _Hash:
 
 
 def child_words(entropy: int | np.ndarray, samples: np.ndarray, kind: int) -> np.ndarray:
-    """The (n,) first 64 bits of `SeedSequence(entropy, spawn_key=(sample, kind))` for each sample.
+    """Return the (n,) first 64 bits of `SeedSequence(entropy, spawn_key=(sample, kind))` for each sample.
 
     Args:
         entropy: at least 0; or (n,) numbers below 2⁶³, one for each sample.
@@ -54,7 +54,7 @@ def child_words(entropy: int | np.ndarray, samples: np.ndarray, kind: int) -> np
 
 
 def _words(entropy: int | np.ndarray) -> list[Any]:
-    """The 32-bit words of a number, or of each, the lowest first, and zeros up to the size of the pool."""
+    """Return the 32-bit words of a number, or of each, the lowest first, and zeros up to the size of the pool."""
     words = [entropy & _MASK]
     while np.any(entropy := entropy >> 32):
         words.append(entropy & _MASK)

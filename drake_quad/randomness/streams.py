@@ -59,7 +59,7 @@ def stream_states(seed: Seeds, samples: Sequence[int], kind: StreamKind, name: s
 
 @functools.lru_cache(maxsize=8)
 def _sample_words(seed: Seeds, samples: tuple[int, ...], kind: StreamKind) -> np.ndarray:
-    """The (N,) numbers that tell the samples apart, uint64."""
+    """Return the (N,) numbers that tell the samples apart, uint64."""
     return child_words(seed if isinstance(seed, int) else np.array(seed), np.array(samples), int(kind))
 
 
@@ -76,7 +76,7 @@ class StreamState(NamedTuple):
 
     @classmethod
     def of(cls, states: np.ndarray) -> "StreamState":
-        """The halves of uint64 states."""
+        """Return the halves of uint64 states."""
         return cls(untyped((states >> _HALF).astype(float)), untyped((states & _LOW_HALF).astype(float)))
 
     @property
@@ -86,7 +86,7 @@ class StreamState(NamedTuple):
 
 
 def random_numbers(state: StreamState, tick: Tick, num_rows: int, normal: bool) -> tuple[Row, ...]:
-    """The numbers of a stream at a tick.
+    """Return the numbers of a stream at a tick.
 
     Args:
         state: of the stream.
@@ -117,7 +117,7 @@ def mixed(state: Any) -> Any:
 
 
 def uniform_number(state: Any) -> Row:
-    """A number between 0 and 1, and neither of them, from 52 bits of a word; given the word's state, uint64."""
+    """Return a number between 0 and 1, and neither of them, from 52 bits of a word; given the word's state, uint64."""
     return (float_of(mixed(state) >> _FRACTION) + 0.5) * 2.0**-52
 
 
@@ -130,5 +130,5 @@ def normal_pair(state: Any) -> tuple[Row, Row]:
 
 
 def parameter_numbers(seed: Seeds, samples: Sequence[int], path: str) -> np.ndarray:
-    """The (N,) numbers in (0, 1) from which the field at a path is drawn."""
+    """Return the (N,) numbers in (0, 1) from which the field at a path is drawn."""
     return untyped(uniform_number(moved(stream_states(seed, samples, StreamKind.PARAMETERS, path), 0.0)))

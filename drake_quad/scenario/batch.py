@@ -74,7 +74,7 @@ class Batch:
         return replaced(self.scenario, self.varying.get)
 
     def __len__(self) -> int:
-        """The number of vehicles, N."""
+        """Return the number of vehicles, N."""
         return len(self.samples)
 
     def with_varying(self, varying: Mapping[str, np.ndarray]) -> "Batch":
@@ -89,7 +89,7 @@ class Batch:
         return Batch(self.scenario, (*self.samples, *self.samples[-1:] * missing), varying, seeds)
 
     def scenario_of(self, vehicle: int) -> Scenario:
-        """The scenario that a vehicle flies, with its own numbers, and the number of its sample."""
+        """Return the scenario that a vehicle flies, with its own numbers, and the number of its sample."""
 
         def number(path: str, value: Any) -> Any:
             return float(self.varying[path][vehicle]) if path in self.varying else value
@@ -100,7 +100,7 @@ class Batch:
 
 
 def draw_sample(scenario: Scenario, sample: int, *, seed: int | None = None) -> Scenario:
-    """Draws one sample of a study: the scenario with a number in place of each of its distributions.
+    """Draw one sample of a study: the scenario with a number in place of each of its distributions.
 
     Args:
         scenario: with or without distributions.
@@ -127,7 +127,7 @@ def at_quantile(scenario: Scenario, share: float) -> Scenario:
 
 
 def middle_of(scenario: Scenario) -> Scenario:
-    """The scenario with the median of each of its distributions."""
+    """Return the scenario with the median of each of its distributions."""
     return at_quantile(scenario, 0.5)
 
 

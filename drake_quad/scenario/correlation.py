@@ -34,14 +34,14 @@ _ROUNDING = 1e-6
 
 
 def shared_names(distributions: Iterable[Distribution]) -> list[str]:
-    """The normal variables that some of the distributions share, as one comes upon them."""
+    """Return the normal variables that some of the distributions share, as one comes upon them."""
     return list(dict.fromkeys(name for each in distributions for name in each.correlations))
 
 
 def drawn_values(
     seed: Seeds, samples: Sequence[int], distributions: Mapping[str, Distribution]
 ) -> dict[str, np.ndarray]:
-    """Draws samples of distributions: (N,) numbers by the name of the stream.
+    """Draw samples of distributions: (N,) numbers by the name of the stream.
 
     Args:
         seed: of all samples, or of each.
@@ -78,7 +78,7 @@ def _standard_normal(seed: Seeds, samples: Sequence[int], stream: str) -> np.nda
 
 
 def correlation_matrix(distributions: Sequence[Distribution]) -> np.ndarray:
-    """The (n, n) correlations of distributions, in their standard normal form.
+    """Return the (n, n) correlations of distributions, in their standard normal form.
 
     Limits that cut off much make correlations of the values a little smaller.
     """
@@ -122,7 +122,7 @@ def correlated_pairs(distributions: Mapping[str, Distribution]) -> list[Correlat
 
 
 def correlated_groups(distributions: Mapping[str, Distribution]) -> dict[str, tuple[str, ...]]:
-    """The fields that each is correlated with, itself among them, directly or through others; none that is not.
+    """Return the fields that each is correlated with, itself among them, directly or through others; none that is not.
 
     Args:
         distributions: by the path of their field, as of `distributions_in`.
@@ -160,7 +160,7 @@ def joint_normal(distributions: Mapping[str, Distribution]) -> JointNormal:
 def correlated_normals(
     names: Sequence[str], mean: np.ndarray, covariance: np.ndarray, *, prefix: str = "common"
 ) -> dict[str, dict[str, Any]]:
-    """Writes a covariance in the scenario language: a distribution for each name.
+    """Write a covariance in the scenario language: a distribution for each name.
 
     What is correlated, directly or through others, is split into shared variables by the eigenvectors V of its
     correlations V Λ Vᵀ: with the least eigenvalue λ, the columns of V √(Λ - λ) are what each variable does to each
@@ -196,7 +196,7 @@ def correlated_normals(
 
 
 def checked_deviations(names: Sequence[str], mean: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """The (n,) standard deviations of a covariance that fits names and means.
+    """Return the (n,) standard deviations of a covariance that fits names and means.
 
     Args:
         names: n of them.
@@ -261,7 +261,7 @@ def _shortened(factors: np.ndarray, correlation: np.ndarray, least: float, decim
 
 
 def _triangle(correlation: np.ndarray) -> np.ndarray:
-    """The (n, n) factors of Cholesky: half of them are zero, and each is what is new in one name."""
+    """Return the (n, n) factors of Cholesky: half of them are zero, and each is what is new in one name."""
     try:
         factors: np.ndarray = np.linalg.cholesky(correlation + _FLOOR * np.eye(len(correlation)))
     except np.linalg.LinAlgError:
@@ -270,7 +270,7 @@ def _triangle(correlation: np.ndarray) -> np.ndarray:
 
 
 def _factors(correlation: np.ndarray) -> np.ndarray:
-    """The (n, n) factors V √(Λ - λ), those that do most first."""
+    """Return the (n, n) factors V √(Λ - λ), those that do most first."""
     size, vectors = np.linalg.eigh(0.5 * (correlation + correlation.T))
     factors: np.ndarray = vectors[:, ::-1] * np.sqrt(np.maximum(size[::-1] - max(size[0], 0.0), 0.0))
     # Eigenvectors have either sign; here their largest number is positive.

@@ -8,7 +8,7 @@ from drake_quad.scenario.paths import parts_of, steps_of
 
 
 def description_at(scenario: Mission, path: str) -> str:
-    """The description of a field, with its unit.
+    """Return the description of a field, with its unit.
 
     Args:
         scenario: that has it.

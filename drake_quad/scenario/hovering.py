@@ -69,7 +69,7 @@ def without_losses(scenario: Scenario) -> Scenario:
 
 
 def as_believed(scenario: Scenario) -> Scenario:
-    """The scenario in hover at (0, 0, 1) in still air with the vehicle that the ground believes in, for design.
+    """Return the scenario in hover at (0, 0, 1) in still air with the vehicle that the ground believes in, for design.
 
     Of the vehicle as it is, only what the ground knows besides `nominal` stays: the lag of the rotors that speed up,
     the drag, and what the air does to the rotors.
@@ -78,7 +78,7 @@ def as_believed(scenario: Scenario) -> Scenario:
 
 
 def with_believed_vehicle(scenario: Scenario) -> Scenario:
-    """The scenario with the vehicle that the ground believes in, see `as_believed`."""
+    """Return the scenario with the vehicle that the ground believes in, see `as_believed`."""
     believed = {name: getattr(scenario.nominal, name) for name in Nominal.model_fields}
     effects = [name for name, effect in EFFECTS.members.items() if effect.is_believed]
     kept = ("rotor_time_constant", "linear_drag", "quadratic_drag", "attitude_kinematics", "time_step", *effects)
@@ -87,7 +87,7 @@ def with_believed_vehicle(scenario: Scenario) -> Scenario:
 
 
 def _even(resting: Scenario) -> Scenario:
-    """A resting scenario in hover at (0, 0, 1) without what couples the axes or leans it.
+    """Return a resting scenario in hover at (0, 0, 1) without what couples the axes or leans it.
 
     That is wind, uneven rotors, misalignment, the spin that is left over where rotors hover at different speeds, and
     whatever acts beside the middle: drag of the body, a payload, and a gyroscope's bias.

@@ -95,7 +95,7 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
         return {name: value for name, value in fields.items() if name != "arm_length" or not self.layout.has_distances}
 
     def check_layout(self) -> None:
-        """Raises an error if the arm length is not that of the layout, or some part of a wrench cannot be given."""
+        """Raise an error if the arm length is not that of the layout, or some part of a wrench cannot be given."""
         self._check_arm()
         rotors = "layout", "thrust_factor", "drag_factor", "arm_length"
         if any(path.startswith(rotors) for path in distributions_in(self)):
@@ -281,7 +281,7 @@ class Mission(Model):
     _written = omits_defaults("space")
 
     def __repr__(self) -> str:
-        """A line of text: what flies where."""
+        """Return a line of text: what flies where."""
         return f"<{type(self).__name__} {self.name}: {'; '.join(self._words())}>"
 
     def _words(self) -> list[str]:

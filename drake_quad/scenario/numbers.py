@@ -11,7 +11,7 @@ from drake_quad.scenario.paths import keys_of, value_at
 
 
 def number_at(scenario: Scenario, path: str) -> float:
-    """The number in a field, as in `vehicle.mass` or `control.position.k_p.0`.
+    """Return the number in a field, as in `vehicle.mass` or `control.position.k_p.0`.
 
     Raises:
         InputError: there is no such field, or it holds something else.
@@ -24,7 +24,7 @@ def number_at(scenario: Scenario, path: str) -> float:
 
 
 def with_number(scenario: Scenario, path: str, value: float) -> Scenario:
-    """The scenario with another number in a field, as if it had been written there.
+    """Return the scenario with another number in a field, as if it had been written there.
 
     What the scenario does not say stays unsaid: a vehicle that is as in `nominal` follows it.
 

@@ -33,7 +33,7 @@ def is_item(step: str) -> bool:
 
 
 def steps_of(path: str) -> list[str]:
-    """The steps of a path, where items of lists are counted from 0.
+    """Return the steps of a path, where items of lists are counted from 0.
 
     Raises:
         InputError: it counts rotors from 0, or otherwise than by their names.
@@ -55,7 +55,7 @@ def keys_of(path: str) -> list[str | int]:
 
 
 def parts_of(value: Any) -> Iterator[tuple[str, Any]]:
-    """The fields of a mapping or the items of a list, each after its step; none of what is neither."""
+    """Yield the fields of a mapping or the items of a list, each after its step; none of what is neither."""
     if isinstance(value, Model) and not isinstance(value, Distribution):
         for name in type(value).model_fields:
             yield name, getattr(value, name)
@@ -77,12 +77,12 @@ def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def distributions_in(scenario: Model) -> dict[str, Distribution]:
-    """The distributions in a scenario, by path."""
+    """Return the distributions in a scenario, by path."""
     return {path: value for path, value in leaves(scenario) if isinstance(value, Distribution)}
 
 
 def value_at(scenario: Model, path: str) -> Any:
-    """The value of a field.
+    """Return the value of a field.
 
     Raises:
         InputError: there is no such field.
@@ -97,7 +97,7 @@ def value_at(scenario: Model, path: str) -> Any:
 
 
 def replaced(value: Any, replace: Callable[[str, Any], Any], path: str = "") -> Any:
-    """A copy of a part of a scenario in which leaves are replaced.
+    """Return a copy of a part of a scenario in which leaves are replaced.
 
     Args:
         value: the part.
@@ -132,7 +132,7 @@ def updated(model: _AnyModel, values: Mapping[str, Any]) -> _AnyModel:
 
 
 def refuse_distributions(paths: Iterable[str]) -> None:
-    """Raises InputError if there is any field that holds a distribution, given by their paths."""
+    """Raise InputError if there is any field that holds a distribution, given by their paths."""
     for path in paths:
         raise InputError(
             f"{path} is a distribution; one flight needs a number there, or a sample to draw it for: sample=0 in"

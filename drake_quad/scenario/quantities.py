@@ -21,7 +21,7 @@ def _values_of(value: NumberOrDistribution) -> tuple[float, ...] | None:
 
 
 def extremes(value: NumberOrDistribution) -> tuple[float | None, float | None]:
-    """The least and the largest number that a quantity can be; None where there is no bound."""
+    """Return the least and the largest number that a quantity can be; None where there is no bound."""
     if isinstance(value, float):
         return value, value
     low, high = value.extremes()
@@ -51,7 +51,7 @@ def field_of(record: Any, name: str, text: str, *, rule: str = "") -> Any:
 def bounded(
     *, above: float | None = None, least: float | None = None, below: float | None = None, most: float | None = None
 ) -> AfterValidator:
-    """A validator that holds a number, or all that a distribution can give, to bounds."""
+    """Return a validator that holds a number, or all that a distribution can give, to bounds."""
     rules = (
         ("larger than", above, 0, operator.gt),
         ("at least", least, 0, operator.ge),
@@ -102,7 +102,7 @@ def _numbers_in(value: Any) -> Iterator[float]:
 
 
 def whole(*, least: int, most: int) -> AfterValidator:
-    """A validator that holds a number, or a choice of numbers, to whole ones within bounds."""
+    """Return a validator that holds a number, or a choice of numbers, to whole ones within bounds."""
 
     def check(value: NumberOrDistribution) -> NumberOrDistribution:
         numbers = _values_of(value)

@@ -33,7 +33,7 @@ class BoxRegion(Model):
         return self
 
     def box(self) -> Box:
-        """The region as the planner has it."""
+        """Return the region as the planner has it."""
         return Box(self.min, self.max)
 
 
@@ -86,7 +86,7 @@ class CorridorRegion(Model):
         return self
 
     def region(self) -> Corridor | None:
-        """The region as the planner has it; None if the half-spaces leave nothing of the box.
+        """Return the region as the planner has it; None if the half-spaces leave nothing of the box.
 
         Raises:
             InputError: the half-spaces have no point in common.

@@ -122,7 +122,7 @@ def language_page() -> str:
 
 
 def _order(schema: dict[str, Any], definitions: dict[str, Any]) -> list[str]:
-    """The names of the mappings that a schema refers to, as one comes upon them."""
+    """Return the names of the mappings that a schema refers to, as one comes upon them."""
     found: dict[str, None] = {}
     pending = _references(schema["properties"])
     while pending:

@@ -33,7 +33,7 @@ class BoxObstacle(Model):
     size: PlainPositives = Field(description="along its axes (m)")
 
     def shape(self) -> Cuboid:
-        """The solid."""
+        """Return the solid."""
         return Cuboid(self.centre, self.rotation, self.size)
 
 
@@ -47,7 +47,7 @@ class CylinderObstacle(Model):
     height: PlainPositive = Field(description="along its axis (m)")
 
     def shape(self) -> Cylinder:
-        """The solid."""
+        """Return the solid."""
         return Cylinder(self.centre, self.rotation, self.radius, self.height)
 
 
@@ -59,7 +59,7 @@ class SphereObstacle(Model):
     radius: PlainPositive = Field(description="radius (m)")
 
     def shape(self) -> Ball:
-        """The solid."""
+        """Return the solid."""
         return Ball(self.centre, radius=self.radius)
 
 
@@ -97,7 +97,7 @@ class HullObstacle(Model):
         return self
 
     def shape(self) -> Hull:
-        """The solid."""
+        """Return the solid."""
         return hull_of(placed(self.points, centre=self.centre, rotation=self.rotation, scale=self.scale))
 
 

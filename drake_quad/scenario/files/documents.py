@@ -20,7 +20,7 @@ _SCALARS = ("float", "int", "bool", "null", "str")
 
 @functools.lru_cache(maxsize=256)
 def parse_document(text: str, source: str, *, numbered: bool = True, most: int = MOST_NODES) -> Tree:
-    """Parses YAML 1.2 text; the tree is not to be changed.
+    """Parse YAML 1.2 text; the tree is not to be changed.
 
     Args:
         text: to parse.

@@ -27,7 +27,7 @@ class Library:
         self._resolved: dict[str, Tree] = {}
 
     def find(self, spec: str | Path) -> tuple[str, Tree]:
-        """Finds a scenario and merges it with what it extends.
+        """Find a scenario and merge it with what it extends.
 
         Args:
             spec: FILE, or FILE:NAME where the file holds several; or a shipped one without its suffix, see `shipped`.
@@ -42,7 +42,7 @@ class Library:
         return self._resolve(path, name, Mark(str(spec), 0), ())
 
     def mapping(self, path: Path) -> Tree:
-        """Reads a file that is no scenario, but a mapping of fields.
+        """Read a file that is no scenario, but a mapping of fields.
 
         Raises:
             InputError: it cannot be read, or is something else.
@@ -53,7 +53,7 @@ class Library:
         return tree
 
     def pieces(self, path: Path) -> Tree:
-        """Reads a file of pieces of a trajectory, see `parse_piece_table`.
+        """Read a file of pieces of a trajectory, see `parse_piece_table`.
 
         Raises:
             InputError: it cannot be read, or is something else.
@@ -63,7 +63,7 @@ class Library:
         return parse_piece_table(text, path)
 
     def parse(self, text: str, source: str, *, numbered: bool) -> Tree:
-        """Parses YAML as a part of the scenario; see `parse_document`."""
+        """Parse YAML as a part of the scenario; see `parse_document`."""
         if len(text) > self._bytes:
             raise InputError(f"{Mark(source, 0)}: is too large: a scenario may have {MOST_BYTES:,} bytes in all")
         tree = parse_document(text, source, numbered=numbered)  # cached for this text, so without the present limit
@@ -74,7 +74,7 @@ class Library:
         return tree
 
     def count(self, mark: Mark) -> None:
-        """Counts a name or value that is given otherwise than in YAML.
+        """Count a name or value that is given otherwise than in YAML.
 
         Raises:
             InputError: there are too many.
@@ -146,7 +146,7 @@ class Library:
 
 
 def _base(spec: Tree, path: Path, document: Tree) -> tuple[Path, str | None]:
-    """The file and the name that a scenario of a file extends: beside the file, in it, or else shipped."""
+    """Return the file and the name that a scenario of a file extends: beside the file, in it, or else shipped."""
     file, name = split_spec(spec.value)
     if file.endswith(_SUFFIXES):
         return path.parent / file, name
@@ -172,7 +172,7 @@ def _parse_trajectory(text: str, path: Path) -> Tree:
 
 
 def located(spec: str) -> tuple[Path, str | None]:
-    """The path of a file, and the name in it if one is given, of what is in the working directory or is shipped.
+    """Return the path of a file, and the name in it if one is given, of what is in the working directory or is shipped.
 
     Raises:
         InputError: it has no suffix, and is neither a file nor shipped; or it describes a robot in another format.
@@ -202,7 +202,7 @@ def _shipped(spec: str) -> tuple[Path, str | None] | None:
 
 
 def split_spec(spec: str) -> tuple[str, str | None]:
-    """The file, and the name in it if one is given, of FILE or FILE:NAME."""
+    """Return the file, and the name in it if one is given, of FILE or FILE:NAME."""
     path, separator, name = spec.rpartition(":")
     if separator and path.endswith(_SUFFIXES):
         return path, name

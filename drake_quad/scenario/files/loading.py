@@ -49,7 +49,7 @@ class Override(NamedTuple):
 
     @classmethod
     def of(cls, override: "str | Override") -> "Override":
-        """The override that an assignment alone stands for."""
+        """Return the override that an assignment alone stands for."""
         return override if isinstance(override, Override) else cls(override, f"override {override}")
 
 
@@ -58,7 +58,7 @@ Overrides = str | Override | Mapping[str, Any] | Sequence[str | Override | Mappi
 
 
 def load_scenario(spec: str | Path, overrides: Overrides = (), *, layers: Sequence[str | Path] = ()) -> Scenario:
-    """Loads a scenario.
+    """Load a scenario.
 
     Args:
         spec: FILE, or FILE:NAME where the file holds several scenarios.
@@ -76,7 +76,7 @@ def load_scenario(spec: str | Path, overrides: Overrides = (), *, layers: Sequen
 
 
 def with_fields(scenario: Scenario, fields: Mapping[str, Any]) -> Scenario:
-    """A scenario with whole fields of its first level in place of its own.
+    """Return a scenario with whole fields of its first level in place of its own.
 
     Args:
         scenario: that is changed.
@@ -144,7 +144,7 @@ def has_control(spec: str | Path) -> bool:
 
 
 def load_mission(spec: str | Path, overrides: Overrides = ()) -> Mission:
-    """Loads what flies where, from a scenario of which nothing else need be there, or from a table of waypoints.
+    """Load what flies where, from a scenario of which nothing else need be there, or from a table of waypoints.
 
     Args:
         spec: FILE, or FILE:NAME where the file holds several scenarios; or a CSV file, see `waypoint_table`.
@@ -383,6 +383,6 @@ def _real_path(problem: Any, data: Any) -> tuple[Any, ...]:
 
 
 def _written(path: tuple[Any, ...]) -> str:
-    """The path as in `vehicle.inertia.0`."""
+    """Return the path as in `vehicle.inertia.0`."""
     steps = [key if isinstance(key, int) or str(key).isidentifier() else shown(key) for key in path]
     return shortened(joined(*steps), _MOST_OF_A_PATH) or "the scenario"

@@ -358,7 +358,7 @@ def _arithmetic(layers: Layers, node: _Node) -> None:
 
 
 def _gru(layers: Layers, node: _Node) -> None:
-    """Adds gated recurrent units, whose gates ONNX has in the order update, reset, new."""
+    """Add gated recurrent units, whose gates ONNX has in the order update, reset, new."""
     attributes = node.attributes
     _, of_input, of_memory, both, lengths, initial = [*node.given, None, None, None][:6]
     if attributes.get("linear_before_reset", 0) != 1 or attributes.get("direction", b"forward") != b"forward":

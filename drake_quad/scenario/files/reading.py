@@ -51,7 +51,7 @@ def read_bytes(path: Path, most: int, limit: str) -> bytes:
 
 
 def read_text(path: Path, *, most: int = MOST_BYTES) -> str:
-    """Reads a file of UTF-8 text, without its byte-order mark.
+    """Read a file of UTF-8 text, without its byte-order mark.
 
     Args:
         path: of a file.

@@ -50,5 +50,5 @@ class LearnedNetwork(Model):
 
 
 def or_file(schema: dict[str, Any]) -> None:
-    """Tells editors that the name of a file stands for what is in it; loading puts that in its place."""
+    """Tell editors that the name of a file stands for what is in it; loading puts that in its place."""
     schema["anyOf"].insert(0, {"type": "string"})

@@ -137,7 +137,7 @@ class TrainedNetwork(Model):
         return self
 
     def network(self) -> Network:
-        """The network."""
+        """Return the network."""
         return _network(self)
 
     def _array(self) -> np.ndarray:

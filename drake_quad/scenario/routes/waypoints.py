@@ -63,7 +63,7 @@ class Waypoint(Model):
         return self
 
     def place(self) -> Box | Sphere:
-        """The place as the planner has it; it holds no distributions."""
+        """Return the place as the planner has it; it holds no distributions."""
         if self.box is not None:
             return self.box.box()
         if self.sphere is not None:
