@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 _Entry = TypeVar("_Entry")
 
-# Characters of an error message: a sentence, even with a long path in it.
+# Largest number of characters of an error message, which is a sentence that may contain a long path.
 _MOST = 400
 
 

@@ -28,7 +28,7 @@ from drake_quad.errors import InputError
 from drake_quad.linear.margins import FastMargins, Margins, fast_margins, frequencies, margins
 from drake_quad.linear.sampled_system import SampledSystem
 
-# Bandwidths that are tried, rad/s: from far below what any laboratory allows up to a third of half the sampling rate.
+# Lowest bandwidth that is tried, rad/s, the highest one relative to half the sampling rate, and their number.
 _SLOWEST, _FASTEST_SHARE, _TRIED = 0.05, 1.0 / 3.0, 120
 # Number of bisections between the last acceptable effort and the first unacceptable one.
 _HALVINGS = 12

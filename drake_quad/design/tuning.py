@@ -39,7 +39,7 @@ _PENALTY = 4.0
 _DOUBT, _RESERVE = 0.5, 0.002
 # First steps of the local searches, in widths of the box.
 _RADII = 0.15, 0.08, 0.04
-# Shares of the limit of which no more need be known.
+# Smallest and largest share of the limit that the search distinguishes.
 _ENDS = 0.2, 1.5
 
 

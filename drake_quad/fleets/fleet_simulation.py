@@ -17,9 +17,9 @@ from drake_quad.laboratory.metrics import Metrics
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import Batch
 
-# Between two looks at the crashes and two reports of progress, s of flight.
+# Time of flight between two checks for crashes, which are also the reports of progress, s.
 _STRIDE = 1.0
-# The same in ticks of compiled diagrams: where an event takes many, what Drake does hardly counts.
+# The same interval in ticks of compiled diagrams. With many ticks in an event, Drake's overhead is negligible.
 _TICKS, _TICKS_ALONE = 100, 500
 
 

@@ -21,9 +21,9 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in, refuse_distributions
 
 _ACCURACY, _MAX_STEP = 1e-8, 0.1
-# Of steps for a continuous state, s: a second of flight takes a quarter of a minute with these.
+# Shortest step for a continuous state, s. With such steps, a second of flight takes a quarter of a minute.
 _MIN_STEP = 1e-5
-# How Drake says that they are too long.
+# Part of Drake's message for an integration that needs shorter steps.
 _TOO_FAST = "smaller than minimum allowed"
 
 

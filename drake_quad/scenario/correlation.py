@@ -20,16 +20,16 @@ from drake_quad.errors import InputError, shown
 from drake_quad.randomness.streams import Seeds, parameter_numbers
 from drake_quad.scenario.distributions import Distribution, Normal
 
-# The least probability of what is drawn: half the distance between uniform numbers.
+# Smallest probability of a drawn number: half the distance between uniform numbers.
 _NEVER = 2.0**-53
-# Correlations below this are not worth a word.
+# Smaller correlations are not reported.
 _LEAST = 1e-3
 # Weights of shared variables below the first number are left out, and others have so many decimals. The next is tried
 # where that is too coarse, as where a sum of strongly correlated fields is known much better than any of them.
 _FINER = ((1e-3, 4), (1e-4, 6), (1e-6, 8), (0.0, 12))
-# By which the variance of a sum of fields may be off, as a share of it and, for none at all, of what their own are.
+# Relative tolerance of the variance of a sum of fields, and the variance, relative to their own, that counts as none.
 _TOLERANCE, _FLOOR = 0.02, 1e-9
-# By which an eigenvalue of a correlation matrix may be negative by the rounding of what was measured.
+# An eigenvalue of a measured correlation matrix may be negative by this much, because of rounding.
 _ROUNDING = 1e-6
 
 

@@ -28,9 +28,9 @@ from drake_quad.errors import listed, shown
 from drake_quad.scenario.limits import LARGEST, SMALLEST
 
 Real = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
-# What shared variables may be called.
+# Pattern of the names of shared variables.
 _IDENTIFIER = "[A-Za-z_][A-Za-z0-9_]{0,59}"
-# By which squares of correlations that sum to 1 may miss it when they are written in decimals of a float.
+# Rounding error of the sum of squared correlations that are written as decimal numbers.
 _ROUNDING = 1e-12
 _AnyDistribution = TypeVar("_AnyDistribution", bound="Distribution")
 
@@ -310,7 +310,7 @@ def _tag(value: Any) -> str | None:
 
 
 if TYPE_CHECKING:
-    # Whoever computes with a scenario has refused or drawn its distributions first; the fields are numbers then.
+    # Computations with a scenario refuse or draw its distributions first, so that the fields are numbers.
     NumberOrDistribution = Any
 else:
     _NUMBER: Any = Annotated[Real, Tag("number")]

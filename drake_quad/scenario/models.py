@@ -60,13 +60,14 @@ from drake_quad.vehicle.motors import SpinDown
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.responding import RESPONDING_EFFECTS
 
-# What a scenario may be called, and with it folders and files.
+# Pattern of the name of a scenario, which is also used for folders and files.
 NAME = r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$"
 
 
 _PAPER = QuadrotorParameters()
 _ROTOR = _PAPER.rotors.rotor_1
-# How far an arm length and measured distances may be from each other: data sheets give two digits or three.
+# Relative difference that is allowed between an arm length and the distances of a layout. Data sheets give two or three
+# digits.
 _ROUNDING = 0.01
 _Positive = TypeVar("_Positive")
 _NonNegative = TypeVar("_NonNegative")

@@ -16,7 +16,7 @@ from drake_quad.space.shapes import Ball, Cuboid, Cylinder, Hull, hull_of, place
 from drake_quad.space.simplification import MAX_GROWTH, surrounding
 
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,59}")
-# Words that say what a mapping is: as names of obstacles they would be taken for that.
+# An obstacle with one of these names would be mistaken for the key of another mapping.
 _RESERVED = ("kind", *DISTRIBUTIONS)
 
 

@@ -14,7 +14,7 @@ from drake_quad.scenario.distributions import Model, Real, omits_defaults, refus
 from drake_quad.scenario.limits import MOST_CHARACTERS, MOST_NETWORK_BYTES
 from drake_quad.scenario.quantities import PlainPositive
 
-# Bounds of rows, layers, ticks and moments, which no small network comes near; MOST_NETWORK_BYTES is what counts.
+# Largest number of rows. The effective limit of a network is MOST_NETWORK_BYTES.
 Rows = Annotated[int, Field(ge=1, le=4096)]
 _Precision = Literal["single", "double"]
 _DTYPES: dict[_Precision, np.dtype[Any]] = {"single": np.dtype("<f4"), "double": np.dtype("<f8")}
