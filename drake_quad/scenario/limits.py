@@ -34,7 +34,7 @@ MOST_NETWORK_BYTES = 300_000
 # Normal variables that distributions share. An identification has at most one for each of its numbers.
 MOST_SHARED = 64
 
-# Bounds of numbers in any unit. No product of such numbers overflows in a formula, and smaller numbers have no effect on
+# Bounds of numbers in any unit. No product of such numbers overflows in a formula, and smaller numbers do not affect
 # a vehicle: the inertia of a winged insect is 1e-9 kg m².
 LARGEST, SMALLEST = 1e9, 1e-12
 # Shortest period, or time between two waypoints, s. No camera and no autopilot is faster than 10 kHz.
