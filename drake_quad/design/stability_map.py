@@ -99,8 +99,10 @@ def linear_map(scenario: Scenario, loop: Loop, first: np.ndarray, second: np.nda
     Raises:
         InputError: see `mapped_gains` and `mapped_plant`.
     """
-    make = cascade_map if mapped_gains(scenario, loop).block == _ON_BOARD else stability_map
-    return make(mapped_plant(scenario, loop), first, second)
+    plant, (outer, inner) = mapped_plant(scenario, loop), np.meshgrid(first, second, indexing="ij")
+    if mapped_gains(scenario, loop).block == _ON_BOARD:
+        outer = inner * outer  # the attitude loop around the rate loop: u = k_rate (k_attitude (θ_r - θ) - q)
+    return _mapped(plant, np.stack([outer, inner], axis=-1))
 
 
 def stability_map(plant: SampledSystem, k_p: np.ndarray, k_d: np.ndarray) -> StabilityMap:
@@ -112,18 +114,6 @@ def stability_map(plant: SampledSystem, k_p: np.ndarray, k_d: np.ndarray) -> Sta
         k_d: (columns,) 1/s.
     """
     return _mapped(plant, np.stack(np.meshgrid(k_p, k_d, indexing="ij"), axis=-1))
-
-
-def cascade_map(plant: SampledSystem, k_attitude: np.ndarray, k_rate: np.ndarray) -> StabilityMap:
-    """Return the map of an attitude loop around a rate loop: u = k_rate (k_attitude (θ_r - θ) - q).
-
-    Args:
-        plant: from a commanded angular acceleration to the angle and its rate.
-        k_attitude: (rows,) 1/s.
-        k_rate: (columns,) 1/s.
-    """
-    outer, inner = np.meshgrid(k_attitude, k_rate, indexing="ij")
-    return _mapped(plant, np.stack([inner * outer, inner], axis=-1))
 
 
 def _mapped(plant: SampledSystem, gains: np.ndarray) -> StabilityMap:

@@ -141,12 +141,11 @@ class Bell(Model):
 
     @model_validator(mode="after")
     def _limits_around_mean(self) -> "Bell":
-        for field, wrong in (
-            ("min", self.min is not None and self.min > self.mean),
-            ("max", self.max is not None and self.max < self.mean),
-        ):
-            if wrong:
-                raise self.wrong(f"must not lie beyond the mean, {self.mean}", field)
+        demand = f"must not lie beyond the mean, {self.mean}"
+        if self.min is not None and self.min > self.mean:
+            raise self.wrong(demand, "min")
+        if self.max is not None and self.max < self.mean:
+            raise self.wrong(demand, "max")
         return self
 
 
