@@ -146,11 +146,9 @@ def _is_system(thing: Any) -> bool:
 
 def _takes_a_number(make: Any) -> bool:
     """Return whether the signature of a function, if it has one, permits a call with one argument."""
-    if not callable(make):
-        return False
     try:
         inspect.signature(make).bind(1)
-    except TypeError:
+    except TypeError:  # raised for objects that are not callable, too
         return False
     except ValueError:  # functions implemented in C++ may have no signature
         return True

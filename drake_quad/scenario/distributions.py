@@ -3,7 +3,7 @@
 import math
 import re
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from functools import reduce
 from operator import or_
 from types import UnionType
@@ -161,8 +161,8 @@ class Distribution(Model):
     dimensionless: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
-    def extremes(self) -> Iterator[float | None]:
-        """Yield numbers between which all values lie; None stands for no bound."""
+    def extremes(self) -> tuple[float | None, float | None]:
+        """Return two numbers between which all values lie; None stands for no bound."""
 
     @abstractmethod
     def quantile(self, probability: Any) -> Any:
@@ -200,9 +200,9 @@ class Uniform(Distribution):
         """Short, as in `uniform(0.64, 0.72)`."""
         return f"uniform({self.uniform.min:g}, {self.uniform.max:g})"
 
-    def extremes(self) -> Iterator[float | None]:
-        """Yield the bounds of the values."""
-        yield from (self.uniform.min, self.uniform.max)
+    def extremes(self) -> tuple[float | None, float | None]:
+        """Return the bounds of the values."""
+        return self.uniform.min, self.uniform.max
 
     def quantile(self, probability: Any) -> Any:
         """Return the quantile."""
@@ -219,9 +219,9 @@ class LogUniform(Distribution):
         """Short, as in `log_uniform(0.001, 1)`."""
         return f"log_uniform({self.log_uniform.min:g}, {self.log_uniform.max:g})"
 
-    def extremes(self) -> Iterator[float | None]:
-        """Yield the bounds of the values."""
-        yield from (self.log_uniform.min, self.log_uniform.max)
+    def extremes(self) -> tuple[float | None, float | None]:
+        """Return the bounds of the values."""
+        return self.log_uniform.min, self.log_uniform.max
 
     def quantile(self, probability: Any) -> Any:
         """Return the quantile."""
@@ -242,9 +242,9 @@ class Normal(Distribution):
         shared = [f"shared={bell.shared}"] if bell.shared else []
         return f"normal({', '.join([f'{bell.mean:g}', f'{bell.standard_deviation:g}', *limits, *shared])})"
 
-    def extremes(self) -> Iterator[float | None]:
-        """Yield the bounds of the values."""
-        yield from (self.normal.min, self.normal.max)
+    def extremes(self) -> tuple[float | None, float | None]:
+        """Return the bounds of the values."""
+        return self.normal.min, self.normal.max
 
     @property
     def correlations(self) -> Mapping[str, float]:
@@ -277,9 +277,9 @@ class Choice(Distribution):
         """Short, as in `choice(0, 1, 2)`."""
         return f"choice({', '.join(f'{each:g}' for each in self.choice)})"
 
-    def extremes(self) -> Iterator[float | None]:
-        """Yield the bounds of the values."""
-        yield from (min(self.choice), max(self.choice))
+    def extremes(self) -> tuple[float | None, float | None]:
+        """Return the bounds of the values."""
+        return min(self.choice), max(self.choice)
 
     def quantile(self, probability: Any) -> Any:
         """Return the quantile in the given order of the values."""

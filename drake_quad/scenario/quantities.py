@@ -24,8 +24,7 @@ def extremes(value: NumberOrDistribution) -> tuple[float | None, float | None]:
     """Return the least and the largest number that a quantity can be; None where there is no bound."""
     if isinstance(value, float):
         return value, value
-    low, high = value.extremes()
-    return low, high
+    return value.extremes()
 
 
 def field_of(record: Any, name: str, text: str, *, rule: str = "") -> Any:
