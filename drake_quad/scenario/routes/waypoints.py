@@ -21,6 +21,7 @@ from drake_quad.reference.time_allocation import stretch_factor
 from drake_quad.reference.yaw import yaw_through
 from drake_quad.scenario.distributions import Model, Real, refused
 from drake_quad.scenario.limits import MOST_WAYPOINTS
+from drake_quad.scenario.paths import distributions_in
 from drake_quad.scenario.quantities import TWO_TURNS, Point, Position, Positive, radians_demand
 from drake_quad.scenario.regions import BoxRegion, CorridorRegion, SphereRegion
 from drake_quad.scenario.routes.route import ROUTES, KnownEnd, Laps, MovingRoute, Planned, of_three_laps
@@ -115,10 +116,10 @@ class WaypointRoute(MovingRoute):
         if self.corridors is not None and len(self.corridors) != count - 1:
             demand = f"must hold one box, half-spaces or null for each of the {count - 1} segments"
             raise self.wrong(demand, "corridors")
-        yaws = [waypoint.yaw for waypoint in self.waypoints]
-        if self.heading == "waypoints" and not any(yaw is not None for yaw in yaws):
+        has_yaws = any(waypoint.yaw is not None for waypoint in self.waypoints)
+        if self.heading == "waypoints" and not has_yaws:
             raise self.wrong("needs a yaw at one of the waypoints", "heading")
-        if self.heading != "waypoints" and any(yaw is not None for yaw in yaws):
+        if self.heading != "waypoints" and has_yaws:
             raise self.wrong("must be waypoints if yaws are given there", "heading")
         self._check_yaws()
         limited = self.top_speed is not None or self.top_acceleration is not None
@@ -160,12 +161,7 @@ class WaypointRoute(MovingRoute):
 
     @model_validator(mode="after")
     def _flyable(self) -> "WaypointRoute":
-        quantities = [
-            self.top_speed,
-            self.top_acceleration,
-            *(x for waypoint in self.waypoints for x in waypoint.point or ()),
-        ]
-        if all(quantity is None or isinstance(quantity, float) for quantity in quantities):
+        if not distributions_in(self):
             try:
                 self.problem()
             except InputError as error:
