@@ -132,7 +132,7 @@ def with_autopilot_gains(scenario: Scenario, gains: Mapping[str, Sequence[float]
 
 
 def default_options(period: float) -> dict[str, LoopOptions]:
-    """Return the fastest pole pairs within 45°, 6 dB and, for the attitude, two ticks of delay.
+    """Return options for the fastest pole pairs with margins of 45°, 6 dB and, for the attitude, two ticks of delay.
 
     Args:
         period: of the ticks, s.
@@ -143,7 +143,7 @@ def default_options(period: float) -> dict[str, LoopOptions]:
 
 
 def on_board_options() -> dict[str, LoopOptions]:
-    """Return the fastest gains of an autopilot's loops within 60° and 10 dB.
+    """Return options for the fastest gains of an autopilot's loops with margins of 60° and 10 dB.
 
     That is more than on the ground, since every packet of the link is a step for these loops: they shall hardly
     overshoot.

@@ -100,14 +100,14 @@ class LoopDesign:
     """A designed loop.
 
     Attributes:
-        axis: its name.
-        gains: of its PD or PID, or of its proportional law.
+        axis: name of the axis.
+        gains: gains of the PD, the PID or the proportional law.
         plant: from the commanded acceleration to the measured value and rate, and with a PID to the integral of the
             value; for a proportional law, from what it commands to what it controls.
-        margins: that were reached.
-        bandwidth: of the pole pair, rad/s; None for other families.
-        cost_ratio: of the PD to the full regulator; None for other families.
-        limits: what a faster loop of the same family would break; empty for gains that were asked for.
+        margins: margins of the loop.
+        bandwidth: bandwidth of the pole pair, rad/s; None for other families.
+        cost_ratio: cost of the PD over that of the full regulator; None for other families.
+        limits: requirements that a faster loop of the same family would violate; empty for a given effort.
     """
 
     axis: str
@@ -230,13 +230,13 @@ def design_loop(
 
     Args:
         plant: from a commanded acceleration to the measured value and rate; for a proportional law it has one output.
-        family: of gains.
-        requirements: margins to keep.
-        axis: its name, for people.
-        effort: that is asked for; the largest that meets the requirements if not given.
+        family: family of gains.
+        requirements: required margins.
+        axis: name of the axis, for messages.
+        effort: effort of the gains; the largest one that meets the requirements if not given.
 
     Raises:
-        InputError: the plant cannot be stabilised, or the requirements cannot be met.
+        InputError: if the requirements cannot be met.
     """
     grid = frequencies(plant.period)
     response = plant.response(np.exp(1j * grid * plant.period))[..., 0]

@@ -110,32 +110,32 @@ def simulate_samples(
     plan: Plan | None = None,
     compiled: bool | None = None,
 ) -> list[Flight]:
-    """Fly samples of a study side by side and record every signal of each, as `simulate` does of one.
+    """Fly samples of a study side by side and record all signals of each, like `simulate` for one sample.
 
     Args:
-        scenario: with or without distributions.
-        samples: numbers of samples, from 0 on.
-        seed: in place of the scenario's.
-        plan: flown instead of that of the scenario's route.
-        compiled: as for `simulate`.
+        scenario: scenario, which may contain distributions.
+        samples: indices of the samples, counted from 0.
+        seed: seed of the study; that of the scenario if not given.
+        plan: plan that is flown instead of that of the scenario's route.
+        compiled: see `simulate`.
 
     Raises:
-        InputError: the route holds a distribution, or the rotors cannot fly it.
+        InputError: if the route contains a distribution, or the rotors cannot fly it.
     """
     check_fleet_fits(len(samples), "the number of samples")
     return simulate_batch(Batch.draw(scenario, samples, seed=seed), plan=plan, compiled=compiled)
 
 
 def simulate_batch(batch: Batch, *, plan: Plan | None = None, compiled: bool | None = None) -> list[Flight]:
-    """Fly a batch and record every signal of each vehicle: a few megabytes a flight of half a minute.
+    """Fly a batch and record every signal of each vehicle, a few megabytes for half a minute of flight.
 
     Args:
-        batch: to fly.
-        plan: flown instead of that of the scenario's route.
-        compiled: as for `simulate`.
+        batch: batch of samples.
+        plan: plan that is flown instead of that of the scenario's route.
+        compiled: see `simulate`.
 
     Raises:
-        InputError: the route holds a distribution, or the rotors cannot fly it.
+        InputError: if the route contains a distribution, or the rotors cannot fly it.
     """
     plan = plan or plan_route(batch.scenario)
     if compiled is None:

@@ -55,15 +55,16 @@ class ClosedLoop(NamedTuple):
 def closed_loop(scenario: Scenario, *, position_controller: Any = None, control: Any = None) -> ClosedLoop:
     """Find the equilibrium of a scenario's loop at rest and linearise it there.
 
-    Newton's method on x = Φ(x), from hover at the reference: in wind or with an uneven vehicle a PD settles beside it.
+    Newton's method solves x = Φ(x), starting in hover at the reference. In wind, or with an uneven vehicle, a PD
+    settles beside the reference.
 
     Args:
-        scenario: flown `at_rest`.
-        position_controller: stands in for the scenario's; see `build_tracking_diagram`.
-        control: stands in for the whole cascade; see `build_tracking_diagram`.
+        scenario: scenario, of which `at_rest` is linearised.
+        position_controller: system that replaces the scenario's position controller; see `build_tracking_diagram`.
+        control: system that replaces the whole cascade; see `build_tracking_diagram`.
 
     Raises:
-        InputError: the loop has no equilibrium near hover, or cannot be differentiated.
+        InputError: if the loop has no equilibrium near hover, or cannot be differentiated.
     """
     resting = at_rest(scenario)
     diagram = build_tracking_diagram(resting, position_controller=position_controller, control=control)
@@ -77,12 +78,12 @@ def loop_with_injection(scenario: Scenario, *, position_controller: Any = None, 
     what the link carries.
 
     Args:
-        scenario: flown `at_rest`.
-        position_controller: stands in for the scenario's; see `build_tracking_diagram`.
-        control: stands in for the whole cascade; see `build_tracking_diagram`.
+        scenario: scenario, of which `at_rest` is linearised.
+        position_controller: system that replaces the scenario's position controller; see `build_tracking_diagram`.
+        control: system that replaces the whole cascade; see `build_tracking_diagram`.
 
     Raises:
-        InputError: as `closed_loop`, or something happens less often than the control ticks.
+        InputError: an error of `closed_loop`, or a period is longer than that of the control.
     """
     resting = at_rest(scenario)
     period = resting.laboratory.command_link.period
@@ -167,12 +168,12 @@ def laboratory_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it 
     """Return the plant that a scenario's controllers act on, in hover in still air.
 
     Args:
-        scenario: whose laboratory it is.
-        vehicle: the one of `as_believed`, or the one that flies, but for what would couple its axes: errors of single
-            rotors, a centre of mass beside the middle, misaligned markers.
+        scenario: scenario with the laboratory.
+        vehicle: "believed" for the vehicle of `as_believed`; "as it is" for the vehicle that flies, without what
+            couples its axes: errors of single rotors, an offset of the centre of mass, and misaligned markers.
 
     Raises:
-        InputError: hover is no equilibrium, or something happens less often than the control ticks.
+        InputError: if hover is no equilibrium, or a period is longer than that of the control.
     """
     resting = _in_still_air(scenario, vehicle)
     period = resting.laboratory.command_link.period

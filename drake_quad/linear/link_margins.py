@@ -41,15 +41,15 @@ def link_margins(
     """Return the margins of thrust, roll, pitch and yaw as they go over the link, by the names of the signals.
 
     These are `thrust`, `tau_x`, `tau_y` and `tau_z` of a `wrench` or `thrust`, `roll`, `pitch` and `yaw` of an
-    `attitude_target`. None where nothing comes back, as with a yaw that only an autopilot controls.
+    `attitude_target`. A signal without feedback has None, for example a yaw that only an autopilot controls.
 
     Args:
-        scenario: flown `at_rest`, so that its gusts and its noise do not matter.
-        position_controller: stands in for the scenario's; see `build_tracking_diagram`.
-        control: stands in for the whole control; see `build_tracking_diagram`.
+        scenario: scenario, of which `at_rest` is linearised, so that gusts and noise do not matter.
+        position_controller: system that replaces the scenario's position controller; see `build_tracking_diagram`.
+        control: system that replaces the whole control; see `build_tracking_diagram`.
 
     Raises:
-        InputError: the loop is unstable, or has no equilibrium or no linear model.
+        InputError: if the loop is unstable, or has no equilibrium or no linear model.
     """
     loops = link_loops(scenario, position_controller=position_controller, control=control)
     return {name: None if loop is None else margins(loop) for name, loop in loops.items()}

@@ -19,11 +19,12 @@ class Batch:
     """Samples of a study, each flown by a vehicle of a fleet.
 
     Attributes:
-        scenario: of the study, with its distributions.
-        samples: (N,) their numbers in the study, from 0 on; with the seed they say which wind and noise there is.
-        varying: (N,) numbers by the path of their field, such as `vehicle.mass`: what is drawn for each distribution,
-            and whatever else shall differ from vehicle to vehicle.
-        seeds: (N,) those of the studies that the samples are of, in place of the scenario's; None for that.
+        scenario: scenario of the study, with its distributions.
+        samples: (N,) indices of the samples in the study, counted from 0. Together with the seed they determine wind
+            and noise.
+        varying: (N,) numbers by the path of their field, such as `vehicle.mass`: the drawn numbers of each
+            distribution, and other numbers that differ from vehicle to vehicle.
+        seeds: (N,) seeds of the samples, for samples of several studies; None for the seed of the scenario.
     """
 
     scenario: Scenario
@@ -103,12 +104,12 @@ def draw_sample(scenario: Scenario, sample: int, *, seed: int | None = None) -> 
     """Draw one sample of a study: the scenario with a number in place of each of its distributions.
 
     Args:
-        scenario: with or without distributions.
-        sample: number of the sample, from 0 on.
-        seed: in place of the scenario's.
+        scenario: scenario, which may contain distributions.
+        sample: index of the sample, counted from 0.
+        seed: seed of the study; that of the scenario if not given.
 
     Raises:
-        InputError: the seed or the sample's number is negative or too large.
+        InputError: if the seed or the index is negative or too large.
     """
     return Batch.draw(scenario, [sample], seed=seed).scenario_of(0)
 

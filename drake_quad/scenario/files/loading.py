@@ -61,7 +61,7 @@ def load_scenario(spec: str | Path, overrides: Overrides = (), *, layers: Sequen
     """Load a scenario.
 
     Args:
-        spec: FILE, or FILE:NAME where the file holds several scenarios.
+        spec: FILE, or FILE:NAME if the file contains several scenarios.
         overrides: fields that are given other values; they win. A mapping of their paths to these, as in
             `{"vehicle.mass": 0.7, "route": {"kind": "circle"}, "control.position.k_p": np.ones(3)}`, where mappings are
             joined with what is there, as by `extends`; or an assignment `"vehicle.mass=0.7"` with the value in YAML; or
@@ -69,21 +69,21 @@ def load_scenario(spec: str | Path, overrides: Overrides = (), *, layers: Sequen
         layers: further FILE:NAMEs that are laid over the scenario one after the other, as if one extended them all.
 
     Raises:
-        InputError: something in the file or in an override is wrong; the message names file, line, field, value and
-            what is allowed.
+        InputError: if the file or an override is wrong; the message names the file, line, field, value and the allowed
+            values.
     """
     return validated(Scenario, _loaded(spec, overrides, layers))
 
 
 def with_fields(scenario: Scenario, fields: Mapping[str, Any]) -> Scenario:
-    """Return a scenario with whole fields of its first level in place of its own.
+    """Return a scenario in which fields of its first level are replaced as a whole.
 
     Args:
-        scenario: that is changed.
-        fields: by their names, as mappings and numbers.
+        scenario: scenario to change.
+        fields: new values of fields by name, as mappings and numbers.
 
     Raises:
-        InputError: as `load_scenario`.
+        InputError: an error of `load_scenario`.
     """
     trees = [*given_trees({**scenario.model_dump(mode="json"), **fields}, Library())]
     return validated(Scenario, reduce(merged, trees))
@@ -144,14 +144,14 @@ def has_control(spec: str | Path) -> bool:
 
 
 def load_mission(spec: str | Path, overrides: Overrides = ()) -> Mission:
-    """Load what flies where, from a scenario of which nothing else need be there, or from a table of waypoints.
+    """Load a mission from a scenario, which may be incomplete otherwise, or from a table of waypoints.
 
     Args:
-        spec: FILE, or FILE:NAME where the file holds several scenarios; or a CSV file, see `waypoint_table`.
-        overrides: as for `load_scenario`.
+        spec: FILE, or FILE:NAME if the file contains several scenarios; or a CSV file, see `waypoint_table`.
+        overrides: overrides for `load_scenario`.
 
     Raises:
-        InputError: as `load_scenario`, or an override is of something else in a scenario.
+        InputError: an error of `load_scenario`, or an override of a field that no mission has.
     """
     others = Scenario.model_fields.keys() - Mission.model_fields.keys()
     tree = _loaded(spec, overrides, foreign=others)
