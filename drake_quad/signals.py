@@ -303,5 +303,4 @@ def quantities(name: str, num_rows: int) -> list[Quantity]:
 
 def _quantity(row: Any) -> Quantity:
     _, quantity = get_args(row)
-    found: Quantity = quantity
-    return found
+    return quantity

@@ -1,4 +1,4 @@
-"""How a body turns whose roll, pitch and yaw change: eq (2)."""
+"""Relation of body rates and the rates of roll, pitch and yaw: eq (2)."""
 
 from drake_quad.framework.elementary import sin_cos
 from drake_quad.signals import Attitude, BodyRates

@@ -128,10 +128,11 @@ def build_laboratory(
     builder.ExportInput(vehicle.GetInputPort("crashed"), "crashed")
     builder.ExportOutput(motion_capture.GetOutputPort("measurement"), "measurement")
     builder.ExportOutput(vehicle.GetOutputPort("state"), "state")
-    for name in ("rotor_speed", "swing", "charge"):
+    builder.ExportOutput(vehicle.GetOutputPort("rotor_speed"), "rotor_speed")
+    builder.ExportOutput(allocated[told], told)
+    for name in ("swing", "charge"):
         if vehicle.HasOutputPort(name):
             builder.ExportOutput(vehicle.GetOutputPort(name), name)
-    builder.ExportOutput(allocated[told], told)
     builder.ExportOutput(allocated["shortfall"], "shortfall")
     builder.ExportOutput(air.GetOutputPort("wind"), "wind")
     if autopilot is not None:

@@ -1,4 +1,4 @@
-"""What disturbs a vehicle along its plan: how much, and for how long at a time.
+"""Disturbances of a vehicle along its plan: their size and their correlation time.
 
 A vehicle that is where its plan wants it, turned as the plan wants it, with rotors as fast as the nominal vehicle would
 need them, is accelerated otherwise than planned by wind, drag, and whatever of the vehicle is not as believed. That
@@ -80,7 +80,7 @@ def disturbances_along(batch: Batch, plan: Plan) -> Disturbed:
     speeds: list[Any] = [np.asarray(row)[:, np.newaxis] for row in demand.rotor_speed]
     rotors = RotorSpeed(*speeds)
     parameters = vehicle_parameters(fleet.vehicle)
-    # What stands before the rotors' speeds, and what swings, is no disturbance of the path.
+    # Throttle curve, battery and slung load do not disturb the path at given rotor speeds.
     effects = fleet.vehicle.effect_numbers()._replace(thrust_curve=None, battery=None, slung_load=None)
     spinning = turning(rotors, rotors, parameters, effects)
     height = position[2][:, np.newaxis]
@@ -133,7 +133,7 @@ def _wind_along(batch: Batch, plan: Plan, times: np.ndarray, position: np.ndarra
     for time, p, v in zip(times, position.T, velocity.T, strict=True):
         if placed:
             diagram.GetInputPort("state").FixValue(context, np.repeat([*p, *nothing, *v, *nothing], N))
-        # What is sampled at an instant shall be there at that instant.
+        # Pending events include the samples of this instant.
         simulator.AdvanceTo(time)
         simulator.AdvancePendingEvents()
         found.append(diagram.GetOutputPort("wind").Eval(context).reshape(3, N))

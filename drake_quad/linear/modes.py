@@ -1,4 +1,4 @@
-"""The modes of a linear system: what it does when left alone, and whether its inputs can do anything about it."""
+"""Modes of a linear system."""
 
 from collections.abc import Callable
 from functools import partial
@@ -31,7 +31,7 @@ class Mode(NamedTuple):
 
 
 def modes(A: np.ndarray, states: tuple[str, ...], *, period: float | None = None) -> list[Mode]:
-    """The modes of ẋ = A x, or of x⁺ = A x, the slowest first.
+    """Return the modes of ẋ = A x, or of x⁺ = A x, the slowest first.
 
     A state takes part by its entry on the diagonal of the mode's spectral projector, which for a single eigenvalue is
     its participation factor and is sound for repeated ones, too. What dies within a period, as a delay line does, is
@@ -77,30 +77,3 @@ def _projector(A: np.ndarray, among: Callable[[complex], bool]) -> np.ndarray:
     T, Z, k = scipy.linalg.schur(A, output="complex", sort=among)
     R = scipy.linalg.solve_sylvester(T[:k, :k], -T[k:, k:], -T[:k, k:])
     return Z[:, :k] @ (Z[:, :k].conj().T - R @ Z[:, k:].conj().T)
-
-
-def uncontrollable(A: np.ndarray, B: np.ndarray, *, tolerance: float = 1e-9) -> np.ndarray:
-    """The eigenvalues of A that no input moves: [λ I - A, B] has less than full rank there (Popov, Belevitch, Hautus).
-
-    Args:
-        A: (n, n).
-        B: (n, m).
-        tolerance: on the smallest singular value, relative to the largest.
-    """
-    # In units in which the entries of A are of one size, and those of the inputs too, ranks can be told.
-    balanced, scaling = scipy.linalg.matrix_balance(A, permute=False)
-    inputs = np.linalg.solve(scaling, B)
-    inputs = inputs / np.maximum(np.linalg.norm(inputs, axis=0), 1e-300)
-    lost = []
-    for value in np.linalg.eigvals(balanced):
-        sizes = np.linalg.svd(np.hstack([value * np.eye(len(A)) - balanced, inputs]), compute_uv=False)
-        if sizes[-1] < tolerance * sizes[0]:
-            lost.append(value)
-    return np.array(lost)
-
-
-def is_stabilizable(A: np.ndarray, B: np.ndarray, *, period: float | None = None) -> bool:
-    """True if an input can move every mode that does not die out by itself."""
-    lost = uncontrollable(A, B)
-    alive = np.abs(lost) >= 1.0 - 1e-9 if period is not None else lost.real >= -1e-9
-    return not alive.any()

@@ -5,6 +5,7 @@ and the symbols of which machine code is made.
 """
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -28,7 +29,7 @@ _ROUNDING = 1e-12
 
 @dataclass(frozen=True)
 class _Placed:
-    """A solid somewhere in W.
+    """Frame of a solid in W.
 
     Attributes:
         centre: of the solid, m.
@@ -50,9 +51,17 @@ class _Placed:
         offset = (x - self.centre[0], y - self.centre[1], z - self.centre[2])
         return tuple(_product(axis, offset) for axis in self.axes.tolist())  # type: ignore[return-value]
 
+    def _outside(self, points: np.ndarray) -> np.ndarray:
+        """Points (..., 3) of the solid's frame in W."""
+        return np.asarray(points @ self.axes + self.centre)
+
+
+class _Solid(_Placed, ABC):
+    """A solid somewhere in W."""
+
+    @abstractmethod
     def distance(self, x: Row, y: Row, z: Row) -> Row:
-        """How far a point of W is from the surface, m; negative inside."""
-        raise NotImplementedError
+        """Return the distance of a point of W from the surface, m; negative inside."""
 
     def at_least(self, x: Row, y: Row, z: Row) -> None:
         """None: nothing that the distance is not below costs less."""
@@ -61,13 +70,9 @@ class _Placed:
         """How far points (n, 3) are from the surface: (n,), m."""
         return np.asarray(self.distance(*np.asarray(points, dtype=float).T))
 
-    def _outside(self, points: np.ndarray) -> np.ndarray:
-        """Points (..., 3) of the solid's frame in W."""
-        return np.asarray(points @ self.axes + self.centre)
-
 
 @dataclass(frozen=True)
-class Cuboid(_Placed):
+class Cuboid(_Solid):
     """A box with any rotation.
 
     Attributes:
@@ -110,7 +115,7 @@ class Cuboid(_Placed):
 
 
 @dataclass(frozen=True)
-class Cylinder(_Placed):
+class Cylinder(_Solid):
     """A cylinder, upright unless it is rotated.
 
     Attributes:
@@ -156,7 +161,7 @@ class Cylinder(_Placed):
 
 
 @dataclass(frozen=True)
-class Ball(_Placed):
+class Ball(_Solid):
     """A ball.
 
     Attributes:
@@ -361,7 +366,7 @@ def _most(rows: Sequence[Row]) -> Row:
     return most
 
 
-def _check_pose(solid: _Placed) -> None:
+def _check_pose(solid: _Solid) -> None:
     for name, numbers in (("centre", solid.centre), ("rotation", solid.rotation)):
         if len(numbers) != 3 or not all(map(math.isfinite, numbers)):
             raise InputError(f"the {name} of a solid must be three finite numbers, not {shown(numbers)}")

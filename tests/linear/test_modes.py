@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from drake_quad.linear.modes import is_stabilizable, modes, uncontrollable
+from drake_quad.linear.modes import modes
 
 
 @pytest.mark.parametrize(
@@ -55,40 +55,3 @@ def test_what_dies_within_a_tick_is_left_out():
     expected = sorted([math.log(0.0012) / 0.1, math.log(0.5) / 0.1, complex(math.log(0.5), math.pi) / 0.1], key=abs)
     assert [mode.pole for mode in found] == pytest.approx(expected)
     assert modes(np.diag([0.0, 1e-5]), ("a", "b"))[0].multiplicity == 2
-
-
-def test_units_of_states_and_inputs_do_not_decide_what_is_moved():
-    A = np.array([[-1.0, 2.0, 0.0], [0.0, -3.0, 1.0], [0.5, 0.0, -0.2]])
-    B = np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 2.0]])
-    for states in (np.ones(3), [1e-6, 1.0, 1e5]):
-        for inputs in (np.ones(2), [1e-12, 1e9], [1e-14, 0.0]):
-            S = np.diag(states)
-            assert len(uncontrollable(S @ A @ np.linalg.inv(S), S @ B * inputs)) == 0
-    assert len(uncontrollable(A, 0.0 * B)) == 3
-
-
-def test_what_is_not_moved_is_known_by_its_eigenvalue():
-    A, B = np.diag([-1.0, 0.25, -3.0]), np.array([[1.0], [0.0], [0.0]])
-    np.testing.assert_allclose(sorted(uncontrollable(A, B).real), [-3.0, 0.25])
-    nearly = np.array([[1.0], [1e-7], [1e-7]])
-    assert len(uncontrollable(A, nearly)) == 0
-    assert len(uncontrollable(A, nearly, tolerance=1e-4)) == 2
-
-
-@pytest.mark.parametrize(
-    ("lost", "period", "stabilizable"),
-    [
-        (-0.1, None, True),
-        (0.0, None, False),
-        (0.1, None, False),
-        (0.5, 0.02, True),
-        (-0.99, 0.02, True),
-        (1.0, 0.02, False),
-        (-1.0, 0.02, False),
-        (-1.5, 0.02, False),
-    ],
-)
-def test_what_no_input_moves_must_die_out_by_itself(lost, period, stabilizable):
-    A, B = np.diag([2.0, lost]), np.array([[1.0], [0.0]])
-    assert is_stabilizable(A, B, period=period) == stabilizable
-    assert is_stabilizable(A, np.eye(2), period=period)

@@ -167,6 +167,14 @@ def lagging_attitude_model(answer: Answer, lag: float, disturbances: Disturbance
     return _model(LaggingAttitudeChain, moving, {"snap": stiffness}, disturbances)
 
 
+def lateral_model(lag: float | None, answer: Answer | None, disturbances: Disturbances) -> ContinuousModel:
+    """The model along x or y, given the lag of the rotors (s) and the answer of an autopilot, of which one is given."""
+    if answer is None:
+        assert lag is not None
+        return torque_model(lag, disturbances)
+    return attitude_model(answer, disturbances) if lag is None else lagging_attitude_model(answer, lag, disturbances)
+
+
 def vertical_model(lag: float, disturbances: Disturbances) -> ContinuousModel:
     """The model of a `VerticalChain`, given the lag of the thrust (s)."""
     return _model(VerticalChain, {("thrust", "thrust"): -1.0 / lag}, {"thrust": 1.0 / lag}, disturbances)
