@@ -110,10 +110,10 @@ def add_vector(options: argparse.ArgumentParser) -> None:
 
 
 def check_ranges(arguments: argparse.Namespace, ranges: Mapping[str, tuple[float, float]]) -> None:
-    """Raises InputError if a number is out of its range, given by the option without its dashes."""
+    """Raise InputError if a given number is out of its range; ranges are by option, without its leading dashes."""
     for option, (least, most) in ranges.items():
         value = getattr(arguments, option.replace("-", "_"))
-        if not least <= value <= most:
+        if value is not None and not least <= value <= most:
             raise InputError(f"--{option} is {value:g}, but must be between {least:g} and {most:g}")
 
 
