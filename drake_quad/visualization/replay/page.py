@@ -105,7 +105,7 @@ def save_swarm(flights: Mapping[str, list[Flight]], path: Path | str) -> Path:
             crashed = bool(flight.metrics.crashed)
             body = rgba(_RED) if crashed else rgba(colors[name], 0.6)
             where = f"/{_key(name)}/{number}"
-            meshcat.SetObject(f"{where}/body", quadrotor_mesh(Frame.of(flight.scenario.vehicle)), body)
+            meshcat.SetTriangleMesh(f"{where}/body", *quadrotor_mesh(Frame.of(flight.scenario.vehicle)), body)
             for frame, tick in _frames(flight, SWARM_FRAMES_PER_SECOND, last):
                 animation.SetTransform(frame, where, pose_of(State(*flight["state"][tick])))
             line = places(flight.record("state"))[:: max(len(flight.time) // 150, 1)].T
