@@ -9,7 +9,7 @@ from matplotlib.text import Annotation
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.studies.statistics import of_survivors
 from drake_quad.visualization.labels import BESIDE, place_labels
-from drake_quad.visualization.style import new_figure, styled
+from drake_quad.visualization.panels import name_rows, new_panels
 
 _MARKERS = "osD^vPX*"
 
@@ -21,9 +21,8 @@ def plot_comparison(flights: Mapping[str, Mapping[str, Metrics]]) -> Figure:
         flights: (N,) metrics by scenario and controller. Flights that crashed are counted in place of being drawn.
     """
     controllers = list(dict.fromkeys(name for found in flights.values() for name in found))
-    with styled():
-        figure = new_figure(2.0 + 2.6 * len(flights), 1.3 + 0.42 * len(controllers))
-        row = figure.subplots(1, len(flights), sharex=True, sharey=True, squeeze=False)[0]
+    size = 2.0 + 2.6 * len(flights), 1.3 + 0.42 * len(controllers)
+    with new_panels(*size, 1, len(flights), sharex=True, sharey=True) as (figure, (row,)):
         labels: list[Annotation] = []
         for axes, (scenario, found) in zip(row, flights.items(), strict=True):
             for place, name in enumerate(controllers):
@@ -41,8 +40,6 @@ def plot_comparison(flights: Mapping[str, Mapping[str, Metrics]]) -> Figure:
                 labels.append(axes.annotate(label, at, (6, 0), textcoords="offset points", fontsize=8.5))
             axes.set(title=scenario, xlabel="RMSE (cm)")
             axes.set_xlim(0.0, 1.15 * axes.get_xlim()[1])
-            axes.grid(visible=False, axis="y")
-        row[0].set_yticks(range(len(controllers)), controllers)
-        row[0].set_ylim(len(controllers) - 0.5, -0.5)
+            name_rows(axes, controllers)
         place_labels(figure, labels, BESIDE)
         return figure

@@ -15,7 +15,8 @@ from drake_quad.linear.margins import frequencies
 from drake_quad.linear.step_response import release
 from drake_quad.signals import State
 from drake_quad.visualization.labels import place_labels
-from drake_quad.visualization.style import BLACK, BLUE, LIMIT, PLATE, VERMILION, new_figure, styled
+from drake_quad.visualization.panels import new_panels
+from drake_quad.visualization.style import BLACK, BLUE, LIMIT, PLATE, VERMILION
 
 # One axis of each kind of loop is drawn; roll and y are mirror images of these.
 _DRAWN = {"pitch": "attitude (pitch)", "x": "position (x)"}
@@ -32,9 +33,7 @@ def _drawn(loops: Mapping[str, LoopDesign]) -> dict[str, str]:
 
 def plot_bode(design: CascadeDesign) -> Figure:
     """Plots gain and phase of the attitude and the position loop over frequency, with their margins."""
-    with styled():
-        figure = new_figure(9.0, 5.4)
-        axes = figure.subplots(2, 2, sharex="col", sharey="row")
+    with new_panels(9.0, 5.4, 2, 2, sharex="col", sharey="row") as (figure, axes):
         loops = design.all_loops
         labels: list[Annotation] = []
         for column, (axis, title) in enumerate(_drawn(loops).items()):
@@ -75,10 +74,9 @@ def _draw_bode(upper: Axes, lower: Axes, design: LoopDesign, title: str) -> list
 
 def plot_nyquist(design: CascadeDesign) -> Figure:
     """Plots both loops in the complex plane of L, with the disk around -1 that they stay outside of."""
-    with styled():
-        figure = new_figure(9.0, 4.5)
-        loops = design.all_loops
-        for axes, (axis, title) in zip(figure.subplots(1, 2), _drawn(loops).items(), strict=True):
+    loops = design.all_loops
+    with new_panels(9.0, 4.5, 1, 2) as (figure, (row,)):
+        for axes, (axis, title) in zip(row, _drawn(loops).items(), strict=True):
             loop = loops[axis]
             _, response = _response(loop)
             axes.plot(response.real, response.imag, color=BLUE, label="L")
@@ -108,9 +106,7 @@ def plot_root_locus(design: CascadeDesign) -> Figure:
     row = np.array([loop.gains])
     poles = np.linalg.eigvals(plant.A - factors[:, np.newaxis, np.newaxis] * (plant.B @ row @ plant.C))
     limit_factor = 10.0 ** (loop.margins.gain / 20.0)
-    with styled():
-        figure = new_figure(7.0, 5.2)
-        axes = figure.subplots()
+    with new_panels(7.0, 5.2) as (figure, axes):
         s = _continuous(poles, period)
         axes.plot(s.real.ravel(), s.imag.ravel(), ".", color="0.7", markersize=1.5)
         for factor, color, marker, label in (
@@ -147,9 +143,8 @@ def plot_steps(loop: ClosedLoop) -> Figure:
     """Plots the responses to steps of position, height and yaw: those of the diagram and of its linear model."""
     slowest = -math.log(np.abs(loop.system.poles()).max()) / loop.system.period
     duration = min(max(5.0 / slowest, 4.0), 60.0)
-    with styled():
-        figure = new_figure(9.0, 3.4)
-        for axes, (row, size, label) in zip(figure.subplots(1, 3), _STEPS, strict=True):
+    with new_panels(9.0, 3.4, 1, 3) as (figure, (panels,)):
+        for axes, (row, size, label) in zip(panels, _STEPS, strict=True):
             response = release(loop, {row: -size}, duration=duration)
             diagram, model = (getattr(State(*rows.T), row) for rows in (response.nonlinear, response.linear))
             axes.plot(response.time, diagram + size, color=BLUE, label="diagram")

@@ -14,6 +14,7 @@ from drake_quad.control.fuzzy.inference import Antecedents, elliptic_membership,
 from drake_quad.flight.flight import Flight
 from drake_quad.scenario.networks.network import Network
 from drake_quad.visualization.labels import place_labels
+from drake_quad.visualization.panels import new_panels
 from drake_quad.visualization.style import (
     ABOVE,
     BLACK,
@@ -23,9 +24,7 @@ from drake_quad.visualization.style import (
     PURPLE,
     SKY,
     VERMILION,
-    new_figure,
     shading,
-    styled,
 )
 
 # The pairs of exponents of the paper's Fig. 4.
@@ -45,9 +44,7 @@ def plot_memberships(exponents: Sequence[tuple[float, float]] = PAPER_EXPONENTS)
         exponents: the pairs (a1, a2), each with a panel of its own.
     """
     u: Any = np.linspace(-1.2, 1.2, 481)
-    with styled():
-        figure = new_figure(2.3 * len(exponents), 2.5)
-        row = figure.subplots(1, len(exponents), sharey=True, squeeze=False)[0]
+    with new_panels(2.3 * len(exponents), 2.5, 1, len(exponents), sharey=True) as (figure, (row,)):
         for axes, (a1, a2) in zip(row, exponents, strict=True):
             upper, lower = elliptic_membership(u, a1), elliptic_membership(u, a2)
             axes.fill_between(u, lower, upper, color=shading()(0.5), linewidth=0)
@@ -70,9 +67,8 @@ def plot_learning(flight: Flight) -> Figure:
     axes_learned = _axes(flight)
     count, has_trace = len(axes_learned), "covariance_trace" in flight.signals
     pd, correction, weights = flight.record("pd"), flight.record("correction"), _weights(flight)
-    with styled():
-        figure = new_figure(4.6 * count, 6.6 if has_trace else 4.6)
-        grid = figure.subplots(3 if has_trace else 2, count, sharex=True, sharey="row", squeeze=False)
+    num_rows = 3 if has_trace else 2
+    with new_panels(4.6 * count, 0.6 + 2.0 * num_rows, num_rows, count, sharex=True, sharey="row") as (figure, grid):
         for (commanded, learned, *_), axis in zip(grid.T, axes_learned, strict=True):
             commanded.plot(flight.time, getattr(pd, axis), color=BLUE, linewidth=1.0, label="PD, τ_c")
             network = -getattr(correction, axis)
@@ -158,9 +154,8 @@ def plot_surfaces(flight: Flight) -> Figure:
     firing = _firing(across, up, sets)
     added = {axis: -(weights[[0, -1]] @ firing).reshape(2, _FINE, _FINE) for axis, weights in _weights(flight).items()}
     top = max(*(float(np.abs(each).max()) for each in added.values()), 1e-9)
-    with styled():
-        figure = new_figure(8.6, 3.6 * len(axes_learned))
-        grid = figure.subplots(len(axes_learned), 2, sharex=True, sharey=True, squeeze=False)
+    count = len(axes_learned)
+    with new_panels(8.6, 3.6 * count, count, 2, sharex=True, sharey=True) as (figure, grid):
         for row, axis in zip(grid, axes_learned, strict=True):
             for axes, surface, when in zip(row, added[axis], ("before", "after"), strict=True):
                 shades = axes.pcolormesh(error, rate, surface, cmap="RdBu_r", vmin=-top, vmax=top, rasterized=True)
@@ -202,9 +197,7 @@ def plot_secant_gains(flight: Flight) -> Figure:
     """Plots the gain with which the network answers an error at the end of the flight, over the size of the error."""
     sets, weights = _network(flight).antecedents(), _weights(flight)
     errors = np.geomspace(5e-4, 1.0 / sets.inputs[0].scale, 120)
-    with styled():
-        figure = new_figure(4.2 * len(weights), 3.2)
-        row = figure.subplots(1, len(weights), sharey=True, squeeze=False)[0]
+    with new_panels(4.2 * len(weights), 3.2, 1, len(weights), sharey=True) as (figure, (row,)):
         labels: list[Annotation] = []
         for axes, (axis, learned) in zip(row, weights.items(), strict=True):
             own, triangles = (-gains for gains in secant_gains(sets, learned[-1], tuple(errors)))

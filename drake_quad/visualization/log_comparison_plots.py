@@ -7,7 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from drake_quad.identification.flown_again.comparison import INTERVAL, LogComparison
-from drake_quad.visualization.style import BLUE, REFERENCE, VERMILION, new_figure, styled
+from drake_quad.visualization.panels import new_panels
+from drake_quad.visualization.style import BLUE, REFERENCE, VERMILION
 
 _BAND: dict[str, Any] = {"color": BLUE, "alpha": 0.25, "linewidth": 0}
 # Of which a step of the clock is longer than the median, where the log has a gap.
@@ -22,9 +23,7 @@ def plot_log_comparison(comparison: LogComparison) -> Figure:
     time, target = comparison.time, comparison.target
     steps = np.diff(time)
     gaps = np.flatnonzero(steps > _GAP * np.median(steps)) + 1
-    with styled():
-        figure = new_figure(10.0, 6.6)
-        grid = figure.subplots(3, 2, sharex=True, squeeze=False)
+    with new_panels(10.0, 6.6, 3, 2, sharex=True) as (figure, grid):
         for i, (place, error) in enumerate(grid):
             curves = np.vstack([time, target[:, i], comparison.flown[:, i], _spread(comparison.predicted[:, :, i])])
             when, reference, flown, low, middle, high = np.insert(curves, gaps, np.nan, axis=1)
