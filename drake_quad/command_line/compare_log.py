@@ -22,7 +22,7 @@ from drake_quad.command_line.output import (
     print_predictions,
     remark,
 )
-from drake_quad.command_line.progress import study_progress
+from drake_quad.command_line.progress import progress_bar
 from drake_quad.files import output_folder, write_table, write_whole
 from drake_quad.identification.flown_again.comparison import AXES, REST, LogComparison, compare_with_log, side_by_side
 from drake_quad.identification.flown_again.prediction import predict
@@ -41,9 +41,7 @@ _FIGURES = {"rmse": "RMSE", "mean": "mean", "largest": "95 % largest"}
 def options() -> argparse.ArgumentParser:
     """The options of the command."""
     result = bare_parser(
-        "compare-log",
-        __doc__,
-        example="drake-quad compare-log tests/data/crazyflie/crazyswarm2/log08.xz crazyswarm2:log08 --samples 100",
+        __doc__, "drake-quad compare-log tests/data/crazyflie/crazyswarm2/log08.xz crazyswarm2:log08 --samples 100"
     )
     result.add_argument("log", metavar="LOG", type=Path, help="flight log: a Crazyflie's, ULog, or CSV")
     result.add_argument("scenario", metavar="SCENARIO", help="FILE or FILE:NAME; its route gives way to the log's")
@@ -74,7 +72,7 @@ def main(arguments: argparse.Namespace) -> None:
     scenario = load_scenario(arguments.scenario, all_overrides_of(arguments))
     print_flight_remarks([scenario])
     folder = output_folder(folder_of(arguments, f"{record.name}_{scenario.name}"))
-    with study_progress(scenario.name) as progress:
+    with progress_bar(scenario.name, unit=" flights") as progress:
         comparison = compare_with_log(
             record,
             scenario,

@@ -80,13 +80,7 @@ _RATE_TIMES = {"attitude": 0.2, "yaw": 0.2, "height": 0.2, "position": 1.0}
 
 def options() -> argparse.ArgumentParser:
     """The options of the command."""
-    result = parser(
-        "design",
-        __doc__,
-        example="drake-quad design laboratory:nominal --phase-margin 50",
-        output="out/gains",
-        scenario="figure_eight",
-    )
+    result = parser(__doc__, "drake-quad design laboratory:nominal --phase-margin 50", output="out/gains")
     add_design_options(result)
     add_vector(result)
     return result

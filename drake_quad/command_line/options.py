@@ -16,16 +16,15 @@ from drake_quad.visualization.style import Vector
 from drake_quad.written_numbers import float_in, int_in
 
 
-def bare_parser(command: str, description: str | None, example: str) -> argparse.ArgumentParser:
+def bare_parser(description: str | None, example: str) -> argparse.ArgumentParser:
     """Return a parser without options.
 
     Args:
-        command: name of the command.
         description: sentence that says what the command does.
-        example: complete command line that runs.
+        example: complete command line that runs, whose first two words are those of the command.
     """
     result = argparse.ArgumentParser(
-        prog=f"drake-quad {command}",
+        prog=" ".join(example.split()[:2]),
         description=description,
         epilog=f"example: {example}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -36,26 +35,24 @@ def bare_parser(command: str, description: str | None, example: str) -> argparse
 
 
 def parser(
-    command: str, description: str | None, example: str, *, output: str | None, scenario: str
+    description: str | None, example: str, *, output: str, scenario: str = "figure_eight"
 ) -> argparse.ArgumentParser:
-    """Returns a parser with the options of a command for a scenario.
+    """Return a parser with the options of a command for a scenario.
 
     Args:
-        command: the name of the command.
-        description: a sentence that says what the command does.
-        example: a command line that can be run as it is.
-        output: folder that by default holds a folder for each scenario; None for a command that writes nothing.
-        scenario: the default one, which is shipped.
+        description: as for `bare_parser`.
+        example: as for `bare_parser`.
+        output: folder that by default contains a folder for each scenario.
+        scenario: name of the default scenario, which is shipped.
     """
-    result = bare_parser(command, description, example)
+    result = bare_parser(description, example)
     help_ = "FILE or FILE:NAME, or a shipped one by its name (default: %(default)s)"
     result.add_argument("scenario", nargs="?", default=scenario, help=help_)
     add_overrides(result)
-    if output is not None:
-        result.set_defaults(default_output=Path(output))
-        result.add_argument(
-            "--output", type=Path, metavar="FOLDER", help=f"to write to (default: {output}/NAME, after the scenario)"
-        )
+    result.set_defaults(default_output=Path(output))
+    result.add_argument(
+        "--output", type=Path, metavar="FOLDER", help=f"to write to (default: {output}/NAME, after the scenario)"
+    )
     return result
 
 

@@ -26,13 +26,7 @@ from drake_quad.visualization.style import save_figures
 
 def options() -> argparse.ArgumentParser:
     """The options of the command."""
-    result = parser(
-        "plan",
-        __doc__,
-        example="drake-quad plan slalom --set route.top_speed=1.5",
-        output="out",
-        scenario="slalom",
-    )
+    result = parser(__doc__, "drake-quad plan slalom --set route.top_speed=1.5", output="out", scenario="slalom")
     add_vector(result)
     return result
 

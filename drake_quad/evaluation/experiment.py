@@ -80,7 +80,7 @@ def fly_evaluation(
     folder: Path,
     *,
     only: Sequence[str] | None = None,
-    progress: Callable[[str, int, int], object] = lambda name, done, total: None,
+    progress: Callable[[int, int, str], object] = lambda *_: None,
 ) -> Evaluation:
     """Fly all designed controllers of some families, and write the numbers after each job.
 
@@ -90,7 +90,7 @@ def fly_evaluation(
         sizes: sizes of the experiment.
         folder: folder for the numbers.
         only: names of the controllers; all by default.
-        progress: called with the name of each job, the number of jobs that are done, and the number of all jobs.
+        progress: called with the number of jobs that are done, the number of all jobs, and the name of the last one.
 
     Returns:
         What `read_evaluation` reads from the folder.

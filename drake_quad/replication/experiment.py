@@ -123,7 +123,7 @@ def fly_experiment(
     *,
     resume: bool = False,
     compiled: bool = True,
-    progress: Callable[[str, int, int], object] = lambda name, done, total: None,
+    progress: Callable[[int, int, str], object] = lambda *_: None,
 ) -> dict[Cell, Flight]:
     """Fly the experiment, and write its numbers to a folder, from which `read_experiment` reads them.
 
@@ -134,7 +134,7 @@ def fly_experiment(
         workers: workers that fly; by default this process flies.
         resume: whether to keep the cells that are in the folder, and to fly only the samples that they lack.
         compiled: whether diagrams are compiled to machine code; otherwise the wired diagrams are simulated.
-        progress: called with the name of what was flown, the number of flights that are done, and their total number.
+        progress: called with the number of flights that are done, their total number, and the name of what was flown.
 
     Returns:
         The flight of sample 0 of each cell of Table II, for figures.

@@ -27,7 +27,7 @@ def run_jobs(
     workers: Crew | None = None,
     *,
     finished: Callable[[Any], object] = lambda result: None,
-    progress: Callable[[str, int, int], object] = lambda name, done, total: None,
+    progress: Callable[[int, int, str], object] = lambda *_: None,
 ) -> list[Any]:
     """Do jobs in their order, and return their results in the same order.
 
@@ -35,7 +35,7 @@ def run_jobs(
         jobs: jobs of the experiment.
         workers: workers that do several jobs at a time; by default this process does them.
         finished: called with the result of each job as soon as the job is done.
-        progress: called after each job with its name, and with the sizes of the jobs that are done and of all jobs.
+        progress: called after each job with the sizes of the jobs that are done and of all jobs, and the job's name.
 
     Raises:
         InputError: a job failed because the input is wrong.
@@ -45,7 +45,7 @@ def run_jobs(
     for number, result in _results(jobs, workers):
         results[number], done = result, done + jobs[number].size
         finished(result)
-        progress(jobs[number].name, done, total)
+        progress(done, total, jobs[number].name)
     return [results[number] for number in range(len(jobs))]
 
 

@@ -76,7 +76,7 @@ def styled(settings: Mapping[str, Any] = MappingProxyType({})) -> Iterator[None]
     """
     import matplotlib
 
-    with matplotlib.rc_context({**_SETTINGS, **settings}):
+    with matplotlib.rc_context(_SETTINGS | dict(settings)):
         yield
 
 

@@ -5,7 +5,6 @@ its log, and prints for each number in how many flights its interval holds, with
 found is saved after each batch of flights, and a run that was interrupted goes on where it was.
 """
 
-import argparse
 import csv
 import io
 from collections.abc import Iterator, Sequence
@@ -16,7 +15,7 @@ from drake_quad.command_line.running import run
 import numpy as np
 
 from drake_quad import InputError
-from drake_quad.command_line.options import check_ranges, overrides_of
+from drake_quad.command_line.options import bare_parser, check_ranges, overrides_of
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import new_bar
 from drake_quad.errors import shown
@@ -35,10 +34,8 @@ _RANGES = {"samples": (1, 10_000), "processes": (1, 256), "seed": (0, 2**31)}
 
 
 def main() -> None:
-    options = argparse.ArgumentParser(
-        description=__doc__,
-        epilog="example: python scripts/development/check_identification.py rotors --samples 100 --processes 2",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    options = bare_parser(
+        __doc__, "python scripts/development/check_identification.py rotors --samples 100 --processes 2"
     )
     options.add_argument("flights", choices=[*KNOWN], help="what is commanded: rotors, or an autopilot")
     options.add_argument("--samples", type=int, default=100, help="flights (default: %(default)s)")

@@ -6,7 +6,6 @@ the time. crazyflow's is its figure eight, at 100 Hz, five steps of its simulato
 measured if it is there: pip install crazyflow==0.4.0
 """
 
-import argparse
 import importlib.util
 import multiprocessing
 import os
@@ -29,6 +28,7 @@ from drake_quad.command_line.running import run
 import numpy as np
 from tqdm import tqdm
 
+from drake_quad.command_line.options import bare_parser
 from drake_quad.command_line.output import remark
 
 SIZES = (1, 64, 1024)
@@ -57,11 +57,7 @@ class Contender(NamedTuple):
 
 
 def main() -> None:
-    options = argparse.ArgumentParser(
-        description=__doc__,
-        epilog="example: python scripts/development/compare_environments.py --quick",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    options = bare_parser(__doc__, "python scripts/development/compare_environments.py --quick")
     options.add_argument("--quick", action="store_true", help="64 vehicles, one round of a tenth of a second")
     quick = options.parse_args().quick
     there = [each for each in CONTENDERS if importlib.util.find_spec(each.package)]

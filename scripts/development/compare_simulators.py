@@ -3,7 +3,6 @@
 The others are measured if they are there: pip install "rotorpy[batched]==3.0.0" crazyflow==0.4.0
 """
 
-import argparse
 import importlib
 import importlib.util
 import math
@@ -27,6 +26,7 @@ import numpy as np
 from tqdm import tqdm
 
 from drake_quad import Scenario, load_scenario
+from drake_quad.command_line.options import bare_parser
 from drake_quad.command_line.output import remark
 from drake_quad.fleets.fleet_simulation import simulate_fleet
 from drake_quad.reference.plan import Plan
@@ -61,11 +61,7 @@ class Contender(NamedTuple):
 
 
 def main() -> None:
-    options = argparse.ArgumentParser(
-        description=__doc__,
-        epilog="example: python scripts/development/compare_simulators.py --quick",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    options = bare_parser(__doc__, "python scripts/development/compare_simulators.py --quick")
     options.add_argument("--quick", action="store_true", help="fleets of 50, each flown once")
     quick = options.parse_args().quick
     there = [each for each in CONTENDERS if importlib.util.find_spec(each.package)]

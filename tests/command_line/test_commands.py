@@ -462,8 +462,6 @@ def test_sensitivities_are_sorted_by_effect(run, tmp_path):
         ),
         ("tune", ["--tune", "control.position.k_p.0=3"], "the range 3, but must have LOW:HIGH"),
         ("judge", ["--samples", "1"], "--samples is 1, but must be between 2 and 10000"),
-        ("judge", ["--family", "moon"], "--family moon: there is none of that name; these are laborat"),
-        ("judge", ["--tune", "moon"], "--tune moon: there is none of that name; these are laboratory,"),
         ("judge", ["--tune", "outdoor", "--only", "lqg"], "lqg is no controller that is tuned here"),
         ("design-lqg", ["--sensitivity", "1"], "--sensitivity is 1, but must be between 1.2 and 10"),
         ("design-lqg", ["--delay-margin", "-1"], "--delay-margin is -1, but must be between 0 and 10"),
@@ -679,7 +677,7 @@ def test_simulate_shows_the_flight_live(run, tmp_path):
     assert (result.returncode, result.stderr) == (0, "")
     assert re.search(r"^open http://127\.0\.0\.1:\d+ in a browser on this machine$", result.stdout, re.MULTILINE)
     result = run("fly", *study, "--meshcat", "--rate", -1)
-    assert (result.returncode, result.stderr) == (2, "error: --rate is -1.0, but must be 0 or more\n")
+    assert (result.returncode, result.stderr) == (2, "error: --rate is -1, but must be between 0 and 1e+06\n")
 
 
 @pytest.mark.slow

@@ -448,8 +448,8 @@ def test_files_for_other_programs_are_written_if_asked_for(run, flown, tmp_path)
     assert flown["written"] == [("px4.csv", flown["flight"], tmp_path / "px4.csv")]
     assert flown["save_network"] == [((flown["flight"], str(tmp_path / "net.yaml")), {})]
     for wrong, words in (
-        (["--rate", "inf"], "--rate is inf, but must be 0 or more"),
-        (["--rate", "-0.5"], "--rate is -0.5, but must be 0 or more"),
+        (["--rate", "inf"], "--rate is inf, but must be between 0 and 1e+06"),
+        (["--rate", "-0.5"], "--rate is -0.5, but must be between 0 and 1e+06"),
     ):
         refused = run(*given, *wrong)
         assert refused.returncode == 2
@@ -705,7 +705,7 @@ class Bar:
 
     def __init__(self, *items, **options):
         self.options, self.n, self.total = options, 0, options.get("total")
-        self.words, self.resets, self.items = [], [], items
+        self.words, self.initial, self.items = [], 0, items
 
     def __enter__(self):
         return self
@@ -719,13 +719,6 @@ class Bar:
     def update(self, step=1):
         self.n += step
 
-    def reset(self, total):
-        self.total, self.initial = total, None
-        self.resets.append(total)
-
-    def refresh(self):
-        pass
-
     def set_postfix_str(self, words, **_):
         self.words.append(words)
 
@@ -733,23 +726,19 @@ class Bar:
 def test_bars_show_how_much_is_done(monkeypatch):
     bars = []
     monkeypatch.setattr(progress, "new_bar", lambda *items, **options: bars.append(Bar(*items, **options)) or bars[-1])
-    with progress.flight_progress() as show:
-        for flown in (0.5, 2.0):
-            show(flown, 8.0)
-            assert (bars[-1].n, bars[-1].total) == (flown, 8.0)
-    with progress.study_progress("mine") as show:
+    with progress.progress_bar("mine", unit=" flights") as show:
         for done in (30, 50, 100):
             show(done, 100)
             assert (bars[-1].n, bars[-1].total) == (done, 100)
-    # The first 30 flights were there before, so the bar starts from them, and it is reset once.
-    assert (bars[-1].initial, bars[-1].resets, bars[-1].options["desc"]) == (30, [100], "mine")
-    assert list(progress.bar_over(["a", "b"], "drawing")) == ["a", "b"]
-    assert (bars[-1].words, bars[-1].options["desc"]) == (["a", "b"], "drawing")
-    with progress.job_progress() as show:
+    # The first 30 flights were there before, so the speed is that of the others.
+    assert (bars[-1].initial, bars[-1].options) == (30, {"desc": "mine", "unit": " flights"})
+    with progress.progress_bar("flying") as show:
         for what, done in (("pd", 20), ("pid", 70)):
-            show(what, done, 200)
+            show(done, 200, what)
             assert bars[-1].n == done
     assert (bars[-1].words, bars[-1].total) == (["pd", "pid"], 200)
+    assert list(progress.bar_over(["a", "b"], "drawing")) == ["a", "b"]
+    assert (bars[-1].words, bars[-1].options["desc"]) == (["a", "b"], "drawing")
 
 
 def test_bars_are_seen_on_a_terminal_only_while_something_is_under_way(capsys):
@@ -805,9 +794,7 @@ def test_the_folder_is_that_of_the_option_or_named_after_the_scenario():
     assert options.folder_of(folder, "mine") == Path("out/study/mine")
     folder.output = Path("there")
     assert options.folder_of(folder, "mine") == Path("there")
-    assert options.parser("fly", "", "", output=None, scenario="hover").parse_args([]).scenario == "hover"
-    with pytest.raises(SystemExit):
-        options.parser("fly", "", "", output=None, scenario="hover").parse_args(["--output", "out"])
+    assert options.parser("", "drake-quad fly", output="out", scenario="hover").parse_args([]).scenario == "hover"
 
 
 def test_numbers_of_options_have_their_ranges():

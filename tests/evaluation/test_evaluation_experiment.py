@@ -223,7 +223,7 @@ def test_an_experiment_is_flown_job_by_job(monkeypatch, tmp_path):
         ("priced", laboratory, ["pd", "mpc"], QUICK),
     ]
     names = ["outdoor pd", "laboratory pd", "laboratory mpc", "laps", PRICED]
-    assert told == [(name, done, 5) for done, name in enumerate(names, start=1)]
+    assert told == [(done, 5, name) for done, name in enumerate(names, start=1)]
     # What is done is written after each job.
     assert rows == [COUNT, 2 * COUNT, 3 * COUNT, 4 * COUNT, 4 * COUNT]
     assert {place: [*each] for place, each in found.flights.items()} == {

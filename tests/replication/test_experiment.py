@@ -214,8 +214,8 @@ def test_an_experiment_leaves_every_number_where_it_is_read(tmp_path, monkeypatc
     assert cells == {
         f"{wind}_{name}": (6, tmp_path / "cells" / f"{wind}_{name}") for wind in WINDS for name in (*CONTROLLERS, *FAIR)
     }
-    steps = {name: 0 for name, *_ in told}
-    for (name, done, _), before in zip(told, [0, *(done for _, done, _ in told)]):
+    steps = {name: 0 for *_, name in told}
+    for (done, _, name), before in zip(told, [0, *(done for done, *_ in told)]):
         steps[name] += done - before
     assert steps == {
         **{f"{wind}_{name}": 6 for wind in WINDS for name in (*CONTROLLERS, *FAIR)},
@@ -227,7 +227,7 @@ def test_an_experiment_leaves_every_number_where_it_is_read(tmp_path, monkeypatc
         "legs": 8,
         **{f"slope_{wind}": 28 for wind in WINDS},
     }
-    assert {total for *_, total in told} == {sum(steps.values())}
+    assert {total for _, total, _ in told} == {sum(steps.values())}
 
     recorded = read_table(tmp_path / "recorded.csv")
     assert len(recorded["sample"]) == 3 * len(WINDS) * len(CONTROLLERS)
