@@ -1,11 +1,9 @@
 """Jobs of an experiment: flights that are done one after another, or by workers."""
 
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
-from drake_quad.errors import InputError
-from drake_quad.studies.crew import Crew
+from drake_quad.studies.crew import Crew, outcomes_of
 
 
 class Job(NamedTuple):
@@ -55,16 +53,11 @@ def _results(jobs: Sequence[Job], workers: Crew | None) -> Iterator[tuple[int, A
         for number, job in enumerate(jobs):
             yield number, job.call()
         return
-    waiting, under_way = deque(enumerate(jobs)), 0
-    while waiting or under_way:
-        while waiting and under_way < workers.capacity:
-            workers.begin(_call, waiting.popleft())
-            under_way += 1
-        for outcome in workers.finished():
-            under_way -= 1
-            if outcome.reason:
-                raise (InputError if outcome.refused else RuntimeError)(outcome.reason)
-            yield outcome.given[0], outcome.result
+    waiting = enumerate(jobs)
+    for outcome in outcomes_of(workers, _call, lambda: next(waiting, None)):
+        if outcome.reason:
+            raise RuntimeError(outcome.reason)
+        yield outcome.given[0], outcome.result
 
 
 def _call(numbered: tuple[int, Job]) -> Any:

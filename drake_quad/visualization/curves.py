@@ -1,4 +1,4 @@
-"""Curves that hide each other, told apart."""
+"""Curves: those that hide each other are told apart, and many are summed up by their quantiles."""
 
 from collections.abc import Sequence
 
@@ -49,3 +49,11 @@ def _coincide(axes: Axes, one: Line2D, other: Line2D) -> bool:
     distance = np.linalg.norm(axes.transData.transform(a) - axes.transData.transform(b), axis=1)
     points = distance * 72.0 / _dots(axes)
     return bool(np.mean(points < _NEAR) > _SHARE)
+
+
+def quantiles_over_flights(values: np.ndarray, shares: Sequence[float]) -> np.ndarray:
+    """Return quantiles (shares, n) at each of n instants over values (flights, n), without NaN; NaN if all are NaN."""
+    found = np.full((len(shares), values.shape[1]), np.nan)
+    there = ~np.isnan(values).all(axis=0)
+    found[:, there] = np.nanquantile(values[:, there], shares, axis=0)
+    return found

@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -74,8 +74,8 @@ def plot_learning(flight: Flight) -> Figure:
             network = -getattr(correction, axis)
             commanded.plot(flight.time, network, color=VERMILION, linewidth=1.0, label="network, -τ_f")
             commanded.set_title(f"on {axis.upper()}", loc="left")
-            for rule, style in _rules(_network(flight)).items():
-                learned.plot(flight.time, weights[axis][:, style.number], label=rule, linewidth=1.1, **style.line)
+            for weight, style in zip(weights[axis].T, _rules(_network(flight)), strict=True):
+                learned.plot(flight.time, weight, linewidth=1.1, **style)
         if has_trace:
             for lower, trace in zip(grid[2], flight.record("covariance_trace"), strict=True):
                 lower.plot(flight.time, trace, color=GREEN)
@@ -93,29 +93,14 @@ def plot_learning(flight: Flight) -> Figure:
         return figure
 
 
-class _Rule(NamedTuple):
-    """How the weight of a rule is drawn.
-
-    Attributes:
-        number: of the rule, from 0 on.
-        line: colour and style.
-    """
-
-    number: int
-    line: dict[str, Any]
-
-
-def _rules(network: Network) -> dict[str, _Rule]:
-    """The rules by the centres of their sets: a colour for each set of the first input, a style for the others'."""
+def _rules(network: Network) -> list[dict[str, Any]]:
+    """Return how each rule is drawn: its label has the centres of its sets, its colour stands for the first input."""
     first, *others = [sets.centres for sets in network.inputs.given.values()]
-    choices = list(itertools.product(*others))
-    return {
-        ", ".join(f"{centre:g}" for centre in (of_first, *rest)): _Rule(
-            i * len(choices) + k, {"color": _COLORS[i % len(_COLORS)], "linestyle": _STYLES[k % len(_STYLES)]}
-        )
-        for i, of_first in enumerate(first)
-        for k, rest in enumerate(choices)
-    }
+    return [
+        {"label": ", ".join(f"{centre:g}" for centre in (of_first, *rest)), "color": color, "linestyle": style}
+        for of_first, color in zip(first, itertools.cycle(_COLORS))
+        for rest, style in zip(itertools.product(*others), itertools.cycle(_STYLES))
+    ]
 
 
 def _rule_key(network: Network) -> list[Line2D]:

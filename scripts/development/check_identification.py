@@ -23,6 +23,7 @@ from drake_quad.files import output_folder
 from drake_quad.identification.known_flights import KNOWN, Checked, Task, check_batch
 from drake_quad.identification.results.estimates import quantile
 from drake_quad.statistics.estimates import share_interval
+from drake_quad.studies.crew import outcomes_of
 from drake_quad.studies.processes import Workers
 
 _DIAGRAMS = Path(__file__).parents[2] / "diagrams"
@@ -77,19 +78,12 @@ def main() -> None:
 
 def in_processes(tasks: Sequence[Task], processes: int) -> Iterator[dict[int, list[Checked]]]:
     """What was found, batch by batch as they are done."""
-    waiting, under_way = list(tasks), 0
+    waiting = iter(tasks)
     with Workers(processes) as workers:
-        while waiting or under_way:
-            while waiting and under_way < workers.capacity:
-                workers.begin(check_batch, waiting.pop(0))
-                under_way += 1
-            for outcome in workers.finished():
-                under_way -= 1
-                if outcome.refused:
-                    raise InputError(outcome.reason)
-                if outcome.result is None:
-                    raise RuntimeError(outcome.reason)
-                yield outcome.result
+        for outcome in outcomes_of(workers, check_batch, lambda: next(waiting, None)):
+            if outcome.result is None:
+                raise RuntimeError(outcome.reason)
+            yield outcome.result
 
 
 def read_rows(path: Path, flown: str) -> dict[int, list[Checked]]:
