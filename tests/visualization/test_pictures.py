@@ -8,13 +8,11 @@ from matplotlib.colors import to_hex
 from matplotlib.text import Annotation
 
 from drake_quad import load_scenario, simulate
-from drake_quad.design.cascade import design_cascade
 from drake_quad.flight.mission import plan_route
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.planning.believed import planned_parameters
 from drake_quad.visualization.comparison_plots import plot_comparison
 from drake_quad.visualization.curves import dashes, tell_apart
-from drake_quad.visualization.design_plots import plot_bode
 from drake_quad.visualization.labels import AROUND, crossings, outlines, place_labels
 from drake_quad.visualization.learning_plots import plot_learning, plot_secant_gains
 from drake_quad.visualization.plan_plots import plot_plan
@@ -116,11 +114,6 @@ def test_numbers_of_waypoints_stand_free():
     scenario = load_scenario("diagrams/figure_eight.yaml")
     figure = plot_plan(plan_route(scenario), planned_parameters(scenario))
     assert free_labels(figure) == 15
-
-
-def test_margins_stand_free():
-    figure = plot_bode(design_cascade(load_scenario("diagrams/laboratory.yaml:nominal")))
-    assert free_labels(figure) == 4
 
 
 def test_gains_stand_free(learned):
