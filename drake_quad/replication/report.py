@@ -212,7 +212,7 @@ def _of_table(entries: Sequence[TableEntry]) -> dict[str, Any]:
         "off_network": percent_or_dash(errors[NETWORK_CELL].off),
         "predicted": len(predicted),
         "within": len(predicted) - len(beyond),
-        "beyond": "; not so " + ", ".join(map(_named, beyond)) if beyond else "",
+        "beyond": "; the exceptions are " + ", ".join(map(_named, beyond)) if beyond else "",
         "spread": f"{100.0 * min(offs):+.1f} to {100.0 * max(offs):+.1f} %",
         "crashes": f"{crashed:,} samples crashed; means are those of the others." if crashed else "No sample crashed.",
     }
