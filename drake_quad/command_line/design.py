@@ -52,7 +52,7 @@ _RANGES = {
 
 
 class LoopRequest(Model):
-    """Wishes for a loop, as the option `--loop` has them; None for the default.
+    """Requests for the design of a loop, as given by the option `--loop`; None for the default.
 
     Attributes:
         bandwidth: bandwidth of the pole pair, rad/s.
@@ -66,7 +66,7 @@ class LoopRequest(Model):
 
 
 class LoopRequests(Model):
-    """Wishes for the loops of a cascade."""
+    """Requests for the design of the loops of a cascade."""
 
     attitude: LoopRequest = LoopRequest()
     yaw: LoopRequest = LoopRequest()

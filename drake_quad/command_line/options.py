@@ -119,7 +119,7 @@ def add_wired(options: argparse.ArgumentParser) -> None:
     options.add_argument(
         "--wired",
         action="store_true",
-        help="simulate diagrams without compiling them to machine code, slower",
+        help="simulate diagrams without compiling them to machine code, which is slower",
     )
 
 

@@ -24,7 +24,7 @@ _FIELDS = (
 
 
 def default_fields(scenario: Scenario) -> tuple[str, ...]:
-    """Return the default fields; what turns a vehicle is among them unless it is a part of its attitude's response."""
+    """Return the default fields, among them inertia and arms unless the autopilot models the response of the attitude."""
     autopilot, layout = scenario.laboratory.autopilot, scenario.vehicle.layout
     loops = [f"control.attitude.{gain}" for gain in ("k_p", "k_d")]
     if autopilot.controls_attitude:

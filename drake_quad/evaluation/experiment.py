@@ -254,6 +254,6 @@ def worst_margins(scenario: Scenario) -> tuple[float, float]:
 
 
 def missing_designs(diagrams: Path, name: str) -> list[str]:
-    """Return the names of the controllers that a family has no design of."""
+    """Return the names of the controllers for which a family has no design."""
     designs = designs_in(design_file(diagrams, name))
     return [entry for entry in FAMILIES[name].entries if entry not in designs]

@@ -534,7 +534,7 @@ def test_numbers_of_a_design_have_their_ranges(option, least, most):
     ("field", "least", "most"),
     [("yaw.bandwidth", 1e-3, 100.0), ("height.damping", 0.05, 0.999), ("position.rate_time", 0.0, 10.0)],
 )
-def test_wishes_for_a_loop_have_their_ranges(field, least, most):
+def test_requests_for_a_loop_have_their_ranges(field, least, most):
     scenario = load_scenario("laboratory:nominal")
     method, other = ("lqr", "poles") if "rate" in field else ("poles", "lqr")
 
@@ -553,7 +553,7 @@ def test_wishes_for_a_loop_have_their_ranges(field, least, most):
         asked(f"{field}={least}", other)
 
 
-def test_a_wish_for_a_loop_names_a_loop_and_a_field():
+def test_a_request_for_a_loop_names_a_loop_and_a_field():
     scenario = load_scenario("laboratory:nominal")
     for wish, complaint in {
         "x.damping=0.7": "x is unknown; allowed are attitude, yaw, height, position",
