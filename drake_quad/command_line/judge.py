@@ -36,19 +36,19 @@ def options() -> argparse.ArgumentParser:
         "--family",
         action="append",
         choices=FAMILIES,
-        help="family of laboratories to fly in; can be given several times (default: all)",
+        help="of laboratories; repeatable (default: all)",
     )
     result.add_argument(
         "--only",
         action="append",
         metavar="NAME",
-        help="controller to fly or tune; can be given several times (default: all)",
+        help="a controller; repeatable (default: all)",
     )
     result.add_argument(
         "--samples",
         type=int,
         default=EvaluationSizes().samples,
-        help="number of samples in each laboratory (default: %(default)s)",
+        help="in each laboratory (%(default)s)",
     )
     result.add_argument("--quick", action="store_true", help="a few samples over a second of flight")
     result.add_argument(

@@ -24,7 +24,7 @@ _FIELDS = (
 
 
 def default_fields(scenario: Scenario) -> tuple[str, ...]:
-    """Return the default fields, among them inertia and arms unless the autopilot models the response of the attitude."""
+    """Return the default fields, with inertia and arms unless the autopilot models the response of the attitude."""
     autopilot, layout = scenario.laboratory.autopilot, scenario.vehicle.layout
     loops = [f"control.attitude.{gain}" for gain in ("k_p", "k_d")]
     if autopilot.controls_attitude:
