@@ -32,23 +32,10 @@ _RANGES = {"samples": (2, 10_000), "rounds": (1, 1000)}
 def options() -> argparse.ArgumentParser:
     """The options of the command."""
     result = bare_parser(__doc__, "drake-quad judge --quick --family outdoor")
+    result.add_argument("--family", action="append", choices=FAMILIES, help="of laboratories; repeatable (all)")
+    result.add_argument("--only", action="append", metavar="NAME", help="a controller; repeatable (all)")
     result.add_argument(
-        "--family",
-        action="append",
-        choices=FAMILIES,
-        help="of laboratories; repeatable (default: all)",
-    )
-    result.add_argument(
-        "--only",
-        action="append",
-        metavar="NAME",
-        help="a controller; repeatable (default: all)",
-    )
-    result.add_argument(
-        "--samples",
-        type=int,
-        default=EvaluationSizes().samples,
-        help="in each laboratory (%(default)s)",
+        "--samples", type=int, default=EvaluationSizes().samples, help="in each laboratory (%(default)s)"
     )
     result.add_argument("--quick", action="store_true", help="a few samples over a second of flight")
     result.add_argument(
