@@ -10,8 +10,8 @@ from typing import Any, get_args
 
 from drake_quad import InputError, Scenario, load_scenario
 from drake_quad.extras import needed
-from drake_quad.scenario.files.loading import Override, load_mission
-from drake_quad.scenario.models import NAME, Mission
+from drake_quad.scenario.files.loading import Override
+from drake_quad.scenario.models import NAME
 from drake_quad.visualization.style import Vector
 from drake_quad.written_numbers import float_in, int_in
 
@@ -158,11 +158,6 @@ def controlled_scenarios(arguments: argparse.Namespace) -> dict[str, Scenario]:
             raise InputError(f"--controller {controller}: {name} is to be flown already; give each its own name")
         found[name] = load_scenario(arguments.scenario, overrides, layers=[controller])
     return found
-
-
-def mission_of(arguments: argparse.Namespace) -> Mission:
-    """Loads the route and the nominal vehicle that the arguments name, with their overrides."""
-    return load_mission(arguments.scenario, overrides_of(arguments.set))
 
 
 def check_extra(option: str, extra: str, *modules: str) -> None:

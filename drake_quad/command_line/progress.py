@@ -1,6 +1,6 @@
 """Bars on a terminal while something takes long."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -35,11 +35,3 @@ def progress_bar(description: str, **options: Any) -> Iterator[Callable[..., Non
             bar.update(done - bar.n)
 
         yield show
-
-
-def bar_over(items: Sequence[str], words: str) -> Iterator[str]:
-    """Gives items one after another and shows a bar on a terminal."""
-    with new_bar(items, desc=words) as bar:
-        for item in bar:
-            bar.set_postfix_str(item)
-            yield item

@@ -36,18 +36,12 @@ def dashes(place: int, count: int) -> tuple[float, Sequence[float]]:
     return (0.0, (_SEEN * (count - place), _SEEN * place))
 
 
-def _dots(axes: Axes) -> float:
-    """Per inch of the page."""
-    figure = axes.get_figure(root=True)
-    return float(figure.dpi) if figure is not None else 72.0
-
-
 def _coincide(axes: Axes, one: Line2D, other: Line2D) -> bool:
     a, b = (np.asarray(line.get_xydata(), dtype=float) for line in (one, other))
     if a.shape != b.shape:
         return False
     distance = np.linalg.norm(axes.transData.transform(a) - axes.transData.transform(b), axis=1)
-    points = distance * 72.0 / _dots(axes)
+    points = distance * 72.0 / axes.figure.dpi
     return bool(np.mean(points < _NEAR) > _SHARE)
 
 

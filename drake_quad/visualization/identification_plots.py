@@ -44,15 +44,11 @@ def plot_fit(identification: Identification) -> Figure:
         rows[0][0].set_title("measured, and predicted in windows")
         rows[0][1].set_title("measured minus predicted", loc="left")
         for axes in rows[-1]:
-            axes.set_xlabel(f"time (s) in {_shown_log(outputs[0])}")
+            axes.set_xlabel(f"time (s) in {outputs[0].log[_shown_windows(outputs[0])[0]]}")
         handles, labels = rows[0][0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside upper right", ncols=3)
         figure.align_ylabels(rows[:, 0])
         return figure
-
-
-def _shown_log(output: Fitted) -> str:
-    return str(output.log[_shown_windows(output)[0]])
 
 
 def _shown_windows(output: Fitted) -> np.ndarray:

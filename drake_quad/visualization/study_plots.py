@@ -16,7 +16,6 @@ from drake_quad.laboratory.metrics import METRICS, UNITS
 from drake_quad.scenario.description import unit_at
 from drake_quad.statistics.estimates import quantile_interval, running_mean, share_interval
 from drake_quad.studies.statistics import (
-    Interval,
     crash_levels,
     crash_probability,
     influences,
@@ -109,8 +108,14 @@ def plot_convergence(studies: Mapping[str, Study], name: str = "rmse") -> Figure
             left.fill_between(count, low, high, color=color, alpha=0.15, linewidth=0.0)
             stops = np.unique(np.geomspace(min(20, len(study.samples)), len(study.samples), 60).astype(int))
             values = study.metrics.crashed if crashes else getattr(study.metrics, name)
-            estimate = _share_of_true if crashes else _upper_quantile
-            found = np.array([estimate(values[:stop]) for stop in stops])
+            found = np.array(
+                [
+                    share_interval(int(values[:stop].sum()), stop)
+                    if crashes
+                    else quantile_interval(values[:stop], 0.95)
+                    for stop in stops
+                ]
+            )
             value, low, high = np.where(np.isfinite(found), found, np.nan).T
             right.plot(stops, value, color=color, linestyle=style, label=controller)
             right.fill_between(stops, low, high, color=color, alpha=0.15, linewidth=0.0)
@@ -138,14 +143,6 @@ def _running(study: Study, name: str) -> tuple[np.ndarray, ...]:
     # The intervals of the first few are so wide that nothing else could be seen.
     first = max(min(10, len(values)) - 1, 0)
     return np.arange(1, len(values) + 1)[first:], *(each[first:] for each in running_mean(values))
-
-
-def _share_of_true(values: np.ndarray) -> Interval:
-    return share_interval(int(values.sum()), len(values))
-
-
-def _upper_quantile(values: np.ndarray) -> Interval:
-    return quantile_interval(values, 0.95)
 
 
 def plot_influences(study: Study, name: str = "rmse") -> Figure:

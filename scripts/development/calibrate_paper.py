@@ -7,7 +7,7 @@ from drake_quad.command_line.running import run
 from drake_quad import Scenario, load_scenario
 from drake_quad.command_line.options import add_wired, bare_parser, check_ranges
 from drake_quad.command_line.output import print_columns, print_files
-from drake_quad.command_line.progress import bar_over
+from drake_quad.command_line.progress import new_bar
 from drake_quad.files import output_folder, write_table
 from drake_quad.replication.calibration import HYPOTHESES, NETWORK_CELL, PD_CELL, Calibration, calibrate
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
@@ -28,7 +28,7 @@ def main() -> None:
     folder = output_folder(arguments.output)
     found = {
         name: calibrate(HYPOTHESES[name], load, num_samples, compiled=not arguments.wired)
-        for name in bar_over(names, "fitting")
+        for name in new_bar(names, desc="fitting")
     }
     file = write_calibrations(folder / "calibration.csv", found)
     for calibration in found.values():

@@ -8,7 +8,7 @@ from drake_quad.command_line.running import run
 from drake_quad import load_scenario, run_monte_carlo
 from drake_quad.command_line.options import bare_parser, check_ranges
 from drake_quad.command_line.output import print_columns, print_files
-from drake_quad.command_line.progress import bar_over
+from drake_quad.command_line.progress import new_bar
 from drake_quad.files import output_folder, write_table
 from drake_quad.flight.mission import planned
 from drake_quad.statistics.estimates import share_interval
@@ -59,7 +59,9 @@ def main() -> None:
     check_ranges(arguments, {"samples": (10, 100_000)})
     folder = output_folder(arguments.output)
     points = [
-        flown(name, margin, arguments.samples) for name in bar_over(list(CONTROLLERS), "flying") for margin in MARGINS
+        flown(name, margin, arguments.samples)
+        for name in new_bar(list(CONTROLLERS), desc="flying")
+        for margin in MARGINS
     ]
     columns = [*zip(*points, strict=True), *zip(*(point.probability for point in points), strict=True)]
     names = [*Point._fields, "probability", "low", "high"]

@@ -737,8 +737,6 @@ def test_bars_show_how_much_is_done(monkeypatch):
             show(done, 200, what)
             assert bars[-1].n == done
     assert (bars[-1].words, bars[-1].total) == (["pd", "pid"], 200)
-    assert list(progress.bar_over(["a", "b"], "drawing")) == ["a", "b"]
-    assert (bars[-1].words, bars[-1].options["desc"]) == (["a", "b"], "drawing")
 
 
 def test_bars_are_seen_on_a_terminal_only_while_something_is_under_way(capsys):
