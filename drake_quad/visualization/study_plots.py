@@ -108,14 +108,9 @@ def plot_convergence(studies: Mapping[str, Study], name: str = "rmse") -> Figure
             left.fill_between(count, low, high, color=color, alpha=0.15, linewidth=0.0)
             stops = np.unique(np.geomspace(min(20, len(study.samples)), len(study.samples), 60).astype(int))
             values = study.metrics.crashed if crashes else getattr(study.metrics, name)
-            found = np.array(
-                [
-                    share_interval(int(values[:stop].sum()), stop)
-                    if crashes
-                    else quantile_interval(values[:stop], 0.95)
-                    for stop in stops
-                ]
-            )
+            parts = [values[:stop] for stop in stops]
+            shares = (share_interval(int(part.sum()), len(part)) for part in parts)
+            found = np.array([*shares] if crashes else [quantile_interval(part, 0.95) for part in parts])
             value, low, high = np.where(np.isfinite(found), found, np.nan).T
             right.plot(stops, value, color=color, linestyle=style, label=controller)
             right.fill_between(stops, low, high, color=color, alpha=0.15, linewidth=0.0)
