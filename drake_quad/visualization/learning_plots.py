@@ -8,12 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.text import Annotation
 
 from drake_quad.control.fuzzy.inference import Antecedents, elliptic_membership, firing_strengths
 from drake_quad.flight.flight import Flight
 from drake_quad.scenario.networks.network import Network
-from drake_quad.visualization.labels import place_labels
 from drake_quad.visualization.panels import new_panels
 from drake_quad.visualization.style import (
     ABOVE,
@@ -21,6 +19,7 @@ from drake_quad.visualization.style import (
     BLUE,
     GREEN,
     ORANGE,
+    PLATE,
     PURPLE,
     SKY,
     VERMILION,
@@ -183,26 +182,22 @@ def plot_secant_gains(flight: Flight) -> Figure:
     sets, weights = _network(flight).antecedents(), _weights(flight)
     errors = np.geomspace(5e-4, 1.0 / sets.inputs[0].scale, 120)
     with new_panels(4.2 * len(weights), 3.2, 1, len(weights), sharey=True) as (figure, (row,)):
-        labels: list[Annotation] = []
         for axes, (axis, learned) in zip(row, weights.items(), strict=True):
             own, triangles = (-gains for gains in secant_gains(sets, learned[-1], tuple(errors)))
-            labels += _draw_gains(axes, errors, own, triangles)
+            _draw_gains(axes, errors, own, triangles)
             axes.set(title=f"on {axis.upper()}, at rest", xlabel="error (m)")
         row[0].set_ylabel("secant gain of -τ_f (1/s²)")
         figure.legend(*row[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
-        place_labels(figure, labels)
         return figure
 
 
-def _draw_gains(axes: Axes, errors: np.ndarray, own: np.ndarray, triangles: np.ndarray) -> list[Annotation]:
-    labels = []
+def _draw_gains(axes: Axes, errors: np.ndarray, own: np.ndarray, triangles: np.ndarray) -> None:
     axes.semilogx(errors, own, color=VERMILION, label="the network")
     axes.semilogx(errors, triangles, color=BLUE, linestyle="--", label="the same with triangles")
     for error in _ERRORS:
         gain = float(np.interp(error, errors, own))
         axes.plot(error, gain, "o", color=VERMILION, markersize=4)
-        labels.append(axes.annotate(f"{gain:.2f}", (error, gain), (0, 6), textcoords="offset points", fontsize=8))
-    return labels
+        axes.annotate(f"{gain:.2f}", (error, gain), (0, 6), textcoords="offset points", fontsize=8, bbox=PLATE)
 
 
 def _firing(error: Any, rate: Any, sets: Antecedents) -> np.ndarray:
