@@ -3,6 +3,7 @@
 import math
 import textwrap
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,7 +14,7 @@ from drake_quad.identification.flown_again.prediction import Predictions
 from drake_quad.identification.identified import Fitted, Identification
 from drake_quad.identification.results.estimates import CONFIDENCE, Estimates
 from drake_quad.vehicle.motors import ThrustCurve, thrust_of
-from drake_quad.visualization.panels import new_panels
+from drake_quad.visualization.panels import new_panels, plot_intervals
 from drake_quad.visualization.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, REFERENCE, VERMILION
 
 # Windows on each side of where those begin that are held out.
@@ -197,22 +198,13 @@ def plot_predictions(predictions: Predictions, quantities: Sequence[str] = ("pos
         for axes, quantity in zip(row, there, strict=True):
             factor, unit = _SHOWN[units[quantity]]
             for i, vehicle in enumerate(predictions.vehicles):
-                found = [predictions.rmse(quantity, vehicle, horizon) for horizon in predictions.horizons]
-                values = factor * np.array([each.value for each in found])
-                known = np.isfinite(values)
-                low, high = (factor * np.array([getattr(each, end) for each in found]) for end in ("low", "high"))
-                ends = np.array([values - low, np.where(np.isfinite(high), high, values) - values])[:, known]
+                errors = [predictions.rmse(quantity, vehicle, horizon) for horizon in predictions.horizons]
+                value, low, high = factor * np.transpose(errors)
+                known = np.isfinite(value)
+                found = np.transpose([value, low, np.where(np.isfinite(high), high, value)])[known]
                 shift = 1.0 + 0.03 * (i - 0.5 * (len(predictions.vehicles) - 1))
-                axes.errorbar(
-                    shift * np.array(predictions.horizons)[known],
-                    values[known],
-                    yerr=ends,
-                    color=_COLOURS[i],
-                    marker="o",
-                    markersize=4,
-                    capsize=3,
-                    label=vehicle,
-                )
+                look: dict[str, Any] = {"color": _COLOURS[i], "marker": "o", "markersize": 4, "capsize": 3}
+                plot_intervals(axes, shift * np.array(predictions.horizons)[known], found, label=vehicle, **look)
             axes.set(
                 xscale="log",
                 yscale="log",

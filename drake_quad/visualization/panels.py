@@ -46,7 +46,7 @@ def name_rows(axes: Axes, names: Sequence[str]) -> None:
     axes.grid(visible=False, axis="y")
 
 
-def plot_intervals(axes: Axes, x: ArrayLike, intervals: Sequence[Interval], **options: Any) -> None:
+def plot_intervals(axes: Axes, x: ArrayLike, intervals: Sequence[Interval] | np.ndarray, **options: Any) -> None:
     """Plot estimates with their confidence intervals; the options are those of `Axes.errorbar`."""
     value, low, high = np.transpose(intervals)
     axes.errorbar(x, value, (value - low, high - value), **options)
