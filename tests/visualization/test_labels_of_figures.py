@@ -154,6 +154,7 @@ def test_axes_of_a_flight_have_labels_titles_and_legends(name, flight):
     assert [title for title in titles if title] == TITLES[name]
     if name == "plan":
         # The three views and the profiles are two columns, each as high as the figure.
+        figure.draw_without_rendering()
         for part in (figure.axes[:3], figure.axes[3:]):
             ends = [end for axes in part for end in axes.get_position().intervaly]
             assert min(ends) < 0.1
