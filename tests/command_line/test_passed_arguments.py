@@ -557,7 +557,7 @@ def test_a_request_for_a_loop_names_a_loop_and_a_field():
     scenario = load_scenario("laboratory:nominal")
     for wish, complaint in {
         "x.damping=0.7": "x is unknown; allowed are attitude, yaw, height, position",
-        "yaw.dampin=0.7": "yaw.dampin is unknown; allowed are bandwidth, damping, rate_time; did you mean damping",
+        "yaw.dampings=0.7": "yaw.dampings is unknown; allowed are bandwidth, damping, rate_time; did you mean damping",
         "yaw.damping": "must be field.path=value",
         "yaw.damping=much": "yaw.damping is 'much', but must be a valid number",
     }.items():
