@@ -237,7 +237,7 @@ def test_shipped_gains_are_what_their_call_makes(shipped):
     arguments = argparse.ArgumentParser()
     arguments.add_argument("scenario")
     add_design_options(arguments)
-    options = design_options(arguments.parse_args(command[1:]), scenario.laboratory.command_link.period)
+    options = design_options(arguments.parse_args(command[1:]), scenario)
     assert options == default_options(scenario.laboratory.command_link.period)
     made = design_cascade(scenario, options).gains()
     written = YAML(typ="safe").load(text)["gains"]["control"]

@@ -204,7 +204,7 @@ def test_shipped_gains_are_what_their_call_makes(root, onboard, designed):
     arguments = ArgumentParser()
     arguments.add_argument("scenario")
     add_design_options(arguments)
-    options = design_options(arguments.parse_args(command[1:]), 0.02)
+    options = design_options(arguments.parse_args(command[1:]), onboard())
     assert options == default_options(0.02) | on_board_options()
     written = YAML(typ="safe").load(text)["gains"]
     position = {"kind": "pd", "derivative": "tracking_error", "feed_forward": "jerk"} | designed.gains()["position"]

@@ -89,6 +89,15 @@ def with_fields(scenario: Scenario, fields: Mapping[str, Any]) -> Scenario:
     return validated(Scenario, reduce(merged, trees))
 
 
+def model_of(model: type[_Valid], overrides: Overrides) -> _Valid:
+    """Return a model whose fields are those that overrides give, and otherwise have their defaults.
+
+    Raises:
+        InputError: an override is wrong, see `load_scenario`.
+    """
+    return validated(model, reduce(merged, _trees_of(overrides, Library()), Tree({}, Mark("", 0))))
+
+
 # What a scenario has whose gains are still to be designed, unless it says otherwise: the gains do not matter.
 _UNDESIGNED = """
 route: {kind: figure_eight}
