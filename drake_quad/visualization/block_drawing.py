@@ -7,20 +7,27 @@ import subprocess
 from collections.abc import Iterator
 from typing import Any
 
-from pydrake.systems.framework import Diagram
+from pydrake.systems.framework import Diagram, InputPortIndex, OutputPortIndex
+from pydrake.systems.primitives import Demultiplexer
 
 from drake_quad.errors import InputError, shortened
+from drake_quad.visualization.style import BLUE
+
+_STYLE = """    rankdir=LR; nodesep=0.35; ranksep=0.55; fontname="Helvetica";
+    node [shape=box, style="rounded,filled", fillcolor="#EEF4FA", fontname="Helvetica", fontsize=13];
+    edge [fontname="Helvetica", fontsize=10, color="#555555", fontcolor="#333333", arrowsize=0.7];"""
 
 
 def drawings(diagram: Diagram) -> dict[str, str]:
-    """Draw a diagram, and each diagram of several systems inside it, in Graphviz's language.
-
-    The same diagram always gives the same text.
+    """Draws a diagram, and each diagram inside it, in Graphviz's language; the same diagram gives the same text.
 
     Returns:
         The drawings by the path of what they show; that of the whole diagram is "".
     """
-    return {path: _drawing(inner) for path, inner in _diagrams_in(diagram, "")}
+    found = {"": _drawing(diagram, diagram.get_name())}
+    for path, inner in _within(diagram, ""):
+        found[path] = _drawing(inner, path.replace("/", " / "))
+    return found
 
 
 def digest(drawing: str) -> str:
@@ -46,21 +53,71 @@ def svg(drawing: str) -> str:
     return made[made.index("<svg") :].rstrip() + f"\n<!-- {digest(drawing)} -->\n"
 
 
-def _diagrams_in(system: Any, path: str) -> Iterator[tuple[str, Diagram]]:
-    """Yield a diagram and the diagrams of several systems inside it, each after its path."""
-    yield path, system
-    for inner in system.GetSystems():
-        if isinstance(inner, Diagram) and len(inner.GetSystems()) > 1:
-            yield from _diagrams_in(inner, f"{path}/{inner.get_name()}".lstrip("/"))
+def _within(diagram: Diagram, path: str) -> Iterator[tuple[str, Diagram]]:
+    """The diagrams inside a diagram that are worth a drawing, each after its path."""
+    for system in diagram.GetSystems():
+        if isinstance(system, Diagram) and not _is_trivial(system):
+            inner = f"{path}/{system.get_name()}".lstrip("/")
+            yield inner, system
+            yield from _within(system, inner)
 
 
-def _drawing(diagram: Diagram) -> str:
-    """Return Drake's drawing with connections in order and numbers of systems that do not depend on the process."""
-    numbers: dict[str, int] = {}
-    text = re.sub(
-        r"\b(_|clusters?|s)(\d+)(?=\b|diagram|subsystems|in|out)",
-        lambda found: f"{found[1]}{numbers.setdefault(found[2], len(numbers))}",
-        diagram.GetGraphvizString(max_depth=1),
-    )
-    lines = text.rstrip().removesuffix("}").splitlines()
-    return "\n".join(sorted(lines, key=lambda line: (0, "") if " -> " not in line else (1, line))) + "\n}\n"
+def _is_trivial(diagram: Diagram) -> bool:
+    return len(diagram.GetSystems()) < 2
+
+
+def _drawing(diagram: Diagram, title: str) -> str:
+    systems = list(diagram.GetSystems())
+    numbers = {system: i for i, system in enumerate(systems)}
+    lines = [f"digraph {{\n{_STYLE}", f'    label="{title}"; labelloc=t; fontsize=15;']
+    for system, i in numbers.items():
+        lines.append(f"    s{i} [{_node(system)}];")
+    edges: dict[tuple[str, str], list[str]] = {}
+    for (target, port), (source, output) in diagram.connection_map().items():
+        name = _signal(source.get_output_port(output), target.get_input_port(port))
+        edges.setdefault((f"s{numbers[source]}", f"s{numbers[target]}"), []).append(name)
+    for index in range(diagram.num_input_ports()):
+        port = diagram.get_input_port(index)
+        lines.append(f'    i{index} [label="{port.get_name()}", {_OUTSIDE}];')
+        for system, own in diagram.GetInputPortLocators(InputPortIndex(index)):
+            size = system.get_input_port(own).size()
+            edges.setdefault((f"i{index}", f"s{numbers[system]}"), []).append(f"({size})")
+    exported: dict[int, list[str]] = {}
+    for index in range(diagram.num_output_ports()):
+        system, _ = diagram.get_output_port_locator(OutputPortIndex(index))
+        exported.setdefault(numbers[system], []).append(diagram.get_output_port(index).get_name())
+    for i, names in exported.items():
+        lines.append(f'    o{i} [label="{_column(names)}", {_OUTSIDE}];')
+        edges[f"s{i}", f"o{i}"] = [""]
+    for (start, end), names in sorted(edges.items(), key=lambda edge: (_place(edge[0][0]), _place(edge[0][1]))):
+        lines.append(f'    {start} -> {end} [label="{_column(sorted(names))}"];')
+    return "\n".join([*lines, "}"]) + "\n"
+
+
+# A line break in a label of Graphviz.
+_NEW_LINE = "\\n"
+_OUTSIDE = f'shape=plaintext, style="", fontcolor="{BLUE}", fontsize=11'
+
+
+def _node(system: Any) -> str:
+    if isinstance(system, Demultiplexer):
+        return 'label="", shape=box, style=filled, fillcolor="#444444", width=0.06, fixedsize=true, height=0.7'
+    name, kind = system.get_name(), type(system).__name__.rstrip("_").partition("[")[0]
+    outline = ', peripheries=2, fillcolor="#DCE9F5"' if isinstance(system, Diagram) and not _is_trivial(system) else ""
+    says_more = kind != "Diagram" and kind.lower() != name.replace("_", "")
+    return f'label="{name}{f"{_NEW_LINE}{kind}" if says_more else ""}"{outline}'
+
+
+def _signal(output: Any, port: Any) -> str:
+    """The label of a connection: the signal's name, if one of the ports gives it, and how many numbers it has."""
+    names = [each.get_name() for each in (output, port)]
+    own = [name for name in names if not re.fullmatch(r"[uy]\d+", name)]
+    return f"{own[0]} ({port.size()})" if own else f"({port.size()})"
+
+
+def _column(names: list[str]) -> str:
+    return _NEW_LINE.join(names)
+
+
+def _place(name: str) -> tuple[str, int]:
+    return name[0], int(name[1:])

@@ -1,0 +1,89 @@
+"""Blocks and connections of a drawing have the names and sizes of a small diagram."""
+
+import re
+from itertools import pairwise
+
+import pytest
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import Adder, Demultiplexer, Gain, Integrator, PassThrough
+
+from drake_quad.visualization.block_drawing import digest, drawings
+
+
+def inner_diagram(name, *systems):
+    """Return a chain of systems, with an input port and an output port."""
+    builder = DiagramBuilder()
+    for system in systems:
+        builder.AddSystem(system)
+    for one, other in pairwise(systems):
+        builder.Connect(one.get_output_port(), other.get_input_port())
+    builder.ExportInput(systems[0].get_input_port(), "command")
+    builder.ExportOutput(systems[-1].get_output_port(), "thrust")
+    diagram = builder.Build()
+    diagram.set_name(name)
+    return diagram
+
+
+def named(system, name):
+    system.set_name(name)
+    return system
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    """A loop of an adder, a motor and a splitter, with a wrapper of a single system."""
+    builder = DiagramBuilder()
+    adder = builder.AddNamedSystem("sum", Adder(2, 3))
+    motor = builder.AddSystem(inner_diagram("motor", named(Gain(2.0, 3), "gain"), named(Integrator(3), "integrator")))
+    wrapper = builder.AddSystem(inner_diagram("wrapper", named(PassThrough(3), "inside")))
+    splitter = builder.AddNamedSystem("splitter", Demultiplexer([1, 2]))
+    builder.Connect(adder.get_output_port(), motor.get_input_port())
+    builder.Connect(motor.get_output_port(), splitter.get_input_port())
+    builder.Connect(motor.get_output_port(), adder.get_input_port(0))
+    builder.Connect(motor.get_output_port(), wrapper.get_input_port())
+    builder.ExportInput(adder.get_input_port(1), "offset")
+    builder.ExportOutput(wrapper.get_output_port(), "seen")
+    builder.ExportOutput(splitter.get_output_port(0), "first")
+    builder.ExportOutput(splitter.get_output_port(1), "others")
+    diagram = builder.Build()
+    diagram.set_name("small")
+    return drawings(diagram)
+
+
+def test_a_diagram_of_a_single_system_has_no_drawing_of_its_own(drawn):
+    assert list(drawn) == ["", "motor"]
+    assert 'label="small"' in drawn[""]
+    assert 'label="motor"' in drawn["motor"]
+
+
+def test_blocks_have_their_name_and_their_kind_if_it_says_more(drawn):
+    nodes = dict(re.findall(r"^ +([sio]\d+) \[(.*)\];$", drawn[""], re.MULTILINE))
+    assert nodes["s0"] == 'label="sum\\nAdder"'
+    # A diagram with a drawing of its own has a second outline.
+    assert nodes["s1"] == 'label="motor", peripheries=2, fillcolor="#DCE9F5"'
+    assert nodes["s2"] == 'label="wrapper"'
+    # A splitter is a bar without words.
+    assert nodes["s3"].startswith('label="", shape=box')
+    assert nodes["i0"].startswith('label="offset", shape=plaintext')
+    assert nodes["o2"].startswith('label="seen", shape=plaintext')
+    assert nodes["o3"].startswith('label="first\\nothers", shape=plaintext')
+    inside = dict(re.findall(r"^ +(s\d+) \[(.*)\];$", drawn["motor"], re.MULTILINE))
+    assert inside == {"s0": 'label="gain"', "s1": 'label="integrator"'}
+
+
+def test_connections_have_the_name_of_the_signal_and_its_size_and_stand_in_order(drawn):
+    edges = re.findall(r'^ +(\w+) -> (\w+) \[label="(.*)"\];$', drawn[""], re.MULTILINE)
+    assert edges == [
+        ("i0", "s0", "(3)"),
+        ("s0", "s1", "sum (3)"),
+        ("s1", "s0", "thrust (3)"),
+        ("s1", "s2", "thrust (3)"),
+        ("s1", "s3", "thrust (3)"),
+        ("s2", "o2", ""),
+        ("s3", "o3", ""),
+    ]
+
+
+def test_the_digest_of_a_drawing_changes_with_it(drawn):
+    assert digest(drawn[""]) == digest(str(drawn[""]))
+    assert len({digest(text) for text in (*drawn.values(), drawn[""] + " ")}) == 3
