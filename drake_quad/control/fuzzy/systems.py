@@ -12,6 +12,7 @@ from drake_quad.control.fuzzy.laws import CovarianceLaw, LearningLimits, Rows, d
 from drake_quad.framework.elementary import exp, maximum, minimum, nearest, where
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import Layout, layout_of
+from drake_quad.framework.wiring import build, connect_inputs
 from drake_quad.geometry.per_axis import Axis
 from drake_quad.signals import SIGNALS, Acceleration, PositionError, PositionErrorRate, Row, Time
 
@@ -383,23 +384,12 @@ def build_fuzzy_network(*, rules: Any, learning: Any, sets: Any = None) -> Diagr
     parts = {"rules": rules, "learning": learning} | ({} if sets is None else {"sets": sets})
     for name, system in parts.items():
         builder.AddNamedSystem(name, system)
-    inside = {"firing": rules, "firing_ahead": rules, "weights": learning, "antecedents": sets}
-    exported: set[str] = set()
-    for system in parts.values():
-        for port in map(system.get_input_port, range(system.num_input_ports())):
-            name = port.get_name()
-            if name in inside:
-                builder.Connect(inside[name].GetOutputPort(name), port)
-            elif name in exported:
-                builder.ConnectInput(name, port)
-            else:
-                builder.ExportInput(port, name)
-                exported.add(name)
+    inside = (rules, "firing"), (rules, "firing_ahead"), (learning, "weights"), (sets, "antecedents")
+    sources = {name: system.GetOutputPort(name) for system, name in inside if system and system.HasOutputPort(name)}
+    connect_inputs(builder, parts.values(), sources, exported=SIGNALS)
     of_learning = ("correction", "learned_disturbance", "weights", "covariance_trace")
     shown = [(learning, name) for name in of_learning] + [(sets, "antecedents")]
     for system, name in shown:
         if system is not None and system.HasOutputPort(name):
             builder.ExportOutput(system.GetOutputPort(name), name)
-    network = builder.Build()
-    network.set_name("network")
-    return network
+    return build(builder, "network")

@@ -10,6 +10,7 @@ from drake_quad.control.lqg.laws import ChainCommands, Deviations, Estimate, Kal
 from drake_quad.framework.elementary import where
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import Layout, layout_of
+from drake_quad.framework.wiring import append, build
 from drake_quad.signals import (
     Acceleration,
     AttitudeTarget,
@@ -219,9 +220,8 @@ def build_lqg_control(regulator: Any, network: Any = None, programme: Any = None
         if port.get_name() not in ("correction", "learned_disturbance", "perturbation"):
             builder.ExportInput(port, port.get_name())
     if programme is not None:
-        builder.AddNamedSystem("programme", programme)
-        builder.Connect(regulator.GetOutputPort("deviation"), programme.get_input_port())
-        builder.Connect(programme.get_output_port(), regulator.GetInputPort("perturbation"))
+        perturbation = append(builder, "programme", programme, regulator.GetOutputPort("deviation"))
+        builder.Connect(perturbation, regulator.GetInputPort("perturbation"))
     shown = [regulator]
     if network is not None:
         put_around(builder, regulator, network)
@@ -229,6 +229,4 @@ def build_lqg_control(regulator: Any, network: Any = None, programme: Any = None
     for system in shown:
         for port in map(system.get_output_port, range(system.num_output_ports())):
             builder.ExportOutput(port, port.get_name())
-    control = builder.Build()
-    control.set_name("control")
-    return control
+    return build(builder, "control")
