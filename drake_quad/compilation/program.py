@@ -1,8 +1,9 @@
 """What a compiled diagram does, and when."""
 
 import functools
+import itertools
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -25,7 +26,7 @@ _LONGEST_CYCLE = 64
 # Events of diagrams that are alike but for their numbers, and the size of their fleets, are made once.
 _MAX_MADE = 256
 _made: ThreadSafeCache[Any] = ThreadSafeCache(_MAX_MADE)
-_Result = TypeVar("_Result")
+_Result, _Key = TypeVar("_Result"), TypeVar("_Key")
 
 
 class Event(NamedTuple):
@@ -78,11 +79,8 @@ class Program:
     def __init__(self, diagram: Diagram) -> None:
         self.diagram, self.topology = diagram, Topology(diagram)
         leaves = self.topology.leaves
-        self.blocks: dict[str, Block] = {}
-        for path, system in leaves.items():
-            block = block_of(system)
-            if block is not None:
-                self.blocks[path] = block
+        blocks = {path: block_of(system) for path, system in leaves.items()}
+        self.blocks: dict[str, Block] = {path: block for path, block in blocks.items() if block is not None}
         fleets = {system.num_vehicles for system in leaves.values() if isinstance(system, FleetSystem)}
         if not fleets:
             raise InputError(f"{diagram.get_name()} cannot be compiled: none of its systems is made for a fleet")
@@ -91,7 +89,8 @@ class Program:
                 f"{diagram.get_name()} cannot be compiled: its systems are made for {sorted(fleets)} vehicles"
             )
         (self.num_vehicles,) = fleets
-        self.places, self.sizes = self._places(diagram.CreateDefaultContext())
+        self.places = self._places(diagram.CreateDefaultContext())
+        self.sizes = PartSizes(*(sum(rows for _, rows in places.values()) for places in self.places))
         self.base, self.cycle = self._grid()
 
     @property
@@ -325,27 +324,16 @@ class Program:
             )
         return base, cycle
 
-    def _places(self, context: Context) -> tuple[Places, PartSizes]:
-        states: dict[tuple[str, int], tuple[int, int]] = {}
-        parameters: dict[tuple[str, int], tuple[int, int]] = {}
-        inputs: dict[Port | ExportedPort, tuple[int, int]] = {}
-        sizes = {}
-        for name, places in (("state", states), ("parameters", parameters)):
-            first = 0
-            for path, index, vector in self._groups(name, context):
-                rows = self._num_rows(vector.size(), f"{name} {index} of {path}")
-                places[path, index] = first, rows
-                first += rows
-            sizes[name] = first
-        first = 0
-        for source, size in self._elsewhere().items():
-            if isinstance(source, ExportedPort):
-                what = f"the input port {source.name}"
-            else:
-                what = f"output {source.number} of {source.path}"
-            inputs[source] = first, self._num_rows(size, what)
-            first += inputs[source][1]
-        return Places(states, parameters, inputs), PartSizes(sizes["state"], sizes["parameters"], first)
+    def _places(self, context: Context) -> Places:
+        states, parameters = (
+            {
+                (path, index): self._num_rows(vector.size(), f"{name} {index} of {path}")
+                for path, index, vector in self._groups(name, context)
+            }
+            for name in ("state", "parameters")
+        )
+        inputs = {source: self._num_rows(size, _described(source)) for source, size in self._elsewhere().items()}
+        return Places(_in_turn(states), _in_turn(parameters), _in_turn(inputs))
 
     def _elsewhere(self) -> dict[Port | ExportedPort, int]:
         """What comes from elsewhere, and its size."""
@@ -386,6 +374,18 @@ class Program:
             for path, index, vector in self._groups(name, context):
                 first, rows = places[path, index]
                 yield vector, numbers[first * self.num_vehicles : (first + rows) * self.num_vehicles]
+
+
+def _described(source: Port | ExportedPort) -> str:
+    if isinstance(source, ExportedPort):
+        return f"the input port {source.name}"
+    return f"output {source.number} of {source.path}"
+
+
+def _in_turn(num_rows: Mapping[_Key, int]) -> dict[_Key, tuple[int, int]]:
+    """Return the first row and the number of rows of each of several groups that follow one another."""
+    firsts = itertools.accumulate(num_rows.values(), initial=0)
+    return {key: (first, count) for (key, count), first in zip(num_rows.items(), firsts)}
 
 
 def _rows(trace: Trace, ports: Iterable[Port]) -> list[Any]:
