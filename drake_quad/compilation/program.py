@@ -26,7 +26,8 @@ _LONGEST_CYCLE = 64
 # Events of diagrams that are alike but for their numbers, and the size of their fleets, are made once.
 _MAX_MADE = 256
 _made: ThreadSafeCache[Any] = ThreadSafeCache(_MAX_MADE)
-_Result, _Key = TypeVar("_Result"), TypeVar("_Key")
+_Result = TypeVar("_Result")
+_Key = TypeVar("_Key")
 
 
 class Event(NamedTuple):
