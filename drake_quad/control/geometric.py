@@ -89,27 +89,18 @@ def integrating_law(
     acceleration: AngularAcceleration,
     numbers: IntegratingAttitudeNumbers,
     transports: bool = True,
+    period: float = 0.0,
 ) -> Torque:
-    """Return the torque of an `IntegratingAttitudeController`, that of `geometric_law` minus I times the integral."""
+    """Return the torque of an `IntegratingAttitudeController`, that of `geometric_law` minus I times the integral.
+
+    With a period (s) the integral includes the error of this tick.
+    """
+    if period > 0.0:
+        integral = integrated_rotation(integral, measurement, attitude, numbers, period)
     k_p, k_d, *inertia = numbers.attitude
     without = _wanted(measurement, attitude, rates, acceleration, k_p, k_d, transports)
     wanted = AngularAcceleration._make(whole - held for whole, held in zip(without, integral, strict=True))
     return torque_of(wanted, BodyRates(measurement.p, measurement.q, measurement.r), *inertia)
-
-
-def backward_integrating_law(
-    integral: AngularAcceleration,
-    measurement: State,
-    attitude: Attitude,
-    rates: BodyRates,
-    acceleration: AngularAcceleration,
-    numbers: IntegratingAttitudeNumbers,
-    period: float,
-    transports: bool = True,
-) -> Torque:
-    """Return the torque of `integrating_law` with an integral that includes the error of this tick; period in s."""
-    integral = integrated_rotation(integral, measurement, attitude, numbers, period)
-    return integrating_law(integral, measurement, attitude, rates, acceleration, numbers, transports)
 
 
 def integrated_rotation(
@@ -167,10 +158,6 @@ class GeometricAttitudeController(FleetSystem):
         self.output("torque", geometric_law, *attitude_inputs(self), transports)
 
 
-def _nothing(numbers: IntegratingAttitudeNumbers) -> AngularAcceleration:
-    return AngularAcceleration(0.0, 0.0, 0.0)
-
-
 @fleet_system(float, AutoDiffXd)
 class IntegratingAttitudeController(FleetSystem):
     """Geometric attitude control with an integral i: the torque of a `GeometricAttitudeController` minus I i.
@@ -213,11 +200,8 @@ class IntegratingAttitudeController(FleetSystem):
     ) -> None:
         """Declare ports, states and parameters."""
         measurement, attitude, rates, acceleration, parameter = attitude_inputs(self)
-        integral = self.state("integral", _nothing)
+        integral = self.state("integral", lambda _: AngularAcceleration(0.0, 0.0, 0.0))
         before = integral, measurement, attitude, parameter
         self.update(period, integrated_rotation, *before, period, writes=[integral])
         reads = integral, measurement, attitude, rates, acceleration, parameter
-        if integration == "backward_euler":
-            self.output("torque", backward_integrating_law, *reads, period, transports)
-        else:
-            self.output("torque", integrating_law, *reads, transports)
+        self.output("torque", integrating_law, *reads, transports, period if integration == "backward_euler" else 0.0)

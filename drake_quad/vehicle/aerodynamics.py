@@ -16,11 +16,10 @@ for aerodynamic effects", ICUAS 2017).
 The model neglects body rates: the air velocity at the centre of mass applies to the body and to all rotors.
 """
 
-from collections.abc import Sequence
 from typing import Annotated, NamedTuple, Protocol
 
 from drake_quad.framework.elementary import maximum
-from drake_quad.geometry.axes import Vector, cross, length, plus
+from drake_quad.geometry.axes import Vector, cross, length
 from drake_quad.signals import PositionW, Quantity, RotorSpeed, Row, Wrench
 from drake_quad.vehicle.dynamics import mean_place_of_rotors
 from drake_quad.vehicle.parameters import QuadrotorParameters
@@ -139,14 +138,6 @@ class GroundEffect(NamedTuple):
 
     rotor_radius: Annotated[Row, Quantity("m")]
     ground_height: Annotated[Row, Quantity("m", "W")]
-
-
-def sum_of_loads(loads: Sequence[Load]) -> Load:
-    """The sum of one or several loads."""
-    total, *others = loads
-    for load in others:
-        total = Load(plus(total.force, load.force), plus(total.torque, load.torque))
-    return total
 
 
 def ground_effect(height: Row, ground: GroundEffect) -> Row:

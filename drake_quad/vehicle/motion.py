@@ -1,10 +1,11 @@
 """The equations of motion with all effects that are switched on."""
 
+from functools import reduce
 from typing import NamedTuple
 
 from drake_quad.geometry.axes import BodyAxes, Vector, plus, times
 from drake_quad.signals import PositionW, RotorSpeed, Row, Wind, Wrench
-from drake_quad.vehicle.aerodynamics import Flow, ground_effect, sum_of_loads
+from drake_quad.vehicle.aerodynamics import Flow, ground_effect
 from drake_quad.vehicle.dynamics import (
     Motion,
     RotorAction,
@@ -117,7 +118,8 @@ def _in_air(
     """Return the action of the rotors with the torques and the z_B force of the air, and the other forces in W, N."""
     in_world = Vector(wind.x - motion.v_x, wind.y - motion.v_y, wind.z - motion.v_z)
     flow = Flow(axes.in_body(in_world), in_world, speed, action.wrench, height, parameters)
-    force, torque = sum_of_loads([each.load(flow) for each in effects.air_loads])
+    forces, torques = zip(*(each.load(flow) for each in effects.air_loads), strict=True)
+    force, torque = reduce(plus, forces), reduce(plus, torques)
     thrust, tau_x, tau_y, tau_z = action.wrench
     wrench = Wrench(thrust + force.z, tau_x + torque.x, tau_y + torque.y, tau_z + torque.z)
     return action._replace(wrench=wrench), plus(times(force.x, axes.x), times(force.y, axes.y))

@@ -265,10 +265,6 @@ def _shown(state: RespondingState, body_rates: BodyRatesOf) -> State:
     return shown_state(state.body, body_rates)
 
 
-def _rotors(state: RespondingState) -> RotorSpeed:
-    return state.rotors
-
-
 @fleet_system(float, AutoDiffXd)
 class RespondingQuadrotor(FleetSystem):
     """A quadrotor with its autopilot, or a fleet of them, whose attitude follows its command as a lag of second order.
@@ -341,4 +337,4 @@ class RespondingQuadrotor(FleetSystem):
             state = self.continuous_state(_begun)
             self.derivative(responding_slope, state, *inputs, *constants, kinematics)
             self.output("state", _shown, state, body_rates)
-            self.output("rotor_speed", _rotors, state)
+            self.output("rotor_speed", getattr, state, "rotors")

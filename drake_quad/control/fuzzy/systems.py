@@ -8,8 +8,8 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_quad.control.fuzzy.inference import Antecedents, firing_strengths
 from drake_quad.control.fuzzy.inputs import InputName, input_values, moved_on, signals_of
-from drake_quad.control.fuzzy.laws import CovarianceLaw, LearningLimits, Rows, dot, trace
-from drake_quad.framework.elementary import exp, maximum, minimum, nearest, where
+from drake_quad.control.fuzzy.laws import CovarianceLaw, LearningLimits, Rows, trace
+from drake_quad.framework.elementary import dot, exp, maximum, minimum, nearest, where
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import Layout, layout_of
 from drake_quad.framework.wiring import build, connect_inputs
