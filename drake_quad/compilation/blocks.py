@@ -26,6 +26,7 @@ from drake_quad.errors import InputError
 from drake_quad.framework.broadcast import Broadcast
 from drake_quad.framework.fleet_system import Computation, FleetSystem, Input, Parameter, StateGroup
 from drake_quad.framework.formulas import TIME, TickOf, told_apart, traced
+from drake_quad.framework.records import ABSENT
 
 # The rows of a port, of a state or of a parameter: symbols, or numbers.
 Rows = list[Any]
@@ -214,7 +215,8 @@ def _computed(computation: Computation, around: BlockSurroundings) -> list[Rows]
             case _:
                 values.append(around.argument(read) if read is TIME else read)
     returned = iter(traced(computation.formula, values, computation.results))
-    return [[next(returned) for _ in range(layout.num_rows)] for layout in computation.results]
+    present = [layout for layout in computation.results if layout is not ABSENT]
+    return [[next(returned) for _ in range(layout.num_rows)] for layout in present]
 
 
 def _number(group: StateGroup) -> int:

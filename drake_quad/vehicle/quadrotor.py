@@ -150,10 +150,10 @@ class Quadrotor(FleetSystem):
             rotors = self.state("rotor_speed", lambda numbers: start(numbers).rotors)
             swing = self.state("swing", lambda numbers: start(numbers).swing) if "slung_load" in effects else None
             charge = self.state("charge", lambda numbers: start(numbers).charge) if "battery" in effects else None
-            groups = [group for group in (body, rotors, swing, charge) if group is not None]
-            stepped = body, rotors, swing, charge, *reads, time_step, motion
+            groups = body, rotors, swing, charge
+            stepped = *groups, *reads, time_step, motion
             self.update(time_step, quadrotor_step, *stepped, writes=groups, unrestricted=True, at_start=False)
-            for group in groups:
+            for group in self.states.values():
                 self.state_output(group)
         else:
             state = self.continuous_state(start)

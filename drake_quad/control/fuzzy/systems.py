@@ -237,8 +237,7 @@ def learned(
         counts = counted(signal, deadzone)
         f_after, memory_after = law.learned(tuple([kept * f_i for f_i in f]), known, w, counts, period)
         after.append((tuple([minimum(maximum(f_i, -limit), limit) for f_i in f_after]), memory_after))
-    all_weights, all_memory = tuple([f for f, _ in after]), tuple([remembered for _, remembered in after])
-    return (all_weights, all_memory) if any(all_memory) else all_weights
+    return tuple([f for f, _ in after]), tuple([remembered for _, remembered in after])
 
 
 def counted(signal: Row, deadzone: Row) -> Row:
@@ -333,20 +332,13 @@ class WeightLearning(FleetSystem):
             lambda numbers: initial_weights or ((numbers.initial_weight,) * num_rules,) * len(axes),
             layout=per_axis,
         )
-        rows = len(law.memory(num_rules))
         memory: Any = ((),) * len(axes)
-        writes = [weights]
-        if rows:
-            memory = self.state(
-                law.memory_name,
-                lambda numbers: (numbers.law.memory(num_rules),) * len(axes),
-                layout=layout_on_axes(len(axes), rows),
-            )
-            writes = [weights, memory]
+        if law.memory(num_rules):
+            memory = self.state(law.memory_name, lambda numbers: (numbers.law.memory(num_rules),) * len(axes))
         signal_of, ports = signal_and_ports(learns_from)
         signals = signal_of, *(self.input(name, absent=UNCONNECTED.get(name)) for name in ports)
         reads = weights, memory, firing, learning, TIME if ticks else 0.0, axes, period, ticks, *signals
-        self.update(period, learned, *reads, writes=writes)
+        self.update(period, learned, *reads, writes=[weights, memory])
         self.output("correction", network_output, weights, ahead, axes)
         if leads:
             self.output("learned_disturbance", network_output, weights, firing, axes)
