@@ -251,21 +251,17 @@ class FleetSystem(_Base):
     scalar: type
     num_vehicles: int
     structure: dict[str, Any]
-    parameters: dict[str, Parameter]
-    states: dict[str, StateGroup]
-    random_inputs: dict[str, "RandomInput"]
-    outputs: dict[str, Computation | StateGroup]
-    updates: list["Update"]
-    initializations: list[Computation]
-    packed: dict[str, Layout]
-    num_events: int
     _numbers: Any
 
     def begin(self) -> None:
         """Makes room for what will be declared."""
-        self.parameters, self.states, self.random_inputs = {}, {}, {}
-        self.outputs, self.packed = {}, {}
-        self.updates, self.initializations = [], []
+        self.parameters: dict[str, Parameter] = {}
+        self.states: dict[str, StateGroup] = {}
+        self.random_inputs: dict[str, RandomInput] = {}
+        self.outputs: dict[str, Computation | StateGroup] = {}
+        self.updates: list[Update] = []
+        self.initializations: list[Computation] = []
+        self.packed: dict[str, Layout] = {}
         self._derivative: Computation | None = None
         self.num_events = 0
 

@@ -53,7 +53,7 @@ def test_a_constant_torque_turns_a_pd_aside_and_indi_not():
     np.testing.assert_allclose([angles, rates], 0.0, atol=1e-3)
     # What is measured beyond the model is the push.
     (memory, _) = states.pop()
-    assert [each.filtered for each in memory] == pytest.approx(PUSH, rel=1e-2)
+    assert [each.disturbance for each in memory] == pytest.approx(PUSH, rel=1e-2)
 
 
 def test_without_a_disturbance_it_is_the_pd():

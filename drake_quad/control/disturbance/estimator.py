@@ -47,8 +47,7 @@ def estimate(
     known = tuple(
         [law.corrected(before, seen, period) for law, before, seen in zip(laws, memory, measured, strict=True)]
     )
-    shown = [law.disturbance(after) for law, after in zip(laws, known, strict=True)]
-    return known, tuple([maximum(minimum(disturbance, limit), -limit) for disturbance in shown])
+    return known, tuple([maximum(minimum(after.disturbance, limit), -limit) for after in known])
 
 
 def predict(
