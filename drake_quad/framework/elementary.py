@@ -175,6 +175,11 @@ def where_needed(mask: bool, formula: Callable[..., _Rows], arguments: Sequence[
     return _placed(needed, formula(*[x[needed] if isinstance(x, np.ndarray) else x for x in arguments]), otherwise)
 
 
+def identity(x: _Rows) -> _Rows:
+    """Return x."""
+    return x
+
+
 def total(rows: Sequence[Row]) -> Row:
     """Return the sum of at least one row; there is no zero to begin with, which would be one more operation."""
     first, *others = rows

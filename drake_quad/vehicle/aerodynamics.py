@@ -23,10 +23,10 @@ from drake_quad.geometry.axes import Vector, cross, length
 from drake_quad.signals import PositionW, Quantity, RotorSpeed, Row, Wrench
 from drake_quad.vehicle.dynamics import mean_place_of_rotors
 from drake_quad.vehicle.parameters import QuadrotorParameters
+from drake_quad.vehicle.rotors import Length
 
 _LinearDrag = Annotated[Row, Quantity("N s/m", "B")]
 _QuadraticDrag = Annotated[Row, Quantity("N s²/m²", "B")]
-_Length = Annotated[Row, Quantity("m", "B")]
 
 
 class Load(NamedTuple):
@@ -82,9 +82,9 @@ class QuadraticDrag(NamedTuple):
 class CentreOfPressure(NamedTuple):
     """Where the drag of the body acts, seen from the centre of mass."""
 
-    x: _Length = 0.0
-    y: _Length = 0.0
-    z: _Length = 0.0
+    x: Length = 0.0
+    y: Length = 0.0
+    z: Length = 0.0
 
 
 class BodyDrag(NamedTuple):

@@ -11,7 +11,7 @@ taken, and translation follows the same equations as for a `Quadrotor`.
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from drake_quad.framework.elementary import where, wrapped
+from drake_quad.framework.elementary import wrapped
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.geometry.axes import BodyAxes
 from drake_quad.geometry.kinematics import small_rotation
@@ -40,7 +40,7 @@ from drake_quad.vehicle.motors import acceleration, decays, lagging
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Kinematics, QuadrotorNumbers, hover
 from drake_quad.vehicle.runge_kutta import runge_kutta_step
-from drake_quad.vehicle.stepping import VehicleState, rotor_target
+from drake_quad.vehicle.stepping import VehicleState, rotor_target, unless_crashed, zeros_like
 
 RESPONDING_EFFECTS = ("body_drag", "rotor_aerodynamics", "ground_effect", "spin_down", "thrust_curve", "loads")
 """Effects of the air and on the motors; the response of the attitude contains what else turns a vehicle."""
@@ -224,7 +224,7 @@ def responding_step(
         return body_slope(at, turned[stage], target, wind, parameters, response, effects)
 
     after = RespondingState(runge_kutta_step(body, slope, time_step).end, end)
-    return after if crashed is None else where(crashed.crashed != 0.0, RespondingState(body, rotors), after)
+    return unless_crashed(crashed, RespondingState(body, rotors), after)
 
 
 def responding_slope(
@@ -248,10 +248,7 @@ def responding_slope(
         body_slope(state.body, rotors, target, wind, parameters, response, effects),
         acceleration(state.rotors, goal, parameters, effects.spin_down),
     )
-    if crashed is None:
-        return slope
-    at_rest = RespondingState(RespondingBody(*[0.0] * len(state.body)), RotorSpeed(*[0.0] * len(state.rotors)))
-    return where(crashed.crashed != 0.0, at_rest, slope)
+    return unless_crashed(crashed, zeros_like(slope), slope)
 
 
 def _begun(numbers: RespondingNumbers) -> RespondingState:

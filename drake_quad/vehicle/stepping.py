@@ -8,7 +8,7 @@ one, under their wrench by the classical fourth-order Runge–Kutta method. The 
 applies to the whole step.
 """
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from drake_quad.framework.elementary import where
 from drake_quad.geometry.axes import BodyAxes
@@ -36,6 +36,8 @@ from drake_quad.vehicle.motors import acceleration, decays, lagging, told_by_thr
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.runge_kutta import runge_kutta_step
 from drake_quad.vehicle.slung_load import Rod, rod_of, swing_of, swing_rates
+
+_Record = TypeVar("_Record")
 
 
 class VehicleState(NamedTuple):
@@ -89,7 +91,7 @@ def quadrotor_step(
     before = VehicleState(body, rotors, swing, charge)
     target = rotor_target(before, command, parameters, faults, effects, time - 0.5 * time_step)
     after = step_of_flight(before, target, wind, parameters, effects, time, time_step, kinematics)
-    return after if crashed is None else where(crashed.crashed != 0.0, before, after)
+    return unless_crashed(crashed, before, after)
 
 
 def rotor_target(
@@ -222,11 +224,16 @@ def quadrotor_slope(
         swing,
         charge,
     )
-    if crashed is None:
-        return slope
-    return where(crashed.crashed != 0.0, _at_rest(slope), slope)
+    return unless_crashed(crashed, zeros_like(slope), slope)
 
 
-def _at_rest(slope: VehicleState) -> VehicleState:
-    parts = [None if part is None else type(part)._make([0.0] * len(part)) for part in slope]
-    return VehicleState._make(parts)
+def unless_crashed(crashed: Crashed | None, stopped: _Record, flying: _Record) -> _Record:
+    """Return the record of vehicles that fly, and of those that have crashed; None if none of them can crash."""
+    return flying if crashed is None else where(crashed.crashed != 0.0, stopped, flying)
+
+
+def zeros_like(record: Any) -> Any:
+    """Return a record with zero in place of each row; a part that is None stays None."""
+    if isinstance(record, tuple):
+        return type(record)._make(map(zeros_like, record))  # type: ignore[attr-defined]
+    return None if record is None else 0.0

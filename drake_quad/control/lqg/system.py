@@ -7,7 +7,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from drake_quad.control.cascade import put_around
 from drake_quad.control.lqg import laws
 from drake_quad.control.lqg.laws import ChainCommands, Deviations, Estimate, KalmanState, LqgNumbers, Regulated, Sent
-from drake_quad.framework.elementary import where
+from drake_quad.framework.elementary import identity, where
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import Layout, layout_of
 from drake_quad.framework.wiring import append, build
@@ -89,10 +89,6 @@ def _pd(reference: Reference, *remembered: Any) -> Acceleration:
 
 def _disturbance(*remembered: Any) -> Acceleration:
     return laws.disturbance_of(laws.estimated(*remembered))
-
-
-def _held(correction: Acceleration) -> Acceleration:
-    return correction
 
 
 def _none(numbers: LqgNumbers) -> Acceleration:
@@ -184,7 +180,7 @@ class LinearQuadraticGaussian(FleetSystem):
             correction = self.input("correction", absent=Acceleration(0.0, 0.0, 0.0))
             known = self.state("known", _none)
             learned = self.input("learned_disturbance", absent=Acceleration(0.0, 0.0, 0.0))
-            self.update(period, _held, learned, writes=[known])
+            self.update(period, identity, learned, writes=[known])
         if takes_perturbation:
             perturbation = self.input("perturbation", layout=layout_of(ChainCommands))
         remembered = measurement, before, sent, known, parameter, period, loses_frames

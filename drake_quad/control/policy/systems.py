@@ -16,6 +16,7 @@ from pydrake.systems.primitives import PassThrough
 from drake_quad.control.cascade import command_of
 from drake_quad.control.policy.network import Network, passed
 from drake_quad.control.policy.observation import ObservationNumbers, ObservationSpec, num_observed, observed
+from drake_quad.framework.elementary import identity
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import rows_layout
 from drake_quad.framework.wiring import build, connect_inputs, split_output
@@ -38,11 +39,6 @@ def repeated(times: int, *seen: Any) -> tuple[Row, ...]:
 def remembered(action: tuple[Row, ...], past: tuple[Row, ...], *seen: Any) -> tuple[tuple[Row, ...], tuple[Row, ...]]:
     """The action, and what was seen, now and before but for the oldest: the next tick's past."""
     return action, with_past(past, *seen)[: len(past)]
-
-
-def last_of(action: tuple[Row, ...]) -> tuple[Row, ...]:
-    """The action, which is the last one at the next tick."""
-    return action
 
 
 @fleet_system(float, AutoDiffXd)
@@ -106,7 +102,7 @@ class Observation(FleetSystem):
             self.initialize(repeated, before, *seen, writes=[past])
             self.update(period, remembered, action, past, *seen, writes=[last, past])
         else:
-            self.update(period, last_of, action, writes=[last])
+            self.update(period, identity, action, writes=[last])
 
 
 def output_of(observation: tuple[Row, ...], memory: tuple[tuple[Row, ...], ...], network: Network) -> tuple[Row, ...]:

@@ -7,14 +7,11 @@ import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Adder, ConstantVectorSource, ZeroOrderHold
 
+from drake_quad.framework.elementary import identity
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.wiring import append, build, connect_inputs
 from drake_quad.randomness.noise import Stream
 from drake_quad.signals import Wind
-
-
-def _unchanged(wind: Wind) -> Wind:
-    return wind
 
 
 @fleet_system(float, AutoDiffXd)
@@ -36,7 +33,7 @@ class SteadyWind(FleetSystem):
 
     def declare(self, *, numbers: Wind) -> None:
         """Declares the system."""
-        self.output("wind", _unchanged, self.parameter("velocity", lambda velocity: velocity))
+        self.output("wind", identity, self.parameter("velocity", lambda velocity: velocity))
 
 
 def build_wind(sources: Mapping[str, Any], *, streams: Mapping[str, list[Stream]], num_vehicles: int = 1) -> Diagram:
