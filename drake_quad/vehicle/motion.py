@@ -15,7 +15,7 @@ from drake_quad.vehicle.dynamics import (
     rotor_action,
 )
 from drake_quad.vehicle.effects import Effects
-from drake_quad.vehicle.motors import acceleration
+from drake_quad.vehicle.motors import acceleration, decays, lagging
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.payload import Whole, whole, whole_accelerations
 from drake_quad.vehicle.slung_load import Rod, pull, rod_rates
@@ -54,6 +54,16 @@ def turning(speed: RotorSpeed, target: RotorSpeed, parameters: QuadrotorParamete
         tau_z = wrench.tau_z - effects.reaction_torque.rotor_inertia * rate
         action = action._replace(wrench=wrench._replace(tau_z=tau_z))
     return Turning(speed, action)
+
+
+def turning_over_step(
+    rotors: RotorSpeed, target: RotorSpeed, half: float, parameters: QuadrotorParameters, effects: Effects
+) -> list[Turning]:
+    """Return the rotors at the start, in the middle and at the end of a step of which a half is given, s."""
+    decay = decays(rotors, target, half, parameters, effects.spin_down)
+    middle = lagging(rotors, target, decay)
+    speeds = rotors, middle, lagging(middle, target, decay)
+    return [turning(speed, target, parameters, effects) for speed in speeds]
 
 
 def accelerations(

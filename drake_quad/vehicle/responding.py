@@ -35,8 +35,8 @@ from drake_quad.signals import (
 from drake_quad.vehicle.dynamics import Motion
 from drake_quad.vehicle.effects import NO_EFFECTS, Effects
 from drake_quad.vehicle.faults import RotorFaults
-from drake_quad.vehicle.motion import Turning, accelerations, turning
-from drake_quad.vehicle.motors import acceleration, decays, lagging
+from drake_quad.vehicle.motion import Turning, accelerations, turning, turning_over_step
+from drake_quad.vehicle.motors import acceleration
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Kinematics, QuadrotorNumbers, hover
 from drake_quad.vehicle.runge_kutta import runge_kutta_step
@@ -214,16 +214,13 @@ def responding_step(
     half = 0.5 * time_step
     before = VehicleState(shown_state(body, _BODY_RATES[kinematics]), rotors)
     goal = rotor_target(before, command, parameters, faults, effects, time - half)
-    decay = decays(rotors, goal, half, parameters, effects.spin_down)
-    middle = lagging(rotors, goal, decay)
-    end = lagging(middle, goal, decay)
-    at_start, at_middle, at_end = (turning(speed, goal, parameters, effects) for speed in (rotors, middle, end))
-    turned = at_start, at_middle, at_middle, at_end
+    start, middle, end = turning_over_step(rotors, goal, half, parameters, effects)
+    turned = start, middle, middle, end
 
     def slope(stage: int, at: RespondingBody, _: RespondingBody) -> RespondingBody:
         return body_slope(at, turned[stage], target, wind, parameters, response, effects)
 
-    after = RespondingState(runge_kutta_step(body, slope, time_step).end, end)
+    after = RespondingState(runge_kutta_step(body, slope, time_step).end, end.speed)
     return unless_crashed(crashed, RespondingState(body, rotors), after)
 
 

@@ -8,6 +8,7 @@ one, under their wrench by the classical fourth-order Runge–Kutta method. The 
 applies to the whole step.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple, TypeVar
 
 from drake_quad.framework.elementary import where
@@ -31,8 +32,8 @@ from drake_quad.vehicle.battery import Battery, drawn_per_second, rotor_power, t
 from drake_quad.vehicle.dynamics import Motion, held_rotor_speed
 from drake_quad.vehicle.effects import Effects
 from drake_quad.vehicle.faults import RotorFaults, SpeedFactors, speed_factors
-from drake_quad.vehicle.motion import accelerations, turning
-from drake_quad.vehicle.motors import acceleration, decays, lagging, told_by_throttle
+from drake_quad.vehicle.motion import accelerations, turning, turning_over_step
+from drake_quad.vehicle.motors import acceleration, told_by_throttle
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.runge_kutta import runge_kutta_step
 from drake_quad.vehicle.slung_load import Rod, rod_of, swing_of, swing_rates
@@ -139,13 +140,9 @@ def step_of_flight(
 ) -> VehicleState:
     """Return the end of a step of a vehicle that has not crashed, and whose rotors approach a target speed."""
     body, half = before.body, 0.5 * time_step
-    decay = decays(before.rotors, target, half, parameters, effects.spin_down)
-    middle = lagging(before.rotors, target, decay)
-    end = lagging(middle, target, decay)
-    speeds = before.rotors, middle, end
-    at_start, at_middle, at_end = (turning(speed, target, parameters, effects) for speed in speeds)
+    turned = start, middle, end = turning_over_step(before.rotors, target, half, parameters, effects)
     # Rotors, and the time since the start of the step, at each stage of the method.
-    stages = (at_start, 0.0), (at_middle, half), (at_middle, half), (at_end, time_step)
+    stages = (start, 0.0), (middle, half), (middle, half), (end, time_step)
     attitude = kinematics.integrated(Attitude(body.roll, body.pitch, body.yaw))
     held_at = 0.0 if effects.payload is None else time - half
 
@@ -167,7 +164,8 @@ def step_of_flight(
     z = body.z + sixth * (motion_1.v_z + 2.0 * (motion_2.v_z + motion_3.v_z) + motion_4.v_z)
     state = State(x, y, z, *attitude.attitude(moving.attitude), *moving.motion)
     swing = None if moving.rod is None else swing_of(moving.rod)
-    return VehicleState(state, end, swing, _charge_after(before.charge, speeds, parameters, effects, sixth))
+    speeds = [rotors.speed for rotors in turned]
+    return VehicleState(state, end.speed, swing, _charge_after(before.charge, speeds, parameters, effects, sixth))
 
 
 def _height(body: State, climb: VelocityW, time: Row, effects: Effects) -> PositionW:
@@ -177,7 +175,7 @@ def _height(body: State, climb: VelocityW, time: Row, effects: Effects) -> Posit
 
 def _charge_after(
     charge: Charge | None,
-    speeds: tuple[RotorSpeed, RotorSpeed, RotorSpeed],
+    speeds: Sequence[RotorSpeed],
     parameters: QuadrotorParameters,
     effects: Effects,
     sixth: float,
