@@ -198,20 +198,16 @@ class CompiledSystem(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period * ticks, 0.0, advance)
 
     def _begin(self, context: Context, values: Any) -> None:
-        self._run(self._first, context, values.get_mutable_value(self._state))
+        self._now(self._first, context, values.get_mutable_value(self._state))
 
     def _advance(self, event: Event, context: Context, state: np.ndarray, first: int, count: int) -> None:
         """Lets events pass; `first` is the number of the first of them, counted from time zero."""
-        n = self.program.num_vehicles
-        log = np.empty((count, event.loop.num_logged, event.loop.padded(n)))
+        log = self._run(event, context, state, self._table(event, first, count))
         if event.loop.num_logged:
             parts = context.get_abstract_parameter(self._log).get_value().parts
             if first == 0:
                 parts.clear()
             parts.append(log)
-        parameters = self._parameters_of(context).value()
-        seen = self._seen(event.inputs, context)
-        event.loop.run(state, parameters, seen, self._table(event, first, count), log, n)
 
     def _table(self, event: Event, first: int, count: int) -> np.ndarray:
         """Return the shared numbers of some events, from a cache for later flights, which is filled in large parts."""
@@ -222,14 +218,18 @@ class CompiledSystem(LeafSystem):
 
         return self._tables.get((id(event), begin, size), make)[first - begin : first - begin + count]
 
-    def _run(self, event: Any, context: Context, state: np.ndarray) -> np.ndarray:
-        """Lets one event pass at the context's time, and returns what it logs."""
-        n = self.program.num_vehicles
+    def _now(self, event: Any, context: Context, state: np.ndarray) -> np.ndarray:
+        """Let one event pass at the context's time, and return what it logs."""
         shared = self._shared_at(event, context.get_time())[None]
-        log = np.empty((1, event.loop.num_logged, event.loop.padded(n)))
-        parameters = self._parameters_of(context).value()
+        return self._run(event, context, state, shared)[0, :, : self.program.num_vehicles]
+
+    def _run(self, event: Event, context: Context, state: np.ndarray, shared: np.ndarray) -> np.ndarray:
+        """Let events pass whose shared numbers are given, and return what they log."""
+        n = self.program.num_vehicles
+        log = np.empty((len(shared), event.loop.num_logged, event.loop.padded(n)))
+        parameters = context.get_numeric_parameter(self._parameters).value()
         event.loop.run(state, parameters, self._seen(event.inputs, context), shared, log, n)
-        return log[0, :, :n]
+        return log
 
     def _seen(self, sources: Iterable[Port | ExportedPort], context: Context) -> np.ndarray:
         """What comes from elsewhere; nothing sensible where it is not asked for."""
@@ -254,15 +254,12 @@ class CompiledSystem(LeafSystem):
         def calc(context: Context, output: BasicVector) -> None:
             # The event does not write into the state.
             state = context.get_discrete_state(self._state).value()
-            output.SetFromVector(self._run(look(), context, state).ravel())
+            output.SetFromVector(self._now(look(), context, state).ravel())
 
         reached = self.program.reach(port)
         tickets = {self.xd_ticket(), self.pn_ticket(), self.time_ticket()}
         tickets |= {self.input_port_ticket(self._inputs[source]) for source in reached}
         self.DeclareVectorOutputPort(name, size, calc, tickets)
-
-    def _parameters_of(self, context: Context) -> BasicVector:
-        return context.get_numeric_parameter(self._parameters)
 
     def _shared_at(self, code: Event, time: float) -> np.ndarray:
         """The shared numbers at a time; at an instant, from those that are kept."""

@@ -2,11 +2,12 @@
 
 from typing import NamedTuple
 
-from drake_quad.control.attitude import AttitudeNumbers, attitude_inputs, torque_of
+from drake_quad.control.attitude import AttitudeNumbers, attitude_inputs
 from drake_quad.control.integral import Integration
 from drake_quad.framework.elementary import maximum, minimum
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.geometry.axes import BodyAxes, Vector, cross
+from drake_quad.geometry.kinematics import torque_of
 from drake_quad.geometry.per_axis import PerAngle
 from drake_quad.signals import AngularAcceleration, Attitude, BodyAccelerationB, BodyRates, State, Torque
 

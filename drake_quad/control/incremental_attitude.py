@@ -2,11 +2,12 @@
 
 from typing import Any, NamedTuple
 
-from drake_quad.control.attitude import AttitudeNumbers, attitude_inputs, torque_of, wanted_acceleration
+from drake_quad.control.attitude import AttitudeNumbers, attitude_inputs, wanted_acceleration
 from drake_quad.control.disturbance.estimator import STILL, estimate, predict, waited
 from drake_quad.control.disturbance.laws import IncrementalLaw, Measured
 from drake_quad.control.disturbance.response import AxisCommand
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.geometry.kinematics import torque_of
 from drake_quad.signals import AngularAcceleration, Attitude, BodyAccelerationB, BodyRates, Row, State, Time, Torque
 
 
