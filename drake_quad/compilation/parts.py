@@ -72,7 +72,7 @@ def aligned(size: int) -> np.ndarray:
 
 
 def divided(listing: Listing, changes: Mapping[int, Any], logged: Sequence[Any]) -> tuple[Part, Part]:
-    """Return the part that follows from parameters alone, and writes what is kept, and the rest, which reads that.
+    """Split a listing into the part that depends on parameters only, whose results are kept, and the rest.
 
     Args:
         listing: of what happens from one event to the next; its groups are `STATE`, `PARAMETERS` and `INPUTS`.

@@ -155,7 +155,7 @@ class Trace:
 
 
 class Around(NamedTuple):
-    """What a block with a path sees in a trace."""
+    """View of a trace from the block with a path."""
 
     trace: Trace
     path: str

@@ -229,7 +229,7 @@ _NUMBER = SymbolKind.NUMBER
 _TRUTH = SymbolKind.TRUTH
 _COMPARISONS = ("less", "less_equal", "greater", "greater_equal", "equal", "not_equal")
 _LOGICAL = ("bitwise_and", "bitwise_or", "bitwise_xor")
-# Operations of NumPy, by its names for them.
+# NumPy's names of the operations that a symbol can be an operand of.
 _UFUNCS = (
     *("add", "subtract", "multiply", "divide", "negative", "absolute", "left_shift", "right_shift"),
     *(*_COMPARISONS, *_LOGICAL),

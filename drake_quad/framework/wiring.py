@@ -1,4 +1,4 @@
-"""What a DiagramBuilder lacks: ports that are connected by name or in turn, and outputs that are taken apart."""
+"""Additions to Drake's DiagramBuilder: ports connected by name or in order, and outputs split into signals."""
 
 from collections.abc import Container, Iterable, Mapping, Sequence
 from types import MappingProxyType

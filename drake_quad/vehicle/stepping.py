@@ -226,7 +226,7 @@ def quadrotor_slope(
 
 
 def unless_crashed(crashed: Crashed | None, stopped: _Record, flying: _Record) -> _Record:
-    """Return the record of vehicles that fly, and of those that have crashed; None if none of them can crash."""
+    """Return `stopped` for vehicles that have crashed, and `flying` for others; without `crashed` none can crash."""
     return flying if crashed is None else where(crashed.crashed != 0.0, stopped, flying)
 
 

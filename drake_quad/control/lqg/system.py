@@ -207,8 +207,8 @@ def build_lqg_control(regulator: Any, network: Any = None, programme: Any = None
     Args:
         regulator: a `LinearQuadraticGaussian`, which takes a correction if there is a network, and a perturbation if
             there is a programme.
-        network: to put around it; None for none.
-        programme: that keeps it within its limits, a `PredictiveProgramme`; None for none.
+        network: network around the controller, if any.
+        programme: `PredictiveProgramme` that keeps the controller within its limits, if any.
     """
     builder = DiagramBuilder()
     builder.AddNamedSystem("regulator", regulator)
