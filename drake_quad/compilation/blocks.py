@@ -25,6 +25,7 @@ from pydrake.systems.primitives import (
 from drake_quad.compilation.trace import Around, Rows
 from drake_quad.errors import InputError
 from drake_quad.framework.broadcast import Broadcast
+from drake_quad.framework.elementary import total
 from drake_quad.framework.fleet_system import Computation, FleetSystem, Input, Parameter, StateGroup
 from drake_quad.framework.formulas import TIME, TickOf, told_apart, traced
 from drake_quad.framework.records import ABSENT
@@ -233,11 +234,8 @@ class _Multiplexer(Block):
 
 class _Adder(Block):
     def output(self, index: int, around: Around) -> Rows:
-        first, *others = (_connected(around.input(number)) for number in range(self.system.num_input_ports()))
-        total = first
-        for rows in others:
-            total = [a + b for a, b in zip(total, rows, strict=True)]
-        return total
+        inputs = [_connected(around.input(number)) for number in range(self.system.num_input_ports())]
+        return [total(rows) for rows in zip(*inputs, strict=True)]
 
 
 class _Gain(Block):

@@ -37,28 +37,6 @@ def _rotation_error(turned: BodyAxes) -> Vector:
     return Vector(0.5 * (turned.z.y - turned.y.z), 0.5 * (turned.x.z - turned.z.x), 0.5 * (turned.y.x - turned.x.y))
 
 
-def _wanted(
-    measurement: State,
-    attitude: Attitude,
-    rates: BodyRates,
-    acceleration: AngularAcceleration,
-    k_p: PerAngle,
-    k_d: PerAngle,
-    transports: bool,
-) -> AngularAcceleration:
-    """Return the angular acceleration -k_P e_R - k_D e_Ω - Ω̂ Rᵀ R_d Ω_d + Rᵀ R_d Ω̇_d, see `geometric_law`."""
-    turned = _turned(measurement, attitude)
-    error = _rotation_error(turned)
-    own = Vector(measurement.p, measurement.q, measurement.r)
-    commanded, faster = turned.in_world(Vector(*rates)), turned.in_world(Vector(*acceleration))
-    wanted = [-k * e - d * (w - w_d) for k, d, e, w, w_d in zip(k_p, k_d, error, own, commanded, strict=True)]
-    if transports:
-        # The body rotates relative to the commanded rates, so that they change along its axes.
-        carried = cross(own, commanded)
-        wanted = [whole - turn for whole, turn in zip(wanted, carried, strict=True)]
-    return AngularAcceleration._make(whole + w_dot for whole, w_dot in zip(wanted, faster, strict=True))
-
-
 def geometric_law(
     measurement: State,
     attitude: Attitude,
@@ -66,6 +44,7 @@ def geometric_law(
     acceleration: AngularAcceleration,
     numbers: AttitudeNumbers,
     transports: bool = True,
+    integral: AngularAcceleration | None = None,
 ) -> Torque:
     """Return the torque of a `GeometricAttitudeController`.
 
@@ -76,10 +55,22 @@ def geometric_law(
         acceleration: commanded angular acceleration along the same axes.
         numbers: gains and inertia.
         transports: True if the law contains the transport term Ω̂ Rᵀ R_d Ω_d.
+        integral: angular acceleration that is subtracted, if any.
     """
     k_p, k_d, *inertia = numbers
-    wanted = _wanted(measurement, attitude, rates, acceleration, k_p, k_d, transports)
-    return torque_of(wanted, BodyRates(measurement.p, measurement.q, measurement.r), *inertia)
+    turned = _turned(measurement, attitude)
+    error = _rotation_error(turned)
+    own = Vector(measurement.p, measurement.q, measurement.r)
+    commanded, faster = turned.in_world(Vector(*rates)), turned.in_world(Vector(*acceleration))
+    wanted = [-k * e - d * (w - w_d) for k, d, e, w, w_d in zip(k_p, k_d, error, own, commanded, strict=True)]
+    if transports:
+        # The body rotates relative to the commanded rates, so that they change along its axes.
+        carried = cross(own, commanded)
+        wanted = [whole - turn for whole, turn in zip(wanted, carried, strict=True)]
+    wanted = [whole + w_dot for whole, w_dot in zip(wanted, faster, strict=True)]
+    if integral is not None:
+        wanted = [whole - held for whole, held in zip(wanted, integral, strict=True)]
+    return torque_of(AngularAcceleration(*wanted), BodyRates(*own), *inertia)
 
 
 def integrating_law(
@@ -98,10 +89,7 @@ def integrating_law(
     """
     if period > 0.0:
         integral = integrated_rotation(integral, measurement, attitude, numbers, period)
-    k_p, k_d, *inertia = numbers.attitude
-    without = _wanted(measurement, attitude, rates, acceleration, k_p, k_d, transports)
-    wanted = AngularAcceleration._make(whole - held for whole, held in zip(without, integral, strict=True))
-    return torque_of(wanted, BodyRates(measurement.p, measurement.q, measurement.r), *inertia)
+    return geometric_law(measurement, attitude, rates, acceleration, numbers.attitude, transports, integral)
 
 
 def integrated_rotation(

@@ -1,5 +1,6 @@
 """The inner loop by incremental nonlinear dynamic inversion: from the attitude error to torques."""
 
+import operator
 from typing import Any, NamedTuple
 
 from drake_quad.control.attitude import AttitudeNumbers, attitude_inputs, wanted_acceleration
@@ -27,34 +28,15 @@ class IncrementalAttitudeNumbers(NamedTuple):
     limit: BodyAccelerationB
 
 
-class IncrementalStep(NamedTuple):
-    """What an `IncrementalAttitudeController` makes of a tick.
-
-    Attributes:
-        known: memory of each axis after what was measured.
-        acceleration: commanded.
-    """
-
-    known: tuple[Any, ...]
-    acceleration: AngularAcceleration
-
-
-def _turning(
-    memory: tuple[Any, ...],
-    measurement: State,
-    attitude: Attitude,
-    rates: BodyRates,
-    acceleration: AngularAcceleration,
-    numbers: IncrementalAttitudeNumbers,
-    period: float,
-) -> IncrementalStep:
+def _turning(memory: tuple[Any, ...], *arguments: Any) -> tuple[tuple[Any, ...], AngularAcceleration]:
+    """Return the memory of each axis after what was measured, and the command; arguments of `incremental_torque`."""
+    measurement, attitude, rates, acceleration, numbers, period = arguments
+    gains = numbers.attitude
     # The rates alone are differentiated; the law has no use for the angles.
     measured = tuple([Measured(0.0, rate) for rate in (measurement.p, measurement.q, measurement.r)])
     known, disturbance = estimate(memory, measured, (numbers.law,) * 3, numbers.limit, period)
-    gains = numbers.attitude
     wanted = wanted_acceleration(measurement, attitude, rates, acceleration, gains.k_p, gains.k_d)
-    commanded = [whole - disturbing for whole, disturbing in zip(wanted, disturbance, strict=True)]
-    return IncrementalStep(known, AngularAcceleration(*commanded))
+    return known, AngularAcceleration._make(map(operator.sub, wanted, disturbance))
 
 
 def incremental_torque(

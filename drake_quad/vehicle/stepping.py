@@ -18,13 +18,11 @@ from drake_quad.signals import (
     BodyRates,
     Charge,
     Crashed,
-    PositionW,
     RotorSpeed,
     Row,
     State,
     Swing,
     Throttle,
-    VelocityW,
     Wind,
 )
 from drake_quad.vehicle.attitude_kinematics import AttitudeKinematics
@@ -148,7 +146,8 @@ def step_of_flight(
 
     def slope(stage: int, at: Moving, stage_before: Moving) -> Moving:
         rotors, elapsed = stages[stage]
-        height = body.z if stage == 0 else _height(body, stage_before.motion.v_z, elapsed, effects)
+        climbs = stage > 0 and effects.depend_on_height
+        height = body.z + elapsed * stage_before.motion.v_z if climbs else body.z
         motion = at.motion
         rates = attitude.rates(at.attitude, BodyRates(motion.p, motion.q, motion.r))
         axes = attitude.axes(at.attitude)
@@ -166,11 +165,6 @@ def step_of_flight(
     swing = None if moving.rod is None else swing_of(moving.rod)
     speeds = [rotors.speed for rotors in turned]
     return VehicleState(state, end.speed, swing, _charge_after(before.charge, speeds, parameters, effects, sixth))
-
-
-def _height(body: State, climb: VelocityW, time: Row, effects: Effects) -> PositionW:
-    """The height of a stage of the method, where it matters."""
-    return body.z + time * climb if effects.depend_on_height else body.z
 
 
 def _charge_after(

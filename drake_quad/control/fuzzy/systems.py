@@ -30,15 +30,22 @@ def layout_of_antecedents(antecedents: tuple[Antecedents, ...]) -> Layout:
     return layout_of(tuple[Antecedents, ...], antecedents)
 
 
+class Lead(NamedTuple):
+    """By which time what is done about a place comes before it."""
+
+    time: Time
+
+
 def firing_on_axes(
     antecedents: tuple[Antecedents, ...],
     axes: Sequence[Axis],
     inputs: Sequence[InputName],
     time: Row,
     lap_times: Sequence[float],
+    lead: Lead | None,
     *signals: Any,
 ) -> PerNetworkAxis:
-    """The firing strengths on each axis of a network.
+    """Return the firing strengths on each axis of a network.
 
     Args:
         antecedents: of all axes, or of each.
@@ -46,41 +53,20 @@ def firing_on_axes(
         inputs: of the rules.
         time: s.
         lap_times: when the laps of the route begin and the last one ends, s.
+        lead: time by which the place and the phase are ahead of those of now, if any.
         signals: from which the inputs follow, in the order of `signals_of`.
     """
     known = dict(zip(signals_of(inputs), signals, strict=True))
+    if lead is not None:
+        time = time + lead.time
+        if "measurement" in known:
+            known["measurement"] = moved_on(known["measurement"], lead.time)
     return tuple(
         [
             firing_strengths(input_values(axis, inputs, known, time, lap_times), sets)
             for axis, sets in zip(axes, _for_each(axes, antecedents), strict=True)
         ]
     )
-
-
-class Lead(NamedTuple):
-    """By which time what is done about a place comes before it."""
-
-    time: Time
-
-
-def firing_ahead_on_axes(
-    lead: Lead,
-    antecedents: tuple[Antecedents, ...],
-    axes: Sequence[Axis],
-    inputs: Sequence[InputName],
-    time: Row,
-    lap_times: Sequence[float],
-    *signals: Any,
-) -> PerNetworkAxis:
-    """The firing strengths of the place and the phase where the vehicle will be after a lead.
-
-    The other arguments are those of `firing_on_axes`.
-    """
-    ahead = [
-        moved_on(signal, lead.time) if name == "measurement" else signal
-        for name, signal in zip(signals_of(inputs), signals, strict=True)
-    ]
-    return firing_on_axes(antecedents, axes, inputs, time + lead.time, lap_times, *ahead)
 
 
 def _for_each(axes: Sequence[Axis], antecedents: tuple[Antecedents, ...]) -> tuple[Antecedents, ...]:
@@ -152,11 +138,11 @@ class FuzzyRules(FleetSystem):
             antecedents = self.parameter("antecedents", lambda numbers: numbers.antecedents)
         first, *_ = numbers.antecedents
         time, layout = TIME if "phase" in inputs else 0.0, layout_on_axes(len(axes), first.num_rules)
-        reads = antecedents, axes, inputs, time, tuple(lap_times), *signals
-        self.output("firing", firing_on_axes, *reads, layout=layout)
+        reads = antecedents, axes, inputs, time, tuple(lap_times)
+        self.output("firing", firing_on_axes, *reads, None, *signals, layout=layout)
         if leads:
             lead = self.parameter("lead", lambda numbers: numbers.lead)
-            self.output("firing_ahead", firing_ahead_on_axes, lead, *reads, layout=layout)
+            self.output("firing_ahead", firing_on_axes, *reads, lead, *signals, layout=layout)
 
 
 class LearningNumbers(NamedTuple):

@@ -242,18 +242,9 @@ def estimated(
     return where(before.begun != 0.0, after, _at_rest(measurement, after))
 
 
-def filter_after(
-    measurement: State,
-    before: KalmanState,
-    sent: Sent,
-    known: Acceleration | None,
-    numbers: LqgNumbers,
-    period: float,
-    loses_frames: bool,
-) -> KalmanState:
-    """The state of the filter after a frame; arguments as of `estimated`."""
-    estimate = estimated(measurement, before, sent, known, numbers, period, loses_frames)
-    return KalmanState(estimate, 1.0, measurement.x)
+def filter_after(measurement: State, *remembered: Any) -> KalmanState:
+    """Return the state of the filter after a frame; arguments are those of `estimated`."""
+    return KalmanState(estimated(measurement, *remembered), 1.0, measurement.x)
 
 
 def regulated(
