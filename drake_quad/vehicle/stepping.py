@@ -8,7 +8,6 @@ one, under their wrench by the classical fourth-order Runge–Kutta method. The 
 applies to the whole step.
 """
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple, TypeVar
 
 from drake_quad.framework.elementary import where
@@ -163,26 +162,16 @@ def step_of_flight(
     z = body.z + sixth * (motion_1.v_z + 2.0 * (motion_2.v_z + motion_3.v_z) + motion_4.v_z)
     state = State(x, y, z, *attitude.attitude(moving.attitude), *moving.motion)
     swing = None if moving.rod is None else swing_of(moving.rod)
-    speeds = [rotors.speed for rotors in turned]
-    return VehicleState(state, end.speed, swing, _charge_after(before.charge, speeds, parameters, effects, sixth))
-
-
-def _charge_after(
-    charge: Charge | None,
-    speeds: Sequence[RotorSpeed],
-    parameters: QuadrotorParameters,
-    effects: Effects,
-    sixth: float,
-) -> Charge | None:
-    """The charge drawn at the end of a step, of which a sixth is given (s), by the rotors' speeds over it."""
-    if effects.battery is None or charge is None:
-        return None
-    rate_1, rate_2, rate_3 = (_drawing(charge, speed, parameters, effects.battery).drawn for speed in speeds)
-    return Charge(charge.drawn + sixth * (rate_1 + 4.0 * rate_2 + rate_3))
+    charge = before.charge
+    if effects.battery is not None and charge is not None:
+        rates = (_drawing(charge, rotors.speed, parameters, effects.battery) for rotors in turned)
+        (rate_1,), (rate_2,), (rate_3,) = rates
+        charge = Charge(charge.drawn + sixth * (rate_1 + 4.0 * rate_2 + rate_3))
+    return VehicleState(state, end.speed, swing, charge)
 
 
 def _drawing(charge: Charge, speed: RotorSpeed, parameters: QuadrotorParameters, battery: Battery) -> Charge:
-    """The rate at which rotors draw charge."""
+    """Return the rate at which rotors draw charge."""
     return drawn_per_second(terminals(charge, rotor_power(speed, parameters), battery).current)
 
 
