@@ -139,27 +139,19 @@ class _Declared(Block):
         return *outputs, *updates, *map(_signature, self.system.initializations)
 
     def output(self, index: int, around: Around) -> Rows:
-        shown = self._shown(index)
-        if isinstance(shown, StateGroup):
-            return around.state(_number(shown))
-        (rows,) = _computed(shown, around)
+        (rows,) = _computed(self._shown(index), around)
         return rows
 
     def passes(self, index: int) -> Sequence[int]:
-        shown = self._shown(index)
-        if isinstance(shown, StateGroup):
-            return ()
-        return [int(read.index) for read in shown.reads if isinstance(read, Input)]
+        return [int(read.index) for read in self._shown(index).reads if isinstance(read, Input)]
 
-    def _shown(self, index: int) -> Computation | StateGroup:
-        shown: Computation | StateGroup = self.system.outputs[self.system.get_output_port(index).get_name()]
+    def _shown(self, index: int) -> Computation:
+        shown: Computation = self.system.outputs[self.system.get_output_port(index).get_name()]
         return shown
 
 
-def _signature(shown: Computation | StateGroup) -> tuple[Any, ...]:
+def _signature(shown: Computation) -> tuple[Any, ...]:
     """All that a computation depends on, beside what it reads."""
-    if isinstance(shown, StateGroup):
-        return ("state", _number(shown))
     reads: list[tuple[Any, ...]] = []
     for read in shown.reads:
         if isinstance(read, Input):

@@ -42,6 +42,7 @@ from pydrake.systems.framework import (
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from drake_quad.errors import entry
+from drake_quad.framework.elementary import identity
 from drake_quad.framework.formulas import INTERPRETED, TIME, TickOf, interpret, kernel, packed
 from drake_quad.framework.records import ABSENT, Layout, check_signs, layout_of
 from drake_quad.signals import SIGNALS
@@ -241,7 +242,7 @@ class FleetSystem(_Base):
         parameters: the numeric parameters, by name.
         states: the groups of the state, by name.
         random_inputs: the input ports for random numbers, by name.
-        outputs: what is computed for each output port, by name, or the state that it shows.
+        outputs: what is computed for each output port, by name.
         updates: what is computed at periodic events.
         initializations: what is computed when a simulation begins.
         packed: the layouts of the signals that the only output port packs, by name; empty if it packs none.
@@ -258,7 +259,7 @@ class FleetSystem(_Base):
         self.parameters: dict[str, Parameter] = {}
         self.states: dict[str, StateGroup] = {}
         self.random_inputs: dict[str, RandomInput] = {}
-        self.outputs: dict[str, Computation | StateGroup] = {}
+        self.outputs: dict[str, Computation] = {}
         self.updates: list[Update] = []
         self.initializations: list[Computation] = []
         self.packed: dict[str, Layout] = {}
@@ -356,7 +357,7 @@ class FleetSystem(_Base):
 
     def state_output(self, group: StateGroup) -> None:
         """Declares an output port that shows a group of the discrete state, under its name."""
-        self.outputs[group.name] = group
+        self.outputs[group.name] = Computation(identity, [group], [group.layout])
         if self.num_vehicles == 1:
             self.DeclareStateOutputPort(group.name, group.index)
             return

@@ -61,17 +61,8 @@ def silu(x: Row) -> Row:
     return x * sigmoid(x)
 
 
-ACTIVATIONS: dict[Activation, Callable[..., Row]] = {
-    "identity": identity,
-    "relu": relu,
-    "tanh": tanh,
-    "sigmoid": sigmoid,
-    "elu": elu,
-    "silu": silu,
-    "leaky_relu": leaky_relu,
-    "gelu": gelu,
-    "gelu_tanh": gelu_tanh,
-}
+_FORMULAS: tuple[Callable[..., Row], ...] = (identity, relu, tanh, sigmoid, elu, silu, leaky_relu, gelu, gelu_tanh)
+ACTIVATIONS = {formula.__name__: formula for formula in _FORMULAS}
 """The functions of activations, by name."""
 
 WITH_ALPHA: tuple[Activation, ...] = ("elu", "leaky_relu")
