@@ -7,6 +7,7 @@ them up or hold them.
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,7 +26,6 @@ from pydrake.systems.primitives import (
 from drake_quad.compilation.trace import Around, Rows
 from drake_quad.errors import InputError
 from drake_quad.framework.broadcast import Broadcast
-from drake_quad.framework.elementary import total
 from drake_quad.framework.fleet_system import Computation, FleetSystem, Input, Parameter, StateGroup
 from drake_quad.framework.formulas import TIME, TickOf, told_apart, traced
 from drake_quad.framework.records import ABSENT
@@ -227,7 +227,7 @@ class _Multiplexer(Block):
 class _Adder(Block):
     def output(self, index: int, around: Around) -> Rows:
         inputs = [_connected(around.input(number)) for number in range(self.system.num_input_ports())]
-        return [total(rows) for rows in zip(*inputs, strict=True)]
+        return reduce(lambda total, rows: [a + b for a, b in zip(total, rows, strict=True)], inputs)
 
 
 class _Gain(Block):
