@@ -167,6 +167,12 @@ class Computation:
             for read in self.reads
             if isinstance(read, _Read)
         ]
+        # By place among the sources, since this is looked up thousands of times a second.
+        reads_and_places = [(place, read) for place, (read, target) in enumerate(self._sources) if target is None]
+        self._inputs = [(place, read.index) for place, read in reads_and_places if isinstance(read, Input)]
+        self._parameters = [(place, read.index) for place, read in reads_and_places if isinstance(read, Parameter)]
+        self._states = [(place, read.index) for place, read in reads_and_places if isinstance(read, StateGroup)]
+        self._own = [(place, target) for place, (_, target) in enumerate(self._sources) if target is not None]
         self._kernels: dict[tuple[Any, ...], Callable[..., None]] = {}
 
     def tickets(self, system: "FleetSystem") -> set[Any]:
@@ -181,37 +187,49 @@ class Computation:
         if system.scalar is not float or INTERPRETED:
             self.interpret(system, context, vectors)
             return
-        read, absent = self._vectors(system, context, vectors)
-        targets, sources = [vector.get_mutable_value() for vector in vectors], [vector.value() for vector in read]
+        targets = [vector.get_mutable_value() for vector in vectors]
+        sources: list[Any] = [None] * len(self._sources)
+        absent: tuple[Any, ...] = ()
+        for place, index in self._inputs:
+            vector = system.EvalVectorInput(context, index)
+            if vector is None:
+                absent += (index,)
+            else:
+                sources[place] = vector.value()
+        for place, index in self._parameters:
+            sources[place] = context.get_numeric_parameter(index).value()
+        for place, index in self._states:
+            if index is None:
+                sources[place] = context.get_continuous_state_vector().CopyToVector()
+            else:
+                sources[place] = context.get_discrete_state(index).value()
+        for place, target in self._own:
+            sources[place] = targets[target]
+        if absent:
+            sources = [source for source in sources if source is not None]
         run = self._kernels.get(absent) or self._made(absent, lone=system.num_vehicles == 1)
         run(system.num_vehicles, context.get_time() if self._timed else 0.0, *targets, *sources)
 
     def interpret(self, system: "FleetSystem", context: Context, vectors: Sequence[Any]) -> None:
         """The same without machine code."""
-        read, absent = self._vectors(system, context, vectors)
+        sources: list[Any] = []
+        absent: tuple[Any, ...] = ()
+        for read, place in self._sources:
+            vector = read.vector(system, context) if place is None else vectors[place]
+            if vector is None:
+                absent += (read.index,)
+            else:
+                sources.append(vector.CopyToVector())
         results = interpret(
             self.formula,
             self._arguments(absent),
-            [vector.CopyToVector() for vector in read],
+            sources,
             self.results,
             system.num_vehicles,
             context.get_time() if self._timed else 0.0,
         )
         for vector, elements in zip(vectors, results, strict=True):
             vector.SetFromVector(elements.astype(system.scalar))
-
-    def _vectors(
-        self, system: "FleetSystem", context: Context, written: Sequence[Any]
-    ) -> tuple[list[Any], tuple[Any, ...]]:
-        """Return the BasicVectors that are read, and the indices of the input ports to which nothing is connected."""
-        vectors, absent = [], []
-        for read, place in self._sources:
-            vector = read.vector(system, context) if place is None else written[place]
-            if vector is None:
-                absent.append(read.index)
-            else:
-                vectors.append(vector)
-        return vectors, tuple(absent)
 
     def _made(self, absent: tuple[Any, ...], *, lone: bool) -> Callable[..., None]:
         self._kernels[absent] = kernel(self.formula, self._arguments(absent), self.results, lone=lone)
