@@ -215,8 +215,7 @@ class Symbol:
         name = function.__name__
         if name not in _UFUNCS or method != "__call__" or options:
             raise TypeError(f"numpy.{name} does not take a row that is not known yet; {ALLOWED}")
-        comparison = name.startswith(("less", "greater", "equal", "not_equal"))
-        return operation(name, *inputs, kind=SymbolKind.TRUTH if comparison else None)
+        return operation(name, *inputs)
 
     def __float__(self) -> float:
         raise TypeError(f"a row that is not known yet is not a float, as the functions of math take it; {ALLOWED}")
