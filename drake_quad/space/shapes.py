@@ -8,7 +8,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +16,7 @@ from pydrake.geometry.optimization import CartesianProduct, ConvexSet, HPolyhedr
 from pydrake.math import RollPitchYaw
 
 from drake_quad.errors import InputError, shown
-from drake_quad.framework.elementary import maximum, minimum, sqrt, where
+from drake_quad.framework.elementary import dot, maximum, minimum, sqrt, total, where
 from drake_quad.signals import Row
 
 Vector = tuple[float, float, float]
@@ -92,7 +92,7 @@ class Cuboid(_Solid):
         """How far a point of W is from the surface, m; negative inside."""
         beyond = [abs(p) - 0.5 * size for p, size in zip(self.within(x, y, z), self.size, strict=True)]
         outside = _norm([maximum(0.0, each) for each in beyond])
-        return outside + minimum(0.0, _most(beyond))
+        return outside + minimum(0.0, reduce(maximum, beyond))
 
     def corners(self) -> np.ndarray:
         """(8, 3), m."""
@@ -138,7 +138,7 @@ class Cylinder(_Solid):
         """How far a point of W is from the surface, m; negative inside."""
         p_x, p_y, p_z = self.within(x, y, z)
         beyond = [_norm([p_x, p_y]) - self.radius, abs(p_z) - 0.5 * self.height]
-        return _norm([maximum(0.0, each) for each in beyond]) + minimum(0.0, _most(beyond))
+        return _norm([maximum(0.0, each) for each in beyond]) + minimum(0.0, reduce(maximum, beyond))
 
     def convex_set(self) -> ConvexSet:
         """The same, for Drake's optimisation."""
@@ -240,7 +240,7 @@ class Hull:
             towards = where(beyond > farthest, normal, towards)
             farthest = where(beyond > farthest, beyond, farthest)
         projected = tuple(each - farthest * n for each, n in zip(p, towards, strict=True))
-        outside = _most([_product(normal, projected) - offset for normal, offset in faces])
+        outside = reduce(maximum, [_product(normal, projected) - offset for normal, offset in faces])
         in_face = (outside <= self._tolerance) | (farthest <= 0.0)
         return where(in_face, farthest, sqrt(self._to_edges_squared(p)))
 
@@ -348,22 +348,15 @@ def placed(points: ArrayLike, *, centre: Vector = _LEVEL, rotation: Vector = _LE
 def _product(normal: Sequence[float], rows: Sequence[Row]) -> Row:
     """The product of a known vector and rows, without what is multiplied by nothing or by one."""
     terms = [row if n == 1.0 else n * row for n, row in zip(normal, rows, strict=True) if n != 0.0]
-    return sum(terms[1:], terms[0])
+    return total(terms)
 
 
 def _squared(rows: Sequence[Row]) -> Row:
-    return sum([each * each for each in rows[1:]], rows[0] * rows[0])
+    return dot(rows, rows)
 
 
 def _norm(rows: Sequence[Row]) -> Row:
     return sqrt(_squared(rows))
-
-
-def _most(rows: Sequence[Row]) -> Row:
-    most = rows[0]
-    for row in rows[1:]:
-        most = maximum(most, row)
-    return most
 
 
 def _check_pose(solid: _Solid) -> None:

@@ -61,18 +61,8 @@ class AttitudeChain(NamedTuple):
     bias: Row
 
 
-class LaggingAttitudeChain(NamedTuple):
+class LaggingAttitudeChain(TorqueChain):
     """Along X or Y, with the loops of an autopilot on board behind the lag of the rotors."""
-
-    position: Row
-    velocity: Row
-    thrust: Row
-    jerk: Row
-    snap: Row
-    first: Row
-    second: Row
-    second_rate: Row
-    bias: Row
 
 
 class VerticalChain(NamedTuple):
