@@ -5,6 +5,8 @@ import pytest
 
 from drake_quad.flight.mission import plan_route
 from drake_quad.linear.disturbances import disturbances_along, spectrum
+from drake_quad.planning.believed import nominal_parameters
+from drake_quad.planning.feasibility import plan_demand
 from drake_quad.scenario.batch import Batch
 
 HOVER = "route={kind: hover, position: [0, 0, 1], duration: 0.4}"
@@ -34,6 +36,23 @@ def test_a_path_is_held_back_by_the_drag_of_its_velocity(asymmetric):
     times = found.step * np.arange(found.acceleration.shape[1])
     velocity = plan.derivative(1).vector_values(times)
     np.testing.assert_allclose(found.acceleration[:, :, 0], -0.12 / 0.7 * velocity, atol=1e-9)
+
+
+def test_planned_torques_turn_a_vehicle_with_another_inertia_by_euler_s_equations(asymmetric):
+    """The torque of the plan is I ω̇ + ω × I ω, of the believed inertia and the planned body rates ω."""
+    believed, own = np.array([0.0065, 0.0085, 0.0126]), np.array([0.0071, 0.0079, 0.0131])
+    scenario = asymmetric("pid", *CLEAN, "vehicle.rotor_inertia=0", "nominal.rotor_inertia=0")
+    plan = plan_route(scenario)
+    step, _, turning = disturbed(scenario)
+    times, h = step * np.arange(1, turning.shape[1] - 1), 1e-4
+    before, rates, after = (
+        np.transpose(plan_demand(plan, nominal_parameters(scenario), times + late).body_rates) for late in (-h, 0.0, h)
+    )
+    slopes = (after - before) / (2.0 * h)
+    torques = believed * slopes + np.cross(rates, believed * rates)
+    expected = (torques - np.cross(rates, own * rates)) / own - slopes
+    assert np.abs(expected[:, :2]).max(axis=0).min() > 0.01
+    np.testing.assert_allclose(turning[:, 1:-1, 0], expected[:, :2].T, atol=1e-7)
 
 
 def test_a_centre_of_mass_beside_the_middle_turns_each_vehicle_as_it_is_drawn(asymmetric):
