@@ -172,6 +172,15 @@ def test_what_cannot_be_read_is_told_in_a_sentence(read, data, words):
         read(data)
 
 
+def test_a_mapping_for_a_ulog_needs_no_time(read, tmp_path):
+    mapping = tmp_path / "mapping.yaml"
+    columns = ", ".join(f"'vehicle_angular_velocity.xyz[{i}]'" for i in range(3))
+    mapping.write_text(f"signals: {{body_rates: {{columns: [{columns}], frame: FRD}}}}")
+    record = read(GOOD, mapping)
+    np.testing.assert_allclose(record.body_rates[:, 0], record.time, atol=1e-6)
+    assert len(record.time) == 251
+
+
 @pytest.mark.parametrize(
     ("topic", "words"), [("wind", "the topic wind holds itself"), ("deep", "the topic wind has 25,000,001 fields")]
 )

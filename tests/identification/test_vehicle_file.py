@@ -311,6 +311,21 @@ def test_an_attitude_s_response_takes_the_place_of_what_is_on_board(root, tmp_pa
         write_vehicle(tmp_path / "half.yaml", "half", estimates_of(dict([*found.items()][:5])), base=base)
 
 
+def test_a_response_of_the_attitude_is_laid_over_a_laboratory_with_an_attitude_controller(root, tmp_path):
+    """It takes the place of that controller; of the reference only the acceleration can be fed forward."""
+    found = {f"autopilot.{name}[{i}]": (9.0, 0.2) for name in ("natural_frequency", "damping") for i in range(3)}
+    own = tmp_path / "own.yaml"
+    write_vehicle(own, "own", estimates_of(found), base=root / "diagrams" / "vehicles" / "crazyflie.yaml")
+    laboratory = f"{root / 'diagrams' / 'laboratory.yaml'}:low_wind"
+    gains = [root / "diagrams" / "gains" / "laboratory.yaml"]
+    control = load_scenario(laboratory, layers=gains).control
+    assert control.attitude is not None
+    assert control.position.feed_forward == "snap"
+    with_response = load_scenario(laboratory, layers=[*gains, own]).control
+    assert with_response.attitude is None
+    assert with_response.position == control.position.model_copy(update={"feed_forward": "acceleration"})
+
+
 def test_what_a_base_draws_is_still_drawn(base, tmp_path):
     """Of a list, the items that were not estimated."""
     own = tmp_path / "own.yaml"
