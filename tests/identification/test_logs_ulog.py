@@ -378,6 +378,14 @@ def test_resets_and_faults_of_the_estimator_and_failsafes_are_reported(read):
     assert not said(record, "vehicle_land_detected")  # it has no signal that could be read
 
 
+def test_times_in_remarks_are_those_since_the_first_sample_of_any_signal(read):
+    fields = [("float[4]", "q"), ("uint8_t", "quat_reset_counter"), ("float[4]", "delta_q_reset")]
+    turned = rows(10_000, lambda t: (1.0, 0.0, 0.0, 0.0, int(t > 0.495), 1.0, 0.1, 0.0, 0.0))
+    late = rows(10_000, lambda t: (t, *[0.0] * 5), start=1_200_000, duration=800_000)
+    record = read(ulog({"vehicle_attitude": (fields, turned), "vehicle_local_position": (LOCAL, late)}))
+    assert said(record, "resets its attitude once, at most by 0.2 rad, first at 0.5 s of the log")
+
+
 @pytest.mark.parametrize("bytes_left", [1, 7, 20])
 def test_a_log_that_is_cut_is_reported(read, bytes_left):
     whole = ulog(TURNING_VEHICLE)

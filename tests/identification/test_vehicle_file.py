@@ -228,6 +228,7 @@ def test_every_number_says_what_is_known_of_it(written):
         "inertia[2] is as in what this extends: the vehicle never turned about its vertical axis",
         "A gap of 0.2 s at 12.3 s was left out.",
         "one lag was found for both directions\n    rotor_time_constant_down: null",
+        "a curve that the autopilot can invert: it rises, and is the measured one at hover\n        - ",
     ):
         assert words in text
     assert all(len(line) <= 120 for line in written.read_text().splitlines() if line.lstrip().startswith("#"))
