@@ -285,7 +285,7 @@ def test_a_fit_ends_where_whitened_errors_are_least_and_windows_go_on_from_one_a
 
 
 def test_a_yaw_that_jumps_between_half_turns_is_predicted_like_one_that_does_not(scenario, log, values):
-    turned = log.attitude + [0.0, 0.0, np.pi - log.attitude[:, 2].mean()]
+    turned = log.attitude + np.array([0.0, 0.0, np.pi - log.attitude[:, 2].mean()])
     jumping = np.where(turned > np.pi, turned - 2.0 * np.pi, turned)
     assert np.count_nonzero(np.abs(np.diff(jumping[:, 2])) > 6.0) > 20
     noise = PredictionNoise(np.repeat([1e-3, 4e-3], 3), np.full(6, 0.3), np.full(6, 0.5))

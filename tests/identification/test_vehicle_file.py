@@ -327,6 +327,21 @@ def test_a_response_of_the_attitude_is_laid_over_a_laboratory_with_an_attitude_c
     assert with_response.position == control.position.model_copy(update={"feed_forward": "acceleration"})
 
 
+def test_a_base_without_a_response_of_the_attitude_needs_none(root, tmp_path):
+    base = root / "diagrams" / "vehicles" / "crazyflie.yaml"
+    path = write_vehicle(tmp_path / "new.yaml", "new", estimates_of({"mass": (0.03345, 2e-4)}), base=base)
+    assert load_undesigned(path).laboratory.autopilot == load_undesigned(base).laboratory.autopilot
+
+
+def test_of_a_response_that_the_base_has_some_numbers_may_be_estimated(root, tmp_path):
+    base = f"{root / 'diagrams' / 'vehicles' / 'neural_fly.yaml'}:neural_fly"
+    found = {f"autopilot.natural_frequency[{i}]": (9.0 + i, 0.2) for i in range(3)}
+    path = write_vehicle(tmp_path / "new.yaml", "new", estimates_of(found), base=base)
+    autopilot = load_undesigned(path).laboratory.autopilot
+    assert [each.normal.mean for each in autopilot.natural_frequency] == [9.0, 10.0, 11.0]
+    assert autopilot.damping == load_undesigned(base).laboratory.autopilot.damping
+
+
 def test_what_a_base_draws_is_still_drawn(base, tmp_path):
     """Of a list, the items that were not estimated."""
     own = tmp_path / "own.yaml"
