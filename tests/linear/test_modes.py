@@ -82,6 +82,13 @@ def test_units_of_states_and_inputs_do_not_decide_what_is_moved():
     assert len(uncontrollable(A, 0.0 * B)) == 3
 
 
+@pytest.mark.parametrize("rate", [1.0, 1e7])
+def test_fast_modes_that_no_input_moves_are_found_in_spite_of_rounding(rate):
+    T = np.random.default_rng(0).normal(size=(3, 3))
+    A = rate * T @ np.diag([-1.0, 0.25, -3.0]) @ np.linalg.inv(T)
+    np.testing.assert_allclose(sorted(uncontrollable(A, T[:, :1]).real / rate), [-3.0, 0.25], rtol=1e-6)
+
+
 def test_what_is_not_moved_is_known_by_its_eigenvalue():
     A, B = np.diag([-1.0, 0.25, -3.0]), np.array([[1.0], [0.0], [0.0]])
     np.testing.assert_allclose(sorted(uncontrollable(A, B).real), [-3.0, 0.25])
@@ -99,6 +106,7 @@ def test_what_is_not_moved_is_known_by_its_eigenvalue():
         (0.5, 0.02, True),
         (-0.99, 0.02, True),
         (1.0, 0.02, False),
+        (1.0 - 1e-12, 0.02, False),
         (-1.0, 0.02, False),
         (-1.5, 0.02, False),
     ],
