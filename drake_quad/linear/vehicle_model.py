@@ -95,8 +95,7 @@ def find_trim(
         v_x, v_y, v_z = velocity
         axes, motion = BodyAxes.of(roll, pitch, yaw), Motion(v_x, v_y, v_z, 0.0, 0.0, 0.0)
         rotors = turning(RotorSpeed(*speeds), RotorSpeed(*speeds), parameters, effects)
-        rod = None if effects.slung_load is None else rod_of(HANGING)
-        found = accelerations(axes, motion, rod, position[2], rotors, Wind(*wind), parameters, effects)
+        found = accelerations(axes, motion, rod_of(HANGING), position[2], rotors, Wind(*wind), parameters, effects)
         return np.array(found.motion)
 
     program = MathematicalProgram()
