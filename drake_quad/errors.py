@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 _Entry = TypeVar("_Entry")
 
-# Characters of an error message: a sentence, even with a long path in it.
+# Largest number of characters of an error message, which is a sentence that may contain a long path.
 _MOST = 400
 
 
@@ -29,7 +29,7 @@ class InputWarning(UserWarning):
 
 
 def whole_number(value: Any, name: str, *, least: int, most: int | None = None) -> int:
-    """A whole number that a caller gave.
+    """Return a whole number that a caller gave.
 
     Args:
         value: that was given.
@@ -68,7 +68,7 @@ def entry(table: Mapping[str, _Entry], name: str, kind: str) -> _Entry:
 
 
 def shortened(text: str, most: int = 60) -> str:
-    """A text as part of a sentence: what cannot be printed escaped, and the middle left out if it is too long.
+    """Return a text as part of a sentence: what cannot be printed escaped, and the middle left out if it is too long.
 
     Args:
         text: of any length, with any characters.
@@ -83,7 +83,7 @@ def shortened(text: str, most: int = 60) -> str:
 
 
 def shown(value: Any) -> str:
-    """A value as part of a sentence."""
+    """Return a value as part of a sentence."""
     return shortened(repr(value))
 
 

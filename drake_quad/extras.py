@@ -5,7 +5,7 @@ from typing import Any
 
 
 def needed(module: str, extra: str) -> Any:
-    """Returns a module of an extra.
+    """Return a module of an extra.
 
     Args:
         module: its name.

@@ -17,7 +17,7 @@ from drake_quad.written_numbers import float_in
 
 
 def output_folder(path: Path) -> Path:
-    """Creates a folder if need be and returns it.
+    """Create a folder if need be and return it.
 
     Raises:
         InputError: it cannot be created or written to.
@@ -48,7 +48,7 @@ def write_whole(path: Path, write: Callable[[Path], None]) -> Path:
 
 
 def write_text(path: Path, text: str) -> Path:
-    """Writes a text file whole and returns the path."""
+    """Write a text file whole and return the path."""
 
     def write(target: Path) -> None:
         target.write_text(text, encoding="utf-8")
@@ -57,7 +57,7 @@ def write_text(path: Path, text: str) -> Path:
 
 
 def write_table(path: Path, columns: Mapping[str, Iterable[Any]], *, digits: int = 17) -> Path:
-    """Writes columns of equal length as CSV and returns the path.
+    """Write columns of equal length as CSV and return the path.
 
     Args:
         path: of the file.

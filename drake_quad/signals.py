@@ -3,6 +3,7 @@
 World frame W: Z up. Body frame B: x forward, y to the left, z up. The yaw turns from X towards Y.
 """
 
+import functools
 from typing import Annotated, Any, Literal, NamedTuple, get_args, get_type_hints
 
 # One number a vehicle: a float for one, an array for a fleet, or whatever Drake or the compiler put in their place
@@ -294,14 +295,15 @@ def row_names(name: str, num_rows: int) -> list[str]:
 def quantities(name: str, num_rows: int) -> list[Quantity]:
     """The quantities of the rows of a signal of one vehicle."""
     kind = SIGNALS[name]
-    if not hasattr(kind, "_fields"):
-        row, *_ = get_args(kind)
-        return [_quantity(row)] * num_rows
-    hints = get_type_hints(kind, include_extras=True)
-    return [_quantity(hints[field]) for field in kind._fields]
+    if hasattr(kind, "_fields"):
+        return list(field_quantities(kind).values())
+    row, *_ = get_args(kind)
+    return [*row.__metadata__] * num_rows
 
 
-def _quantity(row: Any) -> Quantity:
-    _, quantity = get_args(row)
-    found: Quantity = quantity
-    return found
+@functools.cache
+def field_quantities(kind: Any) -> dict[str, Quantity]:
+    """Return the quantities of the fields of a record, by name; fields of other kinds are left out."""
+    hints = get_type_hints(kind, include_extras=True).items()
+    extras = ((name, extra) for name, hint in hints for extra in getattr(hint, "__metadata__", ()))
+    return {name: extra for name, extra in extras if isinstance(extra, Quantity)}

@@ -1,6 +1,5 @@
 """Measure the speed of single flights, fleets, studies and planning, and print tables in Markdown."""
 
-import argparse
 import gc
 import itertools
 import math
@@ -24,6 +23,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from drake_quad import Scenario, load_scenario
 from drake_quad.assembly.user_systems import UserSystems
+from drake_quad.command_line.options import bare_parser
 from drake_quad.fleets.fleet_simulation import simulate_fleet
 from drake_quad.flight.mission import plan_route
 from drake_quad.planning.duration import flight_duration
@@ -73,11 +73,7 @@ _COSTLIER: dict[str, tuple[Path, list[str]]] = {
 
 
 def main() -> None:
-    options = argparse.ArgumentParser(
-        description=__doc__,
-        epilog="example: python scripts/benchmark.py --quick",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    options = bare_parser(__doc__, "python scripts/benchmark.py --quick")
     options.add_argument("--quick", action="store_true", help="fewer repetitions and sizes")
     quick = options.parse_args().quick
     repetitions = 5 if quick else 15

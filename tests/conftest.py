@@ -59,10 +59,10 @@ def _ctrl_c():
 @pytest.fixture(autouse=True)
 def _no_further_members():
     """Members of unions and effects that a test registers are removed after it."""
-    before = {registry: registry.names for registry in REGISTRIES}
+    before = {registry: {*registry.members} for registry in REGISTRIES}
     yield
     for registry, names in before.items():
-        for name in {*registry.names} - {*names}:
+        for name in {*registry.members} - names:
             registry.remove(name)
 
 

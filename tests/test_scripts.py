@@ -21,7 +21,8 @@ from drake_quad.signals import State
 
 ROOT = Path(__file__).parent.parent
 SCRIPTS = sorted(path for path in (ROOT / "scripts").glob("*.py") if path.name != "benchmark.py")
-TOOLS = [ROOT / "scripts" / "benchmark.py", *sorted((ROOT / "scripts" / "development").glob("*.py"))]
+DEVELOPMENT = sorted((ROOT / "scripts" / "development").glob("*.py"))
+TOOLS = [path for path in (ROOT / "scripts" / "benchmark.py", *DEVELOPMENT) if "__main__" in path.read_text()]
 MAX_LINES = 60
 
 scripts = pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)

@@ -61,7 +61,7 @@ def laboratory_recipes(batch: Batch, plan: Plan, duration: float) -> dict[str, R
 def build_laboratory_of(
     recipes: dict[str, Recipe], num_vehicles: int, samples: Samples | Exported | None, *, own_wind: Any = None
 ) -> Diagram:
-    """Builds a laboratory.
+    """Build a laboratory.
 
     Args:
         recipes: of its parts.
@@ -77,7 +77,7 @@ def build_laboratory_of(
 
 
 def wind_period(scenario: Scenario) -> float:
-    """How long wind is held, s."""
+    """Return the sampling period of the wind, s."""
     return scenario.vehicle.time_step or scenario.laboratory.motion_capture.period
 
 
@@ -85,18 +85,17 @@ def build_monitor(scenario: Scenario, plan: Plan, num_vehicles: int) -> FlightMo
     """Build the monitor for flights of a plan in a scenario."""
     space, tilt = space_of(scenario), scenario.crash.tilt
     solids = () if space is None else tuple(obstacle.shape for obstacle in space.obstacles)
-    monitor: FlightMonitor = FlightMonitor(
+    return FlightMonitor(
         num_vehicles=num_vehicles,
         period=scenario.laboratory.command_link.period,
         limits=record_like(CrashLimits, scenario.crash, tilt=math.inf if tilt is None else tilt),
         surroundings=Surroundings(solids, 0.0 if space is None else space.radius),
         window=Window(window_start(scenario, plan), window_end(scenario, plan)),
     )
-    return monitor
 
 
 def vehicle_parameters(vehicle: Any) -> QuadrotorParameters:
-    """The parameters of the vehicle of a scenario, or of a `Batch.fleet_scenario`, as it is."""
+    """Return the parameters of the vehicle of a scenario, or of a `Batch.fleet_scenario`, as it is."""
     rotors = rotors_of(vehicle)
     factors = (b * (1.0 + error) for b, error in zip(rotors.thrust_factors, vehicle.thrust_factor_error, strict=True))
     return record_like(QuadrotorParameters, vehicle, rotors=rotors.with_thrust_factors(*factors))
@@ -114,7 +113,7 @@ def _allocation(scenario: Scenario) -> Recipe:
 
 
 def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Recipe:
-    """The vehicle, with its attitude's response to commands where that is known as a whole."""
+    """Return the vehicle, with its attitude's response to commands where that is known as a whole."""
     vehicle = scenario.vehicle
     effects = fleet.vehicle.effect_numbers()
     structure = {
@@ -130,8 +129,7 @@ def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Rec
     x, y, z = plan.waypoints[0]
     place = Place(float(x), float(y), float(z), plan.initial_yaw)
     numbers = QuadrotorNumbers(parameters, _faults(fleet.vehicle, duration), place, effects)
-    recipe: Recipe = fleet.laboratory.autopilot.vehicle_recipe(structure, numbers)
-    return recipe
+    return fleet.laboratory.autopilot.vehicle_recipe(structure, numbers)
 
 
 def jump_times(batch: Batch) -> tuple[float, ...]:
@@ -152,35 +150,31 @@ def _faults(fleet: Any, duration: float) -> RotorFaults:
 
 
 def _check_step(fleet: Any) -> None:
-    """Raises InputError if drag or swings of a load are too fast for steps of the vehicle to be stable."""
+    """Raise InputError if drag or swings of a load are too fast for steps of the vehicle to be stable."""
     vehicle, sources = fleet.vehicle, fleet.laboratory.wind
     airspeed = speed(steady_wind(sources)) + sum(source.max_speed() for source in sources)
     drag = vehicle.linear_drag + 2.0 * vehicle.quadratic_drag * airspeed
     effects = vehicle.effects()
     steepest = sum(effect.max_slope(vehicle, airspeed) for effect in effects.values())
-    rate = np.max((drag + steepest) / vehicle.mass)
-    if vehicle.time_step * rate > _STABLE:
-        raise InputError(
-            f"vehicle.time_step is {vehicle.time_step:g} s, too long for this much drag, which carries a vehicle along"
-            f" within {1.0 / rate:.2g} s; shorten it, or make it 0 for a continuous state"
-        )
-    for name, effect in effects.items():
-        swings = np.max(effect.natural_frequency(vehicle))
-        if vehicle.time_step * swings > _STABLE:
+    rates = {
+        "this much drag, which carries a vehicle along within {time:.2g} s": (drag + steepest) / vehicle.mass,
+        **{
+            f"this {name.replace('_', ' ')}, which swings with {{rate:.2g}} rad/s": effect.natural_frequency(vehicle)
+            for name, effect in effects.items()
+        },
+        "an attitude that responds within {time:.2g} s": fleet.laboratory.autopilot.fastest_decay(),
+    }
+    for what, row in rates.items():
+        rate = np.max(row)
+        if vehicle.time_step * rate > _STABLE:
             raise InputError(
-                f"vehicle.time_step is {vehicle.time_step:g} s, too long for this {name.replace('_', ' ')}, which"
-                f" swings with {swings:.2g} rad/s; shorten it, or make it 0 for a continuous state"
+                f"vehicle.time_step is {vehicle.time_step:g} s, too long for {what.format(time=1.0 / rate, rate=rate)};"
+                " shorten it, or make it 0 for a continuous state"
             )
-    fastest = fleet.laboratory.autopilot.fastest_decay()
-    if vehicle.time_step * fastest > _STABLE:
-        raise InputError(
-            f"vehicle.time_step is {vehicle.time_step:g} s, too long for an attitude that responds within"
-            f" {1.0 / fastest:.2g} s; shorten it, or make it 0 for a continuous state"
-        )
 
 
 def _command_link(scenario: Scenario, fleet: Any, yaw: float) -> Recipe:
-    """The link, which carries what hovers until the first packet arrives.
+    """Return the link, which carries what hovers until the first packet arrives.
 
     Args:
         scenario: it is of.
@@ -200,8 +194,7 @@ def _autopilot(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
     """Return the recipe for what stands on board between link and allocation, if anything does."""
     written, believed = scenario.laboratory.autopilot, nominal_parameters(scenario)
     heeds_attitude = not scenario.control.commands_rates_alone()
-    recipes: dict[str, Recipe] = fleet.recipes(believed, written=written, heeds_attitude=heeds_attitude)
-    return recipes
+    return fleet.recipes(believed, written=written, heeds_attitude=heeds_attitude)
 
 
 def _wind(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:

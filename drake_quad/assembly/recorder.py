@@ -8,7 +8,7 @@ from pydrake.systems.primitives import Multiplexer, VectorLogSink, ZeroOrderHold
 
 
 def build_recorder(signals: Mapping[str, int], *, period: float) -> Diagram:
-    """Builds a diagram `recorder` with one input port for each signal, which keeps them all at every tick.
+    """Build a diagram `recorder` with one input port for each signal, which keeps them all at every tick.
 
     A log publishes before the updates of its instant and would see a stepping vehicle one period late. So a hold
     samples all signals at the tick, as every discrete update does, and the log reads the hold at the next tick.
@@ -41,7 +41,7 @@ def clear_recorder(recorder: Diagram, context: Context) -> None:
 
 
 def read_recorder(recorder: Diagram, context: Context) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Returns what a recorder has kept since time zero.
+    """Return what a recorder has kept since time zero.
 
     Args:
         recorder: from `build_recorder`.

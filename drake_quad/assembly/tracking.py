@@ -26,25 +26,11 @@ from drake_quad.reference.source import build_reference
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.models import Scenario
 
-# What is exported, and recorded, from each part; a control of the user's own need only have what goes over the link.
-# The wrench comes from the control or, with an autopilot, from the laboratory.
-_SIGNALS = {
-    "reference": ("reference",),
-    "control": (
-        *POSITION_SIGNALS,
-        "observation",
-        "action",
-        "acceleration_command",
-        "attitude_command",
-        "wrench",
-        "attitude_target",
-    ),
-    "laboratory": (
-        *("measurement", "state", "rotor_speed", "rotor_speed_command", "throttle_command"),
-        *("swing", "charge", "shortfall", "wind", "wrench"),
-    ),
-    "monitor": ("crashed",),
-}
+# Signals of the control that are exported and recorded. A control of the user's needs only the signal for the link.
+_CONTROL_SIGNALS = (
+    *POSITION_SIGNALS,
+    *("observation", "action", "acceleration_command", "attitude_command", "wrench", "attitude_target"),
+)
 
 
 def build_fleet_diagram(
@@ -96,15 +82,14 @@ def build_fleet_diagram(
     monitor = builder.AddNamedSystem("monitor", build_monitor(scenario, plan, num_vehicles))
 
     def connect(source: Any, signal: str, target: Any) -> None:
-        """Connects ports of one name, if the target takes the signal and the source has it."""
+        """Connect ports of one name, if the target takes the signal and the source has it."""
         if target.HasInputPort(signal) and source.HasOutputPort(signal):
             builder.Connect(source.GetOutputPort(signal), target.GetInputPort(signal))
 
-    connect(reference, "reference", control)
-    connect(reference, "reference_jerk", control)
-    connect(reference, "reference_snap", control)
-    connect(reference, "reference_ahead", control)
-    for signal in ("measurement", "state", "rotor_speed", "wind"):
+    measured = [laboratory.get_output_port(i).get_name() for i in range(laboratory.num_output_ports())]
+    for signal in ("reference", "reference_jerk", "reference_snap", "reference_ahead"):
+        connect(reference, signal, control)
+    for signal in measured:
         connect(laboratory, signal, control)
     if injects:
         injected = builder.AddNamedSystem("injected", Adder(2, control.GetOutputPort(command).size()))
@@ -115,11 +100,11 @@ def build_fleet_diagram(
     else:
         connect(control, command, laboratory)
     connect(monitor, "crashed", laboratory)
-    connect(laboratory, "state", monitor)
     connect(reference, "reference", monitor)
-    connect(control, "acceleration_command", monitor)
-    connect(control, command, monitor)
-    connect(laboratory, "shortfall", monitor)
+    for signal in ("acceleration_command", command):
+        connect(control, signal, monitor)
+    for signal in ("state", "shortfall"):
+        connect(laboratory, signal, monitor)
 
     if open_action:
         builder.ExportInput(control.GetInputPort("action"), "action")
@@ -127,13 +112,8 @@ def build_fleet_diagram(
         if port.get_name().startswith(EXPORTED):
             builder.ExportInput(port, port.get_name())
 
-    systems = {"reference": reference, "control": control, "laboratory": laboratory, "monitor": monitor}
-    signals = {
-        name: systems[part].GetOutputPort(name)
-        for part, names in _SIGNALS.items()
-        for name in names
-        if systems[part].HasOutputPort(name)
-    }
+    parts = (reference, ["reference"]), (control, _CONTROL_SIGNALS), (laboratory, measured), (monitor, ["crashed"])
+    signals = {name: part.GetOutputPort(name) for part, names in parts for name in names if part.HasOutputPort(name)}
     for name, port in signals.items():
         builder.ExportOutput(port, name)
     if record:
@@ -150,7 +130,7 @@ def build_fleet_diagram(
 def reset_fleet(
     diagram: Diagram, context: Context, batch: Batch, plan: Plan, *, own: UserSystems = UserSystems()
 ) -> None:
-    """Makes a context what it would be by default, had its diagram been built for another batch.
+    """Make a context what it would be by default, had its diagram been built for another batch.
 
     Args:
         diagram: from `build_fleet_diagram`, for a batch of the same scenario and size, and with the same plan.
@@ -180,7 +160,7 @@ def _samples(batch: Batch) -> Samples:
 
 
 def _sampled(wind: Any, scenario: Scenario) -> Any:
-    """A user's source of wind, sampled unless it does that itself; None if there is none."""
+    """Return a user's source of wind, sampled unless it does that itself; None if there is none."""
     if wind is None or (isinstance(wind, FleetSystem) and wind.updates):
         return wind
     return build_held_wind(wind, period=wind_period(scenario))

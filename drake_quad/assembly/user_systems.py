@@ -32,7 +32,7 @@ class UserSystems(NamedTuple):
 
     @property
     def given(self) -> dict[str, Any]:
-        """Those that are given, by their place."""
+        """Systems that the user gives, by their place."""
         return {name: system for name, system in self._asdict().items() if system is not None}
 
     def made(self, num_vehicles: int) -> "UserSystems":
@@ -58,7 +58,7 @@ class UserSystems(NamedTuple):
 
 
 class SystemPlace(NamedTuple):
-    """What a system in some place of the loop must be like.
+    """Ports that a system in a place of the loop must have.
 
     Attributes:
         inputs: the input ports that it may have.
@@ -88,7 +88,7 @@ PLACES = {
 def check_user_systems(
     systems: UserSystems, num_vehicles: int, *, command: str, rows: Mapping[str, int] = MappingProxyType({})
 ) -> None:
-    """Checks that a user's systems have the ports that their places in the loop need.
+    """Check that a user's systems have the ports that their places in the loop need.
 
     Args:
         systems: to check.
@@ -106,7 +106,10 @@ def check_user_systems(
     for name, system in systems.given.items():
         place = PLACES[name]
         place = place._replace(output=command) if name == "control" else place
-        sizes = {port: rows[port] if port in rows else _num_rows(port) for port in (*place.inputs, place.output)}
+        sizes = {
+            port: rows[port] if port in rows else layout_of(SIGNALS[port]).num_rows
+            for port in (*place.inputs, place.output)
+        }
         _check(name, system, place, sizes, num_vehicles)
 
 
@@ -143,11 +146,9 @@ def _is_system(thing: Any) -> bool:
 
 def _takes_a_number(make: Any) -> bool:
     """Return whether the signature of a function, if it has one, permits a call with one argument."""
-    if not callable(make):
-        return False
     try:
         inspect.signature(make).bind(1)
-    except TypeError:
+    except TypeError:  # raised for objects that are not callable, too
         return False
     except ValueError:  # functions implemented in C++ may have no signature
         return True
@@ -170,10 +171,6 @@ def _returned(thing: Any) -> str:
     if isinstance(thing, type):
         return f"the class {thing.__name__} and not an object of it"
     return "nothing" if thing is None else _described(thing)
-
-
-def _num_rows(signal: str) -> int:
-    return layout_of(SIGNALS[signal]).num_rows
 
 
 def _listed(names: Mapping[str, int]) -> str:

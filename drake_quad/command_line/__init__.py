@@ -1,1 +1,1 @@
-"""The command `drake-quad`, and all that is printed."""
+"""The command `drake-quad` and its output."""

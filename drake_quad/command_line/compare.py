@@ -14,10 +14,11 @@ from drake_quad.command_line.options import (
     add_wired,
     all_overrides_of,
     bare_parser,
+    check_ranges,
     overrides_of,
 )
 from drake_quad.command_line.output import print_columns, print_files, remark
-from drake_quad.command_line.progress import flight_progress
+from drake_quad.command_line.progress import FLIGHT_BAR, progress_bar
 from drake_quad.files import output_folder, write_table
 from drake_quad.flight.remarks import unequal_conditions
 from drake_quad.laboratory.metrics import Metrics
@@ -34,11 +35,7 @@ _CONTROLLERS = ("pd", "pd_t1fnn", "pd_t2fnn", "pid", "pd_feed_forward")
 
 def options() -> argparse.ArgumentParser:
     """The options of the command."""
-    result = bare_parser(
-        "compare",
-        __doc__,
-        example="drake-quad compare --scenario outdoor --samples 50",
-    )
+    result = bare_parser(__doc__, "drake-quad compare --scenario outdoor --samples 50")
     result.add_argument(
         "--scenario",
         action="append",
@@ -63,9 +60,8 @@ def options() -> argparse.ArgumentParser:
 
 def main(arguments: argparse.Namespace) -> None:
     """Run the command."""
-    samples = arguments.samples if arguments.samples is not None else 4 if arguments.quick else 20
-    if not 1 <= samples <= 10_000:
-        raise InputError(f"--samples is {samples}, but must be between 1 and 10000")
+    check_ranges(arguments, {"samples": (1, 10_000)})
+    samples = arguments.samples or (4 if arguments.quick else 20)
     pairs = scenarios_of(arguments)
     print_flight_remarks(scenario for found in pairs.values() for scenario in found.values())
     for found in pairs.values():
@@ -76,7 +72,7 @@ def main(arguments: argparse.Namespace) -> None:
     for place, found in pairs.items():
         flights[place] = {}
         for name, scenario in found.items():
-            with flight_progress() as progress:
+            with progress_bar("flying", **FLIGHT_BAR) as progress:
                 flights[place][name] = fly_samples(
                     scenario, range(samples), compiled=not arguments.wired, progress=progress
                 )

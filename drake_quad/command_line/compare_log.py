@@ -22,12 +22,13 @@ from drake_quad.command_line.output import (
     print_predictions,
     remark,
 )
-from drake_quad.command_line.progress import study_progress
-from drake_quad.files import output_folder, write_table, write_whole
+from drake_quad.command_line.progress import progress_bar
+from drake_quad.files import output_folder, write_whole
 from drake_quad.identification.flown_again.comparison import AXES, REST, LogComparison, compare_with_log, side_by_side
 from drake_quad.identification.flown_again.prediction import predict
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.reports.results import write_rows
 from drake_quad.scenario.batch import middle_of
 from drake_quad.scenario.files.loading import has_control, load_undesigned
 from drake_quad.scenario.files.saving import save_scenario
@@ -41,9 +42,7 @@ _FIGURES = {"rmse": "RMSE", "mean": "mean", "largest": "95 % largest"}
 def options() -> argparse.ArgumentParser:
     """The options of the command."""
     result = bare_parser(
-        "compare-log",
-        __doc__,
-        example="drake-quad compare-log tests/data/crazyflie/crazyswarm2/log08.xz crazyswarm2:log08 --samples 100",
+        __doc__, "drake-quad compare-log tests/data/crazyflie/crazyswarm2/log08.xz crazyswarm2:log08 --samples 100"
     )
     result.add_argument("log", metavar="LOG", type=Path, help="flight log: a Crazyflie's, ULog, or CSV")
     result.add_argument("scenario", metavar="SCENARIO", help="FILE or FILE:NAME; its route gives way to the log's")
@@ -74,7 +73,7 @@ def main(arguments: argparse.Namespace) -> None:
     scenario = load_scenario(arguments.scenario, all_overrides_of(arguments))
     print_flight_remarks([scenario])
     folder = output_folder(folder_of(arguments, f"{record.name}_{scenario.name}"))
-    with study_progress(scenario.name) as progress:
+    with progress_bar(scenario.name, unit=" flights") as progress:
         comparison = compare_with_log(
             record,
             scenario,
@@ -130,17 +129,15 @@ def save_comparison(comparison: LogComparison, folder: Path, arguments: argparse
     from drake_quad.visualization.replay.page import save_replay
     from drake_quad.visualization.style import save_figures
 
-    columns: dict[str, list[str]] = {"error": [], "axis": [], "flown": [], "median": [], "low": [], "high": []}
+    rows = []
     for figure in _FIGURES:
-        ends = (getattr(comparison.flown_figures, figure), *comparison.interval(figure))
+        median, low, high = comparison.interval(figure)
+        ends = {"flown": getattr(comparison.flown_figures, figure), "median": median, "low": low, "high": high}
         for i, axis in enumerate(AXES):
-            for name, value in zip(columns, (figure, axis, *(f"{end[i]:.6g}" for end in ends)), strict=True):
-                columns[name].append(value)
+            metres = {f"{name} (m)": f"{end[i]:.6g}" for name, end in ends.items()}
+            rows.append({"error": figure, "axis": axis, **metres})
     return [
-        write_table(
-            folder / "errors.csv",
-            {name if name in ("error", "axis") else f"{name} (m)": rows for name, rows in columns.items()},
-        ),
+        write_rows(folder / "errors.csv", rows),
         *save_figures({"comparison": plot_log_comparison(comparison)}, folder, vector=arguments.vector),
         save_replay(side_by_side(comparison), folder / "replay.html"),
         write_whole(folder / "scenario.yaml", lambda path: save_scenario(comparison.scenario, path)),

@@ -31,7 +31,7 @@ _drake_quad_scenarios() {{
 
 def options() -> argparse.ArgumentParser:
     """The options of the command."""
-    result = bare_parser("completion", __doc__, example="drake-quad completion bash")
+    result = bare_parser(__doc__, "drake-quad completion bash")
     result.add_argument("shell", choices=("bash", "zsh"), help="whose script to print")
     return result
 

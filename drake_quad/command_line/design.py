@@ -4,14 +4,14 @@ With an autopilot on board the gains are those of the position, around the attit
 """
 
 import argparse
-import itertools
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+from pydantic import Field
 from ruamel.yaml import YAML
 
 from drake_quad import InputError
-from drake_quad.command_line.options import add_vector, all_overrides_of, folder_of, parser
+from drake_quad.command_line.options import add_vector, all_overrides_of, check_ranges, folder_of, overrides_of, parser
 from drake_quad.command_line.output import print_columns, print_files, remark
 from drake_quad.design.cascade import (
     CascadeDesign,
@@ -28,7 +28,8 @@ from drake_quad.files import output_folder, write_whole
 from drake_quad.linear.closed_loop import ClosedLoop, closed_loop
 from drake_quad.linear.modes import modes
 from drake_quad.scenario.batch import middle_of
-from drake_quad.scenario.files.loading import load_undesigned
+from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.files.loading import load_undesigned, model_of
 from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.hovering import as_believed
 from drake_quad.scenario.models import Scenario
@@ -38,27 +39,48 @@ from drake_quad.visualization.style import save_figures
 
 # Modes that are faster belong to delay lines and filters and are not printed, rad/s.
 _FASTEST_MODE = 60.0
-# The axes of each loop, and the default cost of a rate beside that of a value with --method lqr, s.
-_AXES = {"attitude": ("roll", "pitch"), "yaw": ("yaw",), "height": ("z",), "position": ("x", "y")}
-_RATE_TIMES = {"attitude": 0.2, "yaw": 0.2, "height": 0.2, "position": 1.0}
-# In which loops on the ground are printed.
+# The order in which loops on the ground are printed.
 _ORDER = ("roll", "pitch", "yaw", "z", "x", "y")
 # The part of the phase margin that the integrals of a PID cost if nothing is said.
 _INTEGRAL = 0.15
-# The options of each loop: the method that they are for, and their range.
-_LIMITS = {"bandwidth": ("poles", 1e-3, 100.0), "damping": ("poles", 0.05, 0.999), "rate_time": ("lqr", 0.0, 10.0)}
-_MARGINS = {"phase_margin": 180.0, "gain_margin": 60.0, "delay_margin": 1000.0}
+_RANGES = {
+    "phase-margin": (0.0, 180.0),
+    "gain-margin": (0.0, 60.0),
+    "delay-margin": (0.0, 1000.0),
+    "integral": (0.01, 0.9),
+}
+
+
+class LoopRequest(Model):
+    """Requests for the design of a loop, as given by the option `--loop`; None for the default.
+
+    Attributes:
+        bandwidth: bandwidth of the pole pair, rad/s.
+        damping: damping ratio of the pole pair.
+        rate_time: cost of a rate beside that of a value, s, with the method lqr.
+    """
+
+    bandwidth: Annotated[float, Field(ge=1e-3, le=100.0)] | None = None
+    damping: Annotated[float, Field(ge=0.05, le=0.999)] | None = None
+    rate_time: Annotated[float, Field(ge=0.0, le=10.0)] | None = None
+
+
+class LoopRequests(Model):
+    """Requests for the design of the loops of a cascade."""
+
+    attitude: LoopRequest = LoopRequest()
+    yaw: LoopRequest = LoopRequest()
+    height: LoopRequest = LoopRequest()
+    position: LoopRequest = LoopRequest()
+
+
+_LOOPS = {"roll": "attitude", "pitch": "attitude", "yaw": "yaw", "z": "height", "x": "position", "y": "position"}
+_RATE_TIMES = {"attitude": 0.2, "yaw": 0.2, "height": 0.2, "position": 1.0}
 
 
 def options() -> argparse.ArgumentParser:
     """The options of the command."""
-    result = parser(
-        "design",
-        __doc__,
-        example="drake-quad design laboratory:nominal --phase-margin 50",
-        output="out/gains",
-        scenario="figure_eight",
-    )
+    result = parser(__doc__, "drake-quad design laboratory:nominal --phase-margin 50", output="out/gains")
     add_design_options(result)
     add_vector(result)
     return result
@@ -67,9 +89,7 @@ def options() -> argparse.ArgumentParser:
 def main(arguments: argparse.Namespace) -> None:
     """Runs the command."""
     scenario = load_undesigned(arguments.scenario, all_overrides_of(arguments))
-    period = scenario.laboratory.command_link.period
-    if scenario.laboratory.autopilot.controls_attitude:
-        _check_position_alone(arguments, scenario.laboratory.autopilot.kind)
+    chosen = design_options(arguments, scenario)
     if arguments.integral is not None:
         scenario = with_integrals(scenario)
     # A PID has its integral designed, too.
@@ -79,8 +99,7 @@ def main(arguments: argparse.Namespace) -> None:
     uncertain = bool(distributions_in(scenario))
     if uncertain:
         remark("gains are designed for the median of each distribution")
-    middle, chosen = middle_of(scenario), design_options(arguments, period)
-    design = design_cascade(middle, chosen, on_board=arguments.on_board, integral=integral)
+    design = design_cascade(middle_of(scenario), chosen, on_board=arguments.on_board, integral=integral)
     designed = with_gains(scenario, design.gains())
     if arguments.on_board:
         designed = with_autopilot_gains(designed, design.autopilot_gains())
@@ -116,88 +135,58 @@ def add_design_options(options: argparse.ArgumentParser) -> None:
         help="design a PID for the position, whose integral costs this part of the phase margin"
         f" ({_INTEGRAL:g} for what is a PID already)",
     )
-    for loop, rate_time in _RATE_TIMES.items():
-        options.add_argument(
-            f"--{loop}-bandwidth",
-            type=float,
-            metavar="RAD/S",
-            help="of the pole pair (the highest that keeps the margins)",
-        )
-        options.add_argument(f"--{loop}-damping", type=float, metavar="RATIO", help="of the pole pair (0.8)")
-        options.add_argument(
-            f"--{loop}-rate-time",
-            type=float,
-            metavar="SECONDS",
-            help=f"what a rate costs beside a value, with --method lqr ({rate_time:g})",
-        )
+    options.add_argument(
+        "--loop",
+        metavar="LOOP.FIELD=VALUE",
+        action="append",
+        default=[],
+        help="ask for something else in a loop, as in position.damping=0.7; loops are attitude, yaw, height and"
+        " position, fields are bandwidth (rad/s) and damping of the pole pair, by default the highest bandwidth that"
+        " keeps the margins and 0.8, or with --method lqr rate_time (s), the cost of a rate beside that of a value",
+    )
 
 
-def design_options(arguments: argparse.Namespace, period: float) -> dict[str, LoopOptions]:
-    """How each axis shall be designed: as by default, except for what the arguments ask for.
+def design_options(arguments: argparse.Namespace, scenario: Scenario) -> dict[str, LoopOptions]:
+    """Return the design options of each axis: the defaults, except for what the arguments ask for.
 
     Raises:
-        InputError: a number is out of range, or is for the other method.
+        InputError: a number is out of range, or an option is for the other method, or for an attitude loop on the
+            ground that the scenario does not have.
     """
-    for name, limit in _MARGINS.items():
-        _check(name, getattr(arguments, name), 0.0, limit)
-    _check("integral", arguments.integral, 0.01, 0.9)
-    for loop, (name, (method, least, most)) in itertools.product(_AXES, _LIMITS.items()):
-        value = getattr(arguments, f"{loop}_{name}")
-        _check(f"{loop}_{name}", value, least, most)
-        if value is not None and method != arguments.method:
-            raise InputError(f"--{loop}-{name.replace('_', '-')} is for --method {method}")
-    found = {
-        axis: _asked(arguments, loop, period, default)
-        for axis, default in default_options(period).items()
-        for loop in _AXES
-        if axis in _AXES[loop]
-    }
-    if arguments.on_board:
-        found |= {axis: _with_margins(arguments, period, default) for axis, default in on_board_options().items()}
-    return found
-
-
-def _asked(arguments: argparse.Namespace, loop: str, period: float, default: LoopOptions) -> LoopOptions:
-    """The options of an axis: the default ones, except for what the arguments ask for its loop."""
-    family = default.family
-    bandwidth, damping, rate_time = (getattr(arguments, f"{loop}_{name}") for name in _LIMITS)
-    if arguments.method == "lqr":
-        family = RegulatorRequirements(_RATE_TIMES[loop] if rate_time is None else rate_time)
-    elif damping is not None:
-        family = PolePair(damping)
-    return _with_margins(arguments, period, LoopOptions(family, default.requirements, bandwidth))
+    check_ranges(arguments, _RANGES)
+    requests = model_of(LoopRequests, overrides_of(arguments.loop, "--loop"))
+    period = scenario.laboratory.command_link.period
+    asked = [(loop, name) for loop, request in requests for name in request.model_fields_set]
+    for loop, name in asked:
+        method = "lqr" if name == "rate_time" else "poles"
+        if method != arguments.method:
+            raise InputError(f"--loop {loop}.{name} is for --method {method}")
+    if scenario.laboratory.autopilot.controls_attitude:
+        on_ground = [f"--loop {loop}.{name}" for loop, name in asked if loop in ("attitude", "yaw")]
+        for option in [*on_ground, *(["--delay-margin"] if arguments.delay_margin is not None else [])]:
+            kind = scenario.laboratory.autopilot.kind
+            raise InputError(
+                f"{option} is for attitude control on the ground, but laboratory.autopilot is of kind {kind}"
+            )
+    found = {}
+    for axis, default in default_options(period).items():
+        request: LoopRequest = getattr(requests, _LOOPS[axis])
+        family = default.family if request.damping is None else PolePair(request.damping)
+        if arguments.method == "lqr":
+            rate_time = _RATE_TIMES[_LOOPS[axis]] if request.rate_time is None else request.rate_time
+            family = RegulatorRequirements(rate_time)
+        found[axis] = default._replace(family=family, effort=request.bandwidth)
+    found |= on_board_options() if arguments.on_board else {}
+    return {axis: _with_margins(arguments, period, each) for axis, each in found.items()}
 
 
 def _with_margins(arguments: argparse.Namespace, period: float, options: LoopOptions) -> LoopOptions:
-    """The options of an axis with the margins that the arguments ask for."""
-    phase, gain, delay = (getattr(arguments, name) for name in _MARGINS)
-    requirements = options.requirements
-    if phase is not None:
-        requirements = requirements._replace(phase=phase)
-    if gain is not None:
-        requirements = requirements._replace(gain=gain)
-    if delay is not None and requirements.delay:
-        requirements = requirements._replace(delay=delay * period)
-    return options._replace(requirements=requirements)
-
-
-def _check_position_alone(arguments: argparse.Namespace, kind: str) -> None:
-    """Raises InputError if an option is for an attitude loop on the ground, which an autopilot replaces."""
-    for loop, name in itertools.product(("attitude", "yaw"), _LIMITS):
-        if getattr(arguments, f"{loop}_{name}") is not None:
-            raise InputError(
-                f"--{loop}-{name.replace('_', '-')} is for attitude control on the ground, but laboratory.autopilot is"
-                f" of kind {kind}"
-            )
-    if arguments.delay_margin is not None:
-        raise InputError(
-            f"--delay-margin is for attitude control on the ground, but laboratory.autopilot is of kind {kind}"
-        )
-
-
-def _check(name: str, value: float | None, least: float, most: float) -> None:
-    if value is not None and not least <= value <= most:
-        raise InputError(f"--{name.replace('_', '-')} is {value:g}, but must be between {least:g} and {most:g}")
+    """Return the options of an axis with the margins that the arguments ask for."""
+    asked = {"phase": arguments.phase_margin, "gain": arguments.gain_margin}
+    if options.requirements.delay and arguments.delay_margin is not None:
+        asked["delay"] = arguments.delay_margin * period
+    given = {name: margin for name, margin in asked.items() if margin is not None}
+    return options._replace(requirements=options.requirements._replace(**given))
 
 
 def write_gains(design: CascadeDesign, designed: Scenario, path: Path, command: str) -> None:

@@ -24,13 +24,7 @@ _RANGES = {"sensitivity": (1.2, 10.0), "delay-margin": (0.0, 10.0), "snap": (0.1
 
 def options() -> argparse.ArgumentParser:
     """The options of the command."""
-    result = parser(
-        "design-lqg",
-        __doc__,
-        example="drake-quad design-lqg laboratory:low_wind --sensitivity 2.5",
-        output="out/lqg",
-        scenario="figure_eight",
-    )
+    result = parser(__doc__, "drake-quad design-lqg laboratory:low_wind --sensitivity 2.5", output="out/lqg")
     default = LqgLimits()
     result.add_argument(
         "--sensitivity", type=float, default=default.sensitivity, metavar="PEAK", help="at most (%(default)s)"

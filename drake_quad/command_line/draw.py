@@ -12,13 +12,7 @@ from drake_quad.visualization.block_drawing import drawings, svg
 
 def options() -> argparse.ArgumentParser:
     """The options of the command."""
-    return parser(
-        "draw",
-        __doc__,
-        example="drake-quad draw laboratory:low_wind",
-        output="out/drawings",
-        scenario="figure_eight",
-    )
+    return parser(__doc__, "drake-quad draw laboratory:low_wind", output="out/drawings")
 
 
 def main(arguments: argparse.Namespace) -> None:

@@ -12,9 +12,17 @@ from pydrake.systems.analysis import Simulator
 
 from drake_quad import Flight, InputError, Scenario, save_network, simulate
 from drake_quad.command_line.flight_remarks import print_flight_remarks
-from drake_quad.command_line.options import add_vector, add_wired, check_extra, folder_of, parser, scenario_of
+from drake_quad.command_line.options import (
+    add_vector,
+    add_wired,
+    check_extra,
+    check_ranges,
+    folder_of,
+    parser,
+    scenario_of,
+)
 from drake_quad.command_line.output import print_files, print_table, remark
-from drake_quad.command_line.progress import flight_progress
+from drake_quad.command_line.progress import FLIGHT_BAR, progress_bar
 from drake_quad.files import output_folder
 from drake_quad.flight.formats.flight_format import FORMATS
 from drake_quad.flight.mission import plan_route
@@ -25,13 +33,7 @@ from drake_quad.scenario.batch import draw_sample
 
 def options() -> argparse.ArgumentParser:
     """The options of the command."""
-    result = parser(
-        "fly",
-        __doc__,
-        example="drake-quad fly figure_eight --set vehicle.mass=0.7",
-        output="out",
-        scenario="figure_eight",
-    )
+    result = parser(__doc__, "drake-quad fly figure_eight --set vehicle.mass=0.7", output="out")
     result.add_argument("--sample", type=int, help="which sample of the scenario's study to fly, from 0 on")
     add_wired(result)
     result.add_argument("--meshcat", action="store_true", help="show the flight live in a browser on this machine")
@@ -51,8 +53,7 @@ def options() -> argparse.ArgumentParser:
 
 def main(arguments: argparse.Namespace) -> None:
     """Run the command."""
-    if not (math.isfinite(arguments.rate) and arguments.rate >= 0.0):
-        raise InputError(f"--rate is {arguments.rate}, but must be 0 or more")
+    check_ranges(arguments, {"rate": (0.0, 1e6)})
     scenario = scenario_of(arguments)
     if arguments.save_network and scenario.control.network is None:
         raise InputError("--save-network needs a network, but the scenario has none")
@@ -68,7 +69,7 @@ def main(arguments: argparse.Namespace) -> None:
     drawn = draw_sample(scenario, sample or 0)
     plan = plan_route(drawn)
     prepare = None if meshcat is None else live_view(meshcat, drawn, plan, arguments.rate)
-    with flight_progress() as progress:
+    with progress_bar("flying", **FLIGHT_BAR) as progress:
         compiled = False if arguments.wired else None
         flight = simulate(scenario, sample=sample, plan=plan, compiled=compiled, prepare=prepare, progress=progress)
     # Matplotlib takes half a second to load, which an error need not wait for.

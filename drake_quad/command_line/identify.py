@@ -43,11 +43,7 @@ _HELD_OUT = 1.0 / 3.0
 
 def options() -> argparse.ArgumentParser:
     """The options of the command."""
-    result = bare_parser(
-        "identify",
-        __doc__,
-        example="drake-quad identify tests/data/crazyflie/crazyswarm2/log100.xz --mass 0.0375",
-    )
+    result = bare_parser(__doc__, "drake-quad identify tests/data/crazyflie/crazyswarm2/log100.xz --mass 0.0375")
     result.add_argument("log", nargs="+", type=Path, help="of the same vehicle: a Crazyflie's, ULog, or CSV")
     result.add_argument(
         "--vehicle",

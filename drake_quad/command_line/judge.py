@@ -6,13 +6,12 @@ diagrams/controllers/designed; the report is then made by a run without.
 
 import argparse
 import time
-from collections.abc import Sequence
 from pathlib import Path
 
 from drake_quad import InputError
 from drake_quad.command_line.options import bare_parser, check_ranges
 from drake_quad.command_line.output import print_columns, print_files, remark
-from drake_quad.command_line.progress import job_progress
+from drake_quad.command_line.progress import progress_bar
 from drake_quad.design.tuning import Budget
 from drake_quad.evaluation.claims import WORDS
 from drake_quad.evaluation.designs import design_file
@@ -32,13 +31,9 @@ _RANGES = {"samples": (2, 10_000), "rounds": (1, 1000)}
 
 def options() -> argparse.ArgumentParser:
     """The options of the command."""
-    result = bare_parser(
-        "judge",
-        __doc__,
-        example="drake-quad judge --quick --family outdoor",
-    )
-    result.add_argument("--family", action="append", metavar="NAME", help="of laboratories; several times (all)")
-    result.add_argument("--only", action="append", metavar="NAME", help="a controller; several times (all)")
+    result = bare_parser(__doc__, "drake-quad judge --quick --family outdoor")
+    result.add_argument("--family", action="append", choices=FAMILIES, help="of laboratories; repeatable (all)")
+    result.add_argument("--only", action="append", metavar="NAME", help="a controller; repeatable (all)")
     result.add_argument(
         "--samples", type=int, default=EvaluationSizes().samples, help="in each laboratory (%(default)s)"
     )
@@ -46,7 +41,7 @@ def options() -> argparse.ArgumentParser:
     result.add_argument(
         "--tune",
         nargs="*",
-        metavar="FAMILY",
+        choices=[*FAMILIES, PRICED],
         help=f"design the controllers of these families anew, all if none is named; {PRICED}: those with other limits",
     )
     result.add_argument("--rounds", type=int, default=Budget().rounds, help="of each search (%(default)s)")
@@ -61,14 +56,14 @@ def main(arguments: argparse.Namespace) -> None:
         tune(arguments)
         return
     sizes = QUICK if arguments.quick else EvaluationSizes(samples=arguments.samples)
-    families = chosen(arguments.family or [*FAMILIES], [*FAMILIES], "--family")
+    families = arguments.family or [*FAMILIES]
     folder = output_folder(arguments.output or Path("out/controllers_quick" if arguments.quick else "out/controllers"))
     begun = time.monotonic()
     for name in families:
         absent = missing_designs(shipped_folder(), name)
         if absent:
             remark(f"{name} has no design of {', '.join(absent)}, which are not flown")
-    with job_progress() as progress:
+    with progress_bar("flying") as progress:
         found = fly_evaluation(shipped_folder(), families, sizes, folder, only=arguments.only, progress=progress)
     files = [folder / "flights.csv", folder / "traits.csv", *write_report(folder, found)]
     print_errors(found)
@@ -76,21 +71,12 @@ def main(arguments: argparse.Namespace) -> None:
     print_files(files)
 
 
-def chosen(names: Sequence[str], allowed: Sequence[str], option: str) -> list[str]:
-    """What an option names."""
-    for name in names:
-        if name not in allowed:
-            raise InputError(f"{option} {name}: there is none of that name; these are {', '.join(allowed)}")
-    return list(names)
-
-
 def tune(arguments: argparse.Namespace) -> None:
     """Design controllers, and print each as soon as it is written."""
     if not (shipped_folder().parent / "pyproject.toml").exists():
         raise InputError("--tune writes into diagrams/ of a checkout, and this is an installed package")
-    names = chosen(arguments.tune or [*FAMILIES, PRICED], [*FAMILIES, PRICED], "--tune")
     budget = Budget(rounds=arguments.rounds)
-    for name in names:
+    for name in arguments.tune or [*FAMILIES, PRICED]:
         path = design_file(shipped_folder(), name)
         if name == PRICED:
             designs = design_prices(shipped_folder(), budget=budget)

@@ -8,6 +8,8 @@ import shlex
 import sys
 from collections.abc import Callable
 from importlib import import_module
+from importlib.metadata import version
+from platform import python_version
 from types import ModuleType
 
 from drake_quad import __version__
@@ -77,21 +79,14 @@ def _parser() -> argparse.ArgumentParser:
         epilog=f"commands:\n{lines}\n\n`drake-quad COMMAND --help` has more; example: drake-quad fly figure_eight",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    result.add_argument("--version", action=_Version, nargs=0, help="print versions, and exit")
+    result.add_argument("--version", action="version", version=_versions(), help="print versions, and exit")
     result.add_argument("command", metavar="COMMAND", choices=COMMANDS, help="one of those below")
     return result
 
 
-class _Version(argparse.Action):
-    """Prints the versions on which a number depends."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        from importlib.metadata import version
-        from platform import python_version
-
-        others = f"Drake {version('drake')}, NumPy {version('numpy')}, Python {python_version()}"
-        print(f"drake_quad {__version__} ({others})")
-        parser.exit()
+def _versions() -> str:
+    """Return the versions on which a number depends."""
+    return f"drake_quad {__version__} (Drake {version('drake')}, NumPy {version('numpy')}, Python {python_version()})"
 
 
 def full_parser(complete: Callable[[argparse.Action], None] = lambda _: None) -> argparse.ArgumentParser:

@@ -11,7 +11,15 @@ from typing import get_args
 import numpy as np
 
 from drake_quad import InputError, Scenario
-from drake_quad.command_line.options import add_vector, add_wired, folder_of, overrides_of, parser, scenario_of
+from drake_quad.command_line.options import (
+    add_vector,
+    add_wired,
+    check_ranges,
+    folder_of,
+    overrides_of,
+    parser,
+    scenario_of,
+)
 from drake_quad.command_line.output import print_files
 from drake_quad.design.stability_map import Loop, MappedGains, flown_map, linear_map, mapped_gains
 from drake_quad.files import output_folder, write_table
@@ -28,13 +36,7 @@ _SLOWER, _LATER = 1.4, 1
 
 def options() -> argparse.ArgumentParser:
     """The options of the command."""
-    result = parser(
-        "map",
-        __doc__,
-        example="drake-quad map laboratory:nominal --loop attitude",
-        output="out/stability",
-        scenario="figure_eight",
-    )
+    result = parser(__doc__, "drake-quad map laboratory:nominal --loop attitude", output="out/stability")
     result.add_argument("--loop", choices=get_args(Loop), default="position", help="whose gains (default: position)")
     result.add_argument("--size", type=int, help="gains along each side of the map (default: 40)")
     for flags, what in (
@@ -60,9 +62,8 @@ def options() -> argparse.ArgumentParser:
 
 def main(arguments: argparse.Namespace) -> None:
     """Runs the command."""
-    size = arguments.size if arguments.size is not None else 12 if arguments.quick else 40
-    if not 2 <= size <= 200:
-        raise InputError(f"--size is {size}, but must be between 2 and 200")
+    check_ranges(arguments, {"size": (2, 200)})
+    size = arguments.size or (12 if arguments.quick else 40)
     if arguments.quick:
         arguments.set = ["duration=5", *arguments.set]
     scenario = scenario_of(arguments)

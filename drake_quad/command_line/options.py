@@ -10,22 +10,21 @@ from typing import Any, get_args
 
 from drake_quad import InputError, Scenario, load_scenario
 from drake_quad.extras import needed
-from drake_quad.scenario.files.loading import Override, load_mission
-from drake_quad.scenario.models import NAME, Mission
+from drake_quad.scenario.files.loading import Override
+from drake_quad.scenario.models import NAME
 from drake_quad.visualization.style import Vector
 from drake_quad.written_numbers import float_in, int_in
 
 
-def bare_parser(command: str, description: str | None, example: str) -> argparse.ArgumentParser:
+def bare_parser(description: str | None, example: str) -> argparse.ArgumentParser:
     """Return a parser without options.
 
     Args:
-        command: name of the command.
         description: sentence that says what the command does.
-        example: complete command line that runs.
+        example: complete command line that runs, whose first two words are those of the command.
     """
     result = argparse.ArgumentParser(
-        prog=f"drake-quad {command}",
+        prog=" ".join(example.split()[:2]),
         description=description,
         epilog=f"example: {example}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -36,26 +35,24 @@ def bare_parser(command: str, description: str | None, example: str) -> argparse
 
 
 def parser(
-    command: str, description: str | None, example: str, *, output: str | None, scenario: str
+    description: str | None, example: str, *, output: str, scenario: str = "figure_eight"
 ) -> argparse.ArgumentParser:
-    """Returns a parser with the options of a command for a scenario.
+    """Return a parser with the options of a command for a scenario.
 
     Args:
-        command: the name of the command.
-        description: a sentence that says what the command does.
-        example: a command line that can be run as it is.
-        output: folder that by default holds a folder for each scenario; None for a command that writes nothing.
-        scenario: the default one, which is shipped.
+        description: as for `bare_parser`.
+        example: as for `bare_parser`.
+        output: folder that by default contains a folder for each scenario.
+        scenario: name of the default scenario, which is shipped.
     """
-    result = bare_parser(command, description, example)
+    result = bare_parser(description, example)
     help_ = "FILE or FILE:NAME, or a shipped one by its name (default: %(default)s)"
     result.add_argument("scenario", nargs="?", default=scenario, help=help_)
     add_overrides(result)
-    if output is not None:
-        result.set_defaults(default_output=Path(output))
-        result.add_argument(
-            "--output", type=Path, metavar="FOLDER", help=f"to write to (default: {output}/NAME, after the scenario)"
-        )
+    result.set_defaults(default_output=Path(output))
+    result.add_argument(
+        "--output", type=Path, metavar="FOLDER", help=f"to write to (default: {output}/NAME, after the scenario)"
+    )
     return result
 
 
@@ -110,10 +107,10 @@ def add_vector(options: argparse.ArgumentParser) -> None:
 
 
 def check_ranges(arguments: argparse.Namespace, ranges: Mapping[str, tuple[float, float]]) -> None:
-    """Raises InputError if a number is out of its range, given by the option without its dashes."""
+    """Raise InputError if a given number is out of its range; ranges are by option, without its leading dashes."""
     for option, (least, most) in ranges.items():
         value = getattr(arguments, option.replace("-", "_"))
-        if not least <= value <= most:
+        if value is not None and not least <= value <= most:
             raise InputError(f"--{option} is {value:g}, but must be between {least:g} and {most:g}")
 
 
@@ -122,7 +119,7 @@ def add_wired(options: argparse.ArgumentParser) -> None:
     options.add_argument(
         "--wired",
         action="store_true",
-        help="simulate diagrams without compiling them to machine code, slower",
+        help="simulate diagrams without compiling them to machine code, which is slower",
     )
 
 
@@ -161,11 +158,6 @@ def controlled_scenarios(arguments: argparse.Namespace) -> dict[str, Scenario]:
             raise InputError(f"--controller {controller}: {name} is to be flown already; give each its own name")
         found[name] = load_scenario(arguments.scenario, overrides, layers=[controller])
     return found
-
-
-def mission_of(arguments: argparse.Namespace) -> Mission:
-    """Loads the route and the nominal vehicle that the arguments name, with their overrides."""
-    return load_mission(arguments.scenario, overrides_of(arguments.set))
 
 
 def check_extra(option: str, extra: str, *modules: str) -> None:

@@ -5,7 +5,7 @@ import itertools
 
 import numpy as np
 
-from drake_quad.command_line.options import add_vector, folder_of, mission_of, parser
+from drake_quad.command_line.options import add_vector, folder_of, overrides_of, parser
 from drake_quad.command_line.output import print_files, print_table
 from drake_quad.files import output_folder
 from drake_quad.flight.mission import planned
@@ -18,6 +18,7 @@ from drake_quad.reference.path_problem import PathLimits, PathProblem
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import evaluate, peak_norm
 from drake_quad.reference.trajectory_files import save_plan
+from drake_quad.scenario.files.loading import load_mission
 from drake_quad.scenario.models import Mission
 from drake_quad.space.distance import nearest_approach
 from drake_quad.visualization.plan_plots import plot_plan
@@ -26,20 +27,14 @@ from drake_quad.visualization.style import save_figures
 
 def options() -> argparse.ArgumentParser:
     """The options of the command."""
-    result = parser(
-        "plan",
-        __doc__,
-        example="drake-quad plan slalom --set route.top_speed=1.5",
-        output="out",
-        scenario="slalom",
-    )
+    result = parser(__doc__, "drake-quad plan slalom --set route.top_speed=1.5", output="out", scenario="slalom")
     add_vector(result)
     return result
 
 
 def main(arguments: argparse.Namespace) -> None:
     """Runs the command."""
-    mission = mission_of(arguments)
+    mission = load_mission(arguments.scenario, overrides_of(arguments.set))
     plan, problem, waypoints, space = planned(mission)
     folder = output_folder(folder_of(arguments, mission.name))
     route = mission.route

@@ -2,26 +2,18 @@
 
 import argparse
 
-from drake_quad import Flight, InputError
+from drake_quad import Flight
 from drake_quad.command_line.flight_remarks import print_flight_remarks
-from drake_quad.command_line.options import controlled_scenarios, folder_of, parser
+from drake_quad.command_line.options import check_ranges, controlled_scenarios, folder_of, parser
 from drake_quad.command_line.output import print_files
 from drake_quad.files import output_folder
 from drake_quad.flight.simulation import simulate_samples
 from drake_quad.visualization.replay.page import save_replay, save_swarm
 
-_MOST = 1000
-
 
 def options() -> argparse.ArgumentParser:
     """The options of the command."""
-    result = parser(
-        "replay",
-        __doc__,
-        example="drake-quad replay robustness --samples 100",
-        output="out/replay",
-        scenario="robustness",
-    )
+    result = parser(__doc__, "drake-quad replay robustness --samples 100", output="out/replay", scenario="robustness")
     result.add_argument("--samples", type=int, default=100, help="how many flights of each (default: %(default)s)")
     result.add_argument("--first", type=int, default=0, help="number of the first sample (default: %(default)s)")
     result.add_argument(
@@ -36,10 +28,7 @@ def options() -> argparse.ArgumentParser:
 
 def main(arguments: argparse.Namespace) -> None:
     """Run the command."""
-    if not 1 <= arguments.samples <= _MOST:
-        raise InputError(f"--samples is {arguments.samples}, but must be between 1 and {_MOST}")
-    if arguments.first < 0:
-        raise InputError(f"--first is {arguments.first}, but must be 0 or more")
+    check_ranges(arguments, {"samples": (1, 1000), "first": (0, 1e9)})
     scenarios = controlled_scenarios(arguments)
     print_flight_remarks(scenarios.values())
     samples = range(arguments.first, arguments.first + arguments.samples)

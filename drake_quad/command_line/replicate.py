@@ -7,7 +7,7 @@ from pathlib import Path
 from drake_quad import Scenario, load_scenario
 from drake_quad.command_line.options import add_vector, add_wired, bare_parser
 from drake_quad.command_line.output import print_columns, print_files
-from drake_quad.command_line.progress import job_progress, new_bar
+from drake_quad.command_line.progress import new_bar, progress_bar
 from drake_quad.files import output_folder
 from drake_quad.replication.experiment import QUICK, ExperimentSizes, fly_experiment
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell
@@ -19,11 +19,7 @@ from drake_quad.studies.processes import Workers
 
 def options() -> argparse.ArgumentParser:
     """The options of the command."""
-    result = bare_parser(
-        "replicate",
-        __doc__,
-        example="drake-quad replicate --quick",
-    )
+    result = bare_parser(__doc__, "drake-quad replicate --quick")
     result.add_argument("--quick", action="store_true", help="fewer samples, to see whether everything works")
     result.add_argument("--workers", type=int, help="processes (default: as many as there are cores)")
     result.add_argument("--resume", action="store_true", help="keep the cells that are in the folder already")
@@ -38,7 +34,7 @@ def main(arguments: argparse.Namespace) -> None:
     sizes = QUICK if arguments.quick else ExperimentSizes()
     folder = output_folder(arguments.output or Path("out/paper_quick" if arguments.quick else "out/paper"))
     try:
-        with Workers(arguments.workers) as workers, job_progress() as progress:
+        with Workers(arguments.workers) as workers, progress_bar("flying") as progress:
             flights = fly_experiment(
                 load,
                 sizes,

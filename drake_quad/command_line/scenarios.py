@@ -14,7 +14,7 @@ from drake_quad.scenario.files.shipped import shipped_scenarios
 
 def options() -> argparse.ArgumentParser:
     """The options of the command."""
-    result = bare_parser("scenarios", __doc__, example="drake-quad scenarios laboratory:high_wind > mine.yaml")
+    result = bare_parser(__doc__, "drake-quad scenarios laboratory:high_wind > mine.yaml")
     result.add_argument("scenario", nargs="?", help="FILE or FILE:NAME, or a shipped one (default: list those shipped)")
     add_overrides(result)
     return result

@@ -24,7 +24,7 @@ _FIELDS = (
 
 
 def default_fields(scenario: Scenario) -> tuple[str, ...]:
-    """Return the default fields; what turns a vehicle is among them unless it is a part of its attitude's response."""
+    """Return the default fields, with inertia and arms unless the autopilot models the response of the attitude."""
     autopilot, layout = scenario.laboratory.autopilot, scenario.vehicle.layout
     loops = [f"control.attitude.{gain}" for gain in ("k_p", "k_d")]
     if autopilot.controls_attitude:
@@ -43,13 +43,7 @@ def default_fields(scenario: Scenario) -> tuple[str, ...]:
 
 def options() -> argparse.ArgumentParser:
     """The options of the command."""
-    result = parser(
-        "sensitivities",
-        __doc__,
-        example="drake-quad sensitivities laboratory:low_wind --metric rmse_y",
-        output="out/sensitivities",
-        scenario="figure_eight",
-    )
+    result = parser(__doc__, "drake-quad sensitivities laboratory:low_wind --metric rmse_y", output="out/sensitivities")
     result.add_argument("--sample", type=int, help="which sample of the scenario's study to fly, from 0 on")
     result.add_argument(
         "--field", action="append", metavar="PATH", help="of a number of the scenario; can be given several times"

@@ -12,7 +12,7 @@ from drake_quad import InputError, Scenario
 from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import add_vector, add_wired, check_extra, controlled_scenarios, folder_of, parser
 from drake_quad.command_line.output import print_columns, print_files, remark
-from drake_quad.command_line.progress import study_progress
+from drake_quad.command_line.progress import progress_bar
 from drake_quad.errors import listed
 from drake_quad.laboratory.metrics import METRICS
 from drake_quad.scenario.correlation import correlated_pairs
@@ -30,9 +30,8 @@ from drake_quad.visualization.style import save_figures
 def options() -> argparse.ArgumentParser:
     """The options of the command."""
     result = parser(
-        "study",
         __doc__,
-        example="drake-quad study robustness --samples 200 --workers 2",
+        "drake-quad study robustness --samples 200 --workers 2",
         output="out/monte_carlo",
         scenario="robustness",
     )
@@ -79,7 +78,7 @@ def main(arguments: argparse.Namespace) -> None:
     began = time.perf_counter()
     with crew_of(arguments) as crew:
         for name, scenario in scenarios.items():
-            with study_progress(name) as progress:
+            with progress_bar(name, unit=" flights", mininterval=0.2) as progress:
                 studies[name] = run_monte_carlo(
                     scenario,
                     arguments.samples,

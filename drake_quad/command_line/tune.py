@@ -26,9 +26,8 @@ _RANGES = {"sensitivity": (1.1, 100.0), "delay-margin": (1e-3, 10.0), "samples":
 def options() -> argparse.ArgumentParser:
     """The options of the command."""
     result = parser(
-        "tune",
         __doc__,
-        example="drake-quad tune laboratory:low_wind --controller"
+        "drake-quad tune laboratory:low_wind --controller"
         " controllers/designed/laboratory:pid --tune control.position.k_i.0,control.position.k_i.1=0.1:3",
         output="out/tuned",
         scenario="laboratory:low_wind",

@@ -7,7 +7,8 @@ them up or hold them.
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Protocol
+from functools import reduce
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import PortDataType
@@ -22,32 +23,12 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 
+from drake_quad.compilation.trace import Around, Rows
 from drake_quad.errors import InputError
 from drake_quad.framework.broadcast import Broadcast
 from drake_quad.framework.fleet_system import Computation, FleetSystem, Input, Parameter, StateGroup
 from drake_quad.framework.formulas import TIME, TickOf, told_apart, traced
-
-# The rows of a port, of a state or of a parameter: symbols, or numbers.
-Rows = list[Any]
-
-
-class BlockSurroundings(Protocol):
-    """What a block can see."""
-
-    def input(self, index: int) -> Rows | None:
-        """The rows at an input port; None if nothing is connected."""
-
-    def state(self, group: int) -> Rows:
-        """The rows of a group of its state."""
-
-    def parameter(self, index: int) -> Rows:
-        """The rows of a parameter."""
-
-    def argument(self, read: Any) -> Any:
-        """What a formula gets for `TIME` or a `TickOf`."""
-
-    def source(self, output: int, element: int) -> Any:
-        """An element of an output port that depends on the time alone."""
+from drake_quad.framework.records import ABSENT
 
 
 class Work(NamedTuple):
@@ -60,7 +41,7 @@ class Work(NamedTuple):
         at_start: whether anything is done at time zero.
     """
 
-    compute: Callable[[BlockSurroundings], dict[int, Rows]]
+    compute: Callable[[Around], dict[int, Rows]]
     period: float | None
     unrestricted: bool = False
     at_start: bool = True
@@ -87,7 +68,7 @@ class Block(ABC):
         return type(self), *[work.period for work in self.works]
 
     @abstractmethod
-    def output(self, index: int, around: BlockSurroundings) -> Rows:
+    def output(self, index: int, around: Around) -> Rows:
         """The rows of an output port."""
 
     def passes(self, index: int) -> Sequence[int]:
@@ -157,28 +138,20 @@ class _Declared(Block):
         updates = [(_signature(each.computation), *each[:1], *each[2:]) for each in self.system.updates]
         return *outputs, *updates, *map(_signature, self.system.initializations)
 
-    def output(self, index: int, around: BlockSurroundings) -> Rows:
-        shown = self._shown(index)
-        if isinstance(shown, StateGroup):
-            return around.state(_number(shown))
-        (rows,) = _computed(shown, around)
+    def output(self, index: int, around: Around) -> Rows:
+        (rows,) = _computed(self._shown(index), around)
         return rows
 
     def passes(self, index: int) -> Sequence[int]:
-        shown = self._shown(index)
-        if isinstance(shown, StateGroup):
-            return ()
-        return [int(read.index) for read in shown.reads if isinstance(read, Input)]
+        return [int(read.index) for read in self._shown(index).reads if isinstance(read, Input)]
 
-    def _shown(self, index: int) -> Computation | StateGroup:
-        shown: Computation | StateGroup = self.system.outputs[self.system.get_output_port(index).get_name()]
+    def _shown(self, index: int) -> Computation:
+        shown: Computation = self.system.outputs[self.system.get_output_port(index).get_name()]
         return shown
 
 
-def _signature(shown: Computation | StateGroup) -> tuple[Any, ...]:
+def _signature(shown: Computation) -> tuple[Any, ...]:
     """All that a computation depends on, beside what it reads."""
-    if isinstance(shown, StateGroup):
-        return ("state", _number(shown))
     reads: list[tuple[Any, ...]] = []
     for read in shown.reads:
         if isinstance(read, Input):
@@ -192,12 +165,12 @@ def _signature(shown: Computation | StateGroup) -> tuple[Any, ...]:
     return shown.formula, *reads, *shown.results, *map(_number, shown.writes)
 
 
-def _writing(computation: Computation) -> Callable[[BlockSurroundings], dict[int, Rows]]:
+def _writing(computation: Computation) -> Callable[[Around], dict[int, Rows]]:
     groups = [_number(group) for group in computation.writes]
     return lambda around: dict(zip(groups, _computed(computation, around), strict=True))
 
 
-def _computed(computation: Computation, around: BlockSurroundings) -> list[Rows]:
+def _computed(computation: Computation, around: Around) -> list[Rows]:
     """Return the rows of each result of a computation."""
     values = []
     for read in computation.reads:
@@ -214,7 +187,8 @@ def _computed(computation: Computation, around: BlockSurroundings) -> list[Rows]
             case _:
                 values.append(around.argument(read) if read is TIME else read)
     returned = iter(traced(computation.formula, values, computation.results))
-    return [[next(returned) for _ in range(layout.num_rows)] for layout in computation.results]
+    present = [layout for layout in computation.results if layout is not ABSENT]
+    return [[next(returned) for _ in range(layout.num_rows)] for layout in present]
 
 
 def _number(group: StateGroup) -> int:
@@ -225,7 +199,7 @@ def _number(group: StateGroup) -> int:
 class _Same(Block):
     """What leaves its rows as they are."""
 
-    def output(self, index: int, around: BlockSurroundings) -> Rows:
+    def output(self, index: int, around: Around) -> Rows:
         return _connected(around.input(0))
 
 
@@ -235,7 +209,7 @@ class _Demultiplexer(Block):
         ports = [self.system.get_output_port(index).size() for index in range(self.system.num_output_ports())]
         return *super().signature, *(size // math.gcd(*ports) for size in ports)
 
-    def output(self, index: int, around: BlockSurroundings) -> Rows:
+    def output(self, index: int, around: Around) -> Rows:
         rows = _connected(around.input(0))
         unit = self.system.get_input_port().size() // len(rows)
         sizes = [self.system.get_output_port(other).size() for other in range(index + 1)]
@@ -245,18 +219,15 @@ class _Demultiplexer(Block):
 
 
 class _Multiplexer(Block):
-    def output(self, index: int, around: BlockSurroundings) -> Rows:
+    def output(self, index: int, around: Around) -> Rows:
         inputs = (around.input(number) for number in range(self.system.num_input_ports()))
         return [row for rows in inputs for row in _connected(rows)]
 
 
 class _Adder(Block):
-    def output(self, index: int, around: BlockSurroundings) -> Rows:
-        first, *others = (_connected(around.input(number)) for number in range(self.system.num_input_ports()))
-        total = first
-        for rows in others:
-            total = [a + b for a, b in zip(total, rows, strict=True)]
-        return total
+    def output(self, index: int, around: Around) -> Rows:
+        inputs = [_connected(around.input(number)) for number in range(self.system.num_input_ports())]
+        return reduce(lambda total, rows: [a + b for a, b in zip(total, rows, strict=True)], inputs)
 
 
 class _Gain(Block):
@@ -273,7 +244,7 @@ class _Gain(Block):
         factors: list[float] = self.system.get_output_port().Eval(context).tolist()
         return factors
 
-    def output(self, index: int, around: BlockSurroundings) -> Rows:
+    def output(self, index: int, around: Around) -> Rows:
         rows = _connected(around.input(0))
         factors = np.reshape(self._factors, (len(rows), -1))
         if (factors != factors[:, :1]).any():
@@ -282,7 +253,7 @@ class _Gain(Block):
 
 
 class _Constant(Block):
-    def output(self, index: int, around: BlockSurroundings) -> Rows:
+    def output(self, index: int, around: Around) -> Rows:
         return around.parameter(0)
 
 
@@ -292,7 +263,7 @@ class _Hold(Block):
         period = system.GetUniquePeriodicDiscreteUpdateAttribute().period_sec()
         self.works = [Work(lambda around: {0: _connected(around.input(0))}, period)]
 
-    def output(self, index: int, around: BlockSurroundings) -> Rows:
+    def output(self, index: int, around: Around) -> Rows:
         return around.state(0)
 
     def passes(self, index: int) -> Sequence[int]:
@@ -304,7 +275,7 @@ class _Trajectory(Block):
     def signature(self) -> tuple[Any, ...]:
         return *super().signature, self.system.get_output_port().size()
 
-    def output(self, index: int, around: BlockSurroundings) -> Rows:
+    def output(self, index: int, around: Around) -> Rows:
         return [around.source(index, element) for element in range(self.system.get_output_port().size())]
 
 

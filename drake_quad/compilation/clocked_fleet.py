@@ -48,7 +48,7 @@ class Beginning:
 
     def __init__(self, diagram: Diagram, *, shown: Sequence[str]) -> None:
         self._program = program = _compilable(diagram)
-        look = program.look([program.topology.outputs[name] for name in shown])
+        look = program.look(tuple([program.topology.outputs[name] for name in shown]))
         self._events = [event for event in (program.stage(None), look) if event is not None]
 
     def of(self, context: Context) -> Beginnings:
@@ -94,7 +94,7 @@ class ClockedFleet:
 
     def __init__(self, diagram: Diagram, *, tick: float, num_ticks: int, shown: Sequence[str], judge: str) -> None:
         self._program = program = _compilable(diagram)
-        ports = [program.topology.outputs[name] for name in shown]
+        ports = tuple([program.topology.outputs[name] for name in shown])
         instants = program.instants_of(tick)
         loop, shared = program.tick(instants, ports, judge)
         self.num_vehicles, self._loop, self._last = program.num_vehicles, loop, num_ticks

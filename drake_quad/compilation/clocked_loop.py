@@ -72,7 +72,7 @@ class ClockedLoop:
         self._allocate(num_vehicles)
 
     def fresh(self, num_vehicles: int) -> Self:
-        """Return a loop of the same machine code for other vehicles, one or several as before."""
+        """Return a loop with the same machine code for another number of vehicles, which stays 1 if it was."""
         result = copy.copy(self)
         result._allocate(num_vehicles)
         return result
@@ -125,7 +125,7 @@ def _taking(width: int, lanes: int) -> str:
 
 
 def _driver(rows: Mapping[str, int], lanes: int) -> str:
-    """Return the function that Python calls: for vectors from the first on, what is prepared, or a tick."""
+    """Return the function that Python calls, which prepares several vectors or lets a tick pass for them."""
     arrays = [f"{name}_rows" for name in rows]
     driver = Driver.of_arrays("i64 %begin, i64 %count, i64 %prepares", [*arrays, "clock_rows", "shared", "table"])
     driver.let("end", "add i64 %begin, %count")

@@ -12,6 +12,7 @@ from drake_quad.compilation.stand_in import StandIn, remembers
 from drake_quad.compilation.topology import ExportedPort, Port, Topology
 from drake_quad.errors import InputError
 from drake_quad.framework.formulas import INTERPRETED
+from drake_quad.framework.wiring import build
 
 # What a compiled diagram calls its compiled system.
 COMPILED = "compiled"
@@ -71,9 +72,7 @@ def compile_diagram(
                 builder.ConnectInput(name, port)
     for name in program.topology.outputs:
         builder.ExportOutput(core.GetOutputPort(name), name)
-    compiled = builder.Build()
-    compiled.set_name(diagram.get_name())
-    return compiled
+    return build(builder, diagram.get_name())
 
 
 def compiled_part(diagram: Diagram) -> CompiledSystem:

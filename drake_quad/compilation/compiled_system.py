@@ -1,6 +1,7 @@
 """A compiled diagram as a Drake system."""
 
-from collections.abc import Callable, Iterable, Sequence
+import functools
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -8,9 +9,9 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from drake_quad.caching import ThreadSafeCache
-from drake_quad.compilation.program import Event, Program, Shown
+from drake_quad.compilation.program import Event, Program
 from drake_quad.compilation.topology import ExportedPort, Port
-from drake_quad.compilation.trace import INPUTS, ROUNDING, STATE
+from drake_quad.compilation.trace import ROUNDING
 from drake_quad.errors import InputError, entry
 from drake_quad.framework.fleet_system import FleetSystem
 
@@ -72,9 +73,9 @@ class CompiledSystem(LeafSystem):
         self._tables: ThreadSafeCache[np.ndarray] = ThreadSafeCache(_MAX_TABLES)
         # Between its own events, nothing may look at what takes several instants at once.
         alone = not program.places.inputs
-        strides = None
+        strides, ports = None, tuple(self.recorded.values())
         if ticks is not None and (alone or not program.others_remember):
-            strides = program.strides(list(self.recorded.values()), self._instants)
+            strides = program.strides(ports, self._instants)
         if strides is None:
             self._declare_instants()
         else:
@@ -146,11 +147,11 @@ class CompiledSystem(LeafSystem):
 
     def _declare_instants(self) -> None:
         """Declares events at every instant, as the diagram has them."""
-        program, ports = self.program, list(self.recorded.values())
+        program, ports = self.program, tuple(self.recorded.values())
         discrete = [
-            program.stage(instant, [] if instant % self._instants else ports) for instant in range(program.cycle)
+            program.stage(instant, () if instant % self._instants else ports) for instant in range(program.cycle)
         ]
-        unrestricted = [program.stage(instant, unrestricted=True) for instant in range(program.cycle)]
+        unrestricted = [program.stage(instant, (), True) for instant in range(program.cycle)]
         starts = any(work.at_start for _, work in program.works(0, unrestricted=True))
 
         def update(context: Context, values: Any) -> None:
@@ -197,22 +198,18 @@ class CompiledSystem(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period * ticks, 0.0, advance)
 
     def _begin(self, context: Context, values: Any) -> None:
-        self._run(self._first, context, values.get_mutable_value(self._state))
+        self._now(self._first, context, values.get_mutable_value(self._state))
 
     def _advance(self, event: Event, context: Context, state: np.ndarray, first: int, count: int) -> None:
         """Lets events pass; `first` is the number of the first of them, counted from time zero."""
-        n = self.program.num_vehicles
-        log = np.empty((count, event.loop.num_logged, event.loop.padded(n)))
+        log = self._run(event, context, state, self._table(event, first, count))
         if event.loop.num_logged:
             parts = context.get_abstract_parameter(self._log).get_value().parts
             if first == 0:
                 parts.clear()
             parts.append(log)
-        parameters = self._parameters_of(context).value()
-        seen = self._seen(event.inputs, context)
-        event.loop.run(state, parameters, seen, self._table(event, first, count), log, n)
 
-    def _table(self, event: Event | Shown, first: int, count: int) -> np.ndarray:
+    def _table(self, event: Event, first: int, count: int) -> np.ndarray:
         """Return the shared numbers of some events, from a cache for later flights, which is filled in large parts."""
         begin, size = (first - first % _TABLE_EVENTS, _TABLE_EVENTS) if count == 1 else (first, count)
 
@@ -221,14 +218,18 @@ class CompiledSystem(LeafSystem):
 
         return self._tables.get((id(event), begin, size), make)[first - begin : first - begin + count]
 
-    def _run(self, event: Any, context: Context, state: np.ndarray) -> np.ndarray:
-        """Lets one event pass at the context's time, and returns what it logs."""
-        n = self.program.num_vehicles
+    def _now(self, event: Any, context: Context, state: np.ndarray) -> np.ndarray:
+        """Run one event at the context's time, and return what it logs."""
         shared = self._shared_at(event, context.get_time())[None]
-        log = np.empty((1, event.loop.num_logged, event.loop.padded(n)))
-        parameters = self._parameters_of(context).value()
+        return self._run(event, context, state, shared)[0, :, : self.program.num_vehicles]
+
+    def _run(self, event: Event, context: Context, state: np.ndarray, shared: np.ndarray) -> np.ndarray:
+        """Run events, given the numbers that all vehicles share at each, and return what they log."""
+        n = self.program.num_vehicles
+        log = np.empty((len(shared), event.loop.num_logged, event.loop.padded(n)))
+        parameters = context.get_numeric_parameter(self._parameters).value()
         event.loop.run(state, parameters, self._seen(event.inputs, context), shared, log, n)
-        return log[0, :, :n]
+        return log
 
     def _seen(self, sources: Iterable[Port | ExportedPort], context: Context) -> np.ndarray:
         """What comes from elsewhere; nothing sensible where it is not asked for."""
@@ -248,50 +249,19 @@ class CompiledSystem(LeafSystem):
     def _show(self, name: str, port: Port) -> None:
         """Declares an output port that shows a leaf's."""
         size = self.program.topology.leaves[port.path].get_output_port(port.number).size()
-        show: list[Callable[[Context, BasicVector], None]] = []
+        look = functools.cache(lambda: self.program.look((port,)))  # only ports that are looked at are compiled
 
         def calc(context: Context, output: BasicVector) -> None:
-            if not show:  # what nobody looks at is not made
-                show.append(self._showing(port))
-            show[0](context, output)
+            # The event does not write into the state.
+            state = context.get_discrete_state(self._state).value()
+            output.SetFromVector(self._now(look(), context, state).ravel())
 
         reached = self.program.reach(port)
         tickets = {self.xd_ticket(), self.pn_ticket(), self.time_ticket()}
         tickets |= {self.input_port_ticket(self._inputs[source]) for source in reached}
         self.DeclareVectorOutputPort(name, size, calc, tickets)
 
-    def _showing(self, port: Port) -> Callable[[Context, BasicVector], None]:
-        """What sets an output port's vector."""
-        code, n = self.program.port(port), self.program.num_vehicles
-        if isinstance(code, Event):
-            event = code
-
-            def run(context: Context, output: BasicVector) -> None:
-                # It writes none of the state.
-                output.SetFromVector(self._run(event, context, context.get_discrete_state(self._state).value()).ravel())
-
-            return run
-        shown, rows = code, slice(code.first, code.first + code.num_rows)
-        if shown.group is None:
-            return lambda context, output: output.SetFromVector(
-                self._shared_at(shown, context.get_time())[rows].repeat(n)
-            )
-        numbers, part = self._group(shown.group, port), slice(rows.start * n, rows.stop * n)
-        return lambda context, output: output.SetFromVector(numbers(context)[part])
-
-    def _group(self, group: int, port: Port) -> Callable[[Context], np.ndarray]:
-        """What gives the numbers of a group, of which a port shows some."""
-        if group == INPUTS:
-            reached = list(self.program.reach(port))
-            return lambda context: self._seen(reached, context)
-        if group == STATE:
-            return lambda context: context.get_discrete_state(self._state).value()
-        return lambda context: self._parameters_of(context).value()
-
-    def _parameters_of(self, context: Context) -> BasicVector:
-        return context.get_numeric_parameter(self._parameters)
-
-    def _shared_at(self, code: Event | Shown, time: float) -> np.ndarray:
+    def _shared_at(self, code: Event, time: float) -> np.ndarray:
         """The shared numbers at a time; at an instant, from those that are kept."""
         instant = round(time / self.program.base)
         if instant * self.program.base == time:

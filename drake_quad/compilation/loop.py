@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from drake_quad.compilation.parts import EVENT, PREPARE, Part, PartSizes, aligned, divided
+from drake_quad.compilation.parts import EVENT, PREPARE, PartSizes, aligned, divided
 from drake_quad.framework.drivers import Driver, copying
 from drake_quad.framework.instructions import declarations
 from drake_quad.framework.machine_code import LANES, address
@@ -50,7 +50,15 @@ class Loop:
         before, event = divided(listing, changes, logged)
         # The function runs under Python's lock, one call at a time.
         self._scratch = aligned((sum(sizes) + len(before.stores)) * self._lanes)
-        text = _module(before, event, sizes, len(logged), max(1, width), self._lanes)
+        text = "\n".join(
+            [
+                declarations(self._lanes),
+                copying(self._lanes),
+                before.written(PREPARE, lanes=self._lanes, log_stride=0, shared=""),
+                event.written(EVENT, lanes=self._lanes, log_stride="%padded", shared="%shared"),
+                _driver(sizes, len(logged), max(1, width), self._lanes),
+            ]
+        )
         arguments: list[Any] = [ctypes.c_int64, ctypes.c_int64, *[ctypes.py_object] * 6]
         self._run: Callable[..., None] = ctypes.PYFUNCTYPE(None, *arguments)(address(text))
 
@@ -78,19 +86,6 @@ class Loop:
             num_vehicles: N.
         """
         self._run(num_vehicles, len(shared), state, parameters, inputs, shared, log, self._scratch)
-
-
-def _module(before: Part, event: Part, sizes: PartSizes, num_logged: int, width: int, lanes: int) -> str:
-    """The text of a loop in LLVM's language."""
-    return "\n".join(
-        [
-            declarations(lanes),
-            copying(lanes),
-            before.written(PREPARE, lanes=lanes, log_stride=0, shared=""),
-            event.written(EVENT, lanes=lanes, log_stride="%padded", shared="%shared"),
-            _driver(sizes, num_logged, width, lanes),
-        ]
-    )
 
 
 def _driver(sizes: PartSizes, num_logged: int, width: int, lanes: int) -> str:

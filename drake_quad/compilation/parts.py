@@ -72,20 +72,15 @@ def aligned(size: int) -> np.ndarray:
 
 
 def divided(listing: Listing, changes: Mapping[int, Any], logged: Sequence[Any]) -> tuple[Part, Part]:
-    """The part that follows from parameters alone, and writes what is kept, and the rest.
+    """Split a listing into the part that depends on parameters only, whose results are kept, and the rest.
 
     Args:
         listing: of what happens from one event to the next; its groups are `STATE`, `PARAMETERS` and `INPUTS`.
         changes: symbols or numbers that the state will hold, by the row.
         logged: symbols or numbers that are written down.
     """
-    before, rest, results = _divided(listing, [*changes.values(), *logged])
+    results = [*changes.values(), *logged]
     targets = [*((STATE, row) for row in changes), *((LOG, row) for row in range(len(logged)))]
-    return before, Part(rest, list(zip(targets, results, strict=True)))
-
-
-def _divided(listing: Listing, results: Sequence[Any]) -> tuple[Part, Listing, list[Symbol]]:
-    """What follows from parameters alone, and the rest, which reads that in `KEPT`, with the results."""
     lines = [result.line if result.__class__ is Symbol else listing.constant(result).line for result in results]
     fixed = _follow_from_parameters(listing)
     before, rest = Listing(), Listing()
@@ -110,8 +105,8 @@ def _divided(listing: Listing, results: Sequence[Any]) -> tuple[Part, Listing, l
             in_rest(line)
         elif listing.operations[line].name != "row":
             in_before(line)
-    symbols = [in_rest(line) for line in lines]
-    return Part(before, [((KEPT, row), symbol) for row, symbol in enumerate(kept)]), rest, symbols
+    stores = list(zip(targets, map(in_rest, lines), strict=True))
+    return Part(before, [((KEPT, row), symbol) for row, symbol in enumerate(kept)]), Part(rest, stores)
 
 
 def _copied(listing: Listing, operation: Operation, symbol_of: Callable[[int], Symbol]) -> Symbol:

@@ -1,9 +1,10 @@
 """What a compiled diagram does, and when."""
 
 import functools
+import itertools
 import math
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from pydrake.systems.framework import Context, Diagram
@@ -19,7 +20,6 @@ from drake_quad.compilation.topology import ExportedPort, Port, Topology
 from drake_quad.compilation.trace import ROUNDING, Places, Trace
 from drake_quad.errors import InputError
 from drake_quad.framework.fleet_system import FleetSystem
-from drake_quad.framework.symbols import Symbol
 from drake_quad.process_settings import without_garbage_collection
 
 # Of instants until everything happens together again.
@@ -27,6 +27,8 @@ _LONGEST_CYCLE = 64
 # Events of diagrams that are alike but for their numbers, and the size of their fleets, are made once.
 _MAX_MADE = 256
 _made: ThreadSafeCache[Any] = ThreadSafeCache(_MAX_MADE)
+_Result = TypeVar("_Result")
+_Key = TypeVar("_Key")
 
 
 class Event(NamedTuple):
@@ -45,22 +47,19 @@ class Event(NamedTuple):
     inputs: frozenset[Port | ExportedPort]
 
 
-class Shown(NamedTuple):
-    """What a port shows that need not be computed.
+def _made_once(make: Callable[..., _Result]) -> Callable[..., _Result]:
+    """Return a method of `Program` whose results are shared by equivalent diagrams; its arguments can be hashed."""
 
-    Attributes:
-        group: of the rows that it shows; None for shared numbers.
-        first: of the rows.
-        num_rows: that it shows.
-        shared: the numbers.
-        instants: as for an event.
-    """
+    @functools.wraps(make)
+    def shared(program: "Program", *arguments: Any) -> _Result:
+        def uncollected() -> _Result:
+            with without_garbage_collection():
+                return make(program, *arguments)
 
-    group: int | None
-    first: int
-    num_rows: int
-    shared: SharedNumbers
-    instants: int = 1
+        result: _Result = _made.get((program.signature, make.__name__, *arguments), uncollected)
+        return result
+
+    return shared
 
 
 class Program:
@@ -86,11 +85,8 @@ class Program:
     def __init__(self, diagram: Diagram) -> None:
         self.diagram, self.topology = diagram, Topology(diagram)
         leaves = self.topology.leaves
-        self.blocks: dict[str, Block] = {}
-        for path, system in leaves.items():
-            block = block_of(system)
-            if block is not None:
-                self.blocks[path] = block
+        blocks = {path: block_of(system) for path, system in leaves.items()}
+        self.blocks: dict[str, Block] = {path: block for path, block in blocks.items() if block is not None}
         fleets = {system.num_vehicles for system in leaves.values() if isinstance(system, FleetSystem)}
         if not fleets:
             raise InputError(f"{diagram.get_name()} cannot be compiled: none of its systems is made for a fleet")
@@ -99,7 +95,8 @@ class Program:
                 f"{diagram.get_name()} cannot be compiled: its systems are made for {sorted(fleets)} vehicles"
             )
         (self.num_vehicles,) = fleets
-        self.places, self.sizes = self._places(diagram.CreateDefaultContext())
+        self.places = self._places(diagram.CreateDefaultContext())
+        self.sizes = PartSizes(*(sum(rows for _, rows in places.values()) for places in self.places))
         self.base, self.cycle = self._grid()
 
     @property
@@ -147,7 +144,8 @@ class Program:
         for vector, numbers in self._vectors(context, state, parameters):
             vector.SetFromVector(numbers)
 
-    def stage(self, instant: int | None, recorded: Iterable[Port] = (), *, unrestricted: bool = False) -> Event | None:
+    @_made_once
+    def stage(self, instant: int | None, recorded: tuple[Port, ...] = (), unrestricted: bool = False) -> Event | None:
         """What is done at a single instant of the cycle, or when a simulation begins; None if it is nothing.
 
         Args:
@@ -155,31 +153,19 @@ class Program:
             recorded: ports that are logged before.
             unrestricted: whether it is that of unrestricted updates.
         """
-        recorded = tuple(recorded)
-        event: Event | None = self._kept(
-            ("stage", instant, recorded, unrestricted), lambda: self._stage(instant, recorded, unrestricted)
-        )
-        return event
-
-    def _stage(self, instant: int | None, recorded: Iterable[Port], unrestricted: bool) -> Event | None:
         works = self.works(instant, unrestricted=unrestricted)
         trace, shared = self._trace(1)
-        logged = [row for port in recorded for row in trace.output(port)]
+        logged = _rows(trace, recorded)
         if not works and not logged:
             return None
         trace.advance(works, first=not instant)
         return self._event(trace, shared, 1, logged)
 
-    def port(self, port: Port) -> Event | Shown:
-        """What a leaf's output port shows, or the machine code that logs it and changes nothing."""
-
-        def make() -> Event | Shown:
-            trace, shared = self._trace(1)
-            rows = trace.output(port)
-            return _shown(trace, shared, rows) or self._event(trace, shared, 1, rows)
-
-        found: Event | Shown = self._kept(("port", port), make)
-        return found
+    @_made_once
+    def look(self, shown: tuple[Port, ...]) -> Event:
+        """Return the machine code that logs what ports show at an instant, and that changes nothing."""
+        trace, shared = self._trace(1)
+        return self._event(trace, shared, 1, _rows(trace, shown))
 
     def instants_of(self, period: float) -> int:
         """How many instants a period (s) takes, of something that happens."""
@@ -188,7 +174,8 @@ class Program:
             raise InputError(f"{self.diagram.get_name()} cannot be compiled: nothing happens in it every {period:g} s")
         return instants
 
-    def strides(self, recorded: Sequence[Port], longest: int) -> list[Event] | None:
+    @_made_once
+    def strides(self, recorded: tuple[Port, ...], longest: int) -> list[Event] | None:
         """What is done in a cycle, from the discrete updates of an instant until those of a later one begin.
 
         There are several events where something from elsewhere is looked at more than once, or where they may not take
@@ -198,19 +185,13 @@ class Program:
             recorded: ports that are logged every `longest` instants, from the first on.
             longest: instants that an event may take, of which a cycle is a multiple.
         """
-        events: list[Event] | None = self._kept(
-            ("strides", longest, *recorded), lambda: self._strides(recorded, longest)
-        )
-        return events
-
-    def _strides(self, recorded: Sequence[Port], longest: int) -> list[Event] | None:
         if any(work.at_start for _, work in self.works(0, unrestricted=True)):
             # Nothing but an event of their own can do them at time zero.
             return None
         for instants in (each for each in range(longest, 0, -1) if longest % each == 0):
             events = []
             for first in range(0, self.cycle, instants):
-                event = self._stride(first, instants, [] if first % longest else recorded)
+                event = self._stride(first, instants, () if first % longest else recorded)
                 if event is None:
                     break
                 events.append(event)
@@ -221,7 +202,7 @@ class Program:
     def _stride(self, first: int, instants: int, recorded: Iterable[Port]) -> Event | None:
         """None if something from elsewhere would be looked at after the first instant, or in unrestricted updates."""
         trace, shared = self._trace(instants)
-        logged = [row for port in recorded for row in trace.output(port)]
+        logged = _rows(trace, recorded)
         trace.advance(self.works(first), first=first == 0)
         looked_at = frozenset(trace.inputs)
         trace.inputs.clear()
@@ -236,7 +217,7 @@ class Program:
             if instant < first + instants:
                 trace.advance(self.works(instant % self.cycle))
 
-    def tick(self, instants: int, shown: Sequence[Port], judge: str) -> tuple[ClockedLoop, SharedNumbers]:
+    def tick(self, instants: int, shown: tuple[Port, ...], judge: str) -> tuple[ClockedLoop, SharedNumbers]:
         """What happens from one tick to the next, for vehicles with clocks of their own; and the table that it takes.
 
         At its end is shown what ports hold, and then what the discrete updates of a system would make of its state:
@@ -258,17 +239,15 @@ class Program:
             )
         if any(work.at_start for _, work in self.works(0, unrestricted=True)):
             raise InputError(f"vehicles of {name} cannot have clocks of their own: it begins with an update of its own")
-        found: tuple[ClockedLoop, SharedNumbers] = self._kept(
-            ("tick", instants, tuple(shown), judge), lambda: self._tick(instants, shown, judge)
-        )
-        loop, shared = found
+        loop, shared = self._tick(instants, shown, judge)
         return loop.fresh(self.num_vehicles), shared
 
-    def _tick(self, instants: int, shown: Sequence[Port], judge: str) -> tuple[ClockedLoop, SharedNumbers]:
+    @_made_once
+    def _tick(self, instants: int, shown: tuple[Port, ...], judge: str) -> tuple[ClockedLoop, SharedNumbers]:
         trace, shared = self._trace(instants)
         trace.advance(self.works(0), first=True)
         self._pass(trace, 0, instants)
-        logged = [row for port in shown for row in trace.output(port)]
+        logged = _rows(trace, shown)
         judged = trace.foreseen([(path, work) for path, work in self.works(0) if path == judge])
         logged += [row for _, rows in sorted(judged.items()) for row in rows]
         loop = ClockedLoop(
@@ -280,16 +259,6 @@ class Program:
             num_vehicles=1 if self.num_vehicles == 1 else 2,
         )
         return loop, shared
-
-    def look(self, shown: Sequence[Port]) -> Event:
-        """What logs ports at an instant, and changes nothing."""
-
-        def make() -> Event:
-            trace, shared = self._trace(1)
-            return self._event(trace, shared, 1, [row for port in shown for row in trace.output(port)])
-
-        event: Event = self._kept(("look", tuple(shown)), make)
-        return event
 
     def times(self, first: int, instants: int, count: int) -> np.ndarray:
         """The (count, instants + 1) times (s) of events of so many instants, from event `first` on."""
@@ -313,7 +282,7 @@ class Program:
         return shared.table(times, values)
 
     @functools.cached_property
-    def _signature(self) -> tuple[Any, ...]:
+    def signature(self) -> tuple[Any, ...]:
         """All that its machine code depends on."""
         leaves = self.topology.leaves
         blocks = tuple(
@@ -323,10 +292,6 @@ class Program:
         outputs = tuple(self.topology.outputs.items())
         places = tuple([tuple(each.items()) for each in self.places])
         return blocks, others, outputs, places, self.num_vehicles == 1
-
-    def _kept(self, key: tuple[Any, ...], make: Callable[[], Any]) -> Any:
-        """Return cached events of this or of an equivalent diagram; make them if there are none."""
-        return _made.get((self._signature, *key), lambda: _uncollected(make))
 
     def _trace(self, instants: int) -> tuple[Trace, SharedNumbers]:
         shared = SharedNumbers()
@@ -365,27 +330,16 @@ class Program:
             )
         return base, cycle
 
-    def _places(self, context: Context) -> tuple[Places, PartSizes]:
-        states: dict[tuple[str, int], tuple[int, int]] = {}
-        parameters: dict[tuple[str, int], tuple[int, int]] = {}
-        inputs: dict[Port | ExportedPort, tuple[int, int]] = {}
-        sizes = {}
-        for name, places in (("state", states), ("parameters", parameters)):
-            first = 0
-            for path, index, vector in self._groups(name, context):
-                rows = self._num_rows(vector.size(), f"{name} {index} of {path}")
-                places[path, index] = first, rows
-                first += rows
-            sizes[name] = first
-        first = 0
-        for source, size in self._elsewhere().items():
-            if isinstance(source, ExportedPort):
-                what = f"the input port {source.name}"
-            else:
-                what = f"output {source.number} of {source.path}"
-            inputs[source] = first, self._num_rows(size, what)
-            first += inputs[source][1]
-        return Places(states, parameters, inputs), PartSizes(sizes["state"], sizes["parameters"], first)
+    def _places(self, context: Context) -> Places:
+        states, parameters = (
+            {
+                (path, index): self._num_rows(vector.size(), f"{name} {index} of {path}")
+                for path, index, vector in self._groups(name, context)
+            }
+            for name in ("state", "parameters")
+        )
+        inputs = {source: self._num_rows(size, _described(source)) for source, size in self._elsewhere().items()}
+        return Places(_in_turn(states), _in_turn(parameters), _in_turn(inputs))
 
     def _elsewhere(self) -> dict[Port | ExportedPort, int]:
         """What comes from elsewhere, and its size."""
@@ -428,20 +382,18 @@ class Program:
                 yield vector, numbers[first * self.num_vehicles : (first + rows) * self.num_vehicles]
 
 
-def _uncollected(make: Callable[[], Any]) -> Any:
-    with without_garbage_collection():
-        return make()
+def _described(source: Port | ExportedPort) -> str:
+    if isinstance(source, ExportedPort):
+        return f"the input port {source.name}"
+    return f"output {source.number} of {source.path}"
 
 
-def _shown(trace: Trace, shared: SharedNumbers, rows: Sequence[Any]) -> Shown | None:
-    """What is shown where rows stand one after another somewhere, or are shared numbers; None if they do not."""
-    if not all(row.__class__ is Symbol for row in rows):
-        return None
-    operations = [trace.listing.operations[row.line] for row in rows]
-    (name,) = names if len(names := {operation.name for operation in operations}) == 1 else (None,)
-    if name not in ("row", "shared"):
-        return None
-    places = [operation.operands for operation in operations]
-    *group, first = places[0]
-    in_order = places == [(*group, first + place) for place in range(len(rows))]
-    return Shown(group[0] if group else None, first, len(rows), shared) if in_order else None
+def _in_turn(num_rows: Mapping[_Key, int]) -> dict[_Key, tuple[int, int]]:
+    """Return the first row and the number of rows of each of several groups that follow one another."""
+    firsts = itertools.accumulate(num_rows.values(), initial=0)
+    return {key: (first, count) for (key, count), first in zip(num_rows.items(), firsts)}
+
+
+def _rows(trace: Trace, ports: Iterable[Port]) -> list[Any]:
+    """Return the rows of several ports, one port after another."""
+    return [row for port in ports for row in trace.output(port)]

@@ -7,13 +7,14 @@ state at the end.
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
-from drake_quad.compilation.blocks import Block, Rows, Work
 from drake_quad.compilation.shared_numbers import TIME_ITSELF, NumberSource, SharedNumbers
 from drake_quad.compilation.topology import ExportedPort, Port, Topology
 from drake_quad.framework.elementary import untyped, where
 from drake_quad.framework.formulas import TIME, Tick, TickOf
 from drake_quad.framework.symbols import Listing, Symbol, SymbolKind
 
+# The rows of a port, of a state or of a parameter: symbols, or numbers.
+Rows = list[Any]
 # The groups of a listing.
 STATE, PARAMETERS, INPUTS = range(3)
 # By which a quotient of two periods may differ from a whole number.
@@ -39,7 +40,7 @@ class Trace:
 
     Args:
         topology: of the diagram.
-        blocks: its leaf systems that are compiled, by path.
+        blocks: its leaf systems that are compiled, as `Block`, by path.
         places: of all numbers.
         base: time between two instants, s.
         instants: that an event takes.
@@ -54,7 +55,7 @@ class Trace:
     def __init__(
         self,
         topology: Topology,
-        blocks: Mapping[str, Block],
+        blocks: Mapping[str, Any],
         places: Places,
         *,
         base: float,
@@ -72,10 +73,10 @@ class Trace:
         if port in self._places.inputs:
             return self._input(port)
         if port not in self._outputs:
-            self._outputs[port] = self._blocks[port.path].output(port.number, _Around(self, port.path))
+            self._outputs[port] = self._blocks[port.path].output(port.number, Around(self, port.path))
         return self._outputs[port]
 
-    def advance(self, works: Iterable[tuple[str, Work]], *, first: bool = False) -> None:
+    def advance(self, works: Iterable[tuple[str, Any]], *, first: bool = False) -> None:
         """Lets blocks do some work, given their paths, all at once.
 
         Args:
@@ -85,13 +86,13 @@ class Trace:
         self._states |= self.foreseen(works, first=first)
         self._outputs.clear()
 
-    def foreseen(self, works: Iterable[tuple[str, Work]], *, first: bool = False) -> dict[tuple[str, int], Rows]:
+    def foreseen(self, works: Iterable[tuple[str, Any]], *, first: bool = False) -> dict[tuple[str, int], Rows]:
         """The rows that groups of the state would hold after some work, which is not done; as for `advance`."""
         after: dict[tuple[str, int], Rows] = {}
         for path, work in works:
-            for group, rows in work.compute(_Around(self, path)).items():
+            for group, rows in work.compute(Around(self, path)).items():
                 if first and not work.at_start:
-                    begins, before = self.time() == 0.0, self.state(path, group)
+                    begins, before = self.shared() == 0.0, self.state(path, group)
                     rows = [where(untyped(begins), old, new) for old, new in zip(before, rows, strict=True)]
                 after[path, group] = rows
         return after
@@ -109,9 +110,9 @@ class Trace:
             for row, value in enumerate(rows)
         }
 
-    def time(self) -> Symbol:
-        """The time of the instant, s."""
-        return self.listing.shared(self._shared.place(self.instant, TIME_ITSELF))
+    def shared(self, what: str | NumberSource = TIME_ITSELF) -> Symbol:
+        """Return a number that all vehicles share at the instant: the time (s), or an element of a source."""
+        return self.listing.shared(self._shared.place(self.instant, what))
 
     def tick(self, ticks: TickOf) -> Tick:
         """The tick at the instant.
@@ -126,10 +127,6 @@ class Trace:
         number = self.listing.shared(self._shared.place(self.instant, ticks))
         second = self.listing.shared(self._shared.second(self.instant, ticks))
         return Tick(untyped(number), untyped(second == 1.0))
-
-    def source(self, source: NumberSource) -> Symbol:
-        """An element of a port that depends on the time alone."""
-        return self.listing.shared(self._shared.place(self.instant, source))
 
     def state(self, path: str, group: int) -> Rows:
         """The rows of a group of a leaf's state, as it is by now."""
@@ -157,23 +154,28 @@ class Trace:
         return [self.listing.row(group, row, SymbolKind.NUMBER) for row in range(first, first + count)]
 
 
-class _Around:
-    """What a block sees in a trace."""
+class Around(NamedTuple):
+    """View of a trace from the block with a path."""
 
-    def __init__(self, trace: Trace, path: str) -> None:
-        self._trace, self._path = trace, path
+    trace: Trace
+    path: str
 
     def input(self, index: int) -> Rows | None:
-        return self._trace.input(Port(self._path, index))
+        """Return the rows at an input port; None if nothing is connected."""
+        return self.trace.input(Port(self.path, index))
 
     def state(self, group: int) -> Rows:
-        return self._trace.state(self._path, group)
+        """Return the rows of a group of its state."""
+        return self.trace.state(self.path, group)
 
     def parameter(self, index: int) -> Rows:
-        return self._trace.parameter(self._path, index)
+        """Return the rows of a parameter."""
+        return self.trace.parameter(self.path, index)
 
     def argument(self, read: Any) -> Any:
-        return self._trace.time() if read is TIME else self._trace.tick(read)
+        """Return what a formula gets for `TIME` or a `TickOf`."""
+        return self.trace.shared() if read is TIME else self.trace.tick(read)
 
     def source(self, output: int, element: int) -> Any:
-        return self._trace.source(NumberSource(self._path, output, element))
+        """Return an element of an output port that depends on the time alone."""
+        return self.trace.shared(NumberSource(self.path, output, element))

@@ -4,6 +4,7 @@ from typing import Annotated, Any, NamedTuple
 
 from drake_quad.framework.elementary import wrapped
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.geometry.kinematics import torque_of
 from drake_quad.geometry.per_axis import PerAngle
 from drake_quad.signals import AngularAcceleration, Attitude, BodyRates, Quantity, Row, State, Torque
 
@@ -51,16 +52,6 @@ def wanted_acceleration(
     pitch = k_p.pitch * (attitude.pitch - measurement.pitch) + k_d.pitch * (q_r - measurement.q)
     yaw = k_p.yaw * wrapped(attitude.yaw - measurement.yaw) + k_d.yaw * (r_r - measurement.r)
     return AngularAcceleration(roll + acceleration.p, pitch + acceleration.q, yaw + acceleration.r)
-
-
-def torque_of(acceleration: AngularAcceleration, rates: BodyRates, i_xx: Row, i_yy: Row, i_zz: Row) -> Torque:
-    """Euler's equation, τ = I ω̇ + ω × I ω, with principal moments of inertia (kg m²)."""
-    p, q, r = rates
-    return Torque(
-        i_xx * acceleration.p + (i_zz - i_yy) * q * r,
-        i_yy * acceleration.q + (i_xx - i_zz) * p * r,
-        i_zz * acceleration.r + (i_yy - i_xx) * p * q,
-    )
 
 
 def attitude_law(

@@ -7,7 +7,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Multiplexer
 
 from drake_quad.control.position import FeedForward
-from drake_quad.framework.wiring import split_output
+from drake_quad.framework.wiring import append, build, connect_inputs, split_output
 
 # What a position controller, and then a network around it, may show beside what they command.
 POSITION_SIGNALS = (
@@ -15,6 +15,8 @@ POSITION_SIGNALS = (
     *("weights", "covariance_trace", "antecedents"),
 )
 
+# The derivatives of the reference that are fed forward beside its acceleration.
+_DERIVATIVES = {"jerk": ("reference_jerk",), "snap": ("reference_jerk", "reference_snap")}
 # The signals that make an attitude target, in its order.
 _TARGET = ("thrust", "attitude_command", "body_rate_command")
 
@@ -56,22 +58,12 @@ def build_cascade(
     builder = DiagramBuilder()
     builder.AddNamedSystem("position", position)
     commanded = split_output(builder, "thrust_vectoring", thrust_vectoring)
+    systems = [position, thrust_vectoring]
     if attitude is not None:
-        builder.AddNamedSystem("attitude", attitude)
-
-    builder.ExportInput(position.GetInputPort("measurement"), "measurement")
-    builder.ExportInput(position.GetInputPort("reference"), "reference")
-    builder.ConnectInput("measurement", thrust_vectoring.GetInputPort("measurement"))
-    if attitude is not None:
-        builder.ConnectInput("measurement", attitude.GetInputPort("measurement"))
-    builder.ConnectInput("reference", thrust_vectoring.GetInputPort("reference"))
-    if feed_forward in ("jerk", "snap"):
-        builder.ExportInput(thrust_vectoring.GetInputPort("reference_jerk"), "reference_jerk")
-    if feed_forward == "snap":
-        builder.ExportInput(thrust_vectoring.GetInputPort("reference_snap"), "reference_snap")
-
+        systems.append(builder.AddNamedSystem("attitude", attitude))
     acceleration_command = position.GetOutputPort("acceleration_command")
-    builder.Connect(acceleration_command, thrust_vectoring.GetInputPort("acceleration_command"))
+    exported = ("measurement", "reference", *_DERIVATIVES.get(feed_forward, ()))
+    connect_inputs(builder, systems, {"acceleration_command": acceleration_command}, exported)
     builder.ExportOutput(*command_of(builder, commanded, attitude))
     builder.ExportOutput(acceleration_command, "acceleration_command")
     builder.ExportOutput(commanded["attitude_command"], "attitude_command")
@@ -81,9 +73,7 @@ def build_cascade(
         source = next((each for each in (position, network) if each is not None and each.HasOutputPort(name)), None)
         if source is not None:
             builder.ExportOutput(source.GetOutputPort(name), name)
-    control = builder.Build()
-    control.set_name("control")
-    return control
+    return build(builder, "control")
 
 
 def command_of(builder: DiagramBuilder, commanded: Mapping[str, Any], attitude: Any | None) -> tuple[Any, str]:
@@ -97,13 +87,9 @@ def command_of(builder: DiagramBuilder, commanded: Mapping[str, Any], attitude: 
     if attitude is None:
         name, parts = "attitude_target", [commanded[part] for part in _TARGET]
     else:
-        for part in ("attitude_command", "body_rate_command", "angular_acceleration_command"):
-            builder.Connect(commanded[part], attitude.GetInputPort(part))
+        connect_inputs(builder, [attitude], commanded)
         name, parts = "wrench", [commanded["thrust"], attitude.GetOutputPort("torque")]
-    together = builder.AddNamedSystem(name, Multiplexer([part.size() for part in parts]))
-    for i, part in enumerate(parts):
-        builder.Connect(part, together.get_input_port(i))
-    return together.get_output_port(), name
+    return append(builder, name, Multiplexer([part.size() for part in parts]), *parts), name
 
 
 def put_around(builder: DiagramBuilder, controller: Any, network: Any) -> None:

@@ -2,11 +2,12 @@
 
 from typing import NamedTuple
 
-from drake_quad.control.attitude import AttitudeNumbers, attitude_inputs, torque_of
+from drake_quad.control.attitude import AttitudeNumbers, attitude_inputs
 from drake_quad.control.integral import Integration
 from drake_quad.framework.elementary import maximum, minimum
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.geometry.axes import BodyAxes, Vector, cross
+from drake_quad.geometry.kinematics import torque_of
 from drake_quad.geometry.per_axis import PerAngle
 from drake_quad.signals import AngularAcceleration, Attitude, BodyAccelerationB, BodyRates, State, Torque
 
@@ -36,28 +37,6 @@ def _rotation_error(turned: BodyAxes) -> Vector:
     return Vector(0.5 * (turned.z.y - turned.y.z), 0.5 * (turned.x.z - turned.z.x), 0.5 * (turned.y.x - turned.x.y))
 
 
-def _wanted(
-    measurement: State,
-    attitude: Attitude,
-    rates: BodyRates,
-    acceleration: AngularAcceleration,
-    k_p: PerAngle,
-    k_d: PerAngle,
-    transports: bool,
-) -> AngularAcceleration:
-    """Return the angular acceleration -k_P e_R - k_D e_Ω - Ω̂ Rᵀ R_d Ω_d + Rᵀ R_d Ω̇_d, see `geometric_law`."""
-    turned = _turned(measurement, attitude)
-    error = _rotation_error(turned)
-    own = Vector(measurement.p, measurement.q, measurement.r)
-    commanded, faster = turned.in_world(Vector(*rates)), turned.in_world(Vector(*acceleration))
-    wanted = [-k * e - d * (w - w_d) for k, d, e, w, w_d in zip(k_p, k_d, error, own, commanded, strict=True)]
-    if transports:
-        # The body rotates relative to the commanded rates, so that they change along its axes.
-        carried = cross(own, commanded)
-        wanted = [whole - turn for whole, turn in zip(wanted, carried, strict=True)]
-    return AngularAcceleration._make(whole + w_dot for whole, w_dot in zip(wanted, faster, strict=True))
-
-
 def geometric_law(
     measurement: State,
     attitude: Attitude,
@@ -65,6 +44,7 @@ def geometric_law(
     acceleration: AngularAcceleration,
     numbers: AttitudeNumbers,
     transports: bool = True,
+    integral: AngularAcceleration | None = None,
 ) -> Torque:
     """Return the torque of a `GeometricAttitudeController`.
 
@@ -75,10 +55,22 @@ def geometric_law(
         acceleration: commanded angular acceleration along the same axes.
         numbers: gains and inertia.
         transports: True if the law contains the transport term Ω̂ Rᵀ R_d Ω_d.
+        integral: angular acceleration that is subtracted, if any.
     """
     k_p, k_d, *inertia = numbers
-    wanted = _wanted(measurement, attitude, rates, acceleration, k_p, k_d, transports)
-    return torque_of(wanted, BodyRates(measurement.p, measurement.q, measurement.r), *inertia)
+    turned = _turned(measurement, attitude)
+    error = _rotation_error(turned)
+    own = Vector(measurement.p, measurement.q, measurement.r)
+    commanded, faster = turned.in_world(Vector(*rates)), turned.in_world(Vector(*acceleration))
+    wanted = [-k * e - d * (w - w_d) for k, d, e, w, w_d in zip(k_p, k_d, error, own, commanded, strict=True)]
+    if transports:
+        # The body rotates relative to the commanded rates, so that they change along its axes.
+        carried = cross(own, commanded)
+        wanted = [whole - turn for whole, turn in zip(wanted, carried, strict=True)]
+    wanted = [whole + w_dot for whole, w_dot in zip(wanted, faster, strict=True)]
+    if integral is not None:
+        wanted = [whole - held for whole, held in zip(wanted, integral, strict=True)]
+    return torque_of(AngularAcceleration(*wanted), BodyRates(*own), *inertia)
 
 
 def integrating_law(
@@ -89,27 +81,15 @@ def integrating_law(
     acceleration: AngularAcceleration,
     numbers: IntegratingAttitudeNumbers,
     transports: bool = True,
+    period: float = 0.0,
 ) -> Torque:
-    """Return the torque of an `IntegratingAttitudeController`, that of `geometric_law` minus I times the integral."""
-    k_p, k_d, *inertia = numbers.attitude
-    without = _wanted(measurement, attitude, rates, acceleration, k_p, k_d, transports)
-    wanted = AngularAcceleration._make(whole - held for whole, held in zip(without, integral, strict=True))
-    return torque_of(wanted, BodyRates(measurement.p, measurement.q, measurement.r), *inertia)
+    """Return the torque of an `IntegratingAttitudeController`, that of `geometric_law` minus I times the integral.
 
-
-def backward_integrating_law(
-    integral: AngularAcceleration,
-    measurement: State,
-    attitude: Attitude,
-    rates: BodyRates,
-    acceleration: AngularAcceleration,
-    numbers: IntegratingAttitudeNumbers,
-    period: float,
-    transports: bool = True,
-) -> Torque:
-    """Return the torque of `integrating_law` with an integral that includes the error of this tick; period in s."""
-    integral = integrated_rotation(integral, measurement, attitude, numbers, period)
-    return integrating_law(integral, measurement, attitude, rates, acceleration, numbers, transports)
+    With a period (s) the integral includes the error of this tick.
+    """
+    if period > 0.0:
+        integral = integrated_rotation(integral, measurement, attitude, numbers, period)
+    return geometric_law(measurement, attitude, rates, acceleration, numbers.attitude, transports, integral)
 
 
 def integrated_rotation(
@@ -167,10 +147,6 @@ class GeometricAttitudeController(FleetSystem):
         self.output("torque", geometric_law, *attitude_inputs(self), transports)
 
 
-def _nothing(numbers: IntegratingAttitudeNumbers) -> AngularAcceleration:
-    return AngularAcceleration(0.0, 0.0, 0.0)
-
-
 @fleet_system(float, AutoDiffXd)
 class IntegratingAttitudeController(FleetSystem):
     """Geometric attitude control with an integral i: the torque of a `GeometricAttitudeController` minus I i.
@@ -213,11 +189,8 @@ class IntegratingAttitudeController(FleetSystem):
     ) -> None:
         """Declare ports, states and parameters."""
         measurement, attitude, rates, acceleration, parameter = attitude_inputs(self)
-        integral = self.state("integral", _nothing)
+        integral = self.state("integral", lambda _: AngularAcceleration(0.0, 0.0, 0.0))
         before = integral, measurement, attitude, parameter
         self.update(period, integrated_rotation, *before, period, writes=[integral])
         reads = integral, measurement, attitude, rates, acceleration, parameter
-        if integration == "backward_euler":
-            self.output("torque", backward_integrating_law, *reads, period, transports)
-        else:
-            self.output("torque", integrating_law, *reads, transports)
+        self.output("torque", integrating_law, *reads, transports, period if integration == "backward_euler" else 0.0)

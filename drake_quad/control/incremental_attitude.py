@@ -1,13 +1,14 @@
 """The inner loop by incremental nonlinear dynamic inversion: from the attitude error to torques."""
 
+import operator
 from typing import Any, NamedTuple
 
-from drake_quad.control.attitude import AttitudeNumbers, attitude_inputs, torque_of, wanted_acceleration
-from drake_quad.control.disturbance.estimator import estimate, predict, waited
+from drake_quad.control.attitude import AttitudeNumbers, attitude_inputs, wanted_acceleration
+from drake_quad.control.disturbance.estimator import STILL, estimate, predict, waited
 from drake_quad.control.disturbance.laws import IncrementalLaw, Measured
 from drake_quad.control.disturbance.response import AxisCommand
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
-from drake_quad.framework.records import layout_of
+from drake_quad.geometry.kinematics import torque_of
 from drake_quad.signals import AngularAcceleration, Attitude, BodyAccelerationB, BodyRates, Row, State, Time, Torque
 
 
@@ -27,34 +28,15 @@ class IncrementalAttitudeNumbers(NamedTuple):
     limit: BodyAccelerationB
 
 
-class IncrementalStep(NamedTuple):
-    """What an `IncrementalAttitudeController` makes of a tick.
-
-    Attributes:
-        known: memory of each axis after what was measured.
-        acceleration: commanded.
-    """
-
-    known: tuple[Any, ...]
-    acceleration: AngularAcceleration
-
-
-def _turning(
-    memory: tuple[Any, ...],
-    measurement: State,
-    attitude: Attitude,
-    rates: BodyRates,
-    acceleration: AngularAcceleration,
-    numbers: IncrementalAttitudeNumbers,
-    period: float,
-) -> IncrementalStep:
+def _turning(memory: tuple[Any, ...], *arguments: Any) -> tuple[tuple[Any, ...], AngularAcceleration]:
+    """Return the memory of each axis after what was measured, and the command; arguments of `incremental_torque`."""
+    measurement, attitude, rates, acceleration, numbers, period = arguments
+    gains = numbers.attitude
     # The rates alone are differentiated; the law has no use for the angles.
     measured = tuple([Measured(0.0, rate) for rate in (measurement.p, measurement.q, measurement.r)])
     known, disturbance = estimate(memory, measured, (numbers.law,) * 3, numbers.limit, period)
-    gains = numbers.attitude
     wanted = wanted_acceleration(measurement, attitude, rates, acceleration, gains.k_p, gains.k_d)
-    commanded = [whole - disturbing for whole, disturbing in zip(wanted, disturbance, strict=True)]
-    return IncrementalStep(known, AngularAcceleration(*commanded))
+    return known, AngularAcceleration._make(map(operator.sub, wanted, disturbance))
 
 
 def incremental_torque(
@@ -95,7 +77,7 @@ def next_incremental_memory(
     commands = tuple([AxisCommand(each, 0.0) for each in arrived])
     lags = (AxisCommand(numbers.lag, numbers.lag),) * 3
     after, following = predict(known, following, commands, (numbers.law,) * 3, lags, period)
-    return (after, following, on_the_way) if on_the_way else (after, following)
+    return after, following, on_the_way
 
 
 @fleet_system(float, AutoDiffXd)
@@ -134,15 +116,10 @@ class IncrementalAttitudeController(FleetSystem):
     def declare(self, *, period: float = 0.02, delay_ticks: int = 0, numbers: IncrementalAttitudeNumbers) -> None:
         """Declares the system."""
         measurement, attitude, rates, acceleration, parameter = attitude_inputs(self)
-        rest = (numbers.law.at_rest(0.0),) * 3
-        memory = self.state("memory", lambda _: rest, layout=layout_of(tuple, rest))
-        still = (AxisCommand(0.0, 0.0),) * 3
-        following = self.state("following", lambda _: still, layout=layout_of(tuple, still))
-        under_way: Any = ()
-        if delay_ticks:
-            waiting = ((0.0,) * 3,) * delay_ticks
-            under_way = self.state("commands_under_way", lambda _: waiting, layout=layout_of(tuple, waiting))
+        memory = self.state("memory", lambda numbers: (numbers.law.at_rest(0.0),) * 3)
+        following = self.state("following", lambda _: STILL)
+        under_way = self.state("commands_under_way", lambda _: ((0.0,) * 3,) * delay_ticks) if delay_ticks else ()
         reads = measurement, attitude, rates, acceleration, parameter, period
-        writes = [memory, following, *([under_way] if delay_ticks else [])]
-        self.update(period, next_incremental_memory, memory, following, under_way, *reads, writes=writes)
+        writes = memory, following, under_way
+        self.update(period, next_incremental_memory, *writes, *reads, writes=writes)
         self.output("torque", incremental_torque, memory, *reads)

@@ -36,10 +36,6 @@ def integrated(correction: Acceleration, error: PositionError, gains: IntegralGa
     )
 
 
-def _nothing(gains: IntegralGains) -> Acceleration:
-    return Acceleration(0.0, 0.0, 0.0)
-
-
 @fleet_system(float, AutoDiffXd)
 class IntegralCorrection(FleetSystem):
     """Integral of the position error, with a limit against windup.
@@ -69,7 +65,7 @@ class IntegralCorrection(FleetSystem):
     ) -> None:
         """Declare ports, state and parameters."""
         error, gains = self.input("error"), self.parameter("gains", lambda gains: gains)
-        correction = self.state("correction", _nothing)
+        correction = self.state("correction", lambda _: Acceleration(0.0, 0.0, 0.0))
         reads = correction, error, gains, period
         self.update(period, integrated, *reads, writes=[correction])
         if integration == "backward_euler":

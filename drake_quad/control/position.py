@@ -7,7 +7,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Adder, ConstantVectorSource, Gain
 
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
-from drake_quad.framework.wiring import split_output
+from drake_quad.framework.wiring import append, build, connect_inputs, split_output
 from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.signals import Acceleration, PositionError, PositionErrorRate, Reference, State
 
@@ -139,23 +139,18 @@ def build_position_controller(
     size = parts["pd"].size()
     summands = [parts["pd"], parts["feed_forward"]]
     shown = {name: parts[name] for name in ("error", "error_rate", "pd")}
-    builder.ExportInput(pd.GetInputPort("measurement"), "measurement")
-    builder.ExportInput(pd.GetInputPort("reference"), "reference")
+    connect_inputs(builder, [pd], exported=("measurement", "reference"))
     if integral is not None:
-        builder.AddNamedSystem("integral", integral)
-        builder.Connect(parts["error"], integral.GetInputPort("error"))
-        shown["correction"] = integral.GetOutputPort("correction")
+        shown["correction"] = append(builder, "integral", integral, parts["error"])
     elif not takes_correction:
-        nothing = builder.AddNamedSystem("correction", ConstantVectorSource(np.zeros(size)))
-        shown["correction"] = nothing.get_output_port()
+        shown["correction"] = append(builder, "correction", ConstantVectorSource(np.zeros(size)))
     if integral is not None or takes_correction:
         minus = builder.AddNamedSystem("minus", Gain(-1.0, size))
         summands.append(minus.get_output_port())
         if takes_correction and integral is not None:
-            both = builder.AddNamedSystem("correction", Adder(2, size))
-            builder.Connect(shown["correction"], both.get_input_port(0))
+            both = Adder(2, size)
+            shown["correction"] = append(builder, "correction", both, shown["correction"])
             builder.ExportInput(both.get_input_port(1), "correction")
-            shown["correction"] = both.get_output_port()
         elif takes_correction:
             builder.ExportInput(minus.get_input_port(), "correction")
         if "correction" in shown:
@@ -163,25 +158,18 @@ def build_position_controller(
     if disturbance is not None:
         builder.AddNamedSystem("estimator", disturbance)
         shown["disturbance"] = disturbance.GetOutputPort("disturbance")
-        minus_disturbance = builder.AddNamedSystem("minus_disturbance", Gain(-1.0, size))
-        builder.Connect(shown["disturbance"], minus_disturbance.get_input_port())
-        summands.append(minus_disturbance.get_output_port())
-    command = builder.AddNamedSystem("acceleration_command", Adder(len(summands), size))
-    for i, port in enumerate(summands):
-        builder.Connect(port, command.get_input_port(i))
+        summands.append(append(builder, "minus_disturbance", Gain(-1.0, size), shown["disturbance"]))
+    command = append(builder, "acceleration_command", Adder(len(summands), size), *summands)
     if disturbance is not None:
         builder.ConnectInput("measurement", disturbance.GetInputPort("measurement"))
-        builder.Connect(command.get_output_port(), disturbance.GetInputPort("acceleration_command"))
-        if disturbance.HasInputPort("feed_forward"):
-            builder.Connect(parts["feed_forward"], disturbance.GetInputPort("feed_forward"))
+        sources = {"acceleration_command": command, "feed_forward": parts["feed_forward"]}
+        connect_inputs(builder, [disturbance], sources)
         if takes_correction and disturbance.HasInputPort("learned_disturbance"):
             builder.ExportInput(disturbance.GetInputPort("learned_disturbance"), "learned_disturbance")
         elif takes_correction:
             builder.ConnectInput("correction", disturbance.GetInputPort("correction"))
 
-    builder.ExportOutput(command.get_output_port(), "acceleration_command")
+    builder.ExportOutput(command, "acceleration_command")
     for name, port in shown.items():
         builder.ExportOutput(port, name)
-    position = builder.Build()
-    position.set_name("position")
-    return position
+    return build(builder, "position")

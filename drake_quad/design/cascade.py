@@ -21,6 +21,7 @@ from drake_quad.errors import InputError
 from drake_quad.linear.closed_loop import LaboratoryPlant, laboratory_plant, on_board_plant
 from drake_quad.linear.sampled_system import SampledSystem
 from drake_quad.scenario.models import Scenario
+from drake_quad.scenario.paths import updated
 from drake_quad.scenario.position_controllers.pid import PidPosition
 
 # Which torque turns which angle at which rate; thrust lifts like a torque turns.
@@ -37,7 +38,7 @@ _TILTS = {"x": ("pitch", 1.0), "y": ("roll", -1.0)}
 
 
 class LoopOptions(NamedTuple):
-    """How a loop is to be designed.
+    """Options for the design of a loop.
 
     Attributes:
         family: of gains.
@@ -64,11 +65,11 @@ class CascadeDesign:
 
     @property
     def all_loops(self) -> dict[str, LoopDesign]:
-        """Those on board, then those on the ground."""
+        """All loops: those on board first, then those on the ground."""
         return {**self.on_board, **self.loops}
 
     def gains(self) -> dict[str, dict[str, list[float]]]:
-        """The gains as the block `control` of a scenario has them."""
+        """Return the gains as the block `control` of a scenario has them."""
         blocks = {"position": _POSITION, "attitude": _ANGLES}
         designed = {
             block: [self.loops[axis].gains for axis in axes]
@@ -105,8 +106,7 @@ def with_integrals(scenario: Scenario) -> Scenario:
     """
     if scenario.cascade.position.has_integral:
         return scenario
-    update = {"position": _integrating(scenario)}
-    return scenario.model_copy(update={"control": scenario.cascade.model_copy(update=update)})
+    return updated(scenario, {"control.position": _integrating(scenario)})
 
 
 def _integrating(scenario: Scenario) -> PidPosition:
@@ -121,23 +121,18 @@ def with_gains(scenario: Scenario, gains: Mapping[str, Mapping[str, Sequence[flo
     Raises:
         InputError: if the gains of the position controller cannot be designed.
     """
-    cascade = scenario.cascade
-    blocks = {
-        name: getattr(cascade, name).plain().model_copy(update={kind: tuple(rows) for kind, rows in block.items()})
-        for name, block in gains.items()
-    }
-    return scenario.model_copy(update={"control": cascade.model_copy(update=blocks)})
+    blocks = {f"control.{name}": getattr(scenario.cascade, name).plain() for name in gains}
+    rows = {f"control.{name}.{kind}": tuple(own) for name, block in gains.items() for kind, own in block.items()}
+    return updated(updated(scenario, blocks), rows)
 
 
 def with_autopilot_gains(scenario: Scenario, gains: Mapping[str, Sequence[float]]) -> Scenario:
-    """The scenario with other gains on board, as `CascadeDesign.autopilot_gains` has them."""
-    update = {name: tuple(rows) for name, rows in gains.items()}
-    autopilot = scenario.laboratory.autopilot.model_copy(update=update)
-    return scenario.model_copy(update={"laboratory": scenario.laboratory.model_copy(update={"autopilot": autopilot})})
+    """Return the scenario with other gains on board, as `CascadeDesign.autopilot_gains` has them."""
+    return updated(scenario, {f"laboratory.autopilot.{name}": tuple(rows) for name, rows in gains.items()})
 
 
 def default_options(period: float) -> dict[str, LoopOptions]:
-    """The fastest pole pairs within 45°, 6 dB and, for the attitude, two ticks of delay.
+    """Return options for the fastest pole pairs with margins of 45°, 6 dB and, for the attitude, two ticks of delay.
 
     Args:
         period: of the ticks, s.
@@ -148,7 +143,7 @@ def default_options(period: float) -> dict[str, LoopOptions]:
 
 
 def on_board_options() -> dict[str, LoopOptions]:
-    """The fastest gains of an autopilot's loops within 60° and 10 dB.
+    """Return options for the fastest gains of an autopilot's loops with margins of 60° and 10 dB.
 
     That is more than on the ground, since every packet of the link is a step for these loops: they shall hardly
     overshoot.
@@ -193,7 +188,7 @@ def design_cascade(
     loops: dict[str, LoopDesign] = {}
 
     def add(axis: str, plant: SampledSystem) -> None:
-        """Designs a loop, unless there is already one like it: an even vehicle's axes are alike."""
+        """Design a loop, unless there is already one like it: an even vehicle's axes are alike."""
         how = wanted[axis]
         required = how.requirements
         if integral is not None and axis in _POSITION:
@@ -220,7 +215,7 @@ def design_cascade(
 
 
 def _design_on_board(scenario: Scenario, options: Mapping[str, LoopOptions]) -> dict[str, LoopDesign]:
-    """Designs the loops of an autopilot: those of the rates, each the fastest within its margins, then those around.
+    """Design the loops of an autopilot: those of the rates, each the fastest within its margins, then those around.
 
     Args:
         scenario: with an autopilot of kind attitude, whose gains do not matter.
@@ -278,7 +273,7 @@ def _alike(a: SampledSystem, b: SampledSystem) -> bool:
 
 
 def _markov(plant: SampledSystem) -> np.ndarray:
-    """The answer to an impulse, long enough to tell plants with these many states apart."""
+    """Return the answer to an impulse, long enough to tell plants with these many states apart."""
     state, answer = plant.B, []
     for _ in range(2 * len(plant.A)):
         answer.append(plant.C @ state)

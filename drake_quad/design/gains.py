@@ -26,16 +26,16 @@ from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
 from drake_quad.control.integral import Integration
 from drake_quad.errors import InputError
 from drake_quad.linear.margins import FastMargins, Margins, fast_margins, frequencies, margins
-from drake_quad.linear.modes import is_stabilizable
 from drake_quad.linear.sampled_system import SampledSystem
 
-# Bandwidths that are tried, rad/s: from far below what any laboratory allows up to a third of half the sampling rate.
+# Lowest bandwidth that is tried, rad/s, the highest one relative to half the sampling rate, and their number.
 _SLOWEST, _FASTEST_SHARE, _TRIED = 0.05, 1.0 / 3.0, 120
-# How often the step to the effort that is too much is halved.
+# Number of bisections between the last acceptable effort and the first unacceptable one.
 _HALVINGS = 12
-# Of the integral's corner in the crossover of its PD: the reset time of four over it of usual rules for PIDs.
+# Largest corner frequency of the integral, relative to the crossover of its PD. Common PID rules use a reset time of
+# four over the crossover.
 _LARGEST_SHARE = 0.25
-# Where the search for a regulator's gains may start, rad/s: at the fastest of these that is stable.
+# Frequencies at which the search for a regulator's gains may start, rad/s; the first stable one is used.
 _STARTS = (0.2, 0.05, 0.0125, 0.003)
 
 
@@ -80,12 +80,12 @@ class Requirements(NamedTuple):
     delay: float = 0.0
 
     def share_met(self, found: FastMargins) -> float:
-        """The least share of a required margin that is there; 1 or more if all are."""
+        """Return the least share of a required margin that is there; 1 or more if all are."""
         pairs = ((getattr(found, name), needed) for name, needed in self._asdict().items() if needed > 0.0)
         return min((float(have) / needed for have, needed in pairs), default=1.0)
 
     def broken_by(self, found: FastMargins) -> dict[str, str]:
-        """What falls short, and by how much, in words."""
+        """Return the margins that fall short, with their values in words."""
         units = {"phase": ("°", 1.0), "gain": (" dB", 1.0), "delay": (" ms", 1e3)}
         return {
             f"{name} margin": f"{factor * float(getattr(found, name)):.1f}{unit}, less than"
@@ -100,14 +100,14 @@ class LoopDesign:
     """A designed loop.
 
     Attributes:
-        axis: its name.
-        gains: of its PD or PID, or of its proportional law.
+        axis: name of the axis.
+        gains: gains of the PD, the PID or the proportional law.
         plant: from the commanded acceleration to the measured value and rate, and with a PID to the integral of the
             value; for a proportional law, from what it commands to what it controls.
-        margins: that were reached.
-        bandwidth: of the pole pair, rad/s; None for other families.
-        cost_ratio: of the PD to the full regulator; None for other families.
-        limits: what a faster loop of the same family would break; empty for gains that were asked for.
+        margins: margins of the loop.
+        bandwidth: bandwidth of the pole pair, rad/s; None for other families.
+        cost_ratio: cost of the PD over that of the full regulator; None for other families.
+        limits: requirements that a faster loop of the same family would violate; empty for a given effort.
     """
 
     axis: str
@@ -123,10 +123,10 @@ class GainFamily(Protocol):
     """Gains that work the harder the larger a number is."""
 
     def gains(self, plant: SampledSystem, effort: float) -> AxisGains | ProportionalGain:
-        """The gains for a plant."""
+        """Return the gains for a plant."""
 
     def efforts(self, plant: SampledSystem) -> np.ndarray:
-        """The numbers to try, rising."""
+        """Return the numbers to try, rising."""
 
 
 class PolePair(NamedTuple):
@@ -187,7 +187,7 @@ class RegulatorRequirements(NamedTuple):
         return AxisGains(*(float(gain) for gain in np.exp(best.x)))
 
     def cost(self, plant: SampledSystem, gains: AxisGains, effort: float) -> float:
-        """The cost of a PD, by Lyapunov's equation; infinite if it is not stable."""
+        """Return the cost of a PD, by Lyapunov's equation; infinite if it is not stable."""
         feedback = np.array([gains]) @ plant.C
         closed = plant.A - plant.B @ feedback
         if np.abs(np.linalg.eigvals(closed)).max() > 1.0 - 1e-7:
@@ -196,7 +196,7 @@ class RegulatorRequirements(NamedTuple):
         return (plant.B.T @ scipy.linalg.solve_discrete_lyapunov(closed.T, weight, method="bilinear") @ plant.B).item()
 
     def least_cost(self, plant: SampledSystem, effort: float) -> float:
-        """The cost of the full linear-quadratic regulator, which feeds back every state."""
+        """Return the cost of the full linear-quadratic regulator, which feeds back every state."""
         _, S = DiscreteTimeLinearQuadraticRegulator(plant.A, plant.B, self._state_weight(plant), np.eye(1) / effort**2)
         return (plant.B.T @ S @ plant.B).item()
 
@@ -209,7 +209,7 @@ class RegulatorRequirements(NamedTuple):
 
 
 def pd_loop(plant: SampledSystem, gains: Gains) -> SampledSystem:
-    """The loop transfer function k_P G_value + k_D G_rate of a PD around a plant with these two outputs.
+    """Return the loop transfer function k_P G_value + k_D G_rate of a PD around a plant with these two outputs.
 
     Of a PID around a plant `with_integral` there is k_I G_integral besides; of a proportional law around a plant with
     one output it is k G.
@@ -226,20 +226,18 @@ def design_loop(
     axis: str,
     effort: float | None = None,
 ) -> LoopDesign:
-    """Designs the PD, or the proportional law, of one axis.
+    """Design the PD, or the proportional law, of one axis.
 
     Args:
         plant: from a commanded acceleration to the measured value and rate; for a proportional law it has one output.
-        family: of gains.
-        requirements: margins to keep.
-        axis: its name, for people.
-        effort: that is asked for; the largest that meets the requirements if not given.
+        family: family of gains.
+        requirements: required margins.
+        axis: name of the axis, for messages.
+        effort: effort of the gains; the largest one that meets the requirements if not given.
 
     Raises:
-        InputError: the plant cannot be stabilised, or the requirements cannot be met.
+        InputError: if the requirements cannot be met.
     """
-    if not is_stabilizable(plant.A, plant.B, period=plant.period):
-        raise InputError(f"the plant of {axis} cannot be stabilised: its command does not reach every mode that lasts")
     grid = frequencies(plant.period)
     response = plant.response(np.exp(1j * grid * plant.period))[..., 0]
 
@@ -346,7 +344,7 @@ class _GainTrial(NamedTuple):
 def _unsound(
     plant: SampledSystem, family: GainFamily, effort: float, gains: AxisGains | ProportionalGain
 ) -> dict[str, str]:
-    """What is wrong with the loop apart from its margins, and how, in words."""
+    """Return the flaws of the loop other than its margins, in words."""
     if not all(map(math.isfinite, gains)):
         return {"no gains": "none have this effect"}
     if not min(gains) > 0.0:

@@ -22,11 +22,9 @@ from drake_quad.control.lqg.chains import (
     ChainNoise,
     ContinuousModel,
     Disturbances,
-    attitude_model,
-    lagging_attitude_model,
+    lateral_model,
     sampled,
     sampled_noise,
-    torque_model,
     vertical_model,
 )
 from drake_quad.control.lqg.design import AxisLoop, Timing
@@ -50,7 +48,7 @@ _SAMPLES, _LASTING, _BIAS = 32, 50.0, 20.0
 # Least deviations, so that a calm and ideal laboratory has a design, too: of disturbances (m/s²), of the bias (m/s⁴)
 # and of the noise of position (m) and attitude (rad), half of what laboratory.yaml has.
 _CALM, _UNBIASED, _SHARP, _LEVEL = 0.05, 0.5, 5e-4, 2e-3
-# By how much a plant that is written as one number may be off: the lag or its inverse as a factor, frames and ticks.
+# Assumed uncertainty of a plant without distributions: factors on the lag and on the answer, and frames or ticks.
 _LAG_SPREAD, _ANSWER_SPREAD, _LATER = 1.6, 1.15, 1
 # Points at which margins are looked at and the lowest frequency, rad/s; weight of what breaks a limit, of the logarithm
 # of the error; evaluations of a search.
@@ -63,7 +61,7 @@ _ROUNDS, _NARROWER = 5, 0.998
 
 
 class LqgLimits(NamedTuple):
-    """What a design keeps to.
+    """Limits of a design.
 
     Attributes:
         sensitivity: peak of |1 / (1 + L)|, broken where commands go over the link, of the middle plant's whole loop.
@@ -79,7 +77,7 @@ class LqgLimits(NamedTuple):
 
 
 class Plant(NamedTuple):
-    """What may lie between the command and the vehicle.
+    """Plant between the command and the motion of the vehicle.
 
     Attributes:
         lags: whether the attitude lags behind the rotors, too; not if its answer is known as a whole.
@@ -99,7 +97,7 @@ class Plant(NamedTuple):
 
 
 class Conditions(NamedTuple):
-    """In what a vehicle flies.
+    """Disturbances and noise of a laboratory.
 
     Attributes:
         lateral: disturbing acceleration along x and y.
@@ -141,14 +139,14 @@ class Truth(NamedTuple):
 
     @classmethod
     def of(cls, model: ContinuousModel, plant: Plant, found: Conditions, timing: Timing, gravity: float) -> "Truth":
-        """The plant of a model, in conditions that are found."""
+        """Return the plant of a model, in conditions that are found."""
         noise = np.array([found.position_noise, gravity * found.attitude_noise])[: len(model.C)]
         Q = sampled_noise(model.A, model.Q, timing.frame)
         return cls(*sampled(model.A, model.B, timing.frame), model.C, Q, np.diag(noise**2), plant, found.loss_rate)
 
 
 class Predicted(NamedTuple):
-    """What the linear model of an axis predicts.
+    """Prediction of the linear model of an axis.
 
     Attributes:
         error: root mean square of the position error at the ticks, m; infinite if the loop is unstable.
@@ -181,7 +179,7 @@ class LqgDesign:
 
 
 def design_lqg(scenario: Scenario, limits: LqgLimits = LqgLimits()) -> LqgDesign:
-    """Designs the linear-quadratic-Gaussian control of a scenario; without an autopilot its yaw as in a cascade.
+    """Design the linear-quadratic-Gaussian control of a scenario; without an autopilot its yaw as in a cascade.
 
     Args:
         scenario: with or without distributions; its control does not matter.
@@ -260,7 +258,7 @@ def design_lqg(scenario: Scenario, limits: LqgLimits = LqgLimits()) -> LqgDesign
 
 
 def plants_of(scenario: Scenario) -> tuple[Plant, ...]:
-    """The plants for which a controller of a scenario shall be good: the middle one, and the corners around it.
+    """Return the plants for which a controller of a scenario shall be good: the middle one, and the corners around it.
 
     Where the scenario has a distribution, the corners are its tenth and its last; else they are what a model that is
     written as one number may be off by.
@@ -268,29 +266,27 @@ def plants_of(scenario: Scenario) -> tuple[Plant, ...]:
     middle, low, high = (at_quantile(scenario, share) for share in (0.5, 0.1, 0.9))
     varied = distributions_in(scenario)
 
-    def ends(path: str, number: Callable[[Scenario], float], lower: float, upper: float) -> tuple[float, float]:
-        if path in varied:
-            return number(low), number(high)
-        return lower * number(middle), upper * number(middle)
+    def ends(path: str, number: Callable[[Scenario], Any], least: Any, most: Any) -> tuple[Any, Any]:
+        return (number(low), number(high)) if path in varied else (least, most)
 
-    lags = ends("vehicle.rotor_time_constant", _lag, 1.0 / _LAG_SPREAD, _LAG_SPREAD)
-    frames, ticks = int(_latency(middle)), int(_delay(middle))
-    late = "laboratory.motion_capture.latency_frames" in varied, "laboratory.command_link.delay_ticks" in varied
-    early = int(_latency(low)) if late[0] else frames, int(_delay(low)) if late[1] else ticks
-    after = (
-        int(_latency(high)) if late[0] else frames + _LATER,
-        int(_delay(high)) if late[1] else ticks + _LATER,
-    )
-    gain = _thrust_gain(middle)
+    lag, frames, ticks = _lag(middle), _latency(middle), _delay(middle)
+    lags = ends("vehicle.rotor_time_constant", _lag, 1.0 / _LAG_SPREAD * lag, _LAG_SPREAD * lag)
+    latencies = ends("laboratory.motion_capture.latency_frames", _latency, frames, frames + _LATER)
+    delays = ends("laboratory.command_link.delay_ticks", _delay, ticks, ticks + _LATER)
     autopilot = middle.laboratory.autopilot
-    answer, lags_too = autopilot.answer(), not autopilot.models_vehicle
+    answer = autopilot.answer()
+    middle_plant = Plant(not autopilot.models_vehicle, lag, answer, frames, ticks, _thrust_gain(middle))
+    spread = zip(lags, (_ANSWER_SPREAD, 1.0 / _ANSWER_SPREAD), strict=True)
     corners = [
-        Plant(lags_too, lag, answer and _faster(answer, factor), *when, gain)
-        for (lag, factor), when in itertools.product(
-            zip(lags, (_ANSWER_SPREAD, 1.0 / _ANSWER_SPREAD), strict=True), (early, after)
+        middle_plant._replace(
+            lag=lag,
+            answer=answer and answer._replace(natural_frequency=factor * answer.natural_frequency),
+            latency_frames=latency,
+            delay_ticks=delay,
         )
+        for (lag, factor), (latency, delay) in itertools.product(spread, zip(latencies, delays, strict=True))
     ]
-    return Plant(lags_too, _lag(middle), answer, frames, ticks, gain), *corners
+    return middle_plant, *corners
 
 
 def snap_limit(limits: LqgLimits, found: Conditions) -> float:
@@ -315,7 +311,7 @@ def believed_timings(scenario: Scenario, plants: Sequence[Plant]) -> list[Timing
 
 
 def conditions_of(scenario: Scenario) -> Conditions:
-    """The wind, the noise and the faults in which a scenario is flown, from samples along its plan."""
+    """Return the wind, the noise and the faults in which a scenario is flown, from samples along its plan."""
     batch = Batch.draw(scenario, range(_SAMPLES))
     disturbed = disturbances_along(batch, plan_route(scenario))
     x, y, z = disturbed.acceleration
@@ -340,7 +336,7 @@ def conditions_of(scenario: Scenario) -> Conditions:
 
 
 def predicted(loop: AxisLoop, truth: Truth, timing: Timing) -> Predicted:
-    """What the linear model of an axis predicts for a plant that may be another than the loop believes."""
+    """Return the prediction of the linear model of an axis for a plant, which may differ from the believed one."""
     (answer,) = _Lifted.of(loop, [truth], timing).predicted()
     return answer
 
@@ -379,14 +375,14 @@ class _Lifted:
 
     @classmethod
     def of(cls, loop: AxisLoop, truths: Sequence[Truth], timing: Timing) -> "_Lifted":
-        """The loops of one filter and regulator around plants."""
+        """Return the loops of one filter and regulator around plants."""
         nominal, plants = truths[0], [truth.plant for truth in truths]
         n, p, m, believed = len(nominal.A), len(nominal.C), len(loop.K), len(loop.K_pending)
         frames, ticks = (max(late) + 1 for late in zip(*((each.latency_frames, each.delay_ticks) for each in plants)))
         ends = np.cumsum((0, n, p * frames, m, believed + 1, ticks))
         chain, line, filtered, told, sent = (slice(*pair) for pair in itertools.pairwise(ends.tolist()))
         size = int(ends[-1])
-        # Of the filter and the line of frames, at every frame.
+        # The filter and the line of frames are updated at every frame.
         F, H, L, gain = (np.array(part) for part in (loop.A, loop.B, loop.L, loop.K))
         C = np.eye(m)[[loop.K._fields.index(name) for name in ("position", "thrust")[:p]]]
         update, camera, moved = (np.tile(np.eye(size), (len(truths), 1, 1)) for _ in range(3))
@@ -401,7 +397,7 @@ class _Lifted:
             camera[i, arriving, chain] = truth.C
             moved[i, chain, chain], moved[i, chain, sent.start + plant.delay_ticks] = truth.A, truth.B.ravel()
             noise[i, chain, chain], noise[i, arriving, arriving] = truth.Q, truth.R
-        # What is told to the filter and what is sent, the newest first, move up at a tick.
+        # At a tick, the queues of commands for the filter and for the vehicle, newest first, move up.
         row = np.zeros(size)
         row[filtered] = -gain
         row[told.start : told.stop - 1] = -np.array(loop.K_pending)[::-1]
@@ -429,7 +425,7 @@ class _Lifted:
         stable = np.flatnonzero(poles < 1.0 - 1e-9)
         lost = self.lost[stable]
         noise = np.stack([self.Q[stable], lost @ lost.transpose(0, 2, 1)])
-        # For the noise of a tick, and for noise of size 1 in place of the command: (2, stable plants) each.
+        # Each array is (2, stable plants): for the noise of a tick, and for unit noise in place of the command.
         X = _stationary_covariance(self.A[stable], noise)
         errors, commands, changes = X[..., 0, 0], _variance(self.command[stable], X), _variance(self.change[stable], X)
         # A lost command is noise of the size of its change, to which that noise adds.
@@ -444,8 +440,7 @@ class _Lifted:
     def sensitivity(self, z: np.ndarray) -> np.ndarray:
         """Return 1 / (1 + L) of the first plant at points of the z-plane, as det(zI - A_opened) / det(zI - A)."""
         zeros, poles = (np.linalg.eigvals(each[0]) for each in (self.opened, self.A))
-        S: np.ndarray = ((z[:, np.newaxis] - zeros) / (z[:, np.newaxis] - poles)).prod(axis=1)
-        return S
+        return ((z[:, np.newaxis] - zeros) / (z[:, np.newaxis] - poles)).prod(axis=1)
 
 
 def _stationary_covariance(A: np.ndarray, Q: np.ndarray) -> np.ndarray:
@@ -466,8 +461,7 @@ def _stationary_covariance(A: np.ndarray, Q: np.ndarray) -> np.ndarray:
 
 def _variance(row: np.ndarray, X: np.ndarray) -> np.ndarray:
     """Return (..., k) variances of rows (k, n) of states whose covariances are X (..., k, n, n)."""
-    variance: np.ndarray = np.einsum("ki,...kij,kj->...k", row, X, row)
-    return variance
+    return np.einsum("ki,...kij,kj->...k", row, X, row)
 
 
 @dataclass(frozen=True, eq=False)
@@ -495,7 +489,7 @@ class _LqgSearch:
     cost: float = math.inf
 
     def cost_of(self, logs: np.ndarray) -> float:
-        """The logarithm of the error, and a penalty for what breaks a limit, of numbers by their logarithms."""
+        """Return the logarithm of the error, and a penalty for what breaks a limit, of numbers by their logarithms."""
         try:
             loop = self.loop_of(self.axis_of(*np.exp(logs).tolist()))
         except (np.linalg.LinAlgError, ValueError):
@@ -530,7 +524,7 @@ class _LqgSearch:
         return replace(self, numbers=np.exp(best.x).tolist(), cost=float(best.fun))
 
     def found(self) -> tuple[Any, tuple[Predicted, ...]]:
-        """The axis that has the numbers, and what is predicted of it for each plant."""
+        """Return the axis that has the numbers, and what is predicted of it for each plant."""
         axis = self.axis_of(*(float(f"{number:.4g}") for number in self.numbers))
         loop = self.loop_of(axis)
         answers = tuple(predicted(loop, truth, self.timing) for truth in self.truths)
@@ -555,7 +549,7 @@ class _LqgSearch:
 def _common(
     weight: float, noise: float, first: float, second: float, time: float, position_noise: float
 ) -> dict[str, Any]:
-    """The fields that all axes have."""
+    """Return the fields that all axes have."""
     return {
         "first": ColouredNoise(deviation=first, time=_LASTING),
         "second": ColouredNoise(deviation=second, time=float(f"{time:.3g}")),
@@ -566,17 +560,13 @@ def _common(
 
 
 def lateral_truth(plant: Plant, found: Conditions) -> ContinuousModel:
-    """The chain along x, or y, of a plant and what disturbs it."""
-    disturbances = _disturbing(found.lateral, ChainNoise(found.bias, _BIAS))
-    if plant.answer is None:
-        return torque_model(plant.lag, disturbances)
-    if plant.lags:
-        return lagging_attitude_model(plant.answer, plant.lag, disturbances)
-    return attitude_model(plant.answer, disturbances)
+    """Return the chain along x, or y, of a plant and what disturbs it."""
+    lag = plant.lag if plant.lags or plant.answer is None else None
+    return lateral_model(lag, plant.answer, _disturbing(found.lateral, ChainNoise(found.bias, _BIAS)))
 
 
 def vertical_truth(plant: Plant, found: Conditions) -> ContinuousModel:
-    """The chain along z of a plant and what disturbs it."""
+    """Return the chain along z of a plant and what disturbs it."""
     model = vertical_model(plant.lag, _disturbing(found.vertical, None))
     return model._replace(B=plant.thrust_gain * model.B)
 
@@ -586,19 +576,19 @@ def _disturbing(found: Spectrum, bias: ChainNoise | None) -> Disturbances:
 
 
 def _yaw(scenario: Scenario) -> YawPd:
-    """The yaw's PD, as a cascade has it."""
+    """Return the yaw's PD, as a cascade has it."""
     gains: Any = design_cascade(middle_of(scenario)).loops["yaw"].gains
     return YawPd(k_p=gains.k_p, k_d=gains.k_d)
 
 
 def _lag(scenario: Scenario) -> float:
-    """The lag of the rotors; the geometric mean of those upwards and downwards if they differ, s."""
+    """Return the lag of the rotors; the geometric mean of those upwards and downwards if they differ, s."""
     up, down = scenario.vehicle.rotor_time_constant, scenario.vehicle.rotor_time_constant_down
     return float(f"{up if down is None else math.sqrt(up * down):.4g}")
 
 
 def _thrust_gain(scenario: Scenario) -> float:
-    """By how much more the thrust changes than is believed, from the answer of the height to a slow command."""
+    """Return the actual over the believed gain of the thrust, from the response of the height to a slow command."""
     period, mass, slow = scenario.laboratory.command_link.period, scenario.nominal.mass, 2.0
     plant = laboratory_plant(scenario, vehicle="as it is").system
     command = f"{scenario.laboratory.autopilot.command}.thrust"
@@ -606,20 +596,16 @@ def _thrust_gain(scenario: Scenario) -> float:
     return float(f"{abs(answer) * mass * slow**2 * math.hypot(1.0, slow * _lag(scenario)):.3g}")
 
 
-def _latency(scenario: Scenario) -> float:
-    return float(scenario.laboratory.motion_capture.latency_frames)
+def _latency(scenario: Scenario) -> int:
+    return int(scenario.laboratory.motion_capture.latency_frames)
 
 
-def _delay(scenario: Scenario) -> float:
-    return float(scenario.laboratory.command_link.delay_ticks)
-
-
-def _faster(answer: Answer, factor: float) -> Answer:
-    return answer._replace(natural_frequency=factor * answer.natural_frequency)
+def _delay(scenario: Scenario) -> int:
+    return int(scenario.laboratory.command_link.delay_ticks)
 
 
 def _size(quantity: Any) -> float:
-    """The root mean square of a quantity that may be a distribution."""
+    """Return the root mean square of a quantity that may be a distribution."""
     if isinstance(quantity, float):
         return quantity
     drawn = quantity.quantile((np.arange(101) + 0.5) / 101)

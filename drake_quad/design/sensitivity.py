@@ -1,4 +1,4 @@
-"""How the metrics of a flight depend on a scenario's numbers, to first order.
+"""Derivatives of the metrics of a flight with respect to a scenario's numbers.
 
 A number of a scenario ends in numeric parameters and in the initial state of the diagram's context. From their
 derivatives on, Drake's simulator carries the flight on AutoDiffXd: through every step, filter and delay to the metrics.
@@ -110,7 +110,7 @@ def flight_sensitivities(scenario: Scenario, fields: Sequence[str], *, sample: i
 
 
 def _structure(diagram: Diagram) -> list[Any]:
-    """What a diagram is made of: its leaf systems, and their choices and counts."""
+    """Return the structure of a diagram: its leaf systems, with their options and sizes."""
     found = []
     for path in sorted(leaf_paths(diagram)):
         given = getattr(subsystem(diagram, path), "structure", {})
@@ -119,7 +119,7 @@ def _structure(diagram: Diagram) -> list[Any]:
 
 
 def _seed(scenario: Scenario, plan: Plan, field: str, layout: ContextVector, nominal: np.ndarray) -> np.ndarray:
-    """The derivative of all numbers of the default context with respect to a field."""
+    """Return the derivative of all numbers of the default context with respect to a field."""
     if field.startswith("route."):
         raise InputError(f"{field} changes the plan, which is not differentiated")
     if field.endswith(_COMPARED):

@@ -23,9 +23,9 @@ _ON_BOARD = "laboratory.autopilot"
 # Modes that die faster than this within a tick are delay lines, whose damping means nothing.
 _FAST = 0.05
 _POINTS = 300
-# Of a gain, between two linear models that differ by it alone; any would do.
+# Difference of a gain between two linear models. They are affine in the gain, so that any value would do.
 _STEP = 1.0
-# Beside the largest, what these differences show of a state that has no part in them.
+# Entries below this, relative to the largest one, are rounding errors of states that do not depend on the gain.
 _ROUNDING = 1e-9
 
 
@@ -88,7 +88,7 @@ def mapped_gains(scenario: Scenario, loop: Loop) -> MappedGains:
 
 
 def linear_map(scenario: Scenario, loop: Loop, first: np.ndarray, second: np.ndarray) -> StabilityMap:
-    """The map of a scenario's loop in its linear model, see `mapped_plant`.
+    """Return the map of a scenario's loop in its linear model, see `mapped_plant`.
 
     Args:
         scenario: whose loop it is.
@@ -99,12 +99,14 @@ def linear_map(scenario: Scenario, loop: Loop, first: np.ndarray, second: np.nda
     Raises:
         InputError: see `mapped_gains` and `mapped_plant`.
     """
-    make = cascade_map if mapped_gains(scenario, loop).block == _ON_BOARD else stability_map
-    return make(mapped_plant(scenario, loop), first, second)
+    plant, (outer, inner) = mapped_plant(scenario, loop), np.meshgrid(first, second, indexing="ij")
+    if mapped_gains(scenario, loop).block == _ON_BOARD:
+        outer = inner * outer  # the attitude loop around the rate loop: u = k_rate (k_attitude (θ_r - θ) - q)
+    return _mapped(plant, np.stack([outer, inner], axis=-1))
 
 
 def stability_map(plant: SampledSystem, k_p: np.ndarray, k_d: np.ndarray) -> StabilityMap:
-    """The map of a PD around a plant, from the poles and the frequency response of every loop.
+    """Return the map of a PD around a plant, from the poles and the frequency response of every loop.
 
     Args:
         plant: from a commanded acceleration to the measured value and rate.
@@ -114,20 +116,8 @@ def stability_map(plant: SampledSystem, k_p: np.ndarray, k_d: np.ndarray) -> Sta
     return _mapped(plant, np.stack(np.meshgrid(k_p, k_d, indexing="ij"), axis=-1))
 
 
-def cascade_map(plant: SampledSystem, k_attitude: np.ndarray, k_rate: np.ndarray) -> StabilityMap:
-    """The map of an attitude loop around a rate loop: u = k_rate (k_attitude (θ_r - θ) - q).
-
-    Args:
-        plant: from a commanded angular acceleration to the angle and its rate.
-        k_attitude: (rows,) 1/s.
-        k_rate: (columns,) 1/s.
-    """
-    outer, inner = np.meshgrid(k_attitude, k_rate, indexing="ij")
-    return _mapped(plant, np.stack([inner * outer, inner], axis=-1))
-
-
 def _mapped(plant: SampledSystem, gains: np.ndarray) -> StabilityMap:
-    """The map of (rows, columns, 2) gains on a value and its rate."""
+    """Return the map of (rows, columns, 2) gains on a value and its rate."""
     closed = plant.A - plant.B @ (gains[..., np.newaxis, :] @ plant.C)
     poles = np.linalg.eigvals(closed)
     lasting = np.where(np.abs(poles) > _FAST, poles, _FAST)
@@ -141,7 +131,7 @@ def _mapped(plant: SampledSystem, gains: np.ndarray) -> StabilityMap:
 
 
 def mapped_plant(scenario: Scenario, loop: Loop) -> SampledSystem:
-    """What the gains of one of a scenario's loops act on along x, with all else of the loop as it is.
+    """Return the plant along x that the gains of one loop act on, with the rest of the scenario's loop closed.
 
     On the ground that is made of linear models of the whole loop, whose matrix from tick to tick is A - b (k_P c_P +
     k_D c_D), since a PD acts at one place. So everything around the PD is in it, the other loop of the cascade,
@@ -178,7 +168,7 @@ def mapped_plant(scenario: Scenario, loop: Loop) -> SampledSystem:
 def flown_map(
     scenario: Scenario, loop: Loop, first: np.ndarray, second: np.ndarray, *, sample: int = 0, compiled: bool = True
 ) -> Metrics:
-    """Flies a scenario with every pair of gains in one fleet, all in the same wind and noise.
+    """Fly a scenario with every pair of gains in one fleet, all in the same wind and noise.
 
     Args:
         scenario: whose route is flown.

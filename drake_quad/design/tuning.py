@@ -25,21 +25,21 @@ from drake_quad.scenario.distributions import Choice
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import replaced
 
-# What a flight that ends in a crash is charged with, m: so that of 25 flights one crash costs as much as 4 cm in all.
+# Cost of a flight that ends in a crash, m: one crash in 25 flights costs as much as 4 cm of error in all of them.
 # An early crash costs up to twice as much, so that a search finds its way where all flights crash.
 _CRASH = 1.0
 LATENCY = "laboratory.motion_capture.latency_frames"
 # Share of the points that make the next distribution, and the part of the way there that is gone; least deviation of
 # each number, in logarithms, against an early end; by how much more often the limit is looked at in the first round.
 _ELITE, _STEP, _LEAST, _FIRST = 0.25, 0.7, 0.01, 4
-# What breaks the limit costs so many times as much, in logarithms of the error, as it misses of it.
+# Penalty on the logarithm of the error, relative to the logarithm by which the limit is missed.
 _PENALTY = 4.0
 # How much better the limit may be kept than told, in logarithms, a width of the box away from what has been looked at,
 # at the beginning; what is kept from the limit, since what is told is not exact.
 _DOUBT, _RESERVE = 0.5, 0.002
 # First steps of the local searches, in widths of the box.
 _RADII = 0.15, 0.08, 0.04
-# Shares of the limit of which no more need be known.
+# Smallest and largest share of the limit that the search distinguishes.
 _ENDS = 0.2, 1.5
 
 
@@ -58,12 +58,12 @@ class Knob(NamedTuple):
 
     @property
     def vertical(self) -> bool:
-        """Whether it is of the vertical axis, the third of three."""
+        """True if the number belongs to the vertical axis, the third of three."""
         return all(path.endswith(".2") for path in self.paths)
 
 
 class Budget(NamedTuple):
-    """What each controller's tuning may cost.
+    """Budget for the tuning of each controller.
 
     Attributes:
         rounds: of the search.
@@ -81,7 +81,7 @@ class Budget(NamedTuple):
 
 
 class LoopLimit(NamedTuple):
-    """What the loops of a control must keep where its commands go over the link.
+    """Limits on the loops of a control, broken at the command link.
 
     Attributes:
         sensitivity: largest peak of |1 / (1 + L)|.
@@ -101,7 +101,7 @@ class LoopLimit(NamedTuple):
 
 
 class Tuned(NamedTuple):
-    """What a tuning found.
+    """Result of a tuning.
 
     Attributes:
         numbers: of the knobs, in their order.
@@ -126,7 +126,7 @@ def tune(
     before: Sequence[float] | None = None,
     progress: Callable[[], None] | None = None,
 ) -> Tuned:
-    """Tunes the numbers of a controller: those of the lateral axes first, then those of the vertical one.
+    """Tune the numbers of a controller: those of the lateral axes first, then those of the vertical one.
 
     The two hardly touch each other, and the rounds are shared out by how many numbers each has. The vertical numbers
     wait in the middle of their ranges.
@@ -215,10 +215,10 @@ class _GainSearch(NamedTuple):
         shares_met: Callable[[Scenario], np.ndarray] | None,
         progress: Callable[[], None] | None,
     ) -> Tuned:
-        """The best that is found; arguments as for `tune`."""
+        """Return the best that is found; arguments as for `tune`."""
         count, size = len(self.knobs), self.budget.candidates
         trial = _Trial(scenarios, self.knobs, self.budget, self.first_sample, self.later)
-        # In units of the box, from 0 to 1.
+        # Coordinates are relative to the box, from 0 to 1.
         points = scipy.stats.qmc.Sobol(count, seed=self.seed).random(2 ** math.ceil(math.log2(size)))[:size]
         normal = np.random.default_rng(self.seed)
         known, mean, spread = _Known(count), np.full(count, 0.5), np.eye(count) / 12.0
@@ -262,16 +262,15 @@ class _Trial:
         self.least = _LEAST / self._width
 
     def numbers(self, point: np.ndarray) -> tuple[float, ...]:
-        """The numbers of the knobs at a point."""
+        """Return the numbers of the knobs at a point."""
         return tuple(np.exp(self._low + self._width * point).tolist())
 
     def point(self, numbers: Sequence[float]) -> np.ndarray:
-        """The point at which the knobs have these numbers."""
-        found: np.ndarray = (np.log(numbers) - self._low) / self._width
-        return found
+        """Return the point at which the knobs have these numbers."""
+        return (np.log(numbers) - self._low) / self._width
 
     def scenario(self, point: np.ndarray) -> Scenario:
-        """The first scenario with the numbers of a point."""
+        """Return the first scenario with the numbers of a point."""
         return with_numbers(self._scenarios[0], self._knobs, self.numbers(point))
 
     def errors(self, points: np.ndarray) -> np.ndarray:
@@ -283,7 +282,7 @@ class _Trial:
         return np.asarray(np.mean(found, axis=0) + sum(late, np.zeros(len(points))) / len(found))
 
     def _flown(self, fleet: StudyFleet, varying: dict[str, np.ndarray], count: int) -> tuple[Metrics, float, int]:
-        """The flights of some candidates, how long they were to last, and the number of candidates."""
+        """Return the flights of some candidates, how long they were to last, and the number of candidates."""
         batch = Batch.draw(fleet.scenario, [*self._samples] * count).with_varying(varying)
         return fleet.fly_batch(batch), fleet.duration, count
 
@@ -291,7 +290,7 @@ class _Trial:
 def delay_stood(
     scenarios: Sequence[Scenario], most: float, *, budget: Budget = Budget(), first_sample: int = 0
 ) -> float:
-    """How much later frames may come, up to the most, so that no training flight crashes, s; whole frames.
+    """Return the largest additional latency of the cameras for which no training flight crashes, s, in whole frames.
 
     Args:
         scenarios: laboratories with the controller.
@@ -310,12 +309,12 @@ def delay_stood(
 
 
 def _training_samples(budget: Budget, laboratories: int, first: int) -> range:
-    """Those that are flown in each laboratory."""
+    """Return the samples that are flown in each laboratory."""
     return range(first, first + max(budget.samples // laboratories, 1))
 
 
 def with_later_frames(scenario: Scenario, later: float) -> Scenario:
-    """The scenario with frames that come so much later than its own (s), in whole frames."""
+    """Return the scenario with frames that come so much later than its own (s), in whole frames."""
     cameras = scenario.laboratory.motion_capture
     frames = float(round(later / cameras.period))
 
@@ -328,15 +327,13 @@ def with_later_frames(scenario: Scenario, later: float) -> Scenario:
             else value + frames
         )
 
-    found: Scenario = replaced(scenario, added)
-    return found
+    return replaced(scenario, added)
 
 
 def with_numbers(scenario: Scenario, knobs: Sequence[Knob], numbers: Sequence[float]) -> Scenario:
-    """The scenario with the numbers of knobs."""
+    """Return the scenario with the numbers of knobs."""
     values = {path: value for knob, value in zip(knobs, numbers, strict=True) for path in knob.paths}
-    tuned: Scenario = replaced(scenario, lambda path, value: values.get(path, value))
-    return tuned
+    return replaced(scenario, lambda path, value: values.get(path, value))
 
 
 def _errors(metrics: Metrics, duration: float, count: int) -> np.ndarray:
@@ -353,7 +350,7 @@ def _crashes(metrics: Metrics, duration: float, count: int) -> np.ndarray:
 
 
 class _Known:
-    """What is known of the limit: the shares of it that are met at the points that have been looked at."""
+    """Evaluated points of a search, with the shares of the limit that are met at each."""
 
     def __init__(self, dimensions: int) -> None:
         self._dimensions = dimensions
@@ -361,7 +358,7 @@ class _Known:
         self._shares: list[np.ndarray] = []
 
     def add(self, point: np.ndarray, shares: np.ndarray) -> None:
-        """Adds a point that has been looked at."""
+        """Add a point that has been looked at."""
         self._points.append(point)
         self._shares.append(shares)
 
@@ -374,7 +371,7 @@ class _Known:
             points: (count, dimensions).
             doubt: how much better the limit may be kept than told, in logarithms, a width of the box away.
         """
-        # As many neighbours as a plane through them needs.
+        # The interpolation needs as many points as determine a plane.
         if len(self._points) <= self._dimensions + 1:
             return np.zeros(len(points))
         count = max(map(len, self._shares))
@@ -389,10 +386,9 @@ def _near_limit(shares: np.ndarray, count: int) -> np.ndarray:
 
     Far from the limit shares jump, with a crossing of a loop or with its stability, and need not be known.
     """
-    found: np.ndarray = np.log(np.clip(np.broadcast_to(shares, count), *_ENDS))
-    return found
+    return np.log(np.clip(np.broadcast_to(shares, count), *_ENDS))
 
 
 def _better(first: Tuned, second: Tuned) -> Tuned:
-    """The least error of those that keep the limit; of none, what meets most of it."""
+    """Return the least error of those that keep the limit; of none, what meets most of it."""
     return min(first, second, key=lambda each: (-min(each.share, 1.0), each.error))

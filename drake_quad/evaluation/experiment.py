@@ -80,7 +80,7 @@ def fly_evaluation(
     folder: Path,
     *,
     only: Sequence[str] | None = None,
-    progress: Callable[[str, int, int], object] = lambda name, done, total: None,
+    progress: Callable[[int, int, str], object] = lambda *_: None,
 ) -> Evaluation:
     """Fly all designed controllers of some families, and write the numbers after each job.
 
@@ -90,7 +90,7 @@ def fly_evaluation(
         sizes: sizes of the experiment.
         folder: folder for the numbers.
         only: names of the controllers; all by default.
-        progress: called with the name of each job, the number of jobs that are done, and the number of all jobs.
+        progress: called with the number of jobs that are done, the number of all jobs, and the name of the last one.
 
     Returns:
         What `read_evaluation` reads from the folder.
@@ -254,6 +254,6 @@ def worst_margins(scenario: Scenario) -> tuple[float, float]:
 
 
 def missing_designs(diagrams: Path, name: str) -> list[str]:
-    """Return the names of the controllers that a family has no design of."""
+    """Return the names of the controllers for which a family has no design."""
     designs = designs_in(design_file(diagrams, name))
     return [entry for entry in FAMILIES[name].entries if entry not in designs]

@@ -15,9 +15,10 @@ from drake_quad.evaluation.families import FAMILIES, FAMILY_OF
 from drake_quad.evaluation.results import PRICED_CONTROLLERS, PRICED_IN, Evaluation, Traits, in_laps
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.reports.claims import reduction
-from drake_quad.reports.figures import COLUMN, legend_above, name_rows, new_panels, plot_intervals
+from drake_quad.reports.figures import COLUMN, print_panels
 from drake_quad.statistics.estimates import mean_interval
 from drake_quad.studies.statistics import Interval, of_survivors
+from drake_quad.visualization.panels import legend_above, name_rows, plot_intervals
 from drake_quad.visualization.style import BLACK, BLUE, GREEN, LIMIT, ORANGE, PURPLE, SKY, VERMILION
 
 # Controllers by colour, in every figure; what a network adds by its mark.
@@ -62,7 +63,7 @@ def errors_figure(found: Evaluation) -> Figure:
     columns = min(len(places), 5)
     rows = -(-len(places) // columns)
     width, height = 1.5 + 1.35 * columns, 0.5 + rows * (0.65 + 0.145 * len(controllers))
-    with new_panels(height, rows, columns, width=width, sharey=True, squeeze=False) as (figure, grid):
+    with print_panels(height, rows, columns, width=width, sharey=True) as (figure, grid):
         for axes, place in zip(grid.flat, places, strict=False):
             for row, name in enumerate(controllers):
                 if name in found.flights[place]:
@@ -115,7 +116,7 @@ def networks_figure(found: Evaluation) -> Figure:
     """Plot by how much networks make the error smaller: a row for each network, a mark for each laboratory."""
     cuts = networks_of(found)
     colors = dict(zip(FAMILIES, (BLUE, GREEN, ORANGE, VERMILION), strict=True))
-    with new_panels(0.9 + 0.36 * len(cuts), width=1.75 * COLUMN) as (figure, axes):
+    with print_panels(0.9 + 0.36 * len(cuts), width=1.75 * COLUMN) as (figure, axes):
         axes.axvline(0.0, **LIMIT)
         for row, by_place in enumerate(cuts.values()):
             for offset, (place, each) in zip(np.linspace(-0.33, 0.33, len(by_place)), by_place.items(), strict=True):
@@ -146,7 +147,7 @@ def margins_figure(found: Evaluation) -> Figure:
         for name, each in found.traits.get(FAMILY_OF[PRICED_IN], {}).items()
         if not parts_of(name)[1]
     }
-    with new_panels(2.7, 1, 2, width=1.75 * COLUMN, sharey=True) as (figure, row):
+    with print_panels(2.7, 1, 2, width=1.75 * COLUMN, sharey=True) as (figure, (row,)):
         for axes, (measure, unit, label) in zip(row, _MEASURES, strict=True):
             for name in PRICED_CONTROLLERS:
                 designs = priced(found, name)
@@ -183,7 +184,7 @@ def _point(traits: Traits, metrics: Metrics, measure: str, unit: float) -> tuple
 
 def laps_figure(found: Evaluation, controllers: Sequence[str]) -> Figure:
     """Plot the error in the last of so many laps, with a network over the position and without."""
-    with new_panels(2.6, width=1.3 * COLUMN) as (figure, axes):
+    with print_panels(2.6, width=1.3 * COLUMN) as (figure, axes):
         for name in controllers:
             for controller, style in ((name, ":"), (f"{name}_t2fnn_map", "-")):
                 counts = laps_flown(found, controller)

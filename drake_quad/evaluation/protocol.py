@@ -63,8 +63,6 @@ def design_family(
     entries: dict[str, ControllerEntry],
     *,
     budget: Budget = Budget(),
-    limit: LoopLimit = LoopLimit(),
-    progress: Callable[[], None] | None = None,
 ) -> Iterator[Designed]:
     """Tune entries one after another, and write each into the family's file as soon as it is found.
 
@@ -74,10 +72,8 @@ def design_family(
         family: of laboratories.
         entries: of `tunable`.
         budget: of each search.
-        limit: on the loops of controllers without a network.
-        progress: called after each round.
     """
-    path = design_file(diagrams, name)
+    path, limit = design_file(diagrams, name), LoopLimit()
     for controller, entry in entries.items():
         scenarios = _untuned(diagrams, family, path, controller, entry)
         shares = None if entry.around else _shares(limit)
@@ -86,7 +82,7 @@ def design_family(
         if entry.around:
             alone = training(diagrams, family, f"{path}:{entry.around}", entry)
             later = delay_stood(alone, limit.delay, budget=budget)
-        found = tune(scenarios, entry.knobs, shares, budget=budget, later=later, before=before, progress=progress)
+        found = tune(scenarios, entry.knobs, shares, budget=budget, later=later, before=before)
         words = _words(entry, found, budget, later)
         write_designs(path, {controller: entry.tree(found.numbers)}, said={controller: words}, head=_head(name, limit))
         yield Designed(controller, words)
@@ -136,9 +132,7 @@ def numbers_before(
     return numbers if all(isinstance(number, float) and number > 0.0 for number in numbers) else None
 
 
-def design_prices(
-    diagrams: Path, *, budget: Budget = Budget(), progress: Callable[[], None] | None = None
-) -> Iterator[Designed]:
+def design_prices(diagrams: Path, *, budget: Budget = Budget()) -> Iterator[Designed]:
     """Design controllers for several limits of the peak sensitivity, and write them as `design_family` does."""
     family = FAMILIES[FAMILY_OF[PRICED_IN]]
     path = design_file(diagrams, PRICED)
@@ -148,7 +142,7 @@ def design_prices(
         name = priced_name(controller, sensitivity)
         if entry.knobs:
             scenarios = _untuned(diagrams, family, path, name, entry)
-            found = tune(scenarios, entry.knobs, _shares(limit), budget=budget, progress=progress)
+            found = tune(scenarios, entry.knobs, _shares(limit), budget=budget)
             tree, words = entry.tree(found.numbers), _words(entry, found, budget)
         else:
             place = load_undesigned(diagrams / family.laboratories[PRICED_IN])

@@ -21,12 +21,12 @@ from drake_quad.statistics.estimates import mean_interval
 from drake_quad.studies.statistics import crash_probability, of_survivors
 
 FIGURES = {
-    "errors": "Mean RMSE of every controller in every laboratory, with 95 % intervals, which mostly are narrower than"
-    " the marks. Hollow: more than 5 % of the vehicles crash, and the mean is that of the others.",
+    "errors": "Mean RMSE of every controller in every laboratory, with 95 % intervals, most of which are narrower than"
+    " the marks. A mark is hollow if more than 5 % of the vehicles crash; the mean is then that of the others.",
     "margins": "RMSE in high wind against the peak sensitivity and against the delay that is flown without a crash,"
     " beyond the laboratory's own; lines join designs of one controller with other limits.",
-    "networks": "By how much a network makes the mean RMSE smaller over the same samples, with 95 % intervals; left of"
-    " zero it harms.",
+    "networks": "Reduction of the mean RMSE by a network over the same samples, with 95 % intervals; left of zero the"
+    " network makes the error larger.",
     "laps": "RMSE in the last of so many laps of high wind, with 95 % intervals: with a network over the position, and"
     " without.",
 }
@@ -124,7 +124,7 @@ def _best(found: Evaluation) -> str:
         words = f"- {place}: {WORDS[best]}, {mean.text(unit='cm', size=0.01)}"
         if "pd" in found.flights[place] and best != "pd":
             share = beside(found.flights[place]["pd"], found.flights[place][best]).share
-            words += f"; the tuned PD {share.ratio()} times that"
+            words += f"; the RMSE of the tuned PD is {share.ratio()} times as large"
         if equals:
             words += f"; not significantly different from {', '.join(WORDS[name] for name in equals)}"
         lines.append(words)
@@ -206,7 +206,11 @@ def _absent(found: Evaluation) -> str:
         for family, each in FAMILIES.items()
     }
     lines = [f"- {family}: {', '.join(names)}" for family, names in absent.items() if names]
-    return "Without a design, and so not flown:\n\n" + "\n".join(lines) if lines else "All have a design everywhere."
+    return (
+        "These controllers have no design and are not flown:\n\n" + "\n".join(lines)
+        if lines
+        else "All controllers have a design for every family."
+    )
 
 
 def _most(found: Evaluation) -> int:

@@ -17,9 +17,9 @@ from drake_quad.laboratory.metrics import Metrics
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import Batch
 
-# Between two looks at the crashes and two reports of progress, s of flight.
+# Time of flight between two checks for crashes, which are also the reports of progress, s.
 _STRIDE = 1.0
-# The same in ticks of compiled diagrams: where an event takes many, what Drake does hardly counts.
+# The same interval in ticks of compiled diagrams. With many ticks in an event, Drake's overhead is negligible.
 _TICKS, _TICKS_ALONE = 100, 500
 
 
@@ -52,22 +52,21 @@ class FleetSimulation(ABC):
 
     @abstractmethod
     def reset(self, batch: Batch) -> None:
-        """Makes the fleet what it would be, had it been built for another batch of the same scenario and size."""
+        """Make the fleet what it would be, had it been built for another batch of the same scenario and size."""
 
     def metrics(self) -> Metrics:
-        """The (N,) metrics so far."""
+        """Return the (N,) metrics so far."""
         return read_metrics(*self._wired_now())
 
     def touched(self) -> np.ndarray:
         """(N,) number of the obstacle that each vehicle crashed into, from 1 on; 0 if it touched none."""
         diagram, context = self._wired_now()
         monitor = diagram.GetSubsystemByName("monitor")
-        touched: np.ndarray = monitor.touched(monitor.GetMyContextFromRoot(context))
-        return touched
+        return monitor.touched(monitor.GetMyContextFromRoot(context))
 
     @abstractmethod
     def _wired_now(self) -> tuple[Diagram, Context]:
-        """The diagram as it is wired, and a context of it with the state so far."""
+        """Return the diagram as it is wired, and a context of it with the state so far."""
 
     @abstractmethod
     def recording(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -155,14 +154,14 @@ class CompiledSimulation(FleetSimulation):
         return self._compiled.tick * np.arange(num_ticks), signals
 
     def _part_of(self, context: Context) -> Context:
-        """The compiled system's part of a context."""
+        """Return the compiled system's part of a context."""
         return self._compiled.GetMyMutableContextFromRoot(context)
 
 
 def simulate_fleet(
     batch: Batch, plan: Plan, *, own: UserSystems = UserSystems(), record: bool = False, compiled: bool
 ) -> FleetSimulation:
-    """A fleet under Drake's simulator.
+    """Return a fleet under Drake's simulator.
 
     Args:
         batch: that is flown.
@@ -208,6 +207,6 @@ def fly(
 
 
 def read_metrics(diagram: Diagram, context: Context) -> Metrics:
-    """The (N,) metrics of a tracking diagram's vehicles so far."""
+    """Return the (N,) metrics of a tracking diagram's vehicles so far."""
     monitor = diagram.GetSubsystemByName("monitor")
     return monitor.metrics(monitor.GetMyContextFromRoot(context))

@@ -16,19 +16,19 @@ from drake_quad.scenario.models import Scenario
 
 
 class StudyFleet:
-    """Flies samples of a scenario's study side by side, up to N at a time.
+    """Fleet that flies samples of a scenario's study side by side, up to N at a time.
 
     The diagram is built once; its context is reset for every batch of samples.
 
     Args:
-        scenario: with or without distributions.
-        plan: plan that is flown, such as that of `drake_quad.plan_route`.
-        num_vehicles: N.
-        own: functions that make systems of the user's for N vehicles.
-        compiled: whether the diagram is compiled to machine code; else it flies as it is wired.
+        scenario: scenario, which may contain distributions.
+        plan: plan that is flown, for example from `drake_quad.plan_route`.
+        num_vehicles: number N of vehicles.
+        own: functions that make the user's systems for N vehicles.
+        compiled: True to compile the diagram to machine code.
 
     Raises:
-        InputError: the route holds a distribution, or the rotors cannot fly it; the vehicle has no time step; or the
+        InputError: if the route contains a distribution, the rotors cannot fly it, the vehicle has no time step, or the
             fleet does not fit into memory.
     """
 
@@ -58,15 +58,15 @@ class StudyFleet:
         duration: float | None = None,
         progress: Callable[[float, float], None] | None = None,
     ) -> Metrics:
-        """Flies samples and returns the (n,) metrics of each.
+        """Fly samples and return the (n,) metrics of each.
 
         Args:
-            samples: n numbers of samples, from 1 to N of them.
-            duration: after which to stop, s; that of the flight if not given.
-            progress: called now and then with the time flown and the time to fly, s.
+            samples: indices of n samples, from 1 to N of them.
+            duration: time at which the simulation stops, s; the end of the flight if not given.
+            progress: function that is called from time to time with the simulated time and the total time, s.
 
         Raises:
-            InputError: a sample's drag is too much for the vehicle's time step.
+            InputError: if the drag of a sample is too large for the vehicle's time step.
         """
         return self.fly_batch(Batch.draw(self.scenario, samples), duration=duration, progress=progress)
 
@@ -77,7 +77,7 @@ class StudyFleet:
         duration: float | None = None,
         progress: Callable[[float, float], None] | None = None,
     ) -> Metrics:
-        """Flies a batch of n vehicles, from 1 to N of them, and returns the (n,) metrics of each.
+        """Fly a batch of n vehicles, from 1 to N of them, and return the (n,) metrics of each.
 
         With fewer than N the last is flown several times: what a vehicle does depends on no other.
         """

@@ -1,4 +1,4 @@
-"""What a flight leaves behind."""
+"""Recorded flights, and their files."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -64,22 +64,18 @@ class Flight(Mapping[str, np.ndarray]):
     cause: str | None = None
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """The (ticks, rows) values of a signal."""
+        """Return the (ticks, rows) values of a signal."""
         if name not in self.signals:
             raise KeyError(f"{name} is no signal of this flight, which has {', '.join(self.signals)}")
         return self.signals[name]
 
     def __iter__(self) -> Iterator[str]:
-        """The names of the signals."""
+        """Return the names of the signals."""
         return iter(self.signals)
 
     def __len__(self) -> int:
-        """How many signals there are."""
+        """Return the number of signals."""
         return len(self.signals)
-
-    def __contains__(self, name: object) -> bool:
-        """Is there a signal of this name?"""
-        return name in self.signals
 
     # Two flights are the same if they are one: arrays have no equality.
     __eq__ = object.__eq__
@@ -101,7 +97,7 @@ class Flight(Mapping[str, np.ndarray]):
         }
 
     def to_frame(self) -> "pd.DataFrame":
-        """The flight as a table of pandas, with a row for each tick.
+        """Return the flight as a table of pandas, with a row for each tick.
 
         Its index is the `time` (s), its columns are the rows of the signals, as in `state.roll` and `error.x`.
         `frame.attrs` has the `units` of the columns, the `frames` along whose axes they are (W, B, or "" for what has
@@ -144,12 +140,6 @@ class Flight(Mapping[str, np.ndarray]):
         return flight_remarks(self.scenario, self.plan)
 
     @property
-    def _words(self) -> dict[str, str]:
-        """Texts that describe the crash, by their name in the file of arrays."""
-        words = {_TOUCHED: self.touched, _CAUSE: self.cause}
-        return {name: each for name, each in words.items() if each is not None}
-
-    @property
     def euclidean_error(self) -> np.ndarray:
         """(ticks,) distance of the vehicle to the reference, m."""
         reference, state = self.record("reference"), self.record("state")
@@ -174,7 +164,8 @@ class Flight(Mapping[str, np.ndarray]):
 
         def save_arrays(path: Path) -> None:
             arrays: dict[str, Any] = {"time": self.time, **self.signals, _COMPILED: np.array(self.compiled)}
-            arrays |= {name: np.array(each, dtype=str) for name, each in self._words.items()}
+            words = {_TOUCHED: self.touched, _CAUSE: self.cause}
+            arrays |= {name: np.array(text, dtype=str) for name, text in words.items() if text is not None}
             np.savez_compressed(path, **(arrays | _arrays_of(self.plan)))
 
         return [

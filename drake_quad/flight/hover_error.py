@@ -18,6 +18,7 @@ from drake_quad.planning.route import plan_in
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.scenario.hovering import in_hover, with_believed_vehicle
 from drake_quad.scenario.models import MetricWindow, Scenario
+from drake_quad.scenario.paths import updated
 from drake_quad.scenario.routes.hover import HoverRoute
 from drake_quad.statistics.estimates import mean_interval, positive
 from drake_quad.statistics.interval import Interval
@@ -115,18 +116,10 @@ def believed_tracking_error(scenario: Scenario) -> HoverError:
 def _hover_to_fly(scenario: Scenario, seed: int) -> Scenario:
     """Return the scenario in hover, with a metric window from `SETTLING_TIME` on."""
     hovering = in_hover(scenario)
-    vehicle = hovering.vehicle
-    if vehicle.time_step == 0.0:
-        # Fleets need a time step. The shortest period fits the grids of all ticks, and RK4 is accurate enough with it.
-        vehicle = vehicle.model_copy(update={"time_step": min(hovering.periods.values())})
-    return hovering.model_copy(
-        update={
-            "route": hovering.route.model_copy(update={"duration": HOVER_TIME}),
-            "vehicle": vehicle,
-            "metrics": MetricWindow(start=SETTLING_TIME),
-            "seed": seed,
-        }
-    )
+    # Fleets need a time step. The shortest period fits the grids of all ticks, and RK4 is accurate enough with it.
+    time_step = hovering.vehicle.time_step or min(hovering.periods.values())
+    timing = {"route.duration": HOVER_TIME, "vehicle.time_step": time_step, "seed": seed}
+    return updated(hovering, {**timing, "metrics": MetricWindow(start=SETTLING_TIME)})
 
 
 def _refuse_crashes(scenario: Scenario, metrics: Metrics) -> None:

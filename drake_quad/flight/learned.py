@@ -1,4 +1,4 @@
-"""What a network has learned in a flight, to begin another one with."""
+"""Saving of the parameters that a network has learned in a flight."""
 
 from pathlib import Path
 
@@ -12,19 +12,19 @@ from drake_quad.scenario.networks.learned import LearnedAxis, LearnedNetwork
 
 
 def save_network(flight: Flight, path: Path | str) -> Path:
-    """Writes what the network of a flight had learned by its last tick: the weights, and the sets if they learn.
+    """Save the parameters of a flight's network at its last tick: the weights, and the sets if they learn.
 
-    A scenario flies on from it with `control.network.learned: FILE`; a fleet does so with all of its vehicles.
+    A scenario with `control.network.learned: FILE` starts from them, with every vehicle of a fleet.
 
     Args:
-        flight: with a network.
-        path: of the file, which is YAML.
+        flight: flight with a network.
+        path: path of the YAML file.
 
     Returns:
         The path.
 
     Raises:
-        InputError: the flight has no network, what was learned is not finite, or the file cannot be written.
+        InputError: if the flight has no network, a parameter is not finite, or the file cannot be written.
     """
     network = flight.scenario.control.network
     if network is None or "weights" not in flight.signals:

@@ -30,11 +30,11 @@ _obstacle_plans: "ThreadSafeCache[Planned]" = ThreadSafeCache(_MAX_OBSTACLE_PLAN
 
 
 def plan_route(mission: Mission) -> Plan:
-    """The plan for the route of a scenario, for the nominal vehicle.
+    """Return the plan for the route of a scenario, for the nominal vehicle.
 
     Raises:
-        InputError: the route holds a distribution, or no path or no rotors can keep to what it asks, or obstacles leave
-            it no way.
+        InputError: if the route contains a distribution, no path or no rotors can meet its demands, or obstacles block
+            every way.
     """
     return planned(mission).plan
 
@@ -67,32 +67,33 @@ def build_tracking_diagram(
     record: bool = False,
     drake_random: bool = False,
 ) -> Diagram:
-    """Builds the closed loop of a scenario, for vehicles that all fly the same.
+    """Build the closed loop of a scenario, for vehicles that all fly the same.
 
-    Each is in the wind and noise of a sample of its own: the scenario's sample, or 0, the next one, and so on.
+    Each vehicle has the wind and noise of its own sample. The first sample is that of the scenario, or 0.
 
     Its subsystems are `reference`, `control`, `laboratory`, `monitor` and, if asked for, `recorder`. Every signal of
     the loop is exported under its name; what the control does not have is left out. The default context is hover at
     the reference's first point.
 
     Args:
-        scenario: with numbers only.
-        num_vehicles: N.
-        position_controller: a system that stands in for the scenario's and its network: from `measurement` (12 rows)
-            and `reference` (11 rows) to `acceleration_command` (3 rows, m/s²). The diagram takes it over.
-        control: a system that stands in for the whole cascade: from `measurement` and `reference` to `wrench`
+        scenario: scenario without distributions.
+        num_vehicles: number N of vehicles.
+        position_controller: system that replaces the scenario's position controller and its network, from
+            `measurement` (12 rows) and `reference` (11 rows) to `acceleration_command` (3 rows, m/s²). The diagram
+            takes ownership of it.
+        control: system that replaces the whole cascade, from `measurement` and `reference` to `wrench`
             (4 rows: F_z in N; τ_x, τ_y, τ_z in N m) or, with an autopilot on board, to `attitude_target` (7 rows: F_z
-            in N; roll, pitch, yaw in rad; p, q, r in rad/s). The diagram takes it over.
-        wind: a source of wind beside the scenario's: one output port of 3 rows, the velocity of the air in W (m/s), and
-            perhaps the input port `state` (12 rows). The diagram takes it over, and samples it at the vehicle's time
-            step, unless it is a FleetSystem that updates itself, as those of `drake_quad.laboratory` do.
-        plan: flown instead of that of the scenario's route.
-        record: whether to add a recorder of all signals, sampled at every tick of the control.
-        drake_random: whether wind and noise come from Drake's random sources, for its own Monte Carlo tools, in place
+            in N; roll, pitch, yaw in rad; p, q, r in rad/s). The diagram takes ownership of it.
+        wind: additional source of wind, with one output port of 3 rows, the velocity of the air in W (m/s), and
+            optionally the input port `state` (12 rows). The diagram takes ownership of it, and samples it at the
+            vehicle's time step, unless it is a FleetSystem that updates itself, like those of `drake_quad.laboratory`.
+        plan: plan that is flown instead of that of the scenario's route.
+        record: True to add a recorder of all signals, sampled at every tick of the control.
+        drake_random: True to use Drake's random sources for wind and noise, for Drake's own Monte Carlo tools, instead
             of those of the samples.
 
     Raises:
-        InputError: the scenario holds a distribution, the rotors cannot fly the route, a system that is given does not
+        InputError: if the scenario contains a distribution, the rotors cannot fly the route, a given system does not
             fit, or the fleet does not fit into memory.
     """
     batch = _identical_vehicles(scenario, num_vehicles)
@@ -129,9 +130,9 @@ def build_laboratory_diagram(
     row, in A h), and an autopilot `wrench`.
 
     Args:
-        scenario: with numbers only.
-        num_vehicles: N.
-        plan: at whose first point the vehicles hover at time 0; that of the scenario's route if not given.
+        scenario: scenario without distributions.
+        num_vehicles: number N of vehicles.
+        plan: plan at whose first point the vehicles hover at time 0; that of the scenario's route if not given.
         drake_random: True to use Drake's random sources for wind and noise instead of those of the samples.
 
     Raises:
@@ -153,15 +154,14 @@ def build_vehicle(scenario: Scenario, num_vehicles: int = 1, *, plan: Plan | Non
     With an autopilot of kind `response` the system is a `RespondingQuadrotor`.
 
     Args:
-        scenario: with numbers only.
-        num_vehicles: N.
-        plan: at whose first point the vehicles hover at time 0; that of the scenario's route if not given.
+        scenario: scenario without distributions.
+        num_vehicles: number N of vehicles.
+        plan: plan at whose first point the vehicles hover at time 0; that of the scenario's route if not given.
 
     Raises:
         InputError: as `build_tracking_diagram`.
     """
-    vehicle: FleetSystem = _recipes(_identical_vehicles(scenario, num_vehicles), plan)["vehicle"].build(num_vehicles)
-    return vehicle
+    return _recipes(_identical_vehicles(scenario, num_vehicles), plan)["vehicle"].build(num_vehicles)
 
 
 def _identical_vehicles(scenario: Scenario, num_vehicles: int) -> Batch:

@@ -21,9 +21,9 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in, refuse_distributions
 
 _ACCURACY, _MAX_STEP = 1e-8, 0.1
-# Of steps for a continuous state, s: a second of flight takes a quarter of a minute with these.
+# Shortest step for a continuous state, s. With such steps, a second of flight takes a quarter of a minute.
 _MIN_STEP = 1e-5
-# How Drake says that they are too long.
+# Part of Drake's message for an integration that needs shorter steps.
 _TOO_FAST = "smaller than minimum allowed"
 
 
@@ -110,32 +110,32 @@ def simulate_samples(
     plan: Plan | None = None,
     compiled: bool | None = None,
 ) -> list[Flight]:
-    """Flies samples of a study side by side and records every signal of each, as `simulate` does of one.
+    """Fly samples of a study side by side and record all signals of each, like `simulate` for one sample.
 
     Args:
-        scenario: with or without distributions.
-        samples: numbers of samples, from 0 on.
-        seed: in place of the scenario's.
-        plan: flown instead of that of the scenario's route.
-        compiled: as for `simulate`.
+        scenario: scenario, which may contain distributions.
+        samples: indices of the samples, counted from 0.
+        seed: seed of the study; that of the scenario if not given.
+        plan: plan that is flown instead of that of the scenario's route.
+        compiled: see `simulate`.
 
     Raises:
-        InputError: the route holds a distribution, or the rotors cannot fly it.
+        InputError: if the route contains a distribution, or the rotors cannot fly it.
     """
     check_fleet_fits(len(samples), "the number of samples")
     return simulate_batch(Batch.draw(scenario, samples, seed=seed), plan=plan, compiled=compiled)
 
 
 def simulate_batch(batch: Batch, *, plan: Plan | None = None, compiled: bool | None = None) -> list[Flight]:
-    """Flies a batch and records every signal of each vehicle: a few megabytes a flight of half a minute.
+    """Fly a batch and record every signal of each vehicle, a few megabytes for half a minute of flight.
 
     Args:
-        batch: to fly.
-        plan: flown instead of that of the scenario's route.
-        compiled: as for `simulate`.
+        batch: batch of samples.
+        plan: plan that is flown instead of that of the scenario's route.
+        compiled: see `simulate`.
 
     Raises:
-        InputError: the route holds a distribution, or the rotors cannot fly it.
+        InputError: if the route contains a distribution, or the rotors cannot fly it.
     """
     plan = plan or plan_route(batch.scenario)
     if compiled is None:

@@ -349,4 +349,4 @@ def _number_of(bits: Symbol) -> Symbol:
 
 def _is_negative(bits: Symbol) -> Symbol:
     """Whether the sign bit is set."""
-    return operation("negative", bits, kind=SymbolKind.TRUTH)
+    return operation("sign_bit", bits, kind=SymbolKind.TRUTH)

@@ -116,7 +116,7 @@ def cache_folder() -> Path | None:
 
 
 def _file_name(name: str) -> str:
-    """Return the name of the file of a `kernel_` or a `result_`."""
+    """Return the file name of a cached kernel or result."""
     return f"{name}.{'o' if name.startswith('kernel_') else 'pickle'}"
 
 

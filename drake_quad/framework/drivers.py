@@ -1,4 +1,4 @@
-"""Functions of counted loops, in LLVM's language: they drive the functions that `instructions` writes from listings.
+"""LLVM code of counted loops that call the functions that `instructions` writes from listings.
 
     driver = Driver("internal void @double(ptr %numbers, i64 %n)")
     with driver.loop("k", 0, "%n"):
@@ -49,7 +49,7 @@ class Driver:
         self.do(f"%{name} = {instruction}")
 
     def at(self, name: str, pointer: str, place: str | int, kind: str = "double") -> None:
-        """Name the pointer to an element of a kind, given the name of the pointer to the first one, and its place."""
+        """Write the pointer to an element, given the name of the pointer to the first one, the index and the type."""
         self.let(name, f"getelementptr {kind}, ptr %{pointer}, i64 {place}")
 
     def do(self, instruction: str) -> None:
@@ -58,7 +58,7 @@ class Driver:
 
     @contextmanager
     def loop(self, counter: str, begin: str | int, end: str | int, step: int = 1) -> Iterator[None]:
-        """Repeat what is written inside a `with` statement, with a counter that begins anew and stays below an end."""
+        """Write a loop: what is written inside the `with` statement is repeated while a counter is below its end."""
         before = self._label
         self.let(f"{counter}_some", f"icmp ult i64 {begin}, {end}")
         self.do(f"br i1 %{counter}_some, label %{counter}_body, label %{counter}_end")
@@ -75,7 +75,7 @@ class Driver:
 
     @contextmanager
     def when(self, name: str, condition: str) -> Iterator[None]:
-        """Do what is written inside a `with` statement if a condition holds, which gets a name."""
+        """Write a branch with a named condition: what is written inside the `with` statement is done if it holds."""
         self.let(name, condition)
         self.do(f"br i1 %{name}, label %{name}_so, label %{name}_end")
         self._block(f"{name}_so")
@@ -93,9 +93,9 @@ class Driver:
 
 
 def copying(lanes: int) -> str:
-    """Return functions that copy rows of up to a vector's vehicles out of a fleet, `gather`, and back, `scatter`.
+    """Return `gather`, which copies rows of at most one vector of vehicles out of a fleet, and `scatter`, the reverse.
 
-    Lanes without a vehicle get the last one's numbers.
+    Lanes without a vehicle get the numbers of the last vehicle.
     """
     both = _copying("gather", lanes, lanes, "fleet", "copy"), _copying("scatter", lanes, "%left", "copy", "fleet")
     return "\n".join(both)

@@ -175,6 +175,22 @@ def where_needed(mask: bool, formula: Callable[..., _Rows], arguments: Sequence[
     return _placed(needed, formula(*[x[needed] if isinstance(x, np.ndarray) else x for x in arguments]), otherwise)
 
 
+def identity(x: _Rows) -> _Rows:
+    """Return x."""
+    return x
+
+
+def total(rows: Sequence[Row]) -> Row:
+    """Return the sum of at least one row; there is no zero to begin with, which would be one more operation."""
+    first, *others = rows
+    return sum(others, start=first)
+
+
+def dot(first: Sequence[Row], second: Sequence[Row]) -> Row:
+    """Return the sum of the products of the rows of two sequences."""
+    return total([x * y for x, y in zip(first, second, strict=True)])
+
+
 def dense(matrix: Matrix, rows: Sequence[Row], activation: Callable[[Row], Row]) -> list[Row]:
     """A layer of a network: for each row of a matrix, the activation of its bias plus its product with the rows.
 

@@ -42,8 +42,9 @@ from pydrake.systems.framework import (
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from drake_quad.errors import entry
+from drake_quad.framework.elementary import identity
 from drake_quad.framework.formulas import INTERPRETED, TIME, TickOf, interpret, kernel, packed
-from drake_quad.framework.records import Layout, check_signs, layout_of
+from drake_quad.framework.records import ABSENT, Layout, check_signs, layout_of
 from drake_quad.signals import SIGNALS
 
 if TYPE_CHECKING:
@@ -150,17 +151,17 @@ class Computation:
     Attributes:
         formula: a function of records and constants.
         reads: its arguments: ports, parameters, states, `TIME`, a `TickOf`, or constants.
-        results: the layouts of what it returns.
+        results: the layouts of what it returns; `ABSENT` for a state that the system does not have.
         writes: the states that it changes; none for an output.
     """
 
-    def __init__(
-        self, formula: Callable[..., Any], reads: Sequence[Any], results: Sequence[Layout], writes: Sequence[StateGroup]
-    ) -> None:
-        self.formula, self.reads, self.results, self.writes = formula, tuple(reads), tuple(results), tuple(writes)
+    def __init__(self, formula: Callable[..., Any], reads: Sequence[Any], targets: Sequence[Any]) -> None:
+        self.formula, self.reads = formula, tuple(reads)
+        self.results = tuple([_layout_of_target(target) for target in targets])
+        self.writes = tuple([target for target in targets if isinstance(target, StateGroup)])
         self._timed = any(read is TIME or isinstance(read, TickOf) for read in self.reads)
         # What is read of what is written stands where it will be written.
-        written = {write.index: place for place, write in enumerate(writes)}
+        written = {write.index: place for place, write in enumerate(self.writes)}
         self._sources = [
             (read, written.get(read.index) if isinstance(read, StateGroup) else None)
             for read in self.reads
@@ -259,7 +260,7 @@ class FleetSystem(_Base):
         parameters: the numeric parameters, by name.
         states: the groups of the state, by name.
         random_inputs: the input ports for random numbers, by name.
-        outputs: what is computed for each output port, by name, or the state that it shows.
+        outputs: what is computed for each output port, by name.
         updates: what is computed at periodic events.
         initializations: what is computed when a simulation begins.
         packed: the layouts of the signals that the only output port packs, by name; empty if it packs none.
@@ -269,21 +270,17 @@ class FleetSystem(_Base):
     scalar: type
     num_vehicles: int
     structure: dict[str, Any]
-    parameters: dict[str, Parameter]
-    states: dict[str, StateGroup]
-    random_inputs: dict[str, "RandomInput"]
-    outputs: dict[str, Computation | StateGroup]
-    updates: list["Update"]
-    initializations: list[Computation]
-    packed: dict[str, Layout]
-    num_events: int
     _numbers: Any
 
     def begin(self) -> None:
         """Makes room for what will be declared."""
-        self.parameters, self.states, self.random_inputs = {}, {}, {}
-        self.outputs, self.packed = {}, {}
-        self.updates, self.initializations = [], []
+        self.parameters: dict[str, Parameter] = {}
+        self.states: dict[str, StateGroup] = {}
+        self.random_inputs: dict[str, RandomInput] = {}
+        self.outputs: dict[str, Computation] = {}
+        self.updates: list[Update] = []
+        self.initializations: list[Computation] = []
+        self.packed: dict[str, Layout] = {}
         self._derivative: Computation | None = None
         self.num_events = 0
 
@@ -355,7 +352,7 @@ class FleetSystem(_Base):
             InputError: no layout is given, and there is no signal with this name.
         """
         layout = layout or _layout_of_signal(name)
-        computation = Computation(formula, reads, [layout], [])
+        computation = Computation(formula, reads, [layout])
         self.outputs[name] = computation
 
         def calc(system: FleetSystem, context: Context, output: BasicVector) -> None:
@@ -378,7 +375,7 @@ class FleetSystem(_Base):
 
     def state_output(self, group: StateGroup) -> None:
         """Declares an output port that shows a group of the discrete state, under its name."""
-        self.outputs[group.name] = group
+        self.outputs[group.name] = Computation(identity, [group], [group.layout])
         if self.num_vehicles == 1:
             self.DeclareStateOutputPort(group.name, group.index)
             return
@@ -400,7 +397,7 @@ class FleetSystem(_Base):
         period: float,
         formula: Callable[..., Any],
         *reads: Any,
-        writes: Sequence[StateGroup],
+        writes: Sequence[Any],
         unrestricted: bool = False,
         at_start: bool = True,
     ) -> None:
@@ -411,13 +408,14 @@ class FleetSystem(_Base):
             formula: which returns what they will hold: a record, or one after another if there are several.
             reads: the formula's arguments: ports, parameters, states, `TIME`, a `TickOf`, or constants. Of the discrete
                 state it reads what it was before this instant.
-            writes: the groups that change; no other update may write them.
+            writes: the groups that change; no other update may write them. None or an empty tuple stands for a group
+                that this system does not have; that part of the result is left out.
             unrestricted: whether it is done before the discrete updates of that instant, which then see the result.
             at_start: whether anything is done at time zero.
         """
-        computation = Computation(formula, reads, [group.layout for group in writes], writes)
+        computation = Computation(formula, reads, writes)
         self.updates.append(Update(period, computation, unrestricted, at_start))
-        indices = [group.index for group in writes]
+        indices = [group.index for group in computation.writes]
 
         def write(system: FleetSystem, context: Context, values: Any) -> None:
             if at_start or context.get_time() != 0.0:
@@ -427,17 +425,17 @@ class FleetSystem(_Base):
         event = self.DeclarePeriodicUnrestrictedUpdateEvent if unrestricted else self.DeclarePeriodicDiscreteUpdateEvent
         event(period, 0.0, MethodType(write, self))
 
-    def initialize(self, formula: Callable[..., Any], *reads: Any, writes: Sequence[StateGroup]) -> None:
+    def initialize(self, formula: Callable[..., Any], *reads: Any, writes: Sequence[Any]) -> None:
         """Declares an update that is done when a simulation begins.
 
         Args:
             formula: which returns what the groups will hold.
             reads: the formula's arguments: ports, parameters, states, `TIME`, a `TickOf`, or constants.
-            writes: the groups that change.
+            writes: the groups that change, as for `update`.
         """
-        computation = Computation(formula, reads, [group.layout for group in writes], writes)
+        computation = Computation(formula, reads, writes)
         self.initializations.append(computation)
-        indices = [group.index for group in writes]
+        indices = [group.index for group in computation.writes]
 
         # Once in a flight: machine code would take longer to make.
         def write(system: FleetSystem, context: Context, groups: Any) -> None:
@@ -447,7 +445,7 @@ class FleetSystem(_Base):
 
     def derivative(self, formula: Callable[..., Any], *reads: Any) -> None:
         """Declares the time derivative of the continuous state, which the formula returns."""
-        self._derivative = Computation(formula, reads, [self.states["continuous"].layout], [])
+        self._derivative = Computation(formula, reads, [self.states["continuous"].layout])
 
     def DoCalcTimeDerivatives(self, context: Context, derivatives: Any) -> None:
         """Drake's hook for a continuous state."""
@@ -501,6 +499,13 @@ class FleetSystem(_Base):
 
     def _model(self, layout: Layout) -> Any:
         return BasicVector_[self.scalar](layout.num_rows * self.num_vehicles)
+
+
+def _layout_of_target(target: Any) -> Layout:
+    """Return the layout of what a computation returns: one of an output port, or that of a state that it changes."""
+    if isinstance(target, Layout):
+        return target
+    return target.layout if isinstance(target, StateGroup) else ABSENT
 
 
 def _layout_of_signal(name: str) -> Layout:

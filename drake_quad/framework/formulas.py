@@ -13,7 +13,7 @@ import numpy as np
 from drake_quad.caching import ThreadSafeCache
 from drake_quad.framework.elementary import nearest
 from drake_quad.framework.kernels import compiled
-from drake_quad.framework.records import Layout
+from drake_quad.framework.records import ABSENT, Layout
 from drake_quad.framework.symbols import ALLOWED, Listing, Symbol, number
 from drake_quad.signals import Row
 
@@ -105,7 +105,8 @@ def _made(
         else:
             values.append(at_time(argument, listing.shared(0)))
     returned = traced(formula, values, results)
-    return compiled(listing, returned, sources=sizes, targets=[layout.num_rows for layout in results], lone=lone)
+    targets = [layout.num_rows for layout in results if layout is not ABSENT]
+    return compiled(listing, returned, sources=sizes, targets=targets, lone=lone)
 
 
 def traced(formula: Callable[..., Any], values: Sequence[Any], results: Sequence[Layout]) -> list[Any]:
@@ -163,7 +164,8 @@ def interpret(
         else:
             values.append(at_time(argument, time))
     rows = iter(flattened(formula(*values), results))
-    return [packed([next(rows) for _ in range(layout.num_rows)], num_vehicles) for layout in results]
+    sizes = [layout.num_rows for layout in results if layout is not ABSENT]
+    return [packed([next(rows) for _ in range(size)], num_vehicles) for size in sizes]
 
 
 def at_time(argument: Any, time: Any) -> Any:
@@ -174,14 +176,13 @@ def at_time(argument: Any, time: Any) -> Any:
 
 
 def flattened(returned: Any, results: Sequence[Layout]) -> list[Any]:
-    """The rows of what a formula returned, one result after another; parts that are None are left out."""
+    """Return the rows of what a formula returned, one result after another, without those that are absent."""
     parts = [returned] if len(results) == 1 else returned
-    if isinstance(parts, tuple | list):
-        parts = [part for part in parts if part is not None]
-    if not isinstance(parts, list) or len(parts) != len(results):
+    if not isinstance(parts, tuple | list) or len(parts) != len(results):
         wanted = "one result is" if len(results) == 1 else f"{len(results)} results are"
         raise TypeError(f"{wanted} wanted, not {returned!r}")
-    return [row for layout, part in zip(results, parts, strict=True) for row in layout.flatten(part)]
+    present = [(layout, part) for layout, part in zip(results, parts, strict=True) if layout is not ABSENT]
+    return [row for layout, part in present for row in layout.flatten(part)]
 
 
 def packed(rows: Sequence[Any], num_vehicles: int) -> np.ndarray:

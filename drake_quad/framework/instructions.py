@@ -34,22 +34,22 @@ INSTRUCTIONS = {
     "subtract": "fsub {t} {0}, {1}",
     "multiply": "fmul {t} {0}, {1}",
     "divide": "fdiv {t} {0}, {1}",
-    "negate": "fneg {t} {0}",
+    "negative": "fneg {t} {0}",
     "absolute": "call {t} @llvm.fabs.{s}({t} {0})",
     "square_root": "call {t} @llvm.sqrt.{s}({t} {0})",
     "nearest": "call {t} @llvm.rint.{s}({t} {0})",
     "multiply_add": "call {t} @llvm.fma.{s}({t} {0}, {t} {1}, {t} {2})",
     "copy_sign": "call {t} @llvm.copysign.{s}({t} {0}, {t} {1})",
     "less": "fcmp olt {t} {0}, {1}",
-    "less_or_equal": "fcmp ole {t} {0}, {1}",
+    "less_equal": "fcmp ole {t} {0}, {1}",
     "greater": "fcmp ogt {t} {0}, {1}",
-    "greater_or_equal": "fcmp oge {t} {0}, {1}",
+    "greater_equal": "fcmp oge {t} {0}, {1}",
     "equal": "fcmp oeq {t} {0}, {1}",
-    "unequal": "fcmp une {t} {0}, {1}",
+    "not_equal": "fcmp une {t} {0}, {1}",
     "select": "select {t} {0}, {r} {1}, {r} {2}",
     "bits_of": "bitcast {t} {0} to {r}",
     "number_of": "bitcast {t} {0} to {r}",
-    "negative": "icmp slt {t} {0}, zeroinitializer",
+    "sign_bit": "icmp slt {t} {0}, zeroinitializer",
     "word_of_truth": "zext {t} {0} to {r}",
     "truth_of_word": "trunc {t} {0} to {r}",
 }
@@ -57,11 +57,11 @@ INSTRUCTIONS = {
 _BITWISE = {
     "add": "add {t} {0}, {1}",
     "multiply": "mul {t} {0}, {1}",
-    "and": "and {t} {0}, {1}",
-    "or": "or {t} {0}, {1}",
-    "xor": "xor {t} {0}, {1}",
-    "shift_left": "shl {t} {0}, {1}",
-    "shift_right": "lshr {t} {0}, {1}",
+    "bitwise_and": "and {t} {0}, {1}",
+    "bitwise_or": "or {t} {0}, {1}",
+    "bitwise_xor": "xor {t} {0}, {1}",
+    "left_shift": "shl {t} {0}, {1}",
+    "right_shift": "lshr {t} {0}, {1}",
 }
 _ELEMENTS = {SymbolKind.NUMBER: "double", SymbolKind.TRUTH: "i1", SymbolKind.WORD: "i64"}
 _INTRINSICS = {"fabs": 1, "sqrt": 1, "rint": 1, "fma": 3, "copysign": 2}
@@ -280,13 +280,7 @@ def _layer_function(name: str, layer: SymbolLayer, activation: str, lanes: int) 
     constants = ", ".join(f"double 0x{each:016X}" for each in bits)
 
     def spread(result: str, column: str, j: int) -> list[str]:
-        """Lines that load a number of a block's column, for all lanes."""
-        return [
-            f"  {result}_at = getelementptr double, ptr {column}, i64 {j}",
-            f"  {result}_number = load double, ptr {result}_at, align 8",
-            f"  {result}_one = insertelement {type_} poison, double {result}_number, i32 0",
-            f"  {result} = shufflevector {type_} {result}_one, {type_} poison, <{lanes} x i32> zeroinitializer",
-        ]
+        return [f"  {line}" for line in _spread(result, column, j, lanes)]
 
     return "\n".join(
         [
@@ -365,12 +359,7 @@ def _written(
         return f"<{', '.join([f'{_ELEMENTS[kind]} {text}'] * lanes)}>"
     if operation.name == "shared" and isinstance(shared, str):
         (place,) = operation.operands
-        lines += [
-            f"{name}_at = getelementptr double, ptr {shared}, i64 {place}",
-            f"{name}_number = load double, ptr {name}_at, align 8",
-            f"{name}_one = insertelement {type_} poison, double {name}_number, i32 0",
-            f"{name} = shufflevector {type_} {name}_one, {type_} poison, <{lanes} x i32> zeroinitializer",
-        ]
+        lines += _spread(name, shared, place, lanes)
         return name
     if operation.name in LEAVES:
         *group, place = operation.operands
@@ -385,6 +374,17 @@ def _written(
     text = templates[operation.name].format(*operands, t=_type(first, lanes), r=type_, s=f"v{lanes}f64")
     lines.append(f"{name} = {text}")
     return name
+
+
+def _spread(result: str, pointer: str, place: int, lanes: int) -> list[str]:
+    """Return the lines that load a number, given the pointer to the first one and its place, for all lanes."""
+    type_ = _type(SymbolKind.NUMBER, lanes)
+    return [
+        f"{result}_at = getelementptr double, ptr {pointer}, i64 {place}",
+        f"{result}_number = load double, ptr {result}_at, align 8",
+        f"{result}_one = insertelement {type_} poison, double {result}_number, i32 0",
+        f"{result} = shufflevector {type_} {result}_one, {type_} poison, <{lanes} x i32> zeroinitializer",
+    ]
 
 
 def _pointer(name: str, rows: Rows, place: int) -> list[str]:

@@ -58,7 +58,7 @@ def _module(
 
 
 def _driver(sources: Sequence[int], targets: Sequence[int], lanes: int) -> str:
-    """Return the function that Python calls: for whole vectors in place, and for the rest of a fleet in a copy."""
+    """Return the function for Python: it works in place on whole vectors, and on copies of the other vehicles."""
     sizes = {f"target_{i}": rows for i, rows in enumerate(targets)}
     sizes |= {f"source_{i}": rows for i, rows in enumerate(sources)}
     driver = Driver.of_arrays("i64 %n, double %now", [*sizes])

@@ -15,7 +15,7 @@ from typing import Annotated, Any, NamedTuple, TypeVar, Union, get_args, get_ori
 
 import numpy as np
 
-from drake_quad.signals import Quantity, Row
+from drake_quad.signals import Row, field_quantities
 
 _Record = TypeVar("_Record", bound=tuple[Any, ...])
 
@@ -192,11 +192,11 @@ def check_signs(record: Any, path: str = "numbers") -> None:
     """
     if not isinstance(record, tuple):
         return
-    quantities = _quantities(type(record)) if hasattr(record, "_fields") else {}
+    quantities = field_quantities(type(record)) if hasattr(record, "_fields") else {}
     names = record._fields if hasattr(record, "_fields") else range(len(record))
     for name, value in zip(names, record, strict=True):
         quantity = quantities.get(name)
-        if quantity is None or value is None:
+        if quantity is None or not quantity.sign or value is None:
             check_signs(value, f"{path}.{name}")
             continue
         numbers = np.asarray(value, dtype=float)
@@ -204,14 +204,3 @@ def check_signs(record: Any, path: str = "numbers") -> None:
         if not right.all():
             least = "larger than 0" if quantity.sign == "positive" else "at least 0"
             raise ValueError(f"{path}.{name} is {numbers[~right].flat[0]:g} {quantity.unit}, but must be {least}")
-
-
-@functools.cache
-def _quantities(kind: Any) -> dict[str, Quantity]:
-    """Return the quantities of the fields of a record that demand a sign, by name."""
-    found = {}
-    for name, hint in get_type_hints(kind, include_extras=True).items():
-        quantity = next((extra for extra in getattr(hint, "__metadata__", ()) if isinstance(extra, Quantity)), None)
-        if quantity is not None and quantity.sign:
-            found[name] = quantity
-    return found

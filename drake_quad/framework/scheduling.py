@@ -28,7 +28,7 @@ _LATENCY = {
     **dict.fromkeys(("bits_of", "number_of"), 0),
     **dict.fromkeys(("add", "subtract", "nearest", "multiply"), 3),
     "multiply_add": 4,
-    **dict.fromkeys(("less", "less_or_equal", "greater", "greater_or_equal", "equal", "unequal", "negative"), 5),
+    **dict.fromkeys(("less", "less_equal", "greater", "greater_equal", "equal", "not_equal", "sign_bit"), 5),
     "divide": 13,
     "square_root": 20,
 }

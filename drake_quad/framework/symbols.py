@@ -162,14 +162,14 @@ class Listing:
         return self.add("constant", (int(np.float64(value).view(np.uint64)),), SymbolKind.NUMBER)
 
 
-def _binary(name: str, kind: SymbolKind | None = None) -> tuple[Callable[..., "Symbol"], Callable[..., "Symbol"]]:
+def _binary(name: str) -> tuple[Callable[..., "Symbol"], Callable[..., "Symbol"]]:
     """An operator of two operands, and the same with its operands the other way round."""
 
     def operator(self: "Symbol", other: Any) -> "Symbol":
-        return operation(name, self, other, kind=kind)
+        return operation(name, self, other)
 
     def reflected(self: "Symbol", other: Any) -> "Symbol":
-        return operation(name, other, self, kind=kind)
+        return operation(name, other, self)
 
     return operator, reflected
 
@@ -191,32 +191,31 @@ class Symbol:
     __sub__, __rsub__ = _binary("subtract")
     __mul__, __rmul__ = _binary("multiply")
     __truediv__, __rtruediv__ = _binary("divide")
-    __and__, __rand__ = _binary("and")
-    __or__, __ror__ = _binary("or")
-    __xor__, __rxor__ = _binary("xor")
-    __lshift__, _ = _binary("shift_left")
-    __rshift__, _ = _binary("shift_right")
-    __lt__, _ = _binary("less", SymbolKind.TRUTH)
-    __le__, _ = _binary("less_or_equal", SymbolKind.TRUTH)
-    __gt__, _ = _binary("greater", SymbolKind.TRUTH)
-    __ge__, _ = _binary("greater_or_equal", SymbolKind.TRUTH)
-    __eq__, _ = _binary("equal", SymbolKind.TRUTH)  # type: ignore[assignment]
-    __ne__, _ = _binary("unequal", SymbolKind.TRUTH)  # type: ignore[assignment]
+    __and__, __rand__ = _binary("bitwise_and")
+    __or__, __ror__ = _binary("bitwise_or")
+    __xor__, __rxor__ = _binary("bitwise_xor")
+    __lshift__, _ = _binary("left_shift")
+    __rshift__, _ = _binary("right_shift")
+    __lt__, _ = _binary("less")
+    __le__, _ = _binary("less_equal")
+    __gt__, _ = _binary("greater")
+    __ge__, _ = _binary("greater_equal")
+    __eq__, _ = _binary("equal")  # type: ignore[assignment]
+    __ne__, _ = _binary("not_equal")  # type: ignore[assignment]
     __hash__ = object.__hash__
 
     def __neg__(self) -> "Symbol":
-        return operation("negate", self)
+        return operation("negative", self)
 
     def __abs__(self) -> "Symbol":
         return operation("absolute", self)
 
     def __array_ufunc__(self, function: np.ufunc, method: str, *inputs: Any, **options: Any) -> "Symbol":
         """Compute arithmetic and comparisons with NumPy's scalars, and reject all other functions of NumPy."""
-        name = _ARITHMETIC.get(function)
-        if name is None or method != "__call__" or options:
-            raise TypeError(f"numpy.{function.__name__} does not take a row that is not known yet; {ALLOWED}")
-        comparison = name.startswith(("less", "greater", "equal", "unequal"))
-        return operation(name, *inputs, kind=SymbolKind.TRUTH if comparison else None)
+        name = function.__name__
+        if name not in _UFUNCS or method != "__call__" or options:
+            raise TypeError(f"numpy.{name} does not take a row that is not known yet; {ALLOWED}")
+        return operation(name, *inputs)
 
     def __float__(self) -> float:
         raise TypeError(f"a row that is not known yet is not a float, as the functions of math take it; {ALLOWED}")
@@ -225,25 +224,15 @@ class Symbol:
         raise TypeError("a formula cannot branch on a row, which differs from vehicle to vehicle: select with `where`")
 
 
-_ARITHMETIC: dict[np.ufunc, str] = {
-    np.add: "add",
-    np.subtract: "subtract",
-    np.multiply: "multiply",
-    np.divide: "divide",
-    np.negative: "negate",
-    np.absolute: "absolute",
-    np.less: "less",
-    np.less_equal: "less_or_equal",
-    np.greater: "greater",
-    np.greater_equal: "greater_or_equal",
-    np.equal: "equal",
-    np.not_equal: "unequal",
-    np.bitwise_and: "and",
-    np.bitwise_or: "or",
-    np.bitwise_xor: "xor",
-    np.left_shift: "shift_left",
-    np.right_shift: "shift_right",
-}
+_NUMBER = SymbolKind.NUMBER
+_TRUTH = SymbolKind.TRUTH
+_COMPARISONS = ("less", "less_equal", "greater", "greater_equal", "equal", "not_equal")
+_LOGICAL = ("bitwise_and", "bitwise_or", "bitwise_xor")
+# NumPy's names of the operations that a symbol can be an operand of.
+_UFUNCS = (
+    *("add", "subtract", "multiply", "divide", "negative", "absolute", "left_shift", "right_shift"),
+    *(*_COMPARISONS, *_LOGICAL),
+)
 
 
 def operation(name: str, *operands: Any, kind: SymbolKind | None = None) -> Symbol:
@@ -254,13 +243,15 @@ def operation(name: str, *operands: Any, kind: SymbolKind | None = None) -> Symb
     Args:
         name: name of the operation.
         operands: its operands.
-        kind: kind of the result; that of the first symbol if not given.
+        kind: kind of the result; if not given, a truth value for a comparison, and else that of the first symbol.
 
     Raises:
         TypeError: if the operation does not apply to operands of these kinds, or they are of several listings.
     """
     symbols = lifted(*operands)
     first = next(operand for operand in operands if operand.__class__ is Symbol)
+    if name in _COMPARISONS:
+        kind = _TRUTH
     if name in _LOGICAL:
         if first.kind is _NUMBER or any(symbol.kind is not first.kind for symbol in symbols):
             raise TypeError(f"`&`, `|` and `^` take comparisons, not numbers; {ALLOWED}")
@@ -275,17 +266,14 @@ def _of_truths(name: str, symbols: Sequence[Symbol], kind: SymbolKind) -> Symbol
     """Return the symbol of an operation that takes numbers, on operands of which some are truth values."""
     if all(symbol.kind is _TRUTH for symbol in symbols):
         if name == "multiply":
-            return operation("and", *symbols)
+            return operation("bitwise_and", *symbols)
         if name in _AMBIGUOUS:
             raise TypeError(_TRUTHS_ADDED)
     return operation(name, *map(number, symbols), kind=kind)
 
 
-_NUMBER = SymbolKind.NUMBER
-_TRUTH = SymbolKind.TRUTH
-_LOGICAL = frozenset({"and", "or", "xor"})
 # Operations whose results on truth values differ between Python and NumPy.
-_AMBIGUOUS = ("add", "subtract", "negate")
+_AMBIGUOUS = ("add", "subtract", "negative")
 _TRUTHS_ADDED = (
     "comparisons cannot be added, subtracted or negated: use where(comparison, 1.0, 0.0) of"
     " drake_quad.framework.elementary, or combine them by `&` and `|`"
@@ -302,7 +290,7 @@ def number(symbol: Symbol) -> Symbol:
 
 def truth(symbol: Symbol) -> Symbol:
     """Return whether a number differs from zero; other symbols are returned as is."""
-    return operation("unequal", symbol, 0.0, kind=_TRUTH) if symbol.kind is _NUMBER else symbol
+    return operation("not_equal", symbol, 0.0) if symbol.kind is _NUMBER else symbol
 
 
 def lifted(*operands: Any) -> list[Symbol]:

@@ -53,7 +53,7 @@ class BodyAxes(NamedTuple):
 
     @classmethod
     def of(cls, roll: Angle, pitch: Angle, yaw: Angle) -> "BodyAxes":
-        """The axes of a body of this attitude."""
+        """Return the axes of a body of this attitude."""
         sin_roll, cos_roll = sin_cos(roll)
         sin_pitch, cos_pitch = sin_cos(pitch)
         sin_yaw, cos_yaw = sin_cos(yaw)
@@ -80,17 +80,17 @@ class BodyAxes(NamedTuple):
         )
 
     def in_body(self, vector: Vector) -> Vector:
-        """A vector in W, along the axes of B."""
+        """Return a vector in W, along the axes of B."""
         return Vector(dot(self.x, vector), dot(self.y, vector), dot(self.z, vector))
 
     def in_world(self, vector: Vector) -> Vector:
-        """A vector in B, along the axes of W."""
+        """Return a vector in B, along the axes of W."""
         x, y, z = vector
         return Vector._make(a * x + b * y + c * z for a, b, c in zip(*self, strict=True))
 
 
 def plus(a: Vector, b: Vector) -> Vector:
-    """A + b."""
+    """Return a + b."""
     return Vector(a.x + b.x, a.y + b.y, a.z + b.z)
 
 
@@ -100,17 +100,17 @@ def minus(a: Vector, b: Vector) -> Vector:
 
 
 def times(factor: Row, a: Vector) -> Vector:
-    """A vector times a number."""
+    """Return a vector times a number."""
     return Vector(factor * a.x, factor * a.y, factor * a.z)
 
 
 def dot(a: Vector, b: Vector) -> Row:
-    """A · b."""
+    """Return a · b."""
     return a.x * b.x + a.y * b.y + a.z * b.z
 
 
 def cross(a: Vector, b: Vector) -> Vector:
-    """A x b."""
+    """Return a x b."""
     return Vector(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)
 
 

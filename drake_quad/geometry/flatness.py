@@ -22,28 +22,13 @@ Rz(ψ) Rx(φ) Ry(θ) Rz(π/2) = Rz(ψ + π/2) Ry(-φ) Rx(θ). Computing with zyx
 the rotated axes. `attitude_from_quarter_turn` and the two functions after it convert them to the axes of the body.
 """
 
-from typing import Literal, NamedTuple, Protocol
+from typing import Literal, NamedTuple
 
 from drake_quad.framework.elementary import arcsin, arctan2, sqrt
-from drake_quad.signals import AngularAcceleration, Attitude, BodyRates, Row
+from drake_quad.geometry.axes import Vector
+from drake_quad.signals import Acceleration, AngularAcceleration, Attitude, BodyRates, Jerk, Row, Snap
 
 EulerSequence = Literal["zyx", "zxy"]
-
-
-class VectorW(Protocol):
-    """A record with three rows along the axes of W."""
-
-    @property
-    def x(self) -> Row:
-        """Along X."""
-
-    @property
-    def y(self) -> Row:
-        """Along Y."""
-
-    @property
-    def z(self) -> Row:
-        """Along Z."""
 
 
 class HeadingVector(NamedTuple):
@@ -61,7 +46,7 @@ class HeadingVector(NamedTuple):
 
 
 class ThrustTilt(NamedTuple):
-    """How a specific thrust tilts the body.
+    """Tilt of a body under a specific thrust.
 
     Attributes:
         thrust: F, m/s².
@@ -79,7 +64,7 @@ class ThrustTilt(NamedTuple):
 
 
 def tilt_of(specific_thrust: HeadingVector) -> ThrustTilt:
-    """The tilt under which the rotors give a specific thrust (m/s²), which may not be wholly sideways."""
+    """Return the tilt under which the rotors give a specific thrust (m/s²), which may not be wholly sideways."""
     forward, left, up = specific_thrust
     sagittal_squared = forward * forward + up * up
     sagittal, thrust = sqrt(sagittal_squared), sqrt(sagittal_squared + left * left)
@@ -107,7 +92,7 @@ def body_rates(tilt: ThrustTilt, jerk: HeadingVector, yaw_rate: Row) -> BodyRate
 def angular_accelerations(
     tilt: ThrustTilt, rates: BodyRates, jerk: HeadingVector, snap: HeadingVector, yaw_rate: Row, yaw_acceleration: Row
 ) -> AngularAcceleration:
-    """The rates of p, q and r.
+    """Return the rates of p, q and r.
 
     Args:
         tilt: of the body.
@@ -125,13 +110,13 @@ def angular_accelerations(
     p_dot, q_dot = q * r - (y + twice * p) / thrust, (x - twice * q) / thrust - p * r
     roll_rate = p + yaw_rate * sin_pitch
     pitch_rate = (q - yaw_rate * cos_pitch * sin_roll) / cos_roll
-    # What r cos φ = ψ̇ cos θ - q sin φ is when differentiated.
+    # This is the derivative of r cos φ = ψ̇ cos θ - q sin φ.
     turning = yaw_acceleration * cos_pitch - yaw_rate * sin_pitch * pitch_rate - q_dot * sin_roll
     return AngularAcceleration(p_dot, q_dot, (turning + (r * sin_roll - q * cos_roll) * roll_rate) / cos_roll)
 
 
 def _in_body(tilt: ThrustTilt, vector: HeadingVector) -> tuple[Row, Row, Row]:
-    """The vector's parts along x_B, y_B and z_B."""
+    """Return the vector's parts along x_B, y_B and z_B."""
     forward, left, up = vector
     _, sin_roll, cos_roll, sin_pitch, cos_pitch = tilt
     upright = forward * sin_pitch + up * cos_pitch
@@ -142,8 +127,8 @@ def _in_body(tilt: ThrustTilt, vector: HeadingVector) -> tuple[Row, Row, Row]:
     )
 
 
-def in_heading(vector: VectorW, sin_yaw: Row, cos_yaw: Row) -> HeadingVector:
-    """Turns a vector in W by minus the yaw."""
+def in_heading(vector: Vector | Acceleration | Jerk | Snap, sin_yaw: Row, cos_yaw: Row) -> HeadingVector:
+    """Turn a vector in W by minus the yaw."""
     x, y = vector.x, vector.y
     return HeadingVector(x * cos_yaw + y * sin_yaw, y * cos_yaw - x * sin_yaw, vector.z)
 

@@ -1,7 +1,7 @@
-"""How a body turns whose roll, pitch and yaw change: eq (2)."""
+"""Relation of body rates and the rates of roll, pitch and yaw, eq (2), and Euler's equation of rotation."""
 
 from drake_quad.framework.elementary import sin_cos
-from drake_quad.signals import Attitude, BodyRates
+from drake_quad.signals import AngularAcceleration, Attitude, BodyRates, Row, Torque
 
 
 def small_rotation(steps: Attitude, attitude: Attitude) -> BodyRates:
@@ -25,3 +25,13 @@ def angle_rates(body_rates: BodyRates, attitude: Attitude) -> Attitude:
     sin_pitch, cos_pitch = sin_cos(attitude.pitch)
     yaw_rate = (q * sin_roll + r * cos_roll) / cos_pitch
     return Attitude(p + sin_pitch * yaw_rate, q * cos_roll - r * sin_roll, yaw_rate)
+
+
+def torque_of(acceleration: AngularAcceleration, rates: BodyRates, i_xx: Row, i_yy: Row, i_zz: Row) -> Torque:
+    """Return the torque of Euler's equation, τ = I ω̇ + ω × I ω, with principal moments of inertia (kg m²)."""
+    p, q, r = rates
+    return Torque(
+        i_xx * acceleration.p + (i_zz - i_yy) * q * r,
+        i_yy * acceleration.q + (i_xx - i_zz) * p * r,
+        i_zz * acceleration.r + (i_yy - i_xx) * p * q,
+    )

@@ -67,7 +67,7 @@ class TrackingReward:
         crash: price of a crash.
         obstacle: price of touching an obstacle beside that.
 
-    The prices are ours; with them `scripts/train_policy.py` learns to fly within centimetres.
+    The default prices are our choice; with them `scripts/train_policy.py` learns to fly within centimetres.
 
     Raises:
         InputError: a number is not finite, or the length not positive.

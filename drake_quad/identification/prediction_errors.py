@@ -229,12 +229,6 @@ class Predictor:
             values["attitude"] = flown.seen_attitude(state)
         return np.stack([values[signal][column] for signal, column in self.outputs])
 
-    def _differences(self, predicted: np.ndarray) -> np.ndarray:
-        """Return the differences (m, K - 1, W) of outputs (m, K, W) from the first of the K predictions."""
-        differences = predicted[:, 1:] - predicted[:, :1]
-        differences[self._angles] = within_half_a_turn(differences[self._angles])
-        return differences
-
     def _errors(self, j: int, predicted: np.ndarray) -> np.ndarray:
         """Return the prediction errors (m, K, W) of measurement j, measured minus predicted."""
         errors = self.measured[j][:, None, :] - predicted
@@ -266,7 +260,7 @@ class Predictor:
             state[:, 1:] = state[:, :1]
             state[free, 1 + np.arange(n)] += steps[:, None]
             predicted = self._predicted(flown, state)
-            output = (self._differences(predicted) / steps[:, None]).transpose(2, 0, 1)
+            output = ((predicted[:, 1:] - predicted[:, :1]) / steps[:, None]).transpose(2, 0, 1)
             errors = self._errors(j, predicted[:, :1])[:, 0]
             update = _updated(covariance, output, variances)
             gain = update.gain.transpose(1, 2, 0)

@@ -95,5 +95,5 @@ class CommandLink(FleetSystem):
         if loses_packets:
             random = self.random_input("packet_loss", PacketLoss, RandomDistribution.kUniform, period=period)
         line = declare_delay_line(self, signal, lambda numbers: numbers.initial, longest_delay)
-        self.update(period, sent, command, line.out, line.under_way, random, link, writes=line.writes)
+        self.update(period, sent, command, line.out, line.under_way, random, link, writes=line)
         self.state_output(line.out)

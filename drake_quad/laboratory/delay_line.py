@@ -4,7 +4,6 @@ from typing import Any, NamedTuple
 
 from drake_quad.framework.elementary import where
 from drake_quad.framework.fleet_system import FleetSystem, StateGroup
-from drake_quad.framework.records import Layout
 from drake_quad.signals import Row
 
 
@@ -25,11 +24,6 @@ class DelayLine(NamedTuple):
     out: StateGroup
     under_way: Any
 
-    @property
-    def writes(self) -> list[StateGroup]:
-        """The states that are written."""
-        return [self.out, self.under_way] if self.under_way else [self.out]
-
 
 def declare_delay_line(system: FleetSystem, name: str, initial: Any, longest: int) -> DelayLine:
     """Declares the states of a delay line.
@@ -41,12 +35,8 @@ def declare_delay_line(system: FleetSystem, name: str, initial: Any, longest: in
         longest: delay that there will ever be, in ticks.
     """
     out = system.state(name, initial)
-    if not longest:
-        return DelayLine(out, ())
-    layout = Layout(tuple, (out.layout,) * longest, out.layout.num_rows * longest)
-    return DelayLine(
-        out, system.state(f"{name}_under_way", lambda numbers: (initial(numbers),) * longest, layout=layout)
-    )
+    waiting = system.state(f"{name}_under_way", lambda numbers: (initial(numbers),) * longest) if longest else ()
+    return DelayLine(out, waiting)
 
 
 def newest(out: Any, under_way: tuple[Any, ...]) -> Any:
@@ -56,7 +46,7 @@ def newest(out: Any, under_way: tuple[Any, ...]) -> Any:
     return out
 
 
-def carried(sample: Any, under_way: tuple[Any, ...], delay: Row) -> Any:
+def carried(sample: Any, under_way: tuple[Any, ...], delay: Row) -> tuple[Any, tuple[Any, ...]]:
     """What a delay line holds a tick later: what is out, and what is under way if there can be a delay.
 
     Args:
@@ -64,10 +54,7 @@ def carried(sample: Any, under_way: tuple[Any, ...], delay: Row) -> Any:
         under_way: the last samples, the newest first.
         delay: in whole ticks.
     """
-    if not under_way:
-        return sample
     out = sample
     for ticks, earlier in enumerate(under_way, start=1):
         out = where(delay == float(ticks), earlier, out)
-    *others, _ = under_way
-    return out, (sample, *others)
+    return out, (sample, *under_way)[: len(under_way)]

@@ -21,7 +21,7 @@ from typing import Any
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from drake_quad.framework.wiring import split_output
+from drake_quad.framework.wiring import build, connect_inputs, split_output
 from drake_quad.laboratory.wind.wind import build_wind
 from drake_quad.randomness.noise import (
     Exported,
@@ -86,26 +86,14 @@ def build_laboratory(
     air = builder.AddNamedSystem("wind", build_wind(wind, streams=gusts, num_vehicles=vehicle.num_vehicles))
 
     carried = "wrench" if autopilot is None else "attitude_target"
-    commanded = command_link.GetOutputPort(carried)
-    wrench = commanded
-    if autopilot is not None:
-        builder.AddNamedSystem("autopilot", autopilot)
-        builder.Connect(commanded, autopilot.GetInputPort("attitude_target"))
-        wrench = autopilot.GetOutputPort("wrench")
-        for system, port, source in (
-            (autopilot, "state", vehicle.GetOutputPort("state")),
-            (vehicle, "attitude_target", commanded),
-        ):
-            if system.HasInputPort(port):
-                builder.Connect(source, system.GetInputPort(port))
-
-    builder.Connect(wrench, allocation.GetInputPort("wrench"))
     (told,) = (name for name in allocated if name != "shortfall")
-    builder.Connect(allocated[told], vehicle.GetInputPort(told))
-    builder.Connect(air.GetOutputPort("wind"), vehicle.GetInputPort("wind"))
-    builder.Connect(vehicle.GetOutputPort("state"), motion_capture.GetInputPort("state"))
-    if air.HasInputPort("state"):
-        builder.Connect(vehicle.GetOutputPort("state"), air.GetInputPort("state"))
+    state, wind_port = vehicle.GetOutputPort("state"), air.GetOutputPort("wind")
+    sources = {"state": state, "wind": wind_port, told: allocated[told], carried: command_link.GetOutputPort(carried)}
+    systems = [allocation, vehicle, motion_capture, air]
+    if autopilot is not None:
+        systems.append(builder.AddNamedSystem("autopilot", autopilot))
+        sources["wrench"] = autopilot.GetOutputPort("wrench")
+    connect_inputs(builder, systems, sources)
 
     electronics = {"motion_capture": motion_capture, "command_link": command_link}
     if autopilot is not None:
@@ -127,15 +115,14 @@ def build_laboratory(
     builder.ExportInput(command_link.GetInputPort(carried), carried)
     builder.ExportInput(vehicle.GetInputPort("crashed"), "crashed")
     builder.ExportOutput(motion_capture.GetOutputPort("measurement"), "measurement")
-    builder.ExportOutput(vehicle.GetOutputPort("state"), "state")
-    for name in ("rotor_speed", "swing", "charge"):
+    builder.ExportOutput(state, "state")
+    builder.ExportOutput(vehicle.GetOutputPort("rotor_speed"), "rotor_speed")
+    builder.ExportOutput(allocated[told], told)
+    for name in ("swing", "charge"):
         if vehicle.HasOutputPort(name):
             builder.ExportOutput(vehicle.GetOutputPort(name), name)
-    builder.ExportOutput(allocated[told], told)
     builder.ExportOutput(allocated["shortfall"], "shortfall")
-    builder.ExportOutput(air.GetOutputPort("wind"), "wind")
+    builder.ExportOutput(wind_port, "wind")
     if autopilot is not None:
-        builder.ExportOutput(wrench, "wrench")
-    laboratory = builder.Build()
-    laboratory.set_name("laboratory")
-    return laboratory
+        builder.ExportOutput(sources["wrench"], "wrench")
+    return build(builder, "laboratory")

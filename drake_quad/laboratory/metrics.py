@@ -114,11 +114,6 @@ class Metric(NamedTuple):
     differentiable: bool = True
 
 
-def _if_any(ticks: Any, value: Any) -> Any:
-    """Return a value, or NaN if no tick counted."""
-    return value * np.where(ticks > 0.0, 1.0, np.nan)
-
-
 def _rms(axis: str) -> Metric:
     return Metric("m", f"RMSE on {axis.upper()}", lambda s, _: np.sqrt(getattr(s.error, axis) / s.ticks), _CENTIMETRES)
 

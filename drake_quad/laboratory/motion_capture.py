@@ -8,7 +8,7 @@ suppress initialization events, or filters begin anew:
            0          h            2h
 """
 
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 from pydrake.common import RandomDistribution
 
@@ -125,15 +125,9 @@ def seen_pose(state: State, noise: Pose | None, cameras: Cameras, misaligned: bo
         roll, pitch, yaw = attitude_of_markers(Attitude(roll, pitch, yaw), cameras.R_BM)
     if noise is None:
         return Pose(x, y, z, roll, pitch, yaw)
-    along, about = cameras.errors.position_noise, cameras.errors.attitude_noise
-    return Pose(
-        x + along * noise.x,
-        y + along * noise.y,
-        z + along * noise.z,
-        roll + about * noise.roll,
-        pitch + about * noise.pitch,
-        yaw + about * noise.yaw,
-    )
+    deviations = *[cameras.errors.position_noise] * 3, *[cameras.errors.attitude_noise] * 3
+    true = x, y, z, roll, pitch, yaw
+    return Pose._make(seen + size * number for seen, size, number in zip(true, deviations, noise, strict=True))
 
 
 def first_frame(
@@ -143,16 +137,12 @@ def first_frame(
     misaligned: bool,
     mistaken: bool,
     filtered: bool,
-    drifts: bool,
     num_under_way: int,
-) -> Any:
+) -> tuple[State, tuple[State, ...], Pose, VelocityDrift]:
     """What the states of a `MotionCapture` hold at the beginning; a filter begins at rest."""
     pose = seen_pose(state, noise, cameras, misaligned)
     frame = State(*pose, *(0.0,) * 6) if filtered else _exact(pose, state, _factors(cameras, mistaken))
-    states = [frame, *([(frame,) * num_under_way] if num_under_way else []), *([pose] if filtered else [])]
-    if drifts:
-        states.append(VelocityDrift(0.0, 0.0, 0.0))
-    return tuple(states) if len(states) > 1 else frame
+    return frame, (frame,) * num_under_way, pose, VelocityDrift(0.0, 0.0, 0.0)
 
 
 def next_frame(
@@ -168,7 +158,7 @@ def next_frame(
     misaligned: bool,
     mistaken: bool,
     period: float,
-) -> Any:
+) -> tuple[State, tuple[State, ...], Pose, VelocityDrift | None]:
     """What the states of a `MotionCapture` hold after a frame.
 
     Args:
@@ -197,11 +187,7 @@ def next_frame(
         true = _drifting(last, drift, -1.0)
         frame = _filtered(where(lost, Pose.of(last), pose), true, before, bandwidth, factors, period)
         frame = _drifting(frame, after, 1.0)
-    line = carried(frame, under_way, cameras.errors.latency_frames)
-    states = [*(line if under_way else [line]), *([] if before is None else [Pose.of(last)])]
-    if after is not None:
-        states.append(after)
-    return tuple(states) if len(states) > 1 else line
+    return *carried(frame, under_way, cameras.errors.latency_frames), Pose.of(last), after
 
 
 def _drifting(frame: State, drift: VelocityDrift | None, sign: float) -> State:
@@ -359,22 +345,19 @@ class MotionCapture(FleetSystem):
             raise ValueError("cameras with filters need a derivative_bandwidth")
         state, cameras = self.input("state"), self.parameter("cameras", Cameras.of)
         noise = random = before = drift = drift_noise = None
+        gaussian, uniform = RandomDistribution.kGaussian, RandomDistribution.kUniform
         if noisy:
-            noise = self.random_input("camera_noise", Pose, RandomDistribution.kGaussian, period=period)
+            noise = self.random_input("camera_noise", Pose, gaussian, period=period)
         if loses_frames:
-            random = self.random_input("dropout", Dropout, RandomDistribution.kUniform, period=period)
+            random = self.random_input("dropout", Dropout, uniform, period=period)
         line = declare_delay_line(self, "measurement", _nothing, longest_latency)
-        writes = line.writes
         if filtered:
             before = self.state("pose_before", lambda numbers: Pose.of(_nothing(numbers)))
-            writes = [*writes, before]
         if drifts:
-            drift_noise = self.random_input(
-                "velocity_drift", VelocityDrift, RandomDistribution.kGaussian, period=period
-            )
+            drift_noise = self.random_input("velocity_drift", VelocityDrift, gaussian, period=period)
             drift = self.state("drift", lambda numbers: VelocityDrift(0.0, 0.0, 0.0))
-            writes = [*writes, drift]
-        first = state, noise, cameras, misaligned, mistaken, filtered, drifts, longest_latency
+        writes = *line, before, drift
+        first = state, noise, cameras, misaligned, mistaken, filtered, longest_latency
         self.initialize(first_frame, *first, writes=writes)
         sources = noise, random, drift_noise
         later = state, line.out, line.under_way, before, drift, *sources, cameras, misaligned, mistaken, period

@@ -1,7 +1,7 @@
 """The loop of a scenario at rest: its equilibrium, its linear model, and the plants that its controllers act on."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
@@ -27,17 +27,13 @@ from drake_quad.vehicle.effects import as_in_hover
 from drake_quad.vehicle.motors import ThrottleModel, told_as
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
-if TYPE_CHECKING:
-    import control
-    import scipy
-
-# They watch the loop and do not act on it.
+# Subsystems that only observe the loop.
 WATCHERS = ("monitor", "recorder")
 _HOVER = HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))
 # Ticks after which the equilibrium is sought (the first grids that do not quite coincide are behind), and how still
 # everything must be (in SI units over a period) to be called one.
 _TICKS, _STILL = 4, 1e-9
-# Of Newton's method.
+# Number of steps of Newton's method.
 _STEPS = 20
 
 
@@ -55,27 +51,20 @@ class ClosedLoop(NamedTuple):
     context: Context
     system: SampledSystem
 
-    def to_control(self) -> "control.StateSpace":
-        """The system as python-control's StateSpace, see `SampledSystem.to_control`."""
-        return self.system.to_control()
-
-    def to_scipy(self) -> "scipy.signal.StateSpace":
-        """The system as SciPy's StateSpace, see `SampledSystem.to_scipy`."""
-        return self.system.to_scipy()
-
 
 def closed_loop(scenario: Scenario, *, position_controller: Any = None, control: Any = None) -> ClosedLoop:
-    """Finds the equilibrium of a scenario's loop at rest and linearises it there.
+    """Find the equilibrium of a scenario's loop at rest and linearise it there.
 
-    Newton's method on x = Φ(x), from hover at the reference: in wind or with an uneven vehicle a PD settles beside it.
+    Newton's method solves x = Φ(x), starting in hover at the reference. In wind, or with an uneven vehicle, a PD
+    settles beside the reference.
 
     Args:
-        scenario: flown `at_rest`.
-        position_controller: stands in for the scenario's; see `build_tracking_diagram`.
-        control: stands in for the whole cascade; see `build_tracking_diagram`.
+        scenario: scenario, of which `at_rest` is linearised.
+        position_controller: system that replaces the scenario's position controller; see `build_tracking_diagram`.
+        control: system that replaces the whole cascade; see `build_tracking_diagram`.
 
     Raises:
-        InputError: the loop has no equilibrium near hover, or cannot be differentiated.
+        InputError: if the loop has no equilibrium near hover, or cannot be differentiated.
     """
     resting = at_rest(scenario)
     diagram = build_tracking_diagram(resting, position_controller=position_controller, control=control)
@@ -83,18 +72,18 @@ def closed_loop(scenario: Scenario, *, position_controller: Any = None, control:
 
 
 def loop_with_injection(scenario: Scenario, *, position_controller: Any = None, control: Any = None) -> ClosedLoop:
-    """The same, from what is added to the signals of the command link to what goes over it then.
+    """Return the closed loop from an addition to the signals of the command link to these signals.
 
     The inputs of the system are `injection.0`, `injection.1`, ..., its outputs `injected.0` and so on, row by row of
     what the link carries.
 
     Args:
-        scenario: flown `at_rest`.
-        position_controller: stands in for the scenario's; see `build_tracking_diagram`.
-        control: stands in for the whole cascade; see `build_tracking_diagram`.
+        scenario: scenario, of which `at_rest` is linearised.
+        position_controller: system that replaces the scenario's position controller; see `build_tracking_diagram`.
+        control: system that replaces the whole cascade; see `build_tracking_diagram`.
 
     Raises:
-        InputError: as `closed_loop`, or something happens less often than the control ticks.
+        InputError: an error of `closed_loop`, or a period is longer than that of the control.
     """
     resting = at_rest(scenario)
     period = resting.laboratory.command_link.period
@@ -112,7 +101,7 @@ def loop_with_injection(scenario: Scenario, *, position_controller: Any = None, 
 
 
 def loop_with_noise(hovering: Scenario) -> tuple[ClosedLoop, np.ndarray]:
-    """The loop from its noise and turbulence to the vehicle's state.
+    """Return the loop from its noise and turbulence to the vehicle's state.
 
     The inputs of the system are normal numbers of deviation 1, those of a whole period for each stream; its outputs
     are the rows of `state`.
@@ -142,7 +131,7 @@ def loop_with_noise(hovering: Scenario) -> tuple[ClosedLoop, np.ndarray]:
 
 
 def _settled(name: str, diagram: Diagram, context: Context, period: float, **ports: Sequence[str]) -> ClosedLoop:
-    """A diagram in its equilibrium near what it is in, and its linear system over a period (s)."""
+    """Return a diagram in its equilibrium near what it is in, and its linear system over a period (s)."""
     at_tick(diagram, _TICKS * period, context)
     layout = ContextVector(diagram, without=WATCHERS)
     for _ in range(_STEPS):
@@ -176,15 +165,15 @@ class LaboratoryPlant(NamedTuple):
 
 
 def laboratory_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it is"] = "believed") -> LaboratoryPlant:
-    """The plant that a scenario's controllers act on, in hover in still air.
+    """Return the plant that a scenario's controllers act on, in hover in still air.
 
     Args:
-        scenario: whose laboratory it is.
-        vehicle: the one of `as_believed`, or the one that flies, but for what would couple its axes: errors of single
-            rotors, a centre of mass beside the middle, misaligned markers.
+        scenario: scenario with the laboratory.
+        vehicle: "believed" for the vehicle of `as_believed`; "as it is" for the vehicle that flies, without what
+            couples its axes: errors of single rotors, an offset of the centre of mass, and misaligned markers.
 
     Raises:
-        InputError: hover is no equilibrium, or something happens less often than the control ticks.
+        InputError: if hover is no equilibrium, or a period is longer than that of the control.
     """
     resting = _in_still_air(scenario, vehicle)
     period = resting.laboratory.command_link.period
@@ -215,15 +204,15 @@ def laboratory_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it 
 
 
 def _in_still_air(scenario: Scenario, vehicle: Literal["believed", "as it is"]) -> Scenario:
-    """The scenario of which plants are made, in hover at (0, 0, 1)."""
+    """Return the scenario of which plants are made, in hover at (0, 0, 1)."""
     return as_believed(scenario) if vehicle == "believed" else _even(at_rest(scenario))
 
 
 def _hover_speeds(resting: Scenario) -> RotorSpeed:
-    """At which the rotors of a resting scenario's vehicle turn in hover.
+    """Return the rotor speeds in hover of a resting scenario's vehicle, rad/s.
 
     Raises:
-        InputError: they cannot.
+        InputError: the rotors cannot hold the vehicle in hover.
     """
     parameters, effects = vehicle_parameters(resting.vehicle), resting.vehicle.effect_numbers()
     hover = hover_rotor_speeds(as_in_hover(parameters, effects, _HOVER.position[2]))
@@ -236,7 +225,7 @@ def _hover_speeds(resting: Scenario) -> RotorSpeed:
 
 
 def _hover_wrench(resting: Scenario, hover: RotorSpeed) -> Wrench:
-    """What the ground believes to command where the vehicle's rotors hover at some speeds."""
+    """Return the wrench that commands these rotor speeds according to the nominal model."""
     believed, commanded = nominal_parameters(resting), hover
     flown, known = resting.vehicle.effect_numbers().thrust_curve, resting.nominal.motors.thrust_curve()
     if flown is not None and known is not None:
@@ -246,7 +235,7 @@ def _hover_wrench(resting: Scenario, hover: RotorSpeed) -> Wrench:
 
 
 def _with_axes_apart(system: SampledSystem, hover: RotorSpeed, parameters: QuadrotorParameters) -> SampledSystem:
-    """The system with thrust and torques in place of the speeds of the rotors, which hover at some."""
+    """Return the system with thrust and torques in place of the speeds of the rotors, which hover at some."""
     turning = "vehicle.rotor_speed."
     rotors = [i for i, name in enumerate(system.states) if turning in name]
     inside, _, _ = system.states[rotors[0]].partition(turning)
@@ -256,7 +245,7 @@ def _with_axes_apart(system: SampledSystem, hover: RotorSpeed, parameters: Quadr
 
 
 def loop_by_axes(scenario: Scenario) -> SampledSystem:
-    """The linear model of `closed_loop`, with thrust and torques in place of the speeds of the rotors.
+    """Return the linear model of `closed_loop`, with thrust and torques in place of the speeds of the rotors.
 
     An even vehicle's axes then have no state in common.
 
@@ -269,7 +258,7 @@ def loop_by_axes(scenario: Scenario) -> SampledSystem:
 
 
 def on_board_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it is"] = "believed") -> SampledSystem:
-    """The plant of an autopilot's loops: from `wrench` to `state`, over a period of the autopilot.
+    """Return the plant of an autopilot's loops: from `wrench` to `state`, over a period of the autopilot.
 
     The autopilot sees the state of its instant, and its wrench acts from then on. So does a fixed input here: just
     before an instant's events a stepping vehicle still has the state of a step before, and there the period begins.
@@ -308,11 +297,10 @@ def _wrench_pattern(hover: RotorSpeed, parameters: QuadrotorParameters) -> np.nd
     """(4, 4) from rotor speeds to what makes thrust and torques near hover, eq (5); the largest of each row is 1."""
     columns = [rotor_action(RotorSpeed(*column), parameters).wrench for column in np.diag(np.sqrt(hover))]
     pattern = np.array(columns).T
-    scaled: np.ndarray = pattern / np.abs(pattern).max(axis=1, keepdims=True)
-    return scaled
+    return pattern / np.abs(pattern).max(axis=1, keepdims=True)
 
 
 def _periods(scenario: Scenario) -> dict[str, float]:
-    """The periods of all that happens in a loop, s; 0 for a vehicle that moves continuously."""
+    """Return the periods of all that happens in a loop, s; 0 for a vehicle that moves continuously."""
     periods = {".".join(path): period for path, period in scenario.periods.items()}
     return periods | {"vehicle.time_step": scenario.vehicle.time_step}

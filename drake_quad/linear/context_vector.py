@@ -22,7 +22,7 @@ class _Group(NamedTuple):
 
 
 def leaf_paths(diagram: Diagram, *, without: Sequence[str] = ()) -> Iterator[tuple[str, ...]]:
-    """The names on the way to each leaf system of a diagram, but for those in subsystems of some names."""
+    """Yield the names on the way to each leaf system of a diagram, but for those in subsystems of some names."""
     for part in diagram.GetSystems():
         name = part.get_name()
         if name in without:
@@ -34,7 +34,7 @@ def leaf_paths(diagram: Diagram, *, without: Sequence[str] = ()) -> Iterator[tup
 
 
 class ContextVector:
-    """What a diagram remembers, leaf system by leaf system, and perhaps its numeric parameters.
+    """State of a diagram, leaf system by leaf system, and optionally its numeric parameters.
 
     The names are those of the systems on the way, of the group and of the row, as in
     `laboratory.vehicle.state.pitch`. The same layout serves the diagram's other scalar types.
@@ -53,12 +53,12 @@ class ContextVector:
         self.names = tuple(name for group in self._groups for name in group.names)
 
     def read(self, diagram: Diagram, root: Context) -> np.ndarray:
-        """The (n,) numbers in a diagram's context."""
+        """Return the (n,) numbers in a diagram's context."""
         parts = [self._vector(diagram, root, group).CopyToVector() for group in self._groups]
         return np.concatenate([np.empty(0), *parts])
 
     def write(self, diagram: Diagram, root: Context, numbers: np.ndarray) -> None:
-        """Puts (n,) numbers into a diagram's context."""
+        """Put (n,) numbers into a diagram's context."""
         numbers, first = np.ascontiguousarray(numbers), 0  # Drake 1.51 takes no others
         for group in self._groups:
             end = first + len(group.names)
@@ -78,13 +78,13 @@ class ContextVector:
 
 
 def port_rows(port: str, size: int) -> tuple[str, ...]:
-    """The names of the rows of a port of one vehicle: those of its signal, or numbers."""
+    """Return the names of the rows of a port of one vehicle: those of its signal, or numbers."""
     names = row_names(port, size) if port in SIGNALS else map(str, range(size))
     return tuple(f"{port}.{name}" for name in names)
 
 
 def undotted(names: Sequence[str]) -> list[str]:
-    """The names as python-control takes them: with underscores for dots."""
+    """Return the names as python-control takes them: with underscores for dots."""
     return [name.replace(".", "_") for name in names]
 
 

@@ -1,4 +1,4 @@
-"""What disturbs a vehicle along its plan: how much, and for how long at a time.
+"""Disturbances of a vehicle along its plan: their size and their correlation time.
 
 A vehicle that is where its plan wants it, turned as the plan wants it, with rotors as fast as the nominal vehicle would
 need them, is accelerated otherwise than planned by wind, drag, and whatever of the vehicle is not as believed. That
@@ -72,7 +72,7 @@ def disturbances_along(batch: Batch, plan: Plan) -> Disturbed:
     scenario, fleet = batch.scenario, batch.fleet_scenario
     times = np.arange(0.0, flight_duration(scenario, plan), _STEP)
     position, velocity, acceleration = (np.array(evaluate(plan.flown_path, times, order)) for order in range(3))
-    wind = _wind_along(batch, plan, times, position, velocity)
+    wind = _wind_along(batch, plan, times, position)
     demand = plan_demand(plan, nominal_parameters(scenario), times)
     # Rows of (times, 1), so that numbers of the vehicles, of (N,), make them (times, N).
     columns: list[Any] = [np.asarray(row)[:, np.newaxis] for row in (*velocity, *demand.body_rates)]
@@ -80,7 +80,7 @@ def disturbances_along(batch: Batch, plan: Plan) -> Disturbed:
     speeds: list[Any] = [np.asarray(row)[:, np.newaxis] for row in demand.rotor_speed]
     rotors = RotorSpeed(*speeds)
     parameters = vehicle_parameters(fleet.vehicle)
-    # What stands before the rotors' speeds, and what swings, is no disturbance of the path.
+    # Throttle curve, battery and slung load do not disturb the path at given rotor speeds.
     effects = fleet.vehicle.effect_numbers()._replace(thrust_curve=None, battery=None, slung_load=None)
     spinning = turning(rotors, rotors, parameters, effects)
     height = position[2][:, np.newaxis]
@@ -112,8 +112,8 @@ def spectrum(disturbance: np.ndarray, step: float) -> Spectrum:
     return Spectrum(float(np.sqrt((mean**2).mean())), float(np.sqrt(variance)), half * step / _HALF_CORRELATION_LAG)
 
 
-def _wind_along(batch: Batch, plan: Plan, times: np.ndarray, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-    """(3, times, N) the wind where vehicles on the plan are, of the scenario's own sources."""
+def _wind_along(batch: Batch, plan: Plan, times: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """Return the wind (3, times, N) of the scenario's sources at positions (3, times) along a plan, m/s."""
     scenario, N = batch.scenario, len(batch)
     recipes = laboratory_recipes(batch, plan, flight_duration(scenario, plan))
     sources = {path.removeprefix("wind."): each.build(N) for path, each in recipes.items() if path.startswith("wind.")}
@@ -129,11 +129,11 @@ def _wind_along(batch: Batch, plan: Plan, times: np.ndarray, position: np.ndarra
     diagram = builder.Build()
     simulator = Simulator(diagram)
     context, found = simulator.get_mutable_context(), []
-    nothing = np.zeros(3)
-    for time, p, v in zip(times, position.T, velocity.T, strict=True):
+    rest = np.zeros(9)  # wind depends on the position alone
+    for time, place in zip(times, position.T, strict=True):
         if placed:
-            diagram.GetInputPort("state").FixValue(context, np.repeat([*p, *nothing, *v, *nothing], N))
-        # What is sampled at an instant shall be there at that instant.
+            diagram.GetInputPort("state").FixValue(context, np.repeat([*place, *rest], N))
+        # Pending events include the samples of this instant.
         simulator.AdvanceTo(time)
         simulator.AdvancePendingEvents()
         found.append(diagram.GetOutputPort("wind").Eval(context).reshape(3, N))

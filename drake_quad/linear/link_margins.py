@@ -38,18 +38,18 @@ class FastLinkMargins(NamedTuple):
 def link_margins(
     scenario: Scenario, *, position_controller: Any = None, control: Any = None
 ) -> dict[str, Margins | None]:
-    """The margins of thrust, roll, pitch and yaw as they go over the link, by the names of the signals.
+    """Return the margins of thrust, roll, pitch and yaw as they go over the link, by the names of the signals.
 
     These are `thrust`, `tau_x`, `tau_y` and `tau_z` of a `wrench` or `thrust`, `roll`, `pitch` and `yaw` of an
-    `attitude_target`. None where nothing comes back, as with a yaw that only an autopilot controls.
+    `attitude_target`. A signal without feedback has None, for example a yaw that only an autopilot controls.
 
     Args:
-        scenario: flown `at_rest`, so that its gusts and its noise do not matter.
-        position_controller: stands in for the scenario's; see `build_tracking_diagram`.
-        control: stands in for the whole control; see `build_tracking_diagram`.
+        scenario: scenario, of which `at_rest` is linearised, so that gusts and noise do not matter.
+        position_controller: system that replaces the scenario's position controller; see `build_tracking_diagram`.
+        control: system that replaces the whole control; see `build_tracking_diagram`.
 
     Raises:
-        InputError: the loop is unstable, or has no equilibrium or no linear model.
+        InputError: if the loop is unstable, or has no equilibrium or no linear model.
     """
     loops = link_loops(scenario, position_controller=position_controller, control=control)
     return {name: None if loop is None else margins(loop) for name, loop in loops.items()}
@@ -58,7 +58,7 @@ def link_margins(
 def link_loops(
     scenario: Scenario, *, position_controller: Any = None, control: Any = None
 ) -> dict[str, SampledSystem | None]:
-    """The loop transfer functions L of `link_margins`; arguments and errors are as there."""
+    """Return the loop transfer functions L of `link_margins`; arguments and errors are as there."""
     whole = _stable_loop(scenario, position_controller, control)
     return {name: _opened(whole, row) for row, name in enumerate(_signals(scenario))}
 
@@ -97,7 +97,7 @@ def _diagonal(loops: SampledSystem, grid: np.ndarray) -> np.ndarray:
 
 
 def _stable_loop(scenario: Scenario, position_controller: Any, control: Any) -> SampledSystem:
-    """The loop of `loop_with_injection`; an InputError if it is unstable."""
+    """Return the loop of `loop_with_injection`; an InputError if it is unstable."""
     whole = loop_with_injection(scenario, position_controller=position_controller, control=control).system
     size = float(np.abs(whole.poles()).max())
     if not size < 1.0:
@@ -106,7 +106,7 @@ def _stable_loop(scenario: Scenario, position_controller: Any, control: Any) -> 
 
 
 def _signals(scenario: Scenario) -> list[str]:
-    """The names of what goes over the link, but for body rates, which only follow."""
+    """Return the names of what goes over the link, but for body rates, which only follow."""
     signal = Wrench if scenario.laboratory.autopilot.command == "wrench" else AttitudeTarget
     return [name for name in signal._fields if name not in ("p", "q", "r")]
 

@@ -1,4 +1,4 @@
-"""How far a sampled loop is from instability."""
+"""Stability margins of sampled loops."""
 
 import math
 from collections.abc import Callable
@@ -85,7 +85,7 @@ class FastMargins(NamedTuple):
 
 
 def fast_margins(responses: np.ndarray, grid: np.ndarray) -> FastMargins:
-    """The margins of many stable loops, by linear interpolation between frequencies, for searches and maps.
+    """Return the margins of many stable loops, by linear interpolation between frequencies, for searches and maps.
 
     Args:
         responses: (..., frequencies) of L.
@@ -154,7 +154,7 @@ def _crossings(
 
 
 def _passes_zero(values: np.ndarray) -> np.ndarray:
-    """The mask of the steps along the last axis that do."""
+    """Return the mask of the steps along the last axis that do."""
     return np.diff(values > 0.0, axis=-1) & (np.abs(np.diff(values, axis=-1)) < np.pi)
 
 

@@ -1,26 +1,26 @@
-"""The modes of a linear system: what it does when left alone, and whether its inputs can do anything about it."""
+"""Modes of a linear system."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 import scipy
 
-# How much of a mode a state must carry to be named, and how near poles count as one, 1/s: repeated eigenvalues are
-# found with errors of that size.
-_SHARE, _NEAR = 0.1, 0.01
+_MIN_SHARE = 0.1  # smallest participation of a state that is named, relative to the largest one of the mode
+_MAX_ERROR = 0.01  # 1/s; repeated eigenvalues are found with errors of this size
 
 
 class Mode(NamedTuple):
     """An eigenvalue, or a pair of them.
 
     Attributes:
-        pole: s, 1/s; of a pair, the one above the real axis. For a sampled system log(z) / period.
+        pole: pole s of a continuous system, or log(z) / period of a sampled one, 1/s; of a pair, the one above the real
+            axis.
         frequency: |s|, rad/s.
         damping: -Re s / |s|; nan for an integrator.
-        multiplicity: how often it occurs.
-        states: that take part in it, the most first.
+        multiplicity: number of equal eigenvalues.
+        states: names of the states that participate in the mode, in descending order of their participation.
     """
 
     pole: complex
@@ -31,76 +31,52 @@ class Mode(NamedTuple):
 
 
 def modes(A: np.ndarray, states: tuple[str, ...], *, period: float | None = None) -> list[Mode]:
-    """The modes of ẋ = A x, or of x⁺ = A x, the slowest first.
+    """Return the modes of ẋ = A x or of x⁺ = A x, the slowest first.
 
-    A state takes part by its entry on the diagonal of the mode's spectral projector, which for a single eigenvalue is
-    its participation factor and is sound for repeated ones, too. What dies within a period, as a delay line does, is
-    left out. Poles within 0.01 1/s, or within 0.1 % of their size, of each other count as one.
+    The participation of a state in a mode is its entry on the diagonal of the mode's spectral projector. For a single
+    eigenvalue this is the participation factor, and it is well defined for repeated eigenvalues, too. Modes that decay
+    within a period, such as those of a delay line, are left out. Poles within 0.01 1/s of each other, or within 0.1 %
+    of their magnitude, count as one.
 
     Args:
-        A: (n, n).
-        states: the n names.
-        period: between two samples, s; None for a continuous system.
+        A: (n, n) system matrix.
+        states: names of the n states.
+        period: sampling period, s; None for a continuous system.
     """
 
     def pole_of(value: complex) -> complex:
-        if period is None:
-            return complex(value)
-        return complex(np.log(complex(value))) / period if value else complex(-np.inf)
+        return complex(value) if period is None else complex(np.log(complex(value))) / period
+
+    def distance(value: complex, other: complex) -> float:
+        # Neighbours on both sides of the negative real axis have logarithms that are far apart.
+        return abs(value - other if period is None else pole_of(value / other))
 
     values = np.linalg.eigvals(A)
-    left = [pole_of(value) for value in values if period is None or abs(value) > 1e-3]
+    left = [i for i, value in enumerate(values) if period is None or abs(value) > 1e-3]
     found = []
     while left:
-        first = left[0]
-        radius = max(1e-3 * abs(first), _NEAR)
-        alike = [pole for pole in left if abs(pole - first) < radius]
-        left = [pole for pole in left if not abs(pole - first) < radius]
-        pole = complex(np.mean(alike))
+        first = values[left[0]]
+        radius = max(1e-3 * abs(pole_of(first)), _MAX_ERROR)
+        alike = [i for i in left if distance(values[i], first) < radius]
+        left = [i for i in left if i not in alike]
+        pole = pole_of(np.mean(values[alike]))
         if pole.imag <= -0.5 * radius:
             continue
         size = abs(pole)
-        among = partial(_is_near, pole_of=pole_of, pole=first, radius=1.5 * radius)
-        shares = np.abs(np.diag(_projector(A, among)))
-        order = [int(i) for i in np.argsort(-shares, kind="stable") if shares[i] > _SHARE * shares.max()]
-        damping = -pole.real / size if size > _NEAR else np.nan
+        shares = np.abs(np.diag(_projector(A, partial(_is_at, values=values, places=alike))))
+        order = [int(i) for i in np.argsort(-shares, kind="stable") if shares[i] > _MIN_SHARE * shares.max()]
+        damping = -pole.real / size if size > _MAX_ERROR else np.nan
         found.append(Mode(pole, size, damping, len(alike), tuple(states[i] for i in order)))
     return sorted(found, key=lambda mode: mode.frequency)
 
 
-def _is_near(value: complex, *, pole_of: Callable[[complex], complex], pole: complex, radius: float) -> bool:
-    return abs(pole_of(value) - pole) < radius
+def _is_at(value: complex, *, values: np.ndarray, places: Sequence[int]) -> bool:
+    """Return True if the one of some eigenvalues (n,) that is nearest to a value is at one of the places."""
+    return int(np.argmin(np.abs(values - value))) in places
 
 
 def _projector(A: np.ndarray, among: Callable[[complex], bool]) -> np.ndarray:
-    """(n, n) onto the invariant subspace of some eigenvalues, along that of the others."""
+    """Return the projector (n, n) onto the invariant subspace of some eigenvalues, along that of the others."""
     T, Z, k = scipy.linalg.schur(A, output="complex", sort=among)
     R = scipy.linalg.solve_sylvester(T[:k, :k], -T[k:, k:], -T[:k, k:])
     return Z[:, :k] @ (Z[:, :k].conj().T - R @ Z[:, k:].conj().T)
-
-
-def uncontrollable(A: np.ndarray, B: np.ndarray, *, tolerance: float = 1e-9) -> np.ndarray:
-    """The eigenvalues of A that no input moves: [λ I - A, B] has less than full rank there (Popov, Belevitch, Hautus).
-
-    Args:
-        A: (n, n).
-        B: (n, m).
-        tolerance: on the smallest singular value, relative to the largest.
-    """
-    # In units in which the entries of A are of one size, and those of the inputs too, ranks can be told.
-    balanced, scaling = scipy.linalg.matrix_balance(A, permute=False)
-    inputs = np.linalg.solve(scaling, B)
-    inputs = inputs / np.maximum(np.linalg.norm(inputs, axis=0), 1e-300)
-    lost = []
-    for value in np.linalg.eigvals(balanced):
-        sizes = np.linalg.svd(np.hstack([value * np.eye(len(A)) - balanced, inputs]), compute_uv=False)
-        if sizes[-1] < tolerance * sizes[0]:
-            lost.append(value)
-    return np.array(lost)
-
-
-def is_stabilizable(A: np.ndarray, B: np.ndarray, *, period: float | None = None) -> bool:
-    """True if an input can move every mode that does not die out by itself."""
-    lost = uncontrollable(A, B)
-    alive = np.abs(lost) >= 1.0 - 1e-9 if period is not None else lost.real >= -1e-9
-    return not alive.any()

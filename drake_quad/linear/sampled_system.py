@@ -58,17 +58,17 @@ class SampledSystem:
     outputs: tuple[str, ...]
 
     def to_control(self) -> "control.StateSpace":
-        """The same as python-control's StateSpace, with its period and its names, which have "_" in place of "."."""
+        """Return python-control's StateSpace with the same period and names, with "_" in place of "."."""
         import control
 
         names = {"states": undotted(self.states), "inputs": undotted(self.inputs), "outputs": undotted(self.outputs)}
         return control.ss(self.A, self.B, self.C, self.D, self.period, **names)
 
     to_state_space = to_control
-    """The same, under the name that `drake_quad.linear.vehicle_model` has for continuous systems."""
+    """Alias of `to_control`, with the name that `drake_quad.linear.vehicle_model` uses for continuous systems."""
 
     def to_scipy(self) -> "scipy.signal.StateSpace":
-        """The same as SciPy's StateSpace, with its period.
+        """Return SciPy's StateSpace with the same period.
 
         It has no names: its states, inputs and outputs are those of this system, in order.
         """
@@ -108,7 +108,7 @@ class SampledSystem:
         return triangular, basis, scales[0][:, np.newaxis]
 
     def between(self, inputs: Sequence[str], outputs: Sequence[str]) -> "SampledSystem":
-        """The system from some of the inputs to some of the outputs, with all states."""
+        """Return the system from some of the inputs to some of the outputs, with all states."""
         columns, rows = [self.inputs.index(name) for name in inputs], [self.outputs.index(name) for name in outputs]
         return replace(
             self,
@@ -120,7 +120,7 @@ class SampledSystem:
         )
 
     def transformed(self, rows: Sequence[int], matrix: np.ndarray, names: Sequence[str]) -> "SampledSystem":
-        """The system with other coordinates: some rows of the state replaced by a matrix times themselves."""
+        """Return the system with other coordinates: some rows of the state replaced by a matrix times themselves."""
         T = np.eye(len(self.A))
         T[np.ix_(rows, rows)] = matrix
         inverse = np.linalg.inv(T)
@@ -130,7 +130,7 @@ class SampledSystem:
         return replace(self, A=T @ self.A @ inverse, B=T @ self.B, C=self.C @ inverse, states=tuple(states))
 
     def connected(self, *, tolerance: float = 1e-12) -> "SampledSystem":
-        """The system without the states that no input reaches or no output sees.
+        """Return the system without the states that no input reaches or no output sees.
 
         Args:
             tolerance: on entries of A and C over the largest of their row and on those of B over the largest of their
@@ -144,7 +144,7 @@ class SampledSystem:
         return replace(self, A=self.A[np.ix_(kept, kept)], B=self.B[kept], C=self.C[:, kept], states=states)
 
     def with_feedback(self, gain: np.ndarray) -> "SampledSystem":
-        """The loop closed by u = v - gain y, from v to y; for a system without direct feedthrough.
+        """Return the loop closed by u = v - gain y, from v to y; for a system without direct feedthrough.
 
         Args:
             gain: (m, p).
@@ -152,18 +152,18 @@ class SampledSystem:
         return replace(self, A=self.A - self.B @ gain @ self.C)
 
     def scaled(self, factor: float, name: str) -> "SampledSystem":
-        """The system with its single input multiplied by a factor, under another name."""
+        """Return the system with its single input multiplied by a factor, under another name."""
         return replace(self, B=self.B * factor, D=self.D * factor, inputs=(name,))
 
 
 def _stands_out(matrix: np.ndarray, tolerance: float) -> np.ndarray:
-    """The mask of the entries that are not small beside the largest of their row."""
+    """Return the mask of the entries that are not small beside the largest of their row."""
     sizes = np.abs(matrix)
     return sizes > tolerance * sizes.max(axis=1, keepdims=True)
 
 
 def _closure(couples: np.ndarray, found: np.ndarray) -> np.ndarray:
-    """The (n,) mask of all that can be reached; `couples[i, j]` says that j leads to i."""
+    """Return the (n,) mask of all that can be reached; `couples[i, j]` says that j leads to i."""
     while True:
         more = found | (couples & found).any(axis=1)
         if (more == found).all():
@@ -180,7 +180,7 @@ def linearize(
     outputs: Sequence[str] = (),
     without: Sequence[str] = (),
 ) -> tuple[SampledSystem, np.ndarray]:
-    """Returns the linear system of a diagram's map over a period, and how far the state moves in a period.
+    """Return the linear system of a diagram's map over a period, and how far the state moves in a period.
 
     Args:
         diagram: of systems that convert to AutoDiffXd.
@@ -234,14 +234,14 @@ def linearize(
 
 
 def at_tick(diagram: Diagram, time: float, context: Context | None = None) -> Context:
-    """Advances a diagram to a tick and returns its context, as `linearize` takes it: before the events of that tick."""
+    """Advance a diagram to a tick and return its context, as `linearize` takes it: before the events of that tick."""
     simulator = Simulator(diagram) if context is None else Simulator(diagram, context)
     simulator.AdvanceTo(time)
     return simulator.get_mutable_context()
 
 
 def resumed(simulator: Simulator) -> Simulator:
-    """The simulator, initialized to go on with a flight: without the events that begin one."""
+    """Return the simulator, initialized to go on with a flight: without the events that begin one."""
     keep = InitializeParams()
     keep.suppress_initialization_events = True
     simulator.Initialize(keep)
@@ -262,7 +262,7 @@ def tick_after(time: float, period: float, ticks: int = 1) -> float:
 
 
 def to_autodiff(diagram: Diagram) -> Any:
-    """The diagram for AutoDiffXd.
+    """Return the diagram for AutoDiffXd.
 
     Raises:
         InputError: one of its systems, which is named, has no version for AutoDiffXd.

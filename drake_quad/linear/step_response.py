@@ -13,7 +13,7 @@ from drake_quad.linear.sampled_system import resumed, tick_after
 
 
 class StepResponse(NamedTuple):
-    """What the vehicle does after a step; rows are those of the vehicle's `state`.
+    """Response of the vehicle to a step; its rows are those of the vehicle's `state`.
 
     Attributes:
         time: (ticks,) s.
@@ -27,7 +27,7 @@ class StepResponse(NamedTuple):
 
 
 def release(loop: ClosedLoop, displacement: Mapping[str, float], *, duration: float) -> StepResponse:
-    """Lets a loop go from beside its equilibrium: a step of the reference, seen from the reference.
+    """Let a loop go from beside its equilibrium: a step of the reference, seen from the reference.
 
     Args:
         loop: of `closed_loop`.

@@ -36,12 +36,12 @@ if TYPE_CHECKING:
 _NUM_ROTORS, _NUM_WIND = len(RotorSpeed._fields), len(Wind._fields)
 OUTPUTS = port_rows("state", len(State._fields))
 STATES = (*State._fields, *port_rows("rotor_speed", _NUM_ROTORS))
-# Of a vehicle with a slung load, behind the others.
+# Further states of a vehicle with a slung load.
 SWING_STATES = tuple(port_rows("swing", len(HANGING)))
 INPUTS = (*port_rows("rotor_speed_command", _NUM_ROTORS), *port_rows("wind", _NUM_WIND))
 # What counts as standing still (m/s², rad/s²), and how far from upright an operating point is sought (rad).
 _STILL, _LARGEST_TILT = 1e-9, 1.4
-# Of Newton's method.
+# Number of steps of Newton's method.
 _STEPS = 3
 
 
@@ -95,8 +95,7 @@ def find_trim(
         v_x, v_y, v_z = velocity
         axes, motion = BodyAxes.of(roll, pitch, yaw), Motion(v_x, v_y, v_z, 0.0, 0.0, 0.0)
         rotors = turning(RotorSpeed(*speeds), RotorSpeed(*speeds), parameters, effects)
-        rod = None if effects.slung_load is None else rod_of(HANGING)
-        found = accelerations(axes, motion, rod, position[2], rotors, Wind(*wind), parameters, effects)
+        found = accelerations(axes, motion, rod_of(HANGING), position[2], rotors, Wind(*wind), parameters, effects)
         return np.array(found.motion)
 
     program = MathematicalProgram()
@@ -152,7 +151,7 @@ def affine_vehicle(
 
 
 def to_state_space(system: LinearSystem) -> "control.StateSpace":
-    """The model as python-control's StateSpace, named, in deviations from the operating point."""
+    """Return the model as python-control's StateSpace, named, in deviations from the operating point."""
     import control
 
     states = (*STATES, *SWING_STATES)[: len(system.A())]
@@ -161,14 +160,14 @@ def to_state_space(system: LinearSystem) -> "control.StateSpace":
 
 
 def _of_motion(effects: Effects) -> Effects:
-    """The effects without those that stand before the rotors' speeds."""
+    """Return the effects without those that stand before the rotors' speeds."""
     return effects._replace(thrust_curve=None, battery=None)
 
 
 def _at(
     trim: Trim, parameters: QuadrotorParameters, kinematics: Kinematics, effects: Effects
 ) -> tuple[Diagram, Context]:
-    """The vehicle with a continuous state and all its inputs in one port, at an operating point."""
+    """Return the vehicle with a continuous state and all its inputs in one port, at an operating point."""
     builder = DiagramBuilder()
     acting = _of_motion(effects)
     numbers = QuadrotorNumbers(parameters, effects=acting)

@@ -87,7 +87,7 @@ class NoiseSource(FleetSystem):
     """
 
     def declare(self, *, streams: Sequence[Stream], numbers: Samples) -> None:
-        """Declares the system."""
+        """Declare the system."""
 
         def states(samples: Samples) -> tuple[StreamState, ...]:
             seed, sample_numbers = samples
@@ -103,7 +103,7 @@ class NoiseSource(FleetSystem):
 
 
 def random_streams(systems: Mapping[str, Any], kind: StreamKind) -> dict[str, list[Stream]]:
-    """The streams for the random input ports of some systems, in the order of the ports; none for some systems.
+    """Return the streams for the random input ports of some systems, in the order of the ports; none for some systems.
 
     A stream is called after its system and port, so that its numbers do not change when other streams come or go.
 
@@ -121,7 +121,7 @@ def random_streams(systems: Mapping[str, Any], kind: StreamKind) -> dict[str, li
 
 
 def connect_noise(builder: DiagramBuilder, ports: Mapping[Stream, Any], samples: Samples) -> None:
-    """Connects random input ports to noise sources, which are added to the builder.
+    """Connect random input ports to noise sources, which are added to the builder.
 
     A lone vehicle has one source, `noise`. For a fleet every port gets a source of its own: another call costs less
     than to take many rows apart.
@@ -143,7 +143,7 @@ def connect_noise(builder: DiagramBuilder, ports: Mapping[Stream, Any], samples:
 
 
 def of_this_tick(numbers: tuple[Row, ...], count: int, tick: Tick) -> tuple[Row, ...]:
-    """Those of a period's numbers that are for a tick, of which the period has some count."""
+    """Return the numbers for one tick out of the numbers for a period of `count` ticks."""
     num_rows = len(numbers) // count
     number = 2.0 * tick.pair + where(tick.second, 1.0, 0.0)
     place = number - count * nearest(number / count - 0.5 + 0.5 / count)
@@ -173,7 +173,7 @@ class TickByTick(FleetSystem):
     """
 
     def declare(self, *, stream: Stream, period: float) -> None:
-        """Declares the system."""
+        """Declare the system."""
         count = round(period / stream.period)
         whole, one = (Layout(tuple, (ROW,) * rows, rows) for rows in (count * stream.num_rows, stream.num_rows))
         numbers = self.input("numbers", layout=whole)
@@ -181,7 +181,7 @@ class TickByTick(FleetSystem):
 
 
 def export_noise(builder: DiagramBuilder, ports: Mapping[Stream, Any], exported: Exported, num_vehicles: int) -> None:
-    """Makes the numbers of random input ports input ports of the diagram, called `random.` and after their streams."""
+    """Make the numbers of random input ports input ports of the diagram, called `random.` and after their streams."""
     for stream, port in ports.items():
         system = TickByTick(num_vehicles=num_vehicles, stream=stream, period=exported.period)
         builder.Connect(builder.AddNamedSystem(f"random_{stream.name}", system).get_output_port(), port)
@@ -189,7 +189,7 @@ def export_noise(builder: DiagramBuilder, ports: Mapping[Stream, Any], exported:
 
 
 def connect_random_sources(builder: DiagramBuilder, ports: Mapping[Stream, Any]) -> None:
-    """Connects random input ports to Drake's random sources, which are added to the builder.
+    """Connect random input ports to Drake's random sources, which are added to the builder.
 
     Args:
         builder: which has the ports' systems.

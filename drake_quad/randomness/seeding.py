@@ -27,12 +27,11 @@ class _Hash:
         words = words ^ np.uint32(self._constant)
         self._constant = self._constant * self._factor & _MASK
         words = words * np.uint32(self._constant)
-        scrambled: np.ndarray = words ^ (words >> _SHIFT)
-        return scrambled
+        return words ^ (words >> _SHIFT)
 
 
 def child_words(entropy: int | np.ndarray, samples: np.ndarray, kind: int) -> np.ndarray:
-    """The (n,) first 64 bits of `SeedSequence(entropy, spawn_key=(sample, kind))` for each sample.
+    """Return the (n,) first 64 bits of `SeedSequence(entropy, spawn_key=(sample, kind))` for each sample.
 
     Args:
         entropy: at least 0; or (n,) numbers below 2⁶³, one for each sample.
@@ -55,7 +54,7 @@ def child_words(entropy: int | np.ndarray, samples: np.ndarray, kind: int) -> np
 
 
 def _words(entropy: int | np.ndarray) -> list[Any]:
-    """The 32-bit words of a number, or of each, the lowest first, and zeros up to the size of the pool."""
+    """Return the 32-bit words of a number, or of each, the lowest first, and zeros up to the size of the pool."""
     words = [entropy & _MASK]
     while np.any(entropy := entropy >> 32):
         words.append(entropy & _MASK)
@@ -64,5 +63,4 @@ def _words(entropy: int | np.ndarray) -> list[Any]:
 
 def _mixed(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     result: np.ndarray = _MIX_L * x - _MIX_R * y
-    mixed: np.ndarray = result ^ (result >> _SHIFT)
-    return mixed
+    return result ^ (result >> _SHIFT)

@@ -1,4 +1,4 @@
-"""Where every random number of a study comes from.
+"""Streams of the random numbers of a study.
 
 A study has one seed, and each of its samples three kinds of random numbers: drawn parameters, wind, and noise. Every
 one has a stream of its own, named by kind and by what it is for. So a sample is the same whatever else is drawn, in
@@ -45,7 +45,7 @@ Seeds = int | tuple[int, ...]
 
 
 def stream_states(seed: Seeds, samples: Sequence[int], kind: StreamKind, name: str) -> np.ndarray:
-    """Where the streams of some samples begin: the (N,) states of SplitMix64, from NumPy's seed sequences.
+    """Return the initial states (N,) of the streams of some samples: SplitMix64 states from NumPy's seed sequences.
 
     Args:
         seed: of all samples, or of each.
@@ -54,18 +54,17 @@ def stream_states(seed: Seeds, samples: Sequence[int], kind: StreamKind, name: s
         name: of the stream, unlike that of any other of its kind.
     """
     label = int.from_bytes(hashlib.blake2b(name.encode(), digest_size=8).digest(), "little")
-    states: np.ndarray = mixed(_sample_words(seed, tuple(samples), kind) ^ np.uint64(label))
-    return states
+    return mixed(_sample_words(seed, tuple(samples), kind) ^ np.uint64(label))
 
 
 @functools.lru_cache(maxsize=8)
 def _sample_words(seed: Seeds, samples: tuple[int, ...], kind: StreamKind) -> np.ndarray:
-    """The (N,) numbers that tell the samples apart, uint64."""
+    """Return the (N,) numbers that tell the samples apart, uint64."""
     return child_words(seed if isinstance(seed, int) else np.array(seed), np.array(samples), int(kind))
 
 
 class StreamState(NamedTuple):
-    """Where a stream begins: the halves of SplitMix64's state, two whole numbers.
+    """Initial state of a stream: the halves of SplitMix64's state, two whole numbers.
 
     Attributes:
         high: of 32 bits.
@@ -77,7 +76,7 @@ class StreamState(NamedTuple):
 
     @classmethod
     def of(cls, states: np.ndarray) -> "StreamState":
-        """The halves of uint64 states."""
+        """Return the halves of uint64 states."""
         return cls(untyped((states >> _HALF).astype(float)), untyped((states & _LOW_HALF).astype(float)))
 
     @property
@@ -87,7 +86,7 @@ class StreamState(NamedTuple):
 
 
 def random_numbers(state: StreamState, tick: Tick, num_rows: int, normal: bool) -> tuple[Row, ...]:
-    """The numbers of a stream at a tick.
+    """Return the numbers of a stream at a tick.
 
     Args:
         state: of the stream.
@@ -106,7 +105,7 @@ def random_numbers(state: StreamState, tick: Tick, num_rows: int, normal: bool) 
 
 
 def moved(word: Any, number: Row) -> Any:
-    """What word `number` of a stream, counted from 0, is mixed from."""
+    """Return the state from which the word `number` of a stream, counted from 0, is mixed."""
     return word + word_of(number + 1.0) * _GAMMA
 
 
@@ -118,7 +117,7 @@ def mixed(state: Any) -> Any:
 
 
 def uniform_number(state: Any) -> Row:
-    """A number between 0 and 1, and neither of them, from 52 bits of a word; given the word's state, uint64."""
+    """Return a number between 0 and 1, and neither of them, from 52 bits of a word; given the word's state, uint64."""
     return (float_of(mixed(state) >> _FRACTION) + 0.5) * 2.0**-52
 
 
@@ -131,5 +130,5 @@ def normal_pair(state: Any) -> tuple[Row, Row]:
 
 
 def parameter_numbers(seed: Seeds, samples: Sequence[int], path: str) -> np.ndarray:
-    """The (N,) numbers in (0, 1) from which the field at a path is drawn."""
+    """Return the (N,) numbers in (0, 1) from which the field at a path is drawn."""
     return untyped(uniform_number(moved(stream_states(seed, samples, StreamKind.PARAMETERS, path), 0.0)))

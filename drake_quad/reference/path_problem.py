@@ -3,6 +3,7 @@
 Waypoints and segments are counted from 0, as in the files: segment i leads from waypoint i to waypoint i + 1.
 """
 
+import copy
 import itertools
 import math
 from collections.abc import Sequence
@@ -120,16 +121,10 @@ class PathProblem:
 
     def without_limits(self) -> "PathProblem":
         """The same problem, whatever the speed and acceleration."""
-        # What was checked or found once holds for it, too.
-        problem = object.__new__(PathProblem)
-        kept = {
-            "places": self.places,
-            "derivatives": self.derivatives,
-            "corridors": self.corridors,
-            "_faces": self._faces,
-        }
-        for name, value in (kept | {"limits": PathLimits(), "start": self.representatives()}).items():
-            object.__setattr__(problem, name, value)
+        # A copy needs no further checks.
+        problem = copy.copy(self)
+        vars(problem).update(limits=PathLimits(), start=self.representatives())
+        vars(problem).pop("_representatives", None)
         return problem
 
     def room(self, waypoint: int) -> Box | None:

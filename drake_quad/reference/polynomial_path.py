@@ -187,7 +187,7 @@ def peak_norm(path: PolynomialPath, order: int) -> float:
 
 
 def turning_points(path: PolynomialPath) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return segment, axis and s of the inner points at which an axis of the position turns back, each (points,).
+    """Return the inner points at which the position turns back along an axis: segment, axis and s, each (points,).
 
     Two points in one of `NUM_CELLS` cells of a segment are not found, nor one in a cell that begins or ends at rest.
     There, the axis turns back by at most M h³ / 12, where M is the largest third derivative with respect to s, and h is

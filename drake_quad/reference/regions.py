@@ -1,7 +1,6 @@
 """Regions that paths keep to and pass through: boxes, spheres and convex polytopes."""
 
 import math
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -17,7 +16,6 @@ _ROUNDING = 1e-9
 _LARGEST_RADIUS = 1e5
 
 
-@dataclass(frozen=True)
 class Box:
     """An axis-aligned box; a point if both corners are the same.
 
@@ -29,12 +27,9 @@ class Box:
         InputError: a corner is not finite, or low exceeds high.
     """
 
-    low: np.ndarray
-    high: np.ndarray
-
     def __init__(self, low: ArrayLike, high: ArrayLike) -> None:
-        object.__setattr__(self, "low", np.array(low, dtype=float))
-        object.__setattr__(self, "high", np.array(high, dtype=float))
+        self.low = np.array(low, dtype=float)
+        self.high = np.array(high, dtype=float)
         if self.low.shape != self.high.shape or self.low.ndim != 1:
             raise InputError(f"a box needs two corners of one dimension, not {text(low)} and {text(high)}")
         if not (np.isfinite(self.low).all() and np.isfinite(self.high).all() and (self.low <= self.high).all()):
@@ -74,7 +69,6 @@ class Box:
         return f"the box from {text(self.low)} to {text(self.high)}"
 
 
-@dataclass(frozen=True)
 class Sphere:
     """A ball to pass through.
 
@@ -86,12 +80,9 @@ class Sphere:
         InputError: the centre is not finite or the radius not positive.
     """
 
-    centre: np.ndarray
-    radius: float
-
     def __init__(self, centre: ArrayLike, radius: float) -> None:
-        object.__setattr__(self, "centre", np.array(centre, dtype=float))
-        object.__setattr__(self, "radius", float(radius))
+        self.centre = np.array(centre, dtype=float)
+        self.radius = float(radius)
         if not np.isfinite(self.centre).all():
             raise InputError(f"the centre of a sphere, {text(self.centre)}, must be finite")
         if not 0.0 < self.radius < math.inf:
@@ -107,7 +98,6 @@ class Sphere:
         return f"the sphere of {self.radius:g} m around {text(self.centre)}"
 
 
-@dataclass(frozen=True)
 class Polytope:
     """A convex polytope, the points p with n · p <= d for every face; it may be unbounded, or flat.
 
@@ -119,9 +109,6 @@ class Polytope:
         InputError: the shapes do not fit, a number is not finite, a normal is zero or no point satisfies all.
     """
 
-    normals: np.ndarray
-    offsets: np.ndarray
-
     def __init__(self, normals: ArrayLike, offsets: ArrayLike) -> None:
         rows, distances = np.array(normals, dtype=float), np.array(offsets, dtype=float)
         if rows.ndim != 2 or not rows.size or distances.shape != rows.shape[:1]:
@@ -129,8 +116,8 @@ class Polytope:
         lengths = np.linalg.norm(rows, axis=1)
         if not (np.isfinite(lengths).all() and np.isfinite(distances).all() and lengths.all()):
             raise InputError("the faces of a polytope need finite numbers, and normals that are not zero")
-        object.__setattr__(self, "normals", rows / lengths[:, np.newaxis])
-        object.__setattr__(self, "offsets", distances / lengths)
+        self.normals = rows / lengths[:, np.newaxis]
+        self.offsets = distances / lengths
         if self.radius < -_ROUNDING * self._largest_offset:
             raise InputError(f"a polytope of {len(rows)} faces is empty: no point lies behind all of them")
 

@@ -1,11 +1,13 @@
 """The reference as a Drake system."""
 
 from collections.abc import Sequence
+from typing import Any
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Demultiplexer, Multiplexer, TrajectorySource
 
 from drake_quad.framework.broadcast import Broadcast
+from drake_quad.framework.wiring import append, build
 from drake_quad.reference.plan import REFERENCE_PORTS, Plan
 
 
@@ -29,36 +31,24 @@ def build_reference(plan: Plan, *, num_vehicles: int = 1, ahead: Sequence[float]
         ahead: times from now, s.
     """
     builder = DiagramBuilder()
-    source = builder.AddNamedSystem("trajectory", TrajectorySource(plan.reference()))
-    sizes = {name: len(kind._fields) for name, kind in REFERENCE_PORTS.items()}
-    parts = builder.AddNamedSystem("parts", Demultiplexer(list(sizes.values())))
-    builder.Connect(source.get_output_port(), parts.get_input_port())
-    for i, (name, num_rows) in enumerate(sizes.items()):
-        output = parts.get_output_port(i)
-        if num_vehicles > 1:
-            fleet = builder.AddNamedSystem(name, Broadcast(num_vehicles=num_vehicles, num_rows=num_rows))
-            builder.Connect(output, fleet.GetInputPort("single"))
-            output = fleet.GetOutputPort("fleet")
-        builder.ExportOutput(output, name)
+    source = append(builder, "trajectory", TrajectorySource(plan.reference()))
+    parts = Demultiplexer([len(kind._fields) for kind in REFERENCE_PORTS.values()])
+    append(builder, "parts", parts, source)
+    shown = {name: parts.get_output_port(i) for i, name in enumerate(REFERENCE_PORTS)}
     if ahead:
-        _add_ahead(builder, plan, num_vehicles, ahead)
-    reference = builder.Build()
-    reference.set_name("reference")
-    return reference
+        shown["reference_ahead"] = _positions_ahead(builder, plan, ahead)
+    for name, port in shown.items():
+        if num_vehicles > 1:
+            port = append(builder, name, Broadcast(num_vehicles=num_vehicles, num_rows=port.size()), port)
+        builder.ExportOutput(port, name)
+    return build(builder, "reference")
 
 
-def _add_ahead(builder: DiagramBuilder, plan: Plan, num_vehicles: int, ahead: Sequence[float]) -> None:
-    """Adds and exports where the reference will be."""
-    rows = builder.AddNamedSystem("ahead", Multiplexer([3] * len(ahead)))
+def _positions_ahead(builder: DiagramBuilder, plan: Plan, ahead: Sequence[float]) -> Any:
+    """Return the port that shows where the reference will be."""
+    sources = []
     for i, time in enumerate(ahead):
         position = plan.derivative(0)
         position.shiftRight(-time)
-        source = builder.AddNamedSystem(f"ahead_{i}", TrajectorySource(position))
-        builder.Connect(source.get_output_port(), rows.get_input_port(i))
-    output = rows.get_output_port()
-    if num_vehicles > 1:
-        fleet = Broadcast(num_vehicles=num_vehicles, num_rows=3 * len(ahead))
-        builder.AddNamedSystem("reference_ahead", fleet)
-        builder.Connect(output, fleet.GetInputPort("single"))
-        output = fleet.GetOutputPort("fleet")
-    builder.ExportOutput(output, "reference_ahead")
+        sources.append(append(builder, f"ahead_{i}", TrajectorySource(position)))
+    return append(builder, "ahead", Multiplexer([3] * len(ahead)), *sources)

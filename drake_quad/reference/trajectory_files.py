@@ -1,6 +1,6 @@
 """A plan as files: tables for other tools, and a route that a scenario can include."""
 
-from collections.abc import Iterable
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -66,12 +66,12 @@ def _as_yaml(plan: Plan, name: str) -> str:
         return f"{name}:\n  route:\n    kind: trajectory\n    pieces: {_PIECES}\n"
     lines = [f"{name}:", "  route:", "    kind: trajectory", "    knots:"]
     for time, derivatives in zip(plan.path.times, knots(plan.path, 4), strict=True):
-        fields = zip(("position", "velocity", "acceleration", "jerk"), map(_list, derivatives), strict=True)
-        lines.append(_entry([("time", repr(float(time))), *fields]))
+        motion = zip(("position", "velocity", "acceleration", "jerk"), derivatives.tolist(), strict=True)
+        lines.append(_entry({"time": float(time), **dict(motion)}))
     lines.append("    yaw_knots:")
     for time, derivatives in zip(plan.yaw.times, knots(plan.yaw, 2), strict=True):
-        yaw, rate = (repr(float(value[0])) for value in derivatives)
-        lines.append(_entry([("time", repr(float(time))), ("yaw", yaw), ("yaw_rate", rate)]))
+        yaw, rate = derivatives[:, 0].tolist()
+        lines.append(_entry({"time": float(time), "yaw": yaw, "yaw_rate": rate}))
     return "\n".join(lines) + "\n"
 
 
@@ -84,9 +84,5 @@ def _has_knots(path: PolynomialPath, orders: int) -> bool:
     return np.allclose(own, padded, rtol=0.0, atol=_ROUNDING * max(1.0, np.abs(own).max()))
 
 
-def _entry(fields: Iterable[tuple[str, str]]) -> str:
-    return "      - {" + ", ".join(f"{key}: {value}" for key, value in fields) + "}"
-
-
-def _list(values: np.ndarray) -> str:
-    return "[" + ", ".join(repr(float(value)) for value in values) + "]"
+def _entry(fields: Mapping[str, float | list[float]]) -> str:
+    return "      - {" + ", ".join(f"{key}: {value}" for key, value in fields.items()) + "}"

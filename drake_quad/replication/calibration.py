@@ -13,11 +13,10 @@ import numpy as np
 import scipy
 
 from drake_quad.errors import InputError
-from drake_quad.fleets.study_fleet import StudyFleet
-from drake_quad.flight.mission import plan_route
 from drake_quad.replication.printed import Cell, printed_table
 from drake_quad.scenario.models import Scenario
 from drake_quad.statistics.estimates import mean_interval
+from drake_quad.studies.comparison import fly_samples
 from drake_quad.studies.statistics import Interval, with_crashes
 
 PD_CELL, NETWORK_CELL = Cell("no_wind", "pd"), Cell("no_wind", "pd_t2fnn")
@@ -171,6 +170,4 @@ def _fitted(number: FreeNumber, errors: Callable[[list[str]], np.ndarray], targe
 
 def _errors(scenario: Scenario, num_samples: int, *, compiled: bool = True) -> np.ndarray:
     """(n,) RMSE of samples, m; infinite for those that crashed."""
-    return with_crashes(
-        StudyFleet(scenario, plan_route(scenario), num_samples, compiled=compiled).fly(range(num_samples)), "rmse"
-    )
+    return with_crashes(fly_samples(scenario, range(num_samples), compiled=compiled), "rmse")

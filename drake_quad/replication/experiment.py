@@ -19,15 +19,15 @@ from drake_quad.replication.measures import measures
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell
 from drake_quad.replication.results import FAIR, MAPPED, cells_of, write_recorded
 from drake_quad.replication.sweeps import (
+    BEST_GAINS,
+    NOISE_SETTINGS,
+    Q_SETTINGS,
+    SLOPE_SETTINGS,
     Sweep,
-    best_gain_settings,
     fly_legs,
     fly_settings,
     gain_settings,
-    noise_settings,
     num_rows,
-    q_settings,
-    slope_settings,
 )
 from drake_quad.reports.jobs import Job, run_jobs
 from drake_quad.scenario.models import Scenario
@@ -104,14 +104,14 @@ class SweepPlan(NamedTuple):
 def sweep_plans(sizes: ExperimentSizes) -> dict[str, SweepPlan]:
     """Return the sweeps of the experiment by the name of their file."""
     network, pd = Cell("no_wind", "pd_t2fnn"), Cell("no_wind", "pd")
-    slopes = {f"slope_{wind}": SweepPlan(Cell(wind, "pd_t2fnn"), slope_settings(), sizes.sweep) for wind in WINDS}
+    slopes = {f"slope_{wind}": SweepPlan(Cell(wind, "pd_t2fnn"), SLOPE_SETTINGS, sizes.sweep) for wind in WINDS}
     gains = gain_settings(sizes.grid)
     return {
-        "noise": SweepPlan(network, noise_settings(), sizes.sweep),
-        "q": SweepPlan(network, q_settings(), sizes.sweep),
+        "noise": SweepPlan(network, NOISE_SETTINGS, sizes.sweep),
+        "q": SweepPlan(network, Q_SETTINGS, sizes.sweep),
         **slopes,
         **{f"map_{name}": SweepPlan(Cell("no_wind", name), gains, sizes.map) for name in MAPPED},
-        "legs": SweepPlan(pd, best_gain_settings(sizes.grid), sizes.legs, fly_legs, _MAX_RECORDED_VEHICLES),
+        "legs": SweepPlan(pd, gain_settings(sizes.grid, BEST_GAINS), sizes.legs, fly_legs, _MAX_RECORDED_VEHICLES),
     }
 
 
@@ -123,7 +123,7 @@ def fly_experiment(
     *,
     resume: bool = False,
     compiled: bool = True,
-    progress: Callable[[str, int, int], object] = lambda name, done, total: None,
+    progress: Callable[[int, int, str], object] = lambda *_: None,
 ) -> dict[Cell, Flight]:
     """Fly the experiment, and write its numbers to a folder, from which `read_experiment` reads them.
 
@@ -134,7 +134,7 @@ def fly_experiment(
         workers: workers that fly; by default this process flies.
         resume: whether to keep the cells that are in the folder, and to fly only the samples that they lack.
         compiled: whether diagrams are compiled to machine code; otherwise the wired diagrams are simulated.
-        progress: called with the name of what was flown, the number of flights that are done, and their total number.
+        progress: called with the number of flights that are done, their total number, and the name of what was flown.
 
     Returns:
         The flight of sample 0 of each cell of Table II, for figures.

@@ -19,11 +19,12 @@ from drake_quad.replication.fair import COMPARED
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
 from drake_quad.replication.results import MAPPED, Experiment
 from drake_quad.replication.sweeps import NOISE, Q_VALUES, Sweep
-from drake_quad.reports.figures import legend_above, name_rows, new_panels, plot_intervals
+from drake_quad.reports.figures import print_panels
 from drake_quad.statistics.estimates import mean_interval
 from drake_quad.studies.statistics import of_survivors
 from drake_quad.visualization.learning_plots import PAPER_EXPONENTS
 from drake_quad.visualization.leg_marks import leg_marks, number_legs, shade_legs
+from drake_quad.visualization.panels import legend_above, name_rows, plot_intervals
 from drake_quad.visualization.places import places
 from drake_quad.visualization.style import (
     BLACK,
@@ -66,7 +67,7 @@ def paper_figures(found: Experiment, flights: Flights) -> Iterator[tuple[str, Fi
 def figure_4() -> Figure:
     """Plot the memberships of an elliptic set for four pairs of exponents."""
     u: Any = np.linspace(-1.2, 1.2, 481)
-    with new_panels(2.9, 2, 2, sharex=True, sharey=True) as (figure, grid):
+    with print_panels(2.9, 2, 2, sharex=True, sharey=True) as (figure, grid):
         for axes, (a1, a2) in zip(grid.flat, PAPER_EXPONENTS, strict=True):
             upper, lower = elliptic_membership(u, a1), elliptic_membership(u, a2)
             axes.fill_between(u, lower, upper, color=shading()(0.5), linewidth=0)
@@ -83,7 +84,7 @@ def figure_4() -> Figure:
 
 def figure_7(flights: Flights) -> Figure:
     """Plot the paths of PD and PD+T2FNN without wind in space."""
-    with new_panels(2.7, subplot_kw={"projection": "3d"}) as (figure, axes):
+    with print_panels(2.7, subplot_kw={"projection": "3d"}) as (figure, axes):
         wanted = places(_whole(flights).record("reference")).T
         axes.plot(*wanted, label="reference", **REFERENCE)
         for name in ("pd", "pd_t2fnn"):
@@ -107,7 +108,7 @@ def figure_7(flights: Flights) -> Figure:
 
 def figure_8(flights: Flights) -> Figure:
     """Plot the paths of PD and PD+T2FNN without wind from above."""
-    with new_panels(4.6) as (figure, axes):
+    with print_panels(4.6) as (figure, axes):
         flight = _whole(flights)
         reference = flight.record("reference")
         axes.plot(reference.x, reference.y, label="reference", **REFERENCE)
@@ -137,9 +138,9 @@ def errors_figure(
     errors = {name: flights[Cell(wind, name)].euclidean_error for name in controllers}
     time = max((flights[Cell(wind, name)].time for name in controllers), key=len)
     is_compared = "pd_t1fnn" in errors
-    grid: dict[str, Any] = {"squeeze": False, "sharex": True, "height_ratios": [2, 1] if is_compared else [2]}
-    with new_panels(3.8 if is_compared else 2.6, 2 if is_compared else 1, 1, **grid) as (figure, column):
-        axes, *more = column[:, 0]
+    grid: dict[str, Any] = {"sharex": True, "height_ratios": [2, 1] if is_compared else [2]}
+    with print_panels(3.8 if is_compared else 2.6, 2 if is_compared else 1, 1, **grid) as (figure, column):
+        (axes,), *more = column
         for name, error in errors.items():
             axes.plot(time[: len(error)], error, **_style(name), label=CONTROLLERS[name])
         # Beside the curves, so that levels that are close to each other can be told apart.
@@ -151,7 +152,7 @@ def errors_figure(
         axes.set_ylim(0.0, 1.02 * max(axes.get_ylim()[1], max(levels.values())))
         _shade(axes, _whole(flights))
         axes.plot([], [], linestyle="none", marker="<", color="0.4", markersize=4, label=caption)
-        for lower in more:
+        for (lower,) in more:
             for name in ("pd_t2fnn", "pd_t2fnn_wide"):
                 count = min(len(errors[name]), len(errors["pd_t1fnn"]))
                 difference = 1e3 * (errors[name][:count] - errors["pd_t1fnn"][:count])
@@ -177,7 +178,7 @@ def _style(name: str) -> dict[str, Any]:
 
 def commands_figure(flights: Flights, axis: str) -> Figure:
     """Plot the commands of PD and network on an axis, without wind."""
-    with new_panels(2.6) as (figure, axes):
+    with print_panels(2.6) as (figure, axes):
         flight = flights[Cell("no_wind", "pd_t2fnn")]
         pd, correction = (getattr(flight.record(name), axis) for name in ("pd", "correction"))
         axes.plot(flight.time, pd, color=BLUE, label=r"PD, $\tau_c$")
@@ -212,8 +213,8 @@ def table_figure(found: Experiment) -> Figure:
     mean: Any = {"linestyle": "none", "marker": "s", "color": BLACK, "markersize": 5.5, "fillstyle": "none"}
     ours: Any = {"linestyle": "none", "marker": "D", "color": VERMILION, "markersize": 4.5, "label": "ours, mean"}
     spread: Any = {"color": VERMILION, "linewidth": 5.0, "alpha": 0.35, "label": "ours, 95 % of the samples"}
-    with new_panels(3.9, 3, 1, sharex=True) as (figure, column):
-        for axes, (wind, words) in zip(column, WINDS.items(), strict=True):
+    with print_panels(3.9, 3, 1, sharex=True) as (figure, column):
+        for (axes,), (wind, words) in zip(column, WINDS.items(), strict=True):
             for place, name in enumerate(CONTROLLERS):
                 cell = Cell(wind, name)
                 errors = of_survivors(found.cells[cell].metrics, "rmse")
@@ -225,8 +226,8 @@ def table_figure(found: Experiment) -> Figure:
                     axes.plot(printed.mean, place - 0.17, zorder=3, **mean)
             name_rows(axes, list(CONTROLLERS.values()))
             axes.set_title(words, loc="left")
-        column[-1].set_xlabel("RMSE (m)")
-        column[-1].set_xlim(0.4, 1.1)
+        axes.set_xlabel("RMSE (m)")
+        axes.set_xlim(0.4, 1.1)
         handles = [Line2D([], [], **style) for style in (runs, {**mean, "label": "printed mean"}, ours, spread)]
         figure.legend(handles=handles, loc="outside upper center", ncols=2, columnspacing=1.0)
         return figure
@@ -234,7 +235,7 @@ def table_figure(found: Experiment) -> Figure:
 
 def fair_figure(found: Experiment) -> Figure:
     """Plot the mean errors of the paper's PD and PD+T2FNN, and of controllers that the paper does not have."""
-    with new_panels(3.0) as (figure, axes):
+    with print_panels(3.0) as (figure, axes):
         styles = zip(WINDS.items(), (BLUE, ORANGE, VERMILION), (-0.24, 0.0, 0.24), strict=True)
         for (wind, words), color, offset in styles:
             means = [
@@ -254,7 +255,7 @@ def fair_figure(found: Experiment) -> Figure:
 
 def advantage_figure(found: Experiment) -> Figure:
     """Plot the share by which type 2 is better than type 1, over the noise of the cameras and over q."""
-    with new_panels(2.3, 1, 2, sharey=True) as (figure, (left, right)):
+    with print_panels(2.3, 1, 2, sharey=True) as (figure, ((left, right),)):
         sweeps = (
             (left, found.noise, "noise", NOISE, 1e3, "noise of the cameras (mm)"),
             (right, found.q, "q", Q_VALUES, 1.0, "q"),
@@ -279,7 +280,7 @@ def gain_figure(found: Experiment) -> Figure:
     errors = {name: _mean_errors(found.maps[name]) for name in MAPPED}
     seen = np.concatenate([error[np.isfinite(error)] for _, _, error in errors.values()])
     least, largest = float(seen.min()), float(min(seen.max(), 16.0 * seen.min()))
-    with new_panels(2.5, 1, 2, sharey=True) as (figure, row):
+    with print_panels(2.5, 1, 2, sharey=True) as (figure, (row,)):
         for axes, name in zip(row, MAPPED, strict=True):
             k_p, k_d, error = errors[name]
             axes.set_facecolor("0.8")

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from drake_quad.reports.claims import Claim, verdict_counts, verdict_table, writ
 from drake_quad.reports.page import filled_template, image, table, write_figures, write_page
 from drake_quad.reports.results import read_groups
 from drake_quad.scenario.models import Scenario
+from drake_quad.scenario.networks.network import Network
 from drake_quad.scenario.winds.fan import jets
 from drake_quad.statistics.estimates import mean_interval
 from drake_quad.statistics.interval import Interval
@@ -148,19 +149,16 @@ def _of_experiment(found: Experiment) -> dict[str, Any]:
 
 def _of_scenario(scenario: Scenario) -> dict[str, Any]:
     """Return what the template shows of the scenario of PD+T2FNN in low wind, from which assumptions are read."""
-    plan, laboratory, cascade = plan_route(scenario), scenario.laboratory, scenario.cascade
-    link, network = laboratory.command_link, cascade.network
-    inputs: Any = network.inputs if network else None
+    plan, laboratory = plan_route(scenario), scenario.laboratory
+    link, network = laboratory.command_link, cast(Network, scenario.cascade.network)
     first, second = jets(laboratory.wind)
     places = (", ".join(f"{each:g}" for each in jet.outlet) for jet in (first, second))
     return {
-        "route": scenario.route,
+        "scenario": scenario,
         "plan": plan,
         "num_legs": len(plan.legs),
         "speed": peak_norm(plan.path, 1),
         "acceleration": peak_norm(plan.path, 2),
-        "vehicle": scenario.vehicle,
-        "cameras": laboratory.motion_capture,
         "position_noise": 1e3 * laboratory.motion_capture.position_noise,
         "attitude_noise": 1e3 * laboratory.motion_capture.attitude_noise,
         "link_delay": 1e3 * link.period * link.delay_ticks,
@@ -168,14 +166,8 @@ def _of_scenario(scenario: Scenario) -> dict[str, Any]:
         "jet": first,
         "jets": " and ".join(f"({place}) m" for place in places),
         "turbulence": 100.0 * first.turbulence,
-        "position": cascade.position,
-        "attitude": cascade.attitude,
-        "network": network,
-        "learning": network.learning if network else None,
-        "sets": inputs.error,
-        "rate_sets": inputs.error_rate,
-        "num_sets": len(inputs.error.centres),
-        "centres": ", ".join(f"{centre:g}" for centre in inputs.error.centres),
+        "num_sets": len(network.inputs.given["error"].centres),
+        "centres": ", ".join(f"{centre:g}" for centre in network.inputs.given["error"].centres),
     }
 
 
@@ -212,7 +204,7 @@ def _of_table(entries: Sequence[TableEntry]) -> dict[str, Any]:
         "off_network": percent_or_dash(errors[NETWORK_CELL].off),
         "predicted": len(predicted),
         "within": len(predicted) - len(beyond),
-        "beyond": "; not so " + ", ".join(map(_named, beyond)) if beyond else "",
+        "beyond": "; the exceptions are " + ", ".join(map(_named, beyond)) if beyond else "",
         "spread": f"{100.0 * min(offs):+.1f} to {100.0 * max(offs):+.1f} %",
         "crashes": f"{crashed:,} samples crashed; means are those of the others." if crashed else "No sample crashed.",
     }

@@ -80,41 +80,23 @@ _POSITION, _NETWORK = "control.position", "control.network"
 # Ranges of k_P (1/s²) and k_D (1/s): around the calibrated 1.447 and 1.684, and so wide that the best gains are inside.
 _ALL_GAINS = (0.3, 20.0), (0.3, 12.0)
 # Ranges around the best gains, to tell the best on straight lines from the best on curves.
-_BEST_GAINS = (2.5, 9.0), (1.0, 4.5)
+BEST_GAINS = (2.5, 9.0), (1.0, 4.5)
+_EXPONENTS = dict(zip(("a1", "a2"), np.transpose([*EXPONENTS.values()]), strict=True))
+# Every noise of the cameras, and every q, with every pair of exponents; every slope.
+NOISE_SETTINGS = crossed({"noise": np.array(NOISE)}, _EXPONENTS)
+Q_SETTINGS = crossed({"q": np.array(Q_VALUES)}, _EXPONENTS)
+SLOPE_SETTINGS = {"slope": np.array(SLOPES)}
 
 
-def noise_settings() -> dict[str, np.ndarray]:
-    """Return every noise of the cameras, "noise" in m, with every pair of exponents."""
-    return crossed({"noise": np.array(NOISE)}, _exponents())
+def gain_settings(count: int, ranges: tuple[tuple[float, float], ...] = _ALL_GAINS) -> dict[str, np.ndarray]:
+    """Return a square grid of "k_p" (1/s²) and "k_d" (1/s) of X and Y.
 
-
-def q_settings() -> dict[str, np.ndarray]:
-    """Return every "q" with every pair of exponents."""
-    return crossed({"q": np.array(Q_VALUES)}, _exponents())
-
-
-def _exponents() -> dict[str, np.ndarray]:
-    a1, a2 = np.transpose([*EXPONENTS.values()])
-    return {"a1": a1, "a2": a2}
-
-
-def slope_settings() -> dict[str, np.ndarray]:
-    """Return every "slope" λ (1/s)."""
-    return {"slope": np.array(SLOPES)}
-
-
-def gain_settings(count: int) -> dict[str, np.ndarray]:
-    """Return a square grid of "k_p" (1/s²) and "k_d" (1/s) of X and Y, with `count` gains along each side."""
-    return _gains(count, *_ALL_GAINS)
-
-
-def best_gain_settings(count: int) -> dict[str, np.ndarray]:
-    """Return a grid like that of `gain_settings` around the best gains."""
-    return _gains(count, *_BEST_GAINS)
-
-
-def _gains(count: int, k_p_range: tuple[float, float], k_d_range: tuple[float, float]) -> dict[str, np.ndarray]:
-    return crossed({"k_p": np.geomspace(*k_p_range, count)}, {"k_d": np.geomspace(*k_d_range, count)})
+    Args:
+        count: number of gains along each side.
+        ranges: smallest and largest k_p, and smallest and largest k_d.
+    """
+    k_p, k_d = (np.geomspace(*ends, count) for ends in ranges)
+    return crossed({"k_p": k_p}, {"k_d": k_d})
 
 
 # The fields of a scenario that a number of a setting is written to.

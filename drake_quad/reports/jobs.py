@@ -1,11 +1,9 @@
 """Jobs of an experiment: flights that are done one after another, or by workers."""
 
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
-from drake_quad.errors import InputError
-from drake_quad.studies.crew import Crew
+from drake_quad.studies.crew import Crew, outcomes_of
 
 
 class Job(NamedTuple):
@@ -27,7 +25,7 @@ def run_jobs(
     workers: Crew | None = None,
     *,
     finished: Callable[[Any], object] = lambda result: None,
-    progress: Callable[[str, int, int], object] = lambda name, done, total: None,
+    progress: Callable[[int, int, str], object] = lambda *_: None,
 ) -> list[Any]:
     """Do jobs in their order, and return their results in the same order.
 
@@ -35,7 +33,7 @@ def run_jobs(
         jobs: jobs of the experiment.
         workers: workers that do several jobs at a time; by default this process does them.
         finished: called with the result of each job as soon as the job is done.
-        progress: called after each job with its name, and with the sizes of the jobs that are done and of all jobs.
+        progress: called after each job with the sizes of the jobs that are done and of all jobs, and the job's name.
 
     Raises:
         InputError: a job failed because the input is wrong.
@@ -45,7 +43,7 @@ def run_jobs(
     for number, result in _results(jobs, workers):
         results[number], done = result, done + jobs[number].size
         finished(result)
-        progress(jobs[number].name, done, total)
+        progress(done, total, jobs[number].name)
     return [results[number] for number in range(len(jobs))]
 
 
@@ -55,16 +53,11 @@ def _results(jobs: Sequence[Job], workers: Crew | None) -> Iterator[tuple[int, A
         for number, job in enumerate(jobs):
             yield number, job.call()
         return
-    waiting, under_way = deque(enumerate(jobs)), 0
-    while waiting or under_way:
-        while waiting and under_way < workers.capacity:
-            workers.begin(_call, waiting.popleft())
-            under_way += 1
-        for outcome in workers.finished():
-            under_way -= 1
-            if outcome.reason:
-                raise (InputError if outcome.refused else RuntimeError)(outcome.reason)
-            yield outcome.given[0], outcome.result
+    waiting = enumerate(jobs)
+    for outcome in outcomes_of(workers, _call, lambda: next(waiting, None)):
+        if outcome.reason:
+            raise RuntimeError(outcome.reason)
+        yield outcome.given[0], outcome.result
 
 
 def _call(numbered: tuple[int, Job]) -> Any:

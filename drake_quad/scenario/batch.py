@@ -1,4 +1,4 @@
-"""What a fleet flies: samples of a scenario's study, side by side."""
+"""Batches of samples of a study, which a fleet flies side by side."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,11 +19,12 @@ class Batch:
     """Samples of a study, each flown by a vehicle of a fleet.
 
     Attributes:
-        scenario: of the study, with its distributions.
-        samples: (N,) their numbers in the study, from 0 on; with the seed they say which wind and noise there is.
-        varying: (N,) numbers by the path of their field, such as `vehicle.mass`: what is drawn for each distribution,
-            and whatever else shall differ from vehicle to vehicle.
-        seeds: (N,) those of the studies that the samples are of, in place of the scenario's; None for that.
+        scenario: scenario of the study, with its distributions.
+        samples: (N,) indices of the samples in the study, counted from 0. Together with the seed they determine wind
+            and noise.
+        varying: (N,) numbers by the path of their field, such as `vehicle.mass`: the drawn numbers of each
+            distribution, and other numbers that differ from vehicle to vehicle.
+        seeds: (N,) seeds of the samples, for samples of several studies; None for the seed of the scenario.
     """
 
     scenario: Scenario
@@ -74,22 +75,22 @@ class Batch:
         return replaced(self.scenario, self.varying.get)
 
     def __len__(self) -> int:
-        """The number of vehicles, N."""
+        """Return the number of vehicles, N."""
         return len(self.samples)
 
     def with_varying(self, varying: Mapping[str, np.ndarray]) -> "Batch":
-        """The same with other (N,) numbers in some fields, by their paths; nothing checks whether they may be there."""
+        """Return the batch with other (N,) numbers in some fields, by path; the numbers are not validated."""
         return replace(self, varying={**self.varying, **varying})
 
     def padded(self, num_vehicles: int) -> "Batch":
-        """The same for more vehicles, of which those that are added fly what the last one does."""
+        """Return the batch for more vehicles; each additional vehicle flies the last sample."""
         missing = num_vehicles - len(self)
         varying = {path: np.append(numbers, [numbers[-1]] * missing) for path, numbers in self.varying.items()}
         seeds = self.seeds and (*self.seeds, *self.seeds[-1:] * missing)
         return Batch(self.scenario, (*self.samples, *self.samples[-1:] * missing), varying, seeds)
 
     def scenario_of(self, vehicle: int) -> Scenario:
-        """The scenario that a vehicle flies, with its own numbers, and the number of its sample."""
+        """Return the scenario that a vehicle flies, with its own numbers, and the number of its sample."""
 
         def number(path: str, value: Any) -> Any:
             return float(self.varying[path][vehicle]) if path in self.varying else value
@@ -100,15 +101,15 @@ class Batch:
 
 
 def draw_sample(scenario: Scenario, sample: int, *, seed: int | None = None) -> Scenario:
-    """Draws one sample of a study: the scenario with a number in place of each of its distributions.
+    """Draw one sample of a study: the scenario with a number in place of each of its distributions.
 
     Args:
-        scenario: with or without distributions.
-        sample: number of the sample, from 0 on.
-        seed: in place of the scenario's.
+        scenario: scenario, which may contain distributions.
+        sample: index of the sample, counted from 0.
+        seed: seed of the study; that of the scenario if not given.
 
     Raises:
-        InputError: the seed or the sample's number is negative or too large.
+        InputError: if the seed or the index is negative or too large.
     """
     return Batch.draw(scenario, [sample], seed=seed).scenario_of(0)
 
@@ -127,7 +128,7 @@ def at_quantile(scenario: Scenario, share: float) -> Scenario:
 
 
 def middle_of(scenario: Scenario) -> Scenario:
-    """The scenario with the median of each of its distributions."""
+    """Return the scenario with the median of each of its distributions."""
     return at_quantile(scenario, 0.5)
 
 
@@ -152,7 +153,7 @@ def _with_rigid_bodies(scenario: Scenario, varying: Mapping[str, np.ndarray]) ->
 
 
 def _label(path: str) -> str:
-    """What the stream of a field is called: the path with items of lists in brackets, as in `vehicle.inertia[0]`.
+    """Return the name of a field's stream: its path with indices in brackets, as in `vehicle.inertia[0]`.
 
     This was once how paths were written, and a study's samples stay the same.
     """

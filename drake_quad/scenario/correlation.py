@@ -20,28 +20,28 @@ from drake_quad.errors import InputError, shown
 from drake_quad.randomness.streams import Seeds, parameter_numbers
 from drake_quad.scenario.distributions import Distribution, Normal
 
-# The least probability of what is drawn: half the distance between uniform numbers.
+# Smallest probability of a drawn number: half the distance between uniform numbers.
 _NEVER = 2.0**-53
-# Correlations below this are not worth a word.
+# Smaller correlations are not reported.
 _LEAST = 1e-3
 # Weights of shared variables below the first number are left out, and others have so many decimals. The next is tried
 # where that is too coarse, as where a sum of strongly correlated fields is known much better than any of them.
 _FINER = ((1e-3, 4), (1e-4, 6), (1e-6, 8), (0.0, 12))
-# By which the variance of a sum of fields may be off, as a share of it and, for none at all, of what their own are.
+# Relative tolerance of the variance of a sum of fields, and the variance, relative to their own, that counts as none.
 _TOLERANCE, _FLOOR = 0.02, 1e-9
-# By which an eigenvalue of a correlation matrix may be negative by the rounding of what was measured.
+# An eigenvalue of a measured correlation matrix may be negative by this much, because of rounding.
 _ROUNDING = 1e-6
 
 
 def shared_names(distributions: Iterable[Distribution]) -> list[str]:
-    """The normal variables that some of the distributions share, as one comes upon them."""
+    """Return the normal variables that some of the distributions share, as one comes upon them."""
     return list(dict.fromkeys(name for each in distributions for name in each.correlations))
 
 
 def drawn_values(
     seed: Seeds, samples: Sequence[int], distributions: Mapping[str, Distribution]
 ) -> dict[str, np.ndarray]:
-    """Draws samples of distributions: (N,) numbers by the name of the stream.
+    """Draw samples of distributions: (N,) numbers by the name of the stream.
 
     Args:
         seed: of all samples, or of each.
@@ -69,17 +69,16 @@ def drawn_values(
 
 
 def shared_stream(name: str) -> str:
-    """What the stream of a shared variable is called: unlike that of any field, whose path has no space in it."""
+    """Return the name of a shared variable's stream, which no field has, since paths contain no spaces."""
     return f"shared {name}"
 
 
 def _standard_normal(seed: Seeds, samples: Sequence[int], stream: str) -> np.ndarray:
-    numbers: np.ndarray = scipy.special.ndtri(parameter_numbers(seed, samples, stream))
-    return numbers
+    return scipy.special.ndtri(parameter_numbers(seed, samples, stream))
 
 
 def correlation_matrix(distributions: Sequence[Distribution]) -> np.ndarray:
-    """The (n, n) correlations of distributions, in their standard normal form.
+    """Return the (n, n) correlations of distributions, in their standard normal form.
 
     Limits that cut off much make correlations of the values a little smaller.
     """
@@ -105,12 +104,11 @@ class CorrelatedPair(NamedTuple):
     correlation: float
 
 
-def correlated_pairs(distributions: Mapping[str, Distribution], least: float = _LEAST) -> list[CorrelatedPair]:
-    """The pairs of fields with a correlation of at least this size, the strongest first.
+def correlated_pairs(distributions: Mapping[str, Distribution]) -> list[CorrelatedPair]:
+    """Return the pairs of correlated fields, the strongest correlation first.
 
     Args:
-        distributions: by the path of their field, as of `distributions_in`.
-        least: size of the correlations that count.
+        distributions: distributions by the path of their field, as from `distributions_in`.
     """
     chosen = {path: each for path, each in distributions.items() if each.correlations}
     paths, matrix = list(chosen), correlation_matrix(list(chosen.values()))
@@ -118,13 +116,13 @@ def correlated_pairs(distributions: Mapping[str, Distribution], least: float = _
         CorrelatedPair(paths[i], paths[j], float(matrix[i, j]))
         for i in range(len(paths))
         for j in range(i + 1, len(paths))
-        if abs(matrix[i, j]) >= least
+        if abs(matrix[i, j]) >= _LEAST
     ]
     return sorted(pairs, key=lambda pair: -abs(pair.correlation))
 
 
 def correlated_groups(distributions: Mapping[str, Distribution]) -> dict[str, tuple[str, ...]]:
-    """The fields that each is correlated with, itself among them, directly or through others; none that is not.
+    """Return the fields that each is correlated with, itself among them, directly or through others; none that is not.
 
     Args:
         distributions: by the path of their field, as of `distributions_in`.
@@ -162,7 +160,7 @@ def joint_normal(distributions: Mapping[str, Distribution]) -> JointNormal:
 def correlated_normals(
     names: Sequence[str], mean: np.ndarray, covariance: np.ndarray, *, prefix: str = "common"
 ) -> dict[str, dict[str, Any]]:
-    """Writes a covariance in the scenario language: a distribution for each name.
+    """Write a covariance in the scenario language: a distribution for each name.
 
     What is correlated, directly or through others, is split into shared variables by the eigenvectors V of its
     correlations V Λ Vᵀ: with the least eigenvalue λ, the columns of V √(Λ - λ) are what each variable does to each
@@ -198,7 +196,7 @@ def correlated_normals(
 
 
 def checked_deviations(names: Sequence[str], mean: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """The (n,) standard deviations of a covariance that fits names and means.
+    """Return the (n,) standard deviations of a covariance that fits names and means.
 
     Args:
         names: n of them.
@@ -237,7 +235,7 @@ def _weights(correlation: np.ndarray) -> np.ndarray:
 
 
 def _grouped(correlation: np.ndarray, least: float, decimals: int) -> np.ndarray:
-    """The same where correlations and weights below the least count for none; each group has variables of its own."""
+    """Return weights without correlations and weights below `least`; each group has its own shared variables."""
     count = len(correlation)
     _, groups = scipy.sparse.csgraph.connected_components(np.abs(correlation) > least, directed=False)
     columns = [np.zeros((count, 0))]
@@ -263,7 +261,7 @@ def _shortened(factors: np.ndarray, correlation: np.ndarray, least: float, decim
 
 
 def _triangle(correlation: np.ndarray) -> np.ndarray:
-    """The (n, n) factors of Cholesky: half of them are zero, and each is what is new in one name."""
+    """Return the (n, n) factors of Cholesky: half of them are zero, and each is what is new in one name."""
     try:
         factors: np.ndarray = np.linalg.cholesky(correlation + _FLOOR * np.eye(len(correlation)))
     except np.linalg.LinAlgError:
@@ -272,7 +270,7 @@ def _triangle(correlation: np.ndarray) -> np.ndarray:
 
 
 def _factors(correlation: np.ndarray) -> np.ndarray:
-    """The (n, n) factors V √(Λ - λ), those that do most first."""
+    """Return the (n, n) factors V √(Λ - λ), those that do most first."""
     size, vectors = np.linalg.eigh(0.5 * (correlation + correlation.T))
     factors: np.ndarray = vectors[:, ::-1] * np.sqrt(np.maximum(size[::-1] - max(size[0], 0.0), 0.0))
     # Eigenvectors have either sign; here their largest number is positive.

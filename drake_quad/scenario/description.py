@@ -1,4 +1,4 @@
-"""What the fields of a scenario mean."""
+"""Descriptions and units of the fields of a scenario."""
 
 import re
 from typing import Any
@@ -8,7 +8,7 @@ from drake_quad.scenario.paths import parts_of, steps_of
 
 
 def description_at(scenario: Mission, path: str) -> str:
-    """The description of a field, with its unit.
+    """Return the description of a field, with its unit.
 
     Args:
         scenario: that has it.

@@ -3,11 +3,11 @@
 import math
 import re
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from functools import reduce
 from operator import or_
 from types import UnionType
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, LiteralString, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar
 
 import numpy as np
 import scipy
@@ -28,9 +28,9 @@ from drake_quad.errors import listed, shown
 from drake_quad.scenario.limits import LARGEST, SMALLEST
 
 Real = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
-# What shared variables may be called.
+# Pattern of the names of shared variables.
 _IDENTIFIER = "[A-Za-z_][A-Za-z0-9_]{0,59}"
-# By which squares of correlations that sum to 1 may miss it when they are written in decimals of a float.
+# Rounding error of the sum of squared correlations that are written as decimal numbers.
 _ROUNDING = 1e-12
 _AnyDistribution = TypeVar("_AnyDistribution", bound="Distribution")
 
@@ -57,19 +57,37 @@ class Model(BaseModel):
                     )
         return data
 
-    def wrong(self, *path: str | int, kind: str, demand: LiteralString, **context: Any) -> PydanticCustomError:
-        """An error of a field inside of this mapping; it carries the field's value, which may stand in no file.
+    def wrong(self, demand: str, *path: str | int) -> PydanticCustomError:
+        """Return a validation error for a field of this mapping, with the value of the field.
 
         Args:
-            path: from here to the field.
-            kind: of error.
-            demand: what the field must be, with names of the context in braces.
-            context: numbers and words for the demand.
+            demand: what the value must be.
+            path: keys and indices that lead from this mapping to the field.
         """
         value: Any = self
         for key in path:
             value = value[key] if isinstance(key, int) else getattr(value, key)
-        return PydanticCustomError(kind, demand, {**context, "path": path, "value": value})
+        return refused(demand, path=path, value=value)
+
+
+def refused(demand: str, **context: Any) -> PydanticCustomError:
+    """Return a validation error whose message is a demand on the value, such as "must be finite"."""
+    return PydanticCustomError("refused", "{demand}", {"demand": demand, **context})
+
+
+def omits_defaults(*names: str) -> Any:
+    """Return a serializer that omits some fields of a model if they have their defaults.
+
+    Documents of earlier versions, and the studies that they identify, do not have these fields.
+    """
+
+    @model_serializer(mode="wrap")
+    def written(self: Model, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        fields: dict[str, Any] = write(self)
+        silent = {name for name in names if getattr(self, name) == type(self).model_fields[name].default}
+        return {name: value for name, value in fields.items() if name not in silent}
+
+    return written
 
 
 class Range(Model):
@@ -81,7 +99,7 @@ class Range(Model):
     @model_validator(mode="after")
     def _ordered(self) -> "Range":
         if not self.min < self.max:
-            raise self.wrong("max", kind="range_order", demand="must be larger than min, {min}", min=self.min)
+            raise self.wrong(f"must be larger than min, {self.min}", "max")
         return self
 
 
@@ -112,30 +130,22 @@ class Bell(Model):
     def _sharing(cls, shared: dict[str, float]) -> dict[str, float]:
         wrong = next((name for name in shared if not re.fullmatch(_IDENTIFIER, name)), None)
         if wrong is not None:
-            demand = "must name normal variables by at most 60 letters, digits and '_', no digit first, not by {name}"
-            raise PydanticCustomError("identifier", demand, {"name": shown(wrong)})
+            demand = "must name normal variables by at most 60 letters, digits and '_', no digit first, not by"
+            raise refused(f"{demand} {shown(wrong)}")
         total = math.fsum(each * each for each in shared.values())
         if total > 1.0 + _ROUNDING:
-            demand = "must have correlations whose squares sum to at most 1, not {total}"
-            raise PydanticCustomError("correlation", demand, {"total": f"{total:.6g}"})
+            raise refused(f"must have correlations whose squares sum to at most 1, not {total:.6g}")
         return shared
 
-    @model_serializer(mode="wrap")
-    def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """What shares nothing says nothing of it: its studies are those from before it could."""
-        fields: dict[str, Any] = write(self)
-        return fields if self.shared else {name: value for name, value in fields.items() if name != "shared"}
+    _written = omits_defaults("shared")
 
     @model_validator(mode="after")
     def _limits_around_mean(self) -> "Bell":
-        for field, wrong in (
-            ("min", self.min is not None and self.min > self.mean),
-            ("max", self.max is not None and self.max < self.mean),
-        ):
-            if wrong:
-                raise self.wrong(
-                    field, kind="limit_side", demand="must not lie beyond the mean, {mean}", mean=self.mean
-                )
+        demand = f"must not lie beyond the mean, {self.mean}"
+        if self.min is not None and self.min > self.mean:
+            raise self.wrong(demand, "min")
+        if self.max is not None and self.max < self.mean:
+            raise self.wrong(demand, "max")
         return self
 
 
@@ -151,8 +161,8 @@ class Distribution(Model):
     dimensionless: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
-    def extremes(self) -> Iterator[float | None]:
-        """Yield numbers between which all values lie; None stands for no bound."""
+    def extremes(self) -> tuple[float | None, float | None]:
+        """Return two numbers between which all values lie; None stands for no bound."""
 
     @abstractmethod
     def quantile(self, probability: Any) -> Any:
@@ -190,9 +200,9 @@ class Uniform(Distribution):
         """Short, as in `uniform(0.64, 0.72)`."""
         return f"uniform({self.uniform.min:g}, {self.uniform.max:g})"
 
-    def extremes(self) -> Iterator[float | None]:
-        """Yield the bounds of the values."""
-        yield from (self.uniform.min, self.uniform.max)
+    def extremes(self) -> tuple[float | None, float | None]:
+        """Return the bounds of the values."""
+        return self.uniform.min, self.uniform.max
 
     def quantile(self, probability: Any) -> Any:
         """Return the quantile."""
@@ -209,9 +219,9 @@ class LogUniform(Distribution):
         """Short, as in `log_uniform(0.001, 1)`."""
         return f"log_uniform({self.log_uniform.min:g}, {self.log_uniform.max:g})"
 
-    def extremes(self) -> Iterator[float | None]:
-        """Yield the bounds of the values."""
-        yield from (self.log_uniform.min, self.log_uniform.max)
+    def extremes(self) -> tuple[float | None, float | None]:
+        """Return the bounds of the values."""
+        return self.log_uniform.min, self.log_uniform.max
 
     def quantile(self, probability: Any) -> Any:
         """Return the quantile."""
@@ -232,9 +242,9 @@ class Normal(Distribution):
         shared = [f"shared={bell.shared}"] if bell.shared else []
         return f"normal({', '.join([f'{bell.mean:g}', f'{bell.standard_deviation:g}', *limits, *shared])})"
 
-    def extremes(self) -> Iterator[float | None]:
-        """Yield the bounds of the values."""
-        yield from (self.normal.min, self.normal.max)
+    def extremes(self) -> tuple[float | None, float | None]:
+        """Return the bounds of the values."""
+        return self.normal.min, self.normal.max
 
     @property
     def correlations(self) -> Mapping[str, float]:
@@ -267,9 +277,9 @@ class Choice(Distribution):
         """Short, as in `choice(0, 1, 2)`."""
         return f"choice({', '.join(f'{each:g}' for each in self.choice)})"
 
-    def extremes(self) -> Iterator[float | None]:
-        """Yield the bounds of the values."""
-        yield from (min(self.choice), max(self.choice))
+    def extremes(self) -> tuple[float | None, float | None]:
+        """Return the bounds of the values."""
+        return min(self.choice), max(self.choice)
 
     def quantile(self, probability: Any) -> Any:
         """Return the quantile in the given order of the values."""
@@ -299,7 +309,7 @@ def _tag(value: Any) -> str | None:
 
 
 if TYPE_CHECKING:
-    # Whoever computes with a scenario has refused or drawn its distributions first; the fields are numbers then.
+    # Computations with a scenario refuse or draw its distributions first, so that the fields are numbers.
     NumberOrDistribution = Any
 else:
     _NUMBER: Any = Annotated[Real, Tag("number")]

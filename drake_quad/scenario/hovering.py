@@ -1,11 +1,9 @@
 """Scenarios in hover: without what changes with time, without losses, without noise."""
 
-from typing import Any
-
 from drake_quad.errors import InputError
 from drake_quad.scenario.effects.effect import EFFECTS
 from drake_quad.scenario.models import MetricWindow, Nominal, Scenario, Vehicle
-from drake_quad.scenario.paths import distributions_in
+from drake_quad.scenario.paths import distributions_in, updated
 from drake_quad.scenario.routes.hover import HoverRoute
 
 _HOVER = HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))
@@ -24,15 +22,15 @@ def at_rest(scenario: Scenario) -> Scenario:
     """
     hovering = without_losses(in_hover(scenario))
     laboratory = hovering.laboratory
-    cameras = laboratory.motion_capture.model_copy(
-        update={"position_noise": 0.0, "attitude_noise": 0.0, "velocity_drift": (0.0, 0.0, 0.0)}
-    )
+    calm = (source.without_turbulence() for source in laboratory.wind)
     still = {
-        "motion_capture": cameras,
-        "autopilot": laboratory.autopilot.without_noise(),
-        "wind": tuple(calm for source in laboratory.wind if (calm := source.without_turbulence()) is not None),
+        "laboratory.motion_capture.position_noise": 0.0,
+        "laboratory.motion_capture.attitude_noise": 0.0,
+        "laboratory.motion_capture.velocity_drift": (0.0, 0.0, 0.0),
+        "laboratory.autopilot": laboratory.autopilot.without_noise(),
+        "laboratory.wind": tuple([source for source in calm if source is not None]),
     }
-    return hovering.model_copy(update={"laboratory": laboratory.model_copy(update=still)})
+    return updated(hovering, still)
 
 
 def in_hover(scenario: Scenario) -> Scenario:
@@ -46,40 +44,32 @@ def in_hover(scenario: Scenario) -> Scenario:
             raise InputError(
                 f"{path} is a distribution; the analysis of hover needs a number: give one, or select a sample"
             )
-    laboratory = scenario.laboratory
-    lasting = tuple(source for source in laboratory.wind if not source.depends_on_time)
-    steady = {name: effect.in_hover() for name, effect in scenario.vehicle.effects().items()}
-    vehicle = scenario.vehicle.model_copy(update={"battery_sag": 0.0, **steady})
     route = scenario.route
-    if not isinstance(route, HoverRoute) or any(path.startswith("route.") for path in distributions_in(scenario)):
+    if not isinstance(route, HoverRoute) or distributions_in(route):
         route = _HOVER
-    nowhere = scenario.crash.model_copy(update={"position_error": 1e6, "height": -1e6})
-    return scenario.model_copy(
-        update={
-            "route": route,
-            "vehicle": vehicle,
-            "laboratory": laboratory.model_copy(update={"wind": lasting}),
-            "duration": None,
-            "sample": None,
-            "crash": nowhere,
-            "space": None,
-            "metrics": MetricWindow(),
-        }
-    )
+    lasting = {
+        "route": route,
+        "vehicle.battery_sag": 0.0,
+        **{f"vehicle.{name}": effect.in_hover() for name, effect in scenario.vehicle.effects().items()},
+        "laboratory.wind": tuple([source for source in scenario.laboratory.wind if not source.depends_on_time]),
+        "duration": None,
+        "sample": None,
+        "crash.position_error": 1e6,
+        "crash.height": -1e6,
+        "space": None,
+        "metrics": MetricWindow(),
+    }
+    return updated(scenario, lasting)
 
 
 def without_losses(scenario: Scenario) -> Scenario:
     """Return the scenario without lost frames and packets, which a linear model cannot represent."""
-    laboratory = scenario.laboratory
-    reliable = {
-        "motion_capture": laboratory.motion_capture.model_copy(update={"dropout_rate": 0.0}),
-        "command_link": laboratory.command_link.model_copy(update={"loss_rate": 0.0}),
-    }
-    return scenario.model_copy(update={"laboratory": laboratory.model_copy(update=reliable)})
+    losses = "laboratory.motion_capture.dropout_rate", "laboratory.command_link.loss_rate"
+    return updated(scenario, dict.fromkeys(losses, 0.0))
 
 
 def as_believed(scenario: Scenario) -> Scenario:
-    """The scenario in hover at (0, 0, 1) in still air with the vehicle that the ground believes in, for design.
+    """Return the scenario in hover at (0, 0, 1) in still air with the vehicle that the ground believes in, for design.
 
     Of the vehicle as it is, only what the ground knows besides `nominal` stays: the lag of the rotors that speed up,
     the drag, and what the air does to the rotors.
@@ -88,30 +78,30 @@ def as_believed(scenario: Scenario) -> Scenario:
 
 
 def with_believed_vehicle(scenario: Scenario) -> Scenario:
-    """The scenario with the vehicle that the ground believes in, see `as_believed`."""
+    """Return the scenario with the vehicle that the ground believes in, see `as_believed`."""
     believed = {name: getattr(scenario.nominal, name) for name in Nominal.model_fields}
-    effects = [name for name, effect in EFFECTS.items() if effect.is_believed]
+    effects = [name for name, effect in EFFECTS.members.items() if effect.is_believed]
     kept = ("rotor_time_constant", "linear_drag", "quadratic_drag", "attitude_kinematics", "time_step", *effects)
     vehicle = Vehicle().model_copy(update=believed | {name: getattr(scenario.vehicle, name) for name in kept})
     return scenario.model_copy(update={"vehicle": vehicle})
 
 
 def _even(resting: Scenario) -> Scenario:
-    """A resting scenario in hover at (0, 0, 1) without what couples the axes or leans it.
+    """Return a resting scenario in hover at (0, 0, 1) without what couples the axes or leans it.
 
     That is wind, uneven rotors, misalignment, the spin that is left over where rotors hover at different speeds, and
     whatever acts beside the middle: drag of the body, a payload, and a gyroscope's bias.
     """
     layouts = resting.vehicle.layout, resting.nominal.layout
-    even: dict[str, Any] = {
-        "thrust_factor_error": (0.0, 0.0, 0.0, 0.0),
-        "centre_of_mass": (0.0, 0.0),
-        "rotor_inertia": 0.0,
-        "layout": layouts[0] if all(layout.is_paired for layout in layouts) else layouts[1],
+    even = {
+        "route": _HOVER,
+        "vehicle.thrust_factor_error": (0.0, 0.0, 0.0, 0.0),
+        "vehicle.centre_of_mass": (0.0, 0.0),
+        "vehicle.rotor_inertia": 0.0,
+        "vehicle.layout": layouts[0] if all(layout.is_paired for layout in layouts) else layouts[1],
+        **{f"vehicle.{name}": effect.symmetric() for name, effect in resting.vehicle.effects().items()},
+        "laboratory.wind": (),
+        "laboratory.motion_capture.misalignment": (0.0, 0.0, 0.0),
+        "laboratory.autopilot": resting.laboratory.autopilot.without_bias(),
     }
-    even |= {name: effect.symmetric() for name, effect in resting.vehicle.effects().items()}
-    cameras = resting.laboratory.motion_capture.model_copy(update={"misalignment": (0.0, 0.0, 0.0)})
-    still = {"wind": (), "motion_capture": cameras, "autopilot": resting.laboratory.autopilot.without_bias()}
-    laboratory = resting.laboratory.model_copy(update=still)
-    vehicle = resting.vehicle.model_copy(update=even)
-    return resting.model_copy(update={"route": _HOVER, "vehicle": vehicle, "laboratory": laboratory})
+    return updated(resting, even)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -13,15 +13,14 @@ from drake_quad.vehicle import rigid_body
 INERTIA_RULE = (
     "; no moment may exceed the sum of the other two, and draws that do are replaced by the nearest that do not"
 )
-INERTIA_DEMAND: Literal["must be that of a rigid body: {flaw}"] = "must be that of a rigid body: {flaw}"
 
 
 def inertia_flaw(moments: Sequence[NumberOrDistribution]) -> str:
-    """Return the reason why no draw of the moments of inertia belongs to a rigid body; empty if some draw does."""
+    """Return the demand that no draw of the moments of inertia fulfils, with its reason; empty if some draw does."""
     lowest, _ = bounds = _bounds(moments)
     flaw = rigid_body.inertia_flaw(rigid_body.nearest_rigid(lowest, *bounds).tolist())
     drawn = not all(isinstance(moment, float) for moment in moments)
-    return f"whatever is drawn, {flaw}" if flaw and drawn else flaw
+    return f"must be that of a rigid body: {'whatever is drawn, ' * drawn}{flaw}" if flaw else ""
 
 
 def rigid_draws(moments: Sequence[NumberOrDistribution], drawn: Sequence[Any]) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Where the rotors are, in the scenario language."""
+"""Rotor layouts of the scenario language."""
 
 from abc import abstractmethod
 from collections.abc import Callable
@@ -41,7 +41,7 @@ class RotorLayout(Model):
         """Return the rotors of an airframe with this layout."""
 
 
-LAYOUTS = OpenUnion(RotorLayout, "is_paired", "has_sides")
+LAYOUTS = OpenUnion(RotorLayout)
 """Kinds of layouts."""
 
 Layout = Annotated[RotorLayout, LAYOUTS]
@@ -148,8 +148,7 @@ class RotorsLayout(RotorLayout):
 
 def rotors_of(airframe: Any) -> Rotors:
     """Return the rotors of an airframe of a scenario, or of a `Batch.fleet_scenario`."""
-    rotors: Rotors = airframe.layout.rotors_of(airframe)
-    return rotors
+    return airframe.layout.rotors_of(airframe)
 
 
 def arms_of(airframe: Any) -> tuple[float, float]:

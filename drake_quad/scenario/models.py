@@ -15,7 +15,6 @@ from pydantic import (
     model_serializer,
     model_validator,
 )
-from pydantic_core import PydanticCustomError
 
 from drake_quad.errors import InputError
 from drake_quad.scenario.actions.action import ACTIONS
@@ -26,14 +25,14 @@ from drake_quad.scenario.command_link import CommandLinkSettings
 from drake_quad.scenario.controls.cascade import CascadeControl
 from drake_quad.scenario.controls.control import CONTROLS, AnyControl
 from drake_quad.scenario.correlation import shared_names
-from drake_quad.scenario.distributions import Model, Real
+from drake_quad.scenario.distributions import Model, Real, omits_defaults, refused
 from drake_quad.scenario.effects.effect import EFFECTS, VehicleEffect
-from drake_quad.scenario.inertia import INERTIA_DEMAND, INERTIA_RULE, inertia_flaw
+from drake_quad.scenario.inertia import INERTIA_RULE, inertia_flaw
 from drake_quad.scenario.layouts import LAYOUTS, Layout, PlusLayout, arms_of, rotors_of
 from drake_quad.scenario.limits import MOST_SHARED, MOST_SOURCES, MOST_TICKS
 from drake_quad.scenario.motion_capture import MotionCaptureSettings
 from drake_quad.scenario.motors import BelievedMotors, Motors, SpeedMotors
-from drake_quad.scenario.paths import distributions_in, steps_of
+from drake_quad.scenario.paths import distributions_in, keys_of
 from drake_quad.scenario.position_controllers.controller import POSITION_CONTROLLERS
 from drake_quad.scenario.quantities import (
     NonNegative,
@@ -61,20 +60,21 @@ from drake_quad.vehicle.motors import SpinDown
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.responding import RESPONDING_EFFECTS
 
-# What a scenario may be called, and with it folders and files.
+# Pattern of the name of a scenario, which is also used for folders and files.
 NAME = r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$"
 
 
 _PAPER = QuadrotorParameters()
 _ROTOR = _PAPER.rotors.rotor_1
-# How far an arm length and measured distances may be from each other: data sheets give two digits or three.
+# Relative difference that is allowed between an arm length and the distances of a layout. Data sheets give two or three
+# digits.
 _ROUNDING = 0.01
 _Positive = TypeVar("_Positive")
 _NonNegative = TypeVar("_NonNegative")
 
 
 class Airframe(Model, Generic[_Positive, _NonNegative]):
-    """What a vehicle is made of; the defaults are the paper's Table I where it has them."""
+    """Airframe of a vehicle; the defaults are from the paper's Table I as far as it has them."""
 
     mass: _Positive = field_of(_PAPER, "mass", "m")
     inertia: Annotated[tuple[_Positive, _Positive, _Positive], Field(strict=False)] = field_of(
@@ -96,65 +96,55 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
         return {name: value for name, value in fields.items() if name != "arm_length" or not self.layout.has_distances}
 
     def check_layout(self) -> None:
-        """Raises an error if the arm length is not that of the layout, or some part of a wrench cannot be given."""
+        """Raise an error if the arm length is not that of the layout, or some part of a wrench cannot be given."""
         self._check_arm()
         rotors = "layout", "thrust_factor", "drag_factor", "arm_length"
         if any(path.startswith(rotors) for path in distributions_in(self)):
             return
         if missing := missing_direction(rotors_of(self)):
-            demand = "must give thrust and all torques: it has no {missing}"
-            raise self.wrong("layout", kind="layout", demand=demand, missing=missing)
+            raise self.wrong(f"must give thrust and all torques: it has no {missing}", "layout")
 
     def check_inertia(self) -> None:
         """Raise a validation error if no draw of the moments of inertia belongs to a rigid body."""
         if flaw := inertia_flaw(self.inertia):
-            raise self.wrong("inertia", kind="inertia", demand=INERTIA_DEMAND, flaw=flaw)
+            raise self.wrong(flaw, "inertia")
 
     def _check_arm(self) -> None:
-        """What is written twice must be the same: a mistaken arm length would not be noticed."""
+        """Raise an error if the arm length contradicts the layout: such a mistake would go unnoticed otherwise."""
         if "arm_length" not in self.model_fields_set or not self.layout.has_distances:
             return
         written: Any = self.arm_length
         if not isinstance(written, float):
-            raise self.wrong("arm_length", kind="arm", demand="must be left out, since the layout has distances")
+            raise self.wrong("must be left out, since the layout has distances", "arm_length")
         if distributions_in(self.layout):
             return
         shortest, longest = arms_of(self)
         if not (1.0 - _ROUNDING) * shortest <= written <= (1.0 + _ROUNDING) * longest:
             arms = " to ".join(dict.fromkeys(f"{arm:.4g}" for arm in (shortest, longest)))
-            demand = "must be {arms}, as the distances in the layout imply, or be left out"
-            raise self.wrong("arm_length", kind="arm", demand=demand, arms=arms)
+            raise self.wrong(f"must be {arms}, as the distances in the layout imply, or be left out", "arm_length")
 
 
 class Nominal(Airframe[PlainPositive, PlainNonNegative]):
-    """What planner and controllers believe of the vehicle; the defaults are the paper's Table I where it has them."""
+    """Vehicle that planner and controllers assume; the defaults are from the paper's Table I as far as it has them."""
 
     motors: BelievedMotors = Field(default=SpeedMotors(kind="speed"), description="what the motors are told")
-
-    @field_validator("max_rotor_speed")
-    @classmethod
-    def _above_idle(cls, top: float, info: ValidationInfo) -> float:
-        idle = info.data.get("min_rotor_speed")
-        if idle is not None and not top > idle:
-            raise PydanticCustomError("idle", "must be larger than min_rotor_speed, {idle}", {"idle": idle})
-        return top
 
     @field_validator("layout")
     @classmethod
     def _believed(cls, layout: Layout) -> Layout:
         for path in distributions_in(layout):
-            demand = "must be a number, since it is what the ground believes"
-            steps = [int(step) if step.isdecimal() else step for step in steps_of(path)]
-            raise layout.wrong(*steps, kind="believed", demand=demand)
+            raise layout.wrong("must be a number, since it is what the ground believes", *keys_of(path))
         return layout
 
     @model_validator(mode="after")
     def _can_fly(self) -> "Nominal":
+        if not self.max_rotor_speed > self.min_rotor_speed:
+            raise self.wrong(f"must be larger than min_rotor_speed, {self.min_rotor_speed}", "max_rotor_speed")
         self.check_inertia()
         self.check_layout()
         flaw = hover_flaw(rotors_of(self), min_speed=self.min_rotor_speed, max_speed=self.max_rotor_speed)
         if flaw:
-            raise self.wrong("layout", kind="hover", demand="must give thrust without torque: {flaw}", flaw=flaw)
+            raise self.wrong(f"must give thrust without torque: {flaw}", "layout")
         return self
 
 
@@ -192,18 +182,17 @@ class Vehicle(Airframe[Positive, NonNegative]):
     def _one_load(self) -> "Vehicle":
         if {"payload", "slung_load"} <= self.effects().keys():
             demand = "must not stand beside a payload, which moves the centre of mass away from where it hangs"
-            raise self.wrong("slung_load", kind="loads", demand=demand)
+            raise self.wrong(demand, "slung_load")
         return self
 
     def effects(self) -> dict[str, VehicleEffect]:
         """Return the effects that are switched on, by the names of their fields."""
-        fields = {name: getattr(self, name) for name in EFFECTS.names}
+        fields = {name: getattr(self, name) for name in EFFECTS.members}
         return {name: effect for name, effect in fields.items() if effect is not None}
 
     def effect_numbers(self) -> Effects:
         """Return the numbers of the effects for the formulas of the motion."""
-        effects = {name: effect for name, effect in self.effects().items() if name != "rotor_failure"}
-        numbers = {name: effect.numbers() for name, effect in effects.items()}
+        numbers = {name: effect.numbers() for name, effect in self.effects().items() if name != "rotor_failure"}
         own = {name: record for name, record in numbers.items() if name in Effects._fields}
         down = self.rotor_time_constant_down
         return Effects(
@@ -234,7 +223,7 @@ class AllocationSettings(Model):
 
 
 class Laboratory(Model):
-    """What stands between the controllers and the vehicle."""
+    """Systems between the controllers and the vehicle."""
 
     motion_capture: MotionCaptureSettings = MotionCaptureSettings()
     command_link: CommandLinkSettings = CommandLinkSettings()
@@ -258,21 +247,13 @@ class MetricWindow(Model):
         default=None, description="last time that counts (s); the end of the flight if not given"
     )
 
-    @field_validator("first_lap")
-    @classmethod
-    def _alone(cls, first_lap: int | None, info: ValidationInfo) -> int | None:
-        start = info.data.get("start")
-        if first_lap is not None and start:
-            raise PydanticCustomError("window", "must not stand beside a start, {start}", {"start": start})
-        return first_lap
-
-    @field_validator("end")
-    @classmethod
-    def _after_start(cls, end: float | None, info: ValidationInfo) -> float | None:
-        start = info.data.get("start")
-        if end is not None and start is not None and not end > start:
-            raise PydanticCustomError("window", "must be later than start, {start}", {"start": start})
-        return end
+    @model_validator(mode="after")
+    def _begins_once_and_ends_later(self) -> "MetricWindow":
+        if self.first_lap is not None and self.start:
+            raise self.wrong(f"must not stand beside a start, {self.start}", "first_lap")
+        if self.end is not None and not self.end > self.start:
+            raise self.wrong(f"must be later than start, {self.start}", "end")
+        return self
 
 
 class Crash(Model):
@@ -286,7 +267,7 @@ class Crash(Model):
 
 
 class Mission(Model):
-    """What flies where: all that a plan depends on."""
+    """Vehicle, route and space: all that a plan depends on."""
 
     name: str = Field(
         default="scenario",
@@ -298,22 +279,18 @@ class Mission(Model):
     nominal: Nominal = Nominal()
     space: SpaceSettings | None = Field(default=None, description="obstacles, if any")
 
-    @model_serializer(mode="wrap")
-    def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Without a space where there is none, as before there were any: old studies go on."""
-        fields: dict[str, Any] = write(self)
-        return {name: value for name, value in fields.items() if name != "space" or value is not None}
+    _written = omits_defaults("space")
 
     def __repr__(self) -> str:
-        """A line of text: what flies where."""
+        """Return a line of text: what flies where."""
         return f"<{type(self).__name__} {self.name}: {'; '.join(self._words())}>"
 
     def _words(self) -> list[str]:
-        """What there is to say in a line."""
+        """Return the parts of the line that `repr` shows."""
         return [f"route {self.route.kind}", f"nominal mass {self.nominal.mass:g} kg", *self._obstructed()]
 
     def _obstructed(self) -> list[str]:
-        """How many obstacles there are, if any."""
+        """Return the number of obstacles in words, if there are any."""
         count = 0 if self.space is None else len(self.space.obstacles)
         return [f"{count} obstacle{'' if count == 1 else 's'}"] if count else []
 
@@ -358,15 +335,13 @@ class Scenario(Mission):
         idle, top = extremes(whole_vehicle.min_rotor_speed)[1], extremes(whole_vehicle.max_rotor_speed)[0]
         if idle is None or top is None or not top > idle:
             if "max_rotor_speed" not in silent:
-                demand = "must be larger than min_rotor_speed, {idle}"
-                raise whole_vehicle.wrong("max_rotor_speed", kind="idle", demand=demand, idle=idle)
-            demand = "must be smaller than max_rotor_speed, {top}"
-            raise whole_vehicle.wrong("min_rotor_speed", kind="idle", demand=demand, top=top)
+                raise whole_vehicle.wrong(f"must be larger than min_rotor_speed, {idle}", "max_rotor_speed")
+            raise whole_vehicle.wrong(f"must be smaller than max_rotor_speed, {top}", "min_rotor_speed")
         whole_vehicle.check_inertia()
         whole_vehicle.check_layout()
         if whole_vehicle.motors.take_throttles != nominal.motors.take_throttles:
-            demand = "must be {told}, as in nominal: the autopilot knows what it tells the motors"
-            raise whole_vehicle.wrong("motors", "kind", kind="motors", demand=demand, told=nominal.motors.kind)
+            demand = f"must be {nominal.motors.kind}, as in nominal: the autopilot knows what it tells the motors"
+            raise whole_vehicle.wrong(demand, "motors", "kind")
         return whole_vehicle
 
     @property
@@ -406,23 +381,23 @@ class Scenario(Mission):
         for path, distribution in distributions_in(self).items():
             names.update(shared_names([distribution]))
             if len(names) > MOST_SHARED:
-                demand = "must share none but the {most} normal variables that a scenario may have"
-                steps = [int(step) if step.isdecimal() else step for step in steps_of(path)]
-                raise PydanticCustomError("shared", demand, {"most": MOST_SHARED, "path": (*steps, "normal", "shared")})
+                demand = f"must share none but the {MOST_SHARED} normal variables that a scenario may have"
+                raise refused(demand, path=(*keys_of(path), "normal", "shared"))
         return self
 
     @model_validator(mode="after")
     def _grids_coincide(self) -> "Scenario":
         base = min(self.periods.values())
         if self.vehicle.time_step > base:
-            demand = "must not be longer than the shortest period of cameras and control, {base} s"
-            if ("laboratory", "autopilot", "period") in self.periods:
-                demand = "must not be longer than the shortest period of cameras, control and autopilot, {base} s"
-            raise self.wrong("vehicle", "time_step", kind="step", demand=demand, base=base)
+            has_own = ("laboratory", "autopilot", "period") in self.periods
+            whose = "cameras, control and autopilot" if has_own else "cameras and control"
+            raise self.wrong(
+                f"must not be longer than the shortest period of {whose}, {base} s", "vehicle", "time_step"
+            )
         for path, period in self.periods.items():
             if math.frexp(period / base)[0] != 0.5 or base * (period / base) != period:
-                demand = "must be the shortest period, {base}, times a power of two, so that all grids coincide"
-                raise self.wrong(*path, kind="grid", demand=demand, base=base)
+                demand = f"must be the shortest period, {base}, times a power of two, so that all grids coincide"
+                raise self.wrong(demand, *path)
         return self
 
     @model_validator(mode="after")
@@ -431,8 +406,7 @@ class Scenario(Mission):
         longest = MOST_TICKS * min(self.periods.values())
         path, end = self.route.known_end() if self.duration is None else (("duration",), self.duration)
         if end is not None and end > longest:
-            demand = "must be at most {longest} s, {most} times the shortest period"
-            raise self.wrong(*path, kind="ticks", demand=demand, longest=f"{longest:g}", most=f"{MOST_TICKS:,}")
+            raise self.wrong(f"must be at most {longest:g} s, {MOST_TICKS:,} times the shortest period", *path)
         return self
 
 

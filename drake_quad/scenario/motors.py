@@ -3,9 +3,8 @@
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, field_validator
-from pydantic_core import PydanticCustomError
 
-from drake_quad.scenario.distributions import Model, Real
+from drake_quad.scenario.distributions import Model, Real, refused
 from drake_quad.scenario.limits import SMALLEST
 from drake_quad.scenario.quantities import Number
 from drake_quad.vehicle.motors import ThrustCurve
@@ -35,7 +34,7 @@ class ThrottleMotors(Model):
 
 
 class BelievedThrottleMotors(ThrottleMotors):
-    """The same as the autopilot believes it; the thrust must rise with the throttle."""
+    """Motors with throttles as the autopilot models them; the thrust must rise with the throttle."""
 
     curve: Annotated[tuple[Real, Real, Real], Field(strict=False)] = Field(description="K0, K1, K2 (N)")
 
@@ -44,10 +43,9 @@ class BelievedThrottleMotors(ThrottleMotors):
     def _rises(cls, curve: tuple[float, float, float]) -> tuple[float, float, float]:
         k_0, k_1, k_2 = curve
         if k_0 < 0.0 or k_1 < 0.0 or k_1 + 2.0 * k_2 < 0.0 or not k_1 + k_2 >= SMALLEST:
-            raise PydanticCustomError(
-                "curve",
-                "must rise from throttle 0 to 1, so that it can be inverted: K0, K1 and K1 + 2 K2 at least 0, and"
-                " K1 + K2 above",
+            raise refused(
+                "must rise from throttle 0 to 1, so that it can be inverted: K0, K1 and K1 + 2 K2 at least 0, and K1 +"
+                " K2 above"
             )
         return curve
 

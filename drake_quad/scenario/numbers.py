@@ -7,11 +7,11 @@ from pydantic import ValidationError
 from drake_quad.errors import InputError
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.models import Scenario
-from drake_quad.scenario.paths import steps_of, value_at
+from drake_quad.scenario.paths import keys_of, value_at
 
 
 def number_at(scenario: Scenario, path: str) -> float:
-    """The number in a field, as in `vehicle.mass` or `control.position.k_p.0`.
+    """Return the number in a field, as in `vehicle.mass` or `control.position.k_p.0`.
 
     Raises:
         InputError: there is no such field, or it holds something else.
@@ -24,7 +24,7 @@ def number_at(scenario: Scenario, path: str) -> float:
 
 
 def with_number(scenario: Scenario, path: str, value: float) -> Scenario:
-    """The scenario with another number in a field, as if it had been written there.
+    """Return the scenario with another number in a field, as if it had been written there.
 
     What the scenario does not say stays unsaid: a vehicle that is as in `nominal` follows it.
 
@@ -35,7 +35,7 @@ def with_number(scenario: Scenario, path: str, value: float) -> Scenario:
     whole: Any = scenario.model_dump(mode="json")
     tree = scenario.model_dump(mode="json", exclude_unset=True)
     node: Any = tree
-    keys = [int(step) if step.isdecimal() else step for step in steps_of(path)]
+    keys = keys_of(path)
     for key in keys[:-1]:
         whole = whole[key]
         if isinstance(node, dict):

@@ -4,8 +4,8 @@ Items of lists are counted from 0, but for those of rotors, which are called as 
 `vehicle.thrust_factor_error.rotor_1`.
 """
 
-from collections.abc import Callable, Iterable, Iterator
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any, TypeVar
 
 from drake_quad.errors import InputError
 from drake_quad.scenario.distributions import Distribution, Model
@@ -13,6 +13,8 @@ from drake_quad.scenario.distributions import Distribution, Model
 # Fields that hold a list of one item for each rotor.
 _PER_ROTOR = ("thrust_factor_error", "rotors")
 _ROTOR = "rotor_"
+
+_AnyModel = TypeVar("_AnyModel", bound=Model)
 
 
 def joined(*steps: str | int) -> str:
@@ -31,7 +33,7 @@ def is_item(step: str) -> bool:
 
 
 def steps_of(path: str) -> list[str]:
-    """The steps of a path, where items of lists are counted from 0.
+    """Return the steps of a path, where items of lists are counted from 0.
 
     Raises:
         InputError: it counts rotors from 0, or otherwise than by their names.
@@ -47,8 +49,13 @@ def steps_of(path: str) -> list[str]:
     return steps
 
 
+def keys_of(path: str) -> list[str | int]:
+    """Return the steps of a path as keys of mappings and indices of lists."""
+    return [int(step) if step.isdecimal() else step for step in steps_of(path)]
+
+
 def parts_of(value: Any) -> Iterator[tuple[str, Any]]:
-    """The fields of a mapping or the items of a list, each after its step; none of what is neither."""
+    """Yield the fields of a mapping or the items of a list, each after its step; none of what is neither."""
     if isinstance(value, Model) and not isinstance(value, Distribution):
         for name in type(value).model_fields:
             yield name, getattr(value, name)
@@ -70,12 +77,12 @@ def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def distributions_in(scenario: Model) -> dict[str, Distribution]:
-    """The distributions in a scenario, by path."""
+    """Return the distributions in a scenario, by path."""
     return {path: value for path, value in leaves(scenario) if isinstance(value, Distribution)}
 
 
 def value_at(scenario: Model, path: str) -> Any:
-    """The value of a field.
+    """Return the value of a field.
 
     Raises:
         InputError: there is no such field.
@@ -90,7 +97,7 @@ def value_at(scenario: Model, path: str) -> Any:
 
 
 def replaced(value: Any, replace: Callable[[str, Any], Any], path: str = "") -> Any:
-    """A copy of a part of a scenario in which leaves are replaced.
+    """Return a copy of a part of a scenario in which leaves are replaced.
 
     Args:
         value: the part.
@@ -109,8 +116,23 @@ def replaced(value: Any, replace: Callable[[str, Any], Any], path: str = "") -> 
     return tuple(after.values()) if isinstance(value, tuple) else value.model_copy(update=changed)
 
 
+def updated(model: _AnyModel, values: Mapping[str, Any]) -> _AnyModel:
+    """Return a copy of a mapping with other values in some fields, which are not validated.
+
+    Args:
+        model: a scenario, or a mapping in it.
+        values: new values by the paths of their fields; a field is no item of a list.
+    """
+    inside: dict[str, dict[str, Any]] = {}
+    for path, value in values.items():
+        field, _, rest = path.partition(".")
+        inside.setdefault(field, {})[rest] = value
+    parts = {field: own[""] if "" in own else updated(getattr(model, field), own) for field, own in inside.items()}
+    return model.model_copy(update=parts)
+
+
 def refuse_distributions(paths: Iterable[str]) -> None:
-    """Raises InputError if there is any field that holds a distribution, given by their paths."""
+    """Raise InputError if there is any field that holds a distribution, given by their paths."""
     for path in paths:
         raise InputError(
             f"{path} is a distribution; one flight needs a number there, or a sample to draw it for: sample=0 in"

@@ -1,16 +1,17 @@
 """Physical quantities of the scenario language: numbers with bounds, or distributions within them."""
 
 import math
+import operator
 from collections.abc import Iterator
 from types import UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
-from pydantic_core import PydanticCustomError, PydanticUndefined
+from pydantic_core import PydanticUndefined
 
 from drake_quad.control.integral import Integration
-from drake_quad.scenario.distributions import Distribution, Model, NumberOrDistribution, Real
+from drake_quad.scenario.distributions import Distribution, Model, NumberOrDistribution, Real, refused
 from drake_quad.scenario.limits import LARGEST, LONGEST, SHORTEST, SMALLEST
 
 
@@ -20,11 +21,10 @@ def _values_of(value: NumberOrDistribution) -> tuple[float, ...] | None:
 
 
 def extremes(value: NumberOrDistribution) -> tuple[float | None, float | None]:
-    """The least and the largest number that a quantity can be; None where there is no bound."""
+    """Return the least and the largest number that a quantity can be; None where there is no bound."""
     if isinstance(value, float):
         return value, value
-    low, high = value.extremes()
-    return low, high
+    return value.extremes()
 
 
 def field_of(record: Any, name: str, text: str, *, rule: str = "") -> Any:
@@ -50,28 +50,19 @@ def field_of(record: Any, name: str, text: str, *, rule: str = "") -> Any:
 def bounded(
     *, above: float | None = None, least: float | None = None, below: float | None = None, most: float | None = None
 ) -> AfterValidator:
-    """A validator that holds a number, or all that a distribution can give, to bounds."""
-    demands = [
-        f"{words} {bound:g}"
-        for words, bound in (
-            ("larger than", above),
-            ("at least", least),
-            ("smaller than", below),
-            ("at most", most),
-        )
-        if bound is not None
-    ]
+    """Return a validator that holds a number, or all that a distribution can give, to bounds."""
+    rules = (
+        ("larger than", above, 0, operator.gt),
+        ("at least", least, 0, operator.ge),
+        ("smaller than", below, 1, operator.lt),
+        ("at most", most, 1, operator.le),
+    )
+    bounds = [(words, bound, side, holds) for words, bound, side, holds in rules if bound is not None]
 
     def check(value: NumberOrDistribution) -> NumberOrDistribution:
-        lowest, highest = extremes(value)
-        fits = (
-            (above is None or (lowest is not None and lowest > above))
-            and (least is None or (lowest is not None and lowest >= least))
-            and (below is None or (highest is not None and highest < below))
-            and (most is None or (highest is not None and highest <= most))
-        )
-        if not fits:
-            raise PydanticCustomError("bounds", "must be {demands}", {"demands": " and ".join(demands)})
+        ends = extremes(value)
+        if any((end := ends[side]) is None or not holds(end, bound) for _, bound, side, holds in bounds):
+            raise refused("must be " + " and ".join(f"{words} {bound:g}" for words, bound, *_ in bounds))
         return value
 
     return AfterValidator(check)
@@ -87,20 +78,15 @@ def radians(most: float) -> BeforeValidator:
     def check(value: Any) -> Any:
         large = next((number for number in _numbers_in(value) if abs(number) > most), None)
         if large is not None:
-            raise PydanticCustomError("radians", RADIANS, in_radians(large, most))
+            raise refused(radians_demand(large, most))
         return value
 
     return BeforeValidator(check)
 
 
-RADIANS: Literal["must be in radians, at most {most} in size; {degrees} degrees are {radians} rad"] = (
-    "must be in radians, at most {most} in size; {degrees} degrees are {radians} rad"
-)
-
-
-def in_radians(degrees: float, most: float) -> dict[str, str]:
-    """Return the values for the message `RADIANS`, given an angle in degrees and the largest angle in radians."""
-    return {"most": f"{most:.4g}", "degrees": f"{degrees:g}", "radians": f"{math.radians(degrees):.4g}"}
+def radians_demand(degrees: float, most: float) -> str:
+    """Return the demand on an angle that must have been given in degrees, where the largest angle is `most`, rad."""
+    return f"must be in radians, at most {most:.4g} in size; {degrees:g} degrees are {math.radians(degrees):.4g} rad"
 
 
 def _numbers_in(value: Any) -> Iterator[float]:
@@ -115,16 +101,12 @@ def _numbers_in(value: Any) -> Iterator[float]:
 
 
 def whole(*, least: int, most: int) -> AfterValidator:
-    """A validator that holds a number, or a choice of numbers, to whole ones within bounds."""
+    """Return a validator that holds a number, or a choice of numbers, to whole ones within bounds."""
 
     def check(value: NumberOrDistribution) -> NumberOrDistribution:
         numbers = _values_of(value)
         if numbers is None or not all(number.is_integer() and least <= number <= most for number in numbers):
-            raise PydanticCustomError(
-                "whole",
-                "must be a whole number from {least} to {most}, or a choice of such",
-                {"least": least, "most": most},
-            )
+            raise refused(f"must be a whole number from {least} to {most}, or a choice of such")
         return value
 
     return AfterValidator(check)
@@ -164,7 +146,7 @@ def excludes_zero(value: NumberOrDistribution) -> bool:
 
 def _no_shorter_step(step: float) -> float:
     if 0.0 < step < SHORTEST:
-        raise PydanticCustomError("step", "must be 0, or at least {least}", {"least": SHORTEST})
+        raise refused(f"must be 0, or at least {SHORTEST}")
     return step
 
 

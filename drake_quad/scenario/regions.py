@@ -1,15 +1,14 @@
 """Regions of the scenario language."""
 
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field, model_validator
 
 from drake_quad.errors import InputError
 from drake_quad.reference.regions import Box, Corridor, Polytope
-from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.distributions import Model, omits_defaults, refused
 from drake_quad.scenario.quantities import PlainPositive, Point
 
 _MAX_FACES = 100
@@ -19,7 +18,7 @@ _MIN_NORMAL = 1e-9  # a shorter normal has no direction
 def _check_corners(region: Model, lowest: Sequence[float], highest: Sequence[float]) -> None:
     for i, (low, high) in enumerate(zip(lowest, highest, strict=True)):
         if low > high:
-            raise region.wrong("max", i, kind="box", demand="must not be less than that of min, {low}", low=low)
+            raise region.wrong(f"must not be less than that of min, {low}", "max", i)
 
 
 class BoxRegion(Model):
@@ -34,7 +33,7 @@ class BoxRegion(Model):
         return self
 
     def box(self) -> Box:
-        """The region as the planner has it."""
+        """Return the region as the planner has it."""
         return Box(self.min, self.max)
 
 
@@ -47,7 +46,7 @@ class HalfSpace(Model):
     @model_validator(mode="after")
     def _has_a_direction(self) -> "HalfSpace":
         if not np.linalg.norm(self.normal) > _MIN_NORMAL:
-            raise self.wrong("normal", kind="normal", demand="must not be zero")
+            raise self.wrong("must not be zero", "normal")
         return self
 
 
@@ -60,18 +59,15 @@ class CorridorRegion(Model):
         Field(default=None, description="the corridor lies in all of them")
     )
 
-    @model_serializer(mode="wrap")
-    def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """What is not given is not written, so that a box is written as ever."""
-        return {name: value for name, value in write(self).items() if value is not None}
+    _written = omits_defaults("min", "max", "half_spaces")
 
     @model_validator(mode="after")
     def _not_empty(self) -> "CorridorRegion":
         if (self.min is None) != (self.max is None):
             missing = "min" if self.min is None else "max"
-            raise self.wrong(missing, kind="box", demand="must be given: a box has both corners")
+            raise self.wrong("must be given: a box has both corners", missing)
         if self.min is None and self.half_spaces is None:
-            raise PydanticCustomError("place", "must have min and max, or half_spaces, or both", {})
+            raise refused("must have min and max, or half_spaces, or both")
         if self.min is not None and self.max is not None:
             _check_corners(self, self.min, self.max)
         if self.half_spaces is not None:
@@ -86,12 +82,11 @@ class CorridorRegion(Model):
                 left = "no more than a plane, a line or a point"
             else:
                 return self
-            demand = "must have room: its half-spaces leave {left}{beside}"
-            raise PydanticCustomError("place", demand, {"left": left, "beside": beside})
+            raise refused(f"must have room: its half-spaces leave {left}{beside}")
         return self
 
     def region(self) -> Corridor | None:
-        """The region as the planner has it; None if the half-spaces leave nothing of the box.
+        """Return the region as the planner has it; None if the half-spaces leave nothing of the box.
 
         Raises:
             InputError: the half-spaces have no point in common.

@@ -1,7 +1,7 @@
 """The scenario language, as its models have it: a schema for editors, and a page for readers."""
 
-import copy
 from collections.abc import Iterator
+from importlib.resources import files
 from typing import Any
 
 from drake_quad.scenario import limits
@@ -59,15 +59,15 @@ def file_schema() -> dict[str, Any]:
         "additionalProperties": {"$ref": f"{_REFERENCE}Scenario"},
         "$defs": definitions,
     }
-    loosened: dict[str, Any] = _loosened(schema)
-    return loosened
+    return _loosened(schema)
 
 
 def _allow_relative(definitions: dict[str, Any]) -> None:
     """Allow a relative distribution wherever a vehicle may have a distribution."""
     for name in ("Vehicle", *_order(definitions["Vehicle"], definitions)):
-        for forms in _forms_with_distributions(definitions[name]):
-            forms.append({"$ref": f"{_REFERENCE}Relative"})
+        for forms in [*_nodes(definitions[name])]:
+            if isinstance(forms, list) and any(map(_is_distribution, forms)):
+                forms.append({"$ref": f"{_REFERENCE}Relative"})
     one = {name: definitions[model]["properties"][name] for model, name in _FORMS.items()}
     to = {"type": "number", "exclusiveMinimum": 0.0, "description": "value of the field to which the numbers belong"}
     definitions["Relative"] = {
@@ -78,20 +78,16 @@ def _allow_relative(definitions: dict[str, Any]) -> None:
     }
 
 
-def _forms_with_distributions(node: Any) -> Iterator[list[Any]]:
-    """Yield the lists of alternatives in a schema that contain distributions."""
-    if isinstance(node, list):
-        if any(map(_is_distribution, node)):
-            yield node
-        for each in node:
-            yield from _forms_with_distributions(each)
-    elif isinstance(node, dict):
-        for each in node.values():
-            yield from _forms_with_distributions(each)
+def _nodes(node: Any) -> Iterator[Any]:
+    """Yield a node of a schema and all nodes inside it."""
+    yield node
+    if isinstance(node, dict | list):
+        for each in node.values() if isinstance(node, dict) else node:
+            yield from _nodes(each)
 
 
 def _of_numbers(node: Any, definitions: dict[str, Any]) -> Any:
-    """The same with what it refers to written out, and no distribution in place of a number."""
+    """Return a node with its references resolved and without the alternatives that are distributions."""
     if isinstance(node, list):
         return [_of_numbers(each, definitions) for each in node if not _is_distribution(each)]
     if not isinstance(node, dict):
@@ -121,96 +117,14 @@ def language_page() -> str:
     definitions = schema["$defs"]
     sections = [_section("Scenario", schema)]
     sections += [_section(name, definitions[name]) for name in _order(schema, definitions)]
-    return _INTRODUCTION + "\n\n".join(sections) + "\n"
-
-
-def _limits() -> str:
-    return f"""\
-- A file, with all that it extends: {limits.MOST_BYTES:,} bytes, {limits.MOST_NODES:,} names and values.
-- A scenario: {limits.MOST_LEVELS} levels, {limits.MOST_BASES} extensions.
-- A name or text: {limits.MOST_CHARACTERS:,} characters.
-- A route: {limits.MOST_WAYPOINTS:,} waypoints. A laboratory: {limits.MOST_SOURCES} sources of wind.
-- A space: {limits.MOST_OBSTACLES} obstacles, each hull of {limits.MOST_CORNERS} corners.
-- All distributions: {limits.MOST_SHARED} shared variables.
-- A number: {limits.LARGEST:,.0f} in size, and at least {limits.SMALLEST:g} where it must be larger than 0.
-- An angle of a direction: two turns, 12.57 rad; what is larger was surely meant in degrees. The yaws of waypoints may
-  go on from one to the next, and those of knots and pieces are not limited where
-  they change.
-- A period: from {limits.SHORTEST:g} to 1 s. A duration: from {limits.SHORTEST:g} to {limits.LONGEST:,.0f} s, a day.
-- A flight: {limits.MOST_TICKS:,} times its shortest period."""
-
-
-_INTRODUCTION = f"""# The scenario language
-
-A file holds scenarios by their names. A scenario is a mapping of the fields below. What it does not say it takes from
-what it `extends`: FILE, FILE:NAME, NAME of the same file, a shipped one by its name (`laboratory:high_wind`,
-`vehicles/hummingbird`; `drake-quad scenarios` lists them), or a list of these, the last on top.
-
-Mappings are joined field by field, anything else replaces, and so does a mapping of another `kind`. Three things are
-replaced as a whole, so that nothing is left of what was there before:
-
-- **A vehicle.** A scenario that gives `nominal` a mass, an inertia, the place and the factors of the rotors, and their
-  inertia and limits, describes a vehicle. It replaces `nominal` and `vehicle`; what stays are the gravity, the time
-  step, the kinematics, a rotor's failure, loads, and distributions that are relative (below). An
-  autopilot of kind `response`, which was identified with a vehicle, goes with it, and so does the control that relied
-  on it. `default_vehicle` names the vehicle that flies where nothing describes another: a laboratory has one, and
-  serves every vehicle.
-- **A control** that says its `kind`. One that does not changes fields of what is there, or is a cascade.
-- **A route** that says its `kind`, with the `duration` and the `metrics` of the flight along the one beneath.
-
-Overrides (`--set`, and mappings in Python) change just the fields that they name.
-
-Where a distribution may stand, a study draws a number for each of its samples. Numbers of several fields are drawn
-independently, unless they are normal and share variables ([Bell](#bell)): here mass and lag have a correlation of
-0.9 · (-0.5) = -0.45, and each has the distribution that is written for it.
-
-```yaml
-correlated:
-  extends: figure_eight
-  vehicle:
-    mass: {{normal: {{mean: 0.68, standard_deviation: 0.01, min: 0.6, shared: {{battery: 0.9}}}}}}
-    rotor_time_constant:
-      normal: {{mean: 0.05, standard_deviation: 0.004, min: 0.02, max: 0.08, shared: {{battery: -0.5}}}}
-```
-
-**Relative distributions.** A distribution in `vehicle` can be relative to the vehicle that flies. Its numbers then
-belong to a vehicle whose field has the value `to` (1 if it is not given), and are scaled in proportion for any other:
-for a vehicle of 2 kg this is a mass of 2 kg with a standard deviation of 29 g.
-
-```yaml
-uncertain_mass:
-  extends: figure_eight
-  vehicle:
-    mass: {{relative: {{to: 0.68, normal: {{mean: 0.68, standard_deviation: 0.01, min: 0.64, max: 0.72}}}}}}
-```
-
-The reference is the field of the vehicle beneath, the median of its distribution, the same field of `nominal`, or the
-default. The reference of `centre_of_mass` is the length of an arm; `thrust_factor_error` and `battery_sag` are shares
-and need none. What a vehicle does not have, or has as zero, such as body drag, has no distribution; a field that it
-needs, such as the mass of a slung load, must then be absolute. Items of a list can be relative beside plain numbers. So
-`extends: [vehicles/racer, robustness]` is a racer on a bad day, in either order.
-
-A single field is named by the way to it: `vehicle.inertia.0`. Items of lists count from 0; only rotors have names, and
-count from 1, as everywhere: `vehicle.thrust_factor_error.rotor_1`.
-
-This page is made by `scripts/development/document_scenarios.py` from the models that read scenarios.
-`docs/reference/scenario.schema.json` has the same for editors: with the YAML language server, a file in `diagrams/`
-begins with
-
-    # yaml-language-server: $schema=../docs/reference/scenario.schema.json
-
-There are limits, which no scenario that makes sense meets: they keep a broken file from taking long to read, and
-numbers from overflowing.
-
-{_limits()}
-
-"""
+    introduction = files(__package__).joinpath("language_template.md").read_text(encoding="utf-8")
+    return introduction.format_map(vars(limits)) + "\n\n".join(sections) + "\n"
 
 
 def _order(schema: dict[str, Any], definitions: dict[str, Any]) -> list[str]:
-    """The names of the mappings that a schema refers to, as one comes upon them."""
+    """Return the names of the mappings that a schema refers to, as one comes upon them."""
     found: dict[str, None] = {}
-    pending = list(_references(copy.deepcopy(schema["properties"])))
+    pending = _references(schema["properties"])
     while pending:
         name = pending.pop(0)
         if name not in found:
@@ -219,16 +133,9 @@ def _order(schema: dict[str, Any], definitions: dict[str, Any]) -> list[str]:
     return sorted(found, key=lambda name: name in _DISTRIBUTIONS or name in ("Range", "PositiveRange", "Bell"))
 
 
-def _references(node: Any) -> Iterator[str]:
-    if isinstance(node, dict):
-        if "$ref" in node:
-            yield node["$ref"].removeprefix(_REFERENCE)
-        for key, value in node.items():
-            if key != "discriminator":
-                yield from _references(value)
-    elif isinstance(node, list):
-        for each in node:
-            yield from _references(each)
+def _references(node: Any) -> list[str]:
+    """Return the names of the mappings to which a node refers."""
+    return [each["$ref"].removeprefix(_REFERENCE) for each in _nodes(node) if isinstance(each, dict) and "$ref" in each]
 
 
 def _section(name: str, model: dict[str, Any]) -> str:
@@ -250,7 +157,7 @@ def _default(value: Any) -> str:
 
 
 def _takes(node: dict[str, Any]) -> str:
-    """What a field takes, in words."""
+    """Return the values that a field takes, in words."""
     if "$ref" in node:
         name = node["$ref"].removeprefix(_REFERENCE)
         return f"[{name}](#{name.lower()})"

@@ -5,10 +5,9 @@ import warnings
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
-from pydantic_core import PydanticCustomError
 
 from drake_quad.errors import InputError, InputWarning, shortened
-from drake_quad.scenario.distributions import DISTRIBUTIONS, Model
+from drake_quad.scenario.distributions import DISTRIBUTIONS, Model, refused
 from drake_quad.scenario.limits import MOST_CORNERS, MOST_OBSTACLES, MOST_POINTS
 from drake_quad.scenario.quantities import PlainDirections, PlainNonNegative, PlainPositive, PlainPositives, Point
 from drake_quad.scenario.regions import BoxRegion
@@ -17,7 +16,7 @@ from drake_quad.space.shapes import Ball, Cuboid, Cylinder, Hull, hull_of, place
 from drake_quad.space.simplification import MAX_GROWTH, surrounding
 
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,59}")
-# Words that say what a mapping is: as names of obstacles they would be taken for that.
+# An obstacle with one of these names would be mistaken for the key of another mapping.
 _RESERVED = ("kind", *DISTRIBUTIONS)
 
 
@@ -34,7 +33,7 @@ class BoxObstacle(Model):
     size: PlainPositives = Field(description="along its axes (m)")
 
     def shape(self) -> Cuboid:
-        """The solid."""
+        """Return the solid."""
         return Cuboid(self.centre, self.rotation, self.size)
 
 
@@ -48,7 +47,7 @@ class CylinderObstacle(Model):
     height: PlainPositive = Field(description="along its axis (m)")
 
     def shape(self) -> Cylinder:
-        """The solid."""
+        """Return the solid."""
         return Cylinder(self.centre, self.rotation, self.radius, self.height)
 
 
@@ -60,7 +59,7 @@ class SphereObstacle(Model):
     radius: PlainPositive = Field(description="radius (m)")
 
     def shape(self) -> Ball:
-        """The solid."""
+        """Return the solid."""
         return Ball(self.centre, radius=self.radius)
 
 
@@ -83,7 +82,7 @@ class HullObstacle(Model):
         try:
             hull = surrounding(points, MOST_CORNERS)
         except InputError as error:
-            raise PydanticCustomError("hull", "{flaw}", {"flaw": str(error)}) from None
+            raise refused(str(error)) from None
         if not hull.is_simpler:
             return points
         warnings.warn(f"obstacle of kind hull: {hull}", InputWarning, stacklevel=2)
@@ -94,11 +93,11 @@ class HullObstacle(Model):
         try:
             self.shape()
         except InputError as error:
-            raise self.wrong("points", kind="hull", demand="{flaw}", flaw=str(error)) from None
+            raise self.wrong(str(error), "points") from None
         return self
 
     def shape(self) -> Hull:
-        """The solid."""
+        """Return the solid."""
         return hull_of(placed(self.points, centre=self.centre, rotation=self.rotation, scale=self.scale))
 
 
@@ -106,7 +105,7 @@ AnyObstacle = Annotated[BoxObstacle | CylinderObstacle | SphereObstacle | HullOb
 
 
 class SpaceSettings(Model):
-    """Where there is no flying: what touches an obstacle has crashed, and a plan leads around it."""
+    """Obstacles: a vehicle that touches one has crashed, and plans lead around them."""
 
     bounds: BoxRegion | None = Field(
         default=None, description="that a plan does not leave, for the centre of mass; they are not solid"
@@ -129,15 +128,13 @@ class SpaceSettings(Model):
     @classmethod
     def _named(cls, obstacles: Any) -> Any:
         if not isinstance(obstacles, dict):
-            raise PydanticCustomError("obstacles", "must be a mapping of names to solids")
+            raise refused("must be a mapping of names to solids")
         if len(obstacles) > MOST_OBSTACLES:
-            counts = {"most": MOST_OBSTACLES, "count": len(obstacles)}
-            raise PydanticCustomError("obstacles", "there may be {most} obstacles, not {count}", counts)
+            raise refused(f"there may be {MOST_OBSTACLES} obstacles, not {len(obstacles)}")
         for name in obstacles:
             if not _NAME.fullmatch(str(name)) or name in _RESERVED:
-                demand = "the name of an obstacle must be of letters, digits, '_' and '-', and none of {reserved}"
-                context = {"reserved": ", ".join(_RESERVED), "path": (shortened(str(name)),)}
-                raise PydanticCustomError("name", demand, context)
+                demand = "the name of an obstacle must be of letters, digits, '_' and '-', and none of "
+                raise refused(demand + ", ".join(_RESERVED), path=(shortened(str(name)),))
         return obstacles
 
     def room(self, farthest_rotor: float, tracking_error: float = 0.0) -> room.Space:

@@ -11,7 +11,7 @@ import importlib
 import operator
 import pkgutil
 from abc import ABC, abstractmethod
-from collections.abc import Callable, ItemsView, Iterator, Set
+from collections.abc import Callable, Set
 from typing import Annotated, Any, TypeVar, get_args
 
 from pydantic import BeforeValidator, Field, GetCoreSchemaHandler
@@ -28,32 +28,24 @@ class _Members(ABC):
 
     Args:
         base: class that all members extend.
-        questions: names of class attributes or fields that each member must define, since no default is safe. It must
-            also define the abstract methods of the base class.
+        fields: names of fields or class attributes that each member must define. It must also define the class
+            attributes without a value, and the abstract methods, of the base class, for which no default is safe.
         silent: kind of a mapping that does not state its kind; None if every mapping must.
+
+    Attributes:
+        members: members by name, in the order of their registration.
     """
 
-    def __init__(self, base: type[Model], *questions: str, silent: str | None = None) -> None:
-        self._base, self._questions, self.silent = base, questions, silent
-        self._members: dict[str, type[Any]] = {}
+    def __init__(self, base: type[Model], *fields: str, silent: str | None = None) -> None:
+        self._base, self.silent = base, silent
+        unanswered = [name for name in base.__annotations__ if name in base.__class_vars__ and not hasattr(base, name)]
+        self._questions = [*fields, *unanswered]
+        self.members: dict[str, type[Any]] = {}
         self._rebuilders: list[Callable[[], Any]] = []
-
-    def __iter__(self) -> Iterator[type[Any]]:
-        """Iterate over the members, in the order of their registration."""
-        return iter(self._members.values())
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the members, in the order of their registration."""
-        return tuple(self._members)
-
-    def items(self) -> ItemsView[str, type[Any]]:
-        """Return the members with their names, in the order of their registration."""
-        return self._members.items()
 
     def get(self, name: Any) -> Any:
         """Return the member of a name; None if there is none."""
-        return self._members.get(name) if isinstance(name, str) else None
+        return self.members.get(name) if isinstance(name, str) else None
 
     def member(self, model: _Member) -> _Member:
         """Register a model, as a decorator of its class.
@@ -68,15 +60,15 @@ class _Members(ABC):
         missing = [question for question in self._questions if not (question in fields or hasattr(model, question))]
         if missing := [*missing, *sorted(getattr(model, "__abstractmethods__", ()))]:
             raise TypeError(f"{model.__name__} must define {' and '.join(missing)}")
-        if self._members.get(name, model).__qualname__ != model.__qualname__:
-            raise ValueError(f"there is another {self._base.__name__} called {name}: {self._members[name].__name__}")
-        self._members[name] = model
+        if self.members.get(name, model).__qualname__ != model.__qualname__:
+            raise ValueError(f"there is another {self._base.__name__} called {name}: {self.members[name].__name__}")
+        self.members[name] = model
         self._rebuild()
         return model
 
     def remove(self, name: str) -> None:
         """Remove a member, such as one that was registered for a test."""
-        del self._members[name]
+        del self.members[name]
         self._rebuild()
 
     def rebuild(self, *models: type[Model]) -> None:
@@ -105,7 +97,7 @@ class OpenUnion(_Members):
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Return the schema of the union of the members that are registered now."""
-        union = functools.reduce(operator.or_, self)
+        union = functools.reduce(operator.or_, self.members.values())
         return handler.generate_schema(Annotated[union, Field(discriminator="kind"), BeforeValidator(self._with_kind)])
 
     def _with_kind(self, value: Any) -> Any:
@@ -129,7 +121,7 @@ class OpenFields(_Members):
             for name in {*model.model_fields} - own:
                 del model.model_fields[name]
                 delattr(model, name)
-            for name, member in self.items():
+            for name, member in self.members.items():
                 model.model_fields[name] = FieldInfo(
                     annotation=member | None,  # type: ignore[arg-type]
                     default=None,

@@ -3,7 +3,7 @@
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 
@@ -52,10 +52,8 @@ class Grid:
     @cached_property
     def nearest(self) -> np.ndarray:
         """(n,) distance from each point to the nearest obstacle, m."""
-        least = np.full(len(self.points), np.inf)
-        for obstacle in self.space.obstacles:
-            least = np.minimum(least, obstacle.shape.distances(self.points))
-        return least
+        distances = (obstacle.shape.distances(self.points) for obstacle in self.space.obstacles)
+        return reduce(np.minimum, distances, np.full(len(self.points), np.inf))
 
     @cached_property
     def distances(self) -> np.ndarray:

@@ -85,7 +85,6 @@ def find_passage(
     corridors: Sequence[Corridor | None],
     *,
     ends: Sequence[np.ndarray] | None = None,
-    seed: int = 0,
 ) -> Passage | None:
     """Return the shortest passage; None if there is none.
 
@@ -96,7 +95,6 @@ def find_passage(
         corridors: corridor of each leg, which it must not leave; None for a leg without a corridor.
         ends: for each place, (regions,) flags of the regions in which a leg may start or end there; all of them if not
             given.
-        seed: seed of the randomised rounding.
     """
     graph = GcsTrajectoryOptimization(3)
     # A place takes no time to pass; Drake wants a little.
@@ -126,7 +124,7 @@ def find_passage(
         edge.AddCost(_HANDOVER)
     options = GraphOfConvexSetsOptions()
     options.convex_relaxation, options.preprocessing, options.solver = True, True, ClarabelSolver()
-    options.max_rounded_paths, options.rounding_seed = _ROUNDED_PATHS, seed
+    options.max_rounded_paths, options.rounding_seed = _ROUNDED_PATHS, 0
     with without_drake_remarks():
         _, result = graph.SolvePath(stops[0], stops[-1], options)
     if not result.is_success():

@@ -5,9 +5,10 @@ and the symbols of which machine code is made.
 """
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,7 +16,7 @@ from pydrake.geometry.optimization import CartesianProduct, ConvexSet, HPolyhedr
 from pydrake.math import RollPitchYaw
 
 from drake_quad.errors import InputError, shown
-from drake_quad.framework.elementary import maximum, minimum, sqrt, where
+from drake_quad.framework.elementary import dot, maximum, minimum, sqrt, total, where
 from drake_quad.signals import Row
 
 Vector = tuple[float, float, float]
@@ -28,7 +29,7 @@ _ROUNDING = 1e-12
 
 @dataclass(frozen=True)
 class _Placed:
-    """A solid somewhere in W.
+    """Frame of a solid in W.
 
     Attributes:
         centre: of the solid, m.
@@ -50,9 +51,17 @@ class _Placed:
         offset = (x - self.centre[0], y - self.centre[1], z - self.centre[2])
         return tuple(_product(axis, offset) for axis in self.axes.tolist())  # type: ignore[return-value]
 
+    def _outside(self, points: np.ndarray) -> np.ndarray:
+        """Points (..., 3) of the solid's frame in W."""
+        return np.asarray(points @ self.axes + self.centre)
+
+
+class _Solid(_Placed, ABC):
+    """A solid somewhere in W."""
+
+    @abstractmethod
     def distance(self, x: Row, y: Row, z: Row) -> Row:
-        """How far a point of W is from the surface, m; negative inside."""
-        raise NotImplementedError
+        """Return the distance of a point of W from the surface, m; negative inside."""
 
     def at_least(self, x: Row, y: Row, z: Row) -> None:
         """None: nothing that the distance is not below costs less."""
@@ -61,13 +70,9 @@ class _Placed:
         """How far points (n, 3) are from the surface: (n,), m."""
         return np.asarray(self.distance(*np.asarray(points, dtype=float).T))
 
-    def _outside(self, points: np.ndarray) -> np.ndarray:
-        """Points (..., 3) of the solid's frame in W."""
-        return np.asarray(points @ self.axes + self.centre)
-
 
 @dataclass(frozen=True)
-class Cuboid(_Placed):
+class Cuboid(_Solid):
     """A box with any rotation.
 
     Attributes:
@@ -87,7 +92,7 @@ class Cuboid(_Placed):
         """How far a point of W is from the surface, m; negative inside."""
         beyond = [abs(p) - 0.5 * size for p, size in zip(self.within(x, y, z), self.size, strict=True)]
         outside = _norm([maximum(0.0, each) for each in beyond])
-        return outside + minimum(0.0, _most(beyond))
+        return outside + minimum(0.0, reduce(maximum, beyond))
 
     def corners(self) -> np.ndarray:
         """(8, 3), m."""
@@ -110,7 +115,7 @@ class Cuboid(_Placed):
 
 
 @dataclass(frozen=True)
-class Cylinder(_Placed):
+class Cylinder(_Solid):
     """A cylinder, upright unless it is rotated.
 
     Attributes:
@@ -133,7 +138,7 @@ class Cylinder(_Placed):
         """How far a point of W is from the surface, m; negative inside."""
         p_x, p_y, p_z = self.within(x, y, z)
         beyond = [_norm([p_x, p_y]) - self.radius, abs(p_z) - 0.5 * self.height]
-        return _norm([maximum(0.0, each) for each in beyond]) + minimum(0.0, _most(beyond))
+        return _norm([maximum(0.0, each) for each in beyond]) + minimum(0.0, reduce(maximum, beyond))
 
     def convex_set(self) -> ConvexSet:
         """The same, for Drake's optimisation."""
@@ -156,7 +161,7 @@ class Cylinder(_Placed):
 
 
 @dataclass(frozen=True)
-class Ball(_Placed):
+class Ball(_Solid):
     """A ball.
 
     Attributes:
@@ -235,7 +240,7 @@ class Hull:
             towards = where(beyond > farthest, normal, towards)
             farthest = where(beyond > farthest, beyond, farthest)
         projected = tuple(each - farthest * n for each, n in zip(p, towards, strict=True))
-        outside = _most([_product(normal, projected) - offset for normal, offset in faces])
+        outside = reduce(maximum, [_product(normal, projected) - offset for normal, offset in faces])
         in_face = (outside <= self._tolerance) | (farthest <= 0.0)
         return where(in_face, farthest, sqrt(self._to_edges_squared(p)))
 
@@ -343,25 +348,18 @@ def placed(points: ArrayLike, *, centre: Vector = _LEVEL, rotation: Vector = _LE
 def _product(normal: Sequence[float], rows: Sequence[Row]) -> Row:
     """The product of a known vector and rows, without what is multiplied by nothing or by one."""
     terms = [row if n == 1.0 else n * row for n, row in zip(normal, rows, strict=True) if n != 0.0]
-    return sum(terms[1:], terms[0])
+    return total(terms)
 
 
 def _squared(rows: Sequence[Row]) -> Row:
-    return sum([each * each for each in rows[1:]], rows[0] * rows[0])
+    return dot(rows, rows)
 
 
 def _norm(rows: Sequence[Row]) -> Row:
     return sqrt(_squared(rows))
 
 
-def _most(rows: Sequence[Row]) -> Row:
-    most = rows[0]
-    for row in rows[1:]:
-        most = maximum(most, row)
-    return most
-
-
-def _check_pose(solid: _Placed) -> None:
+def _check_pose(solid: _Solid) -> None:
     for name, numbers in (("centre", solid.centre), ("rotation", solid.rotation)):
         if len(numbers) != 3 or not all(map(math.isfinite, numbers)):
             raise InputError(f"the {name} of a solid must be three finite numbers, not {shown(numbers)}")

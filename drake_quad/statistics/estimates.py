@@ -56,7 +56,7 @@ def share_mean_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> I
 
 
 def quantile_interval(values: np.ndarray, probability: float, confidence: float = CONFIDENCE) -> Interval:
-    """A quantile of (n,) values, with the interval between order statistics, which holds for any distribution.
+    """Return a quantile of (n,) values, with the interval between order statistics, which holds for any distribution.
 
     Its ends are infinite if there are too few values for it.
     """
@@ -137,12 +137,11 @@ def _binomial_quantile(share: float, total: int, probability: float) -> int:
 def _ranks(values: np.ndarray) -> np.ndarray:
     """Return the ranks (n,) of values (n,), from 1 on; equal values share the mean of their ranks."""
     _, places, counts = np.unique(values, return_inverse=True, return_counts=True)
-    ranks: np.ndarray = (np.cumsum(counts) - 0.5 * (counts - 1))[places]
-    return ranks
+    return (np.cumsum(counts) - 0.5 * (counts - 1))[places]
 
 
 def _of_ranks(rho: float, count: int, confidence: float) -> Interval:
-    """The interval of a correlation of so many ranks, see `rank_correlation`."""
+    """Return the interval of a correlation of so many ranks, see `rank_correlation`."""
     reach = scipy.special.ndtri(0.5 * (1.0 + confidence)) * math.sqrt((1.0 + 0.5 * rho * rho) / (count - 3))
     centre = math.atanh(max(min(rho, 1.0 - 1e-15), -1.0 + 1e-15))
     return Interval(rho, math.tanh(centre - reach), math.tanh(centre + reach))
@@ -151,7 +150,7 @@ def _of_ranks(rho: float, count: int, confidence: float) -> Interval:
 def running_mean(values: np.ndarray, confidence: float = CONFIDENCE) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the running mean (n,) of values, and the lower and upper ends (n,) of its Student's intervals."""
     count = np.arange(1, len(values) + 1)
-    # About the whole mean, so that nothing cancels.
+    # Deviations from the total mean avoid cancellation.
     shift = values - (values.mean() if len(values) else 0.0)
     mean = np.cumsum(shift) / count
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -40,11 +40,11 @@ class Interval(NamedTuple):
     high: float
 
     def __neg__(self) -> "Interval":
-        """The estimate of -x."""
+        """Return the estimate of -x."""
         return Interval(-self.value, -self.high, -self.low)
 
     def plus(self, offset: float) -> "Interval":
-        """The estimate of x + offset."""
+        """Return the estimate of x + offset."""
         return Interval(self.value + offset, self.low + offset, self.high + offset)
 
     def is_above(self, level: float) -> bool | None:

@@ -66,5 +66,4 @@ def linearized_ratio(values: np.ndarray, baseline: np.ndarray) -> np.ndarray:
     """
     mean = np.mean(baseline)
     ratio = np.mean(values) / mean
-    numbers: np.ndarray = ratio + (values - ratio * baseline) / mean
-    return numbers
+    return ratio + (values - ratio * baseline) / mean

@@ -110,6 +110,32 @@ class ExecutorCrew(Crew):
         self._under_way.clear()
 
 
+def outcomes_of(crew: Crew, function: Callable[[Any], Any], next_task: Callable[[], Any | None]) -> Iterator[Outcome]:
+    """Do tasks and yield their outcomes in the order of completion.
+
+    Args:
+        crew: crew that does the tasks.
+        function: function that does a task.
+        next_task: called for a task when the crew has room for it; returns None if there is none at the moment. What is
+            done with an outcome may make further tasks.
+
+    Raises:
+        InputError: a task fails because the input is wrong.
+    """
+    under_way = 0
+    while True:
+        while under_way < crew.capacity and (task := next_task()) is not None:
+            crew.begin(function, task)
+            under_way += 1
+        if not under_way:
+            return
+        for outcome in crew.finished():
+            under_way -= 1
+            if outcome.refused:
+                raise InputError(outcome.reason)
+            yield outcome
+
+
 def fly_batches(
     crew: Crew, fly: Callable[[Sequence[int]], np.ndarray], batches: Iterable[Sequence[int]]
 ) -> Iterator[Outcome]:
@@ -127,23 +153,14 @@ def fly_batches(
         InputError: a drawn sample violates the limits of the scenario language.
         RuntimeError: every sample fails, with the error of the first; or the crew accepts no more batches.
     """
-    fresh, halves, under_way = iter(batches), deque[Sequence[int]](), 0
+    fresh, halves = iter(batches), deque[Sequence[int]]()
     flown, failed_alone = False, 0
-    while True:
-        while under_way < crew.capacity and (batch := halves.popleft() if halves else next(fresh, None)) is not None:
-            crew.begin(fly, batch)
-            under_way += 1
-        if not under_way:
-            return
-        for outcome in crew.finished():
-            under_way -= 1
-            if outcome.refused:
-                raise InputError(outcome.reason)
-            if outcome.reason and len(outcome.given) > 1:
-                middle = len(outcome.given) // 2
-                halves.extendleft((outcome.given[middle:], outcome.given[:middle]))
-                continue
-            flown, failed_alone = flown or not outcome.reason, failed_alone + bool(outcome.reason)
-            if not flown and failed_alone == _HOPELESS:
-                raise RuntimeError(f"the first {_HOPELESS} samples that were flown alone all failed: {outcome.reason}")
-            yield outcome
+    for outcome in outcomes_of(crew, fly, lambda: halves.popleft() if halves else next(fresh, None)):
+        if outcome.reason and len(outcome.given) > 1:
+            middle = len(outcome.given) // 2
+            halves.extendleft((outcome.given[middle:], outcome.given[:middle]))
+            continue
+        flown, failed_alone = flown or not outcome.reason, failed_alone + bool(outcome.reason)
+        if not flown and failed_alone == _HOPELESS:
+            raise RuntimeError(f"the first {_HOPELESS} samples that were flown alone all failed: {outcome.reason}")
+        yield outcome

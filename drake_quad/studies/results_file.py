@@ -117,7 +117,8 @@ def open_results(path: Path, form: Format) -> Iterator[tuple[ResultsFile, Found]
     # Unbuffered, so that nothing of what could not be written is left for a later attempt.
     with path.open("a+b", buffering=0) as file:
         _lock(file, path)
-        if form.header.startswith(_content(file)):
+        file.seek(0)
+        if form.header.startswith(file.read()):
             file.truncate(0)
             file.write(form.header)
         found = read_results(path, form)
@@ -157,11 +158,6 @@ def write_results(path: Path, form: Format, rows: np.ndarray) -> Path:
         target.write_bytes(form.header + form.text(rows))
 
     return write_whole(path, write)
-
-
-def _content(file: BinaryIO) -> bytes:
-    file.seek(0)
-    return file.read()
 
 
 def _lock(file: BinaryIO, path: Path) -> None:

@@ -28,7 +28,7 @@ from drake_quad.statistics.estimates import (
     share_mean_interval,
     two_sided_sign_test,
 )
-from drake_quad.statistics.interval import CONFIDENCE, Interval
+from drake_quad.statistics.interval import Interval
 from drake_quad.statistics.ratios import ratio_of_means
 from drake_quad.studies.study import Study
 
@@ -37,7 +37,7 @@ _MIN_BINS = 2
 _MAX_BINS = 20
 
 
-def metric_mean(metrics: Metrics, name: str, confidence: float = CONFIDENCE) -> Interval:
+def metric_mean(metrics: Metrics, name: str) -> Interval:
     """Return the mean of a metric over the flights without a crash.
 
     The interval is that of `share_mean_interval` for a share, and the nonnegative part of Student's interval otherwise.
@@ -45,12 +45,11 @@ def metric_mean(metrics: Metrics, name: str, confidence: float = CONFIDENCE) -> 
     Args:
         metrics: (n,) metrics of the samples.
         name: name of a metric that is never negative.
-        confidence: confidence of the interval.
     """
     values = of_survivors(metrics, name)
     if UNITS[name] == "1":
-        return share_mean_interval(values, confidence)
-    return positive(mean_interval(values, confidence))
+        return share_mean_interval(values)
+    return positive(mean_interval(values))
 
 
 def crash_probability(metrics: Metrics) -> Interval:
@@ -169,18 +168,13 @@ def crash_levels(study: Study, path: str, *, num_bins: int | None = None) -> lis
     return levels
 
 
-def most_influential(studies: Iterable[Study], name: str = "crashed") -> str | None:
-    """The drawn number with the largest rank correlation with a metric in any of some studies; None if there is none.
-
-    Args:
-        studies: in all of which the number is drawn.
-        name: of the metric; or "crashed", for what makes vehicles crash.
-    """
+def most_influential(studies: Iterable[Study]) -> str | None:
+    """Return the number, drawn in all studies, with the largest rank correlation with crashes in any; None if none."""
     studies = [*studies]
     found = [
         each
         for study in studies
-        for each in influences(study, name)
+        for each in influences(study, "crashed")
         if all(each.path in other.parameters for other in studies)
     ]
     sizes = [np.nan_to_num(abs(each.correlation.value)) for each in found]
@@ -244,9 +238,9 @@ def compare_studies(study: Study, baseline: Study, name: str = "rmse") -> Compar
     return compare(study.metrics.taken(ours), baseline.metrics.taken(others), name)
 
 
-def worst(study: Study, count: int = 5, name: str = "rmse") -> list[int]:
-    """The numbers of the worst samples: those that crashed, the earliest first, then those with the largest metric."""
+def worst(study: Study, count: int = 5) -> list[int]:
+    """Return the numbers of the worst samples: those that crashed, earliest first, then those with the largest RMSE."""
     metrics = study.metrics
-    value = np.nan_to_num(getattr(metrics, name), nan=-math.inf)
+    value = np.nan_to_num(metrics.rmse, nan=-math.inf)
     order = np.lexsort((-value, metrics.crash_time))
     return [int(sample) for sample in study.samples[order][:count]]

@@ -86,22 +86,15 @@ class StudyRows:
         return f"{len(self)} of {self.num_samples} samples are in {self._file.path}"
 
     def add(self, outcome: Outcome) -> None:
-        """Takes in what became of a batch, and writes it.
+        """Add the outcome of a batch, and write its rows (n, columns) to the folder.
 
         Raises:
-            OSError: it could not be written.
+            OSError: the rows could not be written.
         """
         if outcome.reason:
             self.failures |= dict.fromkeys(outcome.given, outcome.reason)
-        else:
-            self.add_rows(outcome.result)
-
-    def add_rows(self, rows: np.ndarray) -> None:
-        """Add rows (n, columns) and write them to the folder.
-
-        Raises:
-            OSError: if the rows could not be written.
-        """
+            return
+        rows = outcome.result
         if self._file is not None:
             self._file.append(rows)
         self._parts.append(rows)

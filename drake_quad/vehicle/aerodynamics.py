@@ -16,18 +16,17 @@ for aerodynamic effects", ICUAS 2017).
 The model neglects body rates: the air velocity at the centre of mass applies to the body and to all rotors.
 """
 
-from collections.abc import Sequence
 from typing import Annotated, NamedTuple, Protocol
 
 from drake_quad.framework.elementary import maximum
-from drake_quad.geometry.axes import Vector, cross, length, plus
+from drake_quad.geometry.axes import Vector, cross, length
 from drake_quad.signals import PositionW, Quantity, RotorSpeed, Row, Wrench
 from drake_quad.vehicle.dynamics import mean_place_of_rotors
 from drake_quad.vehicle.parameters import QuadrotorParameters
+from drake_quad.vehicle.rotors import Length
 
 _LinearDrag = Annotated[Row, Quantity("N s/m", "B")]
 _QuadraticDrag = Annotated[Row, Quantity("N s²/m²", "B")]
-_Length = Annotated[Row, Quantity("m", "B")]
 
 
 class Load(NamedTuple):
@@ -83,9 +82,9 @@ class QuadraticDrag(NamedTuple):
 class CentreOfPressure(NamedTuple):
     """Where the drag of the body acts, seen from the centre of mass."""
 
-    x: _Length = 0.0
-    y: _Length = 0.0
-    z: _Length = 0.0
+    x: Length = 0.0
+    y: Length = 0.0
+    z: Length = 0.0
 
 
 class BodyDrag(NamedTuple):
@@ -139,14 +138,6 @@ class GroundEffect(NamedTuple):
 
     rotor_radius: Annotated[Row, Quantity("m")]
     ground_height: Annotated[Row, Quantity("m", "W")]
-
-
-def sum_of_loads(loads: Sequence[Load]) -> Load:
-    """The sum of one or several loads."""
-    total, *others = loads
-    for load in others:
-        total = Load(plus(total.force, load.force), plus(total.torque, load.torque))
-    return total
 
 
 def ground_effect(height: Row, ground: GroundEffect) -> Row:

@@ -15,6 +15,7 @@ from drake_quad.framework.elementary import wrapped
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.signals import Angle, Attitude, AttitudeTarget, BodyRateB, BodyRates, Gain, Number, State, Wrench
 from drake_quad.vehicle.parameters import Inertia
+from drake_quad.vehicle.runge_kutta import moved
 
 
 class LoopGains(NamedTuple):
@@ -60,12 +61,8 @@ class AutopilotNumbers(NamedTuple):
 class SensorNoise(NamedTuple):
     """Normal numbers for the noise of gyroscope and attitude."""
 
-    p: Number
-    q: Number
-    r: Number
-    roll: Number
-    pitch: Number
-    yaw: Number
+    rates: tuple[Number, Number, Number]
+    attitude: tuple[Number, Number, Number]
 
 
 def sensed(state: State, noise: SensorNoise | None, numbers: AutopilotNumbers) -> tuple[Attitude, BodyRates]:
@@ -82,14 +79,7 @@ def sensed(state: State, noise: SensorNoise | None, numbers: AutopilotNumbers) -
     if noise is None:
         return attitude, rates
     turning, leaning = numbers.gyroscope.noise, numbers.attitude_noise
-    return (
-        Attitude(
-            attitude.roll + leaning * noise.roll,
-            attitude.pitch + leaning * noise.pitch,
-            attitude.yaw + leaning * noise.yaw,
-        ),
-        BodyRates(rates.p + turning * noise.p, rates.q + turning * noise.q, rates.r + turning * noise.r),
-    )
+    return moved(attitude, noise.attitude, leaning), moved(rates, noise.rates, turning)
 
 
 def autopilot_law(target: AttitudeTarget, state: State, noise: SensorNoise | None, numbers: AutopilotNumbers) -> Wrench:

@@ -23,10 +23,9 @@ The rotors cause the gyroscopic torque of their total angular momentum J_r ω_r 
 its rate of change is neglected, unless it is switched on (`drake_quad.vehicle.effects`).
 """
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
-from drake_quad.framework.elementary import maximum, minimum, sqrt
+from drake_quad.framework.elementary import maximum, minimum, sqrt, total
 from drake_quad.geometry.axes import TINY, BodyAxes, Vector
 from drake_quad.signals import AngleRate, BodyRateB, RotorSpeed, Row, State, VelocityW, Wind, Wrench
 from drake_quad.vehicle.faults import SpeedFactors
@@ -73,29 +72,23 @@ def rotor_action(speed: RotorSpeed, parameters: QuadrotorParameters) -> RotorAct
         -rotor.direction * rotor.drag_factor * square for rotor, square in zip(rotors, squares, strict=True)
     ]
     wrench = Wrench(
-        _sum(forces),
-        _sum([(rotor.y - centre.y) * force for rotor, force in zip(rotors, forces, strict=True)]),
-        _sum([(centre.x - rotor.x) * force for rotor, force in zip(rotors, forces, strict=True)]),
-        _sum(drag_torques),
+        total(forces),
+        total([(rotor.y - centre.y) * force for rotor, force in zip(rotors, forces, strict=True)]),
+        total([(centre.x - rotor.x) * force for rotor, force in zip(rotors, forces, strict=True)]),
+        total(drag_torques),
     )
     return RotorAction(wrench, residual_speed(speed, rotors))
 
 
 def residual_speed(speed: RotorSpeed, rotors: Rotors) -> Row:
     """Eq (4): ω_r; or its rate, for rates."""
-    return _sum([rotor.direction * w for rotor, w in zip(rotors, speed, strict=True)])
-
-
-def _sum(rows: Sequence[Row]) -> Row:
-    """The sum, without a zero to begin with."""
-    first, *others = rows
-    return sum(others, first)
+    return total([rotor.direction * w for rotor, w in zip(rotors, speed, strict=True)])
 
 
 def mean_place_of_rotors(parameters: QuadrotorParameters) -> Vector:
     """Return the mean position of the four rotors relative to the centre of mass, m."""
     rotors, centre = parameters.rotors, parameters.centre_of_mass
-    x, y, z = (0.25 * _sum([getattr(rotor, axis) for rotor in rotors]) for axis in ("x", "y", "z"))
+    x, y, z = (0.25 * total([getattr(rotor, axis) for rotor in rotors]) for axis in ("x", "y", "z"))
     return Vector(x - centre.x, y - centre.y, z)
 
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drake_quad.geometry.flatness import angular_accelerations, attitude_of, body_rates, in_heading, tilt_of
+from drake_quad.geometry.kinematics import torque_of
 from drake_quad.signals import Acceleration, Attitude, BodyRates, Jerk, Reference, RotorSpeed, Snap, Wrench
 from drake_quad.vehicle.dynamics import rotor_action
 from drake_quad.vehicle.parameters import QuadrotorParameters
@@ -47,15 +48,9 @@ def rotor_demand(reference: Reference, jerk: Jerk, snap: Snap, parameters: Quadr
         in_heading(vector, np.sin(reference.yaw), np.cos(reference.yaw)) for vector in (thrust, jerk, snap)
     )
     tilt = tilt_of(specific_thrust)
-    p, q, r = rates = body_rates(tilt, turned_jerk, reference.yaw_rate)
-    p_dot, q_dot, r_dot = angular_accelerations(tilt, rates, turned_jerk, turned_snap, reference.yaw_rate, snap.yaw)
-    i_xx, i_yy, i_zz = parameters.inertia
-    wrench = Wrench(
-        parameters.mass * tilt.thrust,
-        i_xx * p_dot - (i_yy - i_zz) * q * r,
-        i_yy * q_dot - (i_zz - i_xx) * p * r,
-        i_zz * r_dot - (i_xx - i_yy) * p * q,
-    )
+    rates = body_rates(tilt, turned_jerk, reference.yaw_rate)
+    turning = angular_accelerations(tilt, rates, turned_jerk, turned_snap, reference.yaw_rate, snap.yaw)
+    wrench = Wrench(parameters.mass * tilt.thrust, *torque_of(turning, rates, *parameters.inertia))
     squares = np.linalg.solve(_wrench_matrix(parameters), np.array(np.broadcast_arrays(*wrench)))
     roll, pitch = attitude_of(tilt)
     return RotorDemand(

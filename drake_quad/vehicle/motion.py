@@ -1,10 +1,11 @@
 """The equations of motion with all effects that are switched on."""
 
+from functools import reduce
 from typing import NamedTuple
 
 from drake_quad.geometry.axes import BodyAxes, Vector, plus, times
 from drake_quad.signals import PositionW, RotorSpeed, Row, Wind, Wrench
-from drake_quad.vehicle.aerodynamics import Flow, ground_effect, sum_of_loads
+from drake_quad.vehicle.aerodynamics import Flow, ground_effect
 from drake_quad.vehicle.dynamics import (
     Motion,
     RotorAction,
@@ -14,7 +15,7 @@ from drake_quad.vehicle.dynamics import (
     rotor_action,
 )
 from drake_quad.vehicle.effects import Effects
-from drake_quad.vehicle.motors import acceleration
+from drake_quad.vehicle.motors import acceleration, decays, lagging
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.payload import Whole, whole, whole_accelerations
 from drake_quad.vehicle.slung_load import Rod, pull, rod_rates
@@ -55,6 +56,16 @@ def turning(speed: RotorSpeed, target: RotorSpeed, parameters: QuadrotorParamete
     return Turning(speed, action)
 
 
+def turning_over_step(
+    rotors: RotorSpeed, target: RotorSpeed, half: float, parameters: QuadrotorParameters, effects: Effects
+) -> list[Turning]:
+    """Return the rotors at the start, in the middle and at the end of a step of which a half is given, s."""
+    decay = decays(rotors, target, half, parameters, effects.spin_down)
+    middle = lagging(rotors, target, decay)
+    speeds = rotors, middle, lagging(middle, target, decay)
+    return [turning(speed, target, parameters, effects) for speed in speeds]
+
+
 def accelerations(
     axes: BodyAxes,
     motion: Motion,
@@ -79,65 +90,43 @@ def accelerations(
         effects: effects on the vehicle.
         time: time, s; it only matters for a payload.
     """
-    action, force = rotors.action, None
+    action = rotors.action
+    force: Vector | None = None
     if effects.ground_effect is not None:
         action = _near_ground(action, ground_effect(height, effects.ground_effect))
     if not effects.load_the_body:
         return Accelerations(equations_of_motion(axes, motion, action, wind, parameters))
+    air = Vector(wind.x - motion.v_x, wind.y - motion.v_y, wind.z - motion.v_z)
     if effects.air_loads:
-        action, force = _in_air(axes, motion, height, rotors.speed, action, wind, parameters, effects)
+        flow = Flow(axes.in_body(air), air, rotors.speed, action.wrench, height, parameters)
+        forces, torques = zip(*(each.load(flow) for each in effects.air_loads), strict=True)
+        load, torque = reduce(plus, forces), reduce(plus, torques)
+        # The force along z_B acts as thrust does.
+        thrust, tau_x, tau_y, tau_z = action.wrench
+        action = action._replace(wrench=Wrench(thrust + load.z, tau_x + torque.x, tau_y + torque.y, tau_z + torque.z))
+        force = plus(times(load.x, axes.x), times(load.y, axes.y))
+
+    def on_centre() -> Vector:
+        """Return all force on the vehicle in W but for its weight, N."""
+        dragging = drag(Wind(*air), parameters.linear_drag, parameters.quadratic_drag)
+        total = plus(axes.in_world(Vector(0.0, 0.0, action.wrench.thrust)), Vector(*dragging))
+        return total if force is None else plus(total, force)
+
     if effects.slung_load is not None and rod is not None:
-        free = _on_centre(axes, motion, action, wind, parameters, force)
+        free = on_centre()
         tension = pull(free, rod, parameters.mass, effects.slung_load)
         force = tension if force is None else plus(force, tension)
         rod = rod_rates(free, rod, parameters.mass, effects.slung_load)
     if effects.payload is None:
         return Accelerations(equations_of_motion(axes, motion, action, wind, parameters, force), rod)
-    total = _on_centre(axes, motion, action, wind, parameters, force)
     body = whole(parameters.mass, parameters.inertia, effects.payload, time)
-    return Accelerations(_with_payload(motion, axes, total, action, body, parameters), rod)
+    return Accelerations(_with_payload(motion, axes, on_centre(), action, body, parameters), rod)
 
 
 def _near_ground(action: RotorAction, ratio: Row) -> RotorAction:
     """What rotors do whose thrust is so many times as large."""
     thrust, tau_x, tau_y, tau_z = action.wrench
     return action._replace(wrench=Wrench(ratio * thrust, ratio * tau_x, ratio * tau_y, tau_z))
-
-
-def _in_air(
-    axes: BodyAxes,
-    motion: Motion,
-    height: PositionW,
-    speed: RotorSpeed,
-    action: RotorAction,
-    wind: Wind,
-    parameters: QuadrotorParameters,
-    effects: Effects,
-) -> tuple[RotorAction, Vector]:
-    """Return the action of the rotors with the torques and the z_B force of the air, and the other forces in W, N."""
-    in_world = Vector(wind.x - motion.v_x, wind.y - motion.v_y, wind.z - motion.v_z)
-    flow = Flow(axes.in_body(in_world), in_world, speed, action.wrench, height, parameters)
-    force, torque = sum_of_loads([each.load(flow) for each in effects.air_loads])
-    thrust, tau_x, tau_y, tau_z = action.wrench
-    wrench = Wrench(thrust + force.z, tau_x + torque.x, tau_y + torque.y, tau_z + torque.z)
-    return action._replace(wrench=wrench), plus(times(force.x, axes.x), times(force.y, axes.y))
-
-
-def _on_centre(
-    axes: BodyAxes,
-    motion: Motion,
-    action: RotorAction,
-    wind: Wind,
-    parameters: QuadrotorParameters,
-    force: Vector | None,
-) -> Vector:
-    """All force on the vehicle in W but for its weight, N."""
-    airspeed = Wind(wind.x - motion.v_x, wind.y - motion.v_y, wind.z - motion.v_z)
-    total = plus(
-        axes.in_world(Vector(0.0, 0.0, action.wrench.thrust)),
-        Vector(*drag(airspeed, parameters.linear_drag, parameters.quadratic_drag)),
-    )
-    return total if force is None else plus(total, force)
 
 
 def _with_payload(

@@ -19,16 +19,15 @@ from drake_quad.framework.elementary import where
 from drake_quad.geometry.axes import Vector, cross, dot, plus, times
 from drake_quad.signals import Quantity, Row, Time
 from drake_quad.vehicle.parameters import Inertia
-
-_Length = Annotated[Row, Quantity("m", "B")]
+from drake_quad.vehicle.rotors import Length
 
 
 class PayloadPosition(NamedTuple):
     """Where the centre of mass of the payload is, seen from the vehicle's own."""
 
-    x: _Length
-    y: _Length
-    z: _Length
+    x: Length
+    y: Length
+    z: Length
 
 
 class Payload(NamedTuple):

@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple
 from pydrake.systems.framework import Context
 
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, Expression, FleetSystem, fleet_system
-from drake_quad.signals import Angle, Charge, PositionW, RotorSpeed, State, Swing, Wind
+from drake_quad.signals import Angle, PositionW, State, Wind
 from drake_quad.vehicle.attitude_kinematics import RIGID_KINEMATICS, SMALL_ANGLE_KINEMATICS
 from drake_quad.vehicle.battery import FULL
 from drake_quad.vehicle.dynamics import hover_rotor_speeds
@@ -52,23 +52,7 @@ def hover(parameters: QuadrotorParameters, place: Place, effects: Effects = NO_E
     return VehicleState(body, rotors, swing, None if effects.battery is None else FULL)
 
 
-def _body(state: VehicleState) -> State:
-    return state.body
-
-
-def _rotors(state: VehicleState) -> RotorSpeed:
-    return state.rotors
-
-
-def _swing(state: VehicleState) -> Swing | None:
-    return state.swing
-
-
-def _charge(state: VehicleState) -> Charge | None:
-    return state.charge
-
-
-_OUTPUTS = {"state": _body, "rotor_speed": _rotors, "swing": _swing, "charge": _charge}
+_OUTPUTS = {"state": "body", "rotor_speed": "rotors", "swing": "swing", "charge": "charge"}
 
 
 @fleet_system(float, AutoDiffXd, Expression)
@@ -166,17 +150,17 @@ class Quadrotor(FleetSystem):
             rotors = self.state("rotor_speed", lambda numbers: start(numbers).rotors)
             swing = self.state("swing", lambda numbers: start(numbers).swing) if "slung_load" in effects else None
             charge = self.state("charge", lambda numbers: start(numbers).charge) if "battery" in effects else None
-            groups = [group for group in (body, rotors, swing, charge) if group is not None]
-            stepped = body, rotors, swing, charge, *reads, time_step, motion
+            groups = body, rotors, swing, charge
+            stepped = *groups, *reads, time_step, motion
             self.update(time_step, quadrotor_step, *stepped, writes=groups, unrestricted=True, at_start=False)
-            for group in groups:
+            for group in self.states.values():
                 self.state_output(group)
         else:
             state = self.continuous_state(start)
             self.derivative(quadrotor_slope, state, *reads, motion)
-            for (name, formula), part in zip(_OUTPUTS.items(), start(self._numbers), strict=True):
-                if part is not None:
-                    self.output(name, formula, state)
+            for (name, part), value in zip(_OUTPUTS.items(), start(self._numbers), strict=True):
+                if value is not None:
+                    self.output(name, getattr, state, part)
 
     def set_hover(self, context: Context, place: Place) -> None:
         """Puts the vehicles into hover with the context's parameters."""

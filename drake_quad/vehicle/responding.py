@@ -11,7 +11,7 @@ taken, and translation follows the same equations as for a `Quadrotor`.
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from drake_quad.framework.elementary import where, wrapped
+from drake_quad.framework.elementary import wrapped
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.geometry.axes import BodyAxes
 from drake_quad.geometry.kinematics import small_rotation
@@ -35,12 +35,12 @@ from drake_quad.signals import (
 from drake_quad.vehicle.dynamics import Motion
 from drake_quad.vehicle.effects import NO_EFFECTS, Effects
 from drake_quad.vehicle.faults import RotorFaults
-from drake_quad.vehicle.motion import Turning, accelerations, turning
-from drake_quad.vehicle.motors import acceleration, decays, lagging
+from drake_quad.vehicle.motion import Turning, accelerations, turning, turning_over_step
+from drake_quad.vehicle.motors import acceleration
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Kinematics, QuadrotorNumbers, hover
 from drake_quad.vehicle.runge_kutta import runge_kutta_step
-from drake_quad.vehicle.stepping import VehicleState, rotor_target
+from drake_quad.vehicle.stepping import VehicleState, rotor_target, unless_crashed, zeros_like
 
 RESPONDING_EFFECTS = ("body_drag", "rotor_aerodynamics", "ground_effect", "spin_down", "thrust_curve", "loads")
 """Effects of the air and on the motors; the response of the attitude contains what else turns a vehicle."""
@@ -214,17 +214,14 @@ def responding_step(
     half = 0.5 * time_step
     before = VehicleState(shown_state(body, _BODY_RATES[kinematics]), rotors)
     goal = rotor_target(before, command, parameters, faults, effects, time - half)
-    decay = decays(rotors, goal, half, parameters, effects.spin_down)
-    middle = lagging(rotors, goal, decay)
-    end = lagging(middle, goal, decay)
-    at_start, at_middle, at_end = (turning(speed, goal, parameters, effects) for speed in (rotors, middle, end))
-    turned = at_start, at_middle, at_middle, at_end
+    start, middle, end = turning_over_step(rotors, goal, half, parameters, effects)
+    turned = start, middle, middle, end
 
     def slope(stage: int, at: RespondingBody, _: RespondingBody) -> RespondingBody:
         return body_slope(at, turned[stage], target, wind, parameters, response, effects)
 
-    after = RespondingState(runge_kutta_step(body, slope, time_step).end, end)
-    return after if crashed is None else where(crashed.crashed != 0.0, RespondingState(body, rotors), after)
+    after = RespondingState(runge_kutta_step(body, slope, time_step).end, end.speed)
+    return unless_crashed(crashed, RespondingState(body, rotors), after)
 
 
 def responding_slope(
@@ -248,10 +245,7 @@ def responding_slope(
         body_slope(state.body, rotors, target, wind, parameters, response, effects),
         acceleration(state.rotors, goal, parameters, effects.spin_down),
     )
-    if crashed is None:
-        return slope
-    at_rest = RespondingState(RespondingBody(*[0.0] * len(state.body)), RotorSpeed(*[0.0] * len(state.rotors)))
-    return where(crashed.crashed != 0.0, at_rest, slope)
+    return unless_crashed(crashed, zeros_like(slope), slope)
 
 
 def _begun(numbers: RespondingNumbers) -> RespondingState:
@@ -263,10 +257,6 @@ def _begun(numbers: RespondingNumbers) -> RespondingState:
 
 def _shown(state: RespondingState, body_rates: BodyRatesOf) -> State:
     return shown_state(state.body, body_rates)
-
-
-def _rotors(state: RespondingState) -> RotorSpeed:
-    return state.rotors
 
 
 @fleet_system(float, AutoDiffXd)
@@ -341,4 +331,4 @@ class RespondingQuadrotor(FleetSystem):
             state = self.continuous_state(_begun)
             self.derivative(responding_slope, state, *inputs, *constants, kinematics)
             self.output("state", _shown, state, body_rates)
-            self.output("rotor_speed", _rotors, state)
+            self.output("rotor_speed", getattr, state, "rotors")

@@ -8,7 +8,7 @@ one, under their wrench by the classical fourth-order Runge–Kutta method. The 
 applies to the whole step.
 """
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from drake_quad.framework.elementary import where
 from drake_quad.geometry.axes import BodyAxes
@@ -17,13 +17,11 @@ from drake_quad.signals import (
     BodyRates,
     Charge,
     Crashed,
-    PositionW,
     RotorSpeed,
     Row,
     State,
     Swing,
     Throttle,
-    VelocityW,
     Wind,
 )
 from drake_quad.vehicle.attitude_kinematics import AttitudeKinematics
@@ -31,11 +29,13 @@ from drake_quad.vehicle.battery import Battery, drawn_per_second, rotor_power, t
 from drake_quad.vehicle.dynamics import Motion, held_rotor_speed
 from drake_quad.vehicle.effects import Effects
 from drake_quad.vehicle.faults import RotorFaults, SpeedFactors, speed_factors
-from drake_quad.vehicle.motion import accelerations, turning
-from drake_quad.vehicle.motors import acceleration, decays, lagging, told_by_throttle
+from drake_quad.vehicle.motion import accelerations, turning, turning_over_step
+from drake_quad.vehicle.motors import acceleration, told_by_throttle
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.runge_kutta import runge_kutta_step
 from drake_quad.vehicle.slung_load import Rod, rod_of, swing_of, swing_rates
+
+_Record = TypeVar("_Record")
 
 
 class VehicleState(NamedTuple):
@@ -89,7 +89,7 @@ def quadrotor_step(
     before = VehicleState(body, rotors, swing, charge)
     target = rotor_target(before, command, parameters, faults, effects, time - 0.5 * time_step)
     after = step_of_flight(before, target, wind, parameters, effects, time, time_step, kinematics)
-    return after if crashed is None else where(crashed.crashed != 0.0, before, after)
+    return unless_crashed(crashed, before, after)
 
 
 def rotor_target(
@@ -137,19 +137,16 @@ def step_of_flight(
 ) -> VehicleState:
     """Return the end of a step of a vehicle that has not crashed, and whose rotors approach a target speed."""
     body, half = before.body, 0.5 * time_step
-    decay = decays(before.rotors, target, half, parameters, effects.spin_down)
-    middle = lagging(before.rotors, target, decay)
-    end = lagging(middle, target, decay)
-    speeds = before.rotors, middle, end
-    at_start, at_middle, at_end = (turning(speed, target, parameters, effects) for speed in speeds)
+    turned = start, middle, end = turning_over_step(before.rotors, target, half, parameters, effects)
     # Rotors, and the time since the start of the step, at each stage of the method.
-    stages = (at_start, 0.0), (at_middle, half), (at_middle, half), (at_end, time_step)
+    stages = (start, 0.0), (middle, half), (middle, half), (end, time_step)
     attitude = kinematics.integrated(Attitude(body.roll, body.pitch, body.yaw))
     held_at = 0.0 if effects.payload is None else time - half
 
     def slope(stage: int, at: Moving, stage_before: Moving) -> Moving:
         rotors, elapsed = stages[stage]
-        height = body.z if stage == 0 else _height(body, stage_before.motion.v_z, elapsed, effects)
+        climbs = stage > 0 and effects.depend_on_height
+        height = body.z + elapsed * stage_before.motion.v_z if climbs else body.z
         motion = at.motion
         rates = attitude.rates(at.attitude, BodyRates(motion.p, motion.q, motion.r))
         axes = attitude.axes(at.attitude)
@@ -165,30 +162,16 @@ def step_of_flight(
     z = body.z + sixth * (motion_1.v_z + 2.0 * (motion_2.v_z + motion_3.v_z) + motion_4.v_z)
     state = State(x, y, z, *attitude.attitude(moving.attitude), *moving.motion)
     swing = None if moving.rod is None else swing_of(moving.rod)
-    return VehicleState(state, end, swing, _charge_after(before.charge, speeds, parameters, effects, sixth))
-
-
-def _height(body: State, climb: VelocityW, time: Row, effects: Effects) -> PositionW:
-    """The height of a stage of the method, where it matters."""
-    return body.z + time * climb if effects.depend_on_height else body.z
-
-
-def _charge_after(
-    charge: Charge | None,
-    speeds: tuple[RotorSpeed, RotorSpeed, RotorSpeed],
-    parameters: QuadrotorParameters,
-    effects: Effects,
-    sixth: float,
-) -> Charge | None:
-    """The charge drawn at the end of a step, of which a sixth is given (s), by the rotors' speeds over it."""
-    if effects.battery is None or charge is None:
-        return None
-    rate_1, rate_2, rate_3 = (_drawing(charge, speed, parameters, effects.battery).drawn for speed in speeds)
-    return Charge(charge.drawn + sixth * (rate_1 + 4.0 * rate_2 + rate_3))
+    charge = before.charge
+    if effects.battery is not None and charge is not None:
+        rates = (_drawing(charge, rotors.speed, parameters, effects.battery) for rotors in turned)
+        (rate_1,), (rate_2,), (rate_3,) = rates
+        charge = Charge(charge.drawn + sixth * (rate_1 + 4.0 * rate_2 + rate_3))
+    return VehicleState(state, end.speed, swing, charge)
 
 
 def _drawing(charge: Charge, speed: RotorSpeed, parameters: QuadrotorParameters, battery: Battery) -> Charge:
-    """The rate at which rotors draw charge."""
+    """Return the rate at which rotors draw charge."""
     return drawn_per_second(terminals(charge, rotor_power(speed, parameters), battery).current)
 
 
@@ -222,11 +205,16 @@ def quadrotor_slope(
         swing,
         charge,
     )
-    if crashed is None:
-        return slope
-    return where(crashed.crashed != 0.0, _at_rest(slope), slope)
+    return unless_crashed(crashed, zeros_like(slope), slope)
 
 
-def _at_rest(slope: VehicleState) -> VehicleState:
-    parts = [None if part is None else type(part)._make([0.0] * len(part)) for part in slope]
-    return VehicleState._make(parts)
+def unless_crashed(crashed: Crashed | None, stopped: _Record, flying: _Record) -> _Record:
+    """Return `stopped` for vehicles that have crashed, and `flying` for others; without `crashed` none can crash."""
+    return flying if crashed is None else where(crashed.crashed != 0.0, stopped, flying)
+
+
+def zeros_like(record: Any) -> Any:
+    """Return a record with zero in place of each row; a part that is None stays None."""
+    if isinstance(record, tuple):
+        return type(record)._make(map(zeros_like, record))  # type: ignore[attr-defined]
+    return None if record is None else 0.0

@@ -4,12 +4,11 @@ from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.text import Annotation
 
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.studies.statistics import of_survivors
-from drake_quad.visualization.labels import BESIDE, place_labels
-from drake_quad.visualization.style import new_figure, styled
+from drake_quad.visualization.panels import name_rows, new_panels
+from drake_quad.visualization.style import PLATE
 
 _MARKERS = "osD^vPX*"
 
@@ -21,10 +20,8 @@ def plot_comparison(flights: Mapping[str, Mapping[str, Metrics]]) -> Figure:
         flights: (N,) metrics by scenario and controller. Flights that crashed are counted in place of being drawn.
     """
     controllers = list(dict.fromkeys(name for found in flights.values() for name in found))
-    with styled():
-        figure = new_figure(2.0 + 2.6 * len(flights), 1.3 + 0.42 * len(controllers))
-        row = figure.subplots(1, len(flights), sharex=True, sharey=True, squeeze=False)[0]
-        labels: list[Annotation] = []
+    size = 2.0 + 2.6 * len(flights), 1.3 + 0.42 * len(controllers)
+    with new_panels(*size, 1, len(flights), sharex=True, sharey=True) as (figure, (row,)):
         for axes, (scenario, found) in zip(row, flights.items(), strict=True):
             for place, name in enumerate(controllers):
                 metrics = found[name]
@@ -38,11 +35,8 @@ def plot_comparison(flights: Mapping[str, Mapping[str, Metrics]]) -> Figure:
                 if metrics.crashed.any():
                     label = ", ".join(filter(None, [label, f"{int(metrics.crashed.sum())} crashed"]))
                 at = (float(errors.mean()) if len(errors) else 0.0, place)
-                labels.append(axes.annotate(label, at, (6, 0), textcoords="offset points", fontsize=8.5))
+                axes.annotate(label, at, (6, 0), textcoords="offset points", fontsize=8.5, va="center", bbox=PLATE)
             axes.set(title=scenario, xlabel="RMSE (cm)")
             axes.set_xlim(0.0, 1.15 * axes.get_xlim()[1])
-            axes.grid(visible=False, axis="y")
-        row[0].set_yticks(range(len(controllers)), controllers)
-        row[0].set_ylim(len(controllers) - 0.5, -0.5)
-        place_labels(figure, labels, BESIDE)
+            name_rows(axes, controllers)
         return figure

@@ -1,4 +1,4 @@
-"""Curves that hide each other, told apart."""
+"""Curves: those that hide each other are told apart, and many are summed up by their quantiles."""
 
 from collections.abc import Sequence
 
@@ -36,16 +36,18 @@ def dashes(place: int, count: int) -> tuple[float, Sequence[float]]:
     return (0.0, (_SEEN * (count - place), _SEEN * place))
 
 
-def _dots(axes: Axes) -> float:
-    """Per inch of the page."""
-    figure = axes.get_figure(root=True)
-    return float(figure.dpi) if figure is not None else 72.0
-
-
 def _coincide(axes: Axes, one: Line2D, other: Line2D) -> bool:
     a, b = (np.asarray(line.get_xydata(), dtype=float) for line in (one, other))
     if a.shape != b.shape:
         return False
     distance = np.linalg.norm(axes.transData.transform(a) - axes.transData.transform(b), axis=1)
-    points = distance * 72.0 / _dots(axes)
+    points = distance * 72.0 / axes.figure.dpi
     return bool(np.mean(points < _NEAR) > _SHARE)
+
+
+def quantiles_over_flights(values: np.ndarray, shares: Sequence[float]) -> np.ndarray:
+    """Return quantiles (shares, n) at each of n instants over values (flights, n), without NaN; NaN if all are NaN."""
+    found = np.full((len(shares), values.shape[1]), np.nan)
+    there = ~np.isnan(values).all(axis=0)
+    found[:, there] = np.nanquantile(values[:, there], shares, axis=0)
+    return found

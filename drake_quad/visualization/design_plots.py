@@ -4,9 +4,7 @@ import math
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.text import Annotation
 
 from drake_quad.design.cascade import CascadeDesign
 from drake_quad.design.gains import LoopDesign, pd_loop
@@ -14,8 +12,8 @@ from drake_quad.linear.closed_loop import ClosedLoop
 from drake_quad.linear.margins import frequencies
 from drake_quad.linear.step_response import release
 from drake_quad.signals import State
-from drake_quad.visualization.labels import place_labels
-from drake_quad.visualization.style import BLACK, BLUE, LIMIT, PLATE, VERMILION, new_figure, styled
+from drake_quad.visualization.panels import new_panels
+from drake_quad.visualization.style import BLACK, BLUE, LIMIT, PLATE, VERMILION
 
 # One axis of each kind of loop is drawn; roll and y are mirror images of these.
 _DRAWN = {"pitch": "attitude (pitch)", "x": "position (x)"}
@@ -31,54 +29,28 @@ def _drawn(loops: Mapping[str, LoopDesign]) -> dict[str, str]:
 
 
 def plot_bode(design: CascadeDesign) -> Figure:
-    """Plots gain and phase of the attitude and the position loop over frequency, with their margins."""
-    with styled():
-        figure = new_figure(9.0, 5.4)
-        axes = figure.subplots(2, 2, sharex="col", sharey="row")
-        loops = design.all_loops
-        labels: list[Annotation] = []
+    """Plot gain and phase of the attitude and the position loop over frequency, with their margins."""
+    import control
+
+    loops = design.all_loops
+    with new_panels(9.0, 5.4, 2, 2, sharex="col", sharey="row") as (figure, grid):
         for column, (axis, title) in enumerate(_drawn(loops).items()):
-            labels += _draw_bode(axes[0, column], axes[1, column], loops[axis], title)
-        axes[0, 0].set_ylabel("|L| (dB)")
-        axes[1, 0].set_ylabel("phase of L (°)")
-        place_labels(figure, labels)
+            loop, panels = pd_loop(loops[axis].plant, loops[axis].gains).to_control(), grid[:, [column]]
+            omega = frequencies(loop.dt)
+            control.bode_plot(loop, omega, ax=panels, dB=True, display_margins=True, color=BLUE, title="")
+            upper, lower = panels[:, 0]
+            found, delay = upper.get_title().partition(": ")[2], loops[axis].margins.delay
+            upper.set_title(f"{title}, delay margin {1e3 * delay:.0f} ms\n{found}", fontsize=8.5)
+            upper.set(ylim=(-60.0, 60.0))
+            lower.set(ylim=(-360.0, -90.0), xlim=(0.02, math.pi / loop.dt))
         return figure
-
-
-def _draw_bode(upper: Axes, lower: Axes, design: LoopDesign, title: str) -> list[Annotation]:
-    grid, response = _response(design)
-    gain = 20.0 * np.log10(np.abs(response))
-    phase = np.degrees(np.unwrap(np.angle(response)))
-    phase -= 360.0 * np.round((phase[0] + 180.0) / 360.0)
-    margins = design.margins
-    upper.semilogx(grid, gain, color=BLUE)
-    lower.semilogx(grid, phase, color=BLUE)
-    upper.axhline(0.0, **LIMIT)
-    lower.axhline(-180.0, **LIMIT)
-    crossover = margins.crossover
-    at = float(np.interp(crossover, grid, phase))
-    lower.plot([crossover, crossover], [-180.0, at], color=VERMILION, linewidth=2.0)
-    text = f"{margins.phase:.0f}°, {1e3 * margins.delay:.0f} ms"
-    place = (crossover, 0.5 * (at - 180.0))
-    labels = [lower.annotate(text, place, (-6, 4), textcoords="offset points", color=VERMILION)]
-    turns = np.flatnonzero((phase[:-1] > -180.0) & (phase[1:] <= -180.0) & (gain[1:] < 0.0))
-    if len(turns):
-        turn = grid[turns[0]]
-        upper.plot([turn, turn], [-margins.gain, 0.0], color=VERMILION, linewidth=2.0)
-        text, middle = f"{margins.gain:.1f} dB", (turn, -0.5 * margins.gain)
-        labels.append(upper.annotate(text, middle, (6, 0), textcoords="offset points", color=VERMILION))
-    upper.set(title=title, ylim=(-60.0, 60.0))
-    lower.set(xlabel="frequency (rad/s)", ylim=(-360.0, -90.0), yticks=[-360, -270, -180, -90])
-    lower.set_xlim(0.02, math.pi / design.plant.period)
-    return labels
 
 
 def plot_nyquist(design: CascadeDesign) -> Figure:
     """Plots both loops in the complex plane of L, with the disk around -1 that they stay outside of."""
-    with styled():
-        figure = new_figure(9.0, 4.5)
-        loops = design.all_loops
-        for axes, (axis, title) in zip(figure.subplots(1, 2), _drawn(loops).items(), strict=True):
+    loops = design.all_loops
+    with new_panels(9.0, 4.5, 1, 2) as (figure, (row,)):
+        for axes, (axis, title) in zip(row, _drawn(loops).items(), strict=True):
             loop = loops[axis]
             _, response = _response(loop)
             axes.plot(response.real, response.imag, color=BLUE, label="L")
@@ -108,9 +80,7 @@ def plot_root_locus(design: CascadeDesign) -> Figure:
     row = np.array([loop.gains])
     poles = np.linalg.eigvals(plant.A - factors[:, np.newaxis, np.newaxis] * (plant.B @ row @ plant.C))
     limit_factor = 10.0 ** (loop.margins.gain / 20.0)
-    with styled():
-        figure = new_figure(7.0, 5.2)
-        axes = figure.subplots()
+    with new_panels(7.0, 5.2) as (figure, axes):
         s = _continuous(poles, period)
         axes.plot(s.real.ravel(), s.imag.ravel(), ".", color="0.7", markersize=1.5)
         for factor, color, marker, label in (
@@ -147,9 +117,8 @@ def plot_steps(loop: ClosedLoop) -> Figure:
     """Plots the responses to steps of position, height and yaw: those of the diagram and of its linear model."""
     slowest = -math.log(np.abs(loop.system.poles()).max()) / loop.system.period
     duration = min(max(5.0 / slowest, 4.0), 60.0)
-    with styled():
-        figure = new_figure(9.0, 3.4)
-        for axes, (row, size, label) in zip(figure.subplots(1, 3), _STEPS, strict=True):
+    with new_panels(9.0, 3.4, 1, 3) as (figure, (panels,)):
+        for axes, (row, size, label) in zip(panels, _STEPS, strict=True):
             response = release(loop, {row: -size}, duration=duration)
             diagram, model = (getattr(State(*rows.T), row) for rows in (response.nonlinear, response.linear))
             axes.plot(response.time, diagram + size, color=BLUE, label="diagram")

@@ -3,6 +3,7 @@
 import math
 import textwrap
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,7 +14,8 @@ from drake_quad.identification.flown_again.prediction import Predictions
 from drake_quad.identification.result import Fitted, Identification
 from drake_quad.identification.results.estimates import CONFIDENCE, Estimates
 from drake_quad.vehicle.motors import ThrustCurve, thrust_of
-from drake_quad.visualization.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, REFERENCE, VERMILION, new_figure, styled
+from drake_quad.visualization.panels import new_panels, plot_intervals
+from drake_quad.visualization.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, REFERENCE, VERMILION
 
 # Windows on each side of where those begin that are held out.
 _WINDOWS = 5
@@ -36,23 +38,18 @@ _SHORT = {
 def plot_fit(identification: Identification) -> Figure:
     """Plots what was measured and predicted in windows around those that are held out, and what is left."""
     outputs = identification.outputs
-    with styled():
-        figure = new_figure(10.0, 0.6 + 1.25 * len(outputs))
-        rows = figure.subplots(len(outputs), 2, sharex=True, squeeze=False, width_ratios=[1.6, 1.0])
+    size = 10.0, 0.6 + 1.25 * len(outputs)
+    with new_panels(*size, len(outputs), 2, sharex=True, width_ratios=[1.6, 1.0]) as (figure, rows):
         for (left, right), output in zip(rows, outputs, strict=True):
             _draw_windows(left, right, output)
         rows[0][0].set_title("measured, and predicted in windows")
         rows[0][1].set_title("measured minus predicted", loc="left")
         for axes in rows[-1]:
-            axes.set_xlabel(f"time (s) in {_shown_log(outputs[0])}")
+            axes.set_xlabel(f"time (s) in {outputs[0].log[_shown_windows(outputs[0])[0]]}")
         handles, labels = rows[0][0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside upper right", ncols=3)
         figure.align_ylabels(rows[:, 0])
         return figure
-
-
-def _shown_log(output: Fitted) -> str:
-    return str(output.log[_shown_windows(output)[0]])
 
 
 def _shown_windows(output: Fitted) -> np.ndarray:
@@ -89,9 +86,7 @@ def _draw_windows(left: Axes, right: Axes, output: Fitted) -> None:
 
 def plot_residuals(identification: Identification) -> Figure:
     """Plots the autocorrelation and the spectrum of what is left in windows: flat where it is white noise."""
-    with styled():
-        figure = new_figure(9.0, 3.4)
-        left, right = figure.subplots(1, 2)
+    with new_panels(9.0, 3.4, 1, 2) as (figure, ((left, right),)):
         for i, output in enumerate(identification.outputs):
             colour, style = _COLOURS[i % len(_COLOURS)], ("-", "--", ":")[i // len(_COLOURS) % 3]
             lags, correlation = _autocorrelation(output)
@@ -148,9 +143,7 @@ def plot_thrust(identification: Identification, commands: np.ndarray | None = No
     reach = float(estimates.quantiles(CONFIDENCE)[places].max()) * deviation
     thrust = np.asarray(thrust_of(throttle, ThrustCurve(*map(float, curve))))  # type: ignore[arg-type]
     vehicle = identification.vehicle.vehicle
-    with styled():
-        figure = new_figure(5.6, 3.8)
-        axes = figure.subplots()
+    with new_panels(5.6, 3.8) as (figure, axes):
         axes.fill_between(throttle, thrust - reach, thrust + reach, color=BLUE, alpha=0.25, linewidth=0.0, label="95 %")
         axes.plot(throttle, thrust, color=BLUE, label="identified")
         hover = 0.25 * float(vehicle.mass) * float(vehicle.gravity)
@@ -168,9 +161,7 @@ def plot_correlations(estimates: Estimates) -> Figure:
     count = len(estimates.names)
     labels = [short_name(name) for name in estimates.names]
     size = 2.6 + 0.42 * count
-    with styled():
-        figure = new_figure(size + 0.6, size)
-        axes = figure.subplots()
+    with new_panels(size + 0.6, size) as (figure, axes):
         shades = axes.imshow(estimates.correlation, cmap="RdBu_r", vmin=-1.0, vmax=1.0)
         axes.set_xticks(range(count), labels, rotation=60, ha="right", rotation_mode="anchor")
         axes.set_yticks(range(count), labels)
@@ -203,27 +194,17 @@ def plot_predictions(predictions: Predictions, quantities: Sequence[str] = ("pos
         "attitude": "rad",
         "body_rates": "rad/s",
     }
-    with styled():
-        figure = new_figure(4.4 * len(there) + 0.4, 3.6)
-        for axes, quantity in zip(figure.subplots(1, len(there), squeeze=False)[0], there, strict=True):
+    with new_panels(4.4 * len(there) + 0.4, 3.6, 1, len(there)) as (figure, (row,)):
+        for axes, quantity in zip(row, there, strict=True):
             factor, unit = _SHOWN[units[quantity]]
             for i, vehicle in enumerate(predictions.vehicles):
-                found = [predictions.rmse(quantity, vehicle, horizon) for horizon in predictions.horizons]
-                values = factor * np.array([each.value for each in found])
-                known = np.isfinite(values)
-                low, high = (factor * np.array([getattr(each, end) for each in found]) for end in ("low", "high"))
-                ends = np.array([values - low, np.where(np.isfinite(high), high, values) - values])[:, known]
+                errors = [predictions.rmse(quantity, vehicle, horizon) for horizon in predictions.horizons]
+                value, low, high = factor * np.transpose(errors)
+                known = np.isfinite(value)
+                found = np.transpose([value, low, np.where(np.isfinite(high), high, value)])[known]
                 shift = 1.0 + 0.03 * (i - 0.5 * (len(predictions.vehicles) - 1))
-                axes.errorbar(
-                    shift * np.array(predictions.horizons)[known],
-                    values[known],
-                    yerr=ends,
-                    color=_COLOURS[i],
-                    marker="o",
-                    markersize=4,
-                    capsize=3,
-                    label=vehicle,
-                )
+                look: dict[str, Any] = {"color": _COLOURS[i], "marker": "o", "markersize": 4, "capsize": 3}
+                plot_intervals(axes, shift * np.array(predictions.horizons)[known], found, label=vehicle, **look)
             axes.set(
                 xscale="log",
                 yscale="log",

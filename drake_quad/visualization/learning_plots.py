@@ -2,30 +2,28 @@
 
 import itertools
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.text import Annotation
 
 from drake_quad.control.fuzzy.inference import Antecedents, elliptic_membership, firing_strengths
 from drake_quad.flight.flight import Flight
 from drake_quad.scenario.networks.network import Network
-from drake_quad.visualization.labels import place_labels
+from drake_quad.visualization.panels import new_panels
 from drake_quad.visualization.style import (
     ABOVE,
     BLACK,
     BLUE,
     GREEN,
     ORANGE,
+    PLATE,
     PURPLE,
     SKY,
     VERMILION,
-    new_figure,
     shading,
-    styled,
 )
 
 # The pairs of exponents of the paper's Fig. 4.
@@ -45,9 +43,7 @@ def plot_memberships(exponents: Sequence[tuple[float, float]] = PAPER_EXPONENTS)
         exponents: the pairs (a1, a2), each with a panel of its own.
     """
     u: Any = np.linspace(-1.2, 1.2, 481)
-    with styled():
-        figure = new_figure(2.3 * len(exponents), 2.5)
-        row = figure.subplots(1, len(exponents), sharey=True, squeeze=False)[0]
+    with new_panels(2.3 * len(exponents), 2.5, 1, len(exponents), sharey=True) as (figure, (row,)):
         for axes, (a1, a2) in zip(row, exponents, strict=True):
             upper, lower = elliptic_membership(u, a1), elliptic_membership(u, a2)
             axes.fill_between(u, lower, upper, color=shading()(0.5), linewidth=0)
@@ -70,16 +66,15 @@ def plot_learning(flight: Flight) -> Figure:
     axes_learned = _axes(flight)
     count, has_trace = len(axes_learned), "covariance_trace" in flight.signals
     pd, correction, weights = flight.record("pd"), flight.record("correction"), _weights(flight)
-    with styled():
-        figure = new_figure(4.6 * count, 6.6 if has_trace else 4.6)
-        grid = figure.subplots(3 if has_trace else 2, count, sharex=True, sharey="row", squeeze=False)
+    num_rows = 3 if has_trace else 2
+    with new_panels(4.6 * count, 0.6 + 2.0 * num_rows, num_rows, count, sharex=True, sharey="row") as (figure, grid):
         for (commanded, learned, *_), axis in zip(grid.T, axes_learned, strict=True):
             commanded.plot(flight.time, getattr(pd, axis), color=BLUE, linewidth=1.0, label="PD, τ_c")
             network = -getattr(correction, axis)
             commanded.plot(flight.time, network, color=VERMILION, linewidth=1.0, label="network, -τ_f")
             commanded.set_title(f"on {axis.upper()}", loc="left")
-            for rule, style in _rules(_network(flight)).items():
-                learned.plot(flight.time, weights[axis][:, style.number], label=rule, linewidth=1.1, **style.line)
+            for weight, style in zip(weights[axis].T, _rules(_network(flight)), strict=True):
+                learned.plot(flight.time, weight, linewidth=1.1, **style)
         if has_trace:
             for lower, trace in zip(grid[2], flight.record("covariance_trace"), strict=True):
                 lower.plot(flight.time, trace, color=GREEN)
@@ -97,29 +92,14 @@ def plot_learning(flight: Flight) -> Figure:
         return figure
 
 
-class _Rule(NamedTuple):
-    """How the weight of a rule is drawn.
-
-    Attributes:
-        number: of the rule, from 0 on.
-        line: colour and style.
-    """
-
-    number: int
-    line: dict[str, Any]
-
-
-def _rules(network: Network) -> dict[str, _Rule]:
-    """The rules by the centres of their sets: a colour for each set of the first input, a style for the others'."""
+def _rules(network: Network) -> list[dict[str, Any]]:
+    """Return how each rule is drawn: its label has the centres of its sets, its colour stands for the first input."""
     first, *others = [sets.centres for sets in network.inputs.given.values()]
-    choices = list(itertools.product(*others))
-    return {
-        ", ".join(f"{centre:g}" for centre in (of_first, *rest)): _Rule(
-            i * len(choices) + k, {"color": _COLORS[i % len(_COLORS)], "linestyle": _STYLES[k % len(_STYLES)]}
-        )
-        for i, of_first in enumerate(first)
-        for k, rest in enumerate(choices)
-    }
+    return [
+        {"label": ", ".join(f"{centre:g}" for centre in (of_first, *rest)), "color": color, "linestyle": style}
+        for of_first, color in zip(first, itertools.cycle(_COLORS))
+        for rest, style in zip(itertools.product(*others), itertools.cycle(_STYLES))
+    ]
 
 
 def _rule_key(network: Network) -> list[Line2D]:
@@ -158,9 +138,8 @@ def plot_surfaces(flight: Flight) -> Figure:
     firing = _firing(across, up, sets)
     added = {axis: -(weights[[0, -1]] @ firing).reshape(2, _FINE, _FINE) for axis, weights in _weights(flight).items()}
     top = max(*(float(np.abs(each).max()) for each in added.values()), 1e-9)
-    with styled():
-        figure = new_figure(8.6, 3.6 * len(axes_learned))
-        grid = figure.subplots(len(axes_learned), 2, sharex=True, sharey=True, squeeze=False)
+    count = len(axes_learned)
+    with new_panels(8.6, 3.6 * count, count, 2, sharex=True, sharey=True) as (figure, grid):
         for row, axis in zip(grid, axes_learned, strict=True):
             for axes, surface, when in zip(row, added[axis], ("before", "after"), strict=True):
                 shades = axes.pcolormesh(error, rate, surface, cmap="RdBu_r", vmin=-top, vmax=top, rasterized=True)
@@ -202,29 +181,23 @@ def plot_secant_gains(flight: Flight) -> Figure:
     """Plots the gain with which the network answers an error at the end of the flight, over the size of the error."""
     sets, weights = _network(flight).antecedents(), _weights(flight)
     errors = np.geomspace(5e-4, 1.0 / sets.inputs[0].scale, 120)
-    with styled():
-        figure = new_figure(4.2 * len(weights), 3.2)
-        row = figure.subplots(1, len(weights), sharey=True, squeeze=False)[0]
-        labels: list[Annotation] = []
+    with new_panels(4.2 * len(weights), 3.2, 1, len(weights), sharey=True) as (figure, (row,)):
         for axes, (axis, learned) in zip(row, weights.items(), strict=True):
             own, triangles = (-gains for gains in secant_gains(sets, learned[-1], tuple(errors)))
-            labels += _draw_gains(axes, errors, own, triangles)
+            _draw_gains(axes, errors, own, triangles)
             axes.set(title=f"on {axis.upper()}, at rest", xlabel="error (m)")
         row[0].set_ylabel("secant gain of -τ_f (1/s²)")
         figure.legend(*row[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
-        place_labels(figure, labels)
         return figure
 
 
-def _draw_gains(axes: Axes, errors: np.ndarray, own: np.ndarray, triangles: np.ndarray) -> list[Annotation]:
-    labels = []
+def _draw_gains(axes: Axes, errors: np.ndarray, own: np.ndarray, triangles: np.ndarray) -> None:
     axes.semilogx(errors, own, color=VERMILION, label="the network")
     axes.semilogx(errors, triangles, color=BLUE, linestyle="--", label="the same with triangles")
     for error in _ERRORS:
         gain = float(np.interp(error, errors, own))
         axes.plot(error, gain, "o", color=VERMILION, markersize=4)
-        labels.append(axes.annotate(f"{gain:.2f}", (error, gain), (0, 6), textcoords="offset points", fontsize=8))
-    return labels
+        axes.annotate(f"{gain:.2f}", (error, gain), (0, 6), textcoords="offset points", fontsize=8, bbox=PLATE)
 
 
 def _firing(error: Any, rate: Any, sets: Antecedents) -> np.ndarray:

@@ -7,7 +7,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from drake_quad.identification.flown_again.comparison import INTERVAL, LogComparison
-from drake_quad.visualization.style import BLUE, REFERENCE, VERMILION, new_figure, styled
+from drake_quad.visualization.curves import quantiles_over_flights
+from drake_quad.visualization.panels import new_panels
+from drake_quad.visualization.style import BLUE, REFERENCE, VERMILION
 
 _BAND: dict[str, Any] = {"color": BLUE, "alpha": 0.25, "linewidth": 0}
 # Of which a step of the clock is longer than the median, where the log has a gap.
@@ -22,11 +24,10 @@ def plot_log_comparison(comparison: LogComparison) -> Figure:
     time, target = comparison.time, comparison.target
     steps = np.diff(time)
     gaps = np.flatnonzero(steps > _GAP * np.median(steps)) + 1
-    with styled():
-        figure = new_figure(10.0, 6.6)
-        grid = figure.subplots(3, 2, sharex=True, squeeze=False)
+    with new_panels(10.0, 6.6, 3, 2, sharex=True) as (figure, grid):
         for i, (place, error) in enumerate(grid):
-            curves = np.vstack([time, target[:, i], comparison.flown[:, i], _spread(comparison.predicted[:, :, i])])
+            band = quantiles_over_flights(comparison.predicted[:, :, i], (INTERVAL[0], 0.5, INTERVAL[1]))
+            curves = np.vstack([time, target[:, i], comparison.flown[:, i], band])
             when, reference, flown, low, middle, high = np.insert(curves, gaps, np.nan, axis=1)
             place.plot(when, reference, **REFERENCE, label="reference", zorder=3)
             _draw(place, when, reference - flown, reference - middle, (reference - high, reference - low))
@@ -37,14 +38,6 @@ def plot_log_comparison(comparison: LogComparison) -> Figure:
             axes.set_xlabel("time of the log (s)")
         figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=4)
         return figure
-
-
-def _spread(values: np.ndarray) -> np.ndarray:
-    """(3, n) lower end, median and upper end of the band of (samples, n) values; NaN where none is left."""
-    band = np.full((3, values.shape[1]), np.nan)
-    there = np.isfinite(values).any(axis=0)
-    band[:, there] = np.nanquantile(values[:, there], (INTERVAL[0], 0.5, INTERVAL[1]), axis=0)
-    return band
 
 
 def _draw(

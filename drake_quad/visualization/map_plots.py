@@ -14,7 +14,8 @@ from matplotlib.ticker import NullLocator
 
 from drake_quad.design.stability_map import StabilityMap
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.visualization.style import BLACK, VERMILION, new_figure, shading, styled
+from drake_quad.visualization.panels import new_panels
+from drake_quad.visualization.style import BLACK, VERMILION, shading
 
 _EDGE: dict[str, Any] = {"color": BLACK, "linewidth": 2.2, "linestyle": "-"}
 _DAMPING: dict[str, Any] = {"color": BLACK, "linewidth": 0.9, "linestyle": "-"}
@@ -73,9 +74,7 @@ def plot_map(
     low = float(seen.min()) if len(seen) else 1.0
     high = min(max(float(seen.max(initial=0.0)), 2.0 * low), 30.0 * low)
     norm = LogNorm(low, high)
-    with styled():
-        figure = new_figure(5.2 * len(panels) + 0.8, 4.8)
-        row = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
+    with new_panels(5.2 * len(panels) + 0.8, 4.8, 1, len(panels), sharey=True) as (figure, (row,)):
         for axes, panel, error in zip(row, panels, errors, strict=True):
             # Before the lines, whose labels leave it free.
             if first[0] <= marked[0] <= first[-1] and second[0] <= marked[1] <= second[-1]:

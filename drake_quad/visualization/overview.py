@@ -12,6 +12,7 @@ from drake_quad.statistics.estimates import mean_interval, share_interval
 from drake_quad.studies.statistics import of_survivors
 from drake_quad.studies.study import Study
 from drake_quad.visualization.curves import tell_apart
+from drake_quad.visualization.panels import name_rows
 from drake_quad.visualization.plots import draw_error, draw_from_above, draw_rotor_speeds
 from drake_quad.visualization.study_plots import draw_distribution, metric_label
 from drake_quad.visualization.style import AXES, BLACK, VERMILION, new_figure, styled
@@ -72,8 +73,6 @@ def plot_study(studies: Study | Mapping[str, Study], name: str = "rmse") -> tupl
             value, low, high = size * np.transpose(intervals)
             reach = np.abs([low - value, high - value])
             axes[part].errorbar(value, range(len(found)), xerr=reach, fmt="o", color=color, capsize=3.0)
-            axes[part].set_yticks(range(len(found)), list(found))
-            axes[part].set_ylim(len(found) - 0.5, -0.5)
+            name_rows(axes[part], list(found))
             axes[part].set_xlabel(label)
-            axes[part].grid(visible=False, axis="y")
         return figure, axes

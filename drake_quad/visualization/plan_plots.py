@@ -1,13 +1,13 @@
 """A plot of a plan: its path, its speed and acceleration over time, and the rotor speeds that it asks for."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
-from matplotlib.text import Annotation
 from pydrake.geometry.optimization import HPolyhedron, VPolytope
 
 from drake_quad.planning.feasibility import plan_demand
@@ -19,9 +19,8 @@ from drake_quad.reference.regions import Box, Corridor, Place, Polytope, Sphere
 from drake_quad.space.space import Space
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.visualization.curves import tell_apart
-from drake_quad.visualization.labels import place_labels
 from drake_quad.visualization.obstacles import draw_obstacles
-from drake_quad.visualization.style import ABOVE, BLUE, GREEN, LIMIT, ORANGE, ROTORS, new_figure, styled
+from drake_quad.visualization.style import ABOVE, BLUE, GREEN, LIMIT, ORANGE, PLATE, ROTORS, new_figure, styled
 
 # The horizontal plane and the two vertical ones, by the places of their axes in (x, y, z).
 _VIEWS = ((0, 1), (0, 2), (1, 2))
@@ -53,18 +52,16 @@ def plot_plan(
         figure = new_figure(11.0, 8.5)
         sides = figure.add_gridspec(1, 2, width_ratios=[1.0, 1.25])
         views = sides[0].subgridspec(3, 1, height_ratios=[1.6, 1.0, 1.0])
-        labels: list[Annotation] = []
         for i, view in enumerate(_VIEWS):
             axes = figure.add_subplot(views[i])
             if space is not None:
                 draw_obstacles(axes, space, *view, clearance=True)
             given = plan.waypoints if waypoints is None else plan.waypoints[waypoints]
-            labels += _draw_view(axes, view, given, evaluate(plan.path, times), places, corridors)
+            _draw_view(axes, view, given, evaluate(plan.path, times), places, corridors)
         rows = sides[1].subgridspec(5, 1)
         _draw_profiles([figure.add_subplot(rows[i]) for i in range(5)], plan, parameters, times, limits or PathLimits())
         figure.axes[0].set_title("Path, from above and from two sides")
         figure.align_ylabels(figure.axes[3:])
-        place_labels(figure, labels)
         return figure
 
 
@@ -75,8 +72,8 @@ def _draw_view(
     position: np.ndarray,
     places: Sequence[Place],
     corridors: Sequence[Corridor | None],
-) -> list[Annotation]:
-    """Draws the path in a plane, and returns the numbers of its (n, 3) waypoints, which have no places yet."""
+) -> None:
+    """Draw the path in a plane, and from above the numbers of its waypoints (n, 3)."""
     i, j = view
     low, high = position.min(axis=1), position.max(axis=1)
     margin = 0.25 + 0.1 * float((high - low).max())
@@ -97,17 +94,16 @@ def _draw_view(
     axes.plot(position[i], position[j], color=BLUE)
     axes.plot(waypoints[:, i], waypoints[:, j], color="black", marker="o", markersize=3, linestyle="none")
     axes.plot(*waypoints[0, [i, j]], color=GREEN, marker="o", markersize=7, linestyle="none")
-    labels = []
     if len(waypoints) <= 30 and j == 1:
         for point, numbers in _numbered(waypoints[:, [i, j]]):
-            labels.append(axes.annotate(numbers, point, (5, 5), textcoords="offset points", fontsize=8, color="0.35"))
+            near: dict[str, Any] = {"xytext": (5, 5), "textcoords": "offset points", "fontsize": 8, "color": "0.35"}
+            axes.annotate(numbers, point, bbox=PLATE, **near)
     names = "XYZ"
     axes.set(xlabel=f"{names[i]} (m)", ylabel=f"{names[j]} (m)")
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.08)
     # A hover has no extent.
     axes.update_datalim([waypoints[0, [i, j]] - 0.25, waypoints[0, [i, j]] + 0.25])
-    return labels
 
 
 def _numbered(points: np.ndarray) -> list[tuple[tuple[float, float], str]]:

@@ -22,6 +22,7 @@ from drake_quad.visualization.learning_plots import (
 )
 from drake_quad.visualization.leg_marks import leg_names, number_legs, shade_legs
 from drake_quad.visualization.obstacles import draw_obstacles, draw_solids
+from drake_quad.visualization.panels import new_panels
 from drake_quad.visualization.places import places
 from drake_quad.visualization.style import (
     ABOVE,
@@ -101,9 +102,7 @@ def draw_from_above(axes: Axes, flight: Flight) -> None:
 def plot_errors(flight: Flight) -> Figure:
     """Plots the position error over time, on each axis and as its Euclidean norm."""
     state, reference = flight.record("state"), flight.record("reference")
-    with styled():
-        figure = new_figure(8.0, 4.8)
-        upper, lower = figure.subplots(2, 1, sharex=True)
+    with new_panels(8.0, 4.8, 2, 1, sharex=True) as (figure, ((upper,), (lower,))):
         for axis, color in AXES.items():
             error = 100.0 * (getattr(reference, axis) - getattr(state, axis))
             upper.plot(flight.time, error, color=color, label=axis.upper())
@@ -132,9 +131,8 @@ def plot_attitude(flight: Flight) -> Figure:
     """Plots roll, pitch and yaw over time, beside what was commanded if the control commands an attitude."""
     flown = flight.record("state")
     wanted = flight.record("attitude_command") if "attitude_command" in flight.signals else None
-    with styled():
-        figure = new_figure(8.0, 5.6)
-        for axes, angle in zip(figure.subplots(3, 1, sharex=True), Attitude._fields, strict=True):
+    with new_panels(8.0, 5.6, 3, 1, sharex=True) as (figure, grid):
+        for (axes,), angle in zip(grid, Attitude._fields, strict=True):
             if wanted is not None:
                 commanded = np.degrees(getattr(wanted, angle))
                 axes.plot(flight.time, commanded, color=VERMILION, linewidth=1.0, label="commanded")
@@ -154,9 +152,7 @@ def plot_attitude(flight: Flight) -> Figure:
 def plot_rotors(flight: Flight) -> Figure:
     """Plots the rotor speeds over time, close up and within the whole range between the rotors' limits."""
     limits = flight.scenario.vehicle.min_rotor_speed, flight.scenario.vehicle.max_rotor_speed
-    with styled():
-        figure = new_figure(8.0, 4.4)
-        close, whole = figure.subplots(1, 2, width_ratios=[3.0, 1.0])
+    with new_panels(8.0, 4.4, 1, 2, width_ratios=[3.0, 1.0]) as (figure, ((close, whole),)):
         for axes in (close, whole):
             draw_rotor_speeds(axes, flight)
         low, high = close.get_ylim()

@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.logs.timing import gaps
 from drake_quad.identification.logs.units import QUANTITIES
-from drake_quad.visualization.style import AXES, BLACK, ROTORS, new_figure, styled
+from drake_quad.visualization.panels import new_panels
+from drake_quad.visualization.style import AXES, BLACK, ROTORS
 
 # More samples than this are thinned: a figure has a thousand pixels.
 _MOST_SAMPLES = 20_000
@@ -59,9 +60,8 @@ _PANELS = (
 def plot_record(record: FlightRecord) -> Figure:
     """Plots all that is logged over time; what was wanted or commanded is dashed, and gaps of the clock are grey."""
     panels = [panel for panel in _PANELS if any(getattr(record, name) is not None for name in panel.signals)]
-    with styled():
-        figure = new_figure(9.0, 0.6 + 1.5 * len(panels))
-        for axes, panel in zip(figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0], panels, strict=True):
+    with new_panels(9.0, 0.6 + 1.5 * len(panels), len(panels), 1, sharex=True) as (figure, grid):
+        for (axes,), panel in zip(grid, panels, strict=True):
             _draw(axes, panel, record)
         axes.set(xlabel="time (s)", xlim=(float(record.time[0]), float(record.time[-1])))
         figure.align_ylabels()

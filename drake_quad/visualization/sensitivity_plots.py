@@ -4,7 +4,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from drake_quad.design.sensitivity import Sensitivities
-from drake_quad.visualization.style import BLUE, VERMILION, new_figure, styled
+from drake_quad.visualization.panels import new_panels
+from drake_quad.visualization.style import BLUE, VERMILION
 
 
 def plot_sensitivities(found: Sensitivities, metric: str) -> Figure:
@@ -15,9 +16,7 @@ def plot_sensitivities(found: Sensitivities, metric: str) -> Figure:
     elasticities = found.values * found.gradients[metric] / (found.metrics[metric] or np.nan)
     order = [i for i in np.argsort(np.abs(elasticities)) if found.values[i] != 0.0 and np.isfinite(elasticities[i])]
     shown = elasticities[order]
-    with styled():
-        figure = new_figure(7.0, 1.2 + 0.27 * max(len(order), 1))
-        axes = figure.subplots()
+    with new_panels(7.0, 1.2 + 0.27 * max(len(order), 1)) as (figure, axes):
         axes.barh(range(len(order)), shown, color=np.where(shown > 0.0, VERMILION, BLUE))
         if not order:
             axes.annotate("nothing changes it to first order", (0.5, 0.5), xycoords="axes fraction", ha="center")

@@ -16,7 +16,6 @@ from drake_quad.laboratory.metrics import METRICS, UNITS
 from drake_quad.scenario.description import unit_at
 from drake_quad.statistics.estimates import quantile_interval, running_mean, share_interval
 from drake_quad.studies.statistics import (
-    Interval,
     crash_levels,
     crash_probability,
     influences,
@@ -25,7 +24,8 @@ from drake_quad.studies.statistics import (
     with_crashes,
 )
 from drake_quad.studies.study import Study
-from drake_quad.visualization.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, new_figure, styled
+from drake_quad.visualization.panels import name_rows, new_panels
+from drake_quad.visualization.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
 
 _LINES = [(BLUE, "-"), (VERMILION, "--"), (GREEN, "-."), (PURPLE, ":"), (ORANGE, "-"), (SKY, "--"), (BLACK, "-.")]
 # Fields that a tornado shows at most.
@@ -53,9 +53,8 @@ def plot_distribution(studies: Mapping[str, Study], name: str = "rmse") -> Figur
         studies: by controller.
         name: of the metric.
     """
-    with styled():
-        figure = new_figure(7.0, 4.2)
-        draw_distribution(figure.subplots(), studies, name)
+    with new_panels(7.0, 4.2) as (figure, axes):
+        draw_distribution(axes, studies, name)
         return figure
 
 
@@ -102,17 +101,16 @@ def plot_convergence(studies: Mapping[str, Study], name: str = "rmse") -> Figure
         name: of the metric.
     """
     crashes = any(study.metrics.crashed.any() for study in studies.values())
-    with styled():
-        figure = new_figure(9.0, 3.8)
-        left, right = figure.subplots(1, 2)
+    with new_panels(9.0, 3.8, 1, 2) as (figure, ((left, right),)):
         for (controller, study), (color, style) in zip(studies.items(), cycle(_LINES), strict=False):
             count, mean, low, high = _running(study, name)
             left.plot(count, mean, color=color, linestyle=style, label=controller)
             left.fill_between(count, low, high, color=color, alpha=0.15, linewidth=0.0)
             stops = np.unique(np.geomspace(min(20, len(study.samples)), len(study.samples), 60).astype(int))
             values = study.metrics.crashed if crashes else getattr(study.metrics, name)
-            estimate = _share_of_true if crashes else _upper_quantile
-            found = np.array([estimate(values[:stop]) for stop in stops])
+            parts = [values[:stop] for stop in stops]
+            shares = (share_interval(int(part.sum()), len(part)) for part in parts)
+            found = np.array([*shares] if crashes else [quantile_interval(part, 0.95) for part in parts])
             value, low, high = np.where(np.isfinite(found), found, np.nan).T
             right.plot(stops, value, color=color, linestyle=style, label=controller)
             right.fill_between(stops, low, high, color=color, alpha=0.15, linewidth=0.0)
@@ -142,14 +140,6 @@ def _running(study: Study, name: str) -> tuple[np.ndarray, ...]:
     return np.arange(1, len(values) + 1)[first:], *(each[first:] for each in running_mean(values))
 
 
-def _share_of_true(values: np.ndarray) -> Interval:
-    return share_interval(int(values.sum()), len(values))
-
-
-def _upper_quantile(values: np.ndarray) -> Interval:
-    return quantile_interval(values, 0.95)
-
-
 def plot_influences(study: Study, name: str = "rmse") -> Figure:
     """Plot a tornado chart of the mean of a metric in the lowest and the highest tenth of each drawn number.
 
@@ -158,9 +148,7 @@ def plot_influences(study: Study, name: str = "rmse") -> Figure:
         name: name of the metric, or "crashed" for the share of crashes.
     """
     found = influences(study, name)
-    with styled():
-        figure = new_figure(8.6, 1.4 + 0.34 * max(min(len(found), _MOST_FIELDS), 1))
-        axes = figure.subplots()
+    with new_panels(8.6, 1.4 + 0.34 * max(min(len(found), _MOST_FIELDS), 1)) as (figure, axes):
         mean = float(np.mean(study.metrics.crashed if name == "crashed" else of_survivors(study.metrics, name)))
         for place, each in enumerate(found[:_MOST_FIELDS]):
             for end, color, offset in ((each.low, SKY, -0.18), (each.high, ORANGE, 0.18)):
@@ -172,9 +160,7 @@ def plot_influences(study: Study, name: str = "rmse") -> Figure:
                 text += f"; alone {each.alone.value:+.2f}"
             axes.annotate(text, (1.01, place), xycoords=("axes fraction", "data"), va="center", fontsize=8.5)
         labels = [_field_label(study, each.path) for each in found[:_MOST_FIELDS]]
-        axes.set_yticks(range(len(labels)), labels)
-        axes.set_ylim(max(len(labels), 1) - 0.5, -0.5)
-        axes.grid(visible=False, axis="y")
+        name_rows(axes, labels)
         axes.set_axisbelow(True)
         axes.set_xlabel(metric_label(name))
         if name == "crashed":
@@ -220,9 +206,7 @@ def plot_crash_probability(
     path = path or most_influential(studies.values())
     if path is None:
         raise InputError("no number is drawn in this study, over which the probability of a crash could be plotted")
-    with styled():
-        figure = new_figure(7.0, 4.2)
-        axes = figure.subplots()
+    with new_panels(7.0, 4.2) as (figure, axes):
         for place, ((controller, study), (color, style)) in enumerate(
             zip(studies.items(), cycle(_LINES), strict=False)
         ):

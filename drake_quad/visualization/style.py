@@ -4,6 +4,7 @@ import functools
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -67,11 +68,15 @@ def shading() -> "Colormap":
 
 
 @contextmanager
-def styled() -> Iterator[None]:
-    """A context in which figures are drawn in the style of the project; Matplotlib's settings stay as they are."""
+def styled(settings: Mapping[str, Any] = MappingProxyType({})) -> Iterator[None]:
+    """A context in which figures are drawn in the style of the project; Matplotlib's settings stay as they are.
+
+    Args:
+        settings: settings of Matplotlib in place of those of the style.
+    """
     import matplotlib
 
-    with matplotlib.rc_context(_SETTINGS):
+    with matplotlib.rc_context(_SETTINGS | dict(settings)):
         yield
 
 

@@ -1,14 +1,13 @@
 """Fits what the paper does not give to two cells of its Table II, by three hypotheses, and predicts the other cells."""
 
-import argparse
 from pathlib import Path
 
 from drake_quad.command_line.running import run
 
-from drake_quad import InputError, Scenario, load_scenario
-from drake_quad.command_line.options import add_wired
+from drake_quad import Scenario, load_scenario
+from drake_quad.command_line.options import add_wired, bare_parser, check_ranges
 from drake_quad.command_line.output import print_columns, print_files
-from drake_quad.command_line.progress import bar_over
+from drake_quad.command_line.progress import new_bar
 from drake_quad.files import output_folder, write_table
 from drake_quad.replication.calibration import HYPOTHESES, NETWORK_CELL, PD_CELL, Calibration, calibrate
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
@@ -17,24 +16,19 @@ _PAPER = Path(__file__).parents[2] / "diagrams" / "paper.yaml"
 
 
 def main() -> None:
-    options = argparse.ArgumentParser(
-        description=__doc__,
-        epilog="example: python scripts/development/calibrate_paper.py --quick",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    options = bare_parser(__doc__, "python scripts/development/calibrate_paper.py --quick")
     options.add_argument("--samples", type=int, help="flights of each cell, whose errors are averaged (default: 64)")
     options.add_argument("--quick", action="store_true", help="8 samples, and the first hypothesis alone")
     options.add_argument("--output", type=Path, default=Path("out/calibration"), help="folder (default: %(default)s)")
     add_wired(options)
     arguments = options.parse_args()
-    num_samples = arguments.samples if arguments.samples is not None else 8 if arguments.quick else 64
-    if not 2 <= num_samples <= 10_000:
-        raise InputError(f"--samples is {num_samples}, but must be between 2 and 10000")
+    check_ranges(arguments, {"samples": (2, 10_000)})
+    num_samples = arguments.samples or (8 if arguments.quick else 64)
     names = list(HYPOTHESES)[:1] if arguments.quick else list(HYPOTHESES)
     folder = output_folder(arguments.output)
     found = {
         name: calibrate(HYPOTHESES[name], load, num_samples, compiled=not arguments.wired)
-        for name in bar_over(names, "fitting")
+        for name in new_bar(names, desc="fitting")
     }
     file = write_calibrations(folder / "calibration.csv", found)
     for calibration in found.values():

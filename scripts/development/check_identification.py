@@ -5,7 +5,6 @@ its log, and prints for each number in how many flights its interval holds, with
 found is saved after each batch of flights, and a run that was interrupted goes on where it was.
 """
 
-import argparse
 import csv
 import io
 from collections.abc import Iterator, Sequence
@@ -16,7 +15,7 @@ from drake_quad.command_line.running import run
 import numpy as np
 
 from drake_quad import InputError
-from drake_quad.command_line.options import check_ranges, overrides_of
+from drake_quad.command_line.options import bare_parser, check_ranges, overrides_of
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import new_bar
 from drake_quad.errors import shown
@@ -24,6 +23,7 @@ from drake_quad.files import output_folder
 from drake_quad.identification.known_flights import KNOWN, Checked, Task, check_batch
 from drake_quad.identification.results.estimates import quantile
 from drake_quad.statistics.estimates import share_interval
+from drake_quad.studies.crew import outcomes_of
 from drake_quad.studies.processes import Workers
 
 _DIAGRAMS = Path(__file__).parents[2] / "diagrams"
@@ -35,10 +35,8 @@ _RANGES = {"samples": (1, 10_000), "processes": (1, 256), "seed": (0, 2**31)}
 
 
 def main() -> None:
-    options = argparse.ArgumentParser(
-        description=__doc__,
-        epilog="example: python scripts/development/check_identification.py rotors --samples 100 --processes 2",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    options = bare_parser(
+        __doc__, "python scripts/development/check_identification.py rotors --samples 100 --processes 2"
     )
     options.add_argument("flights", choices=[*KNOWN], help="what is commanded: rotors, or an autopilot")
     options.add_argument("--samples", type=int, default=100, help="flights (default: %(default)s)")
@@ -80,19 +78,12 @@ def main() -> None:
 
 def in_processes(tasks: Sequence[Task], processes: int) -> Iterator[dict[int, list[Checked]]]:
     """What was found, batch by batch as they are done."""
-    waiting, under_way = list(tasks), 0
+    waiting = iter(tasks)
     with Workers(processes) as workers:
-        while waiting or under_way:
-            while waiting and under_way < workers.capacity:
-                workers.begin(check_batch, waiting.pop(0))
-                under_way += 1
-            for outcome in workers.finished():
-                under_way -= 1
-                if outcome.refused:
-                    raise InputError(outcome.reason)
-                if outcome.result is None:
-                    raise RuntimeError(outcome.reason)
-                yield outcome.result
+        for outcome in outcomes_of(workers, check_batch, lambda: next(waiting, None)):
+            if outcome.result is None:
+                raise RuntimeError(outcome.reason)
+            yield outcome.result
 
 
 def read_rows(path: Path, flown: str) -> dict[int, list[Checked]]:

@@ -6,30 +6,22 @@ the time. crazyflow's is its figure eight, at 100 Hz, five steps of its simulato
 measured if it is there: pip install crazyflow==0.4.0
 """
 
-import argparse
-import importlib.util
-import multiprocessing
-import os
 import resource
 import statistics
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any, NamedTuple
 
-sys.path.append(str(Path(__file__).parents[1]))  # benchmark.py is there
+sys.path += [str(folder) for folder in Path(__file__).parents[:2]]  # contenders.py and benchmark.py are there
 from benchmark import EVERYTHING, machine
+from contenders import Contender, apart, installed, is_quick
 from drake_quad.command_line.running import run
 
 import numpy as np
 from tqdm import tqdm
-
-from drake_quad.command_line.output import remark
 
 SIZES = (1, 64, 1024)
 # Of a measurement, s, after as much that is not counted; and how often each takes its turn.
@@ -42,38 +34,15 @@ _MEMORY_STEPS = 10_000_000
 Stepping = Callable[[], object]
 
 
-class Contender(NamedTuple):
-    """An environment.
-
-    Attributes:
-        package: its name on PyPI.
-        how: in words for the table.
-        build: a function that makes one of so many vehicles.
-    """
-
-    package: str
-    how: str
-    build: Callable[[int], Stepping]
-
-
 def main() -> None:
-    options = argparse.ArgumentParser(
-        description=__doc__,
-        epilog="example: python scripts/development/compare_environments.py --quick",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    options.add_argument("--quick", action="store_true", help="64 vehicles, one round of a tenth of a second")
-    quick = options.parse_args().quick
-    there = [each for each in CONTENDERS if importlib.util.find_spec(each.package)]
-    for package in sorted({each.package for each in CONTENDERS} - {each.package for each in there}):
-        remark(f"{package} is not installed, so it is not measured")
-    os.environ["SCIPY_ARRAY_API"] = "1"  # crazyflow needs it from the first import of SciPy on
+    example = "python scripts/development/compare_environments.py --quick"
+    quick, there = is_quick(__doc__, example, "64 vehicles, one round of a tenth of a second"), installed(CONTENDERS)
     rounds, seconds, sizes = (1, 0.1, SIZES[1:2]) if quick else (_ROUNDS, _SECONDS, SIZES)
     found: dict[str, list[list[float]]] = {each.how: [[] for _ in sizes] for each in there}
     for _ in tqdm(range(rounds), desc="rounds", leave=False, disable=None):
         for contender in there:
             for place, size in enumerate(sizes):
-                found[contender.how][place].append(measured(contender, size, seconds))
+                found[contender.how][place].append(apart(partial(rate, contender, size, seconds)))
     print(f"{machine()}; medians of {rounds} launches by turns.\n")
     print("| steps a second | " + " | ".join(f"{size:,} vehicle{'s' if size > 1 else ''}" for size in sizes) + " |")
     print("|---|" + "---|" * len(sizes))
@@ -82,27 +51,8 @@ def main() -> None:
     print(f"\n{grown(1024, _MEMORY_STEPS // (100 if quick else 1))}")
 
 
-def measured(contender: Contender, num_vehicles: int, seconds: float) -> float:
-    """Steps a second, in a process of its own."""
-    return apart(partial(_rate, contender, num_vehicles, seconds))
-
-
-def apart(work: Callable[[], Any]) -> Any:
-    """The result of some work in a process of its own."""
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(1, mp_context=context, initializer=_silent) as pool:
-        return pool.submit(work).result()
-
-
-def _silent() -> None:
-    """What others print, and the log that MuJoCo leaves where it is run, is not ours."""
-    os.chdir(tempfile.gettempdir())
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    for stream in (1, 2):
-        os.dup2(nowhere, stream)
-
-
-def _rate(contender: Contender, num_vehicles: int, seconds: float) -> float:
+def rate(contender: Contender, num_vehicles: int, seconds: float) -> float:
+    """Return the number of steps a second."""
     step = contender.build(num_vehicles)
     # Twice, of which the first warms up; what the beginnings of episodes take is in it.
     for _ in range(2):

@@ -3,31 +3,27 @@
 The others are measured if they are there: pip install "rotorpy[batched]==3.0.0" crazyflow==0.4.0
 """
 
-import argparse
 import importlib
 import importlib.util
 import math
-import multiprocessing
 import os
 import statistics
 import sys
-import tempfile
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-sys.path.append(str(Path(__file__).parents[1]))  # benchmark.py is there
+sys.path += [str(folder) for folder in Path(__file__).parents[:2]]  # contenders.py and benchmark.py are there
 from benchmark import machine, timed
+from contenders import Contender, apart, installed, is_quick
 from drake_quad.command_line.running import run
 
 import numpy as np
 from tqdm import tqdm
 
 from drake_quad import Scenario, load_scenario
-from drake_quad.command_line.output import remark
 from drake_quad.fleets.fleet_simulation import simulate_fleet
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import hermite_path
@@ -44,36 +40,11 @@ _LOST = 0.2
 Flight = Callable[[], float]
 
 
-class Contender(NamedTuple):
-    """A simulator with the settings that it is flown with.
-
-    Attributes:
-        package: its name on PyPI.
-        how: its steps and method, in words for the table.
-        build: a function that makes the flight of a number of vehicles.
-        repetitions: of each measurement.
-    """
-
-    package: str
-    how: str
-    build: Callable[[int], Flight]
-    repetitions: int = 5
-
-
 def main() -> None:
-    options = argparse.ArgumentParser(
-        description=__doc__,
-        epilog="example: python scripts/development/compare_simulators.py --quick",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    options.add_argument("--quick", action="store_true", help="fleets of 50, each flown once")
-    quick = options.parse_args().quick
-    there = [each for each in CONTENDERS if importlib.util.find_spec(each.package)]
-    for package in sorted({each.package for each in CONTENDERS} - {each.package for each in there}):
-        remark(f"{package} is not installed, so it is not measured")
+    example = "python scripts/development/compare_simulators.py --quick"
+    quick, there = is_quick(__doc__, example, "fleets of 50, each flown once"), installed(CONTENDERS)
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
-    os.environ["SCIPY_ARRAY_API"] = "1"  # crazyflow needs it from the first import of SciPy on
     fleet = 50 if quick else 1000
     print(f"{machine()}; medians (and best) on one core, after a first flight that compiles.\n")
     print(f"| | one vehicle, × real time | {fleet:,} vehicles, vehicle-seconds per second |")
@@ -81,23 +52,15 @@ def main() -> None:
     for contender in tqdm(there, desc="flying", leave=False, disable=None):
         name = f"{contender.package} {version(contender.package)}, {contender.how}"
         try:
-            alone, beside = (measured(contender, size, 1 if quick else contender.repetitions) for size in (1, fleet))
+            count = 1 if quick else contender.repetitions
+            alone, beside = (apart(partial(measured, contender, size, count)) for size in (1, fleet))
         except Exception as error:
             raise RuntimeError(f"{name} does not fly: {error}") from error
         print(f"| {name} | {alone} | {beside} |", flush=True)
 
 
 def measured(contender: Contender, num_vehicles: int, repetitions: int) -> str:
-    """Vehicle-seconds per second of a contender, in a process of its own whose libraries see a single core."""
-    context = multiprocessing.get_context("spawn")
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        ProcessPoolExecutor(1, mp_context=context, initializer=_apart, initargs=(folder,)) as pool,
-    ):
-        return pool.submit(_measure, contender, num_vehicles, repetitions).result()
-
-
-def _measure(contender: Contender, num_vehicles: int, repetitions: int) -> str:
+    """Return the vehicle-seconds per second of a contender, as a median and the best."""
     flight = contender.build(num_vehicles)
     if not (error := flight()) < _LOST:
         raise RuntimeError(f"it is {error:.2f} m off the circle")
@@ -105,14 +68,6 @@ def _measure(contender: Contender, num_vehicles: int, repetitions: int) -> str:
     median, best = (num_vehicles * _DURATION / time for time in (statistics.median(seconds), min(seconds)))
     digits = 1 if best < 100.0 else 0
     return f"{median:,.{digits}f} ({best:,.{digits}f})"
-
-
-def _apart(folder: str) -> None:
-    """Silences a process, whose libraries would print, and has it write its logs to a folder."""
-    os.chdir(folder)
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    for stream in (1, 2):
-        os.dup2(nowhere, stream)
 
 
 def circle() -> tuple[Scenario, Plan]:

@@ -1,22 +1,18 @@
 """Documents the scenario language: a page for readers, and a JSON schema for editors."""
 
-import argparse
 import json
 from pathlib import Path
 
 from drake_quad.command_line.running import run
 
+from drake_quad.command_line.options import bare_parser
 from drake_quad.command_line.output import print_files
 from drake_quad.files import output_folder, write_text
 from drake_quad.scenario.schema import file_schema, language_page
 
 
 def main() -> None:
-    options = argparse.ArgumentParser(
-        description=__doc__,
-        epilog="example: python scripts/development/document_scenarios.py --output docs/reference",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    options = bare_parser(__doc__, "python scripts/development/document_scenarios.py --output docs/reference")
     options.add_argument("--output", type=Path, default=Path("out/docs"), help="folder (default: %(default)s)")
     folder = output_folder(options.parse_args().output)
     schema = json.dumps(file_schema(), indent=1, ensure_ascii=False) + "\n"

@@ -1,14 +1,14 @@
 """Flies the forest with plans of several margins, and draws how often a trunk is touched."""
 
-import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from drake_quad.command_line.running import run
 
-from drake_quad import InputError, load_scenario, run_monte_carlo
+from drake_quad import load_scenario, run_monte_carlo
+from drake_quad.command_line.options import bare_parser, check_ranges
 from drake_quad.command_line.output import print_columns, print_files
-from drake_quad.command_line.progress import bar_over
+from drake_quad.command_line.progress import new_bar
 from drake_quad.files import output_folder, write_table
 from drake_quad.flight.mission import planned
 from drake_quad.statistics.estimates import share_interval
@@ -50,21 +50,18 @@ class Point(NamedTuple):
 
 
 def main() -> None:
-    options = argparse.ArgumentParser(
-        description=__doc__,
-        epilog="example: python scripts/development/forest_margins.py --samples 100",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    options = bare_parser(__doc__, "python scripts/development/forest_margins.py --samples 100")
     options.add_argument("--samples", type=int, default=1000, help="flights of each plan (default: %(default)s)")
     options.add_argument(
         "--output", type=Path, default=Path("out/forest_margins"), help="folder (default: %(default)s)"
     )
     arguments = options.parse_args()
-    if not 10 <= arguments.samples <= 100_000:
-        raise InputError(f"--samples is {arguments.samples}, but must be between 10 and 100000")
+    check_ranges(arguments, {"samples": (10, 100_000)})
     folder = output_folder(arguments.output)
     points = [
-        flown(name, margin, arguments.samples) for name in bar_over(list(CONTROLLERS), "flying") for margin in MARGINS
+        flown(name, margin, arguments.samples)
+        for name in new_bar(list(CONTROLLERS), desc="flying")
+        for margin in MARGINS
     ]
     columns = [*zip(*points, strict=True), *zip(*(point.probability for point in points), strict=True)]
     names = [*Point._fields, "probability", "low", "high"]

@@ -7,7 +7,6 @@ last column repeats the latter error along x with another seed and divides the t
 The second table lists the ratio of simulated and linear errors of one controller for several noise levels.
 """
 
-import argparse
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,6 +16,7 @@ from drake_quad.command_line.running import run
 import numpy as np
 
 from drake_quad import InputError, Scenario, load_scenario
+from drake_quad.command_line.options import bare_parser
 from drake_quad.flight.hover_error import hover_error
 from drake_quad.linear.hover_covariance import linear_hover_error
 from drake_quad.scenario.paths import replaced
@@ -31,11 +31,7 @@ _NOISE_FACTORS = (0.01, 0.1, 0.3, 1.0, 2.0)
 
 
 def main() -> None:
-    options = argparse.ArgumentParser(
-        description=__doc__,
-        epilog="example: python scripts/development/hover_errors.py",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    options = bare_parser(__doc__, "python scripts/development/hover_errors.py")
     options.add_argument(
         "--noise-of", default="indi", metavar="NAME", help="controller of the second table (default: %(default)s)"
     )

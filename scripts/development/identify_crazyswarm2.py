@@ -5,7 +5,6 @@ a log, and from no tracking error: thrust, lag, inertia and centre of mass by `i
 acceleration shows, and by how much the estimate of the velocity is off by the derivative of the estimated position.
 """
 
-import argparse
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 import scipy
 
 from drake_quad import InputError
+from drake_quad.command_line.options import bare_parser
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.files import output_folder, write_whole
 from drake_quad.identification.fitting.open_loop import DELAY
@@ -67,11 +67,7 @@ _BEGINNING_OF_VEHICLES = "\n# What the logs show"
 
 
 def main() -> None:
-    options = argparse.ArgumentParser(
-        description=__doc__,
-        epilog="example: python scripts/development/identify_crazyswarm2.py --output mine.yaml",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    options = bare_parser(__doc__, "python scripts/development/identify_crazyswarm2.py --output mine.yaml")
     options.add_argument(
         "--output", type=Path, default=_FILE, metavar="FILE", help=f"to write (default: {_FILE.relative_to(_ROOT)})"
     )

@@ -5,7 +5,6 @@ RMS errors of the flights with those of the simulations; both use positions that
 sinusoidal wind is read from the log of the flight (`--log`). The line below the table has the errors for other phases.
 """
 
-import argparse
 import math
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import numpy as np
 import scipy
 
 from drake_quad import Flight, load_scenario, read_log, simulate
+from drake_quad.command_line.options import bare_parser
 from drake_quad.flight.simulation import simulate_batch, simulate_samples
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.effects.body_drag import BodyDragEffect
@@ -49,11 +49,7 @@ VARIANTS: dict[str, tuple[str, ...]] = {
 
 
 def main() -> None:
-    options = argparse.ArgumentParser(
-        description=__doc__,
-        epilog="example: python scripts/development/predict_flights.py",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    options = bare_parser(__doc__, "python scripts/development/predict_flights.py")
     options.add_argument(
         "--log",
         type=Path,

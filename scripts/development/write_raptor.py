@@ -6,7 +6,6 @@ package foundation-policy 1.0.2 has the network, under the MIT licence: pip inst
 It sees position and velocity minus those of the reference, the other way round than we: they are multiplied by -1.
 """
 
-import argparse
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ from drake_quad.command_line.running import run
 
 import numpy as np
 
+from drake_quad.command_line.options import bare_parser
 from drake_quad.command_line.output import print_files
 from drake_quad.extras import needed
 from drake_quad.files import output_folder, write_whole
@@ -23,11 +23,7 @@ _SCALE = np.repeat([-1.0, 1.0, -1.0, 1.0, 1.0], [3, 9, 3, 3, 4])
 
 
 def main() -> None:
-    options = argparse.ArgumentParser(
-        description=__doc__,
-        epilog="example: python scripts/development/write_raptor.py --output diagrams/policies",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    options = bare_parser(__doc__, "python scripts/development/write_raptor.py --output diagrams/policies")
     options.add_argument("--output", default="out/policies", help="folder to write to (default out/policies)")
     folder = output_folder(Path(options.parse_args().output))
     arrays = network_of(needed("foundation_policy", "test").Raptor())

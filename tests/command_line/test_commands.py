@@ -204,7 +204,7 @@ def test_an_unwritable_output_folder_is_told_before_flying(run, tmp_path):
 @pytest.mark.slow
 @pytest.mark.usefixtures("unpainted")
 def test_design_gains_states_margins_and_writes_what_a_scenario_extends(run, tmp_path):
-    result = run("design", "--position-bandwidth", "0.5", "--output", tmp_path)
+    result = run("design", "--loop", "position.bandwidth=0.5", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     for axis in ("roll", "pitch", "yaw", "x", "y", "z"):
         assert re.search(rf"^{axis} .* \d\d\.\d° .* dB .* ms .* rad/s ", result.stdout, re.MULTILINE)
@@ -212,7 +212,7 @@ def test_design_gains_states_margins_and_writes_what_a_scenario_extends(run, tmp
     for plot in ("bode", "nyquist", "root_locus", "steps"):
         assert (tmp_path / f"{plot}.png").exists()
     gains = (tmp_path / "gains.yaml").read_text(encoding="utf-8")
-    assert gains.startswith("# drake-quad design --position-bandwidth 0.5")
+    assert gains.startswith("# drake-quad design --loop position.bandwidth=0.5")
     mine = tmp_path / "mine.yaml"
     mine.write_text(f"mine:\n  extends: [{ROOT}/diagrams/hover.yaml, gains.yaml]\n", encoding="utf-8")
     position = load_scenario(mine).control.position
@@ -462,18 +462,20 @@ def test_sensitivities_are_sorted_by_effect(run, tmp_path):
         ),
         ("tune", ["--tune", "control.position.k_p.0=3"], "the range 3, but must have LOW:HIGH"),
         ("judge", ["--samples", "1"], "--samples is 1, but must be between 2 and 10000"),
-        ("judge", ["--family", "moon"], "--family moon: there is none of that name; these are laborat"),
-        ("judge", ["--tune", "moon"], "--tune moon: there is none of that name; these are laboratory,"),
         ("judge", ["--tune", "outdoor", "--only", "lqg"], "lqg is no controller that is tuned here"),
         ("design-lqg", ["--sensitivity", "1"], "--sensitivity is 1, but must be between 1.2 and 10"),
         ("design-lqg", ["--delay-margin", "-1"], "--delay-margin is -1, but must be between 0 and 10"),
         ("design-lqg", ["--snap", "0"], "--snap is 0, but must be between 0.1 and 10000"),
         ("design-lqg", ["--acceleration", "0"], "--acceleration is 0, but must be between 0.01 and 1000"),
         ("design", ["--phase-margin", "85"], "no gains of this kind are good enough for roll; at best phase"),
-        ("design", ["--attitude-bandwidth", "5"], "roll cannot have a bandwidth of 5 rad/s: phase margin"),
-        ("design", ["--method", "lqr", "--yaw-bandwidth", "1"], "--yaw-bandwidth is for --method poles"),
+        ("design", ["--loop", "attitude.bandwidth=5"], "roll cannot have a bandwidth of 5 rad/s: phase margin"),
+        ("design", ["--method", "lqr", "--loop", "yaw.bandwidth=1"], "--loop yaw.bandwidth is for --method poles"),
         ("design", ["--on-board"], "laboratory.autopilot is of kind none, which has no loops on board that"),
-        ("design", [ONBOARD, "--yaw-bandwidth", "1"], "--yaw-bandwidth is for attitude control on the ground"),
+        (
+            "design",
+            [ONBOARD, "--loop", "yaw.bandwidth=1"],
+            "--loop yaw.bandwidth is for attitude control on the ground",
+        ),
         ("design", [ONBOARD, "--delay-margin", "2"], "--delay-margin is for attitude control on the ground"),
         (
             "map",
@@ -675,7 +677,7 @@ def test_simulate_shows_the_flight_live(run, tmp_path):
     assert (result.returncode, result.stderr) == (0, "")
     assert re.search(r"^open http://127\.0\.0\.1:\d+ in a browser on this machine$", result.stdout, re.MULTILINE)
     result = run("fly", *study, "--meshcat", "--rate", -1)
-    assert (result.returncode, result.stderr) == (2, "error: --rate is -1.0, but must be 0 or more\n")
+    assert (result.returncode, result.stderr) == (2, "error: --rate is -1, but must be between 0 and 1e+06\n")
 
 
 @pytest.mark.slow

@@ -106,10 +106,10 @@ def test_gains_of_an_uncertain_vehicle_and_of_an_autopilot(run, designed, monkey
     assert saved.laboratory.autopilot.k_rate == (21.0, 22.0, 23.0)
     written = YAML(typ="safe").load((tmp_path / "gains.yaml").read_text(encoding="utf-8"))
     assert written["gains"]["laboratory"]["autopilot"]["k_attitude"] == [11.0, 12.0, 13.0]
-    for option in ("--attitude-bandwidth", "--attitude-damping", "--yaw-damping"):
-        refused = run("design", "onboard", option, 0.5, "--output", tmp_path)
+    for field in ("attitude.bandwidth", "attitude.damping", "yaw.damping"):
+        refused = run("design", "onboard", "--loop", f"{field}=0.5", "--output", tmp_path)
         assert refused.returncode == 2
-        assert f"{option} is for attitude control on the ground" in refused.stderr
+        assert f"--loop {field} is for attitude control on the ground" in refused.stderr
 
 
 def test_a_regulator_is_designed_within_the_limits_that_are_asked_for(run, replaced, tmp_path):  # noqa: F811

@@ -448,8 +448,8 @@ def test_files_for_other_programs_are_written_if_asked_for(run, flown, tmp_path)
     assert flown["written"] == [("px4.csv", flown["flight"], tmp_path / "px4.csv")]
     assert flown["save_network"] == [((flown["flight"], str(tmp_path / "net.yaml")), {})]
     for wrong, words in (
-        (["--rate", "inf"], "--rate is inf, but must be 0 or more"),
-        (["--rate", "-0.5"], "--rate is -0.5, but must be 0 or more"),
+        (["--rate", "inf"], "--rate is inf, but must be between 0 and 1e+06"),
+        (["--rate", "-0.5"], "--rate is -0.5, but must be between 0 and 1e+06"),
     ):
         refused = run(*given, *wrong)
         assert refused.returncode == 2
@@ -490,10 +490,11 @@ def test_on_a_terminal_a_flight_waits_for_its_viewer(monkeypatch, capsys):
 
 
 def test_options_of_a_design_replace_the_defaults_of_their_loops():
-    period = 0.02
+    scenario = load_scenario("laboratory:nominal")
+    period = scenario.laboratory.command_link.period
 
     def options(*words):
-        return design.design_options(design.options().parse_args([*map(str, words)]), period)
+        return design.design_options(design.options().parse_args([*map(str, words)]), scenario)
 
     default = default_options(period)
     assert options() == default
@@ -503,10 +504,10 @@ def test_options_of_a_design_replace_the_defaults_of_their_loops():
         assert tuple(each.requirements) == (50.0, 8.0, wanted)
     assert options("--delay-margin", 3)["roll"].requirements.delay == 3.0 * period
     assert options("--delay-margin", 3)["x"].requirements.delay == 0.0
-    damped = options("--height-damping", 0.7, "--yaw-bandwidth", 3, "--position-bandwidth", 2)
+    damped = options(*(f"--loop={each}" for each in ("height.damping=0.7", "yaw.bandwidth=3", "position.bandwidth=2")))
     assert {axis for axis, each in damped.items() if each.family == PolePair(0.7)} == {"z"}
     assert {axis: each.effort for axis, each in damped.items() if each.effort} == {"yaw": 3.0, "x": 2.0, "y": 2.0}
-    costs = {axis: each.family for axis, each in options("--method", "lqr", "--yaw-rate-time", 0.0).items()}
+    costs = {axis: each.family for axis, each in options("--method", "lqr", "--loop", "yaw.rate_time=0.0").items()}
     times = {"roll": 0.2, "pitch": 0.2, "yaw": 0.0, "x": 1.0, "y": 1.0, "z": 0.2}
     assert costs == {axis: RegulatorRequirements(time) for axis, time in times.items()}
 
@@ -518,22 +519,50 @@ def test_options_of_a_design_replace_the_defaults_of_their_loops():
         ("gain-margin", 0.0, 60.0),
         ("delay-margin", 0.0, 1000.0),
         ("integral", 0.01, 0.9),
-        ("yaw-bandwidth", 1e-3, 100.0),
-        ("height-damping", 0.05, 0.999),
-        ("position-rate-time", 0.0, 10.0),
     ],
 )
 def test_numbers_of_a_design_have_their_ranges(option, least, most):
-    method = ["--method", "lqr"] if "rate" in option else []
+    scenario = load_scenario("laboratory:nominal")
     for value in (least, most):
-        design.design_options(design.options().parse_args([*method, f"--{option}={value}"]), 0.02)
+        design.design_options(design.options().parse_args([f"--{option}={value}"]), scenario)
     for value in (least - 1e-4, most + 1e-4):
         with pytest.raises(InputError, match=f"--{option} is .*, but must be between {least:g} and {most:g}"):
-            design.design_options(design.options().parse_args([*method, f"--{option}={value}"]), 0.02)
-    if "-" in option and "margin" not in option:
-        other = [] if method else ["--method", "lqr"]
-        with pytest.raises(InputError, match=f"--{option} is for --method"):
-            design.design_options(design.options().parse_args([*other, f"--{option}={least}"]), 0.02)
+            design.design_options(design.options().parse_args([f"--{option}={value}"]), scenario)
+
+
+@pytest.mark.parametrize(
+    ("field", "least", "most"),
+    [("yaw.bandwidth", 1e-3, 100.0), ("height.damping", 0.05, 0.999), ("position.rate_time", 0.0, 10.0)],
+)
+def test_requests_for_a_loop_have_their_ranges(field, least, most):
+    scenario = load_scenario("laboratory:nominal")
+    method, other = ("lqr", "poles") if "rate" in field else ("poles", "lqr")
+
+    def asked(wish, method=method):
+        return design.design_options(design.options().parse_args(["--method", method, "--loop", wish]), scenario)
+
+    asked(f"{field}={least}")
+    asked(f"{field}={most}")
+    for value, demand in (
+        (least - 1e-4, f"greater than or equal to {least:g}"),
+        (most + 1e-4, f"less than or equal to {most:g}"),
+    ):
+        with pytest.raises(InputError, match=f"--loop {field}=.*: {field} is .*, but must be {demand}"):
+            asked(f"{field}={value:.6f}")
+    with pytest.raises(InputError, match=f"--loop {field} is for --method {method}"):
+        asked(f"{field}={least}", other)
+
+
+def test_a_request_for_a_loop_names_a_loop_and_a_field():
+    scenario = load_scenario("laboratory:nominal")
+    for wish, complaint in {
+        "x.damping=0.7": "x is unknown; allowed are attitude, yaw, height, position",
+        "yaw.dampings=0.7": "yaw.dampings is unknown; allowed are bandwidth, damping, rate_time; did you mean damping",
+        "yaw.damping": "must be field.path=value",
+        "yaw.damping=much": "yaw.damping is 'much', but must be a valid number",
+    }.items():
+        with pytest.raises(InputError, match=f"--loop {wish}: {complaint}"):
+            design.design_options(design.options().parse_args(["--loop", wish]), scenario)
 
 
 def test_a_vehicle_is_named_after_its_file_or_its_first_log():
@@ -676,7 +705,7 @@ class Bar:
 
     def __init__(self, *items, **options):
         self.options, self.n, self.total = options, 0, options.get("total")
-        self.words, self.resets, self.items = [], [], items
+        self.words, self.initial, self.items = [], 0, items
 
     def __enter__(self):
         return self
@@ -690,13 +719,6 @@ class Bar:
     def update(self, step=1):
         self.n += step
 
-    def reset(self, total):
-        self.total, self.initial = total, None
-        self.resets.append(total)
-
-    def refresh(self):
-        pass
-
     def set_postfix_str(self, words, **_):
         self.words.append(words)
 
@@ -704,21 +726,15 @@ class Bar:
 def test_bars_show_how_much_is_done(monkeypatch):
     bars = []
     monkeypatch.setattr(progress, "new_bar", lambda *items, **options: bars.append(Bar(*items, **options)) or bars[-1])
-    with progress.flight_progress() as show:
-        for flown in (0.5, 2.0):
-            show(flown, 8.0)
-            assert (bars[-1].n, bars[-1].total) == (flown, 8.0)
-    with progress.study_progress("mine") as show:
+    with progress.progress_bar("mine", unit=" flights") as show:
         for done in (30, 50, 100):
             show(done, 100)
             assert (bars[-1].n, bars[-1].total) == (done, 100)
-    # The first 30 flights were there before, so the bar starts from them, and it is reset once.
-    assert (bars[-1].initial, bars[-1].resets, bars[-1].options["desc"]) == (30, [100], "mine")
-    assert list(progress.bar_over(["a", "b"], "drawing")) == ["a", "b"]
-    assert (bars[-1].words, bars[-1].options["desc"]) == (["a", "b"], "drawing")
-    with progress.job_progress() as show:
+    # The first 30 flights were there before, so the speed is that of the others.
+    assert (bars[-1].initial, bars[-1].options) == (30, {"desc": "mine", "unit": " flights"})
+    with progress.progress_bar("flying") as show:
         for what, done in (("pd", 20), ("pid", 70)):
-            show(what, done, 200)
+            show(done, 200, what)
             assert bars[-1].n == done
     assert (bars[-1].words, bars[-1].total) == (["pd", "pid"], 200)
 
@@ -776,9 +792,7 @@ def test_the_folder_is_that_of_the_option_or_named_after_the_scenario():
     assert options.folder_of(folder, "mine") == Path("out/study/mine")
     folder.output = Path("there")
     assert options.folder_of(folder, "mine") == Path("there")
-    assert options.parser("fly", "", "", output=None, scenario="hover").parse_args([]).scenario == "hover"
-    with pytest.raises(SystemExit):
-        options.parser("fly", "", "", output=None, scenario="hover").parse_args(["--output", "out"])
+    assert options.parser("", "drake-quad fly", output="out", scenario="hover").parse_args([]).scenario == "hover"
 
 
 def test_numbers_of_options_have_their_ranges():

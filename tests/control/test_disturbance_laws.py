@@ -72,7 +72,7 @@ def estimates(law, disturbances, accelerations, *, start=0.0):
         memory = law.predicted(memory, Gained(H * a, 0.5 * H * H * a), H)
         position += H * velocity + 0.5 * H * H * (a + d)
         velocity += H * (a + d)
-        shown.append(law.disturbance(law.corrected(memory, Measured(position, velocity), H)))
+        shown.append(law.corrected(memory, Measured(position, velocity), H).disturbance)
     return np.array(shown)
 
 
@@ -111,7 +111,7 @@ def test_l1_takes_away_what_passes_its_low_pass(frequency):
     memory, velocities, shown = law.at_rest(0.0), (1.0 - np.cos(frequency * time)) / frequency, []
     for velocity in velocities:
         memory = law.corrected(memory, Measured(0.0, velocity), h)
-        shown.append(law.disturbance(memory))
+        shown.append(memory.disturbance)
     waves = np.column_stack([np.sin(frequency * time), np.cos(frequency * time)])[10_000:]
     (in_phase, ahead), *_ = np.linalg.lstsq(waves, np.array(shown)[10_000:], rcond=None)
     assert complex(in_phase, ahead) == pytest.approx(bandwidth / (1j * frequency + bandwidth), abs=0.01)
@@ -134,7 +134,7 @@ def test_indi_is_an_incremental_pi_on_a_linear_plant():
     memory, v, found = law.at_rest(0.0), 0.0, []
     for d in pushes:
         memory = law.corrected(memory, Measured(0.0, v), H)
-        u = K * (wanted - v) - law.disturbance(memory)
+        u = K * (wanted - v) - memory.disturbance
         memory = law.predicted(memory, Gained(H * u, 0.5 * H * H * u), H)
         v += H * (u + d)
         found.append(v)

@@ -46,14 +46,14 @@ def test_a_constant_torque_turns_a_pd_aside_and_indi_not():
     def incremental(measurement):
         memory, following = states.pop()
         arguments = measurement, *NOTHING, NUMBERS, H
-        states.append(next_incremental_memory(memory, following, (), *arguments))
+        states.append(next_incremental_memory(memory, following, (), *arguments)[:2])
         return incremental_torque(memory, *arguments)
 
     angles, rates = settled(incremental)
     np.testing.assert_allclose([angles, rates], 0.0, atol=1e-3)
     # What is measured beyond the model is the push.
     (memory, _) = states.pop()
-    assert [each.filtered for each in memory] == pytest.approx(PUSH, rel=1e-2)
+    assert [each.disturbance for each in memory] == pytest.approx(PUSH, rel=1e-2)
 
 
 def test_without_a_disturbance_it_is_the_pd():
@@ -91,7 +91,7 @@ def test_the_torque_follows_the_equation_of_incremental_control():
         asked = Attitude(*attitude), BodyRates(*wanted_rates), AngularAcceleration(*feed_forward)
         found = incremental_torque(memory, measurement, *asked, NUMBERS, H)
         np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12)
-        memory, following = next_incremental_memory(memory, following, (), measurement, *asked, NUMBERS, H)
+        memory, following, _ = next_incremental_memory(memory, following, (), measurement, *asked, NUMBERS, H)
         # The model α' = (α_c - d - α) / lag is solved over a tick.
         command = wanted - disturbance
         decay = np.exp(-H / LAG)

@@ -59,7 +59,7 @@ def test_what_has_been_learned_is_no_longer_its_disturbance():
     found = shown(Pushed(NOTHING, learned), at(velocity=H * pushed))
     np.testing.assert_allclose(found, pushed - np.array(learned), rtol=1e-9)
     memory = tuple([law.at_rest(0.0) for law in LAWS])
-    _, before, _ = next_by_tilt(
+    _, before, *_ = next_by_tilt(
         memory, Pushed(NOTHING, NOTHING), SpecificThrust(G), (), at(), NOTHING, learned, NUMBERS, H
     )
     assert before.learned == learned

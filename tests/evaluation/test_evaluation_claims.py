@@ -104,7 +104,7 @@ def test_the_report_says_what_the_numbers_say(tmp_path):
     found.flights["low wind"]["indi_t2fnn"] = flights(0.05)
     text = report_markdown(found, all_claims(found), ["errors"])
     mean, pd = (found.flights["low wind"][name].rmse.mean() for name in ("indi", "pd"))
-    best, ratio = re.search(r"- low wind: INDI, (\S+) cm \[.*; the tuned PD (\S+) \[", text).groups()
+    best, ratio = re.search(r"- low wind: INDI, (\S+) cm \[.*; the RMSE of the tuned PD is (\S+) \[", text).groups()
     assert float(best) == pytest.approx(100.0 * mean, rel=1e-3)
     assert float(ratio) == pytest.approx(pd / mean, rel=1e-3)
     assert f"PD + type 2 in outdoor {share_interval(8, COUNT).percent()}" in text

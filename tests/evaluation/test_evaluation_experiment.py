@@ -223,7 +223,7 @@ def test_an_experiment_is_flown_job_by_job(monkeypatch, tmp_path):
         ("priced", laboratory, ["pd", "mpc"], QUICK),
     ]
     names = ["outdoor pd", "laboratory pd", "laboratory mpc", "laps", PRICED]
-    assert told == [(name, done, 5) for done, name in enumerate(names, start=1)]
+    assert told == [(done, 5, name) for done, name in enumerate(names, start=1)]
     # What is done is written after each job.
     assert rows == [COUNT, 2 * COUNT, 3 * COUNT, 4 * COUNT, 4 * COUNT]
     assert {place: [*each] for place, each in found.flights.items()} == {
@@ -301,7 +301,7 @@ def test_a_network_is_tuned_without_a_linear_limit_but_with_late_frames(tuned, m
     monkeypatch.setattr(protocol, "delay_stood", stood)
     entries = {name: entries_of(on_board=False, maps=True)[name] for name in ("pd", "pd_t2fnn", "pd_t2fnn_map")}
     budget = Budget(rounds=3)
-    made = list(protocol.design_family(folder, "mine", family, entries, budget=budget, limit=LoopLimit(2.5, 0.04)))
+    made = list(protocol.design_family(folder, "mine", family, entries, budget=budget))
     late = "numbers tuned in 3 rounds, 12.34 cm in training, also 30 ms late, with 88 % of the limit"
     assert [each.words for each in made] == [
         "6 numbers tuned in 3 rounds, 12.34 cm in training",
@@ -310,7 +310,7 @@ def test_a_network_is_tuned_without_a_linear_limit_but_with_late_frames(tuned, m
     assert [(shares is None, later, before) for _, shares, _, later, before in tuned] == [
         (False, 0.0, None), (True, 0.03, None), (True, 0.03, None),
     ]  # fmt: skip
-    assert [(most, given) for _, most, given in asked] == [(0.04, budget)] * 2
+    assert [(most, given) for _, most, given in asked] == [(0.05, budget)] * 2
     assert all(alone[0].control.network is None for alone, *_ in asked)
     # Only networks over the position are trained in laps.
     assert [scenarios[0].route.laps for scenarios, *_ in tuned] == [1, 1, 2]

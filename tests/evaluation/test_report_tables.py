@@ -51,19 +51,19 @@ def test_the_report_that_is_shipped_is_that_of_the_default_sizes(root):
     whole = EvaluationSizes()
     assert text.startswith("#")
     for words in (
-        f"\n{whole.samples} samples in each of ",
+        f" laboratories with {whole.samples} samples each",
         f"| MPC ({whole.slow} samples) |",
         f"in lap {whole.most_laps} its RMSE is less by",
-        f"first of {whole.delayed} samples does not yet crash",
+        f"none of {whole.delayed} samples crashes",
     ):
         assert words in text
     budget, limit, flowing = Budget(), LoopLimit(), " ".join(text.split())
     for words in (
-        f"Trained on {budget.samples} flights, of samples from 0 on; judged on samples from {FIRST_JUDGED} on",
+        f"trained on {budget.samples} flights, with samples from 0 on, and evaluated on samples from {FIRST_JUDGED} on",
         f"{budget.rounds} rounds of {budget.candidates} candidates",
-        f"looked at for {budget.checks} candidates a round",
+        f"checked for {budget.checks} candidates in each round",
         f"(COBYLA) of {budget.steps} steps",
-        f"A peak sensitivity of at most {limit.sensitivity:g} and a delay margin of at least {1e3 * limit.delay:g} ms",
+        f"a peak sensitivity of at most {limit.sensitivity:g} and a delay margin of at least {1e3 * limit.delay:g} ms",
     ):
         assert words in flowing
     assert list(SENSITIVITIES) == sorted(SENSITIVITIES)
@@ -194,14 +194,14 @@ def test_the_report_names_the_protocol_that_is_used(found):
     text = " ".join(report_markdown(found, claims, [*FIGURES]).split())
     budget, limit = Budget(), LoopLimit()
     for words in (
-        f"flown on {COUNT} samples in each of 4 laboratories",
-        f"Trained on {budget.samples} flights, of samples from 0 on; judged on samples from {FIRST_JUDGED} on",
+        f"flown in 4 laboratories with {COUNT} samples each",
+        f"trained on {budget.samples} flights, with samples from 0 on, and evaluated on samples from {FIRST_JUDGED} on",
         f"{budget.rounds} rounds of {budget.candidates} candidates",
-        f"A peak sensitivity of at most {limit.sensitivity:g} and a delay margin of at least {1e3 * limit.delay:g} ms",
-        f"looked at for {budget.checks} candidates a round",
+        f"a peak sensitivity of at most {limit.sensitivity:g} and a delay margin of at least {1e3 * limit.delay:g} ms",
+        f"checked for {budget.checks} candidates in each round",
         f"(COBYLA) of {budget.steps} steps",
-        "Trained in: laboratory: low wind and high wind; outdoor: outdoor;",
-        f"compiled, on {machine()};",
+        "trained in some of them: laboratory: low wind and high wind; outdoor: outdoor;",
+        f"in machine code on {machine()}.",
     ):
         assert words in text
     assert all(f"figures/{name}.png" in text for name in FIGURES)
@@ -217,7 +217,7 @@ def test_claims_are_in_the_table_of_verdicts_and_rules_name_theirs(found):
     text = report_markdown(found, claims, [])
     for each in claims:
         assert [each.words, each.evidence, f"**{each.verdict}**"] in rows_of(text)
-    assert f"That is {verdict_counts(claims)}." in text
+    assert f"The verdicts are {verdict_counts(claims)}." in text
     for rule in {each.rule for each in claims}:
         own = [str(i) for i, each in enumerate(claims, start=1) if each.rule == rule]
         assert f"- {rule}: {', '.join(own)}\n" in text
@@ -235,7 +235,7 @@ def test_entries_without_a_design_are_listed(found):
         whole.traits[name] = dict.fromkeys(names, Traits(2.0, 0.1, 0.1, 1e-4, 1e-6))
         for place in family.laboratories:
             whole.flights[place] = {**whole.flights.get(place, {}), **dict.fromkeys(names, flights(0.1))}
-    assert "All have a design everywhere." in report_markdown(whole, all_claims(whole), [])
+    assert "All controllers have a design for every family." in report_markdown(whole, all_claims(whole), [])
 
 
 def test_the_best_controller_of_each_laboratory_is_named_with_its_equals():
@@ -246,7 +246,7 @@ def test_the_best_controller_of_each_laboratory_is_named_with_its_equals():
     mean = mean_interval(outdoor[best].rmse).text(unit="cm", size=0.01)
     ratio = beside(outdoor["pd"], outdoor[best]).share.ratio()
     others = f"not significantly different from {WORDS[equal]}"
-    line = f"- outdoor: {WORDS[best]}, {mean}; the tuned PD {ratio} times that; {others}\n"
+    line = f"- outdoor: {WORDS[best]}, {mean}; the RMSE of the tuned PD is {ratio} times as large; {others}\n"
     assert line in report_markdown(found, all_claims(found), [])
     # The PD is not compared with itself.
     found.flights["outdoor"] = outdoor | {"pd": flights(0.01)}

@@ -8,7 +8,7 @@ from pydrake.autodiffutils import AutoDiffXd
 
 from drake_quad.framework.elementary import maximum, sqrt, where, where_needed
 from drake_quad.framework.formulas import TIME, Tick, TickOf, at_time, interpret, kernel
-from drake_quad.framework.records import ROW, layout_of
+from drake_quad.framework.records import ABSENT, ROW, layout_of
 from drake_quad.signals import Row
 
 PERIODS = [0.02, 0.01, 0.1, 1.0 / 3.0, 7.0, 1e-4]
@@ -74,11 +74,11 @@ class Parts(NamedTuple):
     two: Row
 
 
-def test_results_that_are_none_are_left_out():
+def test_results_that_are_absent_are_left_out():
     def parts(x):
         return Parts(x, None, 2.0 * x)
 
-    found = interpret(parts, (ROW,), [np.array([1.0, 3.0])], (ROW, ROW), 2, 0.0)
+    found = interpret(parts, (ROW,), [np.array([1.0, 3.0])], (ROW, ABSENT, ROW), 2, 0.0)
     np.testing.assert_array_equal(found, [[1.0, 3.0], [2.0, 6.0]])
 
 

@@ -93,14 +93,16 @@ def test_a_gap_is_filled_smoothly():
     assert distance(found, PATH, 1.0) < 0.05
 
 
-def test_a_gap_at_the_beginning_is_filled_from_rest():
+@pytest.mark.parametrize("velocity", [True, False])
+def test_a_gap_at_the_beginning_is_filled_from_rest(velocity):
     """Two samples that are alike tell that it rests, and the path of least snap is near the one that was flown."""
     record = logged(PATH)
+    speed = np.vstack([np.zeros((2, 3)), record.reference_velocity[200:]])
     resting = FlightRecord(
         "a",
         np.array([0.0, 0.001, *record.time[200:]]),
         reference_position=np.vstack([POINTS[:1], POINTS[:1], record.reference_position[200:]]),
-        reference_velocity=np.vstack([np.zeros((2, 3)), record.reference_velocity[200:]]),
+        reference_velocity=speed if velocity else None,
     )
     found = logged_reference(resting, rest=1.0)
     assert distance(found, PATH, 1.0) < 0.02

@@ -265,6 +265,7 @@ def test_rows_that_are_cut_are_left_out(write):
         ("a: [", "is not YAML"),
         ("signals: {position: {columns: [x, y, z]}}", "the mapping m.yaml has no time"),
         ("time: {column: t}\nsignals: {position: {columns: [x, y, q]}}", "there is no 'q'; it has 't', 'x', 'y', 'z'"),
+        ("time: {column: s}\nsignals: {position: {columns: [x, y, z]}}", "there is no 's'; it has 't', 'x', 'y', 'z'"),
         ("time: {column: t}\ndelimiter: ;\nsignals: {position: {columns: [x, y, q]}}", "it has 't,x,y,z,v,a,b,c,d'"),
         ("time: {column: t}\nsignals: {}", "does not fit"),
     ],

@@ -172,6 +172,15 @@ def test_what_cannot_be_read_is_told_in_a_sentence(read, data, words):
         read(data)
 
 
+def test_a_mapping_for_a_ulog_needs_no_time(read, tmp_path):
+    mapping = tmp_path / "mapping.yaml"
+    columns = ", ".join(f"'vehicle_angular_velocity.xyz[{i}]'" for i in range(3))
+    mapping.write_text(f"signals: {{body_rates: {{columns: [{columns}], frame: FRD}}}}")
+    record = read(GOOD, mapping)
+    np.testing.assert_allclose(record.body_rates[:, 0], record.time, atol=1e-6)
+    assert len(record.time) == 251
+
+
 @pytest.mark.parametrize(
     ("topic", "words"), [("wind", "the topic wind holds itself"), ("deep", "the topic wind has 25,000,001 fields")]
 )
@@ -367,6 +376,14 @@ def test_resets_and_faults_of_the_estimator_and_failsafes_are_reported(read):
     assert said(record, "the log ends in flight")
     assert said(record, "position jumps 2 times, at most by 0.5 m at 0.7 s")
     assert not said(record, "vehicle_land_detected")  # it has no signal that could be read
+
+
+def test_times_in_remarks_are_those_since_the_first_sample_of_any_signal(read):
+    fields = [("float[4]", "q"), ("uint8_t", "quat_reset_counter"), ("float[4]", "delta_q_reset")]
+    turned = rows(10_000, lambda t: (1.0, 0.0, 0.0, 0.0, int(t > 0.495), 1.0, 0.1, 0.0, 0.0))
+    late = rows(10_000, lambda t: (t, *[0.0] * 5), start=1_200_000, duration=800_000)
+    record = read(ulog({"vehicle_attitude": (fields, turned), "vehicle_local_position": (LOCAL, late)}))
+    assert said(record, "resets its attitude once, at most by 0.2 rad, first at 0.5 s of the log")
 
 
 @pytest.mark.parametrize("bytes_left", [1, 7, 20])

@@ -39,6 +39,13 @@ def test_a_linear_problem_has_the_solution_of_plain_least_squares():
     np.testing.assert_allclose(found.states.ravel(), expected[PARAMETERS:], rtol=1e-5, atol=1e-8)
 
 
+def test_a_linear_problem_is_solved_in_three_iterations():
+    """Each leaves about as much of the error as the damping: 1e-3, 1e-4 and 1e-5."""
+    found = fit(problem(linear), np.ones(PARAMETERS), np.zeros((WINDOWS, STATES)), iterations=3)
+    expected = np.linalg.lstsq(whole_matrix(), Y.ravel(), rcond=None)[0]
+    np.testing.assert_allclose(found.parameters, expected[:PARAMETERS], rtol=1e-6)
+
+
 def test_a_belief_is_one_more_measurement():
     believed, beliefs = np.array([1.0, -2.0, 0.5]), np.array([0.1, 0.2, 0.3])
     found = fit(

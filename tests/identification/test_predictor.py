@@ -1,6 +1,7 @@
 """The filter that predicts a log one measurement ahead, against the formulas of a Kalman filter."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -281,3 +282,56 @@ def test_a_fit_ends_where_whitened_errors_are_least_and_windows_go_on_from_one_a
     # The mass carries the thrust of the log.
     assert inside[0]
     assert found.parameters[0] == pytest.approx(values[0], rel=0.2)
+
+
+def test_a_yaw_that_jumps_between_half_turns_is_predicted_like_one_that_does_not(scenario, log, values):
+    turned = log.attitude + np.array([0.0, 0.0, np.pi - log.attitude[:, 2].mean()])
+    jumping = np.where(turned > np.pi, turned - 2.0 * np.pi, turned)
+    assert np.count_nonzero(np.abs(np.diff(jumping[:, 2])) > 6.0) > 20
+    noise = PredictionNoise(np.repeat([1e-3, 4e-3], 3), np.full(6, 0.3), np.full(6, 0.5))
+    errors = []
+    for attitude in (turned, jumping):
+        predictor = made(scenario, replace(log, attitude=attitude))
+        gains = predictor.gains(values, noise)
+        errors.append([gains.errors, predictor.errors(values[None], gains, noise)[0][:, :, 0]])
+    assert np.abs(errors[0][0]).max() < 0.1
+    np.testing.assert_allclose(errors[1], errors[0], atol=1e-6)
+
+
+def test_the_covariance_of_the_noise_is_large_where_the_log_does_not_identify_it(scenario, log, values):
+    """White noise of n measurements is known to 1 / √2n of itself; the memory of no disturbance is not known at all."""
+    predictor = made(scenario, log)
+    noise = PredictionNoise(np.repeat([1e-3, 4e-3], 3), np.full(6, 1e-6), np.full(6, 0.5))
+    fitted = SimpleNamespace(noise=noise, gains=predictor.gains(values, noise))
+    variances = np.diag(prediction_error.noise_covariance(predictor, fitted))
+    num_measurements = 3 * 3 * SIZES.length
+    np.testing.assert_allclose(variances[:6], 0.5 / num_measurements, rtol=0.3)
+    assert (variances[6:] > 100.0).all()
+
+
+def test_every_window_counts_once_in_the_estimate_of_the_noise(scenario, values):
+    """One of three windows has three times the noise of the others."""
+    random = np.random.default_rng(4)
+    hover = np.sqrt(scenario.vehicle.mass * scenario.vehicle.gravity / (4.0 * scenario.vehicle.thrust_factor))
+    still = np.zeros((130, 3))
+    log = FlightRecord(
+        "still", PERIOD * np.arange(130), position=still, attitude=still, rotor_speed_command=np.full((130, 4), hover)
+    )
+    predictor = made(scenario, log, windows=[LogWindow(0, 30)] * 3, sizes=Cut(length=100, settle=20, warm_up=5))
+    white = np.repeat([1e-3, 4e-3], 3)
+    predictor.measured = white[:, None] * [1.0, 1.0, 3.0] * random.normal(size=(120, 6, 3))
+    quiet = PredictionNoise(2.0 * white, np.full(6, 1e-2), np.full(6, 0.5))
+    found = prediction_error._noise_of(predictor, predictor.gains(values, quiet), quiet)
+    np.testing.assert_allclose(found.measured, white * np.sqrt((1.0 + 1.0 + 9.0) / 3.0), rtol=0.1)
+
+
+def test_the_limit_of_the_memory_of_a_force_limits_no_other_number_of_the_noise(scenario, log, values):
+    """Forces along the axes of the body last a quarter of a second at most; longer ones are errors of the thrust."""
+    vehicle = Model(scenario.vehicle, [("mass",)], "rotor_speed_command", kind="body")
+    predictor = Predictor(vehicle, [log], [LogWindow(0, 30), LogWindow(0, 90)], SIZES, IMU)
+    begun = PredictionNoise(noise_of(IMU, white=30.0).measured, np.full(6, 5.0), np.full(6, 0.2))
+    found = prediction_error._noise_of(predictor, predictor.gains(values[:1], begun), begun)
+    assert found.memory[:3].max() <= 0.25 * (1.0 + 1e-9)
+    # A number changes by a factor of 12 at most.
+    assert found.disturbance.min() > 5.0 / 12.2
+    assert found.measured[3:].min() > 30.0 * 0.3 / 12.2

@@ -519,7 +519,7 @@ def fits(monkeypatch):
     monkeypatch.setattr(response, "_explained", lambda *_: {name: Explained(0.4, "roll") for name in names})
     monkeypatch.setattr(response, "_series", lambda *_: ("series",))
     monkeypatch.setattr(response, "hold_out", lambda parts: {"of": parts.names})
-    kept.scales = scales
+    kept.scales, kept.first = scales, first
     return kept
 
 
@@ -543,6 +543,17 @@ def test_what_is_not_told_or_below_zero_is_held_and_the_rest_is_fitted_with_it(f
     assert "would be 0.26, where it may well be off by 0.5" in estimates.not_seen["autopilot.damping[0]"]
     assert {*estimates.explained} == {*estimates.names}
     assert found.held_out == {"of": (DELAY, "rotor_time_constant")}
+
+
+@pytest.mark.parametrize(("ticks", "is_zero"), [(-0.3, False), (-0.5, True)])
+def test_a_delay_is_held_at_zero_if_it_is_below_by_more_than_two_standard_deviations(fits, scenario, ticks, is_zero):
+    """The standard deviation of the delay is 0.2 ticks. Drag, of 0.1 N s/m, must not be below zero at all."""
+    fits.first.parameters[:2] = -0.1, ticks
+    found = response.identify_from_poses([record(40.0)], scenario, held_out_share=0.3)
+    ((held, start, _),) = fits.calls
+    assert (held.beliefs[1] < 1e-3 * fits.scales[1]) == is_zero
+    assert start[:2].tolist() == [0.0, 0.0 if is_zero else ticks]
+    assert any(remark.startswith(f"{DELAY} came out at") for remark in found.remarks) == is_zero
 
 
 def test_an_identification_has_the_delay_in_seconds_the_noise_and_what_was_held_at_zero(fits, scenario):

@@ -497,6 +497,15 @@ def test_an_accelerometer_has_no_noise_of_cameras(fit, scenario):
     assert str(found.estimates.sources_of(0)[0]) == "prediction errors of specific force, log"
 
 
+def test_signals_are_named_in_alphabetical_order(fit, scenario):
+    predictor, given, fitted, uncertainty = fit
+    outputs = [Output(name, column) for name in ("position", "attitude", FORCE, "body_rates") for column in range(3)]
+    every = SimpleNamespace(**{**vars(predictor), "outputs": outputs})
+    found = rotors._identified([record(**IMU)], scenario.vehicle, every, given, fitted, uncertainty, None)
+    source = str(found.estimates.sources_of(0)[0])
+    assert source == "prediction errors of attitude and body rates and position and specific force, log"
+
+
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_limits_of_the_thrust_in_a_climb_are_around_zero_whatever_its_sign(sign):
     vehicle = load_scenario("laboratory:low_wind", [f"vehicle.rotor_aerodynamics={{climb: {0.4 * sign}}}"]).vehicle

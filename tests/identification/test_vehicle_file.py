@@ -228,6 +228,7 @@ def test_every_number_says_what_is_known_of_it(written):
         "inertia[2] is as in what this extends: the vehicle never turned about its vertical axis",
         "A gap of 0.2 s at 12.3 s was left out.",
         "one lag was found for both directions\n    rotor_time_constant_down: null",
+        "a curve that the autopilot can invert: it rises, and is the measured one at hover\n        - ",
     ):
         assert words in text
     assert all(len(line) <= 120 for line in written.read_text().splitlines() if line.lstrip().startswith("#"))
@@ -309,6 +310,36 @@ def test_an_attitude_s_response_takes_the_place_of_what_is_on_board(root, tmp_pa
         write_vehicle(tmp_path / "half.yaml", "half", estimates_of(dict([*found.items()][:3])), base=base)
     with pytest.raises(InputError, match=r"autopilot\.damping\[2\] is not estimated, and what the vehicle extends has"):
         write_vehicle(tmp_path / "half.yaml", "half", estimates_of(dict([*found.items()][:5])), base=base)
+
+
+def test_a_response_of_the_attitude_is_laid_over_a_laboratory_with_an_attitude_controller(root, tmp_path):
+    """It takes the place of that controller; of the reference only the acceleration can be fed forward."""
+    found = {f"autopilot.{name}[{i}]": (9.0, 0.2) for name in ("natural_frequency", "damping") for i in range(3)}
+    own = tmp_path / "own.yaml"
+    write_vehicle(own, "own", estimates_of(found), base=root / "diagrams" / "vehicles" / "crazyflie.yaml")
+    laboratory = f"{root / 'diagrams' / 'laboratory.yaml'}:low_wind"
+    gains = [root / "diagrams" / "gains" / "laboratory.yaml"]
+    control = load_scenario(laboratory, layers=gains).control
+    assert control.attitude is not None
+    assert control.position.feed_forward == "snap"
+    with_response = load_scenario(laboratory, layers=[*gains, own]).control
+    assert with_response.attitude is None
+    assert with_response.position == control.position.model_copy(update={"feed_forward": "acceleration"})
+
+
+def test_a_base_without_a_response_of_the_attitude_needs_none(root, tmp_path):
+    base = root / "diagrams" / "vehicles" / "crazyflie.yaml"
+    path = write_vehicle(tmp_path / "new.yaml", "new", estimates_of({"mass": (0.03345, 2e-4)}), base=base)
+    assert load_undesigned(path).laboratory.autopilot == load_undesigned(base).laboratory.autopilot
+
+
+def test_of_a_response_that_the_base_has_some_numbers_may_be_estimated(root, tmp_path):
+    base = f"{root / 'diagrams' / 'vehicles' / 'neural_fly.yaml'}:neural_fly"
+    found = {f"autopilot.natural_frequency[{i}]": (9.0 + i, 0.2) for i in range(3)}
+    path = write_vehicle(tmp_path / "new.yaml", "new", estimates_of(found), base=base)
+    autopilot = load_undesigned(path).laboratory.autopilot
+    assert [each.normal.mean for each in autopilot.natural_frequency] == [9.0, 10.0, 11.0]
+    assert autopilot.damping == load_undesigned(base).laboratory.autopilot.damping
 
 
 def test_what_a_base_draws_is_still_drawn(base, tmp_path):

@@ -23,7 +23,7 @@ class Delay(NamedTuple):
 
 
 def filled(now, longest):
-    return (now, (now,) * longest) if longest else now
+    return now, (now,) * longest
 
 
 def a_tick_later(now, under_way, delay):
@@ -37,8 +37,8 @@ class Delayed(FleetSystem):
     def declare(self, *, longest=0, numbers=Delay()):
         now, delay = self.input("now", layout=layout_of(Pair)), self.parameter("delay", lambda delay: delay)
         line = declare_delay_line(self, "later", lambda _: Pair(7.0, 8.0), longest)
-        self.initialize(filled, now, longest, writes=line.writes)
-        self.update(1.0, a_tick_later, now, line.under_way, delay, writes=line.writes)
+        self.initialize(filled, now, longest, writes=line)
+        self.update(1.0, a_tick_later, now, line.under_way, delay, writes=line)
         self.state_output(line.out)
 
 

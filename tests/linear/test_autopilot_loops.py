@@ -7,8 +7,8 @@ from argparse import ArgumentParser
 import numpy as np
 import pytest
 import scipy
-from pydrake.systems.analysis import InitializeParams, Simulator
 from ruamel.yaml import YAML
+from tick_jacobian import jacobian_of_tick
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
 from drake_quad.command_line.design import add_design_options, design_options
@@ -66,21 +66,8 @@ def test_the_jacobian_of_a_loop_with_an_autopilot_against_differences(onboard, k
     context = at_tick(diagram, 0.08)
     system, _ = linearize(diagram, context, period=0.02, without=WATCHERS)
     layout = ContextVector(diagram, without=WATCHERS)
-    start = layout.read(diagram, context)
-
-    def after(state):
-        root = context.Clone()
-        layout.write(diagram, root, state)
-        simulator = Simulator(diagram, root)
-        keep = InitializeParams()
-        keep.suppress_initialization_events = True
-        simulator.Initialize(keep)
-        simulator.AdvanceTo(0.1)
-        return layout.read(diagram, root)
-
-    step = 1e-5
-    numeric = [(after(start + step * unit) - after(start - step * unit)) / (2.0 * step) for unit in np.eye(len(start))]
-    np.testing.assert_allclose(system.A, np.array(numeric).T, atol=1e-6)
+    numeric = jacobian_of_tick(diagram, context, layout, until=0.1)
+    np.testing.assert_allclose(system.A, numeric, atol=1e-6)
     names = {"attitude": "laboratory.autopilot.wrench.tau_x", "response": "laboratory.vehicle.state.pitch_rate"}
     assert names[kind] in system.states
     assert "laboratory.command_link.attitude_target.roll" in system.states
@@ -204,7 +191,7 @@ def test_shipped_gains_are_what_their_call_makes(root, onboard, designed):
     arguments = ArgumentParser()
     arguments.add_argument("scenario")
     add_design_options(arguments)
-    options = design_options(arguments.parse_args(command[1:]), 0.02)
+    options = design_options(arguments.parse_args(command[1:]), onboard())
     assert options == default_options(0.02) | on_board_options()
     written = YAML(typ="safe").load(text)["gains"]
     position = {"kind": "pd", "derivative": "tracking_error", "feed_forward": "jerk"} | designed.gains()["position"]

@@ -2,9 +2,13 @@
 
 import numpy as np
 import pytest
+import scipy
 
+from drake_quad import simulate
 from drake_quad.flight.mission import plan_route
 from drake_quad.linear.disturbances import disturbances_along, spectrum
+from drake_quad.planning.believed import nominal_parameters
+from drake_quad.planning.feasibility import plan_demand
 from drake_quad.scenario.batch import Batch
 
 HOVER = "route={kind: hover, position: [0, 0, 1], duration: 0.4}"
@@ -36,6 +40,23 @@ def test_a_path_is_held_back_by_the_drag_of_its_velocity(asymmetric):
     np.testing.assert_allclose(found.acceleration[:, :, 0], -0.12 / 0.7 * velocity, atol=1e-9)
 
 
+def test_planned_torques_turn_a_vehicle_with_another_inertia_by_euler_s_equations(asymmetric):
+    """The torque of the plan is I ω̇ + ω × I ω, of the believed inertia and the planned body rates ω."""
+    believed, own = np.array([0.0065, 0.0085, 0.0126]), np.array([0.0071, 0.0079, 0.0131])
+    scenario = asymmetric("pid", *CLEAN, "vehicle.rotor_inertia=0", "nominal.rotor_inertia=0")
+    plan = plan_route(scenario)
+    step, _, turning = disturbed(scenario)
+    times, h = step * np.arange(1, turning.shape[1] - 1), 1e-4
+    before, rates, after = (
+        np.transpose(plan_demand(plan, nominal_parameters(scenario), times + late).body_rates) for late in (-h, 0.0, h)
+    )
+    slopes = (after - before) / (2.0 * h)
+    torques = believed * slopes + np.cross(rates, believed * rates)
+    expected = (torques - np.cross(rates, own * rates)) / own - slopes
+    assert np.abs(expected[:, :2]).max(axis=0).min() > 0.01
+    np.testing.assert_allclose(turning[:, 1:-1, 0], expected[:, :2].T, atol=1e-7)
+
+
 def test_a_centre_of_mass_beside_the_middle_turns_each_vehicle_as_it_is_drawn(asymmetric):
     beside = "vehicle.centre_of_mass=[{uniform: {min: -0.002, max: 0.002}}, 0.001]"
     scenario = asymmetric("pid", *(each for each in CLEAN if "centre" not in each), HOVER, beside)
@@ -58,6 +79,36 @@ def test_a_fan_is_felt_where_it_blows_and_every_sample_has_its_own_turbulence(as
     assert (x.mean(axis=0) > 0.1).all()
     assert np.abs(y.mean()) < 0.2 * x.mean()
     assert x[-1, 0] != x[-1, 1]
+
+
+def test_drag_at_a_centre_of_pressure_turns_a_hovering_vehicle_in_wind(asymmetric):
+    """By r × F over the inertia, beside which hover in still air needs no torque."""
+    drag = "vehicle.body_drag={linear: [0.1, 0.2, 0.3], centre_of_pressure: [0.02, 0.03, 0.04]}"
+    steady = "laboratory.wind=[{kind: steady, velocity: [2.0, -1.5, 0.5]}]"
+    found = disturbed(asymmetric("pid", *CLEAN, HOVER, steady, drag, "vehicle.linear_drag=0"))
+    torque = np.cross([0.02, 0.03, 0.04], [0.1 * 2.0, 0.2 * -1.5, 0.3 * 0.5])
+    expected = torque[:2] / [0.0071, 0.0079]
+    np.testing.assert_allclose(found.turning[:, :, 0], np.repeat(expected[:, None], 20, axis=1), atol=1e-9)
+
+
+def test_turbulence_is_that_of_the_flights_of_the_same_samples(asymmetric):
+    """The record of a flight shows the sample of an instant one step later."""
+    turbulence = "laboratory.wind=[{kind: dryden, level: light, height: 4.0, heading: 0.7}]"
+    steps = ("vehicle.time_step=0.02", "laboratory.motion_capture.period=0.02")
+    scenario = asymmetric("pid", *CLEAN, HOVER, turbulence, *steps)
+    found = disturbed(scenario, samples=(0, 3))
+    assert found.step == 0.02
+    for vehicle, sample in enumerate((0, 3)):
+        wind = simulate(scenario, sample=sample)["wind"].T
+        np.testing.assert_allclose(found.acceleration[:, 0, vehicle], 0.12 / 0.7 * wind[:, 0])
+        np.testing.assert_allclose(found.acceleration[:, 1:-1, vehicle], 0.12 / 0.7 * wind[:, 2:20], atol=1e-12)
+
+
+def test_the_time_constant_of_white_noise_is_that_of_a_correlation_which_halves_within_a_step():
+    """The autocorrelation (1 + x) exp(-x) of second-order noise is 1/2 where x is one step over the time constant."""
+    lag = scipy.optimize.brentq(lambda x: (1.0 + x) * np.exp(-x) - 0.5, 0.0, 5.0)
+    white = np.random.default_rng(3).normal(size=(1, 4000, 2))
+    assert spectrum(white, 0.02).time == pytest.approx(0.02 / lag, rel=1e-5)
 
 
 def test_a_spectrum_tells_what_lasts_from_what_comes_and_goes():

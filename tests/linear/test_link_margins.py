@@ -116,6 +116,16 @@ def test_fast_margins_equal_the_reported_margins(laboratory, margins_of, control
     np.testing.assert_allclose(fast.delay, [margins.delay for margins in exact], rtol=2e-4)
 
 
+def test_fast_margins_include_loops_that_are_as_slow_as_half_a_radian_per_second(laboratory):
+    """The crossover of the height is at 0.4 rad/s."""
+    scenario = laboratory("paper.yaml:pd", "control.position={k_p: [1.6, 1.6, 0.05], k_d: [1.9, 1.9, 0.4]}")
+    exact = link_margins(scenario)["thrust"]
+    fast = fast_link_margins(scenario)
+    assert 0.3 < exact.crossover < 0.5
+    assert fast.sensitivity[0] == pytest.approx(exact.sensitivity, rel=2e-5)
+    assert fast.delay[0] == pytest.approx(exact.delay, rel=2e-4)
+
+
 @pytest.mark.parametrize("controller", CONTROLLERS)
 def test_flights_diverge_at_the_delay_that_the_margins_tell_within_a_tick(laboratory, margins_of, controller):
     found = margins_of(controller)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import scipy
 from pydrake.common.value import AbstractValue
-from pydrake.systems.analysis import InitializeParams, Simulator
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource, ZeroOrderHold
+from tick_jacobian import jacobian_of_tick
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario
 from drake_quad.linear.closed_loop import WATCHERS, laboratory_plant
@@ -74,21 +74,8 @@ def test_the_jacobian_of_the_whole_loop_against_differences(hover, overrides):
     context = at_tick(diagram, 0.08)
     system, _ = linearize(diagram, context, period=0.02, without=WATCHERS)
     layout = ContextVector(diagram, without=WATCHERS)
-    start = layout.read(diagram, context)
-
-    def after(state):
-        root = context.Clone()
-        layout.write(diagram, root, state)
-        simulator = Simulator(diagram, root)
-        keep = InitializeParams()
-        keep.suppress_initialization_events = True
-        simulator.Initialize(keep)
-        simulator.AdvanceTo(0.1)
-        return layout.read(diagram, root)
-
-    step = 1e-5
-    numeric = [(after(start + step * unit) - after(start - step * unit)) / (2.0 * step) for unit in np.eye(len(start))]
-    np.testing.assert_allclose(system.A, np.array(numeric).T, atol=2e-8)
+    numeric = jacobian_of_tick(diagram, context, layout, until=0.1)
+    np.testing.assert_allclose(system.A, numeric, atol=2e-8)
 
 
 def test_the_state_has_names_and_no_watchers(hover):

@@ -7,7 +7,7 @@ from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication.measures import EFFORTS, LegMetrics
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell
 from drake_quad.replication.results import FAIR, MAPPED, Experiment, cells_of
-from drake_quad.replication.sweeps import SLOPES, Sweep, crossed, noise_settings, q_settings
+from drake_quad.replication.sweeps import NOISE_SETTINGS, Q_SETTINGS, SLOPES, Sweep, crossed
 from drake_quad.studies.study import Study
 
 
@@ -42,7 +42,7 @@ def invented_experiment(num_samples=6, *, crashes=0.0, seed=4):
     recorded[Cell("no_wind", "pd_t2fnn")]["pd_fade"][1] = np.nan
     noise, shares = (
         Sweep(settings, np.arange(6), metrics_of(rng, (15, 6), crashes=0.03))
-        for settings in (noise_settings(), q_settings())
+        for settings in (NOISE_SETTINGS, Q_SETTINGS)
     )
     slope = {"slope": np.array(SLOPES)}
     slopes = {wind: Sweep(slope, np.arange(1, 4), metrics_of(rng, (len(SLOPES), 3), 0.5)) for wind in WINDS}

@@ -18,12 +18,12 @@ from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_tab
 from drake_quad.replication.results import FAIR, Experiment, cells_of
 from drake_quad.replication.sweeps import (
     NOISE,
+    NOISE_SETTINGS,
+    Q_SETTINGS,
     Q_VALUES,
     SLOPES,
     Sweep,
     load_sweep,
-    noise_settings,
-    q_settings,
 )
 from drake_quad.replication.table_ii import table_entries, table_markdown, write_entries
 from drake_quad.statistics.interval import Interval
@@ -431,7 +431,7 @@ def even(cells=(), recorded=(), noise=(), shares=(), slope=1.0):
         }
         studies[cell] = Study(None, 27.0, np.arange(3), {}, metrics(3, **numbers))
     sweeps = []
-    for settings, numbers in ((noise_settings(), noise), (q_settings(), shares)):
+    for settings, numbers in ((NOISE_SETTINGS, noise), (Q_SETTINGS, shares)):
         rmse = np.ones((15, 3))
         for (row, exponents), value in dict(numbers).items():
             rmse[3 * row + NETWORKS.index(exponents)] = value

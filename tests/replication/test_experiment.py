@@ -23,16 +23,16 @@ from drake_quad.replication.measures import CURVED, STRAIGHT, LegMetrics
 from drake_quad.replication.printed import CONTROLLERS, WINDS
 from drake_quad.replication.results import FAIR, cells_of
 from drake_quad.replication.sweeps import (
+    BEST_GAINS,
+    NOISE_SETTINGS,
+    Q_SETTINGS,
+    SLOPE_SETTINGS,
     SLOPES,
-    best_gain_settings,
     fly_legs,
     fly_settings,
     gain_settings,
     load_sweep,
-    noise_settings,
     num_rows,
-    q_settings,
-    slope_settings,
 )
 from drake_quad.studies import monte_carlo
 from drake_quad.studies.flying import fly_batch
@@ -57,7 +57,7 @@ def test_recorded_samples_are_those_flown_alone():
 
 
 def test_settings_of_a_fleet_are_those_of_scenarios():
-    settings = {name: values[[1, 5]] for name, values in noise_settings().items()}
+    settings = {name: values[[1, 5]] for name, values in NOISE_SETTINGS.items()}
     found = fly_settings(scenario("no_wind_pd_t2fnn"), settings, [0, 3])
     noise, a1, a2 = (settings[name][1] for name in ("noise", "a1", "a2"))
     overrides = [
@@ -71,7 +71,7 @@ def test_settings_of_a_fleet_are_those_of_scenarios():
 
 
 def test_exponents_of_one_are_the_network_of_type_1():
-    settings = {name: values[:1] for name, values in q_settings().items()}
+    settings = {name: values[:1] for name, values in Q_SETTINGS.items()}
     assert (settings["a1"][0], settings["a2"][0]) == (1.0, 1.0)
     found = fly_settings(scenario("no_wind_pd_t2fnn"), settings, [0])
     assert found.rmse[0, 0] == pytest.approx(simulate(scenario("no_wind_pd_t1fnn"), sample=0).metrics.rmse, rel=1e-9)
@@ -133,7 +133,7 @@ def test_a_cell_with_a_sample_that_cannot_be_flown_is_none(tmp_path, monkeypatch
 )
 def test_as_many_settings_fly_in_a_fleet_as_there_is_room_for(count, sizes):
     """At least one; as many vehicles as 1,024 otherwise, each on the same samples."""
-    settings = q_settings()
+    settings = Q_SETTINGS
     jobs = SweepPlan(None, settings, count, fly=kept).jobs("q", "a scenario", compiled=False)
     assert [job.size for job in jobs] == [size * count for size in sizes]
     assert {job.name for job in jobs} == {"q"}
@@ -214,8 +214,8 @@ def test_an_experiment_leaves_every_number_where_it_is_read(tmp_path, monkeypatc
     assert cells == {
         f"{wind}_{name}": (6, tmp_path / "cells" / f"{wind}_{name}") for wind in WINDS for name in (*CONTROLLERS, *FAIR)
     }
-    steps = {name: 0 for name, *_ in told}
-    for (name, done, _), before in zip(told, [0, *(done for _, done, _ in told)]):
+    steps = {name: 0 for *_, name in told}
+    for (done, _, name), before in zip(told, [0, *(done for done, *_ in told)]):
         steps[name] += done - before
     assert steps == {
         **{f"{wind}_{name}": 6 for wind in WINDS for name in (*CONTROLLERS, *FAIR)},
@@ -227,16 +227,16 @@ def test_an_experiment_leaves_every_number_where_it_is_read(tmp_path, monkeypatc
         "legs": 8,
         **{f"slope_{wind}": 28 for wind in WINDS},
     }
-    assert {total for *_, total in told} == {sum(steps.values())}
+    assert {total for _, total, _ in told} == {sum(steps.values())}
 
     recorded = read_table(tmp_path / "recorded.csv")
     assert len(recorded["sample"]) == 3 * len(WINDS) * len(CONTROLLERS)
     for wind, name, sample, value in zip(*recorded.values(), strict=True):
         assert value == sample + len(f"{wind}_{name}")
     expected = {
-        "noise": (noise_settings(), 4, "no_wind_pd_t2fnn"),
-        "q": (q_settings(), 4, "no_wind_pd_t2fnn"),
-        **{f"slope_{wind}": (slope_settings(), 4, f"{wind}_pd_t2fnn") for wind in WINDS},
+        "noise": (NOISE_SETTINGS, 4, "no_wind_pd_t2fnn"),
+        "q": (Q_SETTINGS, 4, "no_wind_pd_t2fnn"),
+        **{f"slope_{wind}": (SLOPE_SETTINGS, 4, f"{wind}_pd_t2fnn") for wind in WINDS},
         **{f"map_{name}": (gain_settings(2), 3, f"no_wind_{name}") for name in ("pd", "pd_t2fnn")},
     }
     for name, (settings, count, flown) in expected.items():
@@ -247,8 +247,10 @@ def test_an_experiment_leaves_every_number_where_it_is_read(tmp_path, monkeypatc
             np.testing.assert_array_equal(sweep.settings[number], values)
         np.testing.assert_array_equal(sweep.metrics, fly_settings(flown, settings, range(count), compiled=False))
     legs = load_sweep(tmp_path / "legs.csv", LegMetrics)
-    np.testing.assert_array_equal(legs.metrics, fly_legs("no_wind_pd", best_gain_settings(2), [0, 1], compiled=False))
-    np.testing.assert_array_equal(legs.settings["k_p"], best_gain_settings(2)["k_p"])
+    np.testing.assert_array_equal(
+        legs.metrics, fly_legs("no_wind_pd", gain_settings(2, BEST_GAINS), [0, 1], compiled=False)
+    )
+    np.testing.assert_array_equal(legs.settings["k_p"], gain_settings(2, BEST_GAINS)["k_p"])
     assert (legs.samples.tolist(), len(SLOPES)) == ([0, 1], 7)
 
     stale.parent.mkdir(parents=True)

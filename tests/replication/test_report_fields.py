@@ -50,7 +50,8 @@ def test_predictions_of_table_ii_are_counted_without_the_fitted_cells():
     assert (fields["off_pd"], fields["off_network"]) == ("-1.0 %", "+2.0 %")
     assert (fields["predicted"], fields["within"]) == (4, 2)
     assert fields["beyond"] == (
-        f"; not so {CONTROLLERS['pd']} in low wind (+12.5 %), {CONTROLLERS['pd_t2fnn']} in high wind (-20.0 %)"
+        f"; the exceptions are {CONTROLLERS['pd']} in low wind (+12.5 %),"
+        f" {CONTROLLERS['pd_t2fnn']} in high wind (-20.0 %)"
     )
     assert fields["spread"] == "-20.0 to +12.5 %"
     assert fields["crashes"] == "21 samples crashed; means are those of the others."

@@ -8,18 +8,18 @@ import pytest
 from drake_quad import load_scenario, simulate
 from drake_quad.replication.printed import CONTROLLERS
 from drake_quad.replication.sweeps import (
+    BEST_GAINS,
     EXPONENTS,
     NOISE,
+    NOISE_SETTINGS,
+    Q_SETTINGS,
     Q_VALUES,
+    SLOPE_SETTINGS,
     SLOPES,
-    best_gain_settings,
     fly_legs,
     fly_settings,
     gain_settings,
-    noise_settings,
-    q_settings,
     settings_batch,
-    slope_settings,
 )
 from drake_quad.scenario.numbers import number_at
 
@@ -39,18 +39,18 @@ def test_what_is_varied():
     assert NOISE == (0.0, 0.001, 0.005, 0.01, 0.02)
     assert Q_VALUES == (0.0, 0.25, 0.5, 0.75, 1.0)
     assert SLOPES == (1.0, 1.5, 1.75, 2.0, 2.25, 2.5, 3.0)
-    for settings, name, values in ((noise_settings(), "noise", NOISE), (q_settings(), "q", Q_VALUES)):
+    for settings, name, values in ((NOISE_SETTINGS, "noise", NOISE), (Q_SETTINGS, "q", Q_VALUES)):
         assert list(settings) == [name, "a1", "a2"]
         rows = list(zip(*settings.values(), strict=True))
         assert rows == [(value, *exponents) for value in values for exponents in EXPONENTS.values()]
-    assert {name: values.tolist() for name, values in slope_settings().items()} == {"slope": list(SLOPES)}
+    assert {name: values.tolist() for name, values in SLOPE_SETTINGS.items()} == {"slope": list(SLOPES)}
 
 
 @pytest.mark.parametrize(
-    ("make", "k_p", "k_d"), [(gain_settings, (0.3, 20.0), (0.3, 12.0)), (best_gain_settings, (2.5, 9.0), (1.0, 4.5))]
+    ("ranges", "k_p", "k_d"), [((), (0.3, 20.0), (0.3, 12.0)), ((BEST_GAINS,), (2.5, 9.0), (1.0, 4.5))]
 )
-def test_gains_stand_in_equal_ratios(make, k_p, k_d):
-    found = make(3)
+def test_gains_stand_in_equal_ratios(ranges, k_p, k_d):
+    found = gain_settings(3, *ranges)
     middle = [(low * high) ** 0.5 for low, high in (k_p, k_d)]
     expected = [(p, d) for p in (k_p[0], middle[0], k_p[1]) for d in (k_d[0], middle[1], k_d[1])]
     assert list(zip(found["k_p"], found["k_d"], strict=True)) == [pytest.approx(pair) for pair in expected]

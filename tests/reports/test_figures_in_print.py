@@ -3,23 +3,14 @@
 import numpy as np
 from PIL import Image
 
-from drake_quad.reports.figures import (
-    COLUMN,
-    in_print,
-    legend_above,
-    name_rows,
-    new_panels,
-    plot_intervals,
-    save_small,
-)
+from drake_quad.reports.figures import COLUMN, print_panels, save_small
 from drake_quad.statistics.interval import Interval
-from drake_quad.visualization.style import new_figure, styled
+from drake_quad.visualization.panels import legend_above, name_rows, new_panels, plot_intervals
 
 
 def test_a_figure_in_print_is_as_wide_as_a_column_and_has_a_palette(tmp_path):
-    with in_print():
-        figure = new_figure(COLUMN, 1.0)
-        figure.subplots().imshow(np.arange(400.0).reshape(20, 20))
+    with print_panels(1.0) as (figure, axes):
+        axes.imshow(np.arange(400.0).reshape(20, 20))
         save_small(figure, tmp_path / "small.png")
     with Image.open(tmp_path / "small.png") as image:
         # 3.5 inches of 220 dots each.
@@ -30,9 +21,8 @@ def test_a_figure_in_print_is_as_wide_as_a_column_and_has_a_palette(tmp_path):
 
 def test_letters_in_print_are_smaller_than_elsewhere():
     sizes = []
-    for context in (in_print, styled):
-        with context():
-            axes = new_figure(COLUMN, 1.0).subplots()
+    for context in (print_panels(1.0), new_panels(COLUMN, 1.0)):
+        with context as (_, axes):
             axes.set(xlabel="x", title="y")
             axes.plot([0.0, 1.0], label="z")
             texts = [axes.xaxis.label, axes.title, axes.get_xticklabels()[0], axes.get_yticklabels()[0]]
@@ -43,7 +33,7 @@ def test_letters_in_print_are_smaller_than_elsewhere():
 
 
 def test_rows_are_named_from_the_top():
-    with new_panels(1.0, 1, 2, width=2.0, sharex=True) as (figure, (axes, other)):
+    with new_panels(2.0, 1.0, 1, 2, sharex=True) as (figure, ((axes, other),)):
         name_rows(axes, ["a", "b"])
     assert figure.get_size_inches().tolist() == [2.0, 1.0]
     assert axes.get_shared_x_axes().joined(axes, other)
@@ -53,7 +43,7 @@ def test_rows_are_named_from_the_top():
 
 def test_intervals_are_bars_at_their_estimates():
     intervals = [Interval(1.0, 0.5, 3.0), Interval(2.0, 1.0, 2.5)]
-    with new_panels(1.0) as (figure, axes):
+    with new_panels(2.0, 1.0) as (figure, axes):
         plot_intervals(axes, [5.0, 7.0], intervals, label="ours")
         legend_above(figure, axes, 1)
     ((curve, _, (bars,)),) = axes.containers

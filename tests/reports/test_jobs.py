@@ -21,7 +21,7 @@ def test_jobs_are_counted_as_they_are_done(workers, order):
     assert found == [3, 4, 5]
     assert results == order
     names = {job.size: job.name for job in JOBS}
-    assert told == [(names[size], sum(order[: i + 1]), 12) for i, size in enumerate(order)]
+    assert told == [(sum(order[: i + 1]), 12, names[size]) for i, size in enumerate(order)]
     assert workers is None or workers.most == min(workers.capacity, 3)
 
 

@@ -71,7 +71,7 @@ def test_a_committed_page_is_not_stale(root, report, folder, file, width, max_by
         rows = [{report._COLUMNS[name]: cell for name, cell in row.items()} for row in csv.DictReader(committed)]
     claims = [Claim(**row) for row in rows]
     assert f"{verdict_table(claims, report._SHOWN_COLUMNS)}\n" in text
-    assert f"That is {verdict_counts(claims)}." in text
+    assert f"The verdicts are {verdict_counts(claims)}." in text
     for name, caption in report.FIGURES.items():
         assert image(name, caption, width=width) in text
     figures = re.findall(r'src="figures/(\w+)\.png"', text)

@@ -154,6 +154,15 @@ def test_only_the_relative_items_of_a_list_are_carried_to_another_vehicle(load):
     assert tuple(i_zz.extremes()) == pytest.approx((0.036, 0.044))
 
 
+@pytest.mark.parametrize(("field", "count"), [("thrust_factor_error", 4), ("centre_of_mass", 2)])
+def test_another_vehicle_has_no_errors_beside_a_relative_one(load, field, count):
+    """These fields have no nominal value: their references are 1 and the length of an arm."""
+    items = [WIDE, *["0.01"] * (count - 1)]
+    spread = f"spread: {{extends: figure_eight, vehicle: {{{field}: [{', '.join(items)}]}}}}\n"
+    _, *others = getattr(load("spread", "x500", beside=X500 + spread).vehicle, field)
+    assert others == [0.0] * (count - 1)
+
+
 @pytest.mark.parametrize(
     ("field", "path"),
     [

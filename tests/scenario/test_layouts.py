@@ -51,7 +51,7 @@ def check_member(kind, fields):
 
 
 @pytest.mark.parametrize(
-    ("kind", "fields"), [(kind, fields) for kind in LAYOUTS.names for fields in FIELDS.get(kind, [{}])]
+    ("kind", "fields"), [(kind, fields) for kind in LAYOUTS.members for fields in FIELDS.get(kind, [{}])]
 )
 def test_every_kind_of_layout_answers_truthfully(kind, fields):
     check_member(kind, fields)

@@ -203,7 +203,7 @@ FAN = "kind: fan, position: [0, 0, 1]"
         (f"wind: [{{{FAN}, direction: [1, 0, 0], diameter: 1}}]", r"wind.0.flow is missing"),
         (
             "wind: [{kind: breeze}]",
-            f"wind.0.kind is 'breeze', but must be one of {str(WINDS.names)[1:-1]}",
+            f"wind.0.kind is 'breeze', but must be one of {str([*WINDS.members])[1:-1]}",
         ),
         (
             "wind: [{kind: dryden, level: mild}]",
@@ -404,7 +404,7 @@ def test_limits_of_the_rotors_are_checked_as_they_are_flown(write, nominal, vehi
     [
         (
             "{kind: oval}",
-            f"2: route.kind is 'oval', but must be one of {str(ROUTES.names)[1:-1]}",
+            f"2: route.kind is 'oval', but must be one of {str([*ROUTES.members])[1:-1]}",
         ),
         ("{radius: 1}", "2: route.kind is missing"),
         (

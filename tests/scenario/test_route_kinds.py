@@ -58,7 +58,7 @@ def check_member(kind, fields):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("kind", "fields"), [(kind, fields) for kind in ROUTES.names for fields in FIELDS.get(kind, [{}])]
+    ("kind", "fields"), [(kind, fields) for kind in ROUTES.members for fields in FIELDS.get(kind, [{}])]
 )
 def test_every_kind_of_route_answers_truthfully(kind, fields):
     """The plan ends when the route says, within its limits."""

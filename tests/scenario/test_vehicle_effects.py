@@ -51,7 +51,7 @@ FIELDS = {
 def test_a_payload_that_is_dropped_later_stays_in_hover():
     """The vehicle is trimmed with it, and without one that is dropped at once."""
     dropped = {**FIELDS["payload"], "event": "dropped"}
-    payload = dict(EFFECTS.items())["payload"](**dropped)
+    payload = EFFECTS.members["payload"](**dropped)
     assert stays("payload", payload.in_hover())
     assert payload.model_copy(update={"time": 0.0}).in_hover() is None
 
@@ -156,7 +156,7 @@ def check_response(name, kind):
         assert allowed or name == "rotor_failure", "a response contains how the vehicle turns"
 
 
-@pytest.mark.parametrize(("name", "kind"), EFFECTS.items(), ids=EFFECTS.names)
+@pytest.mark.parametrize(("name", "kind"), EFFECTS.members.items(), ids=[*EFFECTS.members])
 def test_every_effect_answers_truthfully(name, kind):
     """The vehicle with the effect stays in hover, turns and swings as the effect says."""
     check_member(name, kind)

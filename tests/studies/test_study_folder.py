@@ -55,15 +55,15 @@ def test_time_is_flown_until_the_end_or_the_crash_by_what_is_new(hover):
     found = Found(table([1], crash_time=0.25), np.array([2]), [5, 3], 0)
     rows = StudyRows(hover, 5, 2.0, found=found)
     assert (len(rows), [*rows.missing], rows.study().flown_time) == (1, [0, 2, 3, 4], 0.0)
-    rows.add_rows(table([0, 4], crash_time=0.75))
-    rows.add_rows(table([2]))
+    rows.add(Outcome([0, 4], table([0, 4], crash_time=0.75)))
+    rows.add(Outcome([2], table([2])))
     assert rows.study().flown_time == 3.5
     assert rows.study().misfits == (3, 5)
 
 
 def test_without_a_folder_nothing_is_written(hover):
     with open_study(None, hover, 3, 2.0, UserSystems(), resume=False) as rows:
-        rows.add_rows(table([1]))
+        rows.add(Outcome([1], table([1])))
     assert (rows.num_samples, len(rows), rows.saved) == (3, 1, "nothing was written")
 
 
@@ -71,10 +71,10 @@ def test_a_folder_holds_the_study_in_order_at_the_end(hover, tmp_path):
     folder = tmp_path / "a" / "study"
     with open_study(folder, hover, 3, 2.0, UserSystems(wind=table), resume=False) as rows:
         assert read_record(folder).wind == f"{__name__}:table"
-        rows.add_rows(table([2]))
+        rows.add(Outcome([2], table([2])))
         assert rows.saved == f"1 of 3 samples are in {folder / 'results.csv'}"
         assert len(read_study(folder).samples) == 1
-        rows.add_rows(table([0]))
+        rows.add(Outcome([0], table([0])))
         lines = (folder / "results.csv").read_text().splitlines()
         assert [line.split(",")[0] for line in lines] == ["sample", "2", "0"]
     lines = (folder / "results.csv").read_text().splitlines()
@@ -91,13 +91,13 @@ def test_failures_are_told_until_all_is_flown(hover, tmp_path):
     assert (tmp_path / "failed.csv").read_text() == "sample,reason\n1,cursed\n"
     with open_study(tmp_path, hover, 2, 2.0, UserSystems(), resume=True) as rows:
         assert [*rows.missing] == [0, 1]
-        rows.add_rows(table([0, 1]))
+        rows.add(Outcome([0, 1], table([0, 1])))
     assert not (tmp_path / "failed.csv").exists()
 
 
 def test_a_study_may_grow_and_not_shrink(hover, tmp_path):
     with open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=True) as rows:
-        rows.add_rows(table([2]))
+        rows.add(Outcome([2], table([2])))
     with open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=True) as rows:
         assert [*rows.missing] == [0, 1]
     words = r"results\.csv holds sample 2 already, but the study is to have only 2 samples"

@@ -78,7 +78,7 @@ def test_a_summary_has_errors_in_centimetres_and_saturation_in_parts_of_a_hundre
     found = study(40, 2)
     rows = {name: getattr(found.metrics, name) * (1.0 + 0.1 * i) for i, name in enumerate(Metrics._fields[:-1])}
     found = Study(found.scenario, 10.0, found.samples, {}, found.metrics._replace(**rows))
-    errors = ["rmse", "rmse_x", "rmse_y", "rmse_z", "peak_error"]
+    errors = {name for name, metric in METRICS.items() if metric.unit == "m"}
     names = {metric.label: name for name, metric in METRICS.items() if metric.display is not None}
     assert {*errors, "effort_x", "saturation_share"} <= {*names.values()}
     summary = summary_of(found)

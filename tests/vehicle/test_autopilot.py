@@ -31,11 +31,11 @@ STATE = State(1.0, 2.0, 3.0, 0.15, -0.1, -3.1, 0.1, 0.2, 0.3, 0.7, -0.9, 1.1)
 NO_NOISE = "laboratory.motion_capture={position_noise: 0, attitude_noise: 0}"
 
 
-def law(target, state, numbers, noise=(0.0,) * 6):
+def law(target, state, numbers, noise=((0.0,) * 3, (0.0,) * 3)):
     """The equations of PX4's two loops with vectors and matrices."""
     inertia = np.diag(numbers.inertia)
-    rates = np.array(state[9:12]) + numbers.gyroscope.bias + numbers.gyroscope.noise * np.array(noise[:3])
-    error = np.array(target[1:4]) - np.array(state[3:6]) - numbers.attitude_noise * np.array(noise[3:])
+    rates = np.array(state[9:12]) + numbers.gyroscope.bias + numbers.gyroscope.noise * np.array(noise[0])
+    error = np.array(target[1:4]) - np.array(state[3:6]) - numbers.attitude_noise * np.array(noise[1])
     error[2] -= 2.0 * np.pi * np.round(error[2] / (2.0 * np.pi))
     wanted = np.array(target[4:]) + np.array(numbers.k_attitude) * error
     torque = inertia @ (np.array(numbers.k_rate) * (wanted - rates)) + np.cross(rates, inertia @ rates)
@@ -45,7 +45,7 @@ def law(target, state, numbers, noise=(0.0,) * 6):
 def test_the_wrench_is_that_of_two_proportional_loops():
     """From a yaw of -3.1 to one of 3.0 it turns by -0.18, the short way."""
     np.testing.assert_allclose(autopilot_law(TARGET, STATE, None, NUMBERS), law(TARGET, STATE, NUMBERS), rtol=1e-13)
-    noise = SensorNoise(0.7, -1.2, 0.4, 1.1, -0.3, 0.9)
+    noise = SensorNoise((0.7, -1.2, 0.4), (1.1, -0.3, 0.9))
     found = autopilot_law(TARGET, STATE, noise, NUMBERS)
     np.testing.assert_allclose(found, law(TARGET, STATE, NUMBERS, noise), rtol=1e-13)
     np.testing.assert_array_equal(thrust_alone(TARGET), [6.6, 0.0, 0.0, 0.0])
@@ -53,7 +53,7 @@ def test_the_wrench_is_that_of_two_proportional_loops():
 
 def test_senses_of_which_nothing_is_said_are_right():
     numbers = AutopilotNumbers(NUMBERS.k_attitude, NUMBERS.k_rate, NUMBERS.inertia)
-    noise = SensorNoise(0.7, -1.2, 0.4, 1.1, -0.3, 0.9)
+    noise = SensorNoise((0.7, -1.2, 0.4), (1.1, -0.3, 0.9))
     assert autopilot_law(TARGET, STATE, noise, numbers) == autopilot_law(TARGET, STATE, None, numbers)
     assert numbers.gyroscope.bias == numbers.initial[1:] == (0.0, 0.0, 0.0)
 

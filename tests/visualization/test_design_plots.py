@@ -1,6 +1,7 @@
 """Plots of designs, maps of gains, plans and sensitivities show the right numbers."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -51,32 +52,22 @@ def test_bode_plots_have_gain_phase_and_margins(design):
         upper = grid[0, column]
         lower = grid[1, column]
         loop = design.all_loops[name]
-        assert upper.get_title() == title
-        frequency, gain = upper.lines[0].get_xydata()[::40].T
+        (curve,) = [line for line in upper.lines if len(line.get_xdata()) > 100]
+        frequency, gain = curve.get_xydata()[::40].T
         expected = response_of(loop, frequency)
         np.testing.assert_allclose(gain, 20.0 * np.log10(np.abs(expected)), atol=1e-6)
-        phase = lower.lines[0].get_ydata()
+        (curve,) = [line for line in lower.lines if len(line.get_xdata()) > 100]
+        phase = curve.get_ydata()
         turns = (phase[::40] - np.degrees(np.angle(expected))) / 360.0
         np.testing.assert_allclose(turns, np.round(turns), atol=1e-6)
         assert np.abs(np.diff(phase)).max() < 90.0
         # Double integrators begin at -180 degrees.
         assert phase[0] == pytest.approx(-180.0, abs=90.0)
         margins = loop.margins
-        (crossover, again), (bottom, top) = lower.lines[2].get_xydata().T
-        assert crossover == again == margins.crossover
-        assert (bottom, top - bottom) == pytest.approx((-180.0, margins.phase), abs=0.5)
-        turn = upper.lines[2].get_xdata()[0]
-        ends = upper.lines[2].get_ydata()
-        np.testing.assert_allclose(ends, [-margins.gain, 0.0])
-        # The phase is -180 degrees there, and the gain is as far below 0 dB.
-        at = response_of(loop, [turn])[0]
-        assert at.real == pytest.approx(-(10.0 ** (-margins.gain / 20.0)), rel=0.03)
-        assert abs(at.imag) < 0.05 * abs(at)
-        labels = [text.get_text() for text in (*lower.texts, *upper.texts)]
-        assert labels == [f"{margins.phase:.0f}°, {1e3 * margins.delay:.0f} ms", f"{margins.gain:.1f} dB"]
-        assert lower.texts[0].xy == pytest.approx((crossover, 0.5 * (bottom + top)))
-        assert upper.texts[0].xy == pytest.approx((turn, -0.5 * margins.gain))
-        assert [line.get_ydata()[0] for line in (upper.lines[1], lower.lines[1])] == [0.0, -180.0]
+        first, second = upper.get_title().splitlines()
+        assert first == f"{title}, delay margin {1e3 * margins.delay:.0f} ms"
+        gain, _, phase, crossover = (float(number) for number in re.findall(r"[\d.]+", second))
+        assert (gain, phase, crossover) == pytest.approx((margins.gain, margins.phase, margins.crossover), abs=0.02)
         assert lower.get_xlim()[1] == pytest.approx(math.pi / loop.plant.period)
 
 

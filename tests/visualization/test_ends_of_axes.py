@@ -40,9 +40,9 @@ def test_bode_plots_show_the_margins_on_even_axes(design):
         margins = design.all_loops[name].margins
         bottom, top = gain.get_ylim()
         assert -bottom == top > margins.gain
-        # Phases have ticks at multiples of a right angle, from one end of the axis to the other.
+        # Phases have ticks at multiples of half a right angle, from one end of the axis to the other.
         bottom, top = phase.get_ylim()
-        np.testing.assert_array_equal(phase.get_yticks(), np.arange(bottom, top + 1.0, 90.0))
+        np.testing.assert_array_equal(phase.get_yticks(), np.arange(bottom, top + 1.0, 45.0))
         assert phase.get_yticks()[-1] == top
         assert phase.get_xlim()[0] < 0.2 * margins.crossover
 

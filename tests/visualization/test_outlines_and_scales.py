@@ -1,30 +1,14 @@
-"""Markers, numbers of waypoints and scenes have their sizes."""
+"""Numbers of waypoints and scenes have their sizes."""
 
 import numpy as np
 import pytest
 
 from drake_quad import load_scenario
 from drake_quad.flight.mission import plan_route
-from drake_quad.visualization import labels as placement
 from drake_quad.visualization import plan_plots
 from drake_quad.visualization.frames import Camera
-from drake_quad.visualization.labels import outlines
 from drake_quad.visualization.replay import page, shapes
 from drake_quad.visualization.style import BLACK, VERMILION, new_figure
-
-
-def test_the_outline_of_a_marker_is_a_closed_square_around_it():
-    figure = new_figure(2.0, 2.0)
-    axes = figure.subplots()
-    axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
-    axes.plot([0.25, np.nan], [0.5, 0.5], marker="o", markersize=6.0, linestyle="none")
-    (square,) = outlines(axes)
-    half = 3.0 * figure.dpi / 72.0
-    corners = np.array(square.vertices) - axes.transData.transform((0.25, 0.5))
-    np.testing.assert_allclose(np.abs(corners), half)
-    np.testing.assert_array_equal(corners[0], corners[-1])
-    sides = np.linalg.norm(np.diff(corners, axis=0), axis=1)
-    np.testing.assert_allclose(sides, 2.0 * half)
 
 
 @pytest.mark.parametrize(("count", "numbered"), [(30, True), (31, False)])
@@ -32,10 +16,10 @@ def test_more_than_thirty_waypoints_have_no_numbers(count, numbered):
     way = np.stack([np.arange(count), np.zeros(count), np.ones(count)])
     for view in ((0, 1), (0, 2)):
         axes = new_figure(2.0, 2.0).subplots()
-        labels = plan_plots._draw_view(axes, view, way.T, way, (), ())
+        plan_plots._draw_view(axes, view, way.T, way, (), ())
         # Only the view from above has numbers.
         shown = range(count) if numbered and view == (0, 1) else ()
-        assert [label.get_text() for label in labels] == [str(i) for i in shown]
+        assert [label.get_text() for label in axes.texts] == [str(i) for i in shown]
 
 
 @pytest.mark.slow
@@ -44,14 +28,6 @@ def test_a_camera_has_one_scale_along_all_axes():
     axes = Camera(scenario, plan_route(scenario))._axes
     lengths = np.ptp([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()], axis=1)
     np.testing.assert_allclose(lengths / lengths[0], axes._box_aspect / axes._box_aspect[0])
-
-
-def test_labels_try_near_places_first_on_all_sides():
-    assert list(placement._DISTANCES) == sorted(set(placement._DISTANCES))
-    assert set(placement.AROUND) == {(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)} - {(0, 0)}
-    # Corners are tried before sides, and the right before the left.
-    assert {abs(i * j) for i, j in placement.AROUND[:4]} == {1}
-    assert placement.BESIDE == ((1, 0), (-1, 0))
 
 
 def test_arms_are_thicker_than_blades_and_both_are_flat():

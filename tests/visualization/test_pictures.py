@@ -1,6 +1,4 @@
-"""What is drawn can be read: labels stand free, curves that coincide are told apart, legends say what is what."""
-
-from itertools import combinations
+"""What is drawn can be read: labels stand on plates, curves that coincide are told apart, legends say what is what."""
 
 import numpy as np
 import pytest
@@ -8,14 +6,11 @@ from matplotlib.colors import to_hex
 from matplotlib.text import Annotation
 
 from drake_quad import load_scenario, simulate
-from drake_quad.design.cascade import design_cascade
 from drake_quad.flight.mission import plan_route
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.planning.believed import planned_parameters
 from drake_quad.visualization.comparison_plots import plot_comparison
 from drake_quad.visualization.curves import dashes, tell_apart
-from drake_quad.visualization.design_plots import plot_bode
-from drake_quad.visualization.labels import AROUND, crossings, outlines, place_labels
 from drake_quad.visualization.learning_plots import plot_learning, plot_secant_gains
 from drake_quad.visualization.plan_plots import plot_plan
 from drake_quad.visualization.plots import plot_errors, plot_path, plot_rotors
@@ -32,102 +27,25 @@ def learned():
     return simulate(load_scenario("diagrams/paper.yaml:low_wind_pd_t2fnn", ["duration=8"]))
 
 
-def free_labels(figure):
-    """Checks that no annotation of a figure crosses a curve, a border or another; returns how many there are."""
-    figure.draw_without_rendering()
-    count = 0
-    for axes in figure.axes:
-        labels = [text for text in axes.texts if isinstance(text, Annotation) and text.get_text()]
-        for label in labels:
-            assert crossings(label, outlines(axes)) == 0, label.get_text()
-        for one, other in combinations([label.get_window_extent() for label in labels], 2):
-            assert not one.overlaps(other)
-        count += len(labels)
-    return count
+def labels_on_plates(figure):
+    """Return the number of annotations of a figure that stand on a white plate, beside the points that they name."""
+    labels = [text for axes in figure.axes for text in axes.texts if isinstance(text, Annotation) and text.get_text()]
+    assert all(to_hex(label.get_bbox_patch().get_facecolor()) == "#ffffff" for label in labels)
+    assert all(3.0 <= np.hypot(*label.get_position()) <= 10.0 for label in labels)
+    return len(labels)
 
 
-def test_a_label_gives_way():
-    """To a curve above, a border at the right and another label at the left: it stands below."""
-    figure = new_figure(4.0, 3.0)
-    axes = figure.subplots()
-    axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
-    axes.plot([0.0, 1.0], [0.56, 0.56])
-    labels = [axes.annotate("label", (0.97, 0.5), (3, 3), textcoords="offset points") for _ in range(2)]
-    before = [crossings(label, outlines(axes), [labels[0].get_window_extent()]) for label in labels]
-    assert min(before) > 0
-    place_labels(figure, labels)
-    assert free_labels(figure) == 2
-    assert all(label.get_position()[0] < 0.0 for label in labels)
-
-
-@pytest.mark.parametrize("direction", AROUND)
-def test_a_label_is_placed_in_a_direction_from_its_point(direction):
-    """Its nearest edge or its middle is aligned, so that its distance is that of its nearest corner."""
-    figure = new_figure(4.0, 3.0)
-    axes = figure.subplots()
-    axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
-    label = axes.annotate("label", (0.5, 0.5), (3, 3), textcoords="offset points")
-    place_labels(figure, [label], [direction])
-    figure.draw_without_rendering()
-    box = label.get_window_extent(figure.canvas.get_renderer())
-    x, y = axes.transData.transform((0.5, 0.5))
-    points = 72.0 / figure.dpi
-    for side, low, high, place in ((direction[0], box.x0, box.x1, x), (direction[1], box.y0, box.y1, y)):
-        if side == 0:
-            assert abs(0.5 * (low + high) - place) * points < 2.0
-        else:
-            apart = (low - place) if side > 0 else (place - high)
-            assert 3.0 < apart * points < 8.0
-
-
-def test_a_label_without_a_free_place_is_placed_where_it_crosses_least():
-    figure = new_figure(4.0, 3.0)
-    axes = figure.subplots()
-    axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
-    for height in np.linspace(0.0, 0.62, 60):
-        axes.plot([0.0, 1.0], [height, height])
-    label = axes.annotate("label", (0.5, 0.5), (3, 3), textcoords="offset points")
-    counts = {}
-    for direction in AROUND:
-        place_labels(figure, [label], [direction])
-        counts[direction] = crossings(label, outlines(axes))
-    place_labels(figure, [label])
-    assert crossings(label, outlines(axes)) == min(counts.values())
-
-
-def test_borders_curves_and_boxes_that_a_label_crosses_are_counted():
-    figure = new_figure(4.0, 3.0)
-    axes = figure.subplots()
-    axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
-    axes.plot([0.0, 1.0], [0.52, 0.52])
-    axes.plot([0.5], [0.53], marker="o", markersize=6.0, linestyle="none")
-    label = axes.annotate("a label", (0.45, 0.5), (0, 0), textcoords="offset points")
-    figure.draw_without_rendering()
-    box = label.get_window_extent(figure.canvas.get_renderer())
-    assert crossings(label, outlines(axes)) == 2
-    assert crossings(label, outlines(axes), [box, box.translated(500.0, 0.0)]) == 3
-    for place in ((0.0, 0.9), (0.99, 0.9), (0.4, 0.98), (0.4, -0.03)):
-        beyond = axes.annotate("a label", place, (-4, 0), textcoords="offset points", annotation_clip=False)
-        figure.draw_without_rendering()
-        assert crossings(beyond, []) == 1
-
-
-def test_numbers_of_waypoints_stand_free():
+def test_numbers_of_waypoints_stand_on_plates():
     scenario = load_scenario("diagrams/figure_eight.yaml")
     figure = plot_plan(plan_route(scenario), planned_parameters(scenario))
-    assert free_labels(figure) == 15
+    assert labels_on_plates(figure) == 15
 
 
-def test_margins_stand_free():
-    figure = plot_bode(design_cascade(load_scenario("diagrams/laboratory.yaml:nominal")))
-    assert free_labels(figure) == 4
+def test_gains_stand_on_plates(learned):
+    assert labels_on_plates(plot_secant_gains(learned)) == 6
 
 
-def test_gains_stand_free(learned):
-    assert free_labels(plot_secant_gains(learned)) == 6
-
-
-def test_means_stand_free():
+def test_means_stand_on_plates():
     generator = np.random.default_rng(1)
     count = len(Metrics._fields) - 1
 
@@ -136,7 +54,7 @@ def test_means_stand_free():
         return Metrics(*rows, crash_time=np.full(20, np.inf))
 
     found = {name: {"low": metrics(0.01), "middle": metrics(0.5), "high": metrics(1.0)} for name in ("a", "b", "c")}
-    assert free_labels(plot_comparison(found)) == 9
+    assert labels_on_plates(plot_comparison(found)) == 9
 
 
 def test_legs_and_legend_of_errors_stand_above_the_curves(flight):

@@ -287,7 +287,7 @@ def test_rotors_are_drawn_where_they_are():
     frame = Frame(rotors, (np.zeros(3),) * 4)
     draw_quadrotor(meshcat, "/x", frame, "black")
     assert [meshcat.HasPath(f"/x/nose_{number}") for number in (1, 2, 3, 4)] == [True, False, False, True]
-    corners = np.array(quadrotor_mesh(frame).vertices())
+    corners = quadrotor_mesh(frame)[0].T
     assert np.abs(corners[:, 1]).max() < 0.04 + 0.5 * 0.08
 
 
@@ -305,9 +305,8 @@ def test_an_h_is_drawn_as_an_h():
         draw_quadrotor(meshcat, f"/{kind}", frame, "black")
         arms = [meshcat.HasPath(f"/{kind}/{name}") for name in ("crossbar_1", "crossbar_2", "crossbar_3", "arm_4")]
         assert arms == [kind == "h", kind == "h", False, True]
-        mesh = quadrotor_mesh(frame)
-        corners = np.array(mesh.vertices())
-        middles = np.array([corners[[part.vertex(i) for i in range(3)]].mean(axis=0) for part in mesh.triangles()])
+        corners, triangles = (part.T for part in quadrotor_mesh(frame))
+        middles = corners[triangles].mean(axis=1)
         bars = middles[np.abs(middles[:, 2]) < 0.01]
         on_sides, across = np.abs(np.abs(bars[:, 1]) - 0.15) < 0.01, np.abs(bars[:, 0]) < 0.01
         assert (on_sides | across).all() == (kind == "h")

@@ -43,16 +43,6 @@ def test_a_bar_is_a_box_that_is_open_at_its_start(end):
     np.testing.assert_allclose(np.sort(along), [0.0] * 4 + [length] * 4, atol=1e-12)
 
 
-def test_the_tip_of_an_arrow_is_a_pyramid_of_eight_sides():
-    corners, faces = shapes._tip()
-    # Half the angle between two corners of the rim is a sixteenth of a turn.
-    side, apothem = 2.0 * 0.045 * np.sin(np.pi / 8.0), 0.045 * np.cos(np.pi / 8.0)
-    assert area(corners, faces) == pytest.approx(8.0 * 0.5 * side * np.hypot(0.22, apothem))
-    assert len(rims(faces)) == 8
-    np.testing.assert_allclose(corners[0], [1.0, 0.0, 0.0])
-    np.testing.assert_allclose(corners[1:, 0], 0.78)
-
-
 def test_a_tube_is_open_at_its_two_ends_alone():
     points = np.stack([np.linspace(0.0, 1.0, 6), np.zeros(6), np.zeros(6)], axis=1)
     vertices, faces = shapes.tube(points, 0.1)
@@ -61,28 +51,14 @@ def test_a_tube_is_open_at_its_two_ends_alone():
     assert len(rims(map(tuple, faces.T))) == 6
 
 
-def test_a_surface_of_revolution_is_a_cone_and_is_seen_from_both_sides():
-    mesh = shapes._revolved(np.array([0.0, 1.0, 2.0]), np.array([0.5, 0.5, 1.0]))
-    corners = np.array([np.asarray(vertex) for vertex in mesh.vertices()])
-    faces = [tuple(triangle.vertex(i) for i in range(3)) for triangle in mesh.triangles()]
-    chord, flat = 2.0 * np.sin(np.pi / 24.0), np.cos(np.pi / 24.0)
-    cylinder = 24.0 * 0.5 * chord
-    cone = 24.0 * 0.75 * chord * np.hypot(1.0, 0.5 * flat)
-    assert area(corners, faces) == pytest.approx(2.0 * (cylinder + cone))
-    assert faces[1::2] == [face[::-1] for face in faces[::2]]
-    assert len(rims(faces[::2])) == 48
-
-
 def test_a_simple_quadrotor_is_four_bars_and_four_discs_of_ten_sides():
     frame = shapes.Frame.of(load_scenario("figure_eight").vehicle)
-    mesh = shapes.quadrotor_mesh(frame)
-    corners = np.array([np.asarray(vertex) for vertex in mesh.vertices()])
-    faces = [tuple(triangle.vertex(i) for i in range(3)) for triangle in mesh.triangles()]
+    corners, faces = (part.T for part in shapes.quadrotor_mesh(frame))
     radius = shapes._propeller_radius(frame.rotors)
     discs = 4.0 * 10.0 * 0.5 * radius**2 * np.sin(2.0 * np.pi / 10.0)
     width = 2.0 * 0.009 * shapes.shrunk(frame.rotors)
     arms = sum(4.0 * width * np.hypot(rotor.x, rotor.y) + width**2 for rotor in frame.rotors)
-    assert area(corners, faces) == pytest.approx(2.0 * (discs + arms), rel=1e-3)
+    assert area(corners, faces) == pytest.approx(discs + arms, rel=1e-3)
 
 
 @pytest.fixture(scope="module")

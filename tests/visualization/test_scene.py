@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
-from pydrake.geometry import Box, Cylinder, Sphere
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from drake_quad import load_scenario, simulate
@@ -91,6 +90,9 @@ class Scene:
     def SetTriangleMesh(self, path, vertices, faces, rgba):
         self.meshes[path], self.colors[path] = (np.array(vertices), np.array(faces)), rgba
 
+    def PlotSurface(self, path, x, y, z, rgba):
+        self.meshes[path], self.colors[path] = np.stack([x, y, z]), rgba
+
     def SetTriangleColorMesh(self, path, vertices, faces, colors):
         self.meshes[path], self.colors[path] = (np.array(vertices), np.array(faces)), np.array(colors)
 
@@ -164,12 +166,7 @@ def test_poses_of_rotors_turn_about_their_axes():
 
 
 def test_a_simple_quadrotor_has_bars_to_its_rotors_and_a_disc_on_each():
-    mesh = quadrotor_mesh(FRAME)
-    corners = np.array(mesh.vertices())
-    triangles = np.array([[part.vertex(i) for i in range(3)] for part in mesh.triangles()])
-    # Each triangle occurs twice, once for either side.
-    assert len(triangles) % 2 == 0
-    np.testing.assert_array_equal(triangles[0::2], triangles[1::2, ::-1])
+    corners, triangles = (part.T for part in quadrotor_mesh(FRAME))
     assert triangles.max() == len(corners) - 1
     height = 0.035 * shrunk(X_LAYOUT)
     radius = 0.48 * 0.2
@@ -183,10 +180,10 @@ def test_a_simple_quadrotor_has_bars_to_its_rotors_and_a_disc_on_each():
     areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
     assert areas.min() > 0.0
     discs = np.isclose(a[:, 2], height) & np.isclose(b[:, 2], height) & np.isclose(c[:, 2], height)
-    expected = 4 * 2 * 0.5 * 10 * radius**2 * np.sin(2.0 * np.pi / 10)
+    expected = 4 * 0.5 * 10 * radius**2 * np.sin(2.0 * np.pi / 10)
     assert areas[discs].sum() == pytest.approx(expected)
     # The bars lead from the middle to the rotors and are closed, so their outward triangles enclose their volume.
-    bars = triangles[~discs][0::2]
+    bars = triangles[~discs]
     a, b, c = (corners[bars[:, i]] for i in range(3))
     enclosed = np.sum(np.cross(a, b) * c) / 6.0
     half = 0.009 * shrunk(X_LAYOUT)
@@ -206,60 +203,38 @@ def test_a_fan_blows_from_its_outlet_along_its_direction():
     assert housing.radius() == 0.4
     # The front of the housing is the outlet.
     assert scene.poses["/fan/housing"].translation()[2] + 0.5 * housing.length() == pytest.approx(0.0)
-    corners = np.array(scene.objects["/fan/jet"].vertices())
-    radii = np.hypot(corners[:, 0], corners[:, 1])
-    assert (corners[:, 2].min(), corners[:, 2].max()) == pytest.approx((0.0, 5.0))
-    np.testing.assert_allclose(radii, np.maximum(0.4, 0.094 * corners[:, 2]), atol=1e-9)
+    x, y, z = scene.meshes["/fan/jet"]
+    assert (z.min(), z.max()) == pytest.approx((0.0, 5.0))
+    np.testing.assert_allclose(np.hypot(x, y), np.maximum(0.4, 0.094 * z), atol=1e-9)
     assert not scene.properties["/fan/jet/<object>", "material.depthWrite"]
     # The mantle is closed around the axis.
-    triangles = [[part.vertex(i) for i in range(3)] for part in scene.objects["/fan/jet"].triangles()]
-    a, b, c = (corners[np.array(triangles)[0::2, i]] for i in range(3))
-    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
-    lengths = np.linspace(0.0, 5.0, 9)
-    r = np.maximum(0.4, 0.094 * lengths)
-    cones = np.pi * (r[1:] + r[:-1]) * np.hypot(np.diff(lengths), np.diff(r))
-    assert area == pytest.approx(cones.sum(), rel=0.01)
+    np.testing.assert_allclose([x[:, 0], y[:, 0]], [x[:, -1], y[:, -1]], atol=1e-12)
+    assert np.ptp(np.unwrap(np.arctan2(y, x), axis=1), axis=1) == pytest.approx(2.0 * np.pi)
 
 
 @pytest.mark.parametrize(
-    ("shape", "kind", "sizes"),
+    "shape",
     [
-        (Cuboid((1.0, 2.0, 3.0), (0.1, 0.2, 0.3), (0.4, 0.5, 0.6)), Box, {"width": 0.4, "depth": 0.5, "height": 0.6}),
-        (Pillar((1.0, 2.0, 3.0), (0.1, 0.2, 0.3), 0.2, 1.5), Cylinder, {"radius": 0.2, "length": 1.5}),
-        (Ball((1.0, 2.0, 3.0), radius=0.7), Sphere, {"radius": 0.7}),
+        Cuboid((1.0, 2.0, 3.0), (0.1, 0.2, 0.3), (0.4, 0.5, 0.6)),
+        Pillar((1.0, 2.0, 3.0), (0.1, 0.2, 0.3), 0.2, 1.5),
+        Ball((1.0, 2.0, 3.0), radius=0.7),
+        hull_of(np.random.default_rng(1).normal(size=(12, 3))),
     ],
 )
-def test_solids_are_drawn_with_their_sizes_and_poses(shape, kind, sizes):
+def test_solids_are_drawn_by_their_triangles(shape):
     scene = Scene()
     draw_solid(scene, "/solid", shape)
-    assert isinstance(scene.objects["/solid"], kind)
-    assert {name: getattr(scene.objects["/solid"], name)() for name in sizes} == sizes
-    pose = scene.poses["/solid"]
-    np.testing.assert_allclose(pose.translation(), shape.centre)
-    np.testing.assert_allclose(
-        pose.rotation().matrix(), RollPitchYaw(np.array(shape.rotation)).ToRotationMatrix().matrix()
-    )
-
-
-def test_a_hull_is_drawn_by_its_triangles():
-    scene = Scene()
-    hull = hull_of(np.random.default_rng(1).normal(size=(12, 3)))
-    draw_solid(scene, "/solid", hull)
     vertices, faces = scene.meshes["/solid"]
-    np.testing.assert_allclose(vertices.T[faces.T], hull.triangles())
+    np.testing.assert_allclose(vertices.T[faces.T], shape.triangles())
 
 
 def test_the_arrow_of_the_wind_points_along_it():
     scene = Scene()
     draw_arrow(scene, "/arrow")
-    corners = np.array(scene.objects["/arrow"].vertices())
-    assert corners[:, 0].max() == 1.0
+    x, y, z = scene.meshes["/arrow"]
     # The arrow has a shaft and a tip with a wider rim.
-    rim = corners[np.isclose(corners[:, 0], 0.78)]
-    np.testing.assert_allclose(np.hypot(*rim[:, 1:].T), np.full(8, 0.045))
-    shaft = corners[corners[:, 0] < 0.01]
-    np.testing.assert_allclose(np.abs(shaft), np.tile([0.0, 0.012, 0.012], (4, 1)), atol=1e-9)
-    assert corners[np.isclose(corners[:, 0], 0.8)].shape == (4, 3)
+    np.testing.assert_allclose(x[:, 0], [0.0, 0.78, 0.78, 1.0])
+    np.testing.assert_allclose(np.hypot(y, z), np.outer([0.012, 0.012, 0.045, 0.0], np.ones(x.shape[1])), atol=1e-12)
     state = State(1.0, 2.0, 3.0, *[0.0] * 9)
     pose, scale = wind_arrow(Wind(0.0, 3.0, -4.0), state)
     np.testing.assert_allclose(pose.rotation().matrix()[:, 0], [0.0, 0.6, -0.8])
@@ -342,8 +317,7 @@ def test_the_room_has_a_floor_edges_and_a_grid():
         i = "xyz".index(axis)
         np.testing.assert_allclose(stop, np.where(np.arange(3) == i, high, begin))
     # The jet of the fan reaches as far as the path and a margin beyond it.
-    corners = np.array(scene.objects["/fan_1/jet"].vertices())
-    assert corners[:, 2].max() == pytest.approx(max((path[:, 0] + 4.0).max() + margin, 1.0))
+    assert scene.meshes["/fan_1/jet"][2].max() == pytest.approx(max((path[:, 0] + 4.0).max() + margin, 1.0))
     np.testing.assert_allclose(scene.lines["/reference_path"].T, path, atol=1e-12)
     # The camera looks at the scene from above and from the side.
     place, target = scene.camera
@@ -390,7 +364,7 @@ def test_a_replay_moves_its_objects_thirty_times_a_second(flights):
     # Only a flight in a wind that is not of fans has an arrow.
     arrow = moved["/first_one_wind"]
     assert "/other_wind" not in moved
-    assert {"/first_one_wind/arrow", "/reference/point"} <= {*scene.objects}
+    assert {"/first_one_wind/arrow", "/reference/point"} <= {*scene.objects, *scene.meshes}
     state, wind = (flights["first one"][name][0] for name in ("state", "wind"))
     pose, scale = wind_arrow(Wind(*wind), State(*state))
     np.testing.assert_allclose(arrow[0].GetAsMatrix4(), pose.GetAsMatrix4())
@@ -443,7 +417,7 @@ def test_a_swarm_shows_its_crashes_in_red(flights, monkeypatch, tmp_path):
     groups = {"a b": [first, crash], "c": [first]}
     text = page.save_swarm(groups, tmp_path / "swarm.html").read_text(encoding="utf-8")
     assert scene.animation.rate == 10.0
-    assert {path for path in scene.objects if path.endswith("/body")} == {"/a_b/0/body", "/a_b/1/body", "/c/0/body"}
+    assert {path for path in scene.meshes if path.endswith("/body")} == {"/a_b/0/body", "/a_b/1/body", "/c/0/body"}
     red = scene.colors["/a_b/1/body"]
     assert (red.r(), red.g(), red.b(), red.a()) == pytest.approx((0.8, 0.0, 0.0, 1.0))
     assert len({(color.r(), color.g(), color.b()) for path, color in scene.colors.items() if "body" in path}) == 3

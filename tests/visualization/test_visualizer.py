@@ -76,7 +76,7 @@ def test_a_flight_is_shown_32_times_a_second_and_leaves_its_trail():
     middles = np.vstack([vertices.T.reshape(-1, 3, 3).mean(axis=1) for vertices in trail])
     assert np.linalg.norm(middles[:, None] - flown, axis=2).min(axis=1).max() < 1e-9
     np.testing.assert_allclose(middles[[0, -1]], flown[[0, 64]], atol=1e-9)
-    assert {"/vehicle_wind/arrow", "/vehicle_reference", "/floor"} <= {*scene.objects}
+    assert {"/vehicle_wind/arrow", "/vehicle_reference", "/floor"} <= {*scene.objects, *scene.meshes}
 
     # Another simulation begins without the trail of the one before.
     simulator.reset_context(diagram.CreateDefaultContext())
@@ -107,7 +107,7 @@ def test_a_simulator_is_watched_from_its_beginning_whenever_it_begins_again(name
     simulator.reset_context(diagram.CreateDefaultContext())
     simulator.AdvanceTo(0.2)
     np.testing.assert_array_equal([pose.translation() for pose in scene.every["/vehicle"]], first)
-    assert ("/vehicle_wind/arrow" in scene.objects) == (name == "outdoor")  # fans are drawn
+    assert ("/vehicle_wind/arrow" in scene.meshes) == (name == "outdoor")  # fans are drawn
 
 
 def test_without_a_state_drake_names_the_port():

@@ -6,7 +6,6 @@ from drake_quad.control.disturbance.laws import Gained, Measured
 from drake_quad.control.disturbance.response import AxisCommand, responded
 from drake_quad.framework.elementary import maximum, minimum
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
-from drake_quad.framework.records import layout_of
 from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.signals import Acceleration, Quantity, Row, State
 
@@ -27,6 +26,10 @@ class EstimatorNumbers(NamedTuple):
     start: PerAxis = PerAxis(0.0, 0.0, 0.0)
 
 
+STILL = (AxisCommand(0.0, 0.0),) * 3
+"""The commands on three axes of a vehicle at rest."""
+
+
 def memory_at_rest(numbers: Any) -> tuple[Any, ...]:
     """The memory of each axis of an estimator with these numbers, for a vehicle that rests where it begins."""
     return tuple([law.at_rest(start) for law, start in zip(numbers.laws, numbers.start, strict=True)])
@@ -44,8 +47,7 @@ def estimate(
     known = tuple(
         [law.corrected(before, seen, period) for law, before, seen in zip(laws, memory, measured, strict=True)]
     )
-    shown = [law.disturbance(after) for law, after in zip(laws, known, strict=True)]
-    return known, tuple([maximum(minimum(disturbance, limit), -limit) for disturbance in shown])
+    return known, tuple([maximum(minimum(after.disturbance, limit), -limit) for after in known])
 
 
 def predict(
@@ -98,7 +100,7 @@ def next_memory(
     feed_forward: Acceleration,
     numbers: EstimatorNumbers,
     period: float,
-) -> Any:
+) -> tuple[Any, ...]:
     """What the states of a `DisturbanceEstimator` hold a tick later."""
     known, _ = estimate(memory, measured_on_axes(measurement), numbers.laws, numbers.limit, period)
     sent = tuple(
@@ -109,7 +111,7 @@ def next_memory(
     )
     arrived, on_the_way = waited(sent, under_way)
     memory, following = predict(known, following, arrived, numbers.laws, numbers.lags, period)
-    return (memory, following, on_the_way) if on_the_way else (memory, following)
+    return memory, following, on_the_way
 
 
 @fleet_system(float, AutoDiffXd)
@@ -150,14 +152,9 @@ class DisturbanceEstimator(FleetSystem):
         correction = self.input("correction", absent=nothing)
         feed_forward = self.input("feed_forward", absent=nothing)
         parameter = self.parameter("numbers", lambda numbers: numbers)
-        memory = self.state("memory", memory_at_rest, layout=layout_of(tuple, memory_at_rest(numbers)))
-        still = (AxisCommand(0.0, 0.0),) * 3
-        following = self.state("following", lambda _: still, layout=layout_of(tuple, still))
-        under_way: Any = ()
-        if delay_ticks:
-            waiting = (still,) * delay_ticks
-            under_way = self.state("commands_under_way", lambda _: waiting, layout=layout_of(tuple, waiting))
-        writes = [memory, following, *([under_way] if delay_ticks else [])]
+        memory, following = self.state("memory", memory_at_rest), self.state("following", lambda _: STILL)
+        under_way = self.state("commands_under_way", lambda _: (STILL,) * delay_ticks) if delay_ticks else ()
+        writes = memory, following, under_way
         reads = measurement, command, correction, feed_forward, parameter, period
-        self.update(period, next_memory, memory, following, under_way, *reads, writes=writes)
+        self.update(period, next_memory, *writes, *reads, writes=writes)
         self.output("disturbance", shown_disturbance, memory, measurement, parameter, period)

@@ -1,8 +1,8 @@
 """Laws that estimate, on each axis by itself, the acceleration that is not commanded: v' = a + d.
 
 a is how the vehicle is believed to follow its commands (`drake_quad.control.disturbance.response`). A law is a record
-of its numbers on an axis. At every tick it `corrects` its memory by what is measured, shows the `disturbance`, and
-`predicts` its memory at the next tick from the velocity and the distance that a gains on the way.
+of its numbers on an axis. At every tick it corrects its memory by what is measured, and predicts its memory at the next
+tick from the velocity and the distance that a gains on the way. The memory has a field `disturbance`, which is d.
 """
 
 import math
@@ -48,9 +48,6 @@ class DisturbanceLaw(Protocol):
 
     def corrected(self, memory: "tuple[Row, ...]", measured: Measured, period: float) -> "tuple[Row, ...]":
         """The memory after what is measured at a tick."""
-
-    def disturbance(self, memory: "tuple[Row, ...]") -> Row:
-        """d, m/s²."""
 
     def predicted(self, memory: "tuple[Row, ...]", gained: Gained, period: float) -> "tuple[Row, ...]":
         """The memory at the next tick, before anything is measured there."""
@@ -112,10 +109,6 @@ class KalmanLaw(NamedTuple):
         innovation = measured.position - memory.position
         return KalmanMemory._make(known + gain * innovation for known, gain in zip(memory, self.gain, strict=True))
 
-    def disturbance(self, memory: KalmanMemory) -> Row:
-        """See `DisturbanceLaw`."""
-        return memory.disturbance
-
     def predicted(self, memory: KalmanMemory, gained: Gained, period: float) -> KalmanMemory:
         """See `DisturbanceLaw`: the model, exactly."""
         position, velocity, disturbance = memory
@@ -141,13 +134,13 @@ class DifferencedMemory(NamedTuple):
     Attributes:
         velocity: measured at the tick before, m/s.
         modelled: what has been gained since by the model, m/s.
-        filtered: disturbance behind the law's filter, m/s².
+        disturbance: d behind the law's filter, m/s².
         rate: of that, m/s³; 0 with a filter of first order.
     """
 
     velocity: Row
     modelled: Row
-    filtered: Row
+    disturbance: Row
     rate: Row
 
 
@@ -188,12 +181,8 @@ class AdaptiveLaw(NamedTuple):
         phi = (1.0 - decay) / self.adaptation
         prediction_error = -phi * _residual(memory, measured.velocity, period)
         sigma = -decay / phi * prediction_error
-        filtered = sigma + exp(-self.bandwidth * period) * (memory.filtered - sigma)
+        filtered = sigma + exp(-self.bandwidth * period) * (memory.disturbance - sigma)
         return DifferencedMemory(measured.velocity, 0.0, filtered, 0.0)
-
-    def disturbance(self, memory: DifferencedMemory) -> Row:
-        """See `DisturbanceLaw`."""
-        return memory.filtered
 
     def predicted(self, memory: DifferencedMemory, gained: Gained, period: float) -> DifferencedMemory:
         """See `DisturbanceLaw`."""
@@ -224,17 +213,13 @@ class IncrementalLaw(NamedTuple):
         damped = self.bandwidth * math.sqrt(0.5)
         sine, cosine = sin_cos(damped * period)
         decay = exp(-damped * period)
-        off, rate = memory.filtered - residual, memory.rate
+        off, rate = memory.disturbance - residual, memory.rate
         return DifferencedMemory(
             measured.velocity,
             0.0,
             residual + decay * ((cosine + sine) * off + sine / damped * rate),
             decay * ((cosine - sine) * rate - 2.0 * damped * sine * off),
         )
-
-    def disturbance(self, memory: DifferencedMemory) -> Row:
-        """See `DisturbanceLaw`."""
-        return memory.filtered
 
     def predicted(self, memory: DifferencedMemory, gained: Gained, period: float) -> DifferencedMemory:
         """See `DisturbanceLaw`."""

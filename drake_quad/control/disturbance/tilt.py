@@ -7,7 +7,6 @@ from drake_quad.control.disturbance.laws import Gained
 from drake_quad.control.disturbance.response import lagging
 from drake_quad.framework.elementary import sqrt
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
-from drake_quad.framework.records import layout_of
 from drake_quad.geometry.axes import BodyAxes
 from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.signals import Acceleration, Quantity, Row, State, Time
@@ -119,8 +118,7 @@ def next_by_tilt(
     sent = SpecificThrust(sqrt(command.x * command.x + command.y * command.y + up * up))
     arrived, on_the_way = waited(sent, under_way)
     after = SpecificThrust(lagging(thrust.thrust, arrived.thrust, numbers.lag, period).after)
-    states = known, Pushed(tilted, learned), after
-    return (*states, on_the_way) if on_the_way else states
+    return known, Pushed(tilted, learned), after, on_the_way
 
 
 @fleet_system(float, AutoDiffXd)
@@ -160,18 +158,15 @@ class TiltDisturbanceEstimator(FleetSystem):
         nothing = Acceleration(0.0, 0.0, 0.0)
         learned = self.input("learned_disturbance", absent=nothing)
         parameter = self.parameter("numbers", lambda numbers: numbers)
-        memory = self.state("memory", memory_at_rest, layout=layout_of(tuple, memory_at_rest(numbers)))
+        memory = self.state("memory", memory_at_rest)
         before = self.state("before", lambda _: Pushed(nothing, nothing))
         thrust = self.state("thrust", _hover)
         under_way: Any = ()
         if delay_ticks:
-            waiting = (_hover(numbers),) * delay_ticks
-            under_way = self.state(
-                "thrust_under_way", lambda numbers: (_hover(numbers),) * delay_ticks, layout=layout_of(tuple, waiting)
-            )
-        writes = [memory, before, thrust, *([under_way] if delay_ticks else [])]
+            under_way = self.state("thrust_under_way", lambda numbers: (_hover(numbers),) * delay_ticks)
+        writes = memory, before, thrust, under_way
         reads = measurement, command, learned, parameter, period
-        self.update(period, next_by_tilt, memory, before, thrust, under_way, *reads, writes=writes)
+        self.update(period, next_by_tilt, *writes, *reads, writes=writes)
         self.output("disturbance", shown_by_tilt, memory, before, thrust, measurement, parameter, period)
 
 

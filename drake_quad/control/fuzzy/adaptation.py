@@ -28,8 +28,8 @@ import math
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
-from drake_quad.control.fuzzy.inference import Antecedents, Sets, elliptic_membership, total
-from drake_quad.framework.elementary import exp, log, maximum, minimum, where
+from drake_quad.control.fuzzy.inference import Antecedents, Sets, elliptic_membership
+from drake_quad.framework.elementary import exp, log, maximum, minimum, total, where
 from drake_quad.signals import Row
 
 Part = Literal["centres", "widths", "exponents"]

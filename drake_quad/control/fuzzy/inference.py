@@ -20,7 +20,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from drake_quad.framework.elementary import exp, log, maximum, minimum, nearest, where
+from drake_quad.framework.elementary import exp, log, maximum, minimum, nearest, total, where
 from drake_quad.signals import Number, Row
 
 # Logarithms are of nothing smaller, and of nothing between this and one.
@@ -133,9 +133,3 @@ def shares(value: Row, sets: Sets, exponent: Row) -> list[Row]:
     values = [elliptic_membership(u, exponent) for u in sets.distances(value)]
     factor = 1.0 / total(values)
     return [factor * value for value in values]
-
-
-def total(values: Sequence[Row]) -> Row:
-    """The sum of at least one value."""
-    first, *others = values
-    return sum(others, start=first)

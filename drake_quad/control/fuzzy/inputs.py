@@ -10,7 +10,7 @@ import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
-from drake_quad.framework.elementary import maximum, minimum, nearest, where
+from drake_quad.framework.elementary import maximum, minimum, nearest, total, where
 from drake_quad.geometry.per_axis import Axis
 from drake_quad.signals import Row, State
 
@@ -66,9 +66,8 @@ def route_phase(time: Row, lap_times: Sequence[float]) -> Row:
         minimum(maximum((time - start) * (1.0 / (end - start)), 0.0), 1.0)
         for start, end in itertools.pairwise(lap_times)
     ]
-    first, *others = laps
-    flown = sum(others, start=first)
-    if not others:
+    flown = total(laps)
+    if len(laps) == 1:
         return flown
     past = flown - nearest(flown)
     # What is before the end of a lap by rounding only is at the beginning of the next.

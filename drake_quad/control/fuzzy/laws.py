@@ -16,10 +16,10 @@ A law learns on one axis. What it remembers is its memory, a tuple of rows.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import NamedTuple, Protocol
 
-from drake_quad.framework.elementary import log_of_1_plus, maximum, where
+from drake_quad.framework.elementary import dot, log_of_1_plus, maximum, total, where
 from drake_quad.signals import Number, Row
 
 Rows = tuple[Row, ...]
@@ -165,17 +165,10 @@ class LearningLimits(NamedTuple):
     leakage: Row = 0.0
 
 
-def dot(first: Sequence[Row], second: Sequence[Row]) -> Row:
-    """The scalar product of two vectors."""
-    start, *others = (x * y for x, y in zip(first, second, strict=True))
-    return sum(others, start=start)
-
-
 def trace(triangle: Rows) -> Row:
     """The trace of a symmetric matrix, given its upper triangle, row by row."""
     size = math.isqrt(2 * len(triangle))
-    start, *others = (row for (i, j), row in zip(_upper_triangle(size), triangle, strict=True) if i == j)
-    return sum(others, start=start)
+    return total([row for (i, j), row in zip(_upper_triangle(size), triangle, strict=True) if i == j])
 
 
 def _upper_triangle(size: int) -> Iterator[tuple[int, int]]:

@@ -8,10 +8,11 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_quad.control.fuzzy.inference import Antecedents, firing_strengths
 from drake_quad.control.fuzzy.inputs import InputName, input_values, moved_on, signals_of
-from drake_quad.control.fuzzy.laws import CovarianceLaw, LearningLimits, Rows, dot, trace
-from drake_quad.framework.elementary import exp, maximum, minimum, nearest, where
+from drake_quad.control.fuzzy.laws import CovarianceLaw, LearningLimits, Rows, trace
+from drake_quad.framework.elementary import dot, exp, maximum, minimum, nearest, where
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import Layout, layout_of
+from drake_quad.framework.wiring import build, connect_inputs
 from drake_quad.geometry.per_axis import Axis
 from drake_quad.signals import SIGNALS, Acceleration, PositionError, PositionErrorRate, Row, Time
 
@@ -29,15 +30,22 @@ def layout_of_antecedents(antecedents: tuple[Antecedents, ...]) -> Layout:
     return layout_of(tuple[Antecedents, ...], antecedents)
 
 
+class Lead(NamedTuple):
+    """By which time what is done about a place comes before it."""
+
+    time: Time
+
+
 def firing_on_axes(
     antecedents: tuple[Antecedents, ...],
     axes: Sequence[Axis],
     inputs: Sequence[InputName],
     time: Row,
     lap_times: Sequence[float],
+    lead: Lead | None,
     *signals: Any,
 ) -> PerNetworkAxis:
-    """The firing strengths on each axis of a network.
+    """Return the firing strengths on each axis of a network.
 
     Args:
         antecedents: of all axes, or of each.
@@ -45,41 +53,20 @@ def firing_on_axes(
         inputs: of the rules.
         time: s.
         lap_times: when the laps of the route begin and the last one ends, s.
+        lead: time by which the place and the phase are ahead of those of now, if any.
         signals: from which the inputs follow, in the order of `signals_of`.
     """
     known = dict(zip(signals_of(inputs), signals, strict=True))
+    if lead is not None:
+        time = time + lead.time
+        if "measurement" in known:
+            known["measurement"] = moved_on(known["measurement"], lead.time)
     return tuple(
         [
             firing_strengths(input_values(axis, inputs, known, time, lap_times), sets)
             for axis, sets in zip(axes, _for_each(axes, antecedents), strict=True)
         ]
     )
-
-
-class Lead(NamedTuple):
-    """By which time what is done about a place comes before it."""
-
-    time: Time
-
-
-def firing_ahead_on_axes(
-    lead: Lead,
-    antecedents: tuple[Antecedents, ...],
-    axes: Sequence[Axis],
-    inputs: Sequence[InputName],
-    time: Row,
-    lap_times: Sequence[float],
-    *signals: Any,
-) -> PerNetworkAxis:
-    """The firing strengths of the place and the phase where the vehicle will be after a lead.
-
-    The other arguments are those of `firing_on_axes`.
-    """
-    ahead = [
-        moved_on(signal, lead.time) if name == "measurement" else signal
-        for name, signal in zip(signals_of(inputs), signals, strict=True)
-    ]
-    return firing_on_axes(antecedents, axes, inputs, time + lead.time, lap_times, *ahead)
 
 
 def _for_each(axes: Sequence[Axis], antecedents: tuple[Antecedents, ...]) -> tuple[Antecedents, ...]:
@@ -151,11 +138,11 @@ class FuzzyRules(FleetSystem):
             antecedents = self.parameter("antecedents", lambda numbers: numbers.antecedents)
         first, *_ = numbers.antecedents
         time, layout = TIME if "phase" in inputs else 0.0, layout_on_axes(len(axes), first.num_rules)
-        reads = antecedents, axes, inputs, time, tuple(lap_times), *signals
-        self.output("firing", firing_on_axes, *reads, layout=layout)
+        reads = antecedents, axes, inputs, time, tuple(lap_times)
+        self.output("firing", firing_on_axes, *reads, None, *signals, layout=layout)
         if leads:
             lead = self.parameter("lead", lambda numbers: numbers.lead)
-            self.output("firing_ahead", firing_ahead_on_axes, lead, *reads, layout=layout)
+            self.output("firing_ahead", firing_on_axes, *reads, lead, *signals, layout=layout)
 
 
 class LearningNumbers(NamedTuple):
@@ -236,8 +223,7 @@ def learned(
         counts = counted(signal, deadzone)
         f_after, memory_after = law.learned(tuple([kept * f_i for f_i in f]), known, w, counts, period)
         after.append((tuple([minimum(maximum(f_i, -limit), limit) for f_i in f_after]), memory_after))
-    all_weights, all_memory = tuple([f for f, _ in after]), tuple([remembered for _, remembered in after])
-    return (all_weights, all_memory) if any(all_memory) else all_weights
+    return tuple([f for f, _ in after]), tuple([remembered for _, remembered in after])
 
 
 def counted(signal: Row, deadzone: Row) -> Row:
@@ -332,20 +318,13 @@ class WeightLearning(FleetSystem):
             lambda numbers: initial_weights or ((numbers.initial_weight,) * num_rules,) * len(axes),
             layout=per_axis,
         )
-        rows = len(law.memory(num_rules))
         memory: Any = ((),) * len(axes)
-        writes = [weights]
-        if rows:
-            memory = self.state(
-                law.memory_name,
-                lambda numbers: (numbers.law.memory(num_rules),) * len(axes),
-                layout=layout_on_axes(len(axes), rows),
-            )
-            writes = [weights, memory]
+        if law.memory(num_rules):
+            memory = self.state(law.memory_name, lambda numbers: (numbers.law.memory(num_rules),) * len(axes))
         signal_of, ports = signal_and_ports(learns_from)
         signals = signal_of, *(self.input(name, absent=UNCONNECTED.get(name)) for name in ports)
         reads = weights, memory, firing, learning, TIME if ticks else 0.0, axes, period, ticks, *signals
-        self.update(period, learned, *reads, writes=writes)
+        self.update(period, learned, *reads, writes=[weights, memory])
         self.output("correction", network_output, weights, ahead, axes)
         if leads:
             self.output("learned_disturbance", network_output, weights, firing, axes)
@@ -383,23 +362,12 @@ def build_fuzzy_network(*, rules: Any, learning: Any, sets: Any = None) -> Diagr
     parts = {"rules": rules, "learning": learning} | ({} if sets is None else {"sets": sets})
     for name, system in parts.items():
         builder.AddNamedSystem(name, system)
-    inside = {"firing": rules, "firing_ahead": rules, "weights": learning, "antecedents": sets}
-    exported: set[str] = set()
-    for system in parts.values():
-        for port in map(system.get_input_port, range(system.num_input_ports())):
-            name = port.get_name()
-            if name in inside:
-                builder.Connect(inside[name].GetOutputPort(name), port)
-            elif name in exported:
-                builder.ConnectInput(name, port)
-            else:
-                builder.ExportInput(port, name)
-                exported.add(name)
+    inside = (rules, "firing"), (rules, "firing_ahead"), (learning, "weights"), (sets, "antecedents")
+    sources = {name: system.GetOutputPort(name) for system, name in inside if system and system.HasOutputPort(name)}
+    connect_inputs(builder, parts.values(), sources, exported=SIGNALS)
     of_learning = ("correction", "learned_disturbance", "weights", "covariance_trace")
     shown = [(learning, name) for name in of_learning] + [(sets, "antecedents")]
     for system, name in shown:
         if system is not None and system.HasOutputPort(name):
             builder.ExportOutput(system.GetOutputPort(name), name)
-    network = builder.Build()
-    network.set_name("network")
-    return network
+    return build(builder, "network")

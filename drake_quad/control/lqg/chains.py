@@ -61,18 +61,8 @@ class AttitudeChain(NamedTuple):
     bias: Row
 
 
-class LaggingAttitudeChain(NamedTuple):
+class LaggingAttitudeChain(TorqueChain):
     """Along X or Y, with the loops of an autopilot on board behind the lag of the rotors."""
-
-    position: Row
-    velocity: Row
-    thrust: Row
-    jerk: Row
-    snap: Row
-    first: Row
-    second: Row
-    second_rate: Row
-    bias: Row
 
 
 class VerticalChain(NamedTuple):
@@ -165,6 +155,14 @@ def lagging_attitude_model(answer: Answer, lag: float, disturbances: Disturbance
     turning = {("jerk", "snap"): 1.0, ("jerk", "bias"): 1.0, ("snap", "snap"): -1.0 / lag}
     moving = {("thrust", "jerk"): 1.0, ("snap", "thrust"): -stiffness, ("snap", "jerk"): -friction, **turning}
     return _model(LaggingAttitudeChain, moving, {"snap": stiffness}, disturbances)
+
+
+def lateral_model(lag: float | None, answer: Answer | None, disturbances: Disturbances) -> ContinuousModel:
+    """The model along x or y, given the lag of the rotors (s) and the answer of an autopilot, of which one is given."""
+    if answer is None:
+        assert lag is not None
+        return torque_model(lag, disturbances)
+    return attitude_model(answer, disturbances) if lag is None else lagging_attitude_model(answer, lag, disturbances)
 
 
 def vertical_model(lag: float, disturbances: Disturbances) -> ContinuousModel:

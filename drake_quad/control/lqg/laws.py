@@ -26,7 +26,7 @@ from collections.abc import Sequence
 from typing import Annotated, Any, NamedTuple
 
 from drake_quad.control.lqg.design import AxisLoop
-from drake_quad.framework.elementary import maximum, minimum, sin_cos, sqrt, where, wrapped
+from drake_quad.framework.elementary import dot, maximum, minimum, sin_cos, sqrt, where, wrapped
 from drake_quad.geometry.flatness import ThrustTilt, angular_accelerations, attitude_of, body_rates, in_heading, tilt_of
 from drake_quad.signals import (
     Acceleration,
@@ -242,18 +242,9 @@ def estimated(
     return where(before.begun != 0.0, after, _at_rest(measurement, after))
 
 
-def filter_after(
-    measurement: State,
-    before: KalmanState,
-    sent: Sent,
-    known: Acceleration | None,
-    numbers: LqgNumbers,
-    period: float,
-    loses_frames: bool,
-) -> KalmanState:
-    """The state of the filter after a frame; arguments as of `estimated`."""
-    estimate = estimated(measurement, before, sent, known, numbers, period, loses_frames)
-    return KalmanState(estimate, 1.0, measurement.x)
+def filter_after(measurement: State, *remembered: Any) -> KalmanState:
+    """Return the state of the filter after a frame; arguments are those of `estimated`."""
+    return KalmanState(estimated(measurement, *remembered), 1.0, measurement.x)
 
 
 def regulated(
@@ -466,19 +457,11 @@ def _deviation(chain: Any, *motion: Row) -> Any:
     return chain._replace(**{name: row - target[name] for name, row in chain._asdict().items() if name in target})
 
 
-def _product(gains: Sequence[Row], rows: Sequence[Row]) -> Row:
-    """The sum of products."""
-    first, *others = (gain * row for gain, row in zip(gains, rows, strict=True))
-    for product in others:
-        first = first + product
-    return first
-
-
 def _filtered(chain: Any, innovation: Sequence[Row], fresh: bool, u: Row, loop: AxisLoop) -> Any:
     """A chain a frame later, given how far what is measured is from it."""
     told = [where(fresh, row, 0.0) for row in innovation]
-    corrected = [row + _product(gains, told) for row, *gains in zip(chain, *loop.L, strict=True)]
-    return chain._make(_product(row, corrected) + gain * u for row, gain in zip(loop.A, loop.B, strict=True))
+    corrected = [row + dot(gains, told) for row, *gains in zip(chain, *loop.L, strict=True)]
+    return chain._make(dot(row, corrected) + gain * u for row, gain in zip(loop.A, loop.B, strict=True))
 
 
 def _pushed(chain: Any, acceleration: Row, period: float) -> Any:
@@ -505,13 +488,13 @@ def _level_thrust(measurement: State, upward: Row) -> tuple[Row, Row]:
 
 def _fed_back(e: Any, pending: Sequence[Row], loop: AxisLoop) -> Row:
     """K [e; δu]."""
-    return _product((*loop.K, *loop.K_pending), (*e, *pending))
+    return dot((*loop.K, *loop.K_pending), (*e, *pending))
 
 
 def _outer(e: Any, loop: AxisLoop) -> Row:
     """The outer part of K e, as an acceleration."""
     names = "position", "velocity", "first", "second", "second_rate"
-    return _product([getattr(loop.K, name) for name in names], [getattr(e, name) for name in names]) / loop.outer
+    return dot([getattr(loop.K, name) for name in names], [getattr(e, name) for name in names]) / loop.outer
 
 
 def _shortened(x: Row, y: Row, limits: ThrustNumbers) -> tuple[Row, Row]:

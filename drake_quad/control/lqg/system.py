@@ -7,9 +7,10 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from drake_quad.control.cascade import put_around
 from drake_quad.control.lqg import laws
 from drake_quad.control.lqg.laws import ChainCommands, Deviations, Estimate, KalmanState, LqgNumbers, Regulated, Sent
-from drake_quad.framework.elementary import where
+from drake_quad.framework.elementary import identity, where
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import Layout, layout_of
+from drake_quad.framework.wiring import append, build
 from drake_quad.signals import (
     Acceleration,
     AttitudeTarget,
@@ -88,10 +89,6 @@ def _pd(reference: Reference, *remembered: Any) -> Acceleration:
 
 def _disturbance(*remembered: Any) -> Acceleration:
     return laws.disturbance_of(laws.estimated(*remembered))
-
-
-def _held(correction: Acceleration) -> Acceleration:
-    return correction
 
 
 def _none(numbers: LqgNumbers) -> Acceleration:
@@ -183,7 +180,7 @@ class LinearQuadraticGaussian(FleetSystem):
             correction = self.input("correction", absent=Acceleration(0.0, 0.0, 0.0))
             known = self.state("known", _none)
             learned = self.input("learned_disturbance", absent=Acceleration(0.0, 0.0, 0.0))
-            self.update(period, _held, learned, writes=[known])
+            self.update(period, identity, learned, writes=[known])
         if takes_perturbation:
             perturbation = self.input("perturbation", layout=layout_of(ChainCommands))
         remembered = measurement, before, sent, known, parameter, period, loses_frames
@@ -210,8 +207,8 @@ def build_lqg_control(regulator: Any, network: Any = None, programme: Any = None
     Args:
         regulator: a `LinearQuadraticGaussian`, which takes a correction if there is a network, and a perturbation if
             there is a programme.
-        network: to put around it; None for none.
-        programme: that keeps it within its limits, a `PredictiveProgramme`; None for none.
+        network: network around the controller, if any.
+        programme: `PredictiveProgramme` that keeps the controller within its limits, if any.
     """
     builder = DiagramBuilder()
     builder.AddNamedSystem("regulator", regulator)
@@ -219,9 +216,8 @@ def build_lqg_control(regulator: Any, network: Any = None, programme: Any = None
         if port.get_name() not in ("correction", "learned_disturbance", "perturbation"):
             builder.ExportInput(port, port.get_name())
     if programme is not None:
-        builder.AddNamedSystem("programme", programme)
-        builder.Connect(regulator.GetOutputPort("deviation"), programme.get_input_port())
-        builder.Connect(programme.get_output_port(), regulator.GetInputPort("perturbation"))
+        perturbation = append(builder, "programme", programme, regulator.GetOutputPort("deviation"))
+        builder.Connect(perturbation, regulator.GetInputPort("perturbation"))
     shown = [regulator]
     if network is not None:
         put_around(builder, regulator, network)
@@ -229,6 +225,4 @@ def build_lqg_control(regulator: Any, network: Any = None, programme: Any = None
     for system in shown:
         for port in map(system.get_output_port, range(system.num_output_ports())):
             builder.ExportOutput(port, port.get_name())
-    control = builder.Build()
-    control.set_name("control")
-    return control
+    return build(builder, "control")

@@ -2,11 +2,12 @@
 
 from typing import NamedTuple
 
-from drake_quad.control.attitude import MomentOfInertia, torque_of
+from drake_quad.control.attitude import MomentOfInertia
 from drake_quad.control.policy.frames import LevelFrame, level_axes
 from drake_quad.control.thrust_vectoring import Vectored
 from drake_quad.framework.elementary import maximum, minimum
 from drake_quad.geometry.axes import Vector
+from drake_quad.geometry.kinematics import torque_of
 from drake_quad.geometry.per_axis import PerAngle
 from drake_quad.signals import (
     Acceleration,

@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Literal, NamedTuple
 
-from drake_quad.framework.elementary import dense, erf, exp, maximum, minimum, tanh, where
+from drake_quad.framework.elementary import dense, erf, exp, identity, maximum, minimum, tanh, where
 from drake_quad.framework.symbols import Matrix
 from drake_quad.signals import Row
 
@@ -23,11 +23,6 @@ _ROOT_OF_HALF = math.sqrt(0.5)
 _ROOT_OF_2_OVER_PI = math.sqrt(2.0 / math.pi)
 GELU_CUBE = 0.044715
 """Coefficient of the third power in the approximation of GELU (Hendrycks and Gimpel, 2016)."""
-
-
-def identity(x: Row) -> Row:
-    """X."""
-    return x
 
 
 def relu(x: Row) -> Row:
@@ -66,17 +61,8 @@ def silu(x: Row) -> Row:
     return x * sigmoid(x)
 
 
-ACTIVATIONS: dict[Activation, Callable[..., Row]] = {
-    "identity": identity,
-    "relu": relu,
-    "tanh": tanh,
-    "sigmoid": sigmoid,
-    "elu": elu,
-    "silu": silu,
-    "leaky_relu": leaky_relu,
-    "gelu": gelu,
-    "gelu_tanh": gelu_tanh,
-}
+_FORMULAS: tuple[Callable[..., Row], ...] = (identity, relu, tanh, sigmoid, elu, silu, leaky_relu, gelu, gelu_tanh)
+ACTIVATIONS = {formula.__name__: formula for formula in _FORMULAS}
 """The functions of activations, by name."""
 
 WITH_ALPHA: tuple[Activation, ...] = ("elu", "leaky_relu")

@@ -16,10 +16,14 @@ from pydrake.systems.primitives import PassThrough
 from drake_quad.control.cascade import command_of
 from drake_quad.control.policy.network import Network, passed
 from drake_quad.control.policy.observation import ObservationNumbers, ObservationSpec, num_observed, observed
+from drake_quad.framework.elementary import identity
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import rows_layout
-from drake_quad.framework.wiring import split_output
+from drake_quad.framework.wiring import build, connect_inputs, split_output
 from drake_quad.signals import Row
+
+# Input ports of the diagram, where a system has a port of this name.
+_INPUTS = ("measurement", "reference", "reference_ahead", "rotor_speed", "wind")
 
 
 def with_past(past: tuple[Row, ...], *seen: Any) -> tuple[Row, ...]:
@@ -35,11 +39,6 @@ def repeated(times: int, *seen: Any) -> tuple[Row, ...]:
 def remembered(action: tuple[Row, ...], past: tuple[Row, ...], *seen: Any) -> tuple[tuple[Row, ...], tuple[Row, ...]]:
     """The action, and what was seen, now and before but for the oldest: the next tick's past."""
     return action, with_past(past, *seen)[: len(past)]
-
-
-def last_of(action: tuple[Row, ...]) -> tuple[Row, ...]:
-    """The action, which is the last one at the next tick."""
-    return action
 
 
 @fleet_system(float, AutoDiffXd)
@@ -103,7 +102,7 @@ class Observation(FleetSystem):
             self.initialize(repeated, before, *seen, writes=[past])
             self.update(period, remembered, action, past, *seen, writes=[last, past])
         else:
-            self.update(period, last_of, action, writes=[last])
+            self.update(period, identity, action, writes=[last])
 
 
 def output_of(observation: tuple[Row, ...], memory: tuple[tuple[Row, ...], ...], network: Network) -> tuple[Row, ...]:
@@ -194,47 +193,27 @@ def build_policy_control(
         if policy.num_input_ports():
             builder.Connect(observation.get_output_port(), policy.get_input_port())
     action = policy.get_output_port()
-    builder.Connect(action, observation.GetInputPort("action"))
     builder.ExportOutput(observation.get_output_port(), "observation")
     builder.ExportOutput(action, "action")
-    exported: set[str] = set()
-
-    def export(system: Any, port: str, name: str | None = None) -> None:
-        """Makes an input port one of the diagram, unless that is there: then it is connected with it."""
-        name = name or port
-        if name in exported:
-            builder.ConnectInput(name, system.GetInputPort(port))
-        else:
-            builder.ExportInput(system.GetInputPort(port), name)
-            exported.add(name)
-
-    for port in map(observation.get_input_port, range(observation.num_input_ports())):
-        if port.get_name() != "action":
-            export(observation, port.get_name(), sees if port.get_name() == "measurement" else None)
-    commanded = None
+    if sees != "measurement":
+        builder.ExportInput(observation.GetInputPort("measurement"), sees)
+    systems, sources, commanded = [observation, actuation], {"action": action}, None
     if actuation.HasOutputPort("thrust_and_attitude"):
         commanded = split_output(builder, "actuation", actuation)
     else:
         builder.AddNamedSystem("actuation", actuation)
-    builder.Connect(action, actuation.GetInputPort("action"))
-    for name in ("measurement", "reference"):
-        if actuation.HasInputPort(name):
-            export(actuation, name)
     if actuation.HasOutputPort("acceleration_command"):
         commanded = split_output(builder, "thrust_vectoring", thrust_vectoring)
-        builder.Connect(actuation.get_output_port(), thrust_vectoring.GetInputPort("acceleration_command"))
-        for name in ("measurement", "reference"):
-            export(thrust_vectoring, name)
+        sources["acceleration_command"] = actuation.get_output_port()
+        systems.append(thrust_vectoring)
+    if attitude is not None:
+        systems.append(builder.AddNamedSystem("attitude", attitude))
+    connect_inputs(builder, systems, sources, exported=_INPUTS)
     if commanded is None:
         builder.ExportOutput(actuation.get_output_port(), actuation.get_output_port().get_name())
     else:
-        if attitude is not None:
-            builder.AddNamedSystem("attitude", attitude)
-            export(attitude, "measurement")
         builder.ExportOutput(*command_of(builder, commanded, attitude))
         if actuation.HasOutputPort("acceleration_command"):
             builder.ExportOutput(actuation.get_output_port(), "acceleration_command")
         builder.ExportOutput(commanded["attitude_command"], "attitude_command")
-    control = builder.Build()
-    control.set_name("control")
-    return control
+    return build(builder, "control")

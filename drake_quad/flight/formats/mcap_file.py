@@ -24,7 +24,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from ruamel.yaml import YAML
 
 from drake_quad.errors import InputError
 from drake_quad.extras import needed
@@ -32,6 +31,7 @@ from drake_quad.files import write_whole
 from drake_quad.flight.flight import Flight
 from drake_quad.flight.formats.flight_format import FORMATS, FlightFormat
 from drake_quad.geometry.quaternion import Quaternion
+from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.layouts import rotors_of
 from drake_quad.signals import SIGNALS, Reference, State, quantities, row_names
 
@@ -61,7 +61,7 @@ class Message(NamedTuple):
 
 
 def save_mcap(flights: Flight | Mapping[str, Flight], path: Path | str) -> Path:
-    """Writes flights as one MCAP file, and returns its path.
+    """Write flights as one MCAP file, and return its path.
 
     Args:
         flights: by the names under which they stand, or one, which stands under its scenario's.
@@ -106,7 +106,7 @@ def save_mcap(flights: Flight | Mapping[str, Flight], path: Path | str) -> Path:
 
 
 def topics_of(name: str, flight: Flight) -> dict[str, dict[str, Any]]:
-    """The schemas of a flight's topics."""
+    """Return the schemas of a flight's topics."""
     topics = {
         f"/{name}/tf": FRAME_TRANSFORM,
         f"/{name}/reference": POSE_IN_FRAME,
@@ -153,12 +153,12 @@ def messages_of(name: str, flight: Flight, number: int) -> Iterator[Message]:
 
 
 def _keys(signal: str, flight: Flight) -> list[str]:
-    """The names of the rows of a signal; none where they are numbered only."""
+    """Return the names of the rows of a signal; none where they are numbered only."""
     return row_names(signal, flight[signal].shape[1]) if hasattr(SIGNALS[signal], "_fields") else []
 
 
 def _scene(name: str, flight: Flight, stamp: dict[str, int], number: int) -> dict[str, Any]:
-    """The vehicle, in its own frame, and the lines of reference and path."""
+    """Return the vehicle, in its own frame, and the lines of reference and path."""
     rotors = rotors_of(flight.scenario.vehicle)
     places = [np.array([rotor.x, rotor.y, rotor.z]) for rotor in rotors]
     size = max(math.hypot(rotor.x, rotor.y) for rotor in rotors)
@@ -196,7 +196,7 @@ def _scene(name: str, flight: Flight, stamp: dict[str, int], number: int) -> dic
 
 
 def _points(places: State | Reference) -> np.ndarray:
-    """The (ticks, 3) places, m."""
+    """Return the (ticks, 3) places, m."""
     return np.column_stack([places.x, places.y, places.z])
 
 
@@ -219,7 +219,7 @@ def _line(points: np.ndarray, color: dict[str, float]) -> dict[str, Any]:
 
 
 def _pose(numbers: list[float]) -> dict[str, dict[str, float]]:
-    """A pose of seven numbers: x, y, z (m) and the quaternion w, x, y, z."""
+    """Return a pose of seven numbers: x, y, z (m) and the quaternion w, x, y, z."""
     x, y, z, *turn = numbers
     return {"position": {"x": x, "y": y, "z": z}, "orientation": dict(zip("wxyz", turn, strict=True))}
 
@@ -238,14 +238,13 @@ def _stamp(time: int) -> dict[str, int]:
 
 
 def _scenario_text(flight: Flight) -> bytes:
-    text, scenario = io.BytesIO(), flight.scenario
-    YAML().dump({scenario.name: scenario.model_dump(mode="json", exclude={"name"})}, text)
-    return text.getvalue()
+    text = io.StringIO()
+    save_scenario(flight.scenario, text)
+    return text.getvalue().encode()
 
 
-def _object(title: str, properties: dict[str, Any], description: str = "") -> dict[str, Any]:
-    schema = {"title": title, "type": "object", "properties": properties, "required": [*properties]}
-    return schema | ({"description": description} if description else {})
+def _object(title: str, properties: dict[str, Any]) -> dict[str, Any]:
+    return {"title": title, "type": "object", "properties": properties, "required": [*properties]}
 
 
 def _list(items: dict[str, Any] | None = None) -> dict[str, Any]:
@@ -314,7 +313,7 @@ LOG = _object(
 
 
 def signal_schema(signal: str, flight: Flight) -> dict[str, Any]:
-    """The schema of a signal's messages; what is no number is null."""
+    """Return the schema of a signal's messages; what is no number is null."""
     count, keys = flight[signal].shape[1], _keys(signal, flight)
     number = {"type": ["number", "null"]}
     if not keys:

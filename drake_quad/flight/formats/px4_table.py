@@ -70,7 +70,7 @@ def px4_columns(flight: Flight) -> _Columns:
 
 
 def save_px4_table(flight: Flight, path: Path | str) -> Path:
-    """Writes the table as CSV, and returns its path; `drake_quad.identification.logs` reads it as it reads a ULog.
+    """Write the table as CSV, and return its path; `drake_quad.identification.logs` reads it as it reads a ULog.
 
     Raises:
         OSError: the file cannot be written.
@@ -90,7 +90,7 @@ def _motion(flight: Flight, name: str, suffix: str) -> _Columns:
 
 
 def _turned(pattern: str, rows: str | tuple[str, ...], *vector: np.ndarray) -> _Columns:
-    """The columns of a vector of W in NED, or of B in FRD."""
+    """Return the columns of a vector of W in NED, or of B in FRD."""
     return {pattern.format(row): sign * part for row, sign, part in zip(rows, _HALF_TURN, vector, strict=True)}
 
 

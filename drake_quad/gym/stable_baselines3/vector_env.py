@@ -1,6 +1,6 @@
 """A vector environment as Stable-Baselines3 wants one."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -87,6 +87,3 @@ class StableVectorEnv(VecEnv):
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
         """None is."""
         return [False] * len(list(self._get_indices(indices)))
-
-    def _get_indices(self, indices: Any) -> Iterable[int]:
-        return range(self.num_envs) if indices is None else [indices] if isinstance(indices, int) else indices

@@ -22,7 +22,9 @@ def with_effects(scenario: Scenario, names: tuple[str, ...]) -> Scenario:
         names: as in `Estimates`.
     """
     vehicle = scenario.vehicle
-    wanted = {name: effect() for name, effect in EFFECTS.items() if any(each.startswith(f"{name}.") for each in names)}
+    wanted = {
+        name: effect() for name, effect in EFFECTS.members.items() if any(each.startswith(f"{name}.") for each in names)
+    }
     absent = {name: effect for name, effect in wanted.items() if getattr(vehicle, name) is None}
     return scenario.model_copy(update={"vehicle": vehicle.model_copy(update=absent)}) if absent else scenario
 

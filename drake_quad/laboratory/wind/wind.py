@@ -7,13 +7,11 @@ import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Adder, ConstantVectorSource, ZeroOrderHold
 
+from drake_quad.framework.elementary import identity
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.framework.wiring import append, build, connect_inputs
 from drake_quad.randomness.noise import Stream
 from drake_quad.signals import Wind
-
-
-def _unchanged(wind: Wind) -> Wind:
-    return wind
 
 
 @fleet_system(float, AutoDiffXd)
@@ -35,7 +33,7 @@ class SteadyWind(FleetSystem):
 
     def declare(self, *, numbers: Wind) -> None:
         """Declares the system."""
-        self.output("wind", _unchanged, self.parameter("velocity", lambda velocity: velocity))
+        self.output("wind", identity, self.parameter("velocity", lambda velocity: velocity))
 
 
 def build_wind(sources: Mapping[str, Any], *, streams: Mapping[str, list[Stream]], num_vehicles: int = 1) -> Diagram:
@@ -62,28 +60,15 @@ def build_wind(sources: Mapping[str, Any], *, streams: Mapping[str, list[Stream]
     builder = DiagramBuilder()
     if not sources:
         sources = {"still_air": ConstantVectorSource(np.zeros(3 * num_vehicles))}
-    placed = False
-    for name, source in sources.items():
-        builder.AddNamedSystem(name, source)
-        if source.HasInputPort("state"):
-            if placed:
-                builder.ConnectInput("state", source.GetInputPort("state"))
-            else:
-                builder.ExportInput(source.GetInputPort("state"), "state")
-            placed = True
+    ports = [append(builder, name, source) for name, source in sources.items()]
+    connect_inputs(builder, sources.values(), exported=("state",))
     for name, source in sources.items():
         for stream in streams.get(name, []):
             builder.ExportInput(source.GetInputPort(stream.name.removeprefix(f"{name}.")), stream.name)
-    port, *others = (source.get_output_port() for source in sources.values())
-    if others:
-        total = builder.AddNamedSystem("total", Adder(1 + len(others), 3 * num_vehicles))
-        for i, summand in enumerate((port, *others)):
-            builder.Connect(summand, total.get_input_port(i))
-        port = total.get_output_port()
-    builder.ExportOutput(port, "wind")
-    wind = builder.Build()
-    wind.set_name("wind")
-    return wind
+    if len(ports) > 1:
+        ports = [append(builder, "total", Adder(len(ports), 3 * num_vehicles), *ports)]
+    builder.ExportOutput(*ports, "wind")
+    return build(builder, "wind")
 
 
 def build_held_wind(source: Any, *, period: float) -> Diagram:
@@ -106,13 +91,7 @@ def build_held_wind(source: Any, *, period: float) -> Diagram:
         period: of the samples, s; the vehicle's time step.
     """
     builder = DiagramBuilder()
-    builder.AddNamedSystem("source", source)
-    port = source.get_output_port()
-    hold = builder.AddNamedSystem("hold", ZeroOrderHold(period, port.size()))
-    builder.Connect(port, hold.get_input_port())
-    if source.HasInputPort("state"):
-        builder.ExportInput(source.GetInputPort("state"), "state")
-    builder.ExportOutput(hold.get_output_port(), "wind")
-    held = builder.Build()
-    held.set_name("held")
-    return held
+    port = append(builder, "source", source)
+    connect_inputs(builder, [source], exported=("state",))
+    builder.ExportOutput(append(builder, "hold", ZeroOrderHold(period, port.size()), port), "wind")
+    return build(builder, "held")

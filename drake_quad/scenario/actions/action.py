@@ -55,18 +55,17 @@ class Action(Model):
         """Raise a validation error if the action does not fit the other parts of its `Scenario`."""
         autopilot = scenario.laboratory.autopilot
         if self.commands not in autopilot.accepts:
-            demand = "must be {allowed}: laboratory.autopilot of kind {autopilot} takes no other"
-            allowed = ", ".join(kind for kind in ACTIONS.names if ACTIONS.get(kind).commands in autopilot.accepts)
-            path = "control", "action", "kind"
-            raise scenario.wrong(*path, kind="on_board", demand=demand, allowed=allowed, autopilot=autopilot.kind)
+            allowed = ", ".join(name for name, kind in ACTIONS.members.items() if kind.commands in autopilot.accepts)
+            demand = f"must be {allowed}: laboratory.autopilot of kind {autopilot.kind} takes no other"
+            raise scenario.wrong(demand, "control", "action", "kind")
         if self.commands == "attitude":
             check_attitude_control(scenario)
         elif scenario.control.attitude is not None and not self.needs_attitude(autopilot):
-            demand = "must be left out, or null: with actions of kind {action} it is not used"
-            raise scenario.wrong("control", "attitude", kind="on_board", demand=demand, action=self.kind)
+            demand = f"must be left out, or null: with actions of kind {self.kind} it is not used"
+            raise scenario.wrong(demand, "control", "attitude")
 
 
-ACTIONS = OpenUnion(Action, "num_rows", "commands")
+ACTIONS = OpenUnion(Action)
 """Kinds of actions."""
 
 AnyAction = Annotated[Action, ACTIONS]
@@ -82,8 +81,7 @@ class ThrustAction(Action):
     @model_validator(mode="after")
     def _has_room(self) -> "ThrustAction":
         if not self.min_thrust < self.max_thrust:
-            demand = "must be larger than min_thrust, {least}"
-            raise self.wrong("max_thrust", kind="thrust", demand=demand, least=self.min_thrust)
+            raise self.wrong(f"must be larger than min_thrust, {self.min_thrust}", "max_thrust")
         return self
 
     def thrusts(self, believed: QuadrotorParameters) -> ThrustRange:

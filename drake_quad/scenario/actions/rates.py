@@ -51,6 +51,5 @@ class RatesAction(ThrustAction):
         if scenario.control.attitude is None and self.needs_attitude(autopilot):
             raise PydanticCustomError("missing", "is missing", {"path": ("control", "action", "k_rate")})
         if self.k_rate is not None and autopilot.controls_attitude:
-            demand = "must be left out, or null: laboratory.autopilot of kind {autopilot} has its own"
-            path = "control", "action", "k_rate"
-            raise scenario.wrong(*path, kind="on_board", demand=demand, autopilot=autopilot.kind)
+            demand = f"must be left out, or null: laboratory.autopilot of kind {autopilot.kind} has its own"
+            raise scenario.wrong(demand, "control", "action", "k_rate")

@@ -34,7 +34,7 @@ class RotorSpeedsAction(Action):
     @model_validator(mode="after")
     def _each_once(self) -> "RotorSpeedsAction":
         if sorted(self.order) != [1, 2, 3, 4]:
-            raise self.wrong("order", kind="order", demand="must name each rotor from 1 to 4 once")
+            raise self.wrong("must name each rotor from 1 to 4 once", "order")
         return self
 
     def recipe(self, setting: ControlSetting, *, turn: float, attitude: AttitudeControllerSettings | None) -> Recipe:
@@ -57,8 +57,8 @@ class RotorSpeedsAction(Action):
         super().check_fits(scenario)
         top = scenario.nominal.max_rotor_speed
         if self.least is not None and not self.least < top:
-            demand = "must be smaller than max_rotor_speed in nominal, {top}"
-            raise scenario.wrong("control", "action", "least", kind="speeds", demand=demand, top=top)
+            demand = f"must be smaller than max_rotor_speed in nominal, {top}"
+            raise scenario.wrong(demand, "control", "action", "least")
 
     def _least(self, believed: QuadrotorParameters) -> float:
         return float(believed.min_rotor_speed if self.least is None else self.least)

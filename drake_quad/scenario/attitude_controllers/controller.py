@@ -60,5 +60,5 @@ def check_attitude_control(scenario: Any) -> None:
     if attitude is None and not autopilot.controls_attitude:
         raise PydanticCustomError("missing", "is missing", {"path": ("control", "attitude")})
     if attitude is not None and autopilot.controls_attitude:
-        demand = "must be left out, or null: with laboratory.autopilot of kind {autopilot} it is not used"
-        raise scenario.wrong("control", "attitude", kind="on_board", demand=demand, autopilot=autopilot.kind)
+        demand = f"must be left out, or null: with laboratory.autopilot of kind {autopilot.kind} it is not used"
+        raise scenario.wrong(demand, "control", "attitude")

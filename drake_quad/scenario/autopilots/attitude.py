@@ -68,5 +68,5 @@ class AttitudeAutopilotSettings(Autopilot):
         """Raise a validation error if the loops are not faster than the link."""
         link = scenario.laboratory.command_link.period
         if not self.period < link:
-            demand = "must be shorter than the period of the command link, {link} s"
-            raise scenario.wrong("laboratory", "autopilot", "period", kind="period", demand=demand, link=link)
+            demand = f"must be shorter than the period of the command link, {link} s"
+            raise scenario.wrong(demand, "laboratory", "autopilot", "period")

@@ -84,7 +84,7 @@ class Autopilot(Model):
         """Raise a validation error if the vehicle or the link of a `Scenario` does not fit the autopilot."""
 
 
-AUTOPILOTS = OpenUnion(Autopilot, "period", "command", "accepts", "feeds_forward")
+AUTOPILOTS = OpenUnion(Autopilot, "period")
 """Kinds of autopilots."""
 
 AnyAutopilot = Annotated[Autopilot, AUTOPILOTS]

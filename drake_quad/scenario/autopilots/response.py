@@ -1,6 +1,6 @@
 """Autopilot and vehicle as a whole."""
 
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -8,15 +8,13 @@ from pydantic import Field
 from drake_quad.control.lqg.chains import Answer
 from drake_quad.framework.recipe import Recipe
 from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS, Autopilot
-from drake_quad.scenario.quantities import Positive
+from drake_quad.scenario.quantities import Positives
 from drake_quad.signals import AngleRate
 from drake_quad.vehicle import responding
 from drake_quad.vehicle.autopilot import ThrustAlone
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import QuadrotorNumbers
 from drake_quad.vehicle.responding import DampingRatios, NaturalFrequencies, RespondingNumbers, RespondingQuadrotor
-
-PerAngle = Annotated[tuple[Positive, Positive, Positive], Field(strict=False)]
 
 
 @AUTOPILOTS.member
@@ -29,8 +27,8 @@ class AttitudeResponseSettings(Autopilot):
     feeds_forward: ClassVar = ("none", "acceleration")
     models_vehicle: ClassVar = True
     kind: Literal["response"]
-    natural_frequency: PerAngle = Field(description="ω_n of roll, pitch, yaw (rad/s)")
-    damping: PerAngle = Field(description="ζ of roll, pitch, yaw (1)")
+    natural_frequency: Positives = Field(description="ω_n of roll, pitch, yaw (rad/s)")
+    damping: Positives = Field(description="ζ of roll, pitch, yaw (1)")
 
     def answer(self) -> Answer:
         """Return the answer of the roll."""
@@ -56,4 +54,4 @@ class AttitudeResponseSettings(Autopilot):
         """Raise a validation error if the vehicle has what was not there when the response was identified."""
         for name in scenario.vehicle.without_response():
             demand = "must be left out: laboratory.autopilot of kind response does not know it"
-            raise scenario.wrong("vehicle", name, kind="response", demand=demand)
+            raise scenario.wrong(demand, "vehicle", name)

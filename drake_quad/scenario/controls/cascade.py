@@ -41,12 +41,11 @@ class CascadeControl(Control):
         if self.network is None:
             return self
         if not self.position.takes_correction:
-            demand = "must be left out: a position controller of kind {position} takes no correction"
-            raise self.wrong("network", kind="correction", demand=demand, position=self.position.kind)
+            demand = f"must be left out: a position controller of kind {self.position.kind} takes no correction"
+            raise self.wrong(demand, "network")
         if self.network.inputs.disturbance is not None and not self.position.estimates_disturbance:
-            demand = "must be left out: a position controller of kind {estimator} estimates none"
-            path = "network", "inputs", "disturbance"
-            raise self.wrong(*path, kind="estimate", demand=demand, estimator=self.position.kind)
+            demand = f"must be left out: a position controller of kind {self.position.kind} estimates none"
+            raise self.wrong(demand, "network", "inputs", "disturbance")
         return self
 
     def check_fits(self, scenario: Any) -> None:
@@ -54,10 +53,9 @@ class CascadeControl(Control):
         check_attitude_control(scenario)
         autopilot = scenario.laboratory.autopilot
         if self.position.feed_forward not in autopilot.feeds_forward:
-            demand = "must be {allowed}: laboratory.autopilot of kind {autopilot} takes no more"
             allowed = " or ".join(autopilot.feeds_forward)
-            path = "control", "position", "feed_forward"
-            raise scenario.wrong(*path, kind="on_board", demand=demand, allowed=allowed, autopilot=autopilot.kind)
+            demand = f"must be {allowed}: laboratory.autopilot of kind {autopilot.kind} takes no more"
+            raise scenario.wrong(demand, "control", "position", "feed_forward")
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
         """Return the recipes for all parts of the cascade."""

@@ -15,9 +15,7 @@ from drake_quad.control.lqg.chains import (
     ChainNoise,
     ContinuousModel,
     Disturbances,
-    attitude_model,
-    lagging_attitude_model,
-    torque_model,
+    lateral_model,
     vertical_model,
 )
 from drake_quad.control.lqg.design import AxisLoop, Timing, axis_loop
@@ -100,7 +98,7 @@ class Axis(Model):
 
 
 class VerticalAxis(Axis):
-    """What the controller believes of the way from its command to the height, and what it weighs."""
+    """Believed model from the command to the height, and the weights of the design."""
 
     lag: PlainSpan = Field(description="of the thrust behind its command (s)")
     name: ClassVar = "vertical"
@@ -111,7 +109,7 @@ class VerticalAxis(Axis):
 
 
 class LateralAxis(Axis):
-    """What the controller believes of the way from its command to x and to y, and what it weighs."""
+    """Believed model from the command to x and to y, and the weights of the design."""
 
     lag: PlainSpan | None = Field(
         default=None,
@@ -129,14 +127,9 @@ class LateralAxis(Axis):
 
     def model(self) -> ContinuousModel:
         """Return the model of x and of y."""
-        disturbances = self._disturbances(self.bias.noise())
-        if self.natural_frequency is None or self.damping is None:
-            assert self.lag is not None
-            return torque_model(self.lag, disturbances)
-        answer = Answer(self.natural_frequency, self.damping)
-        if self.lag is None:
-            return attitude_model(answer, disturbances)
-        return lagging_attitude_model(answer, self.lag, disturbances)
+        omega, zeta = self.natural_frequency, self.damping
+        answer = None if omega is None or zeta is None else Answer(omega, zeta)
+        return lateral_model(self.lag, answer, self._disturbances(self.bias.noise()))
 
     def _noise(self, gravity: float) -> list[float]:
         return [self.position_noise, self.attitude_noise * gravity]
@@ -171,7 +164,7 @@ class LqgControl(Control):
     max_snap: PlainPositive = Field(
         default=400.0, description="largest command along x and along y with torques over the link (m/s⁴)"
     )
-    # Whether a programme stands beside the regulator, as with kinds that extend this one.
+    # True for kinds that add a programme to the regulator.
     takes_perturbation: ClassVar = False
 
     def check_fits(self, scenario: Any) -> None:
@@ -179,9 +172,8 @@ class LqgControl(Control):
         laboratory, autopilot = scenario.laboratory, scenario.laboratory.autopilot
         frame, tick = laboratory.motion_capture.period, laboratory.command_link.period
         if frame > tick:
-            demand = "must not be longer than the period of the command link, {tick} s, with control.kind {control}"
-            cameras = "laboratory", "motion_capture", "period"
-            raise scenario.wrong(*cameras, kind="period", demand=demand, tick=tick, control=self.kind)
+            demand = f"must not be longer than the period of the command link, {tick} s, with control.kind {self.kind}"
+            raise scenario.wrong(demand, "laboratory", "motion_capture", "period")
         on_the_ground: tuple[tuple[str, ...], ...] = (("yaw",),)
         on_board = ("lateral", "natural_frequency"), ("lateral", "damping")
         for path in on_board if autopilot.controls_attitude else (("lateral", "lag"), *on_the_ground):
@@ -189,8 +181,8 @@ class LqgControl(Control):
                 raise PydanticCustomError("missing", "is missing", {"path": ("control", *path)})
         for path in on_the_ground if autopilot.controls_attitude else on_board:
             if reduce(getattr, path, self) is not None:
-                demand = "must be left out, or null, with laboratory.autopilot of kind {autopilot}"
-                raise scenario.wrong("control", *path, kind="on_board", demand=demand, autopilot=autopilot.kind)
+                demand = f"must be left out, or null, with laboratory.autopilot of kind {autopilot.kind}"
+                raise scenario.wrong(demand, "control", *path)
 
     def timing(self, frame: float, tick: float) -> Timing:
         """Return the times of frames and ticks (s), and the delay that it believes in."""

@@ -21,7 +21,7 @@ from drake_quad.reference.plan import Plan
 from drake_quad.scenario.controls.control import CONTROLS
 from drake_quad.scenario.controls.lqg import LqgControl
 from drake_quad.scenario.distributions import Model, Real
-from drake_quad.scenario.paths import distributions_in
+from drake_quad.scenario.paths import distributions_in, keys_of
 from drake_quad.scenario.quantities import PlainPositive
 from drake_quad.scenario.setting import ControlSetting
 from drake_quad.signals import Jerk, Reference, Snap
@@ -32,7 +32,7 @@ _OPEN = (None, None, None)
 
 
 class _Corridor(Model):
-    """What the walls of a corridor have in common."""
+    """Fields of corridors of both kinds."""
 
     weight: PlainPositive = Field(
         default=10.0, description="ζ of the cost at a tick, p² + ρ u² + ζ ε², for being ε beyond it (m)"
@@ -66,7 +66,7 @@ class Room(_Corridor):
     def _has_room(self) -> "Room":
         for axis, (low, high) in enumerate(zip(self.lower, self.upper, strict=True)):
             if low is not None and high is not None and not low < high:
-                raise self.wrong("upper", axis, kind="walls", demand="must be larger than lower, {low}", low=low)
+                raise self.wrong(f"must be larger than lower, {low}", "upper", axis)
         return self
 
     def walls(self) -> constraints.Corridor:
@@ -101,11 +101,8 @@ class MpcControl(LqgControl):
         """The vehicles of a fleet share one programme."""
         for path in distributions_in(self):
             if not path.startswith("network."):
-                raise self.wrong(
-                    *[int(step) if step.isdecimal() else step for step in path.split(".")],
-                    kind="number",
-                    demand="must be a number with control.kind mpc, not a distribution",
-                )
+                demand = "must be a number with control.kind mpc, not a distribution"
+                raise self.wrong(demand, *keys_of(path))
         return self
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
@@ -129,7 +126,7 @@ class MpcControl(LqgControl):
 
 
 class _Shown(NamedTuple):
-    """What the reference shows at an instant."""
+    """Reference at an instant, with its derivatives."""
 
     reference: Reference
     jerk: Jerk

@@ -50,8 +50,8 @@ class PolicyControl(Control):
         rows = self.policy_rows()
         for place, side, wanted in ((0, "inputs", rows["observation"]), (last, "outputs", rows["action"])):
             if getattr(self.policy.layers[place], side) != wanted:
-                demand = "must be {wanted}, as many as this observation and action have"
-                raise self.wrong("policy", "layers", place, side, kind="network", demand=demand, wanted=wanted)
+                demand = f"must be {wanted}, as many as this observation and action have"
+                raise self.wrong(demand, "policy", "layers", place, side)
         return self
 
     def check_fits(self, scenario: Any) -> None:
@@ -59,7 +59,7 @@ class PolicyControl(Control):
         self.action.check_fits(scenario)
         if "clearance" in self.observation.signals and not (scenario.space and scenario.space.obstacles):
             demand = "must not have clearance, which is infinite: there are no obstacles in `space`"
-            raise scenario.wrong("control", "observation", "signals", kind="clearance", demand=demand)
+            raise scenario.wrong(demand, "control", "observation", "signals")
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
         """Return the recipes for what is around the policy, and for the policy if there is one."""

@@ -33,6 +33,5 @@ class BatteryEffect(VehicleEffect):
         least = extremes(self.voltage)[0] or 0.0
         most = extremes(self.empty_voltage)[1]
         if most is None or not least >= most:
-            demand = "must not be larger than voltage, {voltage}"
-            raise self.wrong("empty_voltage", kind="voltage", demand=demand, voltage=least)
+            raise self.wrong(f"must not be larger than voltage, {least}", "empty_voltage")
         return self

@@ -71,10 +71,7 @@ class VehicleEffect(Model):
         return ()
 
 
-EFFECTS = OpenFields(
-    *(VehicleEffect, "field", "meaning", "record"),
-    *("is_believed", "depends_on_time", "couples_axes", "belongs_to_airframe"),
-)
+EFFECTS = OpenFields(VehicleEffect)
 """Models of the fields of a vehicle that are effects."""
 
 

@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 
 from drake_quad.framework.records import record_like
 from drake_quad.scenario.effects.effect import EFFECTS, NO_OFFSET, PerAxis, VehicleEffect
-from drake_quad.scenario.inertia import INERTIA_DEMAND, INERTIA_RULE, inertia_flaw
+from drake_quad.scenario.inertia import INERTIA_RULE, inertia_flaw
 from drake_quad.scenario.quantities import Moment, Position, Positive, field_of
 from drake_quad.signals import Row
 from drake_quad.vehicle.payload import Payload
@@ -41,7 +41,7 @@ class PayloadEffect(VehicleEffect):
     @model_validator(mode="after")
     def _is_rigid(self) -> "PayloadEffect":
         if flaw := inertia_flaw(self.inertia):
-            raise self.wrong("inertia", kind="inertia", demand=INERTIA_DEMAND, flaw=flaw)
+            raise self.wrong(flaw, "inertia")
         return self
 
     def numbers(self) -> Payload:

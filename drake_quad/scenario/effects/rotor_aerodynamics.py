@@ -12,7 +12,7 @@ from drake_quad.vehicle.aerodynamics import RotorAerodynamics
 
 @EFFECTS.member
 class RotorAerodynamicsEffect(AirLoadEffect):
-    """What the air that the rotors meet does to them; the paper has nothing of it."""
+    """Aerodynamic forces on the rotors, which the paper neglects."""
 
     lift: NonNegative = field_of(
         RotorAerodynamics, "lift", "thrust of all rotors over the squared speed across their discs"

@@ -20,7 +20,7 @@ _SCALARS = ("float", "int", "bool", "null", "str")
 
 @functools.lru_cache(maxsize=256)
 def parse_document(text: str, source: str, *, numbered: bool = True, most: int = MOST_NODES) -> Tree:
-    """Parses YAML 1.2 text; the tree is not to be changed.
+    """Parse YAML 1.2 text; the tree is not to be changed.
 
     Args:
         text: to parse.
@@ -33,11 +33,11 @@ def parse_document(text: str, source: str, *, numbered: bool = True, most: int =
             text.
     """
     yaml = YAML(typ="safe", pure=True)
-    limits = _Limits(source, numbered, most)
-    yaml.Composer = functools.partial(_LimitedComposer, limits)  # type: ignore[assignment] # any callable will do
+    reader = _Reader(source, numbered, most)
+    yaml.Composer = reader.of  # type: ignore[assignment] # any callable will do
     try:
         node = yaml.compose(text)
-        return Tree(None, Mark(source, 0)) if node is None else _Converter(yaml, limits).tree(node)
+        return Tree(None, Mark(source, 0)) if node is None else reader.document(node)
     except MarkedYAMLError as error:
         place = error.problem_mark or error.context_mark
         mark = Mark(source, place.line + 1 if numbered and place else 0)
@@ -51,92 +51,80 @@ def parse_document(text: str, source: str, *, numbered: bool = True, most: int =
         raise InputError(f"{Mark(source, 0)}: is not YAML: {shortened(str(error).splitlines()[0], 100)}") from None
 
 
-class _Limits:
-    """Where in a document the reader is, and whether it may go on."""
+class _Reader(Composer):
+    """Reader of one document: from text to nodes, and from nodes to trees.
+
+    It stops at the first name or value beyond a limit, and does not parse the text after it. What an alias stands for
+    counts again each time, since it may contain others, or itself.
+    """
 
     def __init__(self, source: str, numbered: bool, most: int) -> None:
-        self._source, self._numbered = source, numbered
-        self._most = most
-        self.restart()
-
-    def restart(self) -> None:
+        self._source, self._numbered, self._most = source, numbered, most
         self._count = self._level = 0
 
-    def mark(self, place: Any) -> Mark:
+    def of(self, loader: YAML) -> "_Reader":
+        super().__init__(loader)
+        self.warn_double_anchors = False  # the YAML standard allows to name something else by an anchor
+        return self
+
+    def _mark(self, place: Any) -> Mark:
         return Mark(self._source, place.line + 1 if self._numbered else 0)
 
-    def enter(self, place: Any) -> None:
+    def _enter(self, place: Any) -> None:
         self._count += 1
         self._level += 1
         if self._count > self._most:
             raise InputError(
-                f"{self.mark(place)}: is too large: a scenario and what it extends may have {MOST_NODES:,} names and"
+                f"{self._mark(place)}: is too large: a scenario and what it extends may have {MOST_NODES:,} names and"
                 " values in all"
             )
         if self._level > MOST_LEVELS:
-            raise InputError(f"{self.mark(place)}: is nested too deep: a scenario may have {MOST_LEVELS} levels")
-
-    def leave(self) -> None:
-        self._level -= 1
-
-
-class _LimitedComposer(Composer):
-    """Stops at the first name or value beyond a limit; the text after it is not parsed."""
-
-    def __init__(self, limits: _Limits, loader: Any = None) -> None:
-        super().__init__(loader)
-        self.warn_double_anchors = False  # the YAML standard allows to name something else by an anchor
-        self._limits = limits
+            raise InputError(f"{self._mark(place)}: is nested too deep: a scenario may have {MOST_LEVELS} levels")
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         event = self.parser.peek_event()
-        self._limits.enter(event.start_mark)
+        self._enter(event.start_mark)
         if isinstance(event, ScalarEvent) and len(event.value) > MOST_CHARACTERS:
             raise InputError(
-                f"{self._limits.mark(event.start_mark)}: {shown(event.value)} is too long: a name or value may have"
+                f"{self._mark(event.start_mark)}: {shown(event.value)} is too long: a name or value may have"
                 f" {MOST_CHARACTERS:,} characters"
             )
         node = super().compose_node(parent, index)
-        self._limits.leave()
+        self._level -= 1
         return node
 
+    def document(self, node: Any) -> Tree:
+        self._count = self._level = 0
+        return self._tree(node)
 
-class _Converter:
-    """From nodes to trees. What an alias stands for counts again each time: it may hold others, or itself."""
-
-    def __init__(self, yaml: YAML, limits: _Limits) -> None:
-        self._construct = yaml.constructor
-        self._limits = limits
-        limits.restart()
-
-    def tree(self, node: Any) -> Tree:
-        self._limits.enter(node.start_mark)
-        tree = Tree(self._value(node), self._limits.mark(node.start_mark))
-        self._limits.leave()
+    def _tree(self, node: Any) -> Tree:
+        self._enter(node.start_mark)
+        tree = Tree(self._value(node), self._mark(node.start_mark))
+        self._level -= 1
         return tree
 
     def _value(self, node: Any) -> Any:
         if isinstance(node, MappingNode) and str(node.tag).endswith(":map"):
             return dict(self._items(node))
         if isinstance(node, SequenceNode) and str(node.tag).endswith(":seq"):
-            return [self.tree(child) for child in node.value]
+            return [self._tree(child) for child in node.value]
         return self._scalar(node)
 
     def _items(self, node: MappingNode) -> Iterator[tuple[str, Tree]]:
         seen: dict[str, Mark] = {}
         for key_node, value_node in node.value:
-            mark = self._limits.mark(key_node.start_mark)
-            key = self.tree(key_node).value if isinstance(key_node, ScalarNode) else None
+            mark = self._mark(key_node.start_mark)
+            key = self._tree(key_node).value if isinstance(key_node, ScalarNode) else None
             if not isinstance(key, str):
                 raise InputError(f"{mark}: a field's name must be text")
             if key in seen:
                 raise InputError(f"{mark}: {shown(key)} is already given at {seen[key]}")
             seen[key] = mark
             # What a person looks for is the line of the field, not of the first entry of its value.
-            yield key, Tree(self.tree(value_node).value, mark)
+            yield key, Tree(self._tree(value_node).value, mark)
 
     def _scalar(self, node: Any) -> Any:
-        mark = self._limits.mark(node.start_mark)
+        mark = self._mark(node.start_mark)
         kind = str(node.tag).rpartition(":")[2]
         if not isinstance(node, ScalarNode) or kind not in _SCALARS:
             raise InputError(
@@ -146,7 +134,7 @@ class _Converter:
             # ruamel.yaml accepts underscores between digits as in YAML 1.1, although YAML 1.2 does not allow them.
             if kind in ("int", "float") and "_" in node.value:
                 raise ValueError
-            return self._construct.construct_object(node)
+            return self.loader.constructor.construct_object(node)
         except (LookupError, ValueError, OverflowError):
             what = "true or false" if kind == "bool" else "a number that can be read"
             raise InputError(f"{mark}: {shown(node.value)} is not {what}") from None

@@ -18,7 +18,7 @@ _MOST_OF_A_PATH = 80
 
 
 def given_trees(fields: Mapping[Any, Any], library: Library) -> Iterator[Tree]:
-    """A document for each field of a mapping from their paths to values.
+    """Yield a document for each field of a mapping from their paths to values.
 
     Args:
         fields: by their paths, such as `vehicle.mass`; values may be mappings of paths again.
@@ -44,7 +44,7 @@ class _Values:
         self._mark, self._library = mark, library
 
     def tree(self, value: Any, path: str, level: int) -> Tree:
-        """The tree of a value.
+        """Return the tree of a value.
 
         Args:
             value: of the field.

@@ -4,7 +4,7 @@ Mappings are merged field by field, and any other value is replaced. Three parts
 mixture of two of them makes no sense: the vehicle, the control, and the route with the fields that belong to it.
 """
 
-from drake_quad.errors import InputError, listed
+from drake_quad.errors import InputError, listed, shortened
 from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS
 from drake_quad.scenario.controls.control import CONTROLS
 from drake_quad.scenario.distributions import is_distribution
@@ -17,25 +17,19 @@ from drake_quad.scenario.files.relative import (
     laid_on_values,
     relative_part,
 )
+from drake_quad.scenario.models import Airframe
+from drake_quad.scenario.paths import is_item, joined
 
 DEFAULT_VEHICLE = "default_vehicle"
 """Key of the vehicle that flies if no layer describes a vehicle."""
 # Kinds of controls that may omit `kind`.
 _SILENT_KINDS = {"control": CONTROLS.silent}
-# Fields of `nominal` that describe an airframe, together with one of the fields that give the positions of the rotors.
-_AIRFRAME_FIELDS = (
-    "mass",
-    "inertia",
-    "thrust_factor",
-    "drag_factor",
-    "rotor_inertia",
-    "min_rotor_speed",
-    "max_rotor_speed",
-)
 _ROTOR_POSITION_FIELDS = ("layout", "arm_length")
 # Fields that a new vehicle keeps beside some effects, since they are not part of the airframe: gravity and the
 # integration of the motion.
 _FLIGHT_FIELDS = {"nominal": ("gravity",), "vehicle": ("time_step", "attitude_kinematics")}
+# Fields of `nominal` that describe an airframe, together with one of the fields that give the positions of the rotors.
+_AIRFRAME_FIELDS = Airframe.model_fields.keys() - {*_ROTOR_POSITION_FIELDS, *_FLIGHT_FIELDS["nominal"]}
 # A new route replaces all of these fields, since the duration and the metric window belong to the route.
 _ROUTE_FIELDS = ("route", "metrics", "duration")
 
@@ -63,8 +57,36 @@ def merged(base: Tree, extension: Tree, silent: str | None = None) -> Tree:
     other_kind = "kind" in new and before is not None and new["kind"].value != before
     if other_kind or _is_distribution(old) or _is_distribution(new):
         return extension
-    joined = {key: merged(old[key], tree, _SILENT_KINDS.get(key)) if key in old else tree for key, tree in new.items()}
-    return Tree({**old, **joined}, extension.mark)
+    parts = {key: merged(old[key], tree, _SILENT_KINDS.get(key)) if key in old else tree for key, tree in new.items()}
+    return Tree({**old, **parts}, extension.mark)
+
+
+def within_lists(tree: Tree, override: Tree, path: str = "") -> Tree:
+    """Return an override in which whole lists replace items that are given by index.
+
+    Args:
+        tree: part of the scenario to which the override applies.
+        override: override of this part.
+        path: path of this part in the scenario.
+
+    Raises:
+        InputError: if the override has an index that is outside the list.
+    """
+    old, new = tree.value, override.value
+    if isinstance(old, dict) and isinstance(new, dict):
+        known = {
+            key: within_lists(old[key], value, joined(path, key)) if key in old else value for key, value in new.items()
+        }
+        return Tree(known, override.mark)
+    if isinstance(old, list) and isinstance(new, dict) and new and all(map(is_item, new)):
+        items = {str(i): item for i, item in enumerate(old)}
+        for key, value in new.items():
+            if key not in items:
+                there = f"its items are {joined(path, 0)} to {joined(path, len(old) - 1)}" if old else "it is empty"
+                raise InputError(f"{override.mark}: {path} has no item {shortened(key)}; {there}")
+            items[key] = merged(items[key], within_lists(items[key], value, joined(path, key)))
+        return Tree([*items.values()], override.mark)
+    return override
 
 
 def _is_distribution(fields: dict[str, Tree]) -> bool:
@@ -111,7 +133,7 @@ def laid_over(base: Tree, layer: Tree) -> Tree:
     for fields, mark in ((beneath, base.mark), (layer.value, layer.mark)):
         spreads = relative_part(fields["vehicle"]) if "vehicle" in fields else None
         if spreads is not None:
-            result = merged(result, Tree({"vehicle": spreads}, mark))
+            result = merged(result, within_lists(result, Tree({"vehicle": spreads}, mark)))
     return result
 
 
@@ -147,7 +169,7 @@ def with_default_vehicle(tree: Tree) -> Tree:
 
 def _missing(nominal: Tree) -> list[str]:
     """Return the fields of an airframe that `nominal` does not have."""
-    missing = [name for name in _AIRFRAME_FIELDS if name not in nominal.value]
+    missing = [name for name in Airframe.model_fields if name in _AIRFRAME_FIELDS - nominal.value.keys()]
     return missing if any(name in nominal.value for name in _ROTOR_POSITION_FIELDS) else ["layout", *missing]
 
 
@@ -157,7 +179,7 @@ def _without_airframe(fields: dict[str, Tree]) -> dict[str, Tree]:
     for section, names in _FLIGHT_FIELDS.items():
         if section in kept and isinstance(kept[section].value, dict):
             spreads = relative_part(kept[section])
-            flown = [*names, *(name for name, effect in EFFECTS.items() if not effect.belongs_to_airframe)]
+            flown = [*names, *(name for name, effect in EFFECTS.members.items() if not effect.belongs_to_airframe)]
             own = {name: part for name, part in kept[section].value.items() if name in flown}
             kept[section] = kept[section]._replace(value={**({} if spreads is None else spreads.value), **own})
     laboratory = kept.get("laboratory")

@@ -8,9 +8,7 @@ from drake_quad.errors import InputError, listed, shortened, shown
 from drake_quad.scenario.files.documents import parse_document
 from drake_quad.scenario.files.layers import DEFAULT_VEHICLE, check_description, laid_over
 from drake_quad.scenario.files.marked_tree import Mark, Tree
-from drake_quad.scenario.files.mesh_file import mesh_points
 from drake_quad.scenario.files.piece_table import is_piece_table, parse_piece_table
-from drake_quad.scenario.files.policy_file import policy_network
 from drake_quad.scenario.files.reading import read_text
 from drake_quad.scenario.files.robot_files import robot_instead_of_scenario
 from drake_quad.scenario.files.shipped import shipped_file, unknown
@@ -29,7 +27,7 @@ class Library:
         self._resolved: dict[str, Tree] = {}
 
     def find(self, spec: str | Path) -> tuple[str, Tree]:
-        """Finds a scenario and merges it with what it extends.
+        """Find a scenario and merge it with what it extends.
 
         Args:
             spec: FILE, or FILE:NAME where the file holds several; or a shipped one without its suffix, see `shipped`.
@@ -44,7 +42,7 @@ class Library:
         return self._resolve(path, name, Mark(str(spec), 0), ())
 
     def mapping(self, path: Path) -> Tree:
-        """Reads a file that is no scenario, but a mapping of fields.
+        """Read a file that is no scenario, but a mapping of fields.
 
         Raises:
             InputError: it cannot be read, or is something else.
@@ -55,7 +53,7 @@ class Library:
         return tree
 
     def pieces(self, path: Path) -> Tree:
-        """Reads a file of pieces of a trajectory, see `parse_piece_table`.
+        """Read a file of pieces of a trajectory, see `parse_piece_table`.
 
         Raises:
             InputError: it cannot be read, or is something else.
@@ -64,24 +62,8 @@ class Library:
         self._bytes -= len(text)
         return parse_piece_table(text, path)
 
-    def points(self, path: Path) -> Tree:
-        """Reads the points of a mesh, see `mesh_points`.
-
-        Raises:
-            InputError: it cannot be read, or is something else.
-        """
-        return mesh_points(path)
-
-    def policy(self, path: Path, output: str | None = None) -> Tree:
-        """Read the network of a policy, see `policy_network`.
-
-        Raises:
-            InputError: it cannot be read, or is something else.
-        """
-        return policy_network(path, output)
-
     def parse(self, text: str, source: str, *, numbered: bool) -> Tree:
-        """Parses YAML as a part of the scenario; see `parse_document`."""
+        """Parse YAML as a part of the scenario; see `parse_document`."""
         if len(text) > self._bytes:
             raise InputError(f"{Mark(source, 0)}: is too large: a scenario may have {MOST_BYTES:,} bytes in all")
         tree = parse_document(text, source, numbered=numbered)  # cached for this text, so without the present limit
@@ -92,7 +74,7 @@ class Library:
         return tree
 
     def count(self, mark: Mark) -> None:
-        """Counts a name or value that is given otherwise than in YAML.
+        """Count a name or value that is given otherwise than in YAML.
 
         Raises:
             InputError: there are too many.
@@ -164,7 +146,7 @@ class Library:
 
 
 def _base(spec: Tree, path: Path, document: Tree) -> tuple[Path, str | None]:
-    """The file and the name that a scenario of a file extends: beside the file, in it, or else shipped."""
+    """Return the file and the name that a scenario of a file extends: beside the file, in it, or else shipped."""
     file, name = split_spec(spec.value)
     if file.endswith(_SUFFIXES):
         return path.parent / file, name
@@ -190,7 +172,7 @@ def _parse_trajectory(text: str, path: Path) -> Tree:
 
 
 def located(spec: str) -> tuple[Path, str | None]:
-    """The path of a file, and the name in it if one is given, of what is in the working directory or is shipped.
+    """Return the path of a file, and the name in it if one is given, of what is in the working directory or is shipped.
 
     Raises:
         InputError: it has no suffix, and is neither a file nor shipped; or it describes a robot in another format.
@@ -209,7 +191,7 @@ def located(spec: str) -> tuple[Path, str | None]:
 
 
 def is_shipped(spec: str) -> bool:
-    """Whether a spec names a scenario that comes with the package, and no file."""
+    """Return whether a spec names a scenario that comes with the package, and no file."""
     return not split_spec(spec)[0].endswith(_SUFFIXES) and not os.path.isfile(spec) and _shipped(spec) is not None  # noqa: PTH113 - as above
 
 
@@ -220,7 +202,7 @@ def _shipped(spec: str) -> tuple[Path, str | None] | None:
 
 
 def split_spec(spec: str) -> tuple[str, str | None]:
-    """The file, and the name in it if one is given, of FILE or FILE:NAME."""
+    """Return the file, and the name in it if one is given, of FILE or FILE:NAME."""
     path, separator, name = spec.rpartition(":")
     if separator and path.endswith(_SUFFIXES):
         return path, name

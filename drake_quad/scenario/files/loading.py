@@ -15,9 +15,8 @@ from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS
 from drake_quad.scenario.controls.control import CONTROLS
 from drake_quad.scenario.distributions import DISTRIBUTIONS, Model
 from drake_quad.scenario.files.given_values import given_trees
-from drake_quad.scenario.files.layers import changed, laid_over, merged, with_default_vehicle
+from drake_quad.scenario.files.layers import changed, laid_over, merged, with_default_vehicle, within_lists
 from drake_quad.scenario.files.library import Library
-from drake_quad.scenario.files.list_items import at, with_items, within_lists, without
 from drake_quad.scenario.files.marked_tree import Mark, Tree
 from drake_quad.scenario.files.named_files import with_named_files
 from drake_quad.scenario.files.relative import refuse_dropped, refuse_elsewhere, with_absolute_distributions
@@ -50,7 +49,7 @@ class Override(NamedTuple):
 
     @classmethod
     def of(cls, override: "str | Override") -> "Override":
-        """The override that an assignment alone stands for."""
+        """Return the override that an assignment alone stands for."""
         return override if isinstance(override, Override) else cls(override, f"override {override}")
 
 
@@ -59,10 +58,10 @@ Overrides = str | Override | Mapping[str, Any] | Sequence[str | Override | Mappi
 
 
 def load_scenario(spec: str | Path, overrides: Overrides = (), *, layers: Sequence[str | Path] = ()) -> Scenario:
-    """Loads a scenario.
+    """Load a scenario.
 
     Args:
-        spec: FILE, or FILE:NAME where the file holds several scenarios.
+        spec: FILE, or FILE:NAME if the file contains several scenarios.
         overrides: fields that are given other values; they win. A mapping of their paths to these, as in
             `{"vehicle.mass": 0.7, "route": {"kind": "circle"}, "control.position.k_p": np.ones(3)}`, where mappings are
             joined with what is there, as by `extends`; or an assignment `"vehicle.mass=0.7"` with the value in YAML; or
@@ -70,24 +69,33 @@ def load_scenario(spec: str | Path, overrides: Overrides = (), *, layers: Sequen
         layers: further FILE:NAMEs that are laid over the scenario one after the other, as if one extended them all.
 
     Raises:
-        InputError: something in the file or in an override is wrong; the message names file, line, field, value and
-            what is allowed.
+        InputError: if the file or an override is wrong; the message names the file, line, field, value and the allowed
+            values.
     """
     return validated(Scenario, _loaded(spec, overrides, layers))
 
 
 def with_fields(scenario: Scenario, fields: Mapping[str, Any]) -> Scenario:
-    """A scenario with whole fields of its first level in place of its own.
+    """Return a scenario in which fields of its first level are replaced as a whole.
 
     Args:
-        scenario: that is changed.
-        fields: by their names, as mappings and numbers.
+        scenario: scenario to change.
+        fields: new values of fields by name, as mappings and numbers.
 
     Raises:
-        InputError: as `load_scenario`.
+        InputError: an error of `load_scenario`.
     """
     trees = [*given_trees({**scenario.model_dump(mode="json"), **fields}, Library())]
     return validated(Scenario, reduce(merged, trees))
+
+
+def model_of(model: type[_Valid], overrides: Overrides) -> _Valid:
+    """Return a model whose fields are those that overrides give, and otherwise have their defaults.
+
+    Raises:
+        InputError: an override is wrong, see `load_scenario`.
+    """
+    return validated(model, reduce(merged, _trees_of(overrides, Library()), Tree({}, Mark("", 0))))
 
 
 # What a scenario has whose gains are still to be designed, unless it says otherwise: the gains do not matter.
@@ -136,7 +144,7 @@ def _word(tree: Tree, *path: str) -> Any:
 
 
 def has_control(spec: str | Path) -> bool:
-    """Whether what is written of a scenario has a control; a vehicle alone has none.
+    """Return whether the files of a scenario give it a control; a vehicle alone has none.
 
     Raises:
         InputError: there is no such file or scenario, or it is not YAML.
@@ -145,14 +153,14 @@ def has_control(spec: str | Path) -> bool:
 
 
 def load_mission(spec: str | Path, overrides: Overrides = ()) -> Mission:
-    """Loads what flies where, from a scenario of which nothing else need be there, or from a table of waypoints.
+    """Load a mission from a scenario, which may be incomplete otherwise, or from a table of waypoints.
 
     Args:
-        spec: FILE, or FILE:NAME where the file holds several scenarios; or a CSV file, see `waypoint_table`.
-        overrides: as for `load_scenario`.
+        spec: FILE, or FILE:NAME if the file contains several scenarios; or a CSV file, see `waypoint_table`.
+        overrides: overrides for `load_scenario`.
 
     Raises:
-        InputError: as `load_scenario`, or an override is of something else in a scenario.
+        InputError: an error of `load_scenario`, or an override of a field that no mission has.
     """
     others = Scenario.model_fields.keys() - Mission.model_fields.keys()
     tree = _loaded(spec, overrides, foreign=others)
@@ -235,7 +243,7 @@ def validated(model: type[_Valid], tree: Tree) -> _Valid:
     except ValidationError as error:
         problems = error.errors(include_url=False)
     paths = [_real_path(problem, data) for problem in problems if _gives_items(problem)]
-    rest = reduce(without, paths, tree)
+    rest = reduce(_without, paths, tree)
     try:
         defaults = model.model_validate(rest.plain()).model_dump(mode="json") if paths else {}
     except ValidationError as error:
@@ -244,11 +252,21 @@ def validated(model: type[_Valid], tree: Tree) -> _Valid:
         if not lists_are_missing:
             raise InputError(_explain(others, model, rest, rest.plain())) from None
         defaults = {}
-    if not paths or not all(isinstance(at(defaults, path), list) for path in paths):
+    beneath = Tree.of(defaults, tree.mark)
+    if not paths or not all(isinstance(beneath.at(path)[0].value, list) for path in paths):
         raise InputError(_explain(problems, model, tree, data))
-    for path in paths:
-        rest = with_items(rest, path, at(defaults, path), tree.at(path)[0])
-    return validated(model, rest)
+    return validated(model, within_lists(beneath, tree))
+
+
+def _without(tree: Tree, path: tuple[Any, ...]) -> Tree:
+    """Return the tree without the field at a path."""
+    key, *inside = path
+    parts = tree.value.copy()
+    if inside:
+        parts[key] = _without(parts[key], tuple(inside))
+    else:
+        del parts[key]
+    return Tree(parts, tree.mark)
 
 
 def _gives_items(problem: Any) -> bool:
@@ -336,23 +354,16 @@ def _complaint(problem: Any, value: str, path: tuple[Any, ...], model: type[Mode
 
 
 def _further_in(model: type[Model], name: str) -> list[str]:
-    """The fields of that name in the mappings of a model."""
-    kinds = {
-        field: (info.annotation, *get_args(info.annotation), *_members(info.metadata))
-        for field, info in model.model_fields.items()
-    }
-    return [
-        f"{field}.{name}"
-        for field, mappings in kinds.items()
-        if any(name in getattr(mapping, "model_fields", {}) for mapping in mappings)
-    ]
-
-
-def _members(metadata: Iterable[Any]) -> Iterator[type[Model]]:
-    """Yield the members of open unions in the metadata of a field."""
-    for union in metadata:
-        if isinstance(union, OpenUnion):
-            yield from union
+    """Return the paths of the fields of that name in the mappings of a model."""
+    found = []
+    for field, info in model.model_fields.items():
+        members = [
+            member for union in info.metadata if isinstance(union, OpenUnion) for member in union.members.values()
+        ]
+        mappings = info.annotation, *get_args(info.annotation), *members
+        if any(name in getattr(mapping, "model_fields", {}) for mapping in mappings):
+            found.append(f"{field}.{name}")
+    return found
 
 
 def _real_path(problem: Any, data: Any) -> tuple[Any, ...]:
@@ -381,6 +392,6 @@ def _real_path(problem: Any, data: Any) -> tuple[Any, ...]:
 
 
 def _written(path: tuple[Any, ...]) -> str:
-    """The path as in `vehicle.inertia.0`."""
+    """Return the path as in `vehicle.inertia.0`."""
     steps = [key if isinstance(key, int) or str(key).isidentifier() else shown(key) for key in path]
     return shortened(joined(*steps), _MOST_OF_A_PATH) or "the scenario"

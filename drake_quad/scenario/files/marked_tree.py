@@ -43,7 +43,7 @@ class Tree(NamedTuple):
         return cls(value, mark)
 
     def plain(self) -> Any:
-        """The value without marks."""
+        """Return the value without marks."""
         if isinstance(self.value, dict):
             return {key: tree.plain() for key, tree in self.value.items()}
         if isinstance(self.value, list):
@@ -51,7 +51,7 @@ class Tree(NamedTuple):
         return self.value
 
     def size(self) -> int:
-        """The number of names and values."""
+        """Return the number of names and values."""
         if isinstance(self.value, dict):
             return 1 + sum(1 + tree.size() for tree in self.value.values())
         if isinstance(self.value, list):
@@ -59,7 +59,7 @@ class Tree(NamedTuple):
         return 1
 
     def at(self, path: tuple[Any, ...]) -> tuple["Tree", int]:
-        """The subtree at a path, or the deepest one on the way there, and how far down the path that is."""
+        """Return the subtree at a path, or the deepest one on the way there, and how far down the path that is."""
         tree = self
         for depth, key in enumerate(path):
             inside = tree.value

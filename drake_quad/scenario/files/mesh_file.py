@@ -8,7 +8,7 @@ import numpy as np
 
 from drake_quad.errors import InputError, InputWarning
 from drake_quad.scenario.files.marked_tree import Mark, Tree
-from drake_quad.scenario.files.reading import opened
+from drake_quad.scenario.files.reading import read_bytes
 from drake_quad.scenario.files.robot_files import ROBOT_KINDS
 from drake_quad.scenario.limits import MOST_CORNERS
 from drake_quad.space.simplification import surrounding
@@ -55,10 +55,7 @@ def mesh_points(path: Path) -> Tree:
     if read is None:
         flaw = _SUFFIXES.get(suffix, "is not a mesh that can be read: its name must end in .obj or .stl")
         raise InputError(f"{mark}: {flaw}")
-    with opened(path) as file:
-        data = file.read(_MOST_BYTES + 1)
-    if len(data) > _MOST_BYTES:
-        raise InputError(f"{mark}: is too large: a mesh may have {_MOST_BYTES:,} bytes")
+    data = read_bytes(path, _MOST_BYTES, f"a mesh may have {_MOST_BYTES:,} bytes")
     if flaw := _other_kind(data[:_NUM_SEARCHED_BYTES].lower()):
         raise InputError(f"{mark}: {flaw}")
     try:

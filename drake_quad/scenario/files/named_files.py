@@ -8,15 +8,17 @@ from pathlib import Path
 from drake_quad.errors import InputError
 from drake_quad.scenario.files.library import Library
 from drake_quad.scenario.files.marked_tree import Mark, Tree
+from drake_quad.scenario.files.mesh_file import mesh_points
+from drake_quad.scenario.files.policy_file import policy_network
 from drake_quad.scenario.paths import joined
 
 _WILDCARD = "*"  # element of a path that matches every key of a mapping
-# Paths of the fields that may contain a file name, and the method of a library that reads the file.
+# Paths of the fields that may contain a file name, and the function of a library and the path that reads the file.
 _FILE_FIELDS: dict[tuple[str, ...], Callable[..., Tree]] = {
     ("control", "network", "learned"): Library.mapping,
-    ("control", "policy"): Library.policy,
+    ("control", "policy"): lambda _, path, *output: policy_network(path, *output),
     ("route", "pieces"): Library.pieces,
-    ("space", "obstacles", _WILDCARD, "points"): Library.points,
+    ("space", "obstacles", _WILDCARD, "points"): lambda _, path: mesh_points(path),
 }
 
 # Fields in which FILE:NAME chooses an output of a network, and the suffix of such a file.

@@ -33,13 +33,16 @@ _DOMAINS = ("", "ai.onnx")
 # Relative error of a constant in single precision, and of a product of several of them.
 _SINGLE = 1e-6
 _SPELLED_TOLERANCE = 1e-5
-# Largest number of successive nodes that form the argument of a gate's function.
+# Largest number of successive nodes, and of all nodes, that form a gate.
 _MAX_LEVELS = 10
+_MAX_GATE_NODES = 40
 # Nodes that change no number of one observation.
 _SILENT = ("Identity", "Flatten", "Reshape", "Squeeze", "Unsqueeze", "Transpose", "Cast", "Dropout")
 # Of constants, what is computed.
 _OF_ONE = ("Constant", "Neg", "Sqrt", "Reciprocal", *_SILENT)
 _OF_TWO = ("Add", "Sub", "Mul", "Div")
+# Arithmetic in gates.
+_ARITHMETIC = {"Add": np.add, "Sub": np.subtract, "Mul": np.multiply, "Div": np.divide, "Pow": np.power}
 # Bounds that exporters write for "none", such as the largest number in single precision, are not below this one.
 _UNBOUNDED = 3e38
 # Numbers that stand for themselves: FLOAT and DOUBLE of ONNX.
@@ -54,19 +57,21 @@ class _SpelledOut(NamedTuple):
         attributes: attributes of that node.
         slope: coefficient of x in the argument of the gate's function.
         cube: coefficient of x³ in that argument, divided by `slope`.
+        offset: number that the gate adds to its function.
     """
 
     kind: str
     attributes: Mapping[str, Any]
     slope: float
     cube: float
+    offset: float
 
 
-# Activations by the function of their gate, and whether the gate adds 1 to it.
+# Activations by the function of their gate.
 _SPELLED_OUT = {
-    ("Sigmoid", False): _SpelledOut("Swish", {}, 1.0, 0.0),
-    ("Erf", True): _SpelledOut("Gelu", {}, math.sqrt(0.5), 0.0),
-    ("Tanh", True): _SpelledOut("Gelu", {"approximate": b"tanh"}, math.sqrt(2.0 / math.pi), GELU_CUBE),
+    "Sigmoid": _SpelledOut("Swish", {}, 1.0, 0.0, 0.0),
+    "Erf": _SpelledOut("Gelu", {}, math.sqrt(0.5), 0.0, 1.0),
+    "Tanh": _SpelledOut("Gelu", {"approximate": b"tanh"}, math.sqrt(2.0 / math.pi), GELU_CUBE, 1.0),
 }
 
 
@@ -201,7 +206,7 @@ class _Graph:
                 raise UnreadableError(f"has an output that does not depend on its input {last}")
             attributes = {each.name: self._onnx.helper.get_attribute_value(each) for each in node.attribute}
             coming = [k for k, each in enumerate(node.input) if each and each not in self._known]
-            gated = self._gated(node)
+            gated = self._gated(node) if node.op_type == "Mul" and len(coming) == 2 else None
             if gated is not None:
                 found, name = gated
                 nodes += found[::-1]
@@ -221,107 +226,61 @@ class _Graph:
     def _gated(self, node: Any) -> tuple[list[_Node], str] | None:
         """Return the nodes that a product of a value and its gate represents, and the name of their input.
 
-        Exporters write SiLU and GELU in this form for opsets that have no node for them. The result is None for any
-        other node.
+        Exporters write SiLU and GELU in this form for opsets that have no node for them. With u = s z, the product
+        k z (offset + F(slope (u + cube u³))) is (1 + offset) k / s times the activation of u. F is the function of the
+        gate, and `_SPELLED_OUT` contains the three numbers of the activation. The order of arithmetic with constants
+        does not matter, since the product and the argument of F are compared with these formulas at a few points. The
+        result is None for any other product.
         """
-        if node.op_type == "Mul":
-            for x, gate in (node.input, node.input[::-1]):
-                found = self._gated_by(x, gate)
-                if found is not None:
-                    return found
+        names = [node.output[0]]
+        for name in names:
+            maker = self._makers.get(name)
+            if maker is not None and maker.op_type in _ARITHMETIC and len(names) < _MAX_GATE_NODES:
+                names += [each for each in maker.input if each not in self._known and each not in names]
+        kinds = {name: self._makers[name].op_type for name in names if name in self._makers}
+        gate = next((name for name, kind in kinds.items() if kind in _SPELLED_OUT), None)
+        if gate is None:
+            return None
+        spelled, argument = _SPELLED_OUT[kinds[gate]], self._makers[gate].input[0]
+        z, g = np.array([1.0, 2.0, -1.0, 3.0]), np.array([1.0, 0.5, 0.25, -1.0])
+        for base in names:
+            inside = np.broadcast_to(self._value(argument, {base: z}), z.shape)
+            product = np.broadcast_to(self._value(node.output[0], {base: z, gate: g}), z.shape)
+            scale = ((8.0 * inside[0] - inside[1]) / 6.0 if spelled.cube else inside[0]) / spelled.slope
+            factor = product[0] / (g[0] + spelled.offset)
+            pairs = (
+                (inside, spelled.slope * (scale * z + spelled.cube * (scale * z) ** 3)),
+                (product, factor * z * (g + spelled.offset)),
+            )
+            if scale and all(np.allclose(*pair, rtol=_SPELLED_TOLERANCE, atol=0.0) for pair in pairs):
+                scale = 1.0 if abs(scale - 1.0) < _SINGLE else scale
+                factors = scale, (1.0 + spelled.offset) * factor / scale
+                numbers = [_Node("Mul", [None, np.array(each)], 0, {}) for each in factors]
+                before, after = ([each] if each.given[1] != 1.0 else [] for each in numbers)
+                return [*before, _Node(spelled.kind, [None], 0, spelled.attributes), *after], base
         return None
 
-    def _gated_by(self, x: str, gate: str) -> tuple[list[_Node], str] | None:
-        """Return the nodes and the input of `_gated` for one order of the factors.
-
-        Constant factors may be in any place. In general the value is a z, and the gate is b σ(c z) or
-        b (1 + F(c z + e z³)), where F is the error function or, for the approximation of GELU, the hyperbolic tangent.
-        With u = s z, where s is such that c and e are those of the activation, the product is a b / s times the SiLU
-        of u, or 2 a b / s times the GELU of u.
-        """
-        (z, a), (gate, b) = self._unscaled(x), self._unscaled(gate)
-        summed = self._with_constant(gate, "Add")
-        is_sum = summed is not None and summed[1] == 1.0
-        maker = self._makers.get(summed[0] if summed is not None and is_sum else gate)
-        spelled = None if maker is None else _SPELLED_OUT.get((maker.op_type, is_sum))
-        powers = None if maker is None or spelled is None else self._powers(maker.input[0], z)
-        if spelled is None or powers is None or powers[1] == 0.0:
-            return None
-        scale = powers[1] / spelled.slope
-        expected = spelled.slope * np.array([0.0, scale, 0.0, spelled.cube * scale**3])
-        if np.any(np.abs(powers - expected) > _SPELLED_TOLERANCE * np.abs(expected)):
-            return None
-        scale = 1.0 if abs(scale - 1.0) < _SINGLE else scale
-        factor = (2.0 if is_sum else 1.0) * a * b / scale
-        numbers = [_Node("Mul", [None, np.array(each)], 0, {}) for each in (scale, factor)]
-        before, after = ([each] if each.given[1] != 1.0 else [] for each in numbers)
-        return [*before, _Node(spelled.kind, [None], 0, spelled.attributes), *after], z
-
-    def _powers(self, name: str, base: str, levels: int = _MAX_LEVELS) -> np.ndarray | None:
-        """Return the coefficients (4,) of a value as a cubic polynomial in another value; None if it is not one.
+    def _value(self, name: str, given: Mapping[str, Any], levels: int = _MAX_LEVELS) -> Any:
+        """Return the numbers of a value, given those of other values; NaN if it is no arithmetic of these.
 
         Args:
             name: name of the value.
-            base: name of the variable of the polynomial.
-            levels: largest number of nodes between the two.
+            given: numbers by name.
+            levels: largest number of nodes in between.
         """
-        if name == base:
-            return np.array([0.0, 1.0, 0.0, 0.0])
+        if name in given:
+            return given[name]
         if name in self._known:
             number = self._known[name]
-            return np.array([number.item(), 0.0, 0.0, 0.0], dtype=float) if number.size == 1 else None
+            return float(number.item()) if number.size == 1 else math.nan
         maker = self._makers.get(name)
-        if levels == 0 or maker is None or maker.op_type not in (*_OF_TWO, "Pow"):
-            return None
-        one, other = (self._powers(each, base, levels - 1) for each in maker.input)
-        if one is None or other is None:
-            return None
-        match maker.op_type:
-            case "Add":
-                return one + other
-            case "Sub":
-                return one - other
-            case "Mul":
-                product = np.convolve(one, other)
-                return None if product[4:].any() else product[:4]
-        # The divisor, or the exponent, is a number.
-        if other[1:].any():
-            return None
-        if maker.op_type == "Div":
-            return None if other[0] == 0.0 else one / other[0]
-        is_base = other[0] in (2.0, 3.0) and not one[[0, 2, 3]].any()
-        return one[1] ** other[0] * np.eye(4)[int(other[0])] if is_base else None
-
-    def _unscaled(self, name: str) -> tuple[str, float]:
-        """Return the name of the value of which `name` is a constant multiple, and the total factor."""
-        factor = 1.0
-        while True:
-            multiplied, divided = self._with_constant(name, "Mul"), self._with_constant(name, "Div")
-            if multiplied is not None:
-                name, factor = multiplied[0], factor * multiplied[1]
-            elif divided is not None and divided[1] != 0.0:
-                name, factor = divided[0], factor / divided[1]
-            else:
-                return name, factor
-
-    def _with_constant(self, name: str, kind: str) -> tuple[str, float] | None:
-        """Return the non-constant input and the constant of the node that computes `name`.
-
-        The result is None if this node has another kind, or does not combine a value with a single number.
-        """
-        maker = self._makers.get(name)
-        if maker is None or maker.op_type != kind or len(maker.input) != 2:
-            return None
-        first, second = maker.input
-        for other, constant in ((first, second), (second, first)) if kind != "Div" else ((first, second),):
-            number = self._known.get(constant)
-            if number is not None and other not in self._known and number.size == 1:
-                return other, float(number.item())
-        return None
+        if levels == 0 or maker is None or maker.op_type not in _ARITHMETIC:
+            return math.nan
+        return _ARITHMETIC[maker.op_type](*(self._value(each, given, levels - 1) for each in maker.input))
 
 
 def _stays_small(kind: str, given: Sequence[Any]) -> bool:
-    """Whether what a node makes of constants is known to be no larger than these, and so is computed."""
+    """Return whether the result of a node is certainly not larger than the constants that it takes."""
     if kind in _OF_TWO:
         return min(each.size for each in given) == 1 or len({each.shape for each in given}) == 1
     return kind in _OF_ONE
@@ -399,7 +358,7 @@ def _arithmetic(layers: Layers, node: _Node) -> None:
 
 
 def _gru(layers: Layers, node: _Node) -> None:
-    """Adds gated recurrent units, whose gates ONNX has in the order update, reset, new."""
+    """Add gated recurrent units, whose gates ONNX has in the order update, reset, new."""
     attributes = node.attributes
     _, of_input, of_memory, both, lengths, initial = [*node.given, None, None, None][:6]
     if attributes.get("linear_before_reset", 0) != 1 or attributes.get("direction", b"forward") != b"forward":

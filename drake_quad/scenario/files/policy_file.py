@@ -23,7 +23,7 @@ from drake_quad.errors import InputError, listed
 from drake_quad.files import read_arrays
 from drake_quad.scenario.files.marked_tree import Mark, Tree
 from drake_quad.scenario.files.onnx_file import network_of_onnx
-from drake_quad.scenario.files.reading import opened
+from drake_quad.scenario.files.reading import read_bytes
 from drake_quad.scenario.limits import MOST_NETWORK_BYTES
 from drake_quad.scenario.policies.layers import Layers, UnreadableError
 from drake_quad.scenario.policies.trained_network import TrainedNetwork
@@ -52,10 +52,7 @@ def policy_network(path: Path, output: str | None = None) -> Tree:
     read = readers.get(path.suffix.lower())
     if read is None:
         raise InputError(f"{mark}: is not a network that can be read: its name must end in .npz or .onnx")
-    with opened(path) as file:
-        data = file.read(_MOST_BYTES + 1)
-    if len(data) > _MOST_BYTES:
-        raise InputError(f"{mark}: is too large: a network may have {MOST_NETWORK_BYTES:,} bytes of numbers")
+    data = read_bytes(path, _MOST_BYTES, f"a network may have {MOST_NETWORK_BYTES:,} bytes of numbers")
     try:
         # Computations with the constants of a file may overflow. Validation later rejects numbers that are not finite.
         with np.errstate(all="ignore"):

@@ -1,4 +1,4 @@
-"""Text files, as far as they may be read."""
+"""Reading of files within limits."""
 
 import stat
 from collections.abc import Iterator
@@ -32,8 +32,26 @@ def opened(path: Path) -> Iterator[IO[bytes]]:
         raise InputError(f"{mark}: cannot be read: a path cannot have such characters") from None
 
 
+def read_bytes(path: Path, most: int, limit: str) -> bytes:
+    """Read a file.
+
+    Args:
+        path: path of the file.
+        most: largest number of bytes.
+        limit: text of the limit for the message, as in "a mesh may have 1,000 bytes".
+
+    Raises:
+        InputError: the file cannot be read, or is larger.
+    """
+    with opened(path) as file:
+        data = file.read(most + 1)
+    if len(data) > most:
+        raise InputError(f"{Mark(str(path), 0)}: is too large: {limit}")
+    return data
+
+
 def read_text(path: Path, *, most: int = MOST_BYTES) -> str:
-    """Reads a file of UTF-8 text, without its byte-order mark.
+    """Read a file of UTF-8 text, without its byte-order mark.
 
     Args:
         path: of a file.
@@ -42,12 +60,8 @@ def read_text(path: Path, *, most: int = MOST_BYTES) -> str:
     Raises:
         InputError: it cannot be read, is not UTF-8 text, or is larger.
     """
-    with opened(path) as file:
-        data = file.read(most + 1)
-    mark = Mark(str(path), 0)
-    if len(data) > most:
-        raise InputError(f"{mark}: is too large: a scenario and what it extends may have {MOST_BYTES:,} bytes in all")
+    limit = f"a scenario and what it extends may have {MOST_BYTES:,} bytes in all"
     try:
-        return data.decode("utf-8-sig")
+        return read_bytes(path, most, limit).decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise InputError(f"{mark}: is not UTF-8 text") from None
+        raise InputError(f"{Mark(str(path), 0)}: is not UTF-8 text") from None

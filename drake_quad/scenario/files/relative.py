@@ -19,8 +19,6 @@ from drake_quad.scenario.paths import is_item, joined
 RELATIVE = "relative"
 # Key of the value that a relative distribution is laid on. It contains a space, so that no path can name it.
 _BASE_VALUE = "value beneath"
-# Key of an item that stands for the item of the value that its list is laid on.
-_PLACEHOLDER = "item beneath"
 _REFERENCE_VALUE = "to"
 # Fields that are dimensionless shares, so that they have no nominal value and are not scaled.
 _SHARE_FIELDS = ("thrust_factor_error", "battery_sag")
@@ -44,11 +42,6 @@ def _has_relative(tree: Tree) -> bool:
     return isinstance(tree.value, dict | list) and any(map(_has_relative, parts))
 
 
-def _is_placeholder(tree: Tree) -> bool:
-    """Return whether a tree stands for the item of the value that a list is laid on."""
-    return isinstance(tree.value, dict) and _PLACEHOLDER in tree.value
-
-
 def laid_on_value(beneath: Tree, distribution: Tree) -> Tree:
     """Return a relative distribution together with the value that it is laid on, a number or a distribution."""
     if is_relative(beneath):
@@ -59,36 +52,24 @@ def laid_on_value(beneath: Tree, distribution: Tree) -> Tree:
 
 
 def laid_on_values(beneath: Tree, distributions: Tree) -> Tree:
-    """Return a list in which each relative distribution is stored with the item that it is laid on.
-
-    A placeholder of `relative_part` is replaced by the item that it is laid on.
-    """
+    """Return a list in which each relative distribution is stored with the item that it is laid on."""
     if not isinstance(beneath.value, list) or len(beneath.value) != len(distributions.value):
         return distributions
     pairs = zip(beneath.value, distributions.value, strict=True)
-    return distributions._replace(value=[_laid_on_item(old, new) for old, new in pairs])
-
-
-def _laid_on_item(beneath: Tree, item: Tree) -> Tree:
-    if _is_placeholder(item):
-        return beneath
-    return laid_on_value(beneath, item) if is_relative(item) else item
+    return distributions._replace(value=[laid_on_value(old, new) if is_relative(new) else new for old, new in pairs])
 
 
 def relative_part(tree: Tree) -> Tree | None:
     """Return the relative distributions of a tree, without the values that they are laid on; None if it has none.
 
-    In a list, placeholders replace the other items.
+    Those of a list are given by index.
     """
     if is_relative(tree):
         return tree._replace(value={RELATIVE: tree.value[RELATIVE]})
+    parts = tree.value if isinstance(tree.value, dict) else {}
     if are_relative(tree):
-        placeholder = Tree({_PLACEHOLDER: Tree(None, tree.mark)}, tree.mark)
-        return tree._replace(value=[relative_part(item) if is_relative(item) else placeholder for item in tree.value])
-    if not isinstance(tree.value, dict):
-        return None
-    parts = {key: relative_part(part) for key, part in tree.value.items()}
-    kept = {key: part for key, part in parts.items() if part is not None}
+        parts = {str(i): item for i, item in enumerate(tree.value) if is_relative(item)}
+    kept = {key: part for key, each in parts.items() if (part := relative_part(each)) is not None}
     return tree._replace(value=kept) if kept else None
 
 
@@ -149,8 +130,6 @@ def _absolute(tree: Tree, reference: Any, path: str, dropped: dict[str, Tree]) -
             dropped[path] = tree
             return None
         return _scaled(tree, number, path)
-    if _is_placeholder(tree):
-        return None if reference is None else Tree(reference, tree.mark)
     if isinstance(tree.value, list) and _has_relative(tree):
         references = reference if isinstance(reference, tuple) else (reference,) * len(tree.value)
         if len(references) != len(tree.value):
@@ -161,7 +140,7 @@ def _absolute(tree: Tree, reference: Any, path: str, dropped: dict[str, Tree]) -
         ]
         if None not in items:
             return tree._replace(value=items)
-        if not all(is_relative(item) or _is_placeholder(item) for item in tree.value):
+        if not all(map(is_relative, tree.value)):
             i = items.index(None)
             refuse_dropped(tree.value[i], f"{path}.{i}")
         return None

@@ -9,5 +9,5 @@ from drake_quad.scenario.models import Scenario
 
 
 def save_scenario(scenario: Scenario, target: Path | TextIO) -> None:
-    """Writes a scenario to a path or a stream, with all that it did not say itself, as YAML that can be flown again."""
+    """Write a scenario, with the values of all fields, as YAML to a path or a stream."""
     YAML().dump({scenario.name: scenario.model_dump(mode="json", exclude={"name"})}, target)

@@ -16,7 +16,7 @@ _PACKAGE = Path(__file__).parents[2]
 
 
 def shipped_folder() -> Path:
-    """The folder of the files: in an installed package a part of it, in a checkout beside it."""
+    """Return the folder of the files: in an installed package a part of it, in a checkout beside it."""
     installed = _PACKAGE / "diagrams"
     return installed if installed.is_dir() else _PACKAGE.parent / "diagrams"
 
@@ -33,14 +33,14 @@ def shipped_file(name: str) -> Path | None:
 
 
 def shipped_names() -> list[str]:
-    """The names of the files, in the order of the alphabet, those at the top first."""
+    """Return the names of the files, in the order of the alphabet, those at the top first."""
     folder = shipped_folder()
     files = [path.relative_to(folder).with_suffix("") for path in folder.rglob("*.yaml")]
     return [path.as_posix() for path in sorted(files, key=lambda path: (len(path.parts), path))]
 
 
 def shipped_scenarios() -> list[str]:
-    """The names of all scenarios, and of what can be laid over one: `figure_eight`, `laboratory:nominal`."""
+    """Return the names of all scenarios, and of what can be laid over one: `figure_eight`, `laboratory:nominal`."""
     found = []
     for file in shipped_names():
         names = list(YAML(typ="safe", pure=True).load(shipped_folder() / f"{file}.yaml"))
@@ -49,7 +49,7 @@ def shipped_scenarios() -> list[str]:
 
 
 def unknown(name: str) -> str:
-    """A sentence on a name that is neither a file nor shipped."""
+    """Return a sentence on a name that is neither a file nor shipped."""
     names = shipped_names()
     close = difflib.get_close_matches(name.partition(":")[0], names, 1)
     hint = f"did you mean {close[0]}?" if close else "`drake-quad scenarios` lists these"

@@ -4,12 +4,11 @@ import itertools
 import math
 from typing import Annotated, get_args
 
-from pydantic import Field, field_validator, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field, model_validator
 
 from drake_quad.control.fuzzy import inference
 from drake_quad.control.fuzzy.inputs import InputName
-from drake_quad.scenario.distributions import Model, Real
+from drake_quad.scenario.distributions import Model, Real, refused
 from drake_quad.scenario.limits import MOST_RULES, MOST_SETS
 from drake_quad.scenario.quantities import Positive, extremes
 
@@ -26,31 +25,17 @@ class InputSets(Model):
     )
     widths: _Widths = Field(default=(1.0, 1.0, 1.0), description="d of each set (1)")
 
-    @field_validator("centres")
-    @classmethod
-    def _ascending(cls, centres: tuple[float, ...]) -> tuple[float, ...]:
-        if any(not low < high for low, high in itertools.pairwise(centres)):
-            raise PydanticCustomError("order", "must rise from one to the next")
-        return centres
-
     @model_validator(mode="after")
     def _covered(self) -> "InputSets":
+        if any(not low < high for low, high in itertools.pairwise(self.centres)):
+            raise self.wrong("must rise from one to the next", "centres")
         if len(self.widths) != len(self.centres):
-            raise self.wrong(
-                "widths", kind="widths", demand="must be as many as centres, {count}", count=len(self.centres)
-            )
+            raise self.wrong(f"must be as many as centres, {len(self.centres)}", "widths")
         ends = [(centre, extremes(width)[0]) for centre, width in zip(self.centres, self.widths, strict=True)]
         for i, ((left, reach_right), (right, reach_left)) in enumerate(itertools.pairwise(self._closed(ends))):
             if reach_right is None or reach_left is None or not left + reach_right > right - reach_left:
-                raise self.wrong(
-                    "widths",
-                    i,
-                    kind="cover",
-                    demand="must be wide enough that the sets at {left} and {right} overlap,"
-                    " or no rule fires in between",
-                    left=left,
-                    right=right,
-                )
+                demand = f"must be wide enough that the sets at {left} and {right} overlap, or no rule fires in between"
+                raise self.wrong(demand, "widths", i)
         return self
 
     def record(self) -> inference.Sets:
@@ -79,12 +64,12 @@ class CircularInputSets(InputSets):
         (first, width), *_ = ends
         (shortest, longest), last = extremes(self.scale), self.centres[-1]
         if shortest is None or longest is None or not last - first < shortest:
-            raise self.wrong("centres", kind="turn", demand="must be less than a turn apart, which is the scale")
+            raise self.wrong("must be less than a turn apart, which is the scale", "centres")
         return [*ends, (first + longest, width)]
 
 
 class NetworkInputs(Model):
-    """What the rules of a network look at: the fuzzy sets of one to four inputs; there is a rule for every choice."""
+    """Inputs of a network, one to four, with their fuzzy sets; there is a rule for every combination of sets."""
 
     error: InputSets | None = Field(default=None, description="of e on the network's own axis (m)")
     error_rate: InputSets | None = Field(default=None, description="of ė on the network's own axis (m/s)")
@@ -112,12 +97,10 @@ class NetworkInputs(Model):
     def _some(self) -> "NetworkInputs":
         given = self.given
         if not 1 <= len(given) <= 4:
-            demand = "must be one to four of {names}"
-            raise PydanticCustomError("inputs", demand, {"names": ", ".join(_INPUT_NAMES)})
+            raise refused("must be one to four of " + ", ".join(_INPUT_NAMES))
         rules = math.prod(len(sets.centres) for sets in given.values())
         if rules > MOST_RULES:
-            numbers = {"most": MOST_RULES, "rules": rules}
-            raise PydanticCustomError("rules", "must make at most {most} rules, not {rules}", numbers)
+            raise refused(f"must make at most {MOST_RULES} rules, not {rules}")
         return self
 
 

@@ -1,20 +1,19 @@
-"""What a fuzzy network has learned in a flight."""
+"""Learned parameters of a fuzzy network."""
 
 import math
 from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
 
 from drake_quad.control.fuzzy.inputs import InputName
-from drake_quad.scenario.distributions import Model, Real
+from drake_quad.scenario.distributions import Model, Real, refused
 
 Axis = Literal["x", "y", "z"]
 AXES: tuple[Axis, ...] = get_args(Axis)
 
 
 class LearnedAxis(Model):
-    """What a network has learned on one axis."""
+    """Learned parameters of a network on one axis."""
 
     weights: Annotated[tuple[Real, ...], Field(strict=False)] = Field(description="F, one a rule (m/s²)")
     antecedents: Annotated[tuple[Real, ...], Field(strict=False)] | None = Field(
@@ -23,7 +22,7 @@ class LearnedAxis(Model):
 
 
 class LearnedNetwork(Model):
-    """What a network has learned in a flight; `learned: FILE` reads it from what `simulate.py --save-network` wrote."""
+    """Parameters that a network learned in a flight; `learned: FILE` reads a file that `fly --save-network` wrote."""
 
     kind: Literal["type_1", "type_2"] = Field(description="type of the network")
     inputs: Annotated[tuple[InputName, ...], Field(strict=False)] = Field(description="what its rules look at")
@@ -34,7 +33,7 @@ class LearnedNetwork(Model):
 
     @property
     def axes(self) -> dict[Axis, LearnedAxis]:
-        """What has been learned, by axis."""
+        """Learned parameters by axis."""
         return {axis: known for axis in AXES if (known := getattr(self, axis)) is not None}
 
     @model_validator(mode="after")
@@ -42,14 +41,14 @@ class LearnedNetwork(Model):
         rules, numbers = math.prod(self.sets), 3 + sum(1 + 2 * count for count in self.sets)
         for axis, known in self.axes.items():
             if len(known.weights) != rules:
-                raise self.wrong(axis, "weights", kind="learned", demand="must be {rules} numbers", rules=rules)
+                raise self.wrong(f"must be {rules} numbers", axis, "weights")
             if known.antecedents is not None and len(known.antecedents) != numbers:
-                raise self.wrong(axis, "antecedents", kind="learned", demand="must be {count} numbers", count=numbers)
+                raise self.wrong(f"must be {numbers} numbers", axis, "antecedents")
         if len({known.antecedents is None for known in self.axes.values()}) > 1:
-            raise PydanticCustomError("learned", "must have antecedents on all axes or on none")
+            raise refused("must have antecedents on all axes or on none")
         return self
 
 
 def or_file(schema: dict[str, Any]) -> None:
-    """Tells editors that the name of a file stands for what is in it; loading puts that in its place."""
+    """Tell editors that the name of a file stands for what is in it; loading puts that in its place."""
     schema["anyOf"].insert(0, {"type": "string"})

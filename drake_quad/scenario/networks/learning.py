@@ -13,7 +13,7 @@ from drake_quad.scenario.quantities import NonNegative, Number, Positive, bounde
 
 
 class _Learning(Model):
-    """What all laws have in common."""
+    """Fields of all learning laws."""
 
     weight_limit: Positive | None = Field(
         default=None, description="largest size of a weight (m/s²); none if not given"
@@ -35,7 +35,7 @@ class _Learning(Model):
 
 
 class _LearningFromEither(_Learning):
-    """What the laws have in common that learn from s_p of eq (15), or from the feedback."""
+    """Fields of the laws that learn from s_p of eq (15) or from the feedback."""
 
     signal: Literal["surface", "feedback"] = Field(
         default="surface",
@@ -77,7 +77,7 @@ class GradientLearning(_LearningFromEither):
 
 
 class SignLearning(_Learning):
-    """By the sign of the PD's command, with a slope that grows."""
+    """Learning law that uses only the sign of the PD's command, with a slope that grows."""
 
     kind: Literal["sign"]
     rate: Positive = Field(default=1.0, description="γ by which the slope grows (1/s²)")

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
 
 from drake_quad.control.fuzzy.adaptation import AdaptationRates, Part
 from drake_quad.control.fuzzy.inference import Antecedents
@@ -13,7 +12,7 @@ from drake_quad.control.fuzzy.systems import FuzzyRules, Lead, RulesNumbers, Wei
 from drake_quad.framework.recipe import Recipe
 from drake_quad.framework.records import layout_of
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.distributions import Model, refused
 from drake_quad.scenario.networks.inputs import InputSets, NetworkInputs
 from drake_quad.scenario.networks.learned import AXES, Axis, LearnedAxis, LearnedNetwork, or_file
 from drake_quad.scenario.networks.learning import CovarianceLearning, Learning
@@ -23,7 +22,7 @@ Axes = Annotated[tuple[Axis, ...], Field(strict=False, min_length=1)]
 
 
 class _Network(Model):
-    """What networks of both types have in common."""
+    """Fields of networks of both types."""
 
     kind: Literal["type_1", "type_2"]
     axes: Axes = Field(default=("x", "y"), description="on which there is a network")
@@ -44,7 +43,7 @@ class _Network(Model):
 
     @model_validator(mode="after")
     def _fits(self) -> "_Network":
-        """What was learned before is of a network like this one."""
+        """Raise an error if the parameters were learned by a network with another structure."""
         if self.learned is None:
             return self
         own = {
@@ -56,9 +55,8 @@ class _Network(Model):
         known = {name: getattr(self.learned, name) for name in ("kind", "inputs", "sets")}
         for name, value in {**known, "axes": tuple(self.learned.axes)}.items():
             if value != own[name]:
-                words = {"name": name, "own": _words(own[name]), "learned": _words(value)}
-                demand = "must be of a network of the same {name}: this one's are {own}, those learned on {learned}"
-                raise self.wrong("learned", kind="learned", demand=demand, **words)
+                words = f"this one's are {_words(own[name])}, those learned on {_words(value)}"
+                raise self.wrong(f"must be of a network of the same {name}: {words}", "learned")
         return self
 
     def antecedents(self) -> Antecedents:
@@ -126,14 +124,14 @@ class AdaptiveTriangles(Model):
 
     @property
     def parts(self) -> tuple[Part, ...]:
-        """What learns."""
+        """Parts of the membership functions that learn."""
         return tuple([part for part in get_args(Part) if getattr(self, part, None) is not None])
 
     @model_validator(mode="after")
     def _some(self) -> "AdaptiveTriangles":
         if not self.parts:
             names = " or ".join(type(self).model_fields)
-            raise PydanticCustomError("parts", "must have a rate of {names}, or be null", {"names": names})
+            raise refused(f"must have a rate of {names}, or be null")
         return self
 
 

@@ -13,7 +13,7 @@ _Gates = tuple[np.ndarray, np.ndarray]
 
 
 class UnreadableError(Exception):
-    """What is wrong with a file."""
+    """Error in a file of a network."""
 
 
 class Layers:
@@ -71,7 +71,7 @@ class Layers:
                 raise UnreadableError("has arithmetic with arrays of different sizes") from None
 
     def clip(self, limit: float) -> None:
-        """Holds the input within a limit on both sides of zero."""
+        """Hold the input within a limit on both sides of zero."""
         if "limit" in self.prepared:
             raise UnreadableError("limits its input twice")
         self.prepared["limit"] = limit

@@ -15,7 +15,7 @@ SignalName = Literal[tuple(SIGNALS_SEEN)]  # type: ignore[valid-type] # the name
 
 
 class ObservationSettings(Model):
-    """What a policy sees at each tick of the control."""
+    """Observation of a policy at each tick of the control."""
 
     signals: Annotated[tuple[SignalName, ...], Field(strict=False, min_length=1)] = Field(  # type: ignore[valid-type]
         default=("position_error", "velocity_error", "rotation", "body_rates", "reference_acceleration", "action"),
@@ -46,13 +46,11 @@ class ObservationSettings(Model):
     @model_validator(mode="after")
     def _complete(self) -> "ObservationSettings":
         if len(set(self.signals)) < len(self.signals):
-            raise self.wrong("signals", kind="signals", demand="must name each signal once")
+            raise self.wrong("must name each signal once", "signals")
         if ("reference_ahead" in self.signals) != bool(self.ahead):
-            raise self.wrong(
-                "ahead", kind="ahead", demand="must be given with the signal reference_ahead, and only then"
-            )
+            raise self.wrong("must be given with the signal reference_ahead, and only then", "ahead")
         if self.turn and "attitude" in self.signals:
-            raise self.wrong("turn", kind="turn", demand="must be 0 with the signal attitude; rotation is seen turned")
+            raise self.wrong("must be 0 with the signal attitude; rotation is seen turned", "turn")
         return self
 
     def spec(self) -> ObservationSpec:

@@ -6,16 +6,15 @@ import functools
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field, model_validator
 
 from drake_quad.control.policy.network import WITH_ALPHA, Activation, Dense, Gru, Network
 from drake_quad.framework.symbols import Matrix
-from drake_quad.scenario.distributions import Model, Real
+from drake_quad.scenario.distributions import Model, Real, omits_defaults, refused
 from drake_quad.scenario.limits import MOST_CHARACTERS, MOST_NETWORK_BYTES
 from drake_quad.scenario.quantities import PlainPositive
 
-# Bounds of rows, layers, ticks and moments, which no small network comes near; MOST_NETWORK_BYTES is what counts.
+# Largest number of rows. The effective limit of a network is MOST_NETWORK_BYTES.
 Rows = Annotated[int, Field(ge=1, le=4096)]
 _Precision = Literal["single", "double"]
 _DTYPES: dict[_Precision, np.dtype[Any]] = {"single": np.dtype("<f4"), "double": np.dtype("<f8")}
@@ -34,17 +33,12 @@ class DenseLayer(Model):
         " 0.01 if not given (1)",
     )
 
-    @model_serializer(mode="wrap")
-    def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Serialise the layer without the parameter if it is not given."""
-        fields: dict[str, Any] = write(self)
-        return {name: value for name, value in fields.items() if name != "alpha" or value is not None}
+    _written = omits_defaults("alpha")
 
     @model_validator(mode="after")
     def _has_its_parameter(self) -> "DenseLayer":
         if self.alpha is not None and self.activation not in WITH_ALPHA:
-            demand = "must be left out with the activation {activation}"
-            raise self.wrong("alpha", kind="alpha", demand=demand, activation=self.activation)
+            raise self.wrong(f"must be left out with the activation {self.activation}", "alpha")
         return self
 
     @property
@@ -122,31 +116,28 @@ class TrainedNetwork(Model):
         """One layer takes what the one before gives, and there are as many numbers as they have."""
         for place, (before, after) in enumerate(zip(self.layers[:-1], self.layers[1:], strict=True), start=1):
             if after.inputs != before.outputs:
-                demand = "must be {outputs}, which is what the layer before gives"
-                raise self.wrong("layers", place, "inputs", kind="layers", demand=demand, outputs=before.outputs)
+                demand = f"must be {before.outputs}, which is what the layer before gives"
+                raise self.wrong(demand, "layers", place, "inputs")
         count = sum(layer.num_numbers for layer in self.layers)
         if count * _DTYPES[self.precision].itemsize > MOST_NETWORK_BYTES:
             most = MOST_NETWORK_BYTES // _DTYPES[self.precision].itemsize
-            demand = "may have {most} numbers of {precision} precision, not {count}"
-            raise self.wrong("layers", kind="numbers", demand=demand, most=most, precision=self.precision, count=count)
+            raise self.wrong(f"may have {most} numbers of {self.precision} precision, not {count}", "layers")
         try:
             numbers = self._array()
         except (binascii.Error, ValueError):
-            raise PydanticCustomError("numbers", "must be numbers in base 64", {"path": ("numbers",)}) from None
+            raise refused("must be numbers in base 64", path=("numbers",)) from None
         if len(numbers) != count:
-            demand = "must be {count} numbers for these layers, not {found}"
-            raise PydanticCustomError("numbers", demand, {"count": count, "found": len(numbers), "path": ("numbers",)})
+            raise refused(f"must be {count} numbers for these layers, not {len(numbers)}", path=("numbers",))
         if not np.isfinite(numbers).all():
-            raise PydanticCustomError("numbers", "must be finite", {"path": ("numbers",)})
+            raise refused("must be finite", path=("numbers",))
         for name in ("offset", "scale"):
             rows = getattr(self, name)
             if rows is not None and len(rows) != self.layers[0].inputs:
-                demand = "must be {count} numbers, one for each row of the input"
-                raise self.wrong(name, kind="rows", demand=demand, count=self.layers[0].inputs)
+                raise self.wrong(f"must be {self.layers[0].inputs} numbers, one for each row of the input", name)
         return self
 
     def network(self) -> Network:
-        """The network."""
+        """Return the network."""
         return _network(self)
 
     def _array(self) -> np.ndarray:

@@ -57,7 +57,7 @@ class PositionController(Model):
         raise InputError(f"control.position is of kind {self.kind}, whose gains cannot be designed")
 
 
-POSITION_CONTROLLERS = OpenUnion(PositionController, "feed_forward", "takes_correction")
+POSITION_CONTROLLERS = OpenUnion(PositionController, "feed_forward")
 """Kinds of position controllers."""
 
 AnyPositionController = Annotated[PositionController, POSITION_CONTROLLERS]

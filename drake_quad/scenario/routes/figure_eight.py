@@ -4,12 +4,12 @@ from typing import Literal
 
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
-from pydantic_core import PydanticCustomError
 
 from drake_quad.reference.laps import flown_in_laps
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.routes import Route, figure_eight
 from drake_quad.reference.time_allocation import stretch_factor, trapezoid_times
+from drake_quad.scenario.distributions import refused
 from drake_quad.scenario.quantities import Number, Positive
 from drake_quad.scenario.routes.route import ROUTES, Laps, MovingRoute, Planned, of_three_laps
 from drake_quad.space.space import Space
@@ -36,7 +36,7 @@ class FigureEightRoute(MovingRoute):
     def _beyond_radius(cls, offset: Number, info: ValidationInfo) -> Number:
         radius = info.data.get("radius")
         if isinstance(offset, float) and isinstance(radius, float) and not offset > radius:
-            raise PydanticCustomError("offset", "must be larger than the radius, {radius}", {"radius": radius})
+            raise refused(f"must be larger than the radius, {radius}")
         return offset
 
     def plan(self, space: Space | None) -> Planned:

@@ -1,30 +1,29 @@
 """Trajectory that is given as it is."""
 
 import itertools
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field, model_validator
 
 from drake_quad.reference.pieces import POWERS, plan_of_pieces
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate_at, hermite_path, power_basis
-from drake_quad.scenario.distributions import Model, Real
+from drake_quad.scenario.distributions import Model, Real, omits_defaults, refused
 from drake_quad.scenario.limits import MOST_WAYPOINTS, SHORTEST
-from drake_quad.scenario.quantities import RADIANS, TWO_TURNS, PlainMoment, PlainPositive, PlainSpan, Point, in_radians
+from drake_quad.scenario.quantities import TWO_TURNS, PlainMoment, PlainPositive, PlainSpan, Point, radians_demand
 from drake_quad.scenario.routes.route import ROUTES, KnownEnd, MissionRoute, Planned
 from drake_quad.space.space import Space
 
-# By which a trajectory may jump from piece to piece, by path and order, in m, m/s and rad: no vehicle would notice.
-# Added to that is what is left of six decimals in the coefficients of the piece before, with which files are written.
+# Largest jumps of a trajectory between pieces, by path and order, in m, m/s and rad; no vehicle would notice them. The
+# rounding of the coefficients of the previous piece to six decimals, as in files, is added.
 _JUMPS = {("path", 0): ("m", 1e-3), ("path", 1): ("m/s", 1e-2), ("yaw", 0): ("rad", 1e-2)}
 _DECIMALS = 1e-6
 _ENDS = np.array([1.0, 0.0])
 
 
 class Knot(Model):
-    """Where a trajectory is at a time, and how it moves there."""
+    """Position of a trajectory at a time, with its derivatives."""
 
     time: PlainMoment = Field(description="when (s)")
     position: Point = Field(description="in W (m)")
@@ -57,7 +56,7 @@ class Piece(Model):
     )
 
     def row(self) -> list[float]:
-        """As the row of a table of pieces, see `drake_quad.reference.pieces`."""
+        """Return the row of a table of pieces, see `drake_quad.reference.pieces`."""
         padded = [(*part, *[0.0] * (POWERS - len(part))) for part in (self.x, self.y, self.z, self.yaw)]
         return [self.duration, *itertools.chain(*padded)]
 
@@ -86,22 +85,15 @@ class TrajectoryRoute(MissionRoute):
     origin: Point = Field(default=(0.0, 0.0, 0.0), description="where the origin of its coordinates is, in W (m)")
     time_scale: PlainPositive = Field(default=1.0, description="by which all its times are multiplied (1)")
 
-    @model_serializer(mode="wrap")
-    def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """What has its default says nothing of it: its studies are those from before it could be."""
-        fields: dict[str, Any] = write(self)
-        silent = {"knots": None, "pieces": None, "origin": (0.0, 0.0, 0.0), "time_scale": 1.0}
-        return {
-            name: value for name, value in fields.items() if name not in silent or getattr(self, name) != silent[name]
-        }
+    _written = omits_defaults("knots", "pieces", "origin", "time_scale")
 
     @model_validator(mode="after")
     def _one_form(self) -> "TrajectoryRoute":
         if (self.knots is None) == (self.pieces is None):
             found = "neither" if self.knots is None else "both"
-            raise PydanticCustomError("forms", "must have either knots or pieces, not {found}", {"found": found})
+            raise refused(f"must have either knots or pieces, not {found}")
         if self.pieces is not None and self.yaw_knots is not None:
-            raise self.wrong("yaw_knots", kind="forms", demand="must be left out: pieces have their yaw")
+            raise self.wrong("must be left out: pieces have their yaw", "yaw_knots")
         return self
 
     @model_validator(mode="after")
@@ -112,7 +104,7 @@ class TrajectoryRoute(MissionRoute):
         turns = any(any(piece.yaw[1:]) for piece in pieces) or any(knot.yaw_rate for knot in yaw_knots)
         if len(yaws) == 1 and not turns and abs(yaw := yaws.pop()) > TWO_TURNS:
             path = ("pieces", 0, "yaw", 0) if pieces else ("yaw_knots", 0, "yaw")
-            raise self.wrong(*path, kind="radians", demand=RADIANS, **in_radians(yaw, TWO_TURNS))
+            raise self.wrong(radians_demand(yaw, TWO_TURNS), *path)
         return self
 
     @model_validator(mode="after")
@@ -122,14 +114,12 @@ class TrajectoryRoute(MissionRoute):
         for field, instants in times.items():
             for i, (now, then) in enumerate(itertools.pairwise(instants)):
                 if not then - now >= SHORTEST:
-                    demand = "must be later than {now}, by {least} s or more"
-                    raise self.wrong(field, i + 1, "time", kind="order", demand=demand, now=now, least=SHORTEST)
+                    raise self.wrong(f"must be later than {now}, by {SHORTEST} s or more", field, i + 1, "time")
         if self.yaw_knots is not None:
             for end, which in ((0, 0), (-1, len(self.yaw_knots) - 1)):
                 time = knots[end].time
                 if self.yaw_knots[end].time != time:
-                    demand = "must be that of the knot, {time}"
-                    raise self.wrong("yaw_knots", which, "time", kind="order", demand=demand, time=time)
+                    raise self.wrong(f"must be that of the knot, {time}", "yaw_knots", which, "time")
         return self
 
     @model_validator(mode="after")
@@ -145,11 +135,8 @@ class TrajectoryRoute(MissionRoute):
                 most = least + _DECIMALS * float(power_basis(order, self.pieces[i - 1].duration, POWERS).sum())
                 if not jump <= most:
                     what = "yaw" if name == "yaw" else "velocity" if order else "position"
-                    demand = (
-                        "must begin where the one before it ends: its {what} jumps by {jump} {unit}, {most} at most"
-                    )
-                    context = {"what": what, "jump": f"{jump:.3g}", "unit": unit, "most": f"{most:.2g}"}
-                    raise PydanticCustomError("jump", demand, {**context, "path": ("pieces", i)})
+                    jumps = f"its {what} jumps by {jump:.3g} {unit}, {most:.2g} at most"
+                    raise refused(f"must begin where the one before it ends: {jumps}", path=("pieces", i))
         return self
 
     def known_end(self) -> KnownEnd:

@@ -5,11 +5,10 @@ from abc import abstractmethod
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, field_validator
-from pydantic_core import PydanticCustomError
 
 from drake_quad.reference import planner
 from drake_quad.reference.planner import Timing
-from drake_quad.scenario.distributions import Model, Real
+from drake_quad.scenario.distributions import Model, Real, refused
 from drake_quad.scenario.limits import LONGEST, SHORTEST
 from drake_quad.scenario.quantities import PlainSpan
 from drake_quad.scenario.routes.route import KnownEnd
@@ -45,16 +44,12 @@ class Given(WaypointTimes):
     @classmethod
     def _increasing(cls, times: tuple[float, ...]) -> tuple[float, ...]:
         if times[0] < 0.0:
-            raise PydanticCustomError("order", "must start at 0 or later")
+            raise refused("must start at 0 or later")
         for i, (now, then) in enumerate(itertools.pairwise(times)):
             if not then - now >= SHORTEST:
-                raise PydanticCustomError(
-                    "order",
-                    "must increase, each time by {least} s or more; time {i} does not",
-                    {"i": i + 1, "least": SHORTEST},
-                )
+                raise refused(f"must increase, each time by {SHORTEST} s or more; time {i + 1} does not")
         if times[-1] > LONGEST:
-            raise PydanticCustomError("order", "must end by {longest} s", {"longest": LONGEST})
+            raise refused(f"must end by {LONGEST} s")
         return times
 
     def known_end(self, laps: int) -> KnownEnd | None:

@@ -19,9 +19,10 @@ from drake_quad.reference.regions import Box, Corridor, Sphere, common
 from drake_quad.reference.routes import Leg
 from drake_quad.reference.time_allocation import stretch_factor
 from drake_quad.reference.yaw import yaw_through
-from drake_quad.scenario.distributions import Model, Real
+from drake_quad.scenario.distributions import Model, Real, refused
 from drake_quad.scenario.limits import MOST_WAYPOINTS
-from drake_quad.scenario.quantities import RADIANS, TWO_TURNS, Point, Position, Positive, in_radians
+from drake_quad.scenario.paths import distributions_in
+from drake_quad.scenario.quantities import TWO_TURNS, Point, Position, Positive, radians_demand
 from drake_quad.scenario.regions import BoxRegion, CorridorRegion, SphereRegion
 from drake_quad.scenario.routes.route import ROUTES, KnownEnd, Laps, MovingRoute, Planned, of_three_laps
 from drake_quad.scenario.routes.waypoint_times import Given, LeastSnapTimes, ShortestTimes, Times
@@ -36,7 +37,7 @@ _HALF_TURN = math.pi + 1e-6
 
 
 class Waypoint(Model):
-    """Where to pass, and if need be how; [x, y, z] alone is short for its point."""
+    """Place to pass, with velocity and derivatives if they are given; [x, y, z] is short for a point."""
 
     point: Position | None = Field(default=None, description="exactly here, in W (m)")
     box: BoxRegion | None = Field(default=None, description="somewhere in this box")
@@ -57,13 +58,13 @@ class Waypoint(Model):
         given = [name for name in ("point", "box", "sphere") if getattr(self, name) is not None]
         if len(given) != 1:
             found = " and ".join(given) or "none"
-            raise PydanticCustomError("place", "must have one of point, box and sphere, not {found}", {"found": found})
+            raise refused(f"must have one of point, box and sphere, not {found}")
         if self.stop and any(value is not None for value in (self.velocity, self.acceleration, self.jerk)):
-            raise PydanticCustomError("place", "must not have both stop and given derivatives", {})
+            raise refused("must not have both stop and given derivatives")
         return self
 
     def place(self) -> Box | Sphere:
-        """The place as the planner has it; it holds no distributions."""
+        """Return the place as the planner has it; it holds no distributions."""
         if self.box is not None:
             return self.box.box()
         if self.sphere is not None:
@@ -111,26 +112,19 @@ class WaypointRoute(MovingRoute):
     def _consistent(self) -> "WaypointRoute":
         count = len(self.waypoints)
         if isinstance(self.times, Given) and len(self.times.times) != count:
-            raise self.wrong(
-                "times", kind="count", demand="must hold one time for each of the {count} waypoints", count=count
-            )
+            raise self.wrong(f"must hold one time for each of the {count} waypoints", "times")
         if self.corridors is not None and len(self.corridors) != count - 1:
-            raise self.wrong(
-                "corridors",
-                kind="count",
-                demand="must hold one box, half-spaces or null for each of the {count} segments",
-                count=count - 1,
-            )
-        yaws = [waypoint.yaw for waypoint in self.waypoints]
-        if self.heading == "waypoints" and not any(yaw is not None for yaw in yaws):
-            raise self.wrong("heading", kind="heading", demand="needs a yaw at one of the waypoints")
-        if self.heading != "waypoints" and any(yaw is not None for yaw in yaws):
-            raise self.wrong("heading", kind="heading", demand="must be waypoints if yaws are given there")
+            demand = f"must hold one box, half-spaces or null for each of the {count - 1} segments"
+            raise self.wrong(demand, "corridors")
+        has_yaws = any(waypoint.yaw is not None for waypoint in self.waypoints)
+        if self.heading == "waypoints" and not has_yaws:
+            raise self.wrong("needs a yaw at one of the waypoints", "heading")
+        if self.heading != "waypoints" and has_yaws:
+            raise self.wrong("must be waypoints if yaws are given there", "heading")
         self._check_yaws()
         limited = self.top_speed is not None or self.top_acceleration is not None
         if not limited and self.times.chooses_total:
-            demand = "must be a number, or else top_acceleration, to choose the total time"
-            raise self.wrong("top_speed", kind="limits", demand=demand)
+            raise self.wrong("must be a number, or else top_acceleration, to choose the total time", "top_speed")
         return self
 
     def _check_yaws(self) -> None:
@@ -140,43 +134,34 @@ class WaypointRoute(MovingRoute):
             if waypoint.yaw is None:
                 continue
             if abs(waypoint.yaw) > TWO_TURNS and abs(waypoint.yaw - before) > _HALF_TURN:
-                numbers = in_radians(waypoint.yaw, TWO_TURNS)
-                raise self.wrong("waypoints", i, "yaw", kind="radians", demand=RADIANS, **numbers)
+                raise self.wrong(radians_demand(waypoint.yaw, TWO_TURNS), "waypoints", i, "yaw")
             before = waypoint.yaw
 
     @model_validator(mode="after")
     def _closed(self) -> "WaypointRoute":
-        """What is flown in laps ends where it begins, in a way that can be repeated."""
+        """Raise an error if the route has laps but cannot be repeated."""
         if self.laps == 1:
             return self
         first, last = self.waypoints[0].point, self.waypoints[-1].point
         if first is None or first != last:
-            demand = "must be 1, since the route does not end at the point where it begins"
-            raise self.wrong("laps", kind="laps", demand=demand)
+            raise self.wrong("must be 1, since the route does not end at the point where it begins", "laps")
         if self.laps * len(self.waypoints) > MOST_WAYPOINTS:
-            demand = "must be fewer: in all laps there may be {most} waypoints"
-            raise self.wrong("laps", kind="laps", demand=demand, most=MOST_WAYPOINTS)
+            raise self.wrong(f"must be fewer: in all laps there may be {MOST_WAYPOINTS} waypoints", "laps")
         for i, waypoint in enumerate(self.waypoints):
             for name in ("velocity", "acceleration", "jerk"):
                 if getattr(waypoint, name) is not None:
                     demand = "must be left out: with laps only stops can be given at a waypoint"
-                    raise self.wrong("waypoints", i, name, kind="laps", demand=demand)
+                    raise self.wrong(demand, "waypoints", i, name)
         for name in ("corridors", "space"):
             if getattr(self, name) is not None:
-                raise self.wrong(name, kind="laps", demand="must be left out: laps keep to none")
+                raise self.wrong("must be left out: laps keep to none", name)
         if isinstance(self.times, LeastSnapTimes):
-            demand = "must be given, heuristic or shortest, since there are laps"
-            raise self.wrong("times", "kind", kind="laps", demand=demand)
+            raise self.wrong("must be given, heuristic or shortest, since there are laps", "times", "kind")
         return self
 
     @model_validator(mode="after")
     def _flyable(self) -> "WaypointRoute":
-        quantities = [
-            self.top_speed,
-            self.top_acceleration,
-            *(x for waypoint in self.waypoints for x in waypoint.point or ()),
-        ]
-        if all(quantity is None or isinstance(quantity, float) for quantity in quantities):
+        if not distributions_in(self):
             try:
                 self.problem()
             except InputError as error:
@@ -188,7 +173,7 @@ class WaypointRoute(MovingRoute):
         return self.times.known_end(self.laps) or super().known_end()
 
     def problem(self, laps: int = 1) -> PathProblem:
-        """What the path of so many laps must keep to; the route holds no distributions.
+        """Return the problem of planning some laps, for a route without distributions.
 
         Raises:
             InputError: no path can, whatever its times.
@@ -260,7 +245,7 @@ class WaypointRoute(MovingRoute):
             durations, points = of_three_laps(path.durations, segments), path.waypoints[segments : 2 * segments + 1]
         stops = (problem.derivatives[: len(points)] == 0.0).all(axis=(1, 2))
         stops[[0, -1]] = self.waypoints[-1].stop
-        # Where times are given, a waypoint that repeats the one before is a place to stay at.
+        # If times are given, the vehicle stays at a waypoint that is repeated.
         staying = (np.diff(points, axis=0) == 0.0).all(axis=1)
         stops[:-1] |= staying
         stops[1:] |= staying

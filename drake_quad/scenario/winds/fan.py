@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from typing import Any, ClassVar, Literal
 
 from pydantic import Field, field_validator
-from pydantic_core import PydanticCustomError
 
 from drake_quad.framework.recipe import Recipe
 from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet
+from drake_quad.scenario.distributions import refused
 from drake_quad.scenario.limits import SMALLEST
 from drake_quad.scenario.quantities import NonNegative, Number, Position, Positive, excludes_zero
 from drake_quad.scenario.winds.source import WINDS, WindSource, WindSurroundings, jets
@@ -33,9 +33,7 @@ class FanSource(WindSource):
     @classmethod
     def _somewhere(cls, direction: tuple[Number, Number, Number]) -> tuple[Number, Number, Number]:
         if not any(excludes_zero(part) for part in direction):
-            raise PydanticCustomError(
-                "direction", "must have a part that cannot be zero, nor within {least} of it", {"least": SMALLEST}
-            )
+            raise refused(f"must have a part that cannot be zero, nor within {SMALLEST} of it")
         return direction
 
     def jets(self) -> tuple[Jet, ...]:

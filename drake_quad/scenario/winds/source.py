@@ -9,12 +9,11 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
 
 from drake_quad.framework.elementary import sin_cos
 from drake_quad.framework.recipe import Recipe
 from drake_quad.laboratory.wind.fans import Jet
-from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.distributions import Model, refused
 from drake_quad.scenario.quantities import Direction, NonNegative, Position
 from drake_quad.scenario.unions import OpenUnion
 from drake_quad.signals import Row, VelocityW, Wind
@@ -73,7 +72,7 @@ class WindSource(Model):
         return {f"{source.kind}_{i}": source.recipe(surroundings) for i, source in enumerate(sources)}
 
 
-WINDS = OpenUnion(WindSource, "depends_on_place", "depends_on_time")
+WINDS = OpenUnion(WindSource)
 """Kinds of sources of wind."""
 
 AnyWindSource = Annotated[WindSource, WINDS]
@@ -93,9 +92,7 @@ class BlowingSource(WindSource):
         given = [name for name in ("velocity", "speed", "heading") if getattr(self, name) is not None]
         if given not in (["velocity"], ["speed", "heading"]):
             found = " and ".join(given) or "neither"
-            raise PydanticCustomError(
-                "motion", "must have a velocity, or speed and heading, not {found}", {"found": found}
-            )
+            raise refused(f"must have a velocity, or speed and heading, not {found}")
         return self
 
     def full_velocity(self) -> Wind:

@@ -105,7 +105,7 @@ def save_swarm(flights: Mapping[str, list[Flight]], path: Path | str) -> Path:
             crashed = bool(flight.metrics.crashed)
             body = rgba(_RED) if crashed else rgba(colors[name], 0.6)
             where = f"/{_key(name)}/{number}"
-            meshcat.SetObject(f"{where}/body", quadrotor_mesh(Frame.of(flight.scenario.vehicle)), body)
+            meshcat.SetTriangleMesh(f"{where}/body", *quadrotor_mesh(Frame.of(flight.scenario.vehicle)), body)
             for frame, tick in _frames(flight, SWARM_FRAMES_PER_SECOND, last):
                 animation.SetTransform(frame, where, pose_of(State(*flight["state"][tick])))
             line = places(flight.record("state"))[:: max(len(flight.time) // 150, 1)].T
@@ -116,7 +116,7 @@ def save_swarm(flights: Mapping[str, list[Flight]], path: Path | str) -> Path:
     crashes = sum(bool(flight.metrics.crashed) for flight in everyone)
     title = f"{len(everyone)} flights, {crashes} crashed"
     vehicles = {f"{name} {i}": f"/{_key(name)}/{i}" for name, group in flights.items() for i in range(len(group))}
-    legend = _key_of({"crashed": _RED}) if crashes else ""
+    legend = f'<div><span style="color:{_RED}">●</span> crashed</div>' if crashes else ""
     return _write(meshcat, path, title, legend, _duration(everyone), story(flights, colors, vehicles, room))
 
 
@@ -249,11 +249,6 @@ def _color_bar(top: float) -> str:
         f'<span style="width:110px;height:9px;background:linear-gradient(to right, {stops})"></span>'
         f"<span>{100.0 * top:.3g} cm</span></span>"
     )
-
-
-def _key_of(colors: Mapping[str, str]) -> str:
-    lines = (f'<div><span style="color:{color}">●</span> {html.escape(name)}</div>' for name, color in colors.items())
-    return "".join(lines)
 
 
 def _tint(color: str) -> str:

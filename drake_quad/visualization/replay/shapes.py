@@ -1,21 +1,19 @@
 """Shapes of a scene, in metres: quadrotors, obstacles, fans, tubes and arrows."""
 
 import functools
-from collections.abc import Sequence
 from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import to_rgb
-from pydrake.geometry import Box, Cylinder, Meshcat, Rgba, Sphere, SurfaceTriangle, TriangleSurfaceMesh
+from pydrake.geometry import Box, Cylinder, Meshcat, Rgba, Sphere
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from drake_quad.laboratory.wind.fans import SPREAD, Jet
 from drake_quad.scenario.layouts import rotors_of
 from drake_quad.signals import RotorSpeed, State, Wind
-from drake_quad.space import shapes as solids
-from drake_quad.space.shapes import Ball, Cuboid, Hull, Shape
+from drake_quad.space.shapes import Shape
 from drake_quad.vehicle.rotors import Rotors
 from drake_quad.visualization.places import places
 from drake_quad.visualization.style import BLUE, ORANGE, SKY, VERMILION
@@ -172,8 +170,12 @@ def _draw_arm(meshcat: Meshcat, path: str, start: np.ndarray, end: np.ndarray, c
         meshcat.SetTransform(path, RigidTransform(turn, 0.5 * (start + end)))
 
 
-def quadrotor_mesh(frame: Frame) -> TriangleSurfaceMesh:
-    """A quadrotor as a single mesh of few triangles, for scenes with hundreds of them."""
+def quadrotor_mesh(frame: Frame) -> tuple[np.ndarray, np.ndarray]:
+    """Return a quadrotor as one mesh of few triangles, for scenes with hundreds of them.
+
+    Returns:
+        The vertices (3, n), m, and the triangles (3, m).
+    """
     rotors, middle = frame.rotors, np.zeros(3)
     feet = [np.array([rotor.x, rotor.y, rotor.z]) for rotor in rotors]
     bars = [*((middle, end) for end in frame.crossbars), *zip(frame.roots, feet, strict=True)]
@@ -182,7 +184,9 @@ def quadrotor_mesh(frame: Frame) -> TriangleSurfaceMesh:
     rim = _propeller_radius(rotors) * np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=1)
     fan = [(0, i + 1, (i + 1) % len(rim) + 1) for i in range(len(rim))]
     parts += [(place + np.vstack([np.zeros(3), rim]), fan) for place in _rotor_places(rotors)]
-    return _mesh(parts)
+    firsts = np.cumsum([0, *(len(corners) for corners, _ in parts)])
+    triangles = [first + np.array(faces) for first, (_, faces) in zip(firsts, parts, strict=False)]
+    return np.vstack([corners for corners, _ in parts]).T, np.vstack(triangles).T
 
 
 def draw_fan(meshcat: Meshcat, path: str, jet: Jet, reach: float) -> None:
@@ -193,35 +197,22 @@ def draw_fan(meshcat: Meshcat, path: str, jet: Jet, reach: float) -> None:
     meshcat.SetObject(f"{path}/housing", Cylinder(0.5 * jet.diameter, _FAN_DEPTH), rgba("0.35"))
     meshcat.SetTransform(f"{path}/housing", RigidTransform([0.0, 0.0, -0.5 * _FAN_DEPTH]))
     lengths = np.linspace(0.0, reach, 9)
-    radii = np.maximum(0.5 * jet.diameter, SPREAD * lengths)
-    meshcat.SetObject(f"{path}/jet", _revolved(lengths, radii), rgba(SKY, 0.07))
+    x, y, z = _revolved(lengths, np.maximum(0.5 * jet.diameter, SPREAD * lengths))
+    meshcat.PlotSurface(f"{path}/jet", x, y, z, rgba(SKY, 0.07))
     # A jet hides nothing: else trails within it, and those behind it, are not drawn where it is drawn first.
     meshcat.SetProperty(f"{path}/jet/<object>", "material.depthWrite", False)
 
 
 def draw_solid(meshcat: Meshcat, path: str, shape: Shape) -> None:
-    """Draws an obstacle."""
-    color = rgba("0.6")
-    if isinstance(shape, Hull):
-        corners, facets = np.array(shape.corners), np.array(shape.facets)
-        meshcat.SetTriangleMesh(path, corners.T, facets.T, color)
-        return
-    solid: Box | Cylinder | Sphere
-    match shape:
-        case Cuboid():
-            solid = Box(*shape.size)
-        case solids.Cylinder():
-            solid = Cylinder(shape.radius, shape.height)
-        case Ball():
-            solid = Sphere(shape.radius)
-    meshcat.SetObject(path, solid, color)
-    meshcat.SetTransform(path, RigidTransform(RollPitchYaw(np.array(shape.rotation)), np.array(shape.centre)))
+    """Draw an obstacle."""
+    corners = shape.triangles().reshape(-1, 3)
+    meshcat.SetTriangleMesh(path, corners.T, np.arange(len(corners)).reshape(-1, 3).T, rgba("0.6"))
 
 
 def draw_arrow(meshcat: Meshcat, path: str) -> None:
-    """Draws an arrow of 1 m along x, which can be scaled and turned."""
-    shaft = _bar(np.zeros(3), np.array([0.8, 0.0, 0.0]), 0.012)
-    meshcat.SetObject(path, _mesh([shaft, _tip()]), rgba(VERMILION))
+    """Draw an arrow of 1 m along x, which can be scaled and turned."""
+    y, z, x = _revolved(np.array([0.0, 0.78, 0.78, 1.0]), np.array([0.012, 0.012, 0.045, 0.0]))
+    meshcat.PlotSurface(path, x, y, z, rgba(VERMILION))
 
 
 def tube(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
@@ -266,37 +257,8 @@ def _bar(start: np.ndarray, end: np.ndarray, half_width: float) -> tuple[np.ndar
     return corners, faces
 
 
-def _tip() -> tuple[np.ndarray, list[tuple[int, int, int]]]:
-    """Vertices and triangles of the tip of an arrow along x."""
-    angles = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
-    rim = np.stack([0.78 * np.ones_like(angles), 0.045 * np.cos(angles), 0.045 * np.sin(angles)], axis=1)
-    return np.vstack([[1.0, 0.0, 0.0], rim]), [(0, i + 1, (i + 1) % 8 + 1) for i in range(8)]
-
-
-def _revolved(lengths: np.ndarray, radii: np.ndarray) -> TriangleSurfaceMesh:
-    """A surface of revolution around z, with its radius at each length along z."""
-    angles = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
-    ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    vertices = np.concatenate(
-        [np.column_stack([radius * ring, np.full(24, z)]) for z, radius in zip(lengths, radii, strict=True)]
-    )
-    faces = []
-    for row in range(len(lengths) - 1):
-        for i in range(24):
-            a, b = 24 * row + i, 24 * row + (i + 1) % 24
-            faces += [(a, b, a + 24), (b, b + 24, a + 24)]
-    return _mesh([(vertices, faces)])
-
-
-def _mesh(parts: Sequence[tuple[np.ndarray, list[tuple[int, int, int]]]]) -> TriangleSurfaceMesh:
-    """A mesh of parts, each with its vertices and triangles, that is seen from both sides."""
-    vertices, triangles, first = [], [], 0
-    for corners, faces in parts:
-        vertices += list(corners)
-        for a, b, c in faces:
-            triangles += [
-                SurfaceTriangle(first + a, first + b, first + c),
-                SurfaceTriangle(first + c, first + b, first + a),
-            ]
-        first += len(corners)
-    return TriangleSurfaceMesh(triangles, vertices)
+def _revolved(lengths: np.ndarray, radii: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the coordinates x, y and z of a surface of revolution around z, with its radius at each length along z."""
+    angles = np.linspace(0.0, 2.0 * np.pi, 25)
+    x, y = (np.outer(radii, turned(angles)) for turned in (np.cos, np.sin))
+    return x, y, np.outer(lengths, np.ones_like(angles))

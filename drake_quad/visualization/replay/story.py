@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from drake_quad.flight.flight import Flight
+from drake_quad.visualization.curves import quantiles_over_flights
 from drake_quad.visualization.replay.scene import SceneRoom
 from drake_quad.visualization.replay.shapes import Frame
 from drake_quad.visualization.style import AXES
@@ -62,26 +63,20 @@ def _curve(group: Sequence[Flight], times: np.ndarray) -> dict[str, Any]:
         error[there] = 100.0 * flight.euclidean_error[ticks]
         speed[there] = np.sqrt(state.v_x**2 + state.v_y**2 + state.v_z**2)[ticks]
     crashed = sorted((f for f in group if f.metrics.crashed), key=lambda f: float(f.metrics.crash_time))
+    low, middle, high = quantiles_over_flights(errors, (_BAND[0], 0.5, _BAND[1]))
+    (speed,) = quantiles_over_flights(speeds, (0.5,))
     told: dict[str, Any] = {
         "crashes": [round(float(f.metrics.crash_time), 3) for f in crashed],
         "into": [f.touched for f in crashed],
-        "error": _middle(errors),
-        "speed": _middle(speeds),
+        "error": _written(middle),
+        "speed": _written(speed),
     }
-    if len(group) > 1:
-        told |= {end: _middle(errors, share) for end, share in zip(("low", "high"), _BAND, strict=True)}
-    return told
+    return told | ({"low": _written(low), "high": _written(high)} if len(group) > 1 else {})
 
 
-def _middle(values: np.ndarray, share: float = 0.5) -> list[float | None]:
-    """A quantile over the flights that are still under way at each instant; None where there is none."""
-    # `np.nanquantile` takes the instants one by one.
-    ordered = np.sort(values, axis=0)  # NaN comes last
-    place = share * np.maximum((~np.isnan(values)).sum(axis=0) - 1, 0)
-    ends = np.array([np.floor(place), np.ceil(place)], dtype=int)
-    low, high = np.take_along_axis(ordered, ends, axis=0)
-    found = low + (place - ends[0]) * (high - low)
-    return [float(f"{value:.3g}") if np.isfinite(value) else None for value in found]
+def _written(values: np.ndarray) -> list[float | None]:
+    """Return values with three digits; None for NaN."""
+    return [float(f"{value:.3g}") if np.isfinite(value) else None for value in values]
 
 
 def _marks(room: SceneRoom) -> list[dict[str, Any]]:

@@ -1,0 +1,116 @@
+"""Tables of numbers from CSV files, whose columns have names."""
+
+import csv
+import io
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from drake_quad.errors import InputError, shown
+from drake_quad.scenario.files.marked_tree import Mark
+from drake_quad.scenario.limits import MOST_WAYPOINTS
+from drake_quad.written_numbers import float_in
+
+Row = tuple[Mark, dict[str, float | None]]
+"""Place of a row in its file, and its numbers by column; None for an empty cell."""
+
+
+class TableFormat(NamedTuple):
+    """Format of a table.
+
+    Attributes:
+        content: what the rows are, as in "waypoints".
+        columns: names of the columns that a table may have.
+        description: the same names in words.
+        required: columns that a table must have.
+        default: columns of a table whose first row does not name them.
+        optional: columns with cells that may be empty.
+    """
+
+    content: str
+    columns: tuple[str, ...]
+    description: str
+    required: tuple[str, ...]
+    default: tuple[str, ...]
+    optional: tuple[str, ...] = ()
+
+
+def table_rows(text: str, path: Path, table: TableFormat) -> list[Row]:
+    """Parse a table.
+
+    Empty lines, lines that begin with #, and empty cells after the last column are ignored.
+
+    Args:
+        text: text of the file.
+        path: path of the file, for messages.
+        table: format of the table.
+
+    Raises:
+        InputError: the text is not such a table, or has no rows or too many.
+    """
+    file = Mark(str(path), 0)
+    rows = list(_filled_rows(text, file, table))
+    names = [cell.lower() for cell in rows[0][1]] if rows else []
+    while names and not names[-1]:
+        names.pop()
+    if not all(_number_in(name) is not None for name in names):
+        _check_names(names, rows.pop(0)[0], table)
+    elif rows and len(names) != len(table.default):
+        columns = f"{len(names)} columns need a first row that names them"
+        raise InputError(f"{rows[0][0]}: {columns}: {table.description}")
+    else:
+        names = [*table.default]
+    if not rows:
+        raise InputError(f"{file}: holds no {table.content}")
+    return [(mark, _numbers(names, cells, mark, table)) for mark, cells in rows]
+
+
+def _filled_rows(text: str, file: Mark, table: TableFormat) -> Iterator[tuple[Mark, list[str]]]:
+    """Yield the place and the cells of each row that is neither empty nor a comment."""
+    reader = csv.reader(io.StringIO(text, newline=""))
+    count = 0
+    try:
+        for row in reader:
+            cells = [cell.strip() for cell in row]
+            if not any(cells) or cells[0].startswith("#"):
+                continue
+            mark = file._replace(line=reader.line_num)
+            count += 1
+            if count > MOST_WAYPOINTS + 1:  # the names of the columns are a row
+                limit = f"a route may have {MOST_WAYPOINTS:,} {table.content}"
+                raise InputError(f"{mark}: there are too many rows: {limit}")
+            yield mark, cells
+    except csv.Error:
+        raise InputError(f"{file}: is not a CSV file") from None
+
+
+def _check_names(names: list[str], mark: Mark, table: TableFormat) -> None:
+    unknown = next((name for name in names if name not in table.columns), None)
+    if unknown is not None:
+        raise InputError(f"{mark}: the column {shown(unknown)} is unknown; allowed are {table.description}")
+    for name in table.required:
+        if name not in names:
+            raise InputError(f"{mark}: there is no column {name}")
+    if len(set(names)) < len(names):
+        raise InputError(f"{mark}: two columns have the same name")
+
+
+def _numbers(names: list[str], cells: list[str], mark: Mark, table: TableFormat) -> dict[str, float | None]:
+    """Return the numbers of a row by column."""
+    if len(cells) < len(names) or any(cells[len(names) :]):
+        raise InputError(f"{mark}: has {len(cells)} cells, but there are {len(names)} columns")
+    numbers = {name: _number_in(cell) for name, cell in zip(names, cells)}
+    for name, cell in zip(names, cells):
+        if numbers[name] is None and (cell or name not in table.optional):
+            raise InputError(f"{mark}: {name} is {shown(cell)}, but must be a finite number")
+    return numbers
+
+
+def _number_in(cell: str) -> float | None:
+    """Return the number in a cell; None if the cell does not contain a finite number."""
+    try:
+        number = float_in(cell)
+    except ValueError:
+        return None
+    return number if math.isfinite(number) else None
