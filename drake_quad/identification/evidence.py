@@ -97,7 +97,11 @@ def jackknife(
         neighbours = moves[:-1].T @ moves[1:]
         squares += 0.5 * (neighbours + neighbours.T)
     covariance = (number - 1) / number * squares + inverse @ np.diag(beliefs) @ inverse
-    return Uncertainty(covariance, np.maximum(freedom, 1.0), inverse)
+    own, expected = np.diag(covariance), np.diag(inverse)
+    # Blocks that happen to agree do not make an estimate more certain than the model says.
+    wider = np.sqrt(np.maximum(1.0, expected / np.where(own > 0.0, own, expected)))
+    covariance = np.where(np.eye(len(own), dtype=bool) & (own <= 0.0), expected, covariance)
+    return Uncertainty(covariance * np.outer(wider, wider), np.maximum(freedom, 1.0), inverse)
 
 
 def effective_blocks(information: np.ndarray, inverse: np.ndarray) -> np.ndarray:

@@ -268,7 +268,7 @@ def _identified(records: Sequence[FlightRecord], scenario: Scenario, share: floa
         start, noise = training.values, training.noise
     predictor = logs.predictor(parameters, logs.flying)
     fitted = fit(predictor, parameters, noise, start)
-    held = _swamped(logs.scenario, predictor, parameters, fitted)
+    held = _swamped(logs.scenario, predictor, parameters, fitted) | _unexcited(logs, parameters, fitted)
     if held:
         kept = [i for i, parameter in enumerate(parameters) if parameter.name not in held]
         parameters = [parameters[i] for i in kept]
@@ -389,6 +389,29 @@ def _swamped(
                 f"the disturbing force, such as wind, is {push[axes].max():.2g} N, and the drag itself"
                 f" {(value * speed[axes]).min():.2g} N"
             )
+    return found
+
+
+def _unexcited(logs: _Logs, parameters: Sequence[Parameter], fitted: PredictionFit) -> dict[str, str]:
+    """Return the parameters of the response of an angle whose command varies less than its noise, with the reason.
+
+    The free motion of such an angle is mostly noise, which any response can explain.
+    """
+    found = {}
+    for parameter in parameters:
+        if parameter.name.startswith("autopilot."):
+            axis = int(parameter.name[-2])
+            noise = fitted.noise.measured[logs.outputs.index(Output("attitude", axis))]
+            commands = [
+                record.of("attitude_command")[usable, axis]
+                for record, usable in zip(logs.records, logs.flying, strict=True)
+            ]
+            varying = max(float(np.std(command)) for command in commands if len(command))
+            if varying < noise:
+                found[parameter.name] = (
+                    f"the command of {('roll', 'pitch', 'yaw')[axis]} varies by {varying:.2g} rad, less than the noise"
+                    f" of its measurement, {noise:.2g} rad"
+                )
     return found
 
 
