@@ -243,7 +243,13 @@ def covered(found: Identification, name: str) -> str:
 def print_score(found: Identification) -> None:
     """Prints how much of the variance is explained."""
     rows = [
-        (output.name, percent(output.share), f"{np.sqrt(np.mean(output.residual**2)):.2g}", f"{output.deviation:.2g}", output.unit)
+        (
+            output.name,
+            percent(output.share),
+            f"{np.sqrt(np.mean(output.residual**2)):.2g}",
+            f"{output.deviation:.2g}",
+            output.unit,
+        )
         for output in found.outputs
     ]
     print("forecast of the flight that was held out, in windows")

@@ -346,9 +346,7 @@ def _result(
     return Identification(estimates, vehicle, outputs, result_delay, fitted.noise, shown, tuple(remarks), covered)
 
 
-def _not_identified(
-    parameters: Sequence[Parameter], values: np.ndarray, uncertainty: Uncertainty
-) -> dict[str, str]:
+def _not_identified(parameters: Sequence[Parameter], values: np.ndarray, uncertainty: Uncertainty) -> dict[str, str]:
     """Return the parameters that are not identified, with the reason.
 
     Their estimates are those of the data sheet, as far as the log narrows them.

@@ -474,9 +474,7 @@ class ModelFlight:
         model.rotors_at_rest(self._size, 0.0, self._rotors, self._rotor_command, self._numbers)
         for _ in range(warm_up):
             span = self._span.reshape(-1)
-            model.rotors_after(
-                self._size, 0.0, self._rotors, self._rotors, self._rotor_command, span, self._numbers
-            )
+            model.rotors_after(self._size, 0.0, self._rotors, self._rotors, self._rotor_command, span, self._numbers)
             self._next()
 
     @property
