@@ -27,6 +27,7 @@ from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import (
     DELAY,
     MISALIGNMENT,
+    DisturbanceFrame,
     LogModel,
     level_record,
     level_vehicle,
@@ -132,6 +133,16 @@ class _Logs(NamedTuple):
         return common_period(self.records)
 
     @property
+    def voltage(self) -> float | None:
+        """Voltage of the battery for which the thrust curve holds, the median of the logs, V; None if not all have it."""
+        if not self.own_throttles or any(record.battery_voltage is None for record in self.records):
+            return None
+        voltages = [
+            record.of("battery_voltage")[usable] for record, usable in zip(self.records, self.flying, strict=True)
+        ]
+        return float(np.median(np.concatenate(voltages)))
+
+    @property
     def signals(self) -> set[str]:
         return {output.signal for output in self.outputs}
 
@@ -159,7 +170,8 @@ class _Logs(NamedTuple):
             )
         names = [parameter.name for parameter in parameters]
         scenario = with_effects(self.scenario, tuple(name for name in names if name != DELAY))
-        model = LogModel(scenario, names, frame="world" if self.poses else "body")
+        frame: DisturbanceFrame = "world" if self.poses else "body"
+        model = LogModel(scenario, names, frame=frame, voltage=self.voltage)
         split = max(1, int(np.ceil(self.period / _MAX_STEP - 0.05)))
         return Predictor(
             model, self.records, windows, sizes, self.outputs, split=split, longest=_MAX_DELAY + self.period

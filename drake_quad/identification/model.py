@@ -44,6 +44,7 @@ from drake_quad.signals import (
     AttitudeTarget,
     BodyAccelerationB,
     BodyRates,
+    Number,
     Quantity,
     RotorSpeed,
     Row,
@@ -83,6 +84,7 @@ MISALIGNMENT = tuple(f"laboratory.motion_capture.misalignment[{axis}]" for axis 
 
 # Natural frequency of a vehicle that is assumed to stay level, rad/s. Any value serves.
 _LEVEL_FREQUENCY = 20.0
+_VOLTAGE_WINDOW = 0.5  # s, over which the logged voltage is averaged
 
 DisturbanceFrame = Literal["world", "body"]
 
@@ -109,9 +111,10 @@ class Disturbance(NamedTuple):
 
 
 class Span(NamedTuple):
-    """Duration of a step."""
+    """Duration of a step, and the voltage of the battery during it relative to that of the thrust curve."""
 
     span: Time
+    voltage: Number
 
 
 class Numbers(NamedTuple):
@@ -145,9 +148,9 @@ def step(
     A payload that is dropped later is present in every step. With an attitude response, the body rates in the state are
     the rates of the angles.
     """
-    (h,) = span
+    h = span.span
     parameters, effects, response = numbers
-    target = _target(rotors, command, numbers)
+    target = _target(rotors, command, span, numbers)
     after: Any
     if response is None:
         before = VehicleState(body, rotors)
@@ -177,14 +180,14 @@ def step(
 
 def rotors_after(rotors: RotorSpeed, command: RotorSpeed | Throttle, span: Span, numbers: Numbers) -> RotorSpeed:
     """Return the rotors at the end of a step."""
-    target = _target(rotors, command, numbers)
+    target = _target(rotors, command, span, numbers)
     lags = decays(rotors, target, span.span, numbers.parameters, numbers.effects.spin_down)
     return lagging(rotors, target, lags)
 
 
-def rotors_at_rest(command: RotorSpeed | Throttle, numbers: Numbers) -> RotorSpeed:
+def rotors_at_rest(command: RotorSpeed | Throttle, span: Span, numbers: Numbers) -> RotorSpeed:
     """Return the rotors a long time after a command."""
-    return _target(RotorSpeed(0.0, 0.0, 0.0, 0.0), command, numbers)
+    return _target(RotorSpeed(0.0, 0.0, 0.0, 0.0), command, span, numbers)
 
 
 def specific_force(
@@ -193,12 +196,13 @@ def specific_force(
     command: RotorSpeed | Throttle,
     wind: Wind,
     disturbance: Disturbance,
+    span: Span,
     numbers: Numbers,
     frame: DisturbanceFrame,
 ) -> SpecificForce:
     """Return the specific force that an accelerometer at the centre of mass measures."""
     parameters, effects, response = numbers
-    turned = turning(rotors, _target(rotors, command, numbers), parameters, effects)
+    turned = turning(rotors, _target(rotors, command, span, numbers), parameters, effects)
     axes = BodyAxes.of(body.roll, body.pitch, body.yaw)
     motion = Motion.of(body) if response is None else Motion(body.v_x, body.v_y, body.v_z, 0.0, 0.0, 0.0)
     rates = accelerations(axes, motion, None, body.z, turned, wind, parameters, effects).motion
@@ -214,9 +218,11 @@ def seen_attitude(attitude: Attitude, misalignment: Attitude) -> Attitude:
     return attitude_of_markers(attitude, BodyAxes.of(misalignment.roll, misalignment.pitch, misalignment.yaw))
 
 
-def _target(rotors: RotorSpeed, command: RotorSpeed | Throttle, numbers: Numbers) -> RotorSpeed:
+def _target(rotors: RotorSpeed, command: RotorSpeed | Throttle, span: Span, numbers: Numbers) -> RotorSpeed:
+    """Return the speeds that the rotors approach; at full throttle they are proportional to the voltage."""
     state = VehicleState(State(*(0.0,) * NUM_BODY), rotors)
-    return rotor_target(state, command, numbers.parameters, None, numbers.effects, 0.0)
+    target = rotor_target(state, command, numbers.parameters, None, numbers.effects, 0.0)
+    return RotorSpeed(*(span.voltage * speed for speed in target))
 
 
 def thrust_of_share(record: FlightRecord, weight: float) -> np.ndarray:
@@ -277,6 +283,19 @@ def with_commands(record: FlightRecord, scenario: Scenario, believed: Scenario) 
     return replace(record, **{signal: commands})
 
 
+def relative_voltage(record: FlightRecord, model: "LogModel") -> np.ndarray:
+    """Return the voltage (n,) of the battery relative to that of the thrust curve, averaged over half a second.
+
+    The thrust curve is that at the voltage of the full battery if the vehicle has a battery, otherwise that at
+    `LogModel.voltage`. It is 1 where no voltage is logged or the rotors are commanded by speed.
+    """
+    if record.battery_voltage is None or not model.throttles or model.voltage is None:
+        return np.ones(len(record.time))
+    width = max(1, round(_VOLTAGE_WINDOW / record.period)) // 2 * 2 + 1
+    padded = np.pad(record.battery_voltage, width // 2, mode="edge")
+    return np.convolve(padded, np.full(width, 1.0 / width), "valid") / model.voltage
+
+
 def level_vehicle(scenario: Scenario) -> Scenario:
     """Return the scenario with a vehicle that stays level, for logs of heights alone."""
     angles = (_LEVEL_FREQUENCY,) * 3
@@ -298,15 +317,22 @@ class LogModel:
         names: names of the p parameters, as in `Estimates`, and `DELAY`.
         frame: axes along which the disturbing force is constant.
         delay: delay if it is no parameter, s.
+        voltage: voltage of the battery for which the thrust curve holds, V; None if the voltage does not count.
     """
 
     def __init__(
-        self, scenario: Scenario, names: Sequence[str], *, frame: DisturbanceFrame = "world", delay: float = 0.0
+        self,
+        scenario: Scenario,
+        names: Sequence[str],
+        *,
+        frame: DisturbanceFrame = "world",
+        delay: float = 0.0,
+        voltage: float | None = None,
     ) -> None:
         self.scenario, self.names, self.frame = scenario, tuple(names), frame
         self.throttles = scenario.vehicle.motors.take_throttles
         self.responds = scenario.laboratory.autopilot.models_vehicle
-        self._delay = delay
+        self._delay, self.voltage = delay, voltage
         self._paths = {
             scenario_path(name): i for i, name in enumerate(names) if name != DELAY and name not in MISALIGNMENT
         }
@@ -318,8 +344,8 @@ class LogModel:
         inputs = body, rotors, command, attitude, wind, push, span, self.layout, frame
         self.step = kernel(step, inputs, (body, rotors), lone=False)
         self.rotors_after = kernel(rotors_after, (rotors, command, span, self.layout), (rotors,), lone=False)
-        self.rotors_at_rest = kernel(rotors_at_rest, (command, self.layout), (rotors,), lone=False)
-        felt = body, rotors, command, wind, push, self.layout, frame
+        self.rotors_at_rest = kernel(rotors_at_rest, (command, span, self.layout), (rotors,), lone=False)
+        felt = body, rotors, command, wind, push, span, self.layout, frame
         self.specific_force = kernel(specific_force, felt, (force,), lone=False)
         self.seen_attitude = kernel(seen_attitude, (attitude, attitude), (attitude,), lone=False)
 
@@ -390,7 +416,7 @@ class WindowInputs(NamedTuple):
     Attributes:
         commands: (T + 2 · margin, 7, W) commands of rotors and attitude, with `margin` further steps at both ends.
         wind: (T, 3, W) velocity of the air, m/s.
-        spans: (T, W) durations of the steps, s.
+        spans: (T, 2, W) durations of the steps, s, and relative voltages of the battery.
         period: median duration of a step, s.
         margin: largest delay, in steps.
     """
@@ -429,17 +455,19 @@ class WindowInputs(NamedTuple):
         still = np.asarray(steady_wind(model.scenario.laboratory.wind), dtype=float)
         rows, winds, spans = [], [], []
         for record in records:
+            voltage = relative_voltage(record, model)
             steps = np.diff(record.time, append=record.time[-1] + record.period)
             size = len(steps)
             attitude = record.of("attitude_command") if model.responds else np.zeros((size, 3))
             rows.append(np.hstack([record.of(model.command_signal), attitude]))
             winds.append(np.tile(still, (size, 1)) if record.wind is None else record.wind)
-            spans.append(np.minimum(steps, 3.0 * split * period) / split)
+            spans.append(np.column_stack([np.minimum(steps, 3.0 * split * period) / split, voltage]))
         index = [(number, np.clip(start + offsets, 0, len(spans[number]) - 1)) for number, start in windows]
         inner = slice(margin, -margin)
         commands = np.stack([rows[number][at] for number, at in index], axis=2)
         wind = np.stack([winds[number][at[inner]] for number, at in index], axis=2)
-        return cls(commands, wind, np.stack([spans[number][at[inner]] for number, at in index], axis=1), period, margin)
+        both = np.stack([spans[number][at[inner]] for number, at in index], axis=2)
+        return cls(commands, wind, both, period, margin)
 
 
 class ModelFlight:
@@ -469,11 +497,11 @@ class ModelFlight:
         self._inputs, self._k = inputs, 0
         self._rotors = np.empty(NUM_ROTORS * self._size)
         self._command = np.empty((inputs.commands.shape[1], count, windows))
-        self._span, self._wind = np.empty((count, windows)), np.empty((3, count, windows))
+        self._span, self._wind = np.empty((2, count, windows)), np.empty((3, count, windows))
         self._read_inputs()
-        model.rotors_at_rest(self._size, 0.0, self._rotors, self._rotor_command, self._numbers)
+        span = self._span.reshape(-1)
+        model.rotors_at_rest(self._size, 0.0, self._rotors, self._rotor_command, span, self._numbers)
         for _ in range(warm_up):
-            span = self._span.reshape(-1)
             model.rotors_after(self._size, 0.0, self._rotors, self._rotors, self._rotor_command, span, self._numbers)
             self._next()
 
@@ -487,7 +515,7 @@ class ModelFlight:
         for lag, share, which in self._lags:
             self._command[:, which] = ((1.0 - share) * commands[at - lag] + share * commands[at - lag - 1])[:, None, :]
         last = min(self._k, len(self._inputs.spans) - 1)
-        self._span[:], self._wind[:] = self._inputs.spans[last], self._inputs.wind[last][:, None, :]
+        self._span[:], self._wind[:] = self._inputs.spans[last][:, None, :], self._inputs.wind[last][:, None, :]
 
     def _next(self) -> None:
         self._k += 1
@@ -506,7 +534,8 @@ class ModelFlight:
         """Return the specific force (3, K, W) in a state, m/s²."""
         force = np.empty(3 * self._size)
         body, push = state[:NUM_BODY].reshape(-1), state[NUM_BODY:].reshape(-1)
-        inputs = body, self._rotors, self._rotor_command, self._wind.reshape(-1), push, self._numbers
+        wind, span = self._wind.reshape(-1), self._span.reshape(-1)
+        inputs = body, self._rotors, self._rotor_command, wind, push, span, self._numbers
         self.model.specific_force(self._size, 0.0, force, *inputs)
         return force.reshape(3, *self.shape)
 
