@@ -19,10 +19,10 @@ from drake_quad.errors import shown
 from drake_quad.files import output_folder
 from drake_quad.identification.flown_again.prediction import Predictions, joined, predict
 from drake_quad.identification.hover import delay_by_correlation, trim, white_noise
-from drake_quad.identification.result import Identification
 from drake_quad.identification.identify import identify
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.result import Identification
 from drake_quad.identification.results.vehicle_file import write_vehicle
 from drake_quad.scenario.files.loading import Override, load_undesigned
 from drake_quad.scenario.models import NAME
@@ -245,7 +245,7 @@ def print_score(found: Identification) -> None:
     rows = [
         (
             output.name,
-            percent(output.share),
+            percent(output.explained),
             f"{np.sqrt(np.mean(output.residual**2)):.2g}",
             f"{output.deviation:.2g}",
             output.unit,

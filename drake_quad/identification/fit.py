@@ -16,8 +16,10 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
+from drake_quad.errors import InputError
 from drake_quad.identification.evidence import Evidence, Uncertainty, jackknife, of_blocks
 from drake_quad.identification.parameters import Parameter
+from drake_quad.identification.physical_limits import SearchVariables
 from drake_quad.identification.prediction_errors import Gains, PredictionNoise, Predictor
 
 # Steps of differences, of a parameter's scale; and of the delay, in samples, over which it is taken to both sides,
@@ -31,7 +33,7 @@ _MAX_EVALUATIONS = 5
 # Factors of the disturbance that are tried, since scoring shrinks one that is much too large only slowly.
 _QUIETER_TURNING = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)
 _QUIETER_FORCE = (0.2, 0.2, 0.2, 1.0, 1.0, 1.0)
-_DIVERGED = 1e6  # whitened error in place of one that is not finite
+_DIVERGED = 1e6  # a whitened error that is larger is that of a model that diverges
 # Measurements that the noise is estimated from in a round, at most; steps of differences of the logarithms of its
 # numbers, how far they may go in a round, and in how many steps, until the likelihood gains no more than so much.
 _NOISE_SAMPLES = 1500
@@ -43,6 +45,7 @@ _DAMPING = 1e-3
 # Limits of its numbers, in their SI units: of what is measured, of disturbances and their memories (s).
 _LEAST = 1e-5, 1e-3, 0.02
 _MOST = 100.0, 1e3, 20.0
+_AT_LIMIT = 0.99  # share of a limit
 # And of the memory of a force along the axes of B, s. One that lasts longer is an error of the thrust curve. Where it
 # could be taken for a disturbance, the level of the curve would be that which suits the rotors' large motions best.
 _FORGOTTEN = 0.25
@@ -137,7 +140,23 @@ def fit(
         if number > 2 and np.all(np.abs(at.values - before) < _RESTS * np.sqrt(np.diag(expected))):
             break
     noise = _noise_of(predictor, at.gains, at.noise, np.arange(len(predictor.windows)))
+    _check_convergence(at.values, noise)
     return PredictionFit(at.values, noise, at.gains, at.slopes, at.errors, number, prior)
+
+
+def _check_convergence(values: np.ndarray, noise: PredictionNoise) -> None:
+    """Refuse a fit that diverged.
+
+    Raises:
+        InputError: if a parameter is not finite, or the model explains the log only with noise or a disturbance at its
+            upper limit.
+    """
+    largest = np.append(noise.measured / _MOST[0], noise.disturbance / _MOST[1])
+    if not np.all(np.isfinite(values)) or not np.all(largest < _AT_LIMIT):
+        raise InputError(
+            "the fit diverged: the vehicle explains the logs only with a disturbance or with noise beyond any limit;"
+            " check the units in the mapping and the vehicle to begin with"
+        )
 
 
 class _Point(NamedTuple):
@@ -179,11 +198,11 @@ class _Point(NamedTuple):
 def _least_squares(
     predictor: Predictor, parameters: Sequence[Parameter], start: np.ndarray, gains: Gains, noise: PredictionNoise
 ) -> np.ndarray:
-    mean, scale, deviation, least, most = (
+    mean, scale, deviation = (
         np.array([getattr(parameter, name) for parameter in parameters], dtype=float)
-        for name in ("start", "scale", "deviation", "least", "most")
+        for name in ("start", "scale", "deviation")
     )
-    weights = np.diag(1.0 / deviation)
+    weights, variables = np.diag(1.0 / deviation), SearchVariables.of(parameters)
 
     known: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
 
@@ -191,26 +210,28 @@ def _least_squares(
         """Return residuals and slopes, which cost hardly more than residuals alone."""
         if x.tobytes() not in known:
             known.clear()
-            errors, slopes, *_ = whitened(predictor, scale, x, gains, noise)
-            # A step so far that the model diverges is refused by the search.
-            errors = np.nan_to_num(errors.ravel(), nan=_DIVERGED, posinf=_DIVERGED, neginf=-_DIVERGED)
-            slopes = np.nan_to_num(slopes.reshape(-1, len(x)), nan=0.0, posinf=0.0, neginf=0.0)
-            known[x.tobytes()] = _condensed(
-                np.concatenate([errors, weights @ (x - mean)]), np.vstack([slopes, weights])
-            )
+            values = variables.inverse @ x
+            errors, slopes, *_ = whitened(predictor, scale, values, gains, noise)
+            if np.all(np.abs(errors) < _DIVERGED) and np.all(np.isfinite(slopes)):
+                residuals = np.concatenate([errors.ravel(), weights @ (values - mean)])
+                own = np.vstack([slopes.reshape(-1, len(x)), weights])
+                known[x.tobytes()] = _condensed(residuals, own @ variables.inverse)
+            else:
+                # The model diverges; the search refuses such a step.
+                known[x.tobytes()] = np.full(len(x) + 1, _DIVERGED), np.zeros((len(x) + 1, len(x)))
         return known[x.tobytes()]
 
     found = scipy.optimize.least_squares(
         lambda x: at(x)[0],
-        np.clip(start, least, most),
+        np.clip(variables.matrix @ start, variables.least, variables.most),
         jac=lambda x: at(x)[1],
-        bounds=(least, most),
-        x_scale=scale,
+        bounds=(variables.least, variables.most),
+        x_scale=variables.scale,
         xtol=1e-5,
         ftol=1e-6,
         max_nfev=_MAX_EVALUATIONS,
     )
-    return np.asarray(found.x)
+    return np.asarray(variables.inverse @ found.x)
 
 
 def _condensed(residuals: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -218,10 +239,8 @@ def _condensed(residuals: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, n
 
     A search for the least squares depends on nothing else, and takes a fraction of the time with them.
     """
-    factor = np.linalg.cholesky(slopes.T @ slopes).T
-    along = scipy.linalg.solve_triangular(factor, slopes.T @ residuals, trans="T")
-    across = np.sqrt(max(0.0, float(residuals @ residuals - along @ along)))
-    return np.append(along, across), np.vstack([factor, np.zeros(len(factor))])
+    factor = np.linalg.qr(np.column_stack([slopes, residuals]), mode="r")
+    return factor[:, -1], factor[:, :-1]
 
 
 def _whitened_errors(

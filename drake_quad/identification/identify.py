@@ -11,7 +11,7 @@ A parameter whose posterior is not much narrower than its prior is reported as n
 its uncertainty widens the intervals of the parameters with which it is correlated.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -35,9 +35,10 @@ from drake_quad.identification.model import (
     with_commands,
 )
 from drake_quad.identification.parameters import Parameter, parameters_of
+from drake_quad.identification.physical_limits import SearchVariables
 from drake_quad.identification.prediction_errors import FORCE, Output, PredictionNoise, Predictor
 from drake_quad.identification.random_effects import of_the_mean, variation_of
-from drake_quad.identification.result import Fitted, Identification, Spread
+from drake_quad.identification.result import ForecastOutput, Identification, Spread
 from drake_quad.identification.results.estimates import Estimates, Explained, Source, quantile
 from drake_quad.identification.results.held_out import hold_out
 from drake_quad.identification.results.vehicle_numbers import (
@@ -277,6 +278,7 @@ def _identified(records: Sequence[FlightRecord], scenario: Scenario, share: floa
         kept = [usable & ~late for usable, late in zip(logs.flying, spared, strict=True)]
         training = fit(logs.predictor(parameters, kept), parameters, noise)
         shown = forecast(logs.predictor(parameters, spared, horizon=True), training.values, training.noise)
+        _check_forecast(shown)
         start, noise = training.values, training.noise
     predictor = logs.predictor(parameters, logs.flying)
     fitted = fit(predictor, parameters, noise, start)
@@ -287,6 +289,22 @@ def _identified(records: Sequence[FlightRecord], scenario: Scenario, share: floa
         predictor = logs.predictor(parameters, logs.flying)
         fitted = fit(predictor, parameters, fitted.noise, fitted.values[kept])
     return _result(logs, scenario, predictor, parameters, fitted, shown, held)
+
+
+def _check_forecast(shown: Forecast) -> None:
+    """Refuse a vehicle that forecasts no output of held-out flight better than persistence does.
+
+    Raises:
+        InputError: if some outputs vary, and the vehicle explains nothing of any of them.
+    """
+    varying = np.isfinite(shown.explained)
+    if varying.any() and np.all(shown.explained[varying] <= 0.0):
+        best = int(np.nanargmax(shown.explained))
+        raise InputError(
+            "cannot identify the vehicle: after a fit to the rest of the logs it forecasts no output of the held-out"
+            f" part better than motion that continues at constant rates does (best: {shown.names[best]}); check the"
+            " mapping, the vehicle to begin with, and that the logs contain motion"
+        )
 
 
 def _blocks(predictor: Predictor) -> np.ndarray:
@@ -303,7 +321,7 @@ def _result(
     parameters: Sequence[Parameter],
     fitted: PredictionFit,
     shown: Forecast | None,
-    held: Mapping[str, str],
+    held: dict[str, str],
 ) -> Identification:
     names = [parameter.name for parameter in parameters]
     blocks = _blocks(predictor)
@@ -352,10 +370,10 @@ def _result(
     else:
         ticks = (delay.value - frame_age(scenario)) / scenario.laboratory.command_link.period
         vehicle = with_numbers(vehicle, {"laboratory.command_link.delay_ticks": max(0.0, ticks)})
-    outputs = () if shown is None else _series(shown, fitted.noise.measured, logs.records[0].name)
+    outputs = () if shown is None else _series(shown, fitted.noise.measured)
     covered = {name: each for name, each in hold_out(evidence).items() if name not in weak}
     result_delay = None if DELAY in weak else delay
-    return Identification(estimates, vehicle, outputs, result_delay, fitted.noise, shown, tuple(remarks), covered)
+    return Identification(estimates, vehicle, outputs, result_delay, fitted.noise, tuple(remarks), covered)
 
 
 def _not_identified(parameters: Sequence[Parameter], values: np.ndarray, uncertainty: Uncertainty) -> dict[str, str]:
@@ -365,13 +383,16 @@ def _not_identified(parameters: Sequence[Parameter], values: np.ndarray, uncerta
     """
     reaches = quantile(uncertainty.degrees_of_freedom) * np.sqrt(np.diag(uncertainty.covariance))
     found = {}
-    for parameter, value, reach in zip(parameters, values, reaches, strict=True):
+    limited = SearchVariables.of(parameters).limited(values)
+    for parameter, value, reach, limit in zip(parameters, values, reaches, limited, strict=True):
         size = min(parameter.scale, value) if parameter.least > 0.0 else parameter.scale
         if reach > _MAX_REACH * size:
             found[parameter.name] = (
                 f"its 95 % interval is {plus_minus(value, reach)}, wider than the usual error of a data sheet,"
                 f" {parameter.scale:.2g}"
             )
+        elif limit:
+            found[parameter.name] = f"its estimate, {value:.3g}, is at the limit of what is physically possible"
     return found
 
 
@@ -464,22 +485,20 @@ def _remarks(predictor: Predictor, fitted: PredictionFit, names: Sequence[str]) 
     return tuple(found)
 
 
-def _series(shown: Forecast, deviations: np.ndarray, log: str) -> tuple[Fitted, ...]:
-    """Return the forecasts of the held-out flight, one window after another."""
+def _series(shown: Forecast, deviations: np.ndarray) -> tuple[ForecastOutput, ...]:
+    """Return the forecast of each output, one window after another."""
     windows = shown.measured.shape[2]
     time = np.arange(windows)[:, None] * float(shown.time[-1]) + shown.time
+    columns = zip(shown.names, shown.explained, deviations, strict=True)
     return tuple(
-        Fitted(
+        ForecastOutput(
             name,
             _UNITS.get(name.split()[0], "rad"),
-            np.array([log] * windows),
             time,
             shown.measured[:, i].T,
             shown.predicted[:, i].T,
-            np.ones(windows, dtype=bool),
-            float(shown.explained[i]),
-            np.nan,
-            float(deviations[i]),
+            float(explained),
+            float(deviation),
         )
-        for i, name in enumerate(shown.names)
+        for i, (name, explained, deviation) in enumerate(columns)
     )

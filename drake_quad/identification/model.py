@@ -396,7 +396,7 @@ class LogModel:
         state = self._turned(seen, -1)
         if self.responds:
             x, y, z, roll, pitch, yaw, v_x, v_y, v_z, *rates = state
-            rates = angle_rates(BodyRates(*rates), Attitude(roll, pitch, yaw))  # type: ignore[assignment, arg-type]
+            rates = angle_rates(BodyRates(*rates), Attitude(roll, pitch, yaw))  # type: ignore[arg-type]
             state = np.stack([x, y, z, roll, pitch, yaw, v_x, v_y, v_z, *rates])
         return state
 

@@ -6,7 +6,7 @@ row of `_candidates`.
 """
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -78,7 +78,8 @@ def parameters_of(
 
 def _candidates(scenario: Scenario, signals: set[str], own_throttles: bool) -> Iterator[tuple[str, float, str]]:
     """Yield name, scale and range of each parameter."""
-    vehicle = scenario.vehicle
+    vehicle: Any = scenario.vehicle
+    autopilot: Any = scenario.laboratory.autopilot
     responds = scenario.laboratory.autopilot.models_vehicle
     turning, moving = bool({"attitude", "body_rates"} & signals), bool({"position", "velocity"} & signals)
     mass, hover, arm = vehicle.mass, 0.25 * vehicle.mass * vehicle.gravity, arm_length_of(vehicle)
@@ -93,7 +94,7 @@ def _candidates(scenario: Scenario, signals: set[str], own_throttles: bool) -> I
     if vehicle.rotor_time_constant_down is not None and not responds:
         yield "rotor_time_constant_down", _LAG_SCALE, "positive"
     if turning and responds:
-        for i, frequency in enumerate(scenario.laboratory.autopilot.natural_frequency):
+        for i, frequency in enumerate(autopilot.natural_frequency):
             yield f"autopilot.natural_frequency[{i}]", 0.5 * frequency, "positive"
         for i in range(3):
             yield f"autopilot.damping[{i}]", 0.5, "positive"

@@ -32,7 +32,7 @@ from drake_quad.design.sensitivity import Sensitivities
 from drake_quad.design.stability_map import MappedGains, StabilityMap
 from drake_quad.files import read_table
 from drake_quad.flight.mission import plan_route
-from drake_quad.identification.fitting.random_effects import Variation
+from drake_quad.identification.random_effects import Variation
 from drake_quad.identification.flown_again.comparison import LogComparison
 from drake_quad.identification.flown_again.prediction import Predictions
 from drake_quad.identification.result import Fitted, Identification, Spread

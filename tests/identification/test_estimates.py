@@ -5,7 +5,7 @@ import pytest
 import scipy
 
 from drake_quad import InputError
-from drake_quad.identification.fitting.random_effects import Variation
+from drake_quad.identification.random_effects import Variation
 from drake_quad.identification.result import Spread
 from drake_quad.identification.results.estimates import KINDS, Estimates, Explained, Source, kind_of, scenario_path
 from drake_quad.scenario.description import unit_at

@@ -7,8 +7,8 @@ import pytest
 
 from drake_quad import InputError, load_scenario
 from drake_quad.identification import identify as module
-from drake_quad.identification.fitting.forecast import Forecast
-from drake_quad.identification.fitting.random_effects import Variation
+from drake_quad.identification.forecast import Forecast
+from drake_quad.identification.random_effects import Variation
 from drake_quad.identification.result import Identification, Spread
 from drake_quad.identification.identify import identify
 from drake_quad.identification.logs.record import FlightRecord

@@ -8,14 +8,14 @@ import pytest
 from pydrake.math import RollPitchYaw
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.identification.fitting.open_loop import (
+from drake_quad.identification.model import (
     OpenLoop,
     Starts,
     delay_of,
     level_vehicle,
     with_level_commands,
 )
-from drake_quad.identification.fitting.windows import airborne, held_out
+from drake_quad.identification.windows import airborne, held_out
 from drake_quad.identification.flown_again import prediction
 from drake_quad.identification.flown_again.prediction import (
     Predictions,

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, f
 
-from drake_quad.identification.fitting.evidence import Evidence, Uncertainty, jackknife, of_blocks
-from drake_quad.identification.fitting.random_effects import (
+from drake_quad.identification.evidence import Evidence, Uncertainty, jackknife, of_blocks
+from drake_quad.identification.random_effects import (
     STRETCHES,
     Stretches,
     Variation,

@@ -6,10 +6,10 @@ from tumbling import degrees_apart, flown, random_tumbles
 
 from drake_quad import load_scenario
 from drake_quad.assembly.laboratory import vehicle_parameters
-from drake_quad.identification.fitting.flown_model import BODY, PUSH, Flown, FlownVehicle, Inputs
-from drake_quad.identification.fitting.open_loop import OpenLoop, Starts
-from drake_quad.identification.fitting.predictor import Output, PredictionNoise, Predictor
-from drake_quad.identification.fitting.windows import Cut, LogWindow
+from drake_quad.identification.model import BODY, PUSH, Flown, FlownVehicle, Inputs
+from drake_quad.identification.model import OpenLoop, Starts
+from drake_quad.identification.prediction_errors import Output, PredictionNoise, Predictor
+from drake_quad.identification.windows import WindowSizes, LogWindow
 from drake_quad.identification.logs.record import FlightRecord
 
 PERIOD = 0.01  # s
@@ -55,7 +55,7 @@ def test_an_open_loop_follows_a_tumbling_vehicle(scenario, tumbles, record, end)
 
 def test_the_model_of_a_predictor_follows_a_tumbling_vehicle(scenario, tumbles, record, end):
     vehicle = FlownVehicle(scenario.vehicle, [("mass",)], "rotor_speed_command", kind="world")
-    sizes = Cut(length=150, settle=0, warm_up=10)
+    sizes = WindowSizes(length=150, settle=0, warm_up=10)
     inputs = Inputs.of([record], vehicle.signal, [LogWindow(0, 200)] * 12, sizes, split=1, longest=0.02)
     model = Flown(vehicle, np.array([[scenario.vehicle.mass]]), inputs, sizes.warm_up)
     state = np.zeros((BODY + PUSH, 1, 12))
@@ -85,7 +85,7 @@ def test_a_predictor_follows_a_vehicle_that_rolls_over(diagrams):
     attitude = np.column_stack([np.arctan2(np.sin(roll), np.cos(roll)), 0.0 * time, 0.0 * time])
     record = FlightRecord("rolling", time, position=position, attitude=attitude, rotor_speed_command=command)
     outputs = [Output(signal, column) for signal in ("position", "attitude") for column in range(3)]
-    predictor = Predictor(vehicle, [record], [LogWindow(0, 80)], Cut(length=60, settle=50, warm_up=10), outputs)
+    predictor = Predictor(vehicle, [record], [LogWindow(0, 80)], WindowSizes(length=60, settle=50, warm_up=10), outputs)
     noise = PredictionNoise(np.repeat([1e-5, 1e-5], 3), np.full(6, 1e-3), np.ones(6))
     gains = predictor.gains(np.array([mass]), noise)
     assert np.abs(gains.transition).max() < 2.0

@@ -9,7 +9,7 @@ import pytest
 import scipy
 
 from drake_quad import InputError, load_scenario, run_monte_carlo, simulate
-from drake_quad.identification.fitting.random_effects import Variation
+from drake_quad.identification.random_effects import Variation
 from drake_quad.identification.results import vehicle_file
 from drake_quad.identification.results.estimates import Estimates, Explained, Source, scenario_path
 from drake_quad.identification.results.vehicle_file import rising_curve, write_vehicle

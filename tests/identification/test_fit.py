@@ -7,9 +7,9 @@ import pytest
 import scipy
 
 from drake_quad.identification.fitting import prediction_error
-from drake_quad.identification.fitting.evidence import jackknife, of_blocks
+from drake_quad.identification.evidence import jackknife, of_blocks
 from drake_quad.identification.fitting.prediction_error import ParameterChoice, PredictionFit, scored
-from drake_quad.identification.fitting.predictor import Gains, PredictionNoise
+from drake_quad.identification.prediction_errors import Gains, PredictionNoise
 
 NOTHING = Gains(*(np.empty(0) for _ in Gains._fields))
 NO_NOISE = PredictionNoise(np.ones(1), np.ones(6), np.ones(6))

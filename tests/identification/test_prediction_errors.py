@@ -9,14 +9,14 @@ import pytest
 from drake_quad import load_scenario
 from drake_quad.identification.fitting import prediction_error
 from drake_quad.identification.fitting import predictor as predicting
-from drake_quad.identification.fitting.flown_model import BODY, PUSH
-from drake_quad.identification.fitting.flown_model import FlownVehicle as Model
-from drake_quad.identification.fitting.predictor import FORCE, Output, PredictionNoise, Predictor
-from drake_quad.identification.fitting.windows import Cut, LogWindow
+from drake_quad.identification.model import BODY, PUSH
+from drake_quad.identification.model import FlownVehicle as Model
+from drake_quad.identification.prediction_errors import FORCE, Output, PredictionNoise, Predictor
+from drake_quad.identification.windows import WindowSizes, LogWindow
 from drake_quad.identification.logs.record import FlightRecord
 
 PERIOD = 0.01
-SIZES = Cut(length=20, settle=10, warm_up=5)
+SIZES = WindowSizes(length=20, settle=10, warm_up=5)
 POSE = [Output(signal, column) for signal in ("position", "attitude") for column in range(3)]
 IMU = [Output(signal, column) for signal in ("body_rates", FORCE) for column in range(3)]
 
@@ -247,7 +247,7 @@ def test_the_likeliest_noise_is_that_with_which_a_log_was_made(scenario, values)
         attitude=np.zeros((260, 3)),
         rotor_speed_command=np.full((260, 4), hover),
     )
-    predictor = made(scenario, still, windows=[LogWindow(0, 55)] * 5, sizes=Cut(length=150, settle=50, warm_up=5))
+    predictor = made(scenario, still, windows=[LogWindow(0, 55)] * 5, sizes=WindowSizes(length=150, settle=50, warm_up=5))
     flown, state = predictor._fly(values[None])
     state[BODY:, 0] = true.disturbance[:, None] * random.normal(size=(PUSH, 5))
     fades, measured = np.exp(-PERIOD / true.memory), []
@@ -317,7 +317,7 @@ def test_every_window_counts_once_in_the_estimate_of_the_noise(scenario, values)
     log = FlightRecord(
         "still", PERIOD * np.arange(130), position=still, attitude=still, rotor_speed_command=np.full((130, 4), hover)
     )
-    predictor = made(scenario, log, windows=[LogWindow(0, 30)] * 3, sizes=Cut(length=100, settle=20, warm_up=5))
+    predictor = made(scenario, log, windows=[LogWindow(0, 30)] * 3, sizes=WindowSizes(length=100, settle=20, warm_up=5))
     white = np.repeat([1e-3, 4e-3], 3)
     predictor.measured = white[:, None] * [1.0, 1.0, 3.0] * random.normal(size=(120, 6, 3))
     quiet = PredictionNoise(2.0 * white, np.full(6, 1e-2), np.full(6, 0.5))

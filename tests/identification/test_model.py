@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from drake_quad import load_scenario
 from drake_quad.assembly.laboratory import vehicle_parameters
-from drake_quad.identification.fitting.flown_model import (
+from drake_quad.identification.model import (
     BODY,
     DELAY,
     PUSH,
@@ -21,7 +21,7 @@ from drake_quad.identification.fitting.flown_model import (
     rotors_at_rest,
     step,
 )
-from drake_quad.identification.fitting.windows import Cut, LogWindow
+from drake_quad.identification.windows import WindowSizes, LogWindow
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.vehicle_numbers import with_throttles
 from drake_quad.signals import RotorSpeed, State, Throttle
@@ -114,7 +114,7 @@ def uneven_record():
 def test_inputs_are_the_commands_and_steps_of_each_window(split):
     """The expected values are found step by step, with several steps per sample."""
     log = uneven_record()
-    windows, sizes = [LogWindow(0, 40), LogWindow(0, 70), LogWindow(0, 199)], Cut(length=6, settle=3, warm_up=2)
+    windows, sizes = [LogWindow(0, 40), LogWindow(0, 70), LogWindow(0, 199)], WindowSizes(length=6, settle=3, warm_up=2)
     inputs = Inputs.of([log], "rotor_speed_command", windows, sizes, split=split, longest=0.025)
     assert inputs.period == pytest.approx(PERIOD / split)
     # The margin is the longest delay in whole steps, plus two.
@@ -135,7 +135,7 @@ def test_inputs_are_the_commands_and_steps_of_each_window(split):
 def test_rotors_begin_at_rest_and_then_follow_the_commands_of_the_warm_up(scenario):
     """A lag of first order over each step, from the command before the warm-up on."""
     log = uneven_record()
-    sizes = Cut(length=5, settle=3, warm_up=7)
+    sizes = WindowSizes(length=5, settle=3, warm_up=7)
     inputs = Inputs.of([log], "rotor_speed_command", [LogWindow(0, 65)], sizes, split=1, longest=0.02)
     model = Flown(
         FlownVehicle(scenario.vehicle, [("mass",)], "rotor_speed_command", kind="world"), np.array([[1.0]]), inputs, 7
@@ -155,7 +155,7 @@ def test_a_command_that_comes_late_by_a_part_of_a_sample_is_a_mean_of_two(scenar
     time = PERIOD * np.arange(200)
     ramp = np.tile((150.0 + 10.0 * time)[:, None], 4)
     log = FlightRecord("log", time, rotor_speed_command=ramp)
-    sizes = Cut(length=5, settle=3, warm_up=20)
+    sizes = WindowSizes(length=5, settle=3, warm_up=20)
     inputs = Inputs.of(
         [log], "rotor_speed_command", [LogWindow(0, 100), LogWindow(0, 130)], sizes, split=1, longest=0.02
     )
@@ -186,7 +186,7 @@ def test_machine_code_steps_and_feels_as_the_formulas_do(scenario, numbers, kind
         [log],
         "rotor_speed_command",
         [LogWindow(0, 30)] * 2,
-        Cut(length=5, settle=0, warm_up=3),
+        WindowSizes(length=5, settle=0, warm_up=3),
         split=1,
         longest=0.02,
     )

@@ -8,13 +8,13 @@ import scipy
 
 from drake_quad.errors import InputError
 from drake_quad.flight.simulation import simulate_samples
-from drake_quad.identification.fitting.flown_model import DELAY, FlownVehicle
-from drake_quad.identification.fitting.predictor import Output, PredictionNoise, Predictor
-from drake_quad.identification.fitting.windows import Cut, cut
+from drake_quad.identification.model import DELAY, LogModel
+from drake_quad.identification.prediction_errors import Output, PredictionNoise, Predictor
+from drake_quad.identification.windows import WindowSizes, cut
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.held_out import hold_out
-from drake_quad.identification.rotor_identification import identify
+from drake_quad.identification.identify import identify
 from drake_quad.scenario.files.loading import load_scenario
 from drake_quad.scenario.models import Scenario
 
@@ -84,7 +84,7 @@ def test_the_vehicle_that_flew_foresees_its_flight() -> None:
     quiet = ("laboratory.motion_capture.position_noise=0", "laboratory.motion_capture.attitude_noise=0")
     scenario = load_scenario(f"{LABORATORY}:nominal", [ROUTE, *OWN, *quiet])
     record = flown(scenario)
-    sizes = Cut(length=100, settle=50, warm_up=25)
+    sizes = WindowSizes(length=100, settle=50, warm_up=25)
     windows = cut([record], [record.time > 1.0], sizes)
     outputs = [Output(signal, column) for signal in ("position", "attitude") for column in range(3)]
     vehicle = FlownVehicle(scenario.vehicle, [(DELAY,)], "rotor_speed_command", kind="world")

@@ -8,7 +8,7 @@ import pytest
 from drake_quad import InputError, load_scenario, simulate
 from drake_quad.framework.elementary import sin_cos
 from drake_quad.geometry.kinematics import small_rotation
-from drake_quad.identification.fitting.open_loop import (
+from drake_quad.identification.model import (
     OpenLoop,
     Starts,
     commands_of,
