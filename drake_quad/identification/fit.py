@@ -33,6 +33,7 @@ _MAX_EVALUATIONS = 5
 # Factors of the disturbance that are tried, since scoring shrinks one that is much too large only slowly.
 _QUIETER_TURNING = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)
 _QUIETER_FORCE = (0.2, 0.2, 0.2, 1.0, 1.0, 1.0)
+_NOISE_RESTS = 0.02  # change of the logarithm of the measured noise
 _DIVERGED = 1e6  # a whitened error that is larger is that of a model that diverges
 # Measurements that the noise is estimated from in a round, at most; steps of differences of the logarithms of its
 # numbers, how far they may go in a round, and in how many steps, until the likelihood gains no more than so much.
@@ -157,6 +158,17 @@ def _check_convergence(values: np.ndarray, noise: PredictionNoise) -> None:
             "the fit diverged: the vehicle explains the logs only with a disturbance or with noise beyond any limit;"
             " check the units in the mapping and the vehicle to begin with"
         )
+
+
+def likely_noise(predictor: Predictor, noise: PredictionNoise) -> PredictionNoise:
+    """Return the likeliest noise for a model without parameters, given an initial one."""
+    none = np.zeros(0)
+    for _ in range(_MAX_ROUNDS):
+        before, noise = noise, _noise_of(predictor, predictor.gains(none, noise), noise)
+        changes = np.log(np.concatenate(noise) / np.concatenate(before))
+        if np.max(np.abs(changes[: len(noise.measured)])) < _NOISE_RESTS:
+            break
+    return noise
 
 
 class _Point(NamedTuple):

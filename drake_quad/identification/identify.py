@@ -4,7 +4,7 @@ A Kalman filter predicts each measurement from those before it, with the vehicle
 (`drake_quad.identification.prediction_errors`). The estimates are those parameters for which the predictions are best,
 given a weak prior around the values of a data sheet (`drake_quad.identification.fit`). The model is the same for every
 log: rotors that are commanded one by one, or the attitude response of an autopilot, with an accelerometer, a motion
-capture system, or heights alone. What differs is which outputs are predicted (`_outputs`) and which parameters may be
+capture system, or heights alone. What differs is which outputs are predicted (`drake_quad.identification.prepared_logs`) and which parameters may be
 determined by them (`drake_quad.identification.parameters`).
 
 A parameter whose posterior is not much narrower than its prior is reported as not identified. It keeps its value, and
@@ -13,12 +13,11 @@ its uncertainty widens the intervals of the parameters with which it is correlat
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
 
-from drake_quad.errors import InputError, listed
+from drake_quad.errors import InputError
 from drake_quad.identification.delays import frame_age
 from drake_quad.identification.evidence import Uncertainty
 from drake_quad.identification.fit import PredictionFit, fit, noise_covariance
@@ -26,55 +25,28 @@ from drake_quad.identification.forecast import Forecast, forecast
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import (
     DELAY,
-    MISALIGNMENT,
-    DisturbanceFrame,
-    LogModel,
-    level_record,
-    level_vehicle,
-    thrust_of_share,
-    with_commands,
 )
-from drake_quad.identification.parameters import Parameter, parameters_of
+from drake_quad.identification.parameters import Parameter, names_of, parameters_of
 from drake_quad.identification.physical_limits import SearchVariables
-from drake_quad.identification.prediction_errors import FORCE, Output, PredictionNoise, Predictor
+from drake_quad.identification.prediction_errors import Output, Predictor
+from drake_quad.identification.prepared_logs import MAX_DELAY, MIN_BLOCKS, PreparedLogs, initial_noise, prepare
 from drake_quad.identification.random_effects import of_the_mean, variation_of
 from drake_quad.identification.result import ForecastOutput, Identification, Spread
 from drake_quad.identification.results.estimates import Estimates, Explained, Source, quantile
 from drake_quad.identification.results.held_out import hold_out
 from drake_quad.identification.results.vehicle_numbers import (
-    number_of,
-    with_effects,
     with_estimates,
     with_numbers,
-    with_throttles,
 )
 from drake_quad.identification.windows import (
-    LogWindow,
-    WindowSizes,
-    airborne,
-    coarser,
-    common_period,
-    cut,
     held_out,
     steep_remarks,
 )
 from drake_quad.scenario.models import Scenario
 from drake_quad.statistics.interval import plus_minus
-from drake_quad.vehicle.motors import thrust_of
 from drake_quad.vehicle.rigid_body import inertia_flaw
 
-# s, a tenth of the time constant of a small motor; faster logs are averaged to this period.
-_PERIOD = 0.008
-_MAX_STEP = 0.01  # s, longest step of the model
-# s, length of a window and time before it in which the filter settles. Without poses, attitude and velocity drift.
-_POSE_WINDOW, _IMU_WINDOW = (1.25, 0.4), (1.0, 0.4)
-_MIN_WINDOW = 0.5  # s
-_WARM_UP = 0.4  # s, about five time constants of a small motor
-_POSE_HORIZON, _IMU_HORIZON = 0.5, 0.1  # s, of the forecast of held-out flight
-_MAX_DELAY = 0.15  # s
-# s, and number of blocks; errors are correlated over about the length of a block.
-_BLOCK, _MIN_BLOCKS = 4.0, 15
-_MIN_WINDOWS = 4
+_BLOCK = 4.0  # s, over which errors are correlated
 # A parameter is identified if its 95 % interval reaches no farther than its scale to each side.
 _MAX_REACH = 1.0
 _SPEED_WINDOW = 0.1  # s, long enough to average out position noise
@@ -112,181 +84,31 @@ def identify(
     return replace(found, remarks=(*found.remarks, *remarks))
 
 
-class _Logs(NamedTuple):
-    """Logs as they are fitted.
-
-    Attributes:
-        records: records with the commands and outputs of the model.
-        scenario: scenario with the vehicle that flies them.
-        outputs: outputs that are predicted.
-        flying: (n,) mask of the usable samples of each record.
-        own_throttles: whether each motor has a command of its own.
-    """
-
-    records: list[FlightRecord]
-    scenario: Scenario
-    outputs: list[Output]
-    flying: list[np.ndarray]
-    own_throttles: bool
-
-    @property
-    def period(self) -> float:
-        return common_period(self.records)
-
-    @property
-    def voltage(self) -> float | None:
-        """Voltage of the battery for which the thrust curve holds, the median of the logs, V; None if not all have it."""
-        if not self.own_throttles or any(record.battery_voltage is None for record in self.records):
-            return None
-        voltages = [
-            record.of("battery_voltage")[usable] for record, usable in zip(self.records, self.flying, strict=True)
-        ]
-        return float(np.median(np.concatenate(voltages)))
-
-    @property
-    def signals(self) -> set[str]:
-        return {output.signal for output in self.outputs}
-
-    @property
-    def poses(self) -> bool:
-        return bool({"position", "attitude", "velocity"} & self.signals)
-
-    def predictor(
-        self, parameters: Sequence[Parameter], flying: Sequence[np.ndarray], *, horizon: bool = False
-    ) -> Predictor:
-        """Return the predictor of the outputs in windows of the usable parts of the records."""
-        length, settle = _POSE_WINDOW if self.poses else _IMU_WINDOW
-        time = self.period * sum(int(usable.sum()) for usable in flying)
-        if horizon:
-            length = min(_POSE_HORIZON if self.poses else _IMU_HORIZON, time / (2.0 * _MIN_WINDOWS))
-            settle = min(settle, length)
-        else:
-            length = min(length, max(_MIN_WINDOW, time / (_MIN_BLOCKS + 1)))
-        sizes = WindowSizes(*(max(1, round(time / self.period)) for time in (length, settle, _WARM_UP)))
-        windows = cut(self.records, flying, sizes)
-        if len(windows) < _MIN_WINDOWS:
-            raise InputError(
-                f"only {len(windows)} windows of {length + settle:.2g} s in the air can be cut from"
-                f" {'the held-out part of the logs' if horizon else 'the logs'}; at least {_MIN_WINDOWS} are needed"
-            )
-        names = [parameter.name for parameter in parameters]
-        scenario = with_effects(self.scenario, tuple(name for name in names if name != DELAY))
-        frame: DisturbanceFrame = "world" if self.poses else "body"
-        model = LogModel(scenario, names, frame=frame, voltage=self.voltage)
-        split = max(1, int(np.ceil(self.period / _MAX_STEP - 0.05)))
-        return Predictor(
-            model, self.records, windows, sizes, self.outputs, split=split, longest=_MAX_DELAY + self.period
-        )
-
-
-def _logs(records: Sequence[FlightRecord], scenario: Scenario) -> tuple[_Logs, Scenario]:
-    """Return the logs as they are fitted, and the scenario that the estimates are put into."""
-    own_throttles = any(record.motor_command is not None for record in records)
-    if own_throttles:
-        scenario = with_throttles(scenario)
-    flown = scenario
-    responds = scenario.laboratory.autopilot.models_vehicle
-    if responds:
-        vehicle = scenario.vehicle.model_copy(update={"rotor_time_constant_down": None})
-        flown = scenario = scenario.model_copy(update={"vehicle": vehicle})
-    elif any(record.attitude is None and record.body_rates is None for record in records):
-        records = [level_record(record) for record in records]
-        flown = level_vehicle(scenario)
-    believed = scenario
-    prepared = [_with_specific_force(record, believed) for record in records]
-    prepared = [with_commands(record, flown, believed) for record in prepared]
-    prepared = [coarser(record, max(1, int(_PERIOD / record.period + 0.05))) for record in prepared]
-    logs = _Logs(prepared, flown, _outputs(prepared), [airborne(record) for record in prepared], own_throttles)
-    logs.period  # refuses logs of different rates
-    return logs, scenario
-
-
-def _with_specific_force(record: FlightRecord, scenario: Scenario) -> FlightRecord:
-    """Return a record whose residual force is converted to the specific force that an accelerometer would measure.
-
-    An autopilot logs as residual force the force other than the weight and the thrust that it commanded.
-    """
-    if record.residual_force is None or record.attitude is None or record.specific_force is not None:
-        return record
-    if record.thrust_share is not None and record.hover_share is not None:
-        thrust = thrust_of_share(record, scenario.vehicle.mass * scenario.vehicle.gravity)
-    elif record.thrust_command is not None:
-        thrust = record.thrust_command
-    else:
-        curve = scenario.nominal.motors.thrust_curve()
-        if record.thrust_share is None or curve is None:
-            return record
-        shares: Any = np.repeat(record.thrust_share[:, None], 4, axis=1)
-        thrust = np.asarray(thrust_of(shares, curve)).sum(axis=1)
-    turned = scipy.spatial.transform.Rotation.from_euler("ZYX", record.attitude[:, ::-1]).inv()
-    force = turned.apply(record.residual_force) + thrust[:, None] * np.array([0.0, 0.0, 1.0])
-    return replace(record, specific_force=force / scenario.vehicle.mass)
-
-
-def _outputs(records: Sequence[FlightRecord]) -> list[Output]:
-    """Return the outputs that are predicted, which all records contain.
-
-    Velocities beside positions, and body rates beside attitudes without an accelerometer, are left out: estimators make
-    them of positions and attitudes, with the same noise and with a delay of their own.
-    """
-    have = set.intersection(*(set(record.names) for record in records))
-    signals = [name for name in _POSE if name in have]
-    if "position" not in have and "velocity" in have and "attitude" in have:
-        signals.append("velocity")
-    if "body_rates" in have and ("attitude" not in have or FORCE in have):
-        signals.append("body_rates")
-    if FORCE in have and ("body_rates" in have or "attitude" in have):
-        signals.append(FORCE)
-    if not signals:
-        raise InputError(
-            "to identify a vehicle, a log needs body_rates and specific_force, position or velocity with attitude, or"
-            f" position; all of these logs have {listed(sorted(have), len(have)) or 'nothing'}"
-        )
-    if signals == ["position"]:
-        return [Output("position", 2)]
-    return [Output(name, column) for name in signals for column in range(3)]
-
-
-def _initial_noise(outputs: Sequence[Output]) -> PredictionNoise:
-    """Return the initial noise.
-
-    The disturbance is large, so that an initial model that is far off is corrected by the measurements, and does not
-    diverge within a window. Its likelihood soon makes it smaller.
-    """
-    measured = {"position": 1e-3, "velocity": 2e-2, "attitude": 4e-3, "body_rates": 2e-2, FORCE: 0.3}
-    memory = [0.1, 0.1, 0.1, 0.05, 0.05, 0.05]
-    return PredictionNoise(
-        np.array([measured[output.signal] for output in outputs]),
-        np.array([1.0, 1.0, 1.0, 8.0, 8.0, 3.0]),
-        np.array(memory),
-    )
-
-
 def _identified(records: Sequence[FlightRecord], scenario: Scenario, share: float) -> Identification:
     """Identify a vehicle; arguments are those of `identify`."""
-    logs, scenario = _logs(records, scenario)
+    logs, scenario = prepare(records, scenario)
     parameters = parameters_of(
         logs.scenario,
         logs.signals,
         own_throttles=logs.own_throttles,
-        delay=max(0.5 * logs.period, min(frame_age(scenario), 0.5 * _MAX_DELAY)),
-        max_delay=_MAX_DELAY,
+        delay=max(0.5 * logs.period, min(frame_age(scenario), 0.5 * MAX_DELAY)),
+        max_delay=MAX_DELAY,
     )
-    noise, start, shown = _initial_noise(logs.outputs), None, None
+    noise, start, shown = initial_noise(logs.outputs), None, None
     if share > 0.0:
         spared = [held_out(usable, share) for usable in logs.flying]
         kept = [usable & ~late for usable, late in zip(logs.flying, spared, strict=True)]
-        training = fit(logs.predictor(parameters, kept), parameters, noise)
-        shown = forecast(logs.predictor(parameters, spared, horizon=True), training.values, training.noise)
+        training = fit(logs.predictor(names_of(parameters), kept), parameters, noise)
+        shown = forecast(logs.predictor(names_of(parameters), spared, horizon=True), training.values, training.noise)
         _check_forecast(shown)
         start, noise = training.values, training.noise
-    predictor = logs.predictor(parameters, logs.flying)
+    predictor = logs.predictor(names_of(parameters), logs.flying)
     fitted = fit(predictor, parameters, noise, start)
     held = _swamped(logs.scenario, predictor, parameters, fitted) | _unexcited(logs, parameters, fitted)
     if held:
         kept = [i for i, parameter in enumerate(parameters) if parameter.name not in held]
         parameters = [parameters[i] for i in kept]
-        predictor = logs.predictor(parameters, logs.flying)
+        predictor = logs.predictor(names_of(parameters), logs.flying)
         fitted = fit(predictor, parameters, fitted.noise, fitted.values[kept])
     return _result(logs, scenario, predictor, parameters, fitted, shown, held)
 
@@ -310,12 +132,12 @@ def _check_forecast(shown: Forecast) -> None:
 def _blocks(predictor: Predictor) -> np.ndarray:
     """Return the number (W,) of the block of each window; blocks last some seconds, as model errors do."""
     windows = len(predictor.windows)
-    number = min(windows, max(_MIN_BLOCKS, round(predictor.duration / _BLOCK)))
+    number = min(windows, max(MIN_BLOCKS, round(predictor.duration / _BLOCK)))
     return np.asarray(np.arange(windows) * number // windows)
 
 
 def _result(
-    logs: _Logs,
+    logs: PreparedLogs,
     scenario: Scenario,
     predictor: Predictor,
     parameters: Sequence[Parameter],
@@ -323,7 +145,7 @@ def _result(
     shown: Forecast | None,
     held: dict[str, str],
 ) -> Identification:
-    names = [parameter.name for parameter in parameters]
+    names = names_of(parameters)
     blocks = _blocks(predictor)
     evidence = fitted.evidence(names, [parameter.scale for parameter in parameters], predictor.duration)
     variation = variation_of(evidence)
@@ -423,7 +245,7 @@ def _swamped(
     return found
 
 
-def _unexcited(logs: _Logs, parameters: Sequence[Parameter], fitted: PredictionFit) -> dict[str, str]:
+def _unexcited(logs: PreparedLogs, parameters: Sequence[Parameter], fitted: PredictionFit) -> dict[str, str]:
     """Return the parameters of the response of an angle whose command varies less than its noise, with the reason.
 
     The free motion of such an angle is mostly noise, which any response can explain.

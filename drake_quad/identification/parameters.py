@@ -133,3 +133,8 @@ def _candidates(scenario: Scenario, signals: set[str], own_throttles: bool) -> I
 def joint_prior(parameters: Sequence[Parameter]) -> np.ndarray:
     """Return the (p, p) information of the prior."""
     return np.diag([parameter.deviation**-2.0 for parameter in parameters])
+
+
+def names_of(parameters: Sequence[Parameter]) -> list[str]:
+    """Return the names of parameters."""
+    return [parameter.name for parameter in parameters]

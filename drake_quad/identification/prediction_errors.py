@@ -147,7 +147,13 @@ class Predictor:
         self.counted = index >= 0
         self.measured = np.stack(
             [
-                np.stack([records[number].of(signal)[start + index, column] for number, start in windows], axis=1)
+                np.stack(
+                    [
+                        records[number].of(signal)[np.minimum(start + index, len(records[number].time) - 1), column]
+                        for number, start in windows
+                    ],
+                    axis=1,
+                )
                 for signal, column in outputs
             ],
             axis=1,
@@ -309,6 +315,34 @@ class Predictor:
                 flown.step(state)
             state[NUM_BODY:] *= fades[:, None, None]
         return found, handed_on
+
+    def open_loop(
+        self, parameters: np.ndarray, gains: Gains, noise: PredictionNoise, steps: Sequence[int]
+    ) -> list[np.ndarray]:
+        """Return measured states (12, W) at the last measurement before each window, and after some samples.
+
+        From this measurement on, the states follow from the commands alone.
+
+        Args:
+            parameters: (p,) parameters.
+            gains: gains of the filter.
+            noise: noise of the filter.
+            steps: numbers of samples, in increasing order, at most the length of the windows.
+        """
+        flown, state = self._fly(parameters[None])
+        fades, found = self._fades(noise)[:, None, None], []
+        for j in range(self.sizes.settle + max(steps)):
+            if j - self.sizes.settle + 1 in steps:
+                found.append(self.model.seen_state(state[:NUM_BODY, 0].copy()))
+            if j < self.sizes.settle:
+                errors = self._errors(j, self._predicted(flown, state))
+                state[self.free] += np.einsum("nmw,mkw->nkw", gains.gain[j], errors)
+            if j == self.sizes.settle - 1:
+                found.append(self.model.seen_state(state[:NUM_BODY, 0].copy()))
+            for _ in range(self.split):
+                flown.step(state)
+            state[NUM_BODY:] *= fades
+        return found
 
     def expected(
         self, gains: Gains, own: PredictionNoise, noises: Sequence[PredictionNoise], chosen: np.ndarray

@@ -1,16 +1,19 @@
 """How far ahead a vehicle predicts a flight in open loop, over horizons of 0.1 to 2 s.
 
-From starts all over a log, the vehicle flies on with the logged commands and without any further measurement. It begins
-at the measured state: the end of a parabola through the last 50 ms of each measured signal. No state is fitted with the
-model, so all of the error at the horizon is that of the prediction.
+Up to each start, the Kalman filter of `drake_quad.identification.prediction_errors` follows the measurements, with the
+vehicle as its model. From the start on, the vehicle flies on with the logged commands and without any measurement. The
+filter knows the past only. Its noise is the likeliest for the log and the vehicle.
 
-Two predictors without a model set the scale. *Constant velocity* continues with the velocity and the body rates at the
-start; *constant acceleration* also with the acceleration and the angular acceleration. A vehicle that loses to them
-predicts nothing over this horizon.
+Two predictors without a model set the scale. They begin at the end of a parabola through the last 50 ms of each
+measured signal. *Constant velocity* continues with the velocity and the body rates at the start; *constant
+acceleration* also with the acceleration and the angular acceleration. A vehicle that loses to them predicts nothing
+over this horizon.
 
 Errors are those at the horizon: distance, length of the difference of velocities and of body rates, and angle of the
-rotation between the two attitudes. Errors of neighbouring starts are correlated, so intervals are of Student's t over
-blocks of at least one second and at least the horizon. Vehicles are compared start by start.
+rotation between the two attitudes. A velocity or body rate that the filter does not use, since an estimator made it of
+other measurements, is predicted as its value at the start plus the predicted change. Errors of neighbouring starts are
+correlated, so intervals are of Student's t over blocks of at least one second and at least the horizon. Vehicles are
+compared start by start.
 """
 
 import math
@@ -23,18 +26,10 @@ from scipy.spatial.transform import Rotation
 
 from drake_quad.errors import InputError, shown
 from drake_quad.identification.delays import delay_of
+from drake_quad.identification.fit import likely_noise
 from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.identification.model import (
-    NUM_BODY,
-    NUM_DISTURBANCE,
-    STATE_ROWS,
-    LogModel,
-    ModelFlight,
-    WindowInputs,
-    level_record,
-    level_vehicle,
-    with_commands,
-)
+from drake_quad.identification.model import STATE_ROWS
+from drake_quad.identification.prepared_logs import WARM_UP, PreparedLogs, initial_noise, prepare
 from drake_quad.identification.results.estimates import quantile
 from drake_quad.identification.windows import LogWindow, WindowSizes, airborne, held_out, pieces
 from drake_quad.scenario.models import Scenario
@@ -45,9 +40,8 @@ CONSTANT_VELOCITY, CONSTANT_ACCELERATION = "constant velocity", "constant accele
 SPACING = 0.1  # s, between starts
 _PAST = 0.05  # s, length of the parabola at whose end a prediction begins
 _MIN_PAST = 4  # samples of the parabola
-_WARM_UP = 0.7  # s, five time constants of the slowest rotors, which follow the commands before a start
+_SETTLE = 0.5  # s, in which the filter settles before a start
 _UNKNOWN = 0.4  # s, after the start of a log the rotors still follow commands from before it
-_MAX_STEP = 0.01  # s, longest step of the model
 _MIN_BLOCK = 1.0  # s
 UNITS = {"position": "m", "height": "m", "velocity": "m/s", "climb": "m/s", "attitude": "rad", "body_rates": "rad/s"}
 
@@ -167,27 +161,26 @@ def predict(
     Raises:
         InputError: if the log contains nothing that can be predicted or no commands for a vehicle, or is too short.
     """
-    measured = [name for name in STATE_ROWS if getattr(record, name) is not None]
-    if not measured:
+    if not any(getattr(record, name) is not None for name in STATE_ROWS):
         raise InputError(
             f"the log {shown(record.name)} has nothing that could be predicted: it needs position, velocity, attitude"
             f" or body_rates, and has {', '.join(record.names)}"
         )
+    prepared = {name: prepare([record], each, believed)[0] for name, each in vehicles.items()}
+    (record,) = next(iter(prepared.values())).records
+    measured = [name for name in STATE_ROWS if getattr(record, name) is not None]
     level = "attitude" not in measured and "body_rates" not in measured
-    if level:
-        vehicles = {name: level_vehicle(vehicle) for name, vehicle in vehicles.items()}
-        record = level_record(record)
     past = max(_MIN_PAST, round(_PAST / record.period) + 1)
     starts = _starts(record, past, horizons, share)
     if not len(starts):
         raise InputError(
-            f"the log {shown(record.name)} has no airborne stretch of {past * record.period + min(horizons):.2g} s"
+            f"the log {shown(record.name)} has no airborne stretch of {_SETTLE + min(horizons):.2g} s to predict"
         )
-    motion = _Motion.at(record, measured, starts, past)
     steps = [round(horizon / record.period) for horizon in horizons]
+    motion = _Motion.at(record, measured, starts, past)
     reached = np.stack([_reached(record, starts, step) for step in steps])
     times = [record.time[np.minimum(starts + step, len(record.time) - 1)] - record.time[starts] for step in steps]
-    flown = {name: _flown(each, record, motion, starts, steps, believed or each) for name, each in vehicles.items()}
+    flown = {name: _flown(each, vehicles[name], motion, starts, steps) for name, each in prepared.items()}
     flown[CONSTANT_VELOCITY] = [motion.after(time) for time in times]
     flown[CONSTANT_ACCELERATION] = [motion.after(time, accelerated=True) for time in times]
     errors: dict[str, list[np.ndarray]] = {}
@@ -220,7 +213,7 @@ class _Motion(NamedTuple):
         position, velocity, acceleration = ends.get("position", (none, none, none))
         if "velocity" in ends:
             velocity, acceleration, _ = ends["velocity"]
-        attitude, angle_rates, _ = ends.get("attitude", (none, none, none))
+        attitude, _, _ = ends.get("attitude", (none, none, none))
         if "body_rates" in ends:
             rates, angular, _ = ends["body_rates"]
         else:
@@ -245,7 +238,7 @@ class _Motion(NamedTuple):
 
 
 def _parabola(record: FlightRecord, name: str, starts: np.ndarray, past: int) -> tuple[np.ndarray, ...]:
-    """Return value, rate and acceleration (3, S) at the end of a parabola through the last samples before each start."""
+    """Return value, rate and acceleration (3, S) at the end of a parabola through the samples before each start."""
     values = record.of(name)
     if name == "attitude":
         values = np.unwrap(values, axis=0)
@@ -268,31 +261,20 @@ def _body_rates(record: FlightRecord, starts: np.ndarray, past: int) -> tuple[np
 
 
 def _flown(
-    scenario: Scenario,
-    record: FlightRecord,
-    motion: _Motion,
-    starts: np.ndarray,
-    steps: Sequence[int],
-    believed: Scenario,
+    logs: PreparedLogs, scenario: Scenario, motion: _Motion, starts: np.ndarray, steps: Sequence[int]
 ) -> list[np.ndarray]:
     """Return the predicted states (12, S) after each number of samples."""
-    record = with_commands(record, scenario, believed)
-    delay = delay_of(scenario)
-    model = LogModel(scenario, (), delay=delay)
-    split = max(1, math.ceil(record.period / _MAX_STEP - 1e-6))
-    sizes = WindowSizes(max(steps), 0, round(_WARM_UP / record.period))
-    windows = [LogWindow(0, int(start)) for start in starts]
-    inputs = WindowInputs.of([record], model, windows, sizes, split=split, max_delay=delay)
-    flight = ModelFlight(model, np.zeros((1, 0)), inputs, split * sizes.warm_up)
-    state = np.zeros((NUM_BODY + NUM_DISTURBANCE, 1, len(starts)))
-    state[:NUM_BODY, 0] = model.state_of(motion.state)
-    found = {}
-    for step in range(1, max(steps) + 1):
-        for _ in range(split):
-            flight.step(state)
-        if step in steps:
-            found[step] = model.seen_state(state[:NUM_BODY, 0].copy())
-    return [found[step] for step in steps]
+    delay, none = delay_of(scenario), np.zeros(0)
+    noise = likely_noise(logs.predictor((), logs.flying, delay=delay), initial_noise(logs.outputs))
+    sizes = WindowSizes(max(steps), *(max(1, round(time / logs.period)) for time in (_SETTLE, WARM_UP)))
+    predictor = logs.predictor_in([LogWindow(0, int(start) + 1) for start in starts], sizes, delay=delay)
+    begin, *ends = predictor.open_loop(none, predictor.gains(none, noise), noise, steps)
+    for signal, row in STATE_ROWS.items():
+        if signal not in logs.signals:
+            rows = slice(row, row + 3)
+            for end in ends:
+                end[rows] += motion.state[rows] - begin[rows]
+    return ends
 
 
 def _starts(record: FlightRecord, past: int, horizons: Sequence[float], share: float) -> np.ndarray:
@@ -301,6 +283,7 @@ def _starts(record: FlightRecord, past: int, horizons: Sequence[float], share: f
     wanted = held_out(flying, share) if share < 1.0 and flying.any() else flying
     apart = max(1, round(SPACING / record.period))
     last = round(min(horizons) / record.period)
+    past = max(past, round(_SETTLE / record.period))
     first = max(past, round(_UNKNOWN / record.period))
     samples = np.arange(first, len(record.time) - last, apart)
     piece = pieces(record)
