@@ -186,6 +186,9 @@ def _result(
     deviation = float(np.sqrt(uncertainty.covariance[i, i]))
     delay = Spread(float(fitted.values[i]), deviation, "s", float(uncertainty.degrees_of_freedom[i]))
     vehicle = with_estimates(scenario, estimates)
+    if logs.voltage is not None:
+        motors = vehicle.vehicle.motors.model_copy(update={"voltage": logs.voltage})
+        vehicle = vehicle.model_copy(update={"vehicle": vehicle.vehicle.model_copy(update={"motors": motors})})
     remarks = [*_remarks(predictor, fitted, names), *steep_remarks(logs.records)]
     if DELAY in weak:
         remarks.append(f"the delay is not identified: {weak[DELAY]}")

@@ -62,9 +62,12 @@ class PreparedLogs(NamedTuple):
 
     @property
     def voltage(self) -> float | None:
-        """Voltage for which the thrust curve holds, the median of the logs, V; None if not all logs have it."""
+        """Voltage for which the thrust curve holds, V: that of the vehicle, or the median of the logs if all have it."""
         if not self.own_throttles or any(record.battery_voltage is None for record in self.records):
             return None
+        known: float | None = self.scenario.vehicle.motors.voltage
+        if known is not None:
+            return known
         voltages = [
             record.of("battery_voltage")[usable] for record, usable in zip(self.records, self.flying, strict=True)
         ]
