@@ -239,8 +239,13 @@ def _condensed(residuals: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, n
 
     A search for the least squares depends on nothing else, and takes a fraction of the time with them.
     """
-    factor = np.linalg.qr(np.column_stack([slopes, residuals]), mode="r")
-    return factor[:, -1], factor[:, :-1]
+    # Parameters of unit size: Cholesky's method squares the condition number.
+    sizes = np.linalg.norm(slopes, axis=0)
+    unit = slopes / sizes
+    factor = np.linalg.cholesky(unit.T @ unit).T
+    along = scipy.linalg.solve_triangular(factor, unit.T @ residuals, trans="T")
+    across = np.sqrt(max(0.0, float(residuals @ residuals - along @ along)))
+    return np.append(along, across), np.vstack([factor * sizes, np.zeros(len(factor))])
 
 
 def _whitened_errors(

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.identification.windows import airborne
-from drake_quad.identification.result import Spread
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.logs.timing import pieces
+from drake_quad.identification.result import Spread
+from drake_quad.identification.windows import airborne
 
 _ORDER, _FACTOR = 3, 20.0
 # Before take-off and after landing, s: neither in the air nor at rest.

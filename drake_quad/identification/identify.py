@@ -26,7 +26,6 @@ from drake_quad.identification.forecast import Forecast, forecast
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import (
     DELAY,
-    MISALIGNMENT,
     LogModel,
     level_record,
     level_vehicle,
@@ -41,14 +40,12 @@ from drake_quad.identification.result import ForecastOutput, Identification, Spr
 from drake_quad.identification.results.estimates import Estimates, Explained, Source, quantile
 from drake_quad.identification.results.held_out import hold_out
 from drake_quad.identification.results.vehicle_numbers import (
-    number_of,
     with_effects,
     with_estimates,
     with_numbers,
     with_throttles,
 )
 from drake_quad.identification.windows import (
-    LogWindow,
     WindowSizes,
     airborne,
     coarser,

@@ -14,17 +14,17 @@ from drake_quad.command_line.running import run
 
 import numpy as np
 import scipy
+from drake_quad.identification.fitting.open_loop import DELAY
+from drake_quad.identification.force_identification import linear_drag
 
 from drake_quad import InputError
 from drake_quad.command_line.options import bare_parser
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.files import output_folder, write_whole
-from drake_quad.identification.fitting.open_loop import DELAY
 from drake_quad.identification.flown_again.estimator import VelocityEstimate, velocity_estimate
-from drake_quad.identification.force_identification import linear_drag
-from drake_quad.identification.result import Identification, Spread
 from drake_quad.identification.identify import identify
 from drake_quad.identification.logs.reading import read_log
+from drake_quad.identification.result import Identification, Spread
 from drake_quad.identification.results.estimates import Estimates
 from drake_quad.identification.results.vehicle_numbers import number_of, with_numbers
 from drake_quad.linear.closed_loop import closed_loop

@@ -16,8 +16,8 @@ import numpy as np
 import scipy
 
 from drake_quad.errors import InputError
-from drake_quad.identification.result import Spread
 from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.result import Spread
 
 # Of the mean in which single corrections of an estimator vanish, of the blocks for deviations, and of the beginning of
 # a log in which an estimator may still settle, s.
