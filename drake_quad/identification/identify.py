@@ -21,7 +21,7 @@ import scipy
 from drake_quad.errors import InputError, listed
 from drake_quad.identification.delays import frame_age
 from drake_quad.identification.evidence import Uncertainty
-from drake_quad.identification.fit import PredictionFit, fit, noise_covariance
+from drake_quad.identification.fit import MIN_NOISE, PredictionFit, fit, noise_covariance
 from drake_quad.identification.forecast import Forecast, forecast
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import (
@@ -322,9 +322,11 @@ def _result(
     own = [i for i, name in enumerate(names) if name != DELAY]
     values, covariance = fitted.values[own], uncertainty.covariance[np.ix_(own, own)]
     freedom, told = uncertainty.degrees_of_freedom[own], [names[i] for i in own]
-    seen = [name for name in _POSE if Output(name, 0) in predictor.outputs]
+    pose = {name: predictor.outputs.index(Output(name, 0)) for name in _POSE if Output(name, 0) in predictor.outputs}
+    seen = [name for name, place in pose.items() if fitted.noise.measured[place] > 2.0 * MIN_NOISE]
+    quiet = {_NOISES[name]: f"it is below {2.0 * MIN_NOISE:g} in SI units" for name in pose if name not in seen}
     if seen:
-        places = [predictor.outputs.index(Output(name, 0)) for name in seen]
+        places = [pose[name] for name in seen]
         level = fitted.noise.measured[places]
         spread = noise_covariance(predictor, fitted)[np.ix_(places, places)] * np.outer(level, level)
         told, values = [*told, *(_NOISES[name] for name in seen)], np.concatenate([values, level])
@@ -342,6 +344,7 @@ def _result(
         explained={} if shown is None else _explained(parameters, fitted, predictor, shown),
         not_seen=_never_identified(logs.scenario, names)
         | held
+        | quiet
         | {name: reason for name, reason in weak.items() if name != DELAY},
         variation=None if variation is None else variation.part(own).beside(len(seen)),
     )

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from drake_quad.identification.force_identification import linear_drag
 from scipy.signal import lfilter
 
 from drake_quad.errors import InputError
 from drake_quad.identification.flown_again import estimator
 from drake_quad.identification.flown_again.estimator import _share, velocity_estimate
-from drake_quad.identification.force_identification import linear_drag
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.scenario.files.loading import load_undesigned
 

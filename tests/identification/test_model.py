@@ -58,7 +58,9 @@ def in_world():
 def test_a_disturbance_adds_constant_accelerations_to_a_step(numbers, kind):
     """A force moves the vehicle by h²/2, along the axes of W or those of the body at the beginning of the step."""
     h = 0.02
-    quiet, pushed = (np.array(step(STATE, SPEEDS, SPEEDS, LEVEL, STILL, d, Span(h), numbers, kind).body) for d in (NOTHING, PUSHED))
+    quiet, pushed = (
+        np.array(step(STATE, SPEEDS, SPEEDS, LEVEL, STILL, d, Span(h), numbers, kind).body) for d in (NOTHING, PUSHED)
+    )
     force = np.array([PUSHED.x + PUSHED.constant_x, PUSHED.y + PUSHED.constant_y, PUSHED.z])
     if kind == "body":
         force = in_world().apply(force)
@@ -87,7 +89,9 @@ def test_rotors_follow_their_commands_with_lags_of_their_own_up_and_down(scenari
     for now, told, after in zip(SPEEDS, command, found, strict=True):
         lag = vehicle.rotor_time_constant if told > now else vehicle.rotor_time_constant_down
         assert after == pytest.approx(told + (now - told) * np.exp(-h / lag))
-    np.testing.assert_allclose(found, step(STATE, SPEEDS, command, LEVEL, STILL, NOTHING, Span(h), numbers, "world").rotors)
+    np.testing.assert_allclose(
+        found, step(STATE, SPEEDS, command, LEVEL, STILL, NOTHING, Span(h), numbers, "world").rotors
+    )
     assert rotors_at_rest(command, numbers) == pytest.approx(command)
 
 
@@ -194,9 +198,13 @@ def test_machine_code_steps_and_feels_as_the_formulas_do(scenario, numbers, kind
         for w in range(2):
             body, push = State(*states[:NUM_BODY, k, w]), Disturbance(*states[NUM_BODY:, k, w])
             np.testing.assert_allclose(
-                found[:NUM_BODY, k, w], step(body, SPEEDS, SPEEDS, LEVEL, air, push, Span(PERIOD), own, kind).body, atol=1e-9
+                found[:NUM_BODY, k, w],
+                step(body, SPEEDS, SPEEDS, LEVEL, air, push, Span(PERIOD), own, kind).body,
+                atol=1e-9,
             )
-            np.testing.assert_allclose(forces[:, k, w], specific_force(body, SPEEDS, SPEEDS, air, push, own, kind), atol=1e-9)
+            np.testing.assert_allclose(
+                forces[:, k, w], specific_force(body, SPEEDS, SPEEDS, air, push, own, kind), atol=1e-9
+            )
     np.testing.assert_array_equal(found[NUM_BODY:], states[NUM_BODY:])
 
 

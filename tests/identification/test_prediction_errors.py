@@ -253,7 +253,9 @@ def test_the_likeliest_noise_is_that_with_which_a_log_was_made(scenario, values)
         attitude=np.zeros((260, 3)),
         rotor_speed_command=np.full((260, 4), hover),
     )
-    predictor = made(scenario, still, windows=[LogWindow(0, 55)] * 5, sizes=WindowSizes(length=150, settle=50, warm_up=5))
+    predictor = made(
+        scenario, still, windows=[LogWindow(0, 55)] * 5, sizes=WindowSizes(length=150, settle=50, warm_up=5)
+    )
     flown, state = predictor._fly(values[None])
     forgetting = slice(NUM_BODY, NUM_BODY + 6)
     state[forgetting, 0] = true.disturbance[:, None] * random.normal(size=(6, 5))
