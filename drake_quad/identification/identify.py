@@ -182,7 +182,7 @@ def _logs(records: Sequence[FlightRecord], scenario: Scenario) -> tuple[_Logs, S
     prepared = [with_commands(record, flown, believed) for record in prepared]
     prepared = [coarser(record, max(1, int(_PERIOD / record.period + 0.05))) for record in prepared]
     logs = _Logs(prepared, flown, _outputs(prepared), [airborne(record) for record in prepared], own_throttles)
-    logs.period  # refuses logs of different rates
+    common_period(prepared)  # refuses logs of different rates
     return logs, scenario
 
 

@@ -34,8 +34,8 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.signals import Charge, RotorSpeed
 from drake_quad.vehicle.battery import rotor_power, terminals
 
-# Waypoints are samples of sines along X, Y and Z (m) and in yaw (rad). Their phases (rad) grow by incommensurable steps,
-# so that no waypoint is visited twice.
+# Waypoints are samples of sines along X, Y and Z (m) and in yaw (rad). Their phases (rad) grow by incommensurable
+# steps, so that no waypoint is visited twice.
 _CENTRE, _AMPLITUDE = np.array([0.0, 0.0, 1.5, 0.0]), np.array([1.2, 1.2, 0.4, 0.5])
 _PHASE_STEPS, _FIRST_PHASES = np.array([0.91, 0.73, 1.31, 1.73]), np.array([0.0, 1.0, 2.0, 3.0])
 _NUM_WAYPOINTS = 41

@@ -238,11 +238,11 @@ def thrust_of_share(record: FlightRecord, weight: float) -> np.ndarray:
 def with_commands(record: FlightRecord, scenario: Scenario, believed: Scenario) -> FlightRecord:
     """Return a record with the commands that the vehicle takes as input.
 
-    These are `motor_command` for a vehicle with throttles, and otherwise `rotor_speed_command`; with an attitude response
-    also `attitude_command`. If the log lacks the commands of the rotors, they follow from the logged thrust and torque,
-    or from the thrust alone with an attitude response, through the allocation of the firmware. If the autopilot logs
-    its estimate of the hover thrust, thrust is taken as a multiple of the weight, so that a battery that discharges does
-    not distort the thrust curve.
+    These are `motor_command` for a vehicle with throttles, and otherwise `rotor_speed_command`; with an attitude
+    response also `attitude_command`. If the log lacks the commands of the rotors, they follow from the logged thrust
+    and torque, or from the thrust alone with an attitude response, through the allocation of the firmware. If the
+    autopilot logs its estimate of the hover thrust, thrust is taken as a multiple of the weight, so that a battery that
+    discharges does not distort the thrust curve.
 
     Args:
         record: record of the flight.

@@ -99,12 +99,12 @@ def test_heights_alone_determine_thrust(diagrams: Path) -> None:
 def test_a_residual_force_determines_drag(tmp_path: Path) -> None:
     """A log in Neural-Fly's form: drag along x, where the vehicle flies, and the thrust curve."""
     overrides = ["laboratory.command_link.loss_rate=0", "laboratory.motion_capture.misalignment=[0.0, 0.02, 0.0]"]
-    scenario = load_scenario(f"{DIAGRAM}:still", [*overrides, "duration=20"])
+    scenario = load_scenario(f"{DIAGRAM}:still", [*overrides, "duration=12"])
     found = identify([read_log(write_flight(tmp_path / "still.csv", scenario))], guessed(), held_out_share=0.0)
     missed = outside(found, scenario)
     assert len(missed) <= 2, missed
     assert "body_drag.linear[0]" in found.estimates.identified
-    assert found.estimates.value("motors.curve[1]") == pytest.approx(18.27, rel=0.03)
+    assert found.estimates.value("motors.curve[1]") == pytest.approx(18.27, rel=0.05)
     assert "autopilot.damping[2]" in found.estimates.not_seen
 
 
