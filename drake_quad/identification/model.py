@@ -362,7 +362,7 @@ class LogModel:
     def seen_state(self, state: np.ndarray) -> np.ndarray:
         """Return measured states (12, S) of states of the model, for the misalignment in the scenario."""
         if self.responds:
-            state = np.stack(shown_state(RespondingBody(*state), small_rotation))  # type: ignore[arg-type]
+            state = np.stack(shown_state(RespondingBody(*state), small_rotation))
         return self._turned(state, 1)
 
     def state_of(self, seen: np.ndarray) -> np.ndarray:
@@ -370,8 +370,8 @@ class LogModel:
         state = self._turned(seen, -1)
         if self.responds:
             x, y, z, roll, pitch, yaw, v_x, v_y, v_z, *rates = state
-            rates = angle_rates(BodyRates(*rates), Attitude(roll, pitch, yaw))  # type: ignore[arg-type]
-            state = np.stack([x, y, z, roll, pitch, yaw, v_x, v_y, v_z, *rates])
+            changes = angle_rates(BodyRates(*rates), Attitude(roll, pitch, yaw))
+            state = np.stack([x, y, z, roll, pitch, yaw, v_x, v_y, v_z, *changes])
         return state
 
     def _turned(self, state: np.ndarray, power: int) -> np.ndarray:

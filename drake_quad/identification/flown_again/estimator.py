@@ -111,23 +111,25 @@ def linear_drag(record: FlightRecord, scenario: Scenario) -> tuple[Spread, Sprea
         raise InputError(f"{record.name}: is too short to determine drag")
     if speeds[:, :2].std(axis=0).max() < _MIN_AIR_SPEED:
         raise InputError(f"{record.name}: hovers, which does not determine drag")
-    found, moved = [], []
-    for axis in range(2):
-        air, force = (np.convolve(each[:, axis], box, "same")[inside] for each in (speeds, forces))
-        rows = np.column_stack([air, np.ones_like(air)])
-        inverse = np.linalg.inv(rows.T @ rows)
-        values = inverse @ rows.T @ force
-        left = rows * (force - rows @ values)[:, None]
-        scores = np.stack([left[blocks == block].sum(axis=0) for block in np.unique(blocks)])
-        covariance = len(scores) / (len(scores) - 1) * inverse @ scores.T @ scores @ inverse
-        found.append(Spread(float(values[0]), float(np.sqrt(covariance[0, 0])), "N s/m", len(scores) - 1.0))
-        moved.append(float(air.std()))
-    most = int(np.argmax(moved))
-    alike = [
-        each if speed > _MIN_SPEED_RATIO * moved[most] else found[most]
-        for each, speed in zip(found, moved, strict=True)
-    ]
-    return alike[0], alike[1]
+    airs, pushes = (
+        np.stack([np.convolve(column, box, "same")[inside] for column in each[:, :2].T]) for each in (speeds, forces)
+    )
+    moved = airs.std(axis=1)
+    chosen = [axis if moved[axis] > _MIN_SPEED_RATIO * moved.max() else int(np.argmax(moved)) for axis in range(2)]
+    along, across = (_slope(airs[axis], pushes[axis], blocks) for axis in chosen)
+    return along, across
+
+
+def _slope(air: np.ndarray, force: np.ndarray, blocks: np.ndarray) -> Spread:
+    """Return the slope of a line, with the deviation from the scatter of (n,) blocks."""
+    rows = np.column_stack([air, np.ones_like(air)])
+    inverse = np.linalg.inv(rows.T @ rows)
+    values = inverse @ rows.T @ force
+    left = rows * (force - rows @ values)[:, None]
+    scores = np.stack([left[blocks == block].sum(axis=0) for block in np.unique(blocks)])
+    variance, _ = np.diag(len(scores) / (len(scores) - 1) * inverse @ scores.T @ scores @ inverse)
+    slope, _ = values
+    return Spread(float(slope), float(np.sqrt(variance)), "N s/m", len(scores) - 1.0)
 
 
 def _share(true: np.ndarray, off: np.ndarray, blocks: np.ndarray) -> Spread:
