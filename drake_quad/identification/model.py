@@ -380,8 +380,9 @@ class LogModel:
         if not misalignment.any():
             return state
         turn = Rotation.from_euler("ZYX", misalignment[::-1]) ** power
-        angles = (Rotation.from_euler("ZYX", state[5:2:-1].T) * turn).as_euler("ZYX").T[::-1]
-        return np.concatenate([state[:3], angles, state[6:]])
+        position, attitude, *rest = np.split(state, len(STATE_ROWS))
+        angles = (Rotation.from_euler("ZYX", attitude[::-1].T) * turn).as_euler("ZYX").T[::-1]
+        return np.concatenate([position, angles, *rest])
 
 
 class WindowInputs(NamedTuple):
