@@ -73,6 +73,7 @@ _BLOCK, _MIN_BLOCKS = 4.0, 15
 _MIN_WINDOWS = 4
 # A parameter is identified if its 95 % interval reaches no farther than its scale to each side.
 _MAX_REACH = 1.0
+_MAX_VERTICAL_FORCE = 0.15  # of the weight; flights in strong wind leave 0.03
 _SPEED_WINDOW = 0.1  # s, long enough to average out position noise
 _POSE = ("position", "attitude")
 _NOISES = {signal: f"laboratory.motion_capture.{signal}_noise" for signal in _POSE}
@@ -267,6 +268,7 @@ def _identified(records: Sequence[FlightRecord], scenario: Scenario, share: floa
         start, noise = training.values, training.noise
     predictor = logs.predictor(parameters, logs.flying)
     fitted = fit(predictor, parameters, noise, start)
+    _check_thrust(logs.scenario, fitted.noise)
     held = _swamped(logs.scenario, predictor, parameters, fitted) | _unexcited(logs, parameters, fitted)
     if held:
         kept = [i for i, parameter in enumerate(parameters) if parameter.name not in held]
@@ -289,6 +291,20 @@ def _check_forecast(shown: Forecast) -> None:
             "cannot identify the vehicle: after a fit to the rest of the logs it forecasts no output of the held-out"
             f" part better than motion that continues at constant rates does (best: {shown.names[best]}); check the"
             " mapping, the vehicle to begin with, and that the logs contain motion"
+        )
+
+
+def _check_thrust(scenario: Scenario, noise: PredictionNoise) -> None:
+    """Refuse a vehicle whose thrust does not follow from the commands, so that a disturbance has to carry it.
+
+    Raises:
+        InputError: if the disturbing force along z is a large share of the weight.
+    """
+    *_, vertical = noise.force / float(scenario.vehicle.gravity)
+    if vertical > _MAX_VERTICAL_FORCE:
+        raise InputError(
+            f"cannot identify the vehicle: its thrust does not follow from the logged commands, since a force of"
+            f" {100.0 * vertical:.0f} % of the weight is left along z; a log that only hovers identifies nothing else"
         )
 
 

@@ -8,6 +8,7 @@ import pytest
 import scipy
 from neural_fly_flight import DIAGRAM, guessed, write_flight
 
+from drake_quad.errors import InputError
 from drake_quad.flight.simulation import simulate_samples
 from drake_quad.identification.delays import delay_of
 from drake_quad.identification.identify import identify
@@ -99,13 +100,22 @@ def test_heights_alone_determine_thrust(diagrams: Path) -> None:
 def test_a_residual_force_determines_drag(tmp_path: Path) -> None:
     """A log in Neural-Fly's form: drag along x, where the vehicle flies, and the thrust curve."""
     overrides = ["laboratory.command_link.loss_rate=0", "laboratory.motion_capture.misalignment=[0.0, 0.02, 0.0]"]
-    scenario = load_scenario(f"{DIAGRAM}:still", [*overrides, "duration=12"])
+    scenario = load_scenario(f"{DIAGRAM}:still", [*overrides, "duration=12", "metrics.start=0"])
     found = identify([read_log(write_flight(tmp_path / "still.csv", scenario))], guessed(), held_out_share=0.0)
     missed = outside(found, scenario)
     assert len(missed) <= 2, missed
     assert "body_drag.linear[0]" in found.estimates.identified
     assert found.estimates.value("motors.curve[1]") == pytest.approx(18.27, rel=0.05)
     assert "autopilot.damping[2]" in found.estimates.not_seen
+
+
+@pytest.mark.slow
+def test_a_log_that_only_hovers_gives_no_thrust_curve(root: Path) -> None:
+    """The shipped log of PX4 varies its throttles by a few per cent: thrust without throttle would be left."""
+    base = load_scenario("hover", ["nominal.mass=2.0"], layers=["vehicles/hummingbird"])
+    record = read_log(root / "tests" / "data" / "px4" / "sample_px4_events.ulg.xz")
+    with pytest.raises(InputError, match="^cannot identify the vehicle: "):
+        identify([record], base, held_out_share=0.0)
 
 
 def crazyflie() -> Scenario:

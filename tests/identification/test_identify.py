@@ -149,6 +149,17 @@ def test_a_vehicle_that_forecasts_nothing_better_than_persistence_is_refused():
     module._check_forecast(forecast_of(np.nan, np.nan, np.nan))
 
 
+def test_a_vehicle_that_a_disturbance_carries_is_refused(rotors):
+    gravity = rotors.vehicle.gravity
+    for share in (0.1, 0.2):
+        noise = PredictionNoise(np.ones(3), np.array([9.0, 9.0, share * gravity, 1.0, 1.0, 1.0]), np.ones(6))
+        if share < 0.15:
+            module._check_thrust(rotors, noise)
+        else:
+            with pytest.raises(InputError, match="a force of 20 % of the weight is left along z"):
+                module._check_thrust(rotors, noise)
+
+
 def test_a_parameter_with_a_wide_interval_or_at_a_limit_is_not_identified():
     parameters = [
         Parameter("thrust_factor", 3.0, 1.0, 0.1, 9.0),
