@@ -99,7 +99,7 @@ def main(arguments: argparse.Namespace) -> None:
     print_score(found)
     print_hover(records)
     predictions = predicted(records, found, base)
-    print("predicted ahead from logged commands, held out: RMS error at the horizon")
+    print("open-loop prediction of the last third of each log, which the final fit has used: RMS error at the horizon")
     print_predictions(predictions)
     for sentence in predictions.losses("identified"):
         remark(sentence)

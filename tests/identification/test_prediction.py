@@ -278,7 +278,7 @@ def test_a_short_log_is_refused(record, scenario):
 
 @pytest.mark.slow
 def test_a_crazyflie_is_predicted_better_by_a_third_at_least(root):
-    """Fitted to the first two thirds of a flight, beside the data sheet on the last."""
+    """On the last third of the flight that it was identified from, beside the data sheet."""
     base = load_undesigned(root / "diagrams" / "vehicles" / "crazyflie.yaml", ["nominal.mass=0.0375"])
     record = read_log(root / "tests" / "data" / "crazyflie" / "crazyswarm2" / "log100.xz")
     found = identify([record], base)
