@@ -9,7 +9,7 @@ import scipy
 from neural_fly_flight import DIAGRAM, guessed, write_flight
 
 from drake_quad.errors import InputError
-from drake_quad.flight.simulation import simulate_samples
+from drake_quad.flight.simulation import simulate, simulate_samples
 from drake_quad.identification.delays import delay_of
 from drake_quad.identification.identify import identify
 from drake_quad.identification.known_flights import KNOWN, record_of
@@ -76,6 +76,16 @@ def test_a_simulated_vehicle_is_identified(diagrams: Path, kind: str) -> None:
     assert found.delay is not None
     true = DELAY_IN_LABORATORY if kind == "calm" else delay_of(scenario)
     assert abs(found.delay.value - true) < 1.5 * found.delay.reach
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["hover", "figure_eight", "crazyswarm2:sheet_100", "crazyswarm2:log145"])
+def test_the_flight_of_a_shipped_scenario_is_identified(name: str, tmp_path: Path) -> None:
+    """The log is the flight.csv that was saved; true values are in the intervals of the parameters."""
+    flight = simulate(load_scenario(name), sample=0, compiled=True)
+    flight.save(tmp_path)
+    found = identify([read_log(tmp_path / "flight.csv")], flight.scenario, held_out_share=0.0)
+    assert not outside(found, flight.scenario)
 
 
 @pytest.mark.slow
