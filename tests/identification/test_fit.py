@@ -231,12 +231,12 @@ def test_a_fit_that_diverges_is_refused_in_one_sentence(monkeypatch: pytest.Monk
 
 
 def test_a_step_to_where_the_model_diverges_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Beyond θ = 1.2 the errors are not finite; the minimum is at 1, and the first Gauss-Newton step goes to 2."""
+    """Beyond θ = 1.2 the squares of the errors overflow; the minimum is at 1, and the first Gauss-Newton step goes to 2."""
 
     class Diverging(LinearPredictor):
         def errors(self, parameters: np.ndarray, *_: object) -> tuple[np.ndarray, np.ndarray]:
             theta = parameters[:, 0]
-            error = np.where(theta > 1.2, np.nan, np.sqrt(np.abs(1.0 - theta)) * np.sign(1.0 - theta))
+            error = np.where(theta > 1.2, 1e200 * theta, np.sqrt(np.abs(1.0 - theta)) * np.sign(1.0 - theta))
             shape = (len(self.counted), 1, len(theta), len(self.windows))
             found = np.broadcast_to(error[None, None, :, None], shape)
             return found.copy(), np.zeros((1, len(theta), len(self.windows)))
