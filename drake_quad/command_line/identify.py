@@ -66,6 +66,11 @@ def options() -> argparse.ArgumentParser:
         help="override a field of the vehicle to begin with",
     )
     result.add_argument("--output", type=Path, metavar="FILE", help="to write (default: out/identified/NAME.yaml)")
+    result.add_argument(
+        "--nominal",
+        action="store_true",
+        help="write the estimates to nominal as well, which planner and controllers believe",
+    )
     result.add_argument("--name", help="of the vehicle (default: that of the file, or of the first log)")
     add_vector(result)
     return result
@@ -94,11 +99,12 @@ def main(arguments: argparse.Namespace) -> None:
     print_score(found)
     print_hover(records)
     predictions = predicted(records, found, base)
-    print("predicted ahead from logged commands, held out: RMS error at the horizon")
+    print("open-loop prediction of the last third of each log, which the final fit has used: RMS error at the horizon")
     print_predictions(predictions)
     for sentence in predictions.losses("identified"):
         remark(sentence)
-    write_vehicle(path, name, found.estimates, base=vehicle, given=[each.assignment for each in given])
+    assignments = [each.assignment for each in given]
+    write_vehicle(path, name, found.estimates, base=vehicle, nominal=arguments.nominal, given=assignments)
     figures = {
         "fit": plots.plot_fit(found),
         "residuals": plots.plot_residuals(found),

@@ -99,7 +99,7 @@ def jackknife(
     covariance = (number - 1) / number * squares + inverse @ np.diag(beliefs) @ inverse
     own, expected = np.diag(covariance), np.diag(inverse)
     # Blocks that happen to agree do not make an estimate more certain than the model says.
-    wider = np.sqrt(np.maximum(1.0, expected / np.where(own > 0.0, own, expected)))
+    wider = np.sqrt(np.maximum(1.0, np.where(own > 0.0, expected / np.where(own > 0.0, own, 1.0), 1.0)))
     covariance = np.where(np.eye(len(own), dtype=bool) & (own <= 0.0), expected, covariance)
     return Uncertainty(covariance * np.outer(wider, wider), np.maximum(freedom, 1.0), inverse)
 

@@ -34,6 +34,10 @@ _MAX_EVALUATIONS = 5
 _QUIETER_TURNING = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)
 _QUIETER_FORCE = (0.2, 0.2, 0.2, 1.0, 1.0, 1.0)
 _NOISE_RESTS = 0.02  # change of the logarithm of the measured noise
+# A parameter that is so many deviations of its prior from the mean may be in a local minimum, in which a large
+# disturbance does what the vehicle should. The search then starts again from the mean, with a smaller disturbance.
+_MAX_SURPRISE = 4.0
+_RESTART_ROUND, _RESTART_DISTURBANCE = 2, 0.05
 _DIVERGED = 1e6  # a whitened error that is larger is that of a model that diverges
 # Measurements that the noise is estimated from in a round, at most; steps of differences of the logarithms of its
 # numbers, how far they may go in a round, and in how many steps, until the likelihood gains no more than so much.
@@ -44,7 +48,8 @@ _SCORINGS = 6
 _GAINED = 0.1
 _DAMPING = 1e-3
 # Limits of its numbers, in their SI units: of what is measured, of disturbances and their memories (s).
-_LEAST = 1e-5, 1e-3, 0.02
+MIN_NOISE = 1e-5  # smallest standard deviation of a measurement, SI units
+_LEAST = MIN_NOISE, 1e-3, 0.02
 _MOST = 100.0, 1e3, 20.0
 _AT_LIMIT = 0.99  # share of a limit
 # And of the memory of a force along the axes of B, s. One that lasts longer is an error of the thrust curve. Where it
@@ -120,7 +125,8 @@ def fit(
         noise: initial noise.
         start: (p,) initial parameters; by default the means of the priors.
     """
-    values = np.array([parameter.start for parameter in parameters]) if start is None else start
+    mean = np.array([parameter.start for parameter in parameters])
+    values = mean if start is None else start
     prior = np.array([parameter.deviation**-2.0 for parameter in parameters])
     at = _Point.of(predictor, parameters, values, noise)
     quieter = [_QUIETER_TURNING, _QUIETER_FORCE]
@@ -136,6 +142,11 @@ def fit(
                     at = other
                     continue
             quieter.remove(factors)
+        if number == _RESTART_ROUND and np.any(np.abs(at.values - mean) > _MAX_SURPRISE / np.sqrt(prior)):
+            quiet = at.noise._replace(disturbance=_RESTART_DISTURBANCE * at.noise.disturbance)
+            other = _Point.of(predictor, parameters, mean, quiet)
+            if other.likelihood > at.likelihood:
+                at = other
         predictor.hand_on(at.states, at.moves, at.values, at.gains)
         expected = np.linalg.inv(np.einsum("wkp,wkq->pq", at.slopes, at.slopes) + np.diag(prior))
         if number > 2 and np.all(np.abs(at.values - before) < _RESTS * np.sqrt(np.diag(expected))):
@@ -251,8 +262,13 @@ def _condensed(residuals: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, n
 
     A search for the least squares depends on nothing else, and takes a fraction of the time with them.
     """
-    factor = np.linalg.qr(np.column_stack([slopes, residuals]), mode="r")
-    return factor[:, -1], factor[:, :-1]
+    # Parameters of unit size: Cholesky's method squares the condition number.
+    sizes = np.linalg.norm(slopes, axis=0)
+    unit = slopes / sizes
+    factor = np.linalg.cholesky(unit.T @ unit).T
+    along = scipy.linalg.solve_triangular(factor, unit.T @ residuals, trans="T")
+    across = np.sqrt(max(0.0, float(residuals @ residuals - along @ along)))
+    return np.append(along, across), np.vstack([factor * sizes, np.zeros(len(factor))])
 
 
 def _whitened_errors(

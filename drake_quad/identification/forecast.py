@@ -16,7 +16,7 @@ from drake_quad.identification.prediction_errors import FORCE, PredictionNoise, 
 from drake_quad.identification.windows import within_half_a_turn
 
 _AXES = ("x", "y", "z"), ("roll", "pitch", "yaw"), ("p", "q", "r")
-_ROWS_OF_RATES = {"position": 6, "attitude": 9}
+_ROWS_OF_RATES = {"position": STATE_ROWS["velocity"], "attitude": STATE_ROWS["body_rates"]}
 
 
 class Forecast(NamedTuple):

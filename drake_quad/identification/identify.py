@@ -20,7 +20,7 @@ import scipy
 from drake_quad.errors import InputError
 from drake_quad.identification.delays import frame_age
 from drake_quad.identification.evidence import Uncertainty
-from drake_quad.identification.fit import PredictionFit, fit, noise_covariance
+from drake_quad.identification.fit import MIN_NOISE, PredictionFit, fit, noise_covariance
 from drake_quad.identification.forecast import Forecast, forecast
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import (
@@ -49,6 +49,7 @@ from drake_quad.vehicle.rigid_body import inertia_flaw
 _BLOCK = 4.0  # s, over which errors are correlated
 # A parameter is identified if its 95 % interval reaches no farther than its scale to each side.
 _MAX_REACH = 1.0
+_MAX_VERTICAL_FORCE = 0.15  # of the weight; flights in strong wind leave 0.03
 _SPEED_WINDOW = 0.1  # s, long enough to average out position noise
 _POSE = ("position", "attitude")
 _NOISES = {signal: f"laboratory.motion_capture.{signal}_noise" for signal in _POSE}
@@ -104,6 +105,7 @@ def _identified(records: Sequence[FlightRecord], scenario: Scenario, share: floa
         start, noise = training.values, training.noise
     predictor = logs.predictor(names_of(parameters), logs.flying)
     fitted = fit(predictor, parameters, noise, start)
+    _check_thrust(logs.scenario, fitted.noise)
     held = _swamped(logs.scenario, predictor, parameters, fitted) | _unexcited(logs, parameters, fitted)
     if held:
         kept = [i for i, parameter in enumerate(parameters) if parameter.name not in held]
@@ -126,6 +128,20 @@ def _check_forecast(shown: Forecast) -> None:
             "cannot identify the vehicle: after a fit to the rest of the logs it forecasts no output of the held-out"
             f" part better than motion that continues at constant rates does (best: {shown.names[best]}); check the"
             " mapping, the vehicle to begin with, and that the logs contain motion"
+        )
+
+
+def _check_thrust(scenario: Scenario, noise: PredictionNoise) -> None:
+    """Refuse a vehicle whose thrust does not follow from the commands, so that a disturbance has to carry it.
+
+    Raises:
+        InputError: if the disturbing force along z is a large share of the weight.
+    """
+    *_, vertical = noise.force / float(scenario.vehicle.gravity)
+    if vertical > _MAX_VERTICAL_FORCE:
+        raise InputError(
+            f"cannot identify the vehicle: its thrust does not follow from the logged commands, since a force of"
+            f" {100.0 * vertical:.0f} % of the weight is left along z; a log that only hovers identifies nothing else"
         )
 
 
@@ -159,9 +175,11 @@ def _result(
     own = [i for i, name in enumerate(names) if name != DELAY]
     values, covariance = fitted.values[own], uncertainty.covariance[np.ix_(own, own)]
     freedom, told = uncertainty.degrees_of_freedom[own], [names[i] for i in own]
-    seen = [name for name in _POSE if Output(name, 0) in predictor.outputs]
+    pose = {name: predictor.outputs.index(Output(name, 0)) for name in _POSE if Output(name, 0) in predictor.outputs}
+    seen = [name for name, place in pose.items() if fitted.noise.measured[place] > 2.0 * MIN_NOISE]
+    quiet = {_NOISES[name]: f"it is below {2.0 * MIN_NOISE:g} in SI units" for name in pose if name not in seen}
     if seen:
-        places = [predictor.outputs.index(Output(name, 0)) for name in seen]
+        places = [pose[name] for name in seen]
         level = fitted.noise.measured[places]
         spread = noise_covariance(predictor, fitted)[np.ix_(places, places)] * np.outer(level, level)
         told, values = [*told, *(_NOISES[name] for name in seen)], np.concatenate([values, level])
@@ -179,6 +197,7 @@ def _result(
         explained={} if shown is None else _explained(parameters, fitted, predictor, shown),
         not_seen=_never_identified(logs.scenario, names)
         | held
+        | quiet
         | {name: reason for name, reason in weak.items() if name != DELAY},
         variation=None if variation is None else variation.part(own).beside(len(seen)),
     )

@@ -26,16 +26,16 @@ from drake_quad.flight.simulation import simulate_samples
 from drake_quad.identification.delays import delay_of, frame_age
 from drake_quad.identification.identify import identify
 from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.identification.model import DELAY
+from drake_quad.identification.model import DELAY, STATE_ROWS
 from drake_quad.identification.results.estimates import Estimates
 from drake_quad.identification.results.vehicle_numbers import number_of
 from drake_quad.scenario.files.loading import load_scenario
 from drake_quad.scenario.models import Scenario
-from drake_quad.signals import Charge, RotorSpeed
+from drake_quad.signals import AttitudeTarget, Charge, RotorSpeed
 from drake_quad.vehicle.battery import rotor_power, terminals
 
-# Waypoints are samples of sines along X, Y and Z (m) and in yaw (rad). Their phases (rad) grow by incommensurable steps,
-# so that no waypoint is visited twice.
+# Waypoints are samples of sines along X, Y and Z (m) and in yaw (rad). Their phases (rad) grow by incommensurable
+# steps, so that no waypoint is visited twice.
 _CENTRE, _AMPLITUDE = np.array([0.0, 0.0, 1.5, 0.0]), np.array([1.2, 1.2, 0.4, 0.5])
 _PHASE_STEPS, _FIRST_PHASES = np.array([0.91, 0.73, 1.31, 1.73]), np.array([0.0, 1.0, 2.0, 3.0])
 _NUM_WAYPOINTS = 41
@@ -170,16 +170,13 @@ def wandering(seconds: float) -> dict[str, object]:
 def record_of(flight: Flight, samples_per_row: int = 1) -> FlightRecord:
     """Return the log of a flight: camera measurements, commands, and the battery voltage if there is a battery."""
     signals = flight.signals
-    seen = signals["measurement"]
-    values: dict[str, Any] = {
-        "position": seen[:, :3],
-        "attitude": seen[:, 3:6],
-        "velocity": seen[:, 6:9],
-        "body_rates": seen[:, 9:],
-    }
+    values: dict[str, Any] = dict(
+        zip(STATE_ROWS, np.split(signals["measurement"], len(STATE_ROWS), axis=1), strict=True)
+    )
     if "attitude_target" in signals:
-        target = signals["attitude_target"]
-        values |= {"thrust_share": target[:, 0] / (4.0 * _FULL_THRUST), "attitude_command": target[:, 1:4]}
+        target = AttitudeTarget(*signals["attitude_target"].T)
+        values["thrust_share"] = target.thrust / (4.0 * _FULL_THRUST)
+        values["attitude_command"] = np.column_stack([target.roll, target.pitch, target.yaw])
     elif "throttle_command" in signals:
         values["motor_command"] = signals["throttle_command"]
     else:

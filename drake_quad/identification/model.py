@@ -244,11 +244,11 @@ def thrust_of_share(record: FlightRecord, weight: float) -> np.ndarray:
 def with_commands(record: FlightRecord, scenario: Scenario, believed: Scenario) -> FlightRecord:
     """Return a record with the commands that the vehicle takes as input.
 
-    These are `motor_command` for a vehicle with throttles, and otherwise `rotor_speed_command`; with an attitude response
-    also `attitude_command`. If the log lacks the commands of the rotors, they follow from the logged thrust and torque,
-    or from the thrust alone with an attitude response, through the allocation of the firmware. If the autopilot logs
-    its estimate of the hover thrust, thrust is taken as a multiple of the weight, so that a battery that discharges does
-    not distort the thrust curve.
+    These are `motor_command` for a vehicle with throttles, and otherwise `rotor_speed_command`; with an attitude
+    response also `attitude_command`. If the log lacks the commands of the rotors, they follow from the logged thrust
+    and torque, or from the thrust alone with an attitude response, through the allocation of the firmware. If the
+    autopilot logs its estimate of the hover thrust, thrust is taken as a multiple of the weight, so that a battery that
+    discharges does not distort the thrust curve.
 
     Args:
         record: record of the flight.
@@ -388,7 +388,7 @@ class LogModel:
     def seen_state(self, state: np.ndarray) -> np.ndarray:
         """Return measured states (12, S) of states of the model, for the misalignment in the scenario."""
         if self.responds:
-            state = np.stack(shown_state(RespondingBody(*state), small_rotation))  # type: ignore[arg-type]
+            state = np.stack(shown_state(RespondingBody(*state), small_rotation))
         return self._turned(state, 1)
 
     def state_of(self, seen: np.ndarray) -> np.ndarray:
@@ -396,8 +396,8 @@ class LogModel:
         state = self._turned(seen, -1)
         if self.responds:
             x, y, z, roll, pitch, yaw, v_x, v_y, v_z, *rates = state
-            rates = angle_rates(BodyRates(*rates), Attitude(roll, pitch, yaw))  # type: ignore[arg-type]
-            state = np.stack([x, y, z, roll, pitch, yaw, v_x, v_y, v_z, *rates])
+            changes = angle_rates(BodyRates(*rates), Attitude(roll, pitch, yaw))
+            state = np.stack([x, y, z, roll, pitch, yaw, v_x, v_y, v_z, *changes])
         return state
 
     def _turned(self, state: np.ndarray, power: int) -> np.ndarray:
@@ -406,8 +406,9 @@ class LogModel:
         if not misalignment.any():
             return state
         turn = Rotation.from_euler("ZYX", misalignment[::-1]) ** power
-        angles = (Rotation.from_euler("ZYX", state[5:2:-1].T) * turn).as_euler("ZYX").T[::-1]
-        return np.concatenate([state[:3], angles, state[6:]])
+        position, attitude, *rest = np.split(state, len(STATE_ROWS))
+        angles = (Rotation.from_euler("ZYX", attitude[::-1].T) * turn).as_euler("ZYX").T[::-1]
+        return np.concatenate([position, angles, *rest])
 
 
 class WindowInputs(NamedTuple):

@@ -24,6 +24,7 @@ from drake_quad.identification.model import (
     NUM_BODY,
     NUM_DISTURBANCE,
     STATE_ROWS,
+    Disturbance,
     DisturbanceFrame,
     LogModel,
     ModelFlight,
@@ -390,19 +391,31 @@ def _of_disturbance(noise: PredictionNoise) -> np.ndarray:
     return np.append(noise.disturbance, [_CONSTANT_FORCE, _CONSTANT_FORCE])
 
 
+def _rows(signal: str, axes: str = "xyz") -> set[int]:
+    """Return the rows of a signal in the state, along some axes."""
+    return {STATE_ROWS[signal] + "xyz".index(axis) for axis in axes}
+
+
+def _disturbance_rows(*names: str) -> set[int]:
+    """Return the rows of parts of the disturbance in the state."""
+    return {NUM_BODY + Disturbance._fields.index(name) for name in names}
+
+
 def _free_rows(signals: set[str], frame: DisturbanceFrame) -> np.ndarray:
     """Return the rows of the state that the filter estimates: those that the outputs determine, or depend on."""
-    if signals == {"position"}:
-        return np.array([2, 8, 14])  # the height of a vehicle that is assumed to stay level
+    constant = _disturbance_rows("constant_x", "constant_y")
     rows = set(range(NUM_BODY + NUM_DISTURBANCE))
-    if frame == "body":
-        rows -= {18, 19}
-    if "position" not in signals:
-        rows -= {0, 1, 2}
+    if signals == {"position"}:
+        # The height of a vehicle that is assumed to stay level.
+        rows = _rows("position", "z") | _rows("velocity", "z") | _disturbance_rows("z")
+    elif "position" not in signals:
+        rows -= _rows("position")
         if "attitude" not in signals:
-            rows -= {5}
+            rows -= _rows("attitude", "z")  # yaw
         if "velocity" not in signals and FORCE not in signals:
-            rows -= {6, 7, 8, 12, 13, 14, 18, 19}
+            rows -= _rows("velocity") | _disturbance_rows("x", "y", "z") | constant
+    if frame == "body":
+        rows -= constant
     return np.array(sorted(rows))
 
 

@@ -80,7 +80,7 @@ class Identification:
     estimates: Estimates
     vehicle: Scenario
     outputs: tuple[ForecastOutput, ...]
-    delay: Spread | None
-    noise: PredictionNoise
+    delay: Spread | None = None
+    noise: PredictionNoise | None = None
     remarks: tuple[str, ...] = ()
     held_out: Mapping[str, HeldOut] = field(default_factory=dict)

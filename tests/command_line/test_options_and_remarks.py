@@ -130,7 +130,7 @@ def test_a_vehicle_is_written_beside_others_by_default(run, replaced, monkeypatc
     prints = dict.fromkeys(("print_logs", "print_estimates", "print_score", "print_hover", "print_predictions"))
     replaced(
         "identify", read_log=FlightRecord("a", np.arange(3.0)), identify=SimpleNamespace(estimates=None, vehicle=None),
-        predicted=None, write_vehicle=None, save_figures=[], **prints,
+        predicted=SimpleNamespace(losses=lambda _: []), write_vehicle=None, save_figures=[], **prints,
     )  # fmt: skip
     replaced("identify.plots", **{f"plot_{name}": None for name in ("fit", "residuals", "thrust", "correlations")})
     replaced("identify.plots", plot_predictions=None)

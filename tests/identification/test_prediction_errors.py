@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from drake_quad import load_scenario
-from drake_quad.identification.fitting import prediction_error
-from drake_quad.identification.fitting import predictor as predicting
-from drake_quad.identification.model import BODY, PUSH
-from drake_quad.identification.model import FlownVehicle as Model
-from drake_quad.identification.prediction_errors import FORCE, Output, PredictionNoise, Predictor
-from drake_quad.identification.windows import WindowSizes, LogWindow
+from drake_quad.identification import fit as fitting
+from drake_quad.identification import prediction_errors
 from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.model import NUM_BODY, NUM_DISTURBANCE, STATE_ROWS, LogModel
+from drake_quad.identification.parameters import Parameter
+from drake_quad.identification.prediction_errors import FORCE, Output, PredictionNoise, Predictor
+from drake_quad.identification.windows import LogWindow, WindowSizes
 
 PERIOD = 0.01
 SIZES = WindowSizes(length=20, settle=10, warm_up=5)
@@ -50,8 +50,8 @@ def log(scenario):
 def made(
     scenario, log, outputs=POSE, windows=(LogWindow(0, 30), LogWindow(0, 50), LogWindow(0, 90)), sizes=SIZES, **options
 ):
-    vehicle = Model(scenario.vehicle, [("mass",), ("linear_drag",)], "rotor_speed_command", kind="world")
-    return Predictor(vehicle, [log], windows, sizes, outputs, **options)
+    model = LogModel(scenario, ["mass", "linear_drag"])
+    return Predictor(model, [log], windows, sizes, outputs, **options)
 
 
 @pytest.fixture
@@ -72,7 +72,7 @@ def test_a_measurement_corrects_as_a_kalman_filter_does():
     random = np.random.default_rng(0)
     root, output = random.normal(size=(3, 5, 5)), random.normal(size=(3, 2, 5))
     covariance, variances = root @ root.swapaxes(1, 2), np.diag([0.3, 0.7])
-    found = predicting._updated(covariance, output, variances)
+    found = prediction_errors._updated(covariance, output, variances)
     for P, H, *update in zip(covariance, output, *found, strict=True):
         S = H @ P @ H.T + variances
         K = P @ H.T @ np.linalg.inv(S)
@@ -91,9 +91,12 @@ def test_a_disturbance_keeps_its_variance_while_it_forgets(scenario, log):
         predictor = made(scenario, log, split=split)
         assert predictor.period == pytest.approx(PERIOD)
         pushes = predictor.pushes(noise)
-        np.testing.assert_array_equal(pushes[:BODY], 0.0)
+        np.testing.assert_array_equal(pushes[:NUM_BODY], 0.0)
+        forgetting = pushes[NUM_BODY : NUM_BODY + 6]
         faded = np.exp(-2.0 * PERIOD / noise.memory) * noise.disturbance**2
-        np.testing.assert_allclose(faded + pushes[BODY:], noise.disturbance**2)
+        np.testing.assert_allclose(faded + forgetting, noise.disturbance**2)
+        # The constant part of the horizontal force stays as it is.
+        np.testing.assert_array_equal(pushes[NUM_BODY + 6 :], [0.0, 0.0])
 
 
 def test_noise_is_one_number_for_what_is_alike(scenario, log):
@@ -114,15 +117,15 @@ def test_noise_is_one_number_for_what_is_alike(scenario, log):
 
 
 def test_what_decides_nothing_that_is_measured_is_no_state_of_the_filter(scenario, log):
-    """Without positions these are the places; then without attitudes yaw, and without forces velocities and pushes."""
+    """Without positions these are the places; then without attitudes yaw, and without forces velocities and forces."""
     rates = [Output("body_rates", column) for column in range(3)]
     for outputs, left_out in (
         (POSE, set()),
         (IMU, {0, 1, 2, 5}),
-        (POSE[3:], {0, 1, 2, 6, 7, 8, 12, 13, 14}),
-        (rates, {0, 1, 2, 5, 6, 7, 8, 12, 13, 14}),
+        (POSE[3:], {0, 1, 2, 6, 7, 8, 12, 13, 14, 18, 19}),
+        (rates, {0, 1, 2, 5, 6, 7, 8, 12, 13, 14, 18, 19}),
     ):
-        assert {*made(scenario, log, outputs).free.tolist()} == set(range(BODY + PUSH)) - left_out
+        assert {*made(scenario, log, outputs).free.tolist()} == set(range(NUM_BODY + NUM_DISTURBANCE)) - left_out
 
 
 def test_windows_begin_as_measured_and_at_rest_where_nothing_is(scenario, log, values):
@@ -135,12 +138,12 @@ def test_windows_begin_as_measured_and_at_rest_where_nothing_is(scenario, log, v
         np.testing.assert_array_equal(state[9:12, w], log.body_rates[first])
         np.testing.assert_array_equal(predictor.measured[:, :3, w], log.position[first : start + SIZES.length])
         np.testing.assert_array_equal(predictor.measured[:, 3:, w], log.attitude[first : start + SIZES.length])
-    np.testing.assert_array_equal(state[[6, 7, 8, *range(BODY, BODY + PUSH)]], 0.0)
+    np.testing.assert_array_equal(state[[6, 7, 8, *range(NUM_BODY, NUM_BODY + NUM_DISTURBANCE)]], 0.0)
     np.testing.assert_array_equal(predictor.counted, np.arange(30) >= 10)
-    # Initial standard deviations are 1 m, 0.5 rad, 2 m/s, 10 rad/s, and those of the disturbance.
+    # Initial standard deviations are 1 m, 0.5 rad, 2 m/s, 10 rad/s, and those of the disturbance and the wind's force.
     noise = noise_of(POSE)
     first = predictor.gains(values, noise).beginning
-    unknown = np.concatenate([np.repeat([1.0, 0.5, 2.0, 10.0], 3), noise.disturbance])
+    unknown = np.concatenate([np.repeat([1.0, 0.5, 2.0, 10.0], 3), noise.disturbance, [1.0, 1.0]])
     np.testing.assert_allclose(first, np.tile(np.diag(unknown**2), (3, 1, 1)))
 
 
@@ -163,12 +166,15 @@ def test_gains_are_those_of_a_kalman_filter_along_its_own_predictions(scenario, 
             P = F @ (P - K @ H @ P) @ F.T + Q
     # A disturbance fades in the transition, and a force moves the velocity.
     own = predictor.free.tolist()
-    place = [own.index(BODY + i) for i in range(PUSH)]
+    place = [own.index(NUM_BODY + i) for i in range(6)]
     np.testing.assert_allclose(
         gains.transition[:, :, place, place], np.broadcast_to(np.exp(-PERIOD / noise.memory), (30, 3, 6)), rtol=1e-5
     )
-    speed = [own.index(6 + i) for i in range(3)]
+    speed = [own.index(STATE_ROWS["velocity"] + i) for i in range(3)]
     np.testing.assert_allclose(gains.transition[:, :, speed, place[:3]], PERIOD, rtol=1e-3)
+    constant = [own.index(NUM_BODY + i) for i in (6, 7)]
+    np.testing.assert_allclose(gains.transition[:, :, constant, constant], 1.0, rtol=1e-5)
+    np.testing.assert_allclose(gains.transition[:, :, speed[:2], constant], PERIOD, rtol=1e-3)
 
 
 @pytest.mark.parametrize("outputs", [POSE, IMU], ids=["pose", "imu"])
@@ -204,13 +210,13 @@ def test_a_window_goes_on_where_the_one_before_it_ended(scenario, log, values):
     np.testing.assert_array_equal(again.beginning[0], gains.beginning[0])
     # The whole filter goes on: the second window foresees as if it were one with the first.
     long = made(scenario, log, windows=[LogWindow(0, 30)])
-    whole = Predictor(long.vehicle, [log], [LogWindow(0, 30)], SIZES._replace(length=40), POSE).gains(values, noise)
+    whole = Predictor(long.model, [log], [LogWindow(0, 30)], SIZES._replace(length=40), POSE).gains(values, noise)
     np.testing.assert_allclose(again.errors[:, :, 1], whole.errors[20:, :, 0], atol=1e-6)
     # Other parameters begin where the one before would have ended with them, to first order.
     flown, begun = predictor._fly(values[None] * [1.0, 1.1])
     np.testing.assert_allclose(begun[:, 0, 1], states[:, 1, 0], atol=1e-9)
     np.testing.assert_allclose(begun[:, 0, 0], before[:, 0])
-    assert flown.count == 1
+    assert flown.shape == (1, 3)
 
 
 @pytest.mark.parametrize(("outputs", "left"), [(POSE, 0.01), (IMU, 0.2)], ids=["pose", "imu"])
@@ -247,19 +253,22 @@ def test_the_likeliest_noise_is_that_with_which_a_log_was_made(scenario, values)
         attitude=np.zeros((260, 3)),
         rotor_speed_command=np.full((260, 4), hover),
     )
-    predictor = made(scenario, still, windows=[LogWindow(0, 55)] * 5, sizes=WindowSizes(length=150, settle=50, warm_up=5))
+    predictor = made(
+        scenario, still, windows=[LogWindow(0, 55)] * 5, sizes=WindowSizes(length=150, settle=50, warm_up=5)
+    )
     flown, state = predictor._fly(values[None])
-    state[BODY:, 0] = true.disturbance[:, None] * random.normal(size=(PUSH, 5))
+    forgetting = slice(NUM_BODY, NUM_BODY + 6)
+    state[forgetting, 0] = true.disturbance[:, None] * random.normal(size=(6, 5))
     fades, measured = np.exp(-PERIOD / true.memory), []
     for _ in range(200):
         measured.append(predictor._predicted(flown, state)[:, 0])
         flown.step(state)
         pushed = true.disturbance * np.sqrt(1.0 - fades**2)
-        state[BODY:, 0] = fades[:, None] * state[BODY:, 0] + pushed[:, None] * random.normal(size=(PUSH, 5))
+        state[forgetting, 0] = fades[:, None] * state[forgetting, 0] + pushed[:, None] * random.normal(size=(6, 5))
     predictor.measured = np.stack(measured) + true.measured[:, None] * random.normal(size=(200, 6, 5))
     found = PredictionNoise(2.0 * true.measured, 0.5 * true.disturbance, true.memory)
     for _ in range(2):
-        found = prediction_error._noise_of(predictor, predictor.gains(values, found), found)
+        found = fitting._noise_of(predictor, predictor.gains(values, found), found)
     np.testing.assert_allclose(found.measured, true.measured, rtol=0.1)
     np.testing.assert_allclose(found.disturbance, true.disturbance, rtol=0.4)
 
@@ -268,20 +277,23 @@ def test_the_likeliest_noise_is_that_with_which_a_log_was_made(scenario, values)
 def test_a_fit_ends_where_whitened_errors_are_least_and_windows_go_on_from_one_another(scenario, log, values):
     """No parameter that is within its limits changes the sum of squares, and those that would leave them stay there."""
     predictor, noise = made(scenario, log), noise_of(POSE)
-    choice = prediction_error.ParameterChoice(1.2 * values, values, 0.5 * values, 2.0 * values)
-    found = prediction_error.fit(predictor, choice, noise)
+    parameters = [
+        Parameter(name, 1.2 * value, value, 0.5 * value, 2.0 * value)
+        for name, value in zip(("mass", "linear_drag"), values, strict=True)
+    ]
+    found = fitting.fit(predictor, parameters, noise)
     assert found.slopes.shape == (3, 20 * 6, 2)
     assert found.errors.shape == (3, 20 * 6)
     np.testing.assert_array_equal(predictor.beginnings.known, [False, True, False])
-    np.testing.assert_array_equal(predictor.beginnings.parameters, found.parameters)
+    np.testing.assert_array_equal(predictor.beginnings.parameters, found.values)
     assert found.rounds > 2
-    inside = (found.parameters > 0.501 * values) & (found.parameters < 1.999 * values)
-    slopes = np.einsum("wkp,wk->p", found.slopes, found.errors)
-    deviations = 1.0 / np.sqrt(np.einsum("wkp,wkp->p", found.slopes, found.slopes))
+    inside = (found.values > 0.501 * values) & (found.values < 1.999 * values)
+    slopes = np.einsum("wkp,wk->p", found.slopes, found.errors) + found.prior * (found.values - 1.2 * values)
+    deviations = 1.0 / np.sqrt(np.einsum("wkp,wkp->p", found.slopes, found.slopes) + found.prior)
     assert np.abs(slopes * deviations)[inside].max(initial=0.0) < 0.5
     # The mass carries the thrust of the log.
     assert inside[0]
-    assert found.parameters[0] == pytest.approx(values[0], rel=0.2)
+    assert found.values[0] == pytest.approx(values[0], rel=0.2)
 
 
 def test_a_yaw_that_jumps_between_half_turns_is_predicted_like_one_that_does_not(scenario, log, values):
@@ -303,7 +315,7 @@ def test_the_covariance_of_the_noise_is_large_where_the_log_does_not_identify_it
     predictor = made(scenario, log)
     noise = PredictionNoise(np.repeat([1e-3, 4e-3], 3), np.full(6, 1e-6), np.full(6, 0.5))
     fitted = SimpleNamespace(noise=noise, gains=predictor.gains(values, noise))
-    variances = np.diag(prediction_error.noise_covariance(predictor, fitted))
+    variances = np.diag(fitting.noise_covariance(predictor, fitted))
     num_measurements = 3 * 3 * SIZES.length
     np.testing.assert_allclose(variances[:6], 0.5 / num_measurements, rtol=0.3)
     assert (variances[6:] > 100.0).all()
@@ -321,16 +333,16 @@ def test_every_window_counts_once_in_the_estimate_of_the_noise(scenario, values)
     white = np.repeat([1e-3, 4e-3], 3)
     predictor.measured = white[:, None] * [1.0, 1.0, 3.0] * random.normal(size=(120, 6, 3))
     quiet = PredictionNoise(2.0 * white, np.full(6, 1e-2), np.full(6, 0.5))
-    found = prediction_error._noise_of(predictor, predictor.gains(values, quiet), quiet)
+    found = fitting._noise_of(predictor, predictor.gains(values, quiet), quiet)
     np.testing.assert_allclose(found.measured, white * np.sqrt((1.0 + 1.0 + 9.0) / 3.0), rtol=0.1)
 
 
 def test_the_limit_of_the_memory_of_a_force_limits_no_other_number_of_the_noise(scenario, log, values):
     """Forces along the axes of the body last a quarter of a second at most; longer ones are errors of the thrust."""
-    vehicle = Model(scenario.vehicle, [("mass",)], "rotor_speed_command", kind="body")
-    predictor = Predictor(vehicle, [log], [LogWindow(0, 30), LogWindow(0, 90)], SIZES, IMU)
+    model = LogModel(scenario, ["mass"], frame="body")
+    predictor = Predictor(model, [log], [LogWindow(0, 30), LogWindow(0, 90)], SIZES, IMU)
     begun = PredictionNoise(noise_of(IMU, white=30.0).measured, np.full(6, 5.0), np.full(6, 0.2))
-    found = prediction_error._noise_of(predictor, predictor.gains(values[:1], begun), begun)
+    found = fitting._noise_of(predictor, predictor.gains(values[:1], begun), begun)
     assert found.memory[:3].max() <= 0.25 * (1.0 + 1e-9)
     # A number changes by a factor of 12 at most.
     assert found.disturbance.min() > 5.0 / 12.2

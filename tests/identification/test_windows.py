@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from drake_quad.errors import InputError
+from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.windows import (
-    WindowSizes,
     LogWindow,
+    WindowSizes,
     airborne,
     coarser,
     common_period,
@@ -16,7 +17,6 @@ from drake_quad.identification.windows import (
     steep_remarks,
     within_half_a_turn,
 )
-from drake_quad.identification.logs.record import FlightRecord
 
 PERIOD = 0.01
 

@@ -213,7 +213,7 @@ class _Motion(NamedTuple):
         position, velocity, acceleration = ends.get("position", (none, none, none))
         if "velocity" in ends:
             velocity, acceleration, _ = ends["velocity"]
-        attitude, _, _ = ends.get("attitude", (none, none, none))
+        attitude, *_ = ends.get("attitude", (none, none, none))
         if "body_rates" in ends:
             rates, angular, _ = ends["body_rates"]
         else:
@@ -238,7 +238,7 @@ class _Motion(NamedTuple):
 
 
 def _parabola(record: FlightRecord, name: str, starts: np.ndarray, past: int) -> tuple[np.ndarray, ...]:
-    """Return value, rate and acceleration (3, S) at the end of a parabola through the samples before each start."""
+    """Return value, rate and acceleration (3, S) at ends of parabolas through the last samples before each start."""
     values = record.of(name)
     if name == "attitude":
         values = np.unwrap(values, axis=0)

@@ -1,10 +1,14 @@
-"""What was identified as a vehicle of the scenario language: a file that is ready for `extends` and for studies.
+"""File of an identified vehicle in the scenario language, for `extends` and for studies.
 
-It extends the vehicle that the identification began with. `nominal` has the values, as planner and controllers believe
-them; `vehicle` and `laboratory` have the same as numbers, or as normal distributions with the correlation of the
-estimates' errors. They are as wide as what another stretch of flight will show: the error of the mean, and what varies
-from stretch to stretch, where that is known. What Student's distribution makes wider than the normal one is in the
-standard deviations, too: 95 % of what is drawn is within the interval for another stretch.
+The file extends the vehicle that the identification began with. `vehicle` and `laboratory` have the estimates as
+numbers, or as normal distributions with the covariance of the estimates. The distributions are as wide as another
+stretch of flight may show: they contain the error of the mean and, where it is known, the variation from stretch to
+stretch. Their standard deviations also account for Student's distribution, so that 95 % of the samples are within the
+interval for another stretch.
+
+`nominal`, which the planner and the controllers believe, stays as in the base unless the estimates are asked for there,
+too: a controller that flew a log believed its own numbers, and a prediction of its flights must let it do so. Whoever
+designs a controller for the identified vehicle wants the estimates in `nominal`.
 """
 
 import math
@@ -42,9 +46,6 @@ _AT_LEAST = 0.1
 _FAR = 6.0
 # Decimals of a number beyond the first of its standard deviation.
 _DIGITS = 5
-# Of the rows of a curve's fit, that at hover: there the believed thrust is the measured one to a thousandth.
-_AT_HOVER = 1e3
-_THROTTLES = np.linspace(0.0, 1.0, 101)
 # Of the top speed, above that of full throttle: with it a fifth more thrust, which is more than a curve is off by.
 _ABOVE = 1.1
 
@@ -63,24 +64,27 @@ def write_vehicle(
     *,
     base: str | Path,
     distributions: bool = True,
+    nominal: bool = False,
     given: Sequence[str] = (),
 ) -> Path:
-    """Writes what was identified as a vehicle, whole or not at all, and returns the path.
+    """Write an identified vehicle to a file, and return its path.
 
-    What was not estimated is as in `base`, but for what would contradict an estimate: a lag of rotors that slow down
-    beside one that was found for both directions, and drag that is alike from all sides beside drag of the body.
+    The file is written completely or not at all. Fields without an estimate are as in `base`, except those that would
+    contradict an estimate: a separate lag of rotors that slow down, if one lag was found for both directions, and
+    `linear_drag` and `quadratic_drag` beside `body_drag`.
 
     Args:
-        path: of the file, `.yaml` or `.yml`; its folder is made if need be.
-        name: of the scenario in it.
-        estimates: at least one.
-        base: FILE or FILE:NAME of the vehicle that it extends, or a shipped one.
-        distributions: whether `vehicle` and `laboratory` have distributions, for studies; else they have numbers.
-        given: what was set beside the base, such as a mass that was weighed: `nominal.mass=0.03`, values in YAML.
+        path: path of the file, `.yaml` or `.yml`; its folder is created if needed.
+        name: name of the scenario in the file.
+        estimates: at least one estimate.
+        base: FILE or FILE:NAME of the vehicle that the file extends, or a shipped one.
+        distributions: True to write distributions to `vehicle` and `laboratory`, False to write numbers.
+        nominal: True to write the estimates to `nominal` as well, which planner and controllers believe.
+        given: overrides of the base, such as a weighed mass, `nominal.mass=0.03`, with values in YAML.
 
     Raises:
-        InputError: a name or a path is wrong, the base cannot be loaded, estimates lack what they need beside them, or
-            their vehicle cannot fly.
+        InputError: if a name or a path is wrong, the base cannot be loaded, an estimate needs others that are missing,
+            or the vehicle cannot fly.
     """
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(f"{shown(str(path))} must end in .yaml or .yml")
@@ -90,7 +94,8 @@ def write_vehicle(
         raise InputError("there is no estimate to write")
     believed = load_undesigned(base, given)
     folder = output_folder(path.parent)
-    scenario = {"extends": _Entry(_relative(base, folder)), **_fields(name, estimates, believed, distributions, given)}
+    fields = _fields(name, estimates, believed, distributions, nominal, given)
+    scenario = {"extends": _Entry(_relative(base, folder)), **fields}
     document = CommentedMap({name: _commented(scenario, 2)})
     document.yaml_set_start_comment(_wrapped(_introduction(estimates, distributions)))
 
@@ -120,7 +125,7 @@ def _relative(base: str | Path, folder: Path) -> str:
 
 
 def _fields(
-    name: str, estimates: Estimates, base: Scenario, distributions: bool, given: Sequence[str]
+    name: str, estimates: Estimates, base: Scenario, distributions: bool, nominal: bool, given: Sequence[str]
 ) -> dict[str, Any]:
     """Return the mappings of the scenario, with an entry at each leaf."""
     prefix = re.sub(r"\W", "_", name, flags=re.ASCII)[:50]
@@ -135,12 +140,12 @@ def _fields(
         for step in steps:
             node = node.setdefault(step, {})
         node[last] = value
-        if path in Nominal.model_fields:
+        if nominal and path in Nominal.model_fields:
             believed = _believed(path, estimates, base)
             tree["nominal"][path] = _rigid(path, believed) if isinstance(believed, list) else believed
     for assignment in given:
         _put(tree, assignment)
-    _with_motors(tree, base)
+    _with_motors(tree, base, nominal)
     _with_response(tree, base)
     _without_contradictions(tree["vehicle"])
     return {field: value for field, value in tree.items() if value}
@@ -321,26 +326,27 @@ def _moved(value: Any, step: float) -> Any:
     return _significant(value + step)
 
 
-def _with_motors(tree: dict[str, Any], base: Scenario) -> None:
-    """Throttles, where their curve was estimated: as measured in the vehicle, and in `nominal` so that it rises."""
+def _with_motors(tree: dict[str, Any], base: Scenario, nominal: bool) -> None:
+    """Complete the motors, if their thrust curve was estimated, and raise speed limits that would cut it off.
+
+    `nominal` gets the curve if it is asked for, or if the base has no throttle motors that could be believed.
+    """
     if "motors" not in tree["vehicle"]:
         return
     curve = tree["vehicle"]["motors"]["curve"]
     numbers = [_median(entry.value) for entry in curve]
     tree["vehicle"]["motors"] = {"kind": _Entry("throttle"), "curve": curve}
-    factor = tree["nominal"].get("thrust_factor", _Entry(base.nominal.thrust_factor)).value
-    mass = tree["nominal"].get("mass", _Entry(base.nominal.mass)).value
-    rising = rising_curve(ThrustCurve(*numbers), hover_thrust=0.25 * mass * base.nominal.gravity)
-    same = np.allclose(rising, numbers, rtol=1e-6, atol=1e-6 * max(map(abs, numbers)))
-    comment = "" if same else "a curve that the autopilot can invert: it rises, and is the measured one at hover"
-    believed = numbers if same else [_significant(each) for each in rising]
-    tree["nominal"]["motors"] = {"kind": _Entry("throttle"), "curve": [_Entry(each) for each in believed]}
-    tree["nominal"]["motors"]["curve"][0] = _Entry(believed[0], comment)
-    top = math.sqrt(max(0.0, float(thrust_of(1.0, ThrustCurve(*numbers)))) / factor)
-    if base.nominal.max_rotor_speed < _ABOVE * top:
-        why = "above that of full throttle by the measured curve, which a lower one would cut off"
-        for part in ("nominal", "vehicle"):
-            tree[part]["max_rotor_speed"] = _Entry(float(f"{_ABOVE * top:.4g}"), why)
+    parts = ["vehicle"]
+    if nominal or not base.nominal.motors.take_throttles:
+        parts.append("nominal")
+        tree["nominal"]["motors"] = {"kind": _Entry("throttle"), "curve": [_Entry(each) for each in numbers]}
+    full = max(0.0, float(thrust_of(1.0, ThrustCurve(*numbers))))
+    top = _ABOVE * math.sqrt(full / base.nominal.thrust_factor)
+    for part in parts:
+        limit = getattr(base, part).max_rotor_speed
+        if isinstance(limit, float) and limit < top:
+            why = "above that of full throttle by the measured curve, which a lower one would cut off"
+            tree[part]["max_rotor_speed"] = _Entry(float(f"{top:.4g}"), why)
 
 
 def _significant(number: float) -> float:
@@ -349,27 +355,6 @@ def _significant(number: float) -> float:
 
 def _median(value: Any) -> float:
     return float(value["normal"]["mean"] if isinstance(value, dict) else value)
-
-
-def rising_curve(curve: ThrustCurve, *, hover_thrust: float) -> ThrustCurve:
-    """The curve next to a measured one that rises over all throttles and is never negative.
-
-    Least squares over throttles from 0 to 1 on 1, u - u²/2 and u²/2, whose factors K0, K1 and K1 + 2 K2 must not be
-    negative; the measured curve's throttle of hover counts so much that the thrust there is the same.
-
-    Args:
-        curve: as measured.
-        hover_thrust: of a rotor, N.
-    """
-    evenly: Any = _THROTTLES
-    measured = np.asarray(thrust_of(evenly, curve))
-    hover = _THROTTLES[int(np.argmin(np.abs(measured - hover_thrust)))]
-    throttles: Any = np.append(_THROTTLES, hover)
-    weights = np.append(np.ones(len(_THROTTLES)), _AT_HOVER)
-    thrusts = np.asarray(thrust_of(throttles, curve))
-    basis = np.stack([np.ones(len(throttles)), throttles - 0.5 * throttles**2, 0.5 * throttles**2], axis=1)
-    k_0, slope, end_slope = scipy.optimize.nnls(weights[:, None] * basis, weights * thrusts)[0]
-    return ThrustCurve(float(k_0), float(slope), float(0.5 * (end_slope - slope)))
 
 
 def _with_response(tree: dict[str, Any], base: Scenario) -> None:
