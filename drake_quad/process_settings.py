@@ -10,7 +10,7 @@ import logging
 import threading
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, redirect_stdout
+from contextlib import AbstractContextManager, contextmanager, redirect_stderr, redirect_stdout
 from typing import Any
 
 from threadpoolctl import ThreadpoolController
@@ -82,8 +82,14 @@ single_threaded_blas = ProcessSetting(lambda: _linear_algebra().limit(limits=1, 
 without_drake_remarks = ProcessSetting(_drake_at_warning)
 """Log level of Drake that hides messages less severe than warnings, such as solver progress and server addresses."""
 
-without_prints = ProcessSetting(lambda: redirect_stdout(io.StringIO()))
-"""Redirection that discards the standard output."""
+@contextmanager
+def _discarded_output() -> Iterator[None]:
+    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+        yield
+
+
+without_prints = ProcessSetting(_discarded_output)
+"""Redirection that discards the standard output and the standard error output."""
 
 without_warnings = ProcessSetting(lambda: warnings.catch_warnings(action="ignore"))
 """Filter that hides Python's warnings."""

@@ -64,6 +64,7 @@ class _Channel(NamedTuple):
         rows: numbers of the rows of the clock at which it is known.
         values: (rows, columns).
         origin: where it is from, as part of a sentence.
+        crossed: True if it is along the axes of the world and the signal along those of the body, or vice versa.
     """
 
     signal: str
@@ -71,6 +72,7 @@ class _Channel(NamedTuple):
     rows: np.ndarray
     values: np.ndarray
     origin: str
+    crossed: bool = False
 
     @property
     def time(self) -> np.ndarray:
@@ -159,6 +161,7 @@ def record_of(
         each for signal in (channel.signal for channel in chosen) for each in _read_names(signal, mapping, available)
     }
     signals: dict[str, Any] = {channel.signal: _at(channel, clock, inside) for channel in chosen}
+    notes += _turn_crossed(signals, chosen)
     wind = None if "wind" in signals else mapping.wind_of(name)
     if wind is not None:
         signals["wind"] = np.tile(wind, (len(time), 1))
@@ -225,7 +228,7 @@ def _channels(signal: str, mapping: Mapping, tables: Sequence[Table], clocks: _C
                 values = np.clip(values, 0.0, 1.0)
             rows = np.flatnonzero((np.abs(values) < _LARGEST).all(axis=1))
             if len(rows) > 1:
-                yield _Channel(signal, clock, rows, values[rows], _origin(source))
+                yield _Channel(signal, clock, rows, values[rows], _origin(source), source.is_crossed(signal))
 
 
 def _values(signal: str, source: SignalSource, table: Table) -> np.ndarray:
@@ -331,6 +334,37 @@ def _at(channel: _Channel, clock: np.ndarray, inside: np.ndarray) -> np.ndarray:
             if angles:
                 values = np.arctan2(np.sin(values), np.cos(values))
     return values[:, 0] if COLUMNS[channel.signal] == 1 else values
+
+
+def _turn_crossed(signals: dict[str, Any], channels: Sequence[_Channel]) -> Iterator[str]:
+    """Turn signals from the frame of the body into that of the world, or vice versa, by the attitude.
+
+    Yield a sentence on each.
+    """
+    for channel in channels:
+        if not channel.crossed:
+            continue
+        to_world = QUANTITIES[channel.signal].frame == "W"
+        of, to = ("body", "world") if to_world else ("world", "body")
+        if "attitude" in signals:
+            rotation = rotation_matrices(signals["attitude"])
+            order = "nij,nj->ni" if to_world else "nji,nj->ni"
+            signals[channel.signal] = np.einsum(order, rotation, signals[channel.signal])
+            yield f"{channel.signal} is turned from the axes of the {of} to those of the {to} by the attitude"
+        else:
+            del signals[channel.signal]
+            yield f"{channel.signal} is left out: it is along the axes of the {of}, and no attitude is logged"
+
+
+def rotation_matrices(attitude: np.ndarray) -> np.ndarray:
+    """Return the rotation matrices (n, 3, 3) from body to world of roll, pitch and yaw (n, 3) in rad."""
+    (c_r, c_p, c_y), (s_r, s_p, s_y) = np.cos(attitude).T, np.sin(attitude).T
+    rows = (
+        (c_y * c_p, c_y * s_p * s_r - s_y * c_r, c_y * s_p * c_r + s_y * s_r),
+        (s_y * c_p, s_y * s_p * s_r + c_y * c_r, s_y * s_p * c_r - c_y * s_r),
+        (-s_p, c_p * s_r, c_p * c_r),
+    )
+    return np.moveaxis(np.array(rows), 2, 0)
 
 
 def _origin(source: SignalSource) -> str:
