@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drake_quad.errors import InputError, listed
+from drake_quad.identification.logs.attitudes import rotation_matrices
+from drake_quad.identification.logs.consistency import contradictions
 from drake_quad.identification.logs.doubts import doubts, jumps
 from drake_quad.identification.logs.mapping import ATTITUDES, Mapping, SignalSource
 from drake_quad.identification.logs.record import COLUMNS, FlightRecord
@@ -188,6 +190,7 @@ def record_of(
                 for each in jumps(channel.time, channel.values)
             ),
             *doubts(signals, time - time[0]),
+            *contradictions(signals, time),
             *_unread(available - ({mapping.time.column} if mapping.time else set()), used),
         ),
     )
@@ -354,17 +357,6 @@ def _turn_crossed(signals: dict[str, Any], channels: Sequence[_Channel]) -> Iter
         else:
             del signals[channel.signal]
             yield f"{channel.signal} is left out: it is along the axes of the {of}, and no attitude is logged"
-
-
-def rotation_matrices(attitude: np.ndarray) -> np.ndarray:
-    """Return the rotation matrices (n, 3, 3) from body to world of roll, pitch and yaw (n, 3) in rad."""
-    (c_r, c_p, c_y), (s_r, s_p, s_y) = np.cos(attitude).T, np.sin(attitude).T
-    rows = (
-        (c_y * c_p, c_y * s_p * s_r - s_y * c_r, c_y * s_p * c_r + s_y * s_r),
-        (s_y * c_p, s_y * s_p * s_r + c_y * c_r, s_y * s_p * c_r - c_y * s_r),
-        (-s_p, c_p * s_r, c_p * c_r),
-    )
-    return np.moveaxis(np.array(rows), 2, 0)
 
 
 def _origin(source: SignalSource) -> str:
