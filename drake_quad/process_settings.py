@@ -82,6 +82,7 @@ single_threaded_blas = ProcessSetting(lambda: _linear_algebra().limit(limits=1, 
 without_drake_remarks = ProcessSetting(_drake_at_warning)
 """Log level of Drake that hides messages less severe than warnings, such as solver progress and server addresses."""
 
+
 @contextmanager
 def _discarded_output() -> Iterator[None]:
     with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):

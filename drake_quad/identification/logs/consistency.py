@@ -16,10 +16,11 @@ from drake_quad.identification.logs.attitudes import rotation_matrices, rotation
 from drake_quad.identification.logs.faults import AXES, GRAVITY, Fault, faults
 
 _GRID_STEP = 0.01  # s; finer samples are averaged
-_MAX_GRID_SIZE = 12_000  # two minutes at the finest grid step
+_MAX_GRID_SIZE = 6_000  # one minute at the finest grid step, in the middle of the log
 _MIN_WINDOWS = 50
 _TRANSLATION_WINDOW = 0.2  # s, long enough to average out the noise of positions
 _ROTATION_WINDOW = 0.1  # s
+_SEARCH_STRIDE = 0.04  # s, between the windows in the search of faults
 _MIN_TILT_COSINE = 0.2  # below it the tangent of the tilt says nothing
 # Values beyond this quantile of a signal's size are clipped to it, since a crash or a landing is not typical.
 _CLIPPED_QUANTILE = 0.9
@@ -35,12 +36,14 @@ _NUM_PARTS = 8
 _FRAME_SIGMAS = 4.0
 _MIN_FRAME_IMPROVEMENT = 0.2
 _MAX_SHIFT = 0.3  # s
+_SHIFTED_AMPLITUDE = 0.2  # SI units; smaller than the threshold of signals whose mean counts
 _MIN_SHIFT = 0.025  # s; filters and radio links of healthy logs shift by up to 20 ms
 _SHIFT_SIGMAS = 4.0
 # A command is compared with the signal that follows it later by up to this time, s.
 _MAX_RESPONSE_TIME = 0.5
 # Two signals whose disagreement is at least this large, and which no single fault explains, contradict each other.
 _CONTRADICTION = 0.85
+_OPPOSITE = 1.2  # disagreement of signals that are rather opposite than independent
 _TINY = float(np.finfo(float).tiny)
 
 
@@ -56,6 +59,7 @@ class _Pair(NamedTuple):
         axes: names of the axes.
         centred: False if the means count.
         is_exact: False if the two are equal but for a time or an effect that is not modelled.
+        suspicious: disagreement from which on faults are sought.
     """
 
     name: str
@@ -66,6 +70,7 @@ class _Pair(NamedTuple):
     axes: tuple[str, ...]
     centred: bool = True
     is_exact: bool = True
+    suspicious: float = _MIN_IMPROVEMENT
 
     def clipped(self) -> tuple[np.ndarray, np.ndarray]:
         """Return both sides, without their medians if they are centred, and clipped to what is typical."""
@@ -113,11 +118,22 @@ class _Grid:
 
     def __init__(self, signals: Mapping[str, np.ndarray], step: float, usable: np.ndarray) -> None:
         self.signals, self.step, self.usable = signals, step, usable
+        self._rotation: np.ndarray | None = None
         self._damaged = np.concatenate([[0], np.cumsum(~usable)])
 
     def repaired(self, fault: Fault) -> "_Grid":
         """Return the grid without a fault."""
-        return _Grid({**self.signals, **fault.repaired(self.signals)}, self.step, self.usable)
+        result = _Grid({**self.signals, **fault.repaired(self.signals)}, self.step, self.usable)
+        if "attitude" not in fault.signals:
+            result._rotation = self._rotation
+        return result
+
+    @property
+    def rotation(self) -> np.ndarray:
+        """Rotation matrices (n, 3, 3) from body to world."""
+        if self._rotation is None:
+            self._rotation = rotation_matrices(self.signals["attitude"])
+        return self._rotation
 
     def samples(self, duration: float) -> int:
         """Return the number of steps in a window."""
@@ -161,16 +177,13 @@ def contradictions(signals: Mapping[str, np.ndarray], time: np.ndarray) -> Itera
         fault, pair, axis = found
         yield f"{pair.name} disagrees with {pair.text(axis)}: {fault.text}"
         grid = grid.repaired(fault)
-    for pair in _pairs(grid):
-        if pair is None or not pair.is_exact:
-            continue
-        excited = pair.excited(factor=2.0)
-        if not excited.any():
-            continue
-        if pair.disagreement()[excited].min() > _CONTRADICTION:
-            yield f"{pair.name} contradicts {pair.text(int(np.argmax(excited)))}"
-        elif pair.centred:
-            yield from _shift(pair, grid.step, excited)
+    for exact in (each for each in _pairs(grid) if each is not None and each.is_exact):
+        excited = exact.excited(factor=2.0)
+        if excited.any() and exact.disagreement()[excited].min() > _CONTRADICTION:
+            yield f"{exact.name} contradicts {exact.text(int(np.argmax(excited)))}"
+        elif excited.any():
+            moving = exact._replace(centred=True, threshold=min(exact.threshold, _SHIFTED_AMPLITUDE))
+            yield from _shift(moving, grid.step, moving.excited(factor=2.0))
 
 
 def _on_grid(signals: Mapping[str, np.ndarray], time: np.ndarray) -> _Grid | None:
@@ -201,11 +214,12 @@ def _integral(values: np.ndarray, steps: np.ndarray | float) -> np.ndarray:
     return np.vstack([np.zeros(values.shape[1]), np.cumsum(areas, axis=0)])
 
 
-def _pairs(grid: _Grid, changed: Fault | None = None) -> list[_Pair | None]:
+def _pairs(grid: _Grid, *, stride: int = 1, changed: Fault | None = None) -> list[_Pair | None]:
     """Return the pairs of signals that the log has, without the windows that touch a gap.
 
     Args:
         grid: signals of the log.
+        stride: number of grid steps between windows.
         changed: only pairs that a fault of a signal changes; the others are None.
     """
     found: list[_Pair | None] = []
@@ -217,8 +231,9 @@ def _pairs(grid: _Grid, changed: Fault | None = None) -> list[_Pair | None]:
             continue
         pair, width = build(grid)
         whole = grid.whole(width)[: len(pair.expected)]
-        enough = whole.sum() >= _MIN_WINDOWS
-        found.append(pair._replace(expected=pair.expected[whole], measured=pair.measured[whole]) if enough else None)
+        rows = np.flatnonzero(whole)[::stride]
+        enough = len(rows) >= _MIN_WINDOWS
+        found.append(pair._replace(expected=pair.expected[rows], measured=pair.measured[rows]) if enough else None)
     return found
 
 
@@ -238,7 +253,7 @@ def _derivative(grid: _Grid, position: str, velocity: str) -> tuple[_Pair, int]:
 
 def _attitude_and_rates(grid: _Grid) -> tuple[_Pair, int]:
     width = grid.samples(_ROTATION_WINDOW)
-    rotation = rotation_matrices(grid.signals["attitude"])
+    rotation = grid.rotation
     turn = rotation_vectors(np.einsum("nji,njk->nik", rotation[:-width], rotation[width:])) / (width * grid.step)
     measured = grid.mean(grid.signals["body_rates"], width)
     return _Pair("body_rates", "the derivative of attitude", turn, measured, 0.05, AXES["body_rates"]), width
@@ -252,8 +267,7 @@ def _with_gravity(grid: _Grid, width: int) -> np.ndarray:
 
 def _force_in_world(grid: _Grid) -> tuple[np.ndarray, np.ndarray, int]:
     width = grid.samples(_TRANSLATION_WINDOW)
-    rotation = rotation_matrices(grid.signals["attitude"])
-    measured = grid.mean(np.einsum("nij,nj->ni", rotation, grid.signals["specific_force"]), width)
+    measured = grid.mean(np.einsum("nij,nj->ni", grid.rotation, grid.signals["specific_force"]), width)
     return _with_gravity(grid, width), measured, width
 
 
@@ -272,11 +286,12 @@ def _vertical_force(grid: _Grid) -> tuple[_Pair, int]:
 
 def _force_in_body(grid: _Grid) -> tuple[_Pair, int]:
     width = grid.samples(_TRANSLATION_WINDOW)
-    rotation = rotation_matrices(grid.signals["attitude"])[: -width or None]
-    expected = np.einsum("nji,nj->ni", rotation, _with_gravity(grid, width))[:, :2]
+    expected = np.einsum("nji,nj->ni", grid.rotation[:-width], _with_gravity(grid, width))[:, :2]
     measured = grid.mean(grid.signals["specific_force"], width)[:, :2]
+    # The rotors' drag is small beside the errors of the tilt, so the two are rarely equal, but never opposite.
     what = "the acceleration and the tilt, in the body,"
-    return _Pair("specific_force", what, expected, measured, 0.1, ("x", "y"), is_exact=False), width
+    pair = _Pair("specific_force", what, expected, measured, 0.1, ("x", "y"), is_exact=False, suspicious=_OPPOSITE)
+    return pair, width
 
 
 def _size_of_force(grid: _Grid) -> tuple[_Pair, int]:
@@ -290,7 +305,7 @@ def _tilt(grid: _Grid) -> tuple[_Pair, int]:
     """Return the pair of the horizontal acceleration and that of a thrust along the body's z axis."""
     width = grid.samples(_TRANSLATION_WINDOW)
     acceleration = _with_gravity(grid, width)
-    axis = rotation_matrices(grid.signals["attitude"])[:, :, 2]
+    axis = grid.rotation[:, :, 2]
     tangent = grid.mean(axis[:, :2] / np.maximum(axis[:, 2:], _MIN_TILT_COSINE), width)
     expected, measured = acceleration[:, :2], tangent * np.maximum(acceleration[:, 2:], 0.0)
     what = "the horizontal acceleration"
@@ -345,17 +360,22 @@ _COMPARISONS = [
 
 def _worst_fault(grid: _Grid) -> tuple[Fault, _Pair, int] | None:
     """Return the fault whose repair makes the log agree best, and the pair and the axis that show it most."""
-    pairs = _pairs(grid)
+    # Windows overlap, so that some of them are enough.
+    stride = grid.samples(_SEARCH_STRIDE)
+    pairs = _pairs(grid, stride=stride)
     excited = [None if pair is None else pair.excited() for pair in pairs]
     before = [np.zeros(0) if pair is None else pair.disagreement() for pair in pairs]
-    is_suspicious = any((old > _MIN_IMPROVEMENT).any() for old in before)
+    is_suspicious = any(
+        pair is not None and axes is not None and (old[axes] > pair.suspicious).any()
+        for pair, old, axes in zip(pairs, before, excited, strict=True)
+    )
     best, best_gain = None, 0.0
     for fault in faults(grid.signals):
         if not (is_suspicious or fault.is_frame):
             continue
         gain, most, shown = -_AXIS_COST * fault.num_axes, 0.0, None
         for pair, repaired, old, axes in zip(
-            pairs, _pairs(grid.repaired(fault), fault), before, excited, strict=True
+            pairs, _pairs(grid.repaired(fault), stride=stride, changed=fault), before, excited, strict=True
         ):
             if pair is None or repaired is None or axes is None:
                 continue
@@ -389,7 +409,7 @@ def _shift(pair: _Pair, step: float, excited: np.ndarray) -> Iterator[str]:
     """Yield a sentence if one side of a pair lags the other by the same time in all parts of the log."""
     most = round(_MAX_SHIFT / step)
     expected, measured = (side[:, excited] for side in pair.clipped())
-    if len(expected) < 2 * most + _NUM_PARTS * _MIN_WINDOWS // 2:
+    if not excited.any() or len(expected) < 2 * most + _NUM_PARTS * _MIN_WINDOWS // 2:
         return
     errors = np.array(
         [

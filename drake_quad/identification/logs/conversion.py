@@ -164,6 +164,8 @@ def record_of(
     }
     signals: dict[str, Any] = {channel.signal: _at(channel, clock, inside) for channel in chosen}
     notes += _turn_crossed(signals, chosen)
+    if not signals:
+        raise InputError(f"{mark}: has no signal that can be used: {'; '.join(notes)}")
     wind = None if "wind" in signals else mapping.wind_of(name)
     if wind is not None:
         signals["wind"] = np.tile(wind, (len(time), 1))

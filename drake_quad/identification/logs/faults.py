@@ -107,7 +107,8 @@ def faults(signals: _Signals) -> Iterator[Fault]:
             continue
         for signs in _SIGNS:
             wrong = [name for name, sign in zip(axes, signs, strict=True) if sign < 0.0]
-            text = f"the sign of {signal} looks wrong{'' if len(wrong) == 3 else f' in {" and ".join(wrong)}'}"
+            where = "" if len(wrong) == len(axes) else f" in {' and '.join(wrong)}"
+            text = f"the sign of {signal} looks wrong{where}"
             if signs == _HALF_TURN:
                 text += f", as if it were in {'FRD' if signal in _BODY_SIGNALS else 'NED'}"
             yield Fault((signal,), text, _scaled(signal, np.array(signs)), len(wrong))

@@ -75,10 +75,12 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
     frame = int(parameters.get("FRAME_CLASS", _QUADROTOR))
     remarks = [*log.remarks]
     if frame in _OTHER_FRAMES:
-        other = f"the log of {_OTHER_FRAMES[frame]}"
+        other = _OTHER_FRAMES[frame]
         if given is None:
-            raise InputError(f"{log.mark}: is {other}, and not of a quadrotor; give a mapping to read it anyway")
-        remarks.append(f"the log is {other}")
+            raise InputError(
+                f"{log.mark}: is the log of {other}, and not of a quadrotor; give a mapping to read it anyway"
+            )
+        remarks.append(f"the log is of {other}")
     if int(parameters.get("FRAME_TYPE", parameters.get("FRAME", _X_LAYOUT))) != _X_LAYOUT:
         remarks.append(
             "the rotors are counted as in an x layout, but FRAME_TYPE says that the frame has another layout"

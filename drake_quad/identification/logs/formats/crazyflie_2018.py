@@ -7,8 +7,8 @@ One after the other it has:
     blocks: number of records (uint8), the records, packed, inverted CRC-32 of the block (uint32)
 
 All is little-endian, the first column is the time in ms, and the letters are those of Python's `struct`. The format is
-that of `tools/usdlog/CF_functions.py` in github.com/bitcraze/crazyflie-firmware from May 2018 to March 2021. The present
-format begins with the byte 0xBC and is read by `crazyflie`.
+that of `tools/usdlog/CF_functions.py` in github.com/bitcraze/crazyflie-firmware from May 2018 to March 2021. Newer logs
+begin with the byte 0xBC and are read by `crazyflie`.
 """
 
 import re
@@ -50,7 +50,8 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
         remarks.append("the checksum of the list of columns is wrong: the log is damaged")
     blocks, end, num_damaged = _blocks(data, place + _CHECKSUM, layout)
     if num_damaged:
-        remarks.append(f"{num_damaged:,} blocks of records are left out: their checksum is wrong")
+        blocks_are = "blocks of records are" if num_damaged > 1 else "block of records is"
+        remarks.append(f"{num_damaged:,} {blocks_are} left out because of a wrong checksum")
     if end < len(data):
         remarks.append(log.unread(end, "no whole block of records, so the log is cut or damaged"))
     if not blocks:

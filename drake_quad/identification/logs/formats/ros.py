@@ -176,10 +176,6 @@ def _tables(topics: dict[str, _Rows], mapping: NamedMapping, remarks: list[str],
     return LogContent(tables, mapping, remarks, others)
 
 
-def _short(kind: str) -> str:
-    return kind.replace("/msg/", "/")
-
-
 class _Decoder:
     """Decoder of messages, by the definitions of a bag, or by those of ROS 2 itself where the bag has none."""
 
