@@ -264,7 +264,7 @@ def test_json_in_mcap_is_read_with_a_mapping_and_to_where_it_is_cut(read, tmp_pa
     assert said(cut, "the log is cut or damaged; it is read until this error")
 
 
-NANOBENCH = ["t", *"px py pz qx qy qz qw vx vy vz wx_vicon wy_vicon wz_vicon".split()]
+NANOBENCH = ["t", "px", "py", "pz", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx_vicon", "wy_vicon", "wz_vicon"]
 NANOBENCH += [f"motor_motor_m{i}" for i in (1, 2, 3, 4)]
 
 

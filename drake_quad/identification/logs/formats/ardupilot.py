@@ -18,7 +18,7 @@ from drake_quad.identification.logs.formats.log_format import (
 )
 from drake_quad.identification.logs.mapping import load_mapping
 from drake_quad.identification.logs.source import LogFile
-from drake_quad.process_settings import without_prints
+from drake_quad.process_settings import without_error_output, without_prints
 
 # The header of a message of type 128, which declares another type.
 _MAGIC = b"\xa3\x95\x80"
@@ -61,8 +61,15 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
         """Return the formats and the offsets of all messages, by their names."""
 
         def opened(path: Any) -> Any:
-            with without_prints(), reader_module.DFReader_binary(str(path)) as reader:
+            # A constructor that fails would leave its file open.
+            reader = object.__new__(reader_module.DFReader_binary)
+            try:
+                with without_prints(), without_error_output():
+                    reader.__init__(str(path))
                 return reader.formats, reader.offsets
+            finally:
+                if hasattr(reader, "filehandle"):
+                    reader.filehandle.close()
 
         formats, offsets = with_file(log, ".bin", opened)
         return {each.name: each for each in formats.values()}, {

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from drake_quad.errors import InputError
+from drake_quad.errors import InputError, listed
 from drake_quad.identification.logs.conversion import Table
 from drake_quad.identification.logs.formats.log_format import (
     FORMATS,
@@ -54,10 +54,8 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
     fields = dict(zip(names, frames.T, strict=True))
     time = fields.pop("time") * _MICROSECOND
     fields.pop("loopIteration", None)
-    low, high = (float(each) for each in flight.sys_config["motorOutput"])
-    gravity = float(flight.sys_config["acc_1G"])
-    if not high > low or not gravity > 0.0:
-        raise InputError(f"{log.mark}: is a Betaflight log whose header is damaged: motorOutput or acc_1G")
+    low, high = flight.sys_config["motorOutput"]
+    gravity = flight.sys_config["acc_1G"]
     for name in fields:
         if name.startswith("motor["):
             fields[name] = (fields[name] - low) / (high - low)
@@ -74,6 +72,9 @@ def _decoded(decoder: Any, data: bytes, start: int, end: int) -> Any:
     for name in ("frameIntervalI", "frameIntervalPNum", "frameIntervalPDenom"):
         if not 1 <= config[name] <= _MAX_INTERVAL:
             raise ValueError(f"the interval of its frames is {config[name]}")
+    numbers = [*config["motorOutput"], config["acc_1G"]]
+    if not all(isinstance(each, int) for each in numbers) or not numbers[0] < numbers[1] or not numbers[2] > 0:
+        raise ValueError(f"motorOutput and acc_1G of its header are {listed([str(each) for each in numbers])}")
     flight.parse_data()
     return flight
 

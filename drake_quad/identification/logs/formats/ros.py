@@ -80,8 +80,10 @@ class _Rows:
 
     def table(self, topic: str, start: int, *, of_its_type: bool) -> tuple[Table, list[str]]:
         """Return a table with the names of the topic and, if asked for, of its type, and remarks."""
-        times = (np.array(self._times, dtype=np.int64) - start) * _NANOSECOND
-        stamps = (np.array(self._stamps, dtype=np.int64) - start) * _NANOSECOND
+        times, stamps = (
+            np.array([each - start for each in clock], dtype=float) * _NANOSECOND
+            for clock in (self._times, self._stamps)
+        )
         known = {name: np.array(values) for name, values in self._values.items() if np.isfinite(values).any()}
         columns = {f"{topic}.{name}": values for name, values in known.items()}
         if of_its_type:
