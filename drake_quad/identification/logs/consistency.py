@@ -44,6 +44,7 @@ _MAX_RESPONSE_TIME = 0.5
 # Two signals whose disagreement is at least this large, and which no single fault explains, contradict each other.
 _CONTRADICTION = 0.85
 _OPPOSITE = 1.2  # disagreement of signals that are rather opposite than independent
+_ROUNDING = 1e-9  # relative amplitude that rounding gives a constant
 _TINY = float(np.finfo(float).tiny)
 
 
@@ -100,11 +101,10 @@ class _Pair(NamedTuple):
             amounts = f"{float(np.mean(measured)):.3g} instead of {float(np.mean(expected)):.3g} m/s² in the mean"
         else:
             correlation = float(np.mean(expected * measured)) / max(size * other_size, _TINY)
-            ratio = f", amplitudes {size:.2g} and {other_size:.2g}" if other_size > 0.0 else ", which is constant"
+            is_constant = other_size <= _ROUNDING * size
+            ratio = ", which is constant" if is_constant else f", amplitudes {size:.2g} and {other_size:.2g}"
             amounts = f"correlation {correlation:.2f}{ratio}"
-        return f"{self.other} along {self.axes[axis]} ({amounts})".replace("along roll", "in roll").replace(
-            "along pitch", "in pitch"
-        )
+        return f"{self.other} {'in' if self.axes[axis] in AXES['attitude'] else 'along'} {self.axes[axis]} ({amounts})"
 
 
 class _Grid:
