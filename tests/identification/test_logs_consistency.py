@@ -15,16 +15,18 @@ from drake_quad.identification.logs.reading import read_log
 
 GRAVITY = 9.81
 PERIOD = 0.01
-TIME = PERIOD * np.arange(2400)
+TIME = PERIOD * np.arange(1500)
+# The search of a fault compares the log under a hundred of them.
+pytestmark = pytest.mark.slow
 HALF_TURN = np.array([1.0, -1.0, -1.0])
 
 
 @functools.cache
 def flight(noise=1.0):
-    """A flight with linear drag whose thrust is along its z axis; the attitude follows from both, and the yaw swings."""
+    """A flight with linear drag, whose thrust is along its z axis: its acceleration and yaw determine its attitude."""
     random = np.random.default_rng(1)
     frequencies, sizes = np.array([1.1, 1.7, 0.9]), np.array([1.5, 0.8, 0.4])
-    phase = np.outer(TIME, frequencies) + [0.0, 0.3, 0.7]
+    phase = np.outer(TIME, frequencies) + np.array([0.0, 0.3, 0.7])
     position = sizes * np.sin(phase) + [0.0, 0.0, 1.5]
     velocity = sizes * frequencies * np.cos(phase)
     force = -sizes * frequencies**2 * np.sin(phase) + [0.0, 0.0, GRAVITY]
@@ -75,7 +77,6 @@ def test_rotation_matrices_are_those_of_scipy():
     assert not rotation_vectors(np.eye(3)[np.newaxis]).any()
 
 
-@pytest.mark.slow
 def test_a_flight_that_follows_physics_has_no_contradiction():
     assert found() == []
     assert list(contradictions(flight(noise=0.0), TIME)) == []
@@ -86,7 +87,6 @@ def test_a_flight_that_follows_physics_has_no_contradiction():
         assert list(contradictions({name: values[:count] for name, values in flight().items()}, TIME[:count])) == []
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["position", "velocity", "attitude", "body_rates", "specific_force"])
 def test_each_wrong_sign_is_named(name):
     axes = ("roll", "pitch", "yaw") if name == "attitude" else ("x", "y", "z")
@@ -99,7 +99,6 @@ def test_each_wrong_sign_is_named(name):
     assert f"the sign of {name} looks wrong in {axes[1]} and {axes[2]}, as if it were in " in remark
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "factor", "words"),
     [
@@ -120,7 +119,6 @@ def test_each_wrong_unit_is_named(name, factor, words):
     assert remark.endswith(f": {name} looks as if {words}")
 
 
-@pytest.mark.slow
 def test_each_wrong_frame_is_named():
     clean = flight()
     to_world = functools.partial(np.einsum, "nij,nj->ni", rotation_matrices(clean["attitude"]))
@@ -130,7 +128,7 @@ def test_each_wrong_frame_is_named():
         ("specific_force", to_world, "specific_force looks as if it were along the axes of the world"),
         ("velocity", to_body, "velocity looks as if it were along the axes of the body"),
         ("velocity", lambda v: v[:, [1, 0, 2]] * [1.0, 1.0, -1.0], "velocity looks as if NED was taken for ENU"),
-        ("attitude", lambda a: a + [0.0, 0.0, 0.5 * np.pi], "the yaw of attitude looks 90° too large"),
+        ("attitude", lambda a: a + np.array([0.0, 0.0, 0.5 * np.pi]), "the yaw of attitude looks 90° too large"),
     ):
         (remark,) = found({name: turned(clean[name])})
         assert words in remark
@@ -138,7 +136,6 @@ def test_each_wrong_frame_is_named():
     assert remarks[0].endswith(": all signals look as if NED and FRD were taken for NWU and FLU")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("shift", [-0.1, 0.04, 0.15])
 @pytest.mark.parametrize(("name", "other"), [("velocity", "position"), ("body_rates", "attitude")])
 def test_a_time_shift_is_measured(name, other, shift):
@@ -191,7 +188,6 @@ def test_noise_contradicts_nothing():
     assert list(contradictions(hovering, TIME)) == []
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "path", sorted(DATA.glob("crazyflie/*/*.xz")) + sorted(DATA.glob("px4/*.xz")), ids=lambda path: path.stem
 )
