@@ -21,13 +21,13 @@ _MIN_WINDOWS = 50
 _TRANSLATION_WINDOW = 0.2  # s, long enough to average out the noise of positions
 _ROTATION_WINDOW = 0.1  # s
 _SEARCH_STRIDE = 0.04  # s, between the windows in the search of faults
+_MIN_SPEED = 0.05  # m/s; estimators that do not run log a constant velocity
 _MIN_TILT_COSINE = 0.2  # below it the tangent of the tilt says nothing
 # Values beyond this quantile of a signal's size are clipped to it, since a crash or a landing is not typical.
 _CLIPPED_QUANTILE = 0.9
 _MAX_FAULTS = 3
-# A fault is reported if its repair takes away more of a disagreement than this number and half of what it leaves.
+# A fault is reported if its repair takes away more of a disagreement than this number and what it leaves.
 _MIN_IMPROVEMENT = 0.4
-_REMAINDER_WEIGHT = 0.5
 # Preference for a fault on fewer axes.
 _AXIS_COST = 0.05
 # Two frames that hardly differ are told apart if the other one is better in each part of the log, by this many standard
@@ -153,6 +153,12 @@ class _Grid:
         return np.asarray(self._damaged[width + 1 :] == self._damaged[: len(self._damaged) - width - 1])
 
     @property
+    def is_moving(self) -> bool:
+        """Whether the velocity varies enough to show accelerations."""
+        velocity = self.velocity
+        return velocity is not None and float(np.std(velocity, axis=0).max()) > _MIN_SPEED
+
+    @property
     def velocity(self) -> np.ndarray | None:
         """The velocity, from the position if it is not logged."""
         if "velocity" in self.signals or "position" not in self.signals:
@@ -220,13 +226,17 @@ def _pairs(grid: _Grid, *, stride: int = 1, changed: Fault | None = None) -> lis
     Args:
         grid: signals of the log.
         stride: number of grid steps between windows.
-        changed: only pairs that a fault of a signal changes; the others are None.
+        changed: only pairs that a fault of a signal changes.
+
+    Returns:
+        The pairs, and None for those that are not asked for, too short, or without motion.
     """
     found: list[_Pair | None] = []
     for build, needed in _COMPARISONS:
         if not all(any(name in grid.signals for name in names) for names in needed):
             continue
-        if changed is not None and not {name for names in needed for name in names}.intersection(changed.signals):
+        is_changed = changed is None or {name for names in needed for name in names}.intersection(changed.signals)
+        if not is_changed or (_MOTION in needed and not grid.is_moving):
             found.append(None)
             continue
         pair, width = build(grid)
@@ -242,7 +252,9 @@ def _position_and_velocity(grid: _Grid) -> tuple[_Pair, int]:
 
 
 def _references(grid: _Grid) -> tuple[_Pair, int]:
-    return _derivative(grid, "reference_position", "reference_velocity")
+    # References are held between setpoints, which shifts them by half a period.
+    pair, width = _derivative(grid, "reference_position", "reference_velocity")
+    return pair._replace(is_exact=False), width
 
 
 def _derivative(grid: _Grid, position: str, velocity: str) -> tuple[_Pair, int]:
@@ -286,7 +298,9 @@ def _vertical_force(grid: _Grid) -> tuple[_Pair, int]:
 
 def _force_in_body(grid: _Grid) -> tuple[_Pair, int]:
     width = grid.samples(_TRANSLATION_WINDOW)
-    expected = np.einsum("nji,nj->ni", grid.rotation[:-width], _with_gravity(grid, width))[:, :2]
+    acceleration = _with_gravity(grid, width)
+    middle = grid.rotation[width // 2 :][: len(acceleration)]
+    expected = np.einsum("nji,nj->ni", middle, acceleration)[:, :2]
     measured = grid.mean(grid.signals["specific_force"], width)[:, :2]
     # The rotors' drag is small beside the errors of the tilt, so the two are rarely equal, but never opposite.
     what = "the acceleration and the tilt, in the body,"
@@ -383,7 +397,7 @@ def _worst_fault(grid: _Grid) -> tuple[Fault, _Pair, int] | None:
             change = np.where(axes, old - new, 0.0)
             gain += float(change.sum())
             axis = int(np.argmax(change))
-            is_gross = change[axis] > _MIN_IMPROVEMENT + _REMAINDER_WEIGHT * new[axis]
+            is_gross = change[axis] > _MIN_IMPROVEMENT + new[axis]
             if change[axis] > most and (is_gross or (fault.is_frame and _is_other_frame(pair, repaired))):
                 most, shown = float(change[axis]), (fault, pair, axis)
         if shown is not None and gain > best_gain:
