@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from written_logs import DATA
 
 from drake_quad.identification.logs.attitudes import rotation_matrices, rotation_vectors
-from drake_quad.identification.logs.consistency import contradictions
+from drake_quad.identification.logs.consistency import _on_grid, contradictions
 from drake_quad.identification.logs.reading import read_log
 
 GRAVITY = 9.81
@@ -85,6 +85,15 @@ def test_a_flight_that_follows_physics_has_no_contradiction():
     assert list(contradictions({name: values[kept] for name, values in flight().items()}, TIME[kept])) == []
     for count in (2, 30, 120):
         assert list(contradictions({name: values[:count] for name, values in flight().items()}, TIME[:count])) == []
+
+
+def test_windows_that_touch_a_gap_are_left_out():
+    kept = (TIME < 8.0) | (TIME > 9.5)
+    grid = _on_grid({"position": flight()["position"][kept]}, TIME[kept])
+    edges = TIME[0] + grid.step * np.arange(len(grid.usable))
+    np.testing.assert_allclose(edges[~grid.usable][[0, -1]], [7.99, 9.5], atol=0.011)
+    whole = grid.whole(20)
+    assert (whole.sum(), len(whole)) == (len(whole) - (~grid.usable).sum() - 20, len(grid.usable) - 20)
 
 
 @pytest.mark.parametrize("name", ["position", "velocity", "attitude", "body_rates", "specific_force"])

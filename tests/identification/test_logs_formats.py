@@ -92,10 +92,9 @@ def test_an_ardupilot_log_is_in_our_frames_and_order_of_rotors(read):
 
 
 def test_the_first_instance_of_a_sensor_is_read(read):
-    doubled = [row for time in TIMES for row in ((int(time), 1, 7.0, 8.0, 9.0), (int(time), 0, 0.1, 0.2, 0.3))]
-    record = read(dataflash_log({"IMU": ("Bfff", ["I", "GyrX", "GyrY", "GyrZ"], doubled)}))
-    np.testing.assert_allclose(record.body_rates[0], [0.1, -0.2, -0.3], rtol=1e-6)
-    assert len(record.time) == COUNT
+    instances = [row for time in TIMES.tolist() for row in ((time, 1, 7.0, 8.0, 9.0), (time + 9_000, 0, 0.1, 0.2, 0.3))]
+    record = read(dataflash_log({"IMU": ("Bfff", ["I", "GyrX", "GyrY", "GyrZ"], instances)}))
+    np.testing.assert_allclose(record.body_rates, np.tile([0.1, -0.2, -0.3], (COUNT, 1)), rtol=1e-6)
 
 
 def test_an_ardupilot_log_of_another_vehicle_needs_a_mapping(read):

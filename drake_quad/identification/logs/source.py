@@ -4,6 +4,7 @@ import gzip
 import io
 import lzma
 import os
+import re
 import zlib
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -17,9 +18,9 @@ MOST_BYTES = 200_000_000
 _CHUNK = 1 << 20
 # Suffixes of the files in the folder of a ROS 2 bag.
 _BAG_SUFFIXES = (".db3", ".mcap")
-# Suffixes that the name of a log is without: how it is packed, and how it is written.
 _PACKED_SUFFIXES = (".gz", ".xz")
-_LOG_SUFFIXES = (".csv", ".ulg", ".bag", ".bbl", ".bfl", ".bin", ".db3", ".mat", ".mcap")
+# What says how a log is written, as .csv and .db3 do.
+_LOG_SUFFIX = re.compile(r"\.[a-z]\w{2,3}", re.IGNORECASE)
 
 
 class LogFile(NamedTuple):
@@ -66,7 +67,7 @@ class LogFile(NamedTuple):
     def name(self) -> str:
         """The name of the file without what says how it is packed and written."""
         path = self.path.with_suffix("") if self.path.suffix in _PACKED_SUFFIXES else self.path
-        return path.stem if path.suffix.lower() in _LOG_SUFFIXES else path.name
+        return path.stem if _LOG_SUFFIX.fullmatch(path.suffix) else path.name
 
 
 def read_file(path: Path) -> LogFile:
