@@ -76,7 +76,7 @@ STRUCTURES = {
     "effects": [
         "",
         "body_drag rotor_time_constant_down",
-        "rotor_aerodynamics payload",
+        "rotor_aerodynamics payload trim_force",
         "reaction_torque ground_effect motors",
         "slung_load",
         "battery body_drag rotor_aerodynamics",
@@ -192,6 +192,8 @@ def _effect(name, draw, duration):
         case "rotor_aerodynamics":
             air = {"lift": draw(0.005, 0.02), "climb": draw.signed(0.1)}
             return air | {"drag": draw(1e-5, 1e-4), "inflow": draw(1e-5, 1e-4)}
+        case "trim_force":
+            return {"x": draw.signed(0.02), "y": draw.signed(0.02), "z": draw.signed(0.02)}
         case "ground_effect":
             return {"rotor_radius": draw(0.1, 0.3), "ground_height": draw(0.0, 0.4)}
         case "reaction_torque":
