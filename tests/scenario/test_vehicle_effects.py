@@ -109,7 +109,7 @@ def flown(name, effect, speed=0.0, until=0.4):
     """Return the state after a time in which the rotor speeds of hover are commanded, from a velocity on."""
     vehicle, context = built(name, effect, speed)
     simulator = Simulator(vehicle, context)
-    simulator.AdvanceTo(until)
+    simulator.AdvanceTo(until + 1e-9)  # past the last update
     return vehicle.GetOutputPort("state").Eval(context)
 
 
