@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from both_ways import assert_flown_alike
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.primitives import Linearize
+from pydrake.systems.primitives import FirstOrderTaylorApproximation
 
 from drake_quad import InputError, load_scenario
 from drake_quad.geometry.axes import Vector
@@ -152,7 +152,7 @@ def check_member(name, kind):
     if not kind.depends_on_time:
         system, context = built(name, effect, time_step=0.0)
         ports = system.GetInputPort("rotor_speed_command").get_index(), system.GetOutputPort("state").get_index()
-        matrix = Linearize(system, context, *ports).A()
+        matrix = FirstOrderTaylorApproximation(system, context, *ports).A()
         has_states = len(matrix) > NUM_STATES
         swings = np.abs(np.linalg.eigvals(matrix).imag).max() if has_states else 0.0
         assert swings == pytest.approx(effect.natural_frequency(vehicle), rel=1e-9, abs=1e-6)
