@@ -31,6 +31,13 @@ STATE = State(1.0, 2.0, 3.0, 0.15, -0.1, -3.1, 0.1, 0.2, 0.3, 0.7, -0.9, 1.1)
 NO_NOISE = "laboratory.motion_capture={position_noise: 0, attitude_noise: 0}"
 
 
+def wrench_of(noise, numbers):
+    """Return the wrench of an autopilot that remembers nothing."""
+    wrench, memory = autopilot_law(TARGET, STATE, noise, numbers, None, 0.0025)
+    assert memory is None
+    return wrench
+
+
 def law(target, state, numbers, noise=((0.0,) * 3, (0.0,) * 3)):
     """The equations of PX4's two loops with vectors and matrices."""
     inertia = np.diag(numbers.inertia)
@@ -44,9 +51,9 @@ def law(target, state, numbers, noise=((0.0,) * 3, (0.0,) * 3)):
 
 def test_the_wrench_is_that_of_two_proportional_loops():
     """From a yaw of -3.1 to one of 3.0 it turns by -0.18, the short way."""
-    np.testing.assert_allclose(autopilot_law(TARGET, STATE, None, NUMBERS), law(TARGET, STATE, NUMBERS), rtol=1e-13)
+    np.testing.assert_allclose(wrench_of(None, NUMBERS), law(TARGET, STATE, NUMBERS), rtol=1e-13)
     noise = SensorNoise((0.7, -1.2, 0.4), (1.1, -0.3, 0.9))
-    found = autopilot_law(TARGET, STATE, noise, NUMBERS)
+    found = wrench_of(noise, NUMBERS)
     np.testing.assert_allclose(found, law(TARGET, STATE, NUMBERS, noise), rtol=1e-13)
     np.testing.assert_array_equal(thrust_alone(TARGET), [6.6, 0.0, 0.0, 0.0])
 
@@ -54,7 +61,7 @@ def test_the_wrench_is_that_of_two_proportional_loops():
 def test_senses_of_which_nothing_is_said_are_right():
     numbers = AutopilotNumbers(NUMBERS.k_attitude, NUMBERS.k_rate, NUMBERS.inertia)
     noise = SensorNoise((0.7, -1.2, 0.4), (1.1, -0.3, 0.9))
-    assert autopilot_law(TARGET, STATE, noise, numbers) == autopilot_law(TARGET, STATE, None, numbers)
+    assert wrench_of(noise, numbers) == wrench_of(None, numbers)
     assert numbers.gyroscope.bias == numbers.initial[1:] == (0.0, 0.0, 0.0)
 
 

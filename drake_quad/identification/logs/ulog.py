@@ -110,6 +110,16 @@ def ulog_tables(log: LogFile, mapping: Mapping, *, any_vehicle: bool = False) ->
     return ULogTables(tables, remarks, _rotors(parameters))
 
 
+def ulog_parameters(log: LogFile) -> dict[str, Any]:
+    """Return the parameters at the start of a log, by name.
+
+    Raises:
+        InputError: pyulog is not installed or cannot read the log.
+    """
+    parameters: dict[str, Any] = _read(log, log.data[: _chain_of(log).end], set()).initial_parameters
+    return parameters
+
+
 class _Chain(NamedTuple):
     """Contiguous messages at the start of a log.
 
