@@ -24,11 +24,22 @@ from drake_quad.framework.elementary import maximum, minimum, sin_cos, sqrt, whe
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import layout_of
 from drake_quad.framework.wiring import build
-from drake_quad.geometry.axes import TINY, Vector
+from drake_quad.geometry.axes import TINY, BodyAxes, Vector, times
 from drake_quad.geometry.flatness import attitude_of, in_heading, tilt_of
 from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.pid.loop import Memory, Terms, differentiated, integrated, pid
-from drake_quad.signals import AttitudeTarget, ForceB, Number, Quantity, Reference, Row, State, Time, VelocityW
+from drake_quad.signals import (
+    Acceleration,
+    AttitudeTarget,
+    ForceB,
+    Number,
+    Quantity,
+    Reference,
+    Row,
+    State,
+    Time,
+    VelocityW,
+)
 
 
 class PidGains(NamedTuple):
@@ -334,18 +345,28 @@ def cascade_after(
         rules: variants of the laws.
     """
     memory = _first_memory(numbers) if held is None else held.memory
-    law = tilt_target if isinstance(numbers.command, TiltNumbers) else acceleration_target
+    tilts = isinstance(numbers.command, TiltNumbers)
+    law = tilt_target if tilts else acceleration_target
     target, after = law(m, r, numbers, memory, num_ticks * tick, rules)
     if held is None or held.count is None or held.target is None:
         return target, Held(None, None, after)
     due = held.count < 0.5
     target, after = where(due, (target, after), (held.target, memory))
+    if tilts:
+        target = target._replace(yaw=r.yaw)
     count = where(held.count > num_ticks - 1.5, 0.0, held.count + 1.0)
     return target, Held(count, target, after)
 
 
 def _target(*reads: Any) -> AttitudeTarget:
     return cascade_after(*reads)[0]
+
+
+def _acceleration(*reads: Any) -> Acceleration:
+    _, _, numbers, *_ = reads
+    thrust, roll, pitch, yaw, *_ = cascade_after(*reads)[0]
+    x, y, z = times(thrust / numbers.mass, BodyAxes.of(roll, pitch, yaw).z)
+    return Acceleration(x, y, z - numbers.gravity)
 
 
 def _after(*reads: Any) -> Held:
@@ -364,9 +385,11 @@ class PidCascade(FleetSystem):
         - reference
         output_ports:
         - attitude_target
+        - acceleration_command
 
-    The laws are in `drake_quad.control.pid_cascade`. The loops are computed at every `num_ticks`-th tick of the control;
-    between these ticks the `attitude_target` is held.
+    The laws are in `drake_quad.control.pid_cascade`. The `acceleration_command` is the acceleration of the believed
+    vehicle that has the commanded attitude and thrust. The loops are computed at every `num_ticks`-th tick of the control;
+    between these ticks the `attitude_target` is held, but for the yaw beside a commanded tilt, which is the reference's.
 
     The state `held` is there if anything is remembered. The only parameter of the context is `numbers`.
 
@@ -390,6 +413,7 @@ class PidCascade(FleetSystem):
         if held is not None:
             self.update(tick, _after, *reads, writes=[held])
         self.output("attitude_target", _target, *reads)
+        self.output("acceleration_command", _acceleration, *reads)
 
 
 def build_pid_cascade(cascade: Any) -> Diagram:
@@ -398,5 +422,6 @@ def build_pid_cascade(cascade: Any) -> Diagram:
     builder.AddNamedSystem("cascade", cascade)
     for name in ("measurement", "reference"):
         builder.ExportInput(cascade.GetInputPort(name), name)
-    builder.ExportOutput(cascade.GetOutputPort("attitude_target"), "attitude_target")
+    for name in ("attitude_target", "acceleration_command"):
+        builder.ExportOutput(cascade.GetOutputPort(name), name)
     return build(builder, "control")
