@@ -316,7 +316,7 @@ def _first_memory(numbers: CascadeNumbers) -> CascadeMemory:
     return CascadeMemory(_memories(numbers.position), _memories(numbers.velocity))
 
 
-def _first(numbers: CascadeNumbers, num_ticks: int) -> Held:
+def first_held(numbers: CascadeNumbers, num_ticks: int) -> Held:
     """Return the state before the first tick."""
     if num_ticks == 1:
         return Held(None, None, _first_memory(numbers))
@@ -407,8 +407,8 @@ class PidCascade(FleetSystem):
         """Declare ports, state and parameters."""
         parameter = self.parameter("numbers", lambda numbers: numbers)
         held = None
-        if layout_of(Held, _first(numbers, num_ticks)).num_rows:
-            held = self.state("held", lambda numbers: _first(numbers, num_ticks))
+        if layout_of(Held, first_held(numbers, num_ticks)).num_rows:
+            held = self.state("held", lambda numbers: first_held(numbers, num_ticks))
         reads = self.input("measurement"), self.input("reference"), parameter, held, tick, num_ticks, rules
         if held is not None:
             self.update(tick, _after, *reads, writes=[held])
