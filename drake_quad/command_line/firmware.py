@@ -1,8 +1,4 @@
-"""Writes the controller of a flight controller's firmware, with the gains of a vehicle's parameters, as a layer.
-
-Parameters are those of PX4 (a file of QGroundControl, or a ULog) or of a Crazyflie (a file of its client or of cflib).
-What a file lacks has the default of the firmware. The scenario says which vehicle the firmware is on.
-"""
+"""Controllers of flight-controller firmware, as `drake-quad design --firmware` writes them."""
 
 import argparse
 from pathlib import Path
@@ -10,41 +6,58 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
-from drake_quad.command_line.options import folder_of, all_overrides_of, parser
+from drake_quad import InputError
+from drake_quad.command_line.options import all_overrides_of, folder_of
 from drake_quad.command_line.output import print_files, remark
 from drake_quad.design.firmware.layer import FIRMWARE, firmware_layer
 from drake_quad.design.firmware.parameters import FirmwareParameters, defaults_of, read_parameters
 from drake_quad.files import output_folder, write_whole
 from drake_quad.scenario.files.loading import load_undesigned
+from drake_quad.scenario.files.saving import save_scenario
+
+# Options of the design, which a controller that is given does not need, with their values if they are not given.
+_OF_THE_DESIGN = {
+    "method": "poles",
+    "phase_margin": None,
+    "gain_margin": None,
+    "delay_margin": None,
+    "on_board": False,
+    "integral": None,
+    "loop": [],
+}
 
 
-def options() -> argparse.ArgumentParser:
-    """Return the options of the command."""
-    example = "drake-quad firmware vehicles/crazyflie --parameters crazyflie"
-    result = parser(__doc__, example, output="out/firmware", scenario="vehicles/crazyflie")
-    result.add_argument(
-        "--parameters",
-        required=True,
-        metavar="FILE",
-        help=f"file with the parameters, or {' or '.join(FIRMWARE)} for the defaults of that firmware",
-    )
-    return result
+def take_firmware(arguments: argparse.Namespace) -> None:
+    """Write the controller of a firmware as a layer, and the scenario with it.
 
+    Args:
+        arguments: arguments of the command, whose `firmware` is the file with the parameters, or the name of a firmware
+            for its defaults.
 
-def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
-    scenario = load_undesigned(arguments.scenario, all_overrides_of(arguments))
-    name = arguments.parameters
+    Raises:
+        InputError: the file cannot be read, or another option asks for a design.
+    """
+    for name, silent in _OF_THE_DESIGN.items():
+        if getattr(arguments, name) != silent:
+            raise InputError(f"--{name.replace('_', '-')} is for gains that are designed; leave out --firmware")
+    name, overrides = arguments.firmware, all_overrides_of(arguments)
     parameters = defaults_of(name) if name in FIRMWARE else read_parameters(Path(name))
+    scenario = load_undesigned(arguments.scenario, overrides)
     layer = firmware_layer(parameters, scenario)
     folder = output_folder(folder_of(arguments, scenario.name))
     path = write_whole(
         folder / "controller.yaml", lambda target: write_layer(layer, parameters, target, arguments.command)
     )
+    with_it = load_undesigned(arguments.scenario, overrides, layers=[path])
+    flown = write_whole(folder / "scenario.yaml", lambda target: save_scenario(with_it, target))
     if parameters.missing:
-        remark(f"{len(parameters.missing)} parameters have the defaults of the firmware: {_some(parameters.missing)}")
-    print(f"a scenario takes the controller by `extends: [FILE:NAME, {path}]`, in this order")
-    print_files([path])
+        count = len(parameters.missing)
+        were = "parameter has the default" if count == 1 else "parameters have the defaults"
+        remark(f"{count} {were} of the firmware: {_some(parameters.missing)}")
+    print(f"{FIRMWARE[parameters.firmware]}")
+    print(f"a scenario takes it by `extends: [FILE:NAME, {path}]`, in this order; or fly it as it is:")
+    print(f"  drake-quad fly {flown}")
+    print_files([path, flown])
 
 
 def write_layer(layer: dict[str, Any], parameters: FirmwareParameters, path: Path, command: str) -> None:

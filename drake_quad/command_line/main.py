@@ -25,7 +25,6 @@ COMMANDS = {
     "draw": "draw the block diagram of a scenario",
     "design": "design the gains of the cascade, and state their margins",
     "design-lqg": "design linear-quadratic-Gaussian control, and state its margins",
-    "firmware": "make a controller of the parameters of PX4 or of a Crazyflie",
     "tune": "tune any numbers of a controller by flights, under a limit on its loops",
     "map": "map which gains are stable",
     "sensitivities": "differentiate the metrics of a flight by numbers of its scenario",

@@ -402,7 +402,7 @@ class PidCascade(FleetSystem):
     """
 
     def declare(
-        self, *, tick: float = 0.01, num_ticks: int = 1, rules: CascadeRules = CascadeRules(), numbers: CascadeNumbers
+        self, *, tick: float = 0.02, num_ticks: int = 1, rules: CascadeRules = CascadeRules(), numbers: CascadeNumbers
     ) -> None:
         """Declare ports, state and parameters."""
         parameter = self.parameter("numbers", lambda numbers: numbers)

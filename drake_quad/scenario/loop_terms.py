@@ -50,13 +50,21 @@ class LoopTerms(Model):
 
     def _axis(self, axis: int, period: float) -> Terms:
         integral = derivative = None
-        if self.k_i is not None:
+        k_i, k_d, k_ff = (_gain(gains, axis) for gains in (self.k_i, self.k_d, self.k_ff))
+        if k_i is not None:
             limit: Any = math.inf if self.integral_limit is None else self.integral_limit[axis]
-            integral = Integral(self.k_i[axis], limit, self.integral_fade)
-        if self.k_d is not None:
+            fade: Any = self.integral_fade
+            integral = Integral(k_i, limit, fade)
+        if k_d is not None:
             bandwidth: Any = None if self.derivative_bandwidth is None else self.derivative_bandwidth[axis]
-            filter_of = None if bandwidth is None else low_pass(bandwidth, period, self.derivative_order)
-            derivative = Derivative(self.k_d[axis], filter_of)
-        k_ff: Any = None if self.k_ff is None else self.k_ff[axis]
+            derivative = Derivative(
+                k_d, None if bandwidth is None else low_pass(bandwidth, period, self.derivative_order)
+            )
         limited: Any = None if self.limit is None else self.limit[axis]
         return Terms(integral, derivative, k_ff, limited)
+
+
+def _gain(gains: Any, axis: int) -> Any:
+    """Return the gain on an axis; None if it is not given, or the number 0, so that its term has no state."""
+    gain = None if gains is None else gains[axis]
+    return None if isinstance(gain, float) and gain == 0.0 else gain

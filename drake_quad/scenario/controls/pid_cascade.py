@@ -119,8 +119,11 @@ class PidCascadeControl(Control):
     @model_validator(mode="after")
     def _has_limits_once(self) -> "PidCascadeControl":
         if self.command.kind == "acceleration":
-            for name in {"limit", "integration"} & self.velocity.model_fields_set:
-                raise self.wrong("must be left out: the command has limits and anti-windup", "velocity", name)
+            if self.velocity.limit is not None:
+                raise self.wrong("must be left out: the command has limits of its own", "velocity", "limit")
+            if self.velocity.integrates_first:
+                demand = "must be forward_euler: what is limited decides how the integral grows"
+                raise self.wrong(demand, "velocity", "integration")
         return self
 
     def num_ticks(self, tick: float) -> int:
