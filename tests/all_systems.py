@@ -38,14 +38,14 @@ from drake_quad.control.lqg.laws import LqgNumbers, TargetNumbers, ThrustNumbers
 from drake_quad.control.lqg.system import LinearQuadraticGaussian
 from drake_quad.control.mpc.constraints import Corridor, Preview
 from drake_quad.control.mpc.system import PredictiveProgramme
-from drake_quad.control.pid_cascade import (
+from drake_quad.control.pid_cascade.numbers import (
     AccelerationNumbers,
     CascadeNumbers,
     CascadeRules,
-    PidCascade,
     PidGains,
     TiltNumbers,
 )
+from drake_quad.control.pid_cascade.system import PidCascade
 from drake_quad.control.policy.actions import (
     AccelerationScale,
     AttitudeScale,

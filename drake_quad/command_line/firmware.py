@@ -1,6 +1,7 @@
 """Controllers of flight-controller firmware, as `drake-quad design --firmware` writes them."""
 
 import argparse
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +12,12 @@ from drake_quad.command_line.options import all_overrides_of, folder_of
 from drake_quad.command_line.output import print_files, remark
 from drake_quad.design.firmware.layer import FIRMWARE, firmware_layer
 from drake_quad.design.firmware.parameters import FirmwareParameters, defaults_of, read_parameters
-from drake_quad.files import output_folder, write_whole
+from drake_quad.files import output_folder, write_text, write_whole
 from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.files.saving import save_scenario
 
 # Options of the design, which a controller that is given does not need, with their values if they are not given.
-_OF_THE_DESIGN = {
+_OF_THE_DESIGN: dict[str, Any] = {
     "method": "poles",
     "phase_margin": None,
     "gain_margin": None,
@@ -45,16 +46,18 @@ def take_firmware(arguments: argparse.Namespace) -> None:
     scenario = load_undesigned(arguments.scenario, overrides)
     layer = firmware_layer(parameters, scenario)
     folder = output_folder(folder_of(arguments, scenario.name))
-    path = write_whole(
-        folder / "controller.yaml", lambda target: write_layer(layer, parameters, target, arguments.command)
-    )
-    with_it = load_undesigned(arguments.scenario, overrides, layers=[path])
+    with tempfile.TemporaryDirectory() as temporary:
+        path = Path(temporary, "controller.yaml")
+        write_layer(layer, parameters, path, arguments.command)
+        with_it = load_undesigned(arguments.scenario, overrides, layers=[path])
+        text = path.read_text(encoding="utf-8")
+    path = write_text(folder / "controller.yaml", text)
     flown = write_whole(folder / "scenario.yaml", lambda target: save_scenario(with_it, target))
     if parameters.missing:
         count = len(parameters.missing)
         were = "parameter has the default" if count == 1 else "parameters have the defaults"
         remark(f"{count} {were} of the firmware: {_some(parameters.missing)}")
-    print(f"{FIRMWARE[parameters.firmware]}")
+    print(FIRMWARE[parameters.firmware])
     print(f"a scenario takes it by `extends: [FILE:NAME, {path}]`, in this order; or fly it as it is:")
     print(f"  drake-quad fly {flown}")
     print_files([path, flown])

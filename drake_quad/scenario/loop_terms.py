@@ -33,7 +33,9 @@ class LoopTerms(Model):
     derivative_order: Order = Field(
         default=2, description="order of this filter: 2 for Butterworth, 1 for a lag of first order"
     )
-    k_ff: Gains | None = Field(default=None, description="gains of the setpoint, fed forward (as the proportional ones)")
+    k_ff: Gains | None = Field(
+        default=None, description="gains of the setpoint, fed forward (as the proportional ones)"
+    )
     limit: Positives | None = Field(
         default=None, description="largest size of the output (its unit); no limit if not given"
     )

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from pydrake.common import RandomDistribution
 
-from drake_quad.framework.elementary import arctan2, sin_cos, sqrt, where, wrapped
+from drake_quad.framework.elementary import arctan2, sin_cos, sqrt, where
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import layout_of
 from drake_quad.geometry.axes import TINY

@@ -1,8 +1,9 @@
-"""Compares the attitude and thrust that flights of a Crazyflie commanded with what the firmware's cascade commands here.
+"""Compares what a Crazyflie commanded in flights with what the cascade of its firmware commands here.
 
-Give the folder of NanoBench (S. I. Ullah, J. Baca, arXiv 2603.09908; BSD-3), whose flights log the estimate, the setpoint
-and the output of the position and velocity loops of firmware 2025.12.1. The log misses the instants of take-off, in which
-the integrals of both loops along Z begin. Wrong beginnings add a line to the thrust before it is limited, which is taken off.
+Give the folder of NanoBench (S. I. Ullah, J. Baca, arXiv 2603.09908; BSD-3), whose flights log the estimate, the
+setpoint and the output of the position and velocity loops of firmware 2025.12.1. The log misses the instants of
+take-off, in which the integrals of both loops along Z begin. Wrong beginnings add a line to the thrust before it is
+limited, which is taken off.
 """
 
 import argparse
@@ -13,7 +14,7 @@ import numpy as np
 
 from drake_quad import load_scenario
 from drake_quad.assembly.control import control_setting
-from drake_quad.control.pid_cascade import cascade_after, first_held
+from drake_quad.control.pid_cascade.system import cascade_after, first_held
 from drake_quad.design.firmware.crazyflie import MAX_THRUST
 from drake_quad.flight.mission import plan_route
 from drake_quad.framework.recipe import Recipe
@@ -37,9 +38,9 @@ def commanded(log: np.ndarray, recipe: Recipe) -> np.ndarray:
     for row in log:
         estimate = [row[f"est_stateEstimate_{name}"] for name in ("x", "y", "z", "vx", "vy", "vz")]
         attitude = [row[f"att_stateEstimate_{name}"] * DEGREE for name in ("roll", "pitch", "yaw")]
+        state = State._make([*estimate[:3], *attitude, *estimate[3:], 0.0, 0.0, 0.0])
         wanted = [row[f"sp_ctrltarget_{name}"] for name in "xyz"]
-        state = State(*estimate[:3], *attitude, *estimate[3:], 0.0, 0.0, 0.0)
-        reference = Reference(*wanted, *[0.0] * 6, row["sp_ctrltarget_yaw"] * DEGREE, 0.0)
+        reference = Reference._make([*wanted, *[0.0] * 6, row["sp_ctrltarget_yaw"] * DEGREE, 0.0])
         target, after = cascade_after(state, reference, numbers, held, 0.01, 1, rules)
         held = after if row["pid_controller_cmd_thrust"] > 0.0 else first_held(numbers, 1)
         rows.append([target.roll / DEGREE, -target.pitch / DEGREE, target.thrust / (4.0 * UNIT)])

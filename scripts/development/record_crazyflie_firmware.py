@@ -17,12 +17,16 @@ TESTS = Path(__file__).parents[2] / "tests" / "design"
 FLOATS = ctypes.POINTER(ctypes.c_float)
 INPUTS = "x y z v_x v_y v_z roll pitch yaw gyro_x gyro_y gyro_z x_r y_r z_r yaw_r"
 OUTPUTS = "roll_d pitch_d yaw_d thrust roll_rate_d pitch_rate_d yaw_rate_d roll_out pitch_out yaw_out m1 m2 m3 m4"
-FOLDERS = "modules/src modules/src/controller modules/interface modules/interface/controller utils/interface utils/interface/lighthouse hal/interface drivers/interface"
+FOLDERS = (
+    "modules/src modules/src/controller modules/interface modules/interface/controller utils/interface"
+    " utils/interface/lighthouse hal/interface drivers/interface"
+)
 # Headers that need the hardware or libraries, in what the controller uses of them.
 STUBS = {
-    "autoconf.h": "#define CONFIG_PLATFORM_CF2\n#define CONFIG_ENABLE_THRUST_BAT_COMPENSATED\n#define CONFIG_CRAZYFLIE_21_PLUS",
-    "log.h": "#define LOG_GROUP_START(...)\n#define LOG_ADD(...)\n#define LOG_ADD_CORE(...)\n#define LOG_GROUP_STOP(...)",
-    "param.h": "#define PARAM_GROUP_START(...)\n#define PARAM_ADD(...)\n#define PARAM_ADD_CORE(...)\n#define PARAM_GROUP_STOP(...)",
+    "autoconf.h": "#define CONFIG_PLATFORM_CF2\n#define CONFIG_ENABLE_THRUST_BAT_COMPENSATED\n"
+    "#define CONFIG_CRAZYFLIE_21_PLUS",
+    "log.h": "\n".join(f"#define LOG_{name}(...)" for name in ("GROUP_START", "ADD", "ADD_CORE", "GROUP_STOP")),
+    "param.h": "\n".join(f"#define PARAM_{name}(...)" for name in ("GROUP_START", "ADD", "ADD_CORE", "GROUP_STOP")),
     "math3d.h": "#include <math.h>\nstruct vec { float x, y, z; };\nstruct quat { float x, y, z, w; };\n"
     "static inline struct quat mkquat(float x, float y, float z, float w) { return (struct quat){x, y, z, w}; }\n"
     "static inline struct vec quat2rpy(struct quat q) { return (struct vec){q.x, q.y, q.z}; }\n"

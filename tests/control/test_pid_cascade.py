@@ -10,18 +10,17 @@ from scipy.spatial.transform import Rotation
 
 from drake_quad import InputError, load_scenario, simulate
 from drake_quad.assembly.control import control_setting
-from drake_quad.control.pid_cascade import (
+from drake_quad.control.pid_cascade.acceleration import acceleration_target, limited_velocity
+from drake_quad.control.pid_cascade.numbers import (
     AccelerationNumbers,
     CascadeNumbers,
     CascadeRules,
-    PidCascade,
     PidGains,
     TiltNumbers,
-    acceleration_target,
-    first_held,
-    limited_velocity,
-    tilt_target,
+    empty_memory,
 )
+from drake_quad.control.pid_cascade.system import PidCascade
+from drake_quad.control.pid_cascade.tilt import tilt_target
 from drake_quad.flight.mission import plan_route
 from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.linear.closed_loop import closed_loop, loop_with_injection
@@ -34,7 +33,8 @@ from drake_quad.vehicle.autopilot import rotation_error
 MASS, GRAVITY, HOVER = 1.3, 9.80665, 0.45
 WEIGHT = MASS * GRAVITY
 PERIOD = 0.01
-P_POSITION, P, I, D = (np.array(each) for each in ([0.95, 0.95, 1.0], [1.8, 1.8, 4.0], [0.4, 0.4, 2.0], [0.2, 0.2, 0.1]))
+P_POSITION = np.array([0.95, 0.95, 1.0])
+K_P, K_I, K_D = np.array([[1.8, 1.8, 4.0], [0.4, 0.4, 2.0], [0.2, 0.2, 0.1]])
 SPEEDS, TILT, THRUSTS, MARGIN, CUTOFF = (2.0, 1.0, 0.7), 0.6, (0.12, 0.9), 0.3, 31.0
 NED = np.diag([1.0, -1.0, -1.0])
 CRAZYFLIE = ["vehicles/crazyflie", "controllers/crazyflie"]
@@ -49,11 +49,14 @@ PX4 = {
 
 
 def numbers():
-    terms = [Terms(Integral(i, limit), Derivative(d, first_order(CUTOFF, PERIOD))) for i, d, limit in zip(I, D, (1e3, 1e3, GRAVITY))]
+    terms = [
+        Terms(Integral(i, limit), Derivative(d, first_order(CUTOFF, PERIOD)))
+        for i, d, limit in zip(K_I, K_D, (1e3, 1e3, GRAVITY))
+    ]
     unit = WEIGHT / HOVER
     return CascadeNumbers(
         PidGains(PerAxis(*P_POSITION)),
-        PidGains(PerAxis(*P), tuple(terms)),
+        PidGains(PerAxis(*K_P), tuple(terms)),
         1.0,
         MASS,
         GRAVITY,
@@ -76,7 +79,7 @@ class Px4:
         setpoint = np.array([*self.shortened(first[:2], fed_velocity[:2]), first[2] + fed_velocity[2]])
         setpoint[2] = np.clip(setpoint[2], -SPEEDS[1], SPEEDS[2])
         error = setpoint - velocity
-        asked = acceleration + error * P + self.integral - self.rate * D
+        asked = acceleration + error * K_P + self.integral - self.rate * K_D
         down = np.array([-asked[0], -asked[1], GRAVITY - (0.0 if decoupled else asked[2])])
         axis = down / np.linalg.norm(down)
         if math.acos(axis[2]) > TILT:
@@ -94,8 +97,8 @@ class Px4:
             thrust[:2] *= room / sideways
         produced = thrust[:2] * GRAVITY / HOVER
         if asked[:2] @ asked[:2] > produced @ produced:
-            left[:2] -= 2.0 / P[0] * (asked[:2] - produced)
-        self.integral += left * I * PERIOD
+            left[:2] -= 2.0 / K_P[0] * (asked[:2] - produced)
+        self.integral += left * K_I * PERIOD
         self.integral[2] = np.clip(self.integral[2], -GRAVITY, GRAVITY)
         return thrust
 
@@ -115,7 +118,7 @@ class Px4:
 @pytest.mark.parametrize("decoupled", [True, False])
 @pytest.mark.parametrize("size", [0.2, 1.0, 4.0])
 def test_the_thrust_is_px4_s_tick_by_tick_within_limits_and_beyond(decoupled, size):
-    rng, px4, memory = np.random.default_rng(5), Px4(), first_held(numbers(), 1).memory
+    rng, px4, memory = np.random.default_rng(5), Px4(), empty_memory(numbers())
     yaw = 0.7
     for tick in range(60):
         position, velocity, wanted, fed, acceleration = size * rng.normal(size=(5, 3)) * np.array([[1, 1, 1]])
@@ -182,7 +185,7 @@ def test_a_tilt_is_commanded_along_the_heading():
     )
     state = State(-0.1, 0.0, 1.0, 0.0, 0.0, 0.5 * math.pi, *[0.0] * 6)
     reference = Reference(0.0, 0.0, 1.02, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5 * math.pi, 9.0)
-    target, _ = tilt_target(state, reference, tilting, first_held(tilting, 1).memory, PERIOD, CascadeRules())
+    target, _ = tilt_target(state, reference, tilting, empty_memory(tilting), PERIOD, CascadeRules())
     assert target.roll == pytest.approx(0.5 * (2.0 * 0.1 + 0.5 * 0.2))
     assert target.pitch == pytest.approx(0.0, abs=1e-12)
     assert target.thrust == pytest.approx(0.9 * WEIGHT + MASS * 5.0 * 2.0 * 0.02)
@@ -212,7 +215,11 @@ def test_between_their_ticks_the_loops_are_held():
 @pytest.mark.parametrize(
     ("scenario", "layers", "overrides"),
     [
-        ("laboratory:low_wind", CRAZYFLIE, {"vehicle.trim_force": {"x": {"normal": {"mean": 0.01, "standard_deviation": 0.003}}}}),
+        (
+            "laboratory:low_wind",
+            CRAZYFLIE,
+            {"vehicle.trim_force": {"x": {"normal": {"mean": 0.01, "standard_deviation": 0.003}}}},
+        ),
         ("onboard", [], {**PX4, "control.velocity.k_i": [{"uniform": {"min": 0.3, "max": 0.5}}, 0.4, 2.0]}),
     ],
 )
@@ -250,9 +257,16 @@ def test_the_linear_model_is_over_the_period_of_the_loops():
 @pytest.mark.parametrize(
     ("overrides", "message"),
     [
-        ({"laboratory.autopilot": {"kind": "none"}}, "autopilot.kind is 'none', but must be one that controls the attitude"),
+        (
+            {"laboratory.autopilot": {"kind": "none"}},
+            "autopilot.kind is 'none', but must be one that controls the attitude",
+        ),
         ({"control.period": 0.03}, "control.period is 0.03, but must be a multiple of the period of the command link"),
         ({"control.velocity.limit": [1.0, 1.0, 1.0]}, "velocity.limit .* must be left out: the command has limits"),
+        (
+            {"control.velocity.k_p": [0.0, 1.0, 1.0]},
+            r"velocity.k_p.0 is 0.0, but must be larger than 0: the anti-windup",
+        ),
         ({"control.velocity.integration": "backward_euler"}, "velocity.integration .* must be forward_euler"),
         (
             {"laboratory.autopilot": {"yaw_weight": 0.4, "attitude_terms": {"k_i": [1, 1, 1]}}},
@@ -266,4 +280,4 @@ def test_what_does_not_fit_is_refused(overrides, message):
 
 
 def test_a_cascade_that_remembers_nothing_has_no_state():
-    assert not PidCascade(numbers=numbers()._replace(velocity=PidGains(PerAxis(*P)))).states
+    assert not PidCascade(numbers=numbers()._replace(velocity=PidGains(PerAxis(*K_P)))).states

@@ -18,7 +18,7 @@ from drake_quad.identification.logs.ulog import MAGIC, ulog_parameters
 Firmware = Literal["crazyflie", "px4"]
 
 # A name and a number, in the columns of QGroundControl or beside each other.
-_LINE = re.compile(r"(?:^|[\s,])([A-Za-z]\w*(?:\.\w+)?)[\s:=,]+([-+]?\.?\d[^\s,]*)")
+_LINE = re.compile(r"(?:^|[\s,])([A-Za-z]\w*(?:\.\w+)?)[\s:=,]+([-+]?(?:\.?\d|nan|inf)[^\s,]*)")
 _NAMES = {"crazyflie": "posCtlPid, velCtlPid, pid_attitude and pid_rate", "px4": "MPC_* and MC_*"}
 
 
@@ -62,11 +62,13 @@ def read_parameters(path: Path) -> FirmwareParameters:
         known: dict[str, float] = _defaults(firmware)
         given = {name: found[name] for name in known if name in found}
         for name, value in given.items():
-            if not math.isfinite(value):
-                raise InputError(f"{path}: {name} is {value}, but must be a finite number")
+            if not 0.0 <= value < math.inf:
+                raise InputError(f"{path}: {name} is {value}, but must be a finite number that is not negative")
         if given:
+            if given.get("MPC_THR_HOVER") == 0.0:
+                raise InputError(f"{path}: MPC_THR_HOVER is 0, but must be larger: it is the thrust in hover")
             missing = tuple([name for name in known if name not in given])
-            return FirmwareParameters(firmware, known | given, missing)  # type: ignore[arg-type]
+            return FirmwareParameters(firmware, known | given, missing)
     wanted = " nor ".join(_NAMES.values())
     raise InputError(f"{path}: has neither {wanted}: it is no parameter file of PX4 or of a Crazyflie")
 

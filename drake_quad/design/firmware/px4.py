@@ -95,7 +95,10 @@ def px4_layer(values: Mapping[str, float], believed: QuadrotorParameters) -> dic
 
 
 def gyroscope_period(values: Mapping[str, float]) -> float:
-    """Return the period of the loops on board, s: that of IMU_GYRO_RATEMAX, or the nearest 20 ms over a power of two."""
+    """Return the period of the loops on board, s.
+
+    It is that of IMU_GYRO_RATEMAX, or the nearest one that is 20 ms over a power of two.
+    """
     halvings = round(math.log2(_LINK_PERIOD * values["IMU_GYRO_RATEMAX"])) if values["IMU_GYRO_RATEMAX"] > 0.0 else 3
     return _LINK_PERIOD / 2.0 ** max(0, halvings)
 

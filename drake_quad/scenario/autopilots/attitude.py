@@ -119,7 +119,9 @@ class AttitudeAutopilotSettings(Autopilot):
     @model_validator(mode="after")
     def _has_one_error(self) -> "AttitudeAutopilotSettings":
         if self.yaw_weight is not None and self.attitude_terms is not None:
-            raise self.wrong("must be left out: the loop on the error of the rotation is proportional", "attitude_terms")
+            raise self.wrong(
+                "must be left out: the loop on the error of the rotation is proportional", "attitude_terms"
+            )
         return self
 
     def check_fits(self, scenario: Any) -> None:

@@ -1,6 +1,5 @@
 """Cascade of PIDs on position and velocity in the scenario language."""
 
-import math
 from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal
@@ -9,22 +8,21 @@ import numpy as np
 from pydantic import Field, model_validator
 from pydrake.systems.framework import Diagram
 
-from drake_quad.control.pid_cascade import (
+from drake_quad.control.pid_cascade.numbers import (
     AccelerationNumbers,
     CascadeNumbers,
     CascadeRules,
-    PidCascade,
     PidGains,
     TiltNumbers,
-    build_pid_cascade,
 )
+from drake_quad.control.pid_cascade.system import PidCascade, build_pid_cascade
 from drake_quad.framework.recipe import Recipe
 from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.scenario.controls.control import CONTROLS, Control
 from drake_quad.scenario.controls.thrust_vectoring import MinThrust, ThrustVectoringSettings
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.loop_terms import LoopTerms
-from drake_quad.scenario.quantities import Gains, NonNegative, Period, Positive, Tilt
+from drake_quad.scenario.quantities import Gains, NonNegative, Period, Positive, Tilt, excludes_zero
 from drake_quad.scenario.setting import ControlSetting
 from drake_quad.signals import ForceB
 
@@ -121,6 +119,8 @@ class PidCascadeControl(Control):
         if self.command.kind == "acceleration":
             if self.velocity.limit is not None:
                 raise self.wrong("must be left out: the command has limits of its own", "velocity", "limit")
+            if not excludes_zero(self.velocity.k_p[0]):
+                raise self.wrong("must be larger than 0: the anti-windup divides by it", "velocity", "k_p", 0)
             if self.velocity.integrates_first:
                 demand = "must be forward_euler: what is limited decides how the integral grows"
                 raise self.wrong(demand, "velocity", "integration")

@@ -107,9 +107,7 @@ control:
 """
 
 
-def load_undesigned(
-    spec: str | Path, overrides: Overrides = (), *, layers: Sequence[str | Path] = ()
-) -> Scenario:
+def load_undesigned(spec: str | Path, overrides: Overrides = (), *, layers: Sequence[str | Path] = ()) -> Scenario:
     """Load a scenario for the design of its gains, such as a vehicle without route and control.
 
     The default route is the paper's figure eight, and the default position controller is a PD with feed-forward. If the
