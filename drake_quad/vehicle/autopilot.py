@@ -243,11 +243,10 @@ def autopilot_law(
     attitude_memory, rate_memory, gyroscope = memory or AutopilotMemory.of(numbers)
     if numbers.gyroscope_filter is not None:
         assert gyroscope is not None
-        shown = [
-            filtered(rate, numbers.gyroscope_filter, delayed) for rate, delayed in zip(rates, gyroscope, strict=True)
-        ]
-        rates = BodyRates(*[rate for rate, _ in shown])
-        gyroscope = shown[0][1], shown[1][1], shown[2][1]
+        low_pass = numbers.gyroscope_filter
+        shown = (filtered(rate, low_pass, delayed) for rate, delayed in zip(rates, gyroscope, strict=True))
+        (p, delayed_p), (q, delayed_q), (r, delayed_r) = shown
+        rates, gyroscope = BodyRates(p, q, r), (delayed_p, delayed_q, delayed_r)
     wanted, attitude_memory = _rates_wanted(target, attitude, numbers, attitude_memory, period, rules)
     answers = [
         pid(r, y, k, terms, before, period, integrates_first=rules.rate_integrates_first)

@@ -6,14 +6,16 @@ take-off, in which the integrals of both loops along Z begin. Wrong beginnings a
 limited, which is taken off.
 """
 
-import argparse
 import math
 from pathlib import Path
+
+from drake_quad.command_line.running import run
 
 import numpy as np
 
 from drake_quad import load_scenario
 from drake_quad.assembly.control import control_setting
+from drake_quad.command_line.options import bare_parser
 from drake_quad.control.pid_cascade.system import cascade_after, first_held
 from drake_quad.design.firmware.crazyflie import MAX_THRUST
 from drake_quad.flight.mission import plan_route
@@ -49,7 +51,7 @@ def commanded(log: np.ndarray, recipe: Recipe) -> np.ndarray:
 
 def main() -> None:
     """Print correlation and RMS difference of each output, by flight."""
-    options = argparse.ArgumentParser(description=__doc__)
+    options = bare_parser(__doc__, "python scripts/development/check_crazyflie_controller.py nanobench")
     options.add_argument("folder", type=Path)
     scenario = load_scenario("laboratory:nominal", layers=["vehicles/crazyflie", "controllers/crazyflie"])
     recipe = scenario.control.recipes(control_setting(scenario, plan_route(scenario)))["cascade"]
@@ -74,4 +76,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

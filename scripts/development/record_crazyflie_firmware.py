@@ -4,13 +4,16 @@ Give a checkout of github.com/bitcraze/crazyflie-firmware (GPL-3.0, version 2025
 are; only the numbers that they compute are kept.
 """
 
-import argparse
 import ctypes
 import subprocess
 import tempfile
 from pathlib import Path
 
+from drake_quad.command_line.running import run
+
 import numpy as np
+
+from drake_quad.command_line.options import bare_parser
 
 HARNESS = Path(__file__).with_name("crazyflie_firmware.c")
 TESTS = Path(__file__).parents[2] / "tests" / "design"
@@ -77,7 +80,7 @@ def outputs(library: Path, given: np.ndarray, tuned: np.ndarray | None) -> np.nd
 
 def main() -> None:
     """Compile, run and record."""
-    options = argparse.ArgumentParser(description=__doc__)
+    options = bare_parser(__doc__, "python scripts/development/record_crazyflie_firmware.py crazyflie-firmware")
     options.add_argument("checkout", type=Path)
     options.add_argument("--count", type=int, default=160, help="ticks at 500 Hz")
     arguments = options.parse_args()
@@ -92,4 +95,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -78,18 +78,20 @@ def cascade_after(
 
 
 def _target(*reads: Any) -> AttitudeTarget:
-    return cascade_after(*reads)[0]
+    target, _ = cascade_after(*reads)
+    return target
 
 
 def _acceleration(*reads: Any) -> Acceleration:
     _, _, numbers, *_ = reads
-    thrust, roll, pitch, yaw, *_ = cascade_after(*reads)[0]
+    thrust, roll, pitch, yaw, *_ = _target(*reads)
     x, y, z = times(thrust / numbers.mass, BodyAxes.of(roll, pitch, yaw).z)
     return Acceleration(x, y, z - numbers.gravity)
 
 
 def _after(*reads: Any) -> Held:
-    return cascade_after(*reads)[1]
+    _, held = cascade_after(*reads)
+    return held
 
 
 @fleet_system(float, AutoDiffXd)
