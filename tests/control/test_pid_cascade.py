@@ -29,6 +29,7 @@ from drake_quad.pid.loop import Derivative, Integral, Terms
 from drake_quad.scenario.batch import Batch
 from drake_quad.signals import Attitude, Reference, State
 from drake_quad.vehicle.autopilot import rotation_error
+from drake_quad.vehicle.parameters import QuadrotorParameters
 
 MASS, GRAVITY, HOVER = 1.3, 9.80665, 0.45
 WEIGHT = MASS * GRAVITY
@@ -277,6 +278,37 @@ def test_the_linear_model_is_over_the_period_of_the_loops():
 def test_what_does_not_fit_is_refused(overrides, message):
     with pytest.raises(InputError, match=message):
         load_scenario("onboard", {**PX4, **overrides})
+
+
+def test_the_numbers_and_rules_are_those_of_the_scenario():
+    command = {"kind": "acceleration", "feed_forward": 0.6, "max_speed": 2.5, "max_ascent": 1.5, "max_descent": 0.8}
+    command |= {"max_tilt": 0.5, "min_thrust": 0.2, "max_thrust": 1.7, "horizontal_margin": 0.4}
+    scenario = load_scenario(
+        "onboard",
+        {
+            **PX4,
+            "control.command": {**command, "decouples_vertical": False},
+            "control.velocity_feed_forward": 0.7,
+            "control.position.k_i": [0.1, 0.0, 0.2],
+            "control.position.integration": "backward_euler",
+        },
+    )
+    structure, found = scenario.control.recipes(control_setting(scenario, plan_route(scenario)))["cascade"][1:]
+    weight = found.mass * found.gravity
+    assert structure["rules"] == CascadeRules(True, False, False)
+    expected = AccelerationNumbers(0.6, 2.5, 1.5, 0.8, math.tan(0.5), 0.2 * weight, 1.7 * weight, 0.4 * weight)
+    assert found.command == pytest.approx(expected)
+    assert found.velocity_feed_forward == 0.7
+    assert [terms.integral is None for terms in found.position.terms] == [False, True, False]
+    assert found.position.terms[0].integral == (0.1, math.inf, None)
+    assert scenario.control.limits().max_tilt == 0.5
+
+
+def test_an_autopilot_that_is_told_body_rates_has_no_error_of_the_attitude():
+    autopilot = load_scenario("onboard", ["laboratory.autopilot.yaw_weight=0.4"]).laboratory.autopilot
+    for heeds, weight in ((True, 0.4), (False, None)):
+        recipe = autopilot.recipes(QuadrotorParameters(), written=autopilot, heeds_attitude=heeds)["autopilot"]
+        assert recipe.numbers.yaw_weight == weight
 
 
 def test_a_cascade_that_remembers_nothing_has_no_state():

@@ -9,7 +9,7 @@ import pytest
 
 from drake_quad import InputError, load_scenario
 from drake_quad.assembly.control import control_setting
-from drake_quad.design.firmware.crazyflie import MAX_THRUST, output_scales
+from drake_quad.design.firmware.crazyflie import MAX_THRUST, crazyflie_layer, output_scales
 from drake_quad.design.firmware.layer import firmware_layer
 from drake_quad.design.firmware.parameters import defaults_of, read_parameters
 from drake_quad.design.firmware.px4 import px4_layer, torque_units
@@ -132,6 +132,12 @@ def test_gains_of_px4_act_on_the_vehicle_as_in_px4():
     assert autopilot["rate_terms"]["integral_limit"][0] == pytest.approx(0.3 * unit)
     assert autopilot["period"] == 0.00125, "the nearest of the grids of the laboratory"
     assert px4_layer(values, believed)["control"]["command"]["max_thrust"] == pytest.approx(1.0 / 0.4)
+
+
+def test_the_least_limit_of_the_climb_of_a_crazyflie_is_half_a_metre_per_second():
+    values = dict(defaults_of("crazyflie").values) | {"posCtlPid.zVelMax": 0.2, "posCtlPid.xVelMax": 0.2}
+    layer = crazyflie_layer(values, nominal_parameters(VEHICLE))
+    assert layer["control"]["position"]["limit"] == pytest.approx([0.22, 1.1, 0.55])
 
 
 QGROUNDCONTROL = """# Onboard parameters for Vehicle 1

@@ -108,7 +108,7 @@ class PidCascadeControl(Control):
     )
     position: PidLoop = Field(description="from the error of the position (m) to a velocity (m/s)")
     velocity: PidLoop = Field(
-        description="from the error of the velocity (m/s) to an acceleration (m/s²), or to a tilt in rad and, along z, one"
+        description="from the error of the velocity (m/s) to an acceleration (m/s²), or on x and y to a tilt in rad"
     )
     velocity_feed_forward: NonNegative = Field(default=1.0, description="share of the reference's velocity (1)")
     command: Annotated[TiltCommand | AccelerationCommand, Field(discriminator="kind")]
