@@ -168,11 +168,7 @@ def rotation_error(attitude: Attitude, target: Attitude, yaw_weight: Number) -> 
         target: commanded.
         yaw_weight: in (0, 1].
     """
-    q, d = Quaternion.of(*attitude), Quaternion.of(*target)
-    w = q.w * d.w + q.x * d.x + q.y * d.y + q.z * d.z
-    z = q.w * d.z - q.z * d.w - q.x * d.y + q.y * d.x
-    x = q.w * d.x - q.x * d.w - q.y * d.z + q.z * d.y
-    y = q.w * d.y - q.y * d.w - q.z * d.x + q.x * d.z
+    w, x, y, z = Quaternion.of(*attitude).turn_to(Quaternion.of(*target))
     # Of the two quaternions of the rotation that with the smaller angle is taken.
     sign = where(w < 0.0, -1.0, 1.0)
     w, x, y, z = sign * w, sign * x, sign * y, sign * z

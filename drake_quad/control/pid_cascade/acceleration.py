@@ -8,11 +8,11 @@ anti-windup by L. Rundqwist, "Anti-reset windup for PID controllers", IFAC World
 
 from typing import Any
 
-from drake_quad.control.pid_cascade.numbers import CascadeMemory, CascadeNumbers, CascadeRules, stepped
+from drake_quad.control.pid_cascade.numbers import CascadeMemory, CascadeNumbers, CascadeRules, Memories, stepped
 from drake_quad.framework.elementary import maximum, minimum, sin_cos, sqrt, where
 from drake_quad.geometry.axes import TINY, Vector
 from drake_quad.geometry.flatness import attitude_of, in_heading, tilt_of
-from drake_quad.pid.loop import Terms, differentiated, integrated
+from drake_quad.pid.loop import Memory, Terms, differentiated, integrated
 from drake_quad.signals import AttitudeTarget, Reference, Row, State, Time, VelocityW
 
 
@@ -56,40 +56,57 @@ def acceleration_target(
     share = numbers.velocity_feed_forward
     v_x, v_y = limited_velocity((wanted.x, wanted.y), (share * r.v_x, share * r.v_y), command.max_speed)
     v_z = maximum(minimum(wanted.z + share * r.v_z, command.max_ascent), -command.max_descent)
-    setpoint, moving = Vector(v_x, v_y, v_z), Vector(m.v_x, m.v_y, m.v_z)
     error = Vector(v_x - m.v_x, v_y - m.v_y, v_z - m.v_z)
-    fed = Vector(r.a_x, r.a_y, r.a_z)
-    accelerations, rated = [], []
-    for axis, before in enumerate(memory.velocity):
-        terms = Terms() if numbers.velocity.terms is None else numbers.velocity.terms[axis]
-        acceleration = command.feed_forward * fed[axis] + numbers.velocity.k_p[axis] * error[axis]
-        after = before
-        if terms.integral is not None:
-            acceleration = acceleration + before.integral
-        if terms.derivative is not None:
-            rate, after = differentiated(moving[axis], terms.derivative, before, period)
-            acceleration = acceleration - terms.derivative.k_d * rate
-        if terms.k_ff is not None:
-            acceleration = acceleration + terms.k_ff * setpoint[axis]
-        accelerations.append(acceleration)
-        rated.append(after)
-    force, unsaturated = _limited_force(Vector(*accelerations), error, numbers, rules)
-    terms_of = numbers.velocity.terms or (Terms(), Terms(), Terms())
-    velocity = tuple(
-        [
-            after
-            if terms.integral is None or after.integral is None
-            else after._replace(integral=integrated(after.integral, left, terms.integral, period))
-            for after, left, terms in zip(rated, unsaturated, terms_of, strict=True)
-        ]
-    )
+    asked, memories = _asked(m, r, Vector(v_x, v_y, v_z), error, numbers, memory.velocity, period)
+    force, unsaturated = _limited_force(asked, error, numbers, rules)
+    terms = numbers.velocity.terms or (None, None, None)
+    velocity = [_integrated(*axis, period) for axis in zip(memories, unsaturated, terms, strict=True)]
     tilt = tilt_of(in_heading(force, *sin_cos(r.yaw)))
     roll, pitch = attitude_of(tilt)
     (sin_roll, cos_roll), (sin_pitch, cos_pitch) = sin_cos(m.roll), sin_cos(m.pitch)
     # The rate of the yaw about Z, along the axes of the body as it is measured.
     level = r.yaw_rate * cos_pitch
     rates = -r.yaw_rate * sin_pitch, level * sin_roll, level * cos_roll
-    return AttitudeTarget(tilt.thrust, roll, pitch, r.yaw, *rates), CascadeMemory(position, velocity)  # type: ignore[arg-type]
+    first, second, third = velocity
+    return AttitudeTarget(tilt.thrust, roll, pitch, r.yaw, *rates), CascadeMemory(position, (first, second, third))
+
+
+def _asked(
+    m: State,
+    r: Reference,
+    setpoint: Vector,
+    error: Vector,
+    numbers: CascadeNumbers,
+    memories: Memories,
+    period: Time,
+) -> tuple[Vector, list[Memory]]:
+    """Return the acceleration that the velocity loop asks for, m/s², and its state before integrals grow."""
+    command: Any = numbers.command
+    axes = zip(
+        *((r.a_x, r.a_y, r.a_z), (m.v_x, m.v_y, m.v_z), setpoint, error),
+        *(numbers.velocity.k_p, numbers.velocity.terms or (None, None, None), memories),
+        strict=True,
+    )
+    asked, after = [], []
+    for fed, measured, wanted, left, k_p, terms, memory in axes:
+        integral, derivative, k_ff, _ = terms or Terms()
+        acceleration = command.feed_forward * fed + k_p * left
+        if integral is not None:
+            acceleration = acceleration + memory.integral
+        if derivative is not None:
+            rate, memory = differentiated(measured, derivative, memory, period)
+            acceleration = acceleration - derivative.k_d * rate
+        if k_ff is not None:
+            acceleration = acceleration + k_ff * wanted
+        asked.append(acceleration)
+        after.append(memory)
+    return Vector(*asked), after
+
+
+def _integrated(memory: Memory, error: Row, terms: Terms | None, period: Time) -> Memory:
+    if terms is None or terms.integral is None or memory.integral is None:
+        return memory
+    return memory._replace(integral=integrated(memory.integral, error, terms.integral, period))
 
 
 def _limited_force(
@@ -114,7 +131,7 @@ def _limited_force(
     most_squared = command.max_thrust * command.max_thrust
     sideways = sqrt(f_x * f_x + f_y * f_y + TINY)
     margin = minimum(sideways, command.horizontal_margin)
-    f_z = minimum(f_z, sqrt(most_squared - margin * margin))
+    f_z = minimum(f_z, sqrt(maximum(most_squared - margin * margin, TINY)))
     kept = minimum(sqrt(maximum(most_squared - f_z * f_z, TINY)) / sideways, 1.0)
     f_x, f_y = kept * f_x, kept * f_y
     produced_x, produced_y = f_x / mass, f_y / mass

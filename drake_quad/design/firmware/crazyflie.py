@@ -35,6 +35,8 @@ _MAX_THRUST_CHANGE = 32.767
 # Bandwidth of the filters of position and velocity derivatives, Hz.
 _DERIVATIVE_CUTOFF = 20.0
 _DEGREE = math.pi / 180.0
+_AXES = ("x", "y", "z")
+_ANGLES = ("roll", "pitch", "yaw")
 
 
 def crazyflie_layer(
@@ -52,14 +54,14 @@ def crazyflie_layer(
     weight = believed.mass * believed.gravity
     scales = [_DEGREE, _DEGREE, per_velocity]
     position = _loop(
-        _gains(values, "posCtlPid", ("x", "y", "z"), "{axis}K{term}"),
+        _gains(values, "posCtlPid.{axis}K{term}", _AXES),
         (1.0, 1.0, 1.0),
         (_INTEGRAL_LIMIT,) * 3,
         (_DERIVATIVE_CUTOFF,) * 3,
     )
     fastest = [values[f"posCtlPid.{axis}VelMax"] for axis in "xyz"]
     position["limit"] = [_OVERHEAD * each for each in (fastest[0], fastest[1], max(fastest[2], _MIN_CLIMB))]
-    velocity_gains = _gains(values, "velCtlPid", ("x", "y", "z"), "v{axis}K{term}")
+    velocity_gains = _gains(values, "velCtlPid.v{axis}K{term}", _AXES)
     velocity = _loop(velocity_gains, scales, (_INTEGRAL_LIMIT,) * 3, (_DERIVATIVE_CUTOFF,) * 3)
     tilts = [values["posCtlPid.pLimit"] * _DEGREE, values["posCtlPid.rLimit"] * _DEGREE]
     velocity["limit"] = [*tilts, _MAX_THRUST_CHANGE * per_velocity]
@@ -101,18 +103,17 @@ def output_scales(believed: QuadrotorParameters, unit: float) -> tuple[float, fl
 
 
 def _autopilot(values: Mapping[str, float], believed: QuadrotorParameters, unit: float) -> dict[str, Any]:
-    angles = ("roll", "pitch", "yaw")
     filters = [[values[f"pid_rate.om{axis}FiltCut"] for axis in "xyz"], [values["pid_attitude.attFiltCut"]] * 3]
     rate_cutoffs = filters[0] if values["pid_rate.rateFiltEn"] else None
     attitude_cutoffs = filters[1] if values["pid_attitude.attFiltEn"] else None
     attitude = _loop(
-        _gains(values, "pid_attitude", angles, "{axis}_k{term}", lower=True),
+        _gains(values, "pid_attitude.{axis}_k{term}", _ANGLES),
         (1.0, 1.0, 1.0),
         [limit * _DEGREE for limit in _ATTITUDE_INTEGRAL_LIMITS],
         attitude_cutoffs,
     )
     per_output = output_scales(believed, unit)
-    rate_gains = _gains(values, "pid_rate", angles, "{axis}_k{term}", lower=True)
+    rate_gains = _gains(values, "pid_rate.{axis}_k{term}", _ANGLES)
     scales = [each / _DEGREE for each in per_output]
     rate = _loop(rate_gains, scales, [limit * _DEGREE for limit in _RATE_INTEGRAL_LIMITS], rate_cutoffs)
     rate["limit"] = [_MAX_OUTPUT * each for each in per_output]
@@ -127,16 +128,11 @@ def _autopilot(values: Mapping[str, float], believed: QuadrotorParameters, unit:
     }
 
 
-def _gains(
-    values: Mapping[str, float], group: str, axes: tuple[str, ...], pattern: str, *, lower: bool = False
-) -> dict[str, list[float]]:
-    """Return the gains of a group of parameters on three axes, by the last letters of their names."""
-    found = {}
-    for term in ("p", "i", "d", "ff"):
-        names = [f"{group}.{pattern.format(axis=axis, term=term)}" for axis in axes]
-        known = {name.lower(): value for name, value in values.items()}
-        found[term] = [known[name.lower()] for name in names]
-    return found
+def _gains(values: Mapping[str, float], pattern: str, axes: tuple[str, ...]) -> dict[str, list[float]]:
+    """Return the gains on three axes, by term, of parameters whose names have a pattern, in any case of letters."""
+    known = {name.lower(): value for name, value in values.items()}
+    terms = ("p", "i", "d", "ff")
+    return {term: [known[pattern.format(axis=axis, term=term).lower()] for axis in axes] for term in terms}
 
 
 def _loop(
