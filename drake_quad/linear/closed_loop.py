@@ -303,4 +303,5 @@ def _wrench_pattern(hover: RotorSpeed, parameters: QuadrotorParameters) -> np.nd
 def _periods(scenario: Scenario) -> dict[str, float]:
     """Return the periods of all that happens in a loop, s; 0 for a vehicle that moves continuously."""
     periods = {".".join(path): period for path, period in scenario.periods.items()}
-    return periods | {"vehicle.time_step": scenario.vehicle.time_step}
+    loops = scenario.control.loop_period(scenario.laboratory.command_link.period)
+    return periods | {"vehicle.time_step": scenario.vehicle.time_step, "control.period": loops}

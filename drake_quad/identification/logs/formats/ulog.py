@@ -116,6 +116,16 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
     return LogContent(tables, (name, mapping), remarks)
 
 
+def ulog_parameters(log: LogFile) -> dict[str, Any]:
+    """Return the parameters at the start of a log, by name.
+
+    Raises:
+        InputError: pyulog is not installed or cannot read the log.
+    """
+    parameters: dict[str, Any] = _read(log, log.data[: _chain_of(log).end], set()).initial_parameters
+    return parameters
+
+
 class _Chain(NamedTuple):
     """Contiguous messages at the start of a log.
 
