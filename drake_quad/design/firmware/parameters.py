@@ -12,8 +12,8 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from drake_quad.errors import InputError
+from drake_quad.identification.logs.formats.ulog import MAGIC, ulog_parameters
 from drake_quad.identification.logs.source import read_file
-from drake_quad.identification.logs.ulog import MAGIC, ulog_parameters
 
 Firmware = Literal["crazyflie", "px4"]
 

@@ -27,7 +27,7 @@ from drake_quad.identification.logs.px4_status import (
 from drake_quad.identification.logs.source import LogFile
 from drake_quad.process_settings import without_prints
 
-_MAGIC = b"ULog\x01\x12\x35"
+MAGIC = b"ULog\x01\x12\x35"
 _SECOND = 1e-6
 # Front right, back right, back left, front left: whether a rotor is in front, and to the right.
 _CLOCKWISE = [(True, True), (False, True), (False, False), (True, False)]
@@ -122,7 +122,7 @@ def ulog_parameters(log: LogFile) -> dict[str, Any]:
     Raises:
         InputError: pyulog is not installed or cannot read the log.
     """
-    parameters: dict[str, Any] = _read(log, log.data[: _chain_of(log).end], set()).initial_parameters
+    parameters: dict[str, Any] = _parsed(log, log.data[: _chain_of(log).end], set()).initial_parameters
     return parameters
 
 
@@ -242,4 +242,4 @@ def _dropouts(read: Any) -> list[str]:
     ]
 
 
-FORMATS.append(LogFormat("PX4's ULog", lambda log: log.data.startswith(_MAGIC), _read))
+FORMATS.append(LogFormat("PX4's ULog", lambda log: log.data.startswith(MAGIC), _read))
