@@ -30,13 +30,13 @@ _MAX_FAULTS = 3
 _MIN_IMPROVEMENT = 0.4
 # Preference for a fault on fewer axes.
 _AXIS_COST = 0.05
-# Two frames that hardly differ are told apart if the other one is better in each part of the log, by this many standard
-# errors, and by this share of the error.
+# Two frames that hardly differ are told apart if the other one is better in most parts of the log, and leaves no more
+# than this share of the error. In healthy logs the other one leaves more than the whole error.
 _NUM_PARTS = 8
-_FRAME_SIGMAS = 4.0
-_MIN_FRAME_IMPROVEMENT = 0.2
+_MIN_BETTER_PARTS = 6
+_MAX_FRAME_REMAINDER = 0.75
 _MAX_SHIFT = 0.3  # s
-_SHIFTED_AMPLITUDE = 0.2  # SI units; smaller than the threshold of signals whose mean counts
+_SHIFTED_AMPLITUDE = 0.1  # SI units; smaller than the threshold of signals whose mean counts
 _MIN_SHIFT = 0.025  # s; filters and radio links of healthy logs shift by up to 20 ms
 _SHIFT_SIGMAS = 4.0
 # A command is compared with the signal that follows it later by up to this time, s.
@@ -406,17 +406,14 @@ def _worst_fault(grid: _Grid) -> tuple[Fault, _Pair, int] | None:
 
 
 def _is_other_frame(pair: _Pair, other: _Pair) -> bool:
-    """Return whether a pair agrees better in another frame, beyond chance and in each part of the log."""
+    """Return whether a pair agrees better in another frame, over the log and in most of its parts."""
     errors = []
     for each in (pair, other):
         expected, measured = each.clipped()
         squares = np.mean((expected - measured) ** 2, axis=1)
         errors.append([float(part.mean()) for part in np.array_split(squares, _NUM_PARTS)])
     old, new = np.array(errors)
-    gains = old - new
-    error = float(np.std(gains, ddof=1)) / math.sqrt(_NUM_PARTS)
-    mean = float(gains.mean())
-    return bool((gains > 0.0).all() and mean > _FRAME_SIGMAS * error and mean > _MIN_FRAME_IMPROVEMENT * old.mean())
+    return bool(np.sum(new < old) >= _MIN_BETTER_PARTS and new.sum() < _MAX_FRAME_REMAINDER * old.sum())
 
 
 def _shift(pair: _Pair, step: float, excited: np.ndarray) -> Iterator[str]:
