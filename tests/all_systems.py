@@ -42,7 +42,7 @@ from drake_quad.control.pid_cascade.numbers import (
     AccelerationNumbers,
     CascadeNumbers,
     CascadeRules,
-    PidGains,
+    PidLoopGains,
     TiltNumbers,
 )
 from drake_quad.control.pid_cascade.system import PidCascade
@@ -100,9 +100,9 @@ from drake_quad.vehicle.autopilot import (
     AttitudeAutopilot,
     AutopilotNumbers,
     Gyroscope,
+    LoopAxisTerms,
     LoopGains,
     LoopRules,
-    LoopTerms,
     ThrustAlone,
 )
 from drake_quad.vehicle.battery import Battery
@@ -285,25 +285,25 @@ def _of_first_order(terms: Terms) -> Terms:
 
 
 PID_AUTOPILOT = AUTOPILOT._replace(
-    attitude=LoopTerms(*_terms(1.2)),
-    rate=LoopTerms(*_terms(21.0)),
+    attitude=LoopAxisTerms(*_terms(1.2)),
+    rate=LoopAxisTerms(*_terms(21.0)),
     gyroscope_filter=butterworth(130.0, 0.0025),
     max_rates=BodyRates(3.1, 3.3, 2.2),
 )
 PX4_AUTOPILOT = AUTOPILOT._replace(
-    rate=LoopTerms(*map(_of_first_order, _terms(22.0))), max_rates=BodyRates(3.2, 3.4, 2.1), yaw_weight=0.4
+    rate=LoopAxisTerms(*map(_of_first_order, _terms(22.0))), max_rates=BodyRates(3.2, 3.4, 2.1), yaw_weight=0.4
 )
 TILTING = CascadeNumbers(
-    PidGains(PerAxis(2.1, 1.9, 2.3), _terms(0.4)),
-    PidGains(PerAxis(0.43, 0.41, 5.7), _terms(0.2)),
+    PidLoopGains(PerAxis(2.1, 1.9, 2.3), _terms(0.4)),
+    PidLoopGains(PerAxis(0.43, 0.41, 5.7), _terms(0.2)),
     0.3,
     0.7,
     9.79,
     TiltNumbers(6.1, 2.2, 11.0),
 )
 ACCELERATING = CascadeNumbers(
-    PidGains(PerAxis(0.95, 0.93, 1.1)),
-    PidGains(PerAxis(1.8, 1.7, 4.1), tuple(map(_of_first_order, _terms(0.6)))),
+    PidLoopGains(PerAxis(0.95, 0.93, 1.1)),
+    PidLoopGains(PerAxis(1.8, 1.7, 4.1), tuple(map(_of_first_order, _terms(0.6)))),
     0.9,
     0.71,
     9.78,

@@ -56,7 +56,7 @@ class Terms(NamedTuple):
     limit: Row | None = None
 
 
-class Measured(NamedTuple):
+class LastMeasurement(NamedTuple):
     """Measurement of the tick before.
 
     Attributes:
@@ -78,7 +78,7 @@ class Memory(NamedTuple):
     """
 
     integral: Row | None = None
-    measured: Measured | None = None
+    measured: LastMeasurement | None = None
     delayed: Delayed | None = None
 
     @classmethod
@@ -87,7 +87,7 @@ class Memory(NamedTuple):
         integral, derivative, *_ = terms or Terms()
         return cls(
             None if integral is None else 0.0,
-            None if derivative is None else Measured(0.0, 0.0),
+            None if derivative is None else LastMeasurement(0.0, 0.0),
             None if derivative is None or derivative.low_pass is None else EMPTY,
         )
 
@@ -118,7 +118,7 @@ def differentiated(
     if derivative.low_pass is not None:
         assert delayed is not None
         rate, delayed = filtered(rate, derivative.low_pass, delayed)
-    return rate, Memory(memory.integral, Measured(measured, 1.0), delayed)
+    return rate, Memory(memory.integral, LastMeasurement(measured, 1.0), delayed)
 
 
 def pid(

@@ -46,7 +46,7 @@ class Gyroscope(NamedTuple):
     bias: BodyRates = BodyRates(0.0, 0.0, 0.0)
 
 
-class LoopTerms(NamedTuple):
+class LoopAxisTerms(NamedTuple):
     """Terms of a loop about each axis beside the proportional one."""
 
     roll: Terms
@@ -77,8 +77,8 @@ class AutopilotNumbers(NamedTuple):
     gyroscope: Gyroscope = Gyroscope()
     attitude_noise: Angle = 0.0
     initial: Wrench = Wrench(0.0, 0.0, 0.0, 0.0)
-    attitude: LoopTerms | None = None
-    rate: LoopTerms | None = None
+    attitude: LoopAxisTerms | None = None
+    rate: LoopAxisTerms | None = None
     gyroscope_filter: LowPass | None = None
     max_rates: BodyRates | None = None
     yaw_weight: Number | None = None
@@ -106,7 +106,7 @@ class LoopMemory(NamedTuple):
     yaw: Memory
 
     @classmethod
-    def of(cls, terms: LoopTerms | None) -> "LoopMemory":
+    def of(cls, terms: LoopAxisTerms | None) -> "LoopMemory":
         """Return the memory before the first instant."""
         return cls(*[Memory.of(each) for each in terms or (None, None, None)])
 

@@ -15,7 +15,7 @@ from drake_quad.control.pid_cascade.numbers import (
     AccelerationNumbers,
     CascadeNumbers,
     CascadeRules,
-    PidGains,
+    PidLoopGains,
     TiltNumbers,
     empty_memory,
 )
@@ -56,8 +56,8 @@ def numbers():
     ]
     unit = WEIGHT / HOVER
     return CascadeNumbers(
-        PidGains(PerAxis(*P_POSITION)),
-        PidGains(PerAxis(*K_P), tuple(terms)),
+        PidLoopGains(PerAxis(*P_POSITION)),
+        PidLoopGains(PerAxis(*K_P), tuple(terms)),
         1.0,
         MASS,
         GRAVITY,
@@ -177,8 +177,8 @@ def test_the_first_velocity_goes_first():
 def test_a_tilt_is_commanded_along_the_heading():
     """A vehicle that looks along Y, and is behind its reference by 0.1 m along X, rolls to the right."""
     tilting = CascadeNumbers(
-        PidGains(PerAxis(2.0, 2.0, 2.0)),
-        PidGains(PerAxis(0.4, 0.5, 5.0)),
+        PidLoopGains(PerAxis(2.0, 2.0, 2.0)),
+        PidLoopGains(PerAxis(0.4, 0.5, 5.0)),
         0.5,
         MASS,
         GRAVITY,
@@ -312,4 +312,4 @@ def test_an_autopilot_that_is_told_body_rates_has_no_error_of_the_attitude():
 
 
 def test_a_cascade_that_remembers_nothing_has_no_state():
-    assert not PidCascade(numbers=numbers()._replace(velocity=PidGains(PerAxis(*K_P)))).states
+    assert not PidCascade(numbers=numbers()._replace(velocity=PidLoopGains(PerAxis(*K_P)))).states

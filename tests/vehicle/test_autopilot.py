@@ -14,9 +14,9 @@ from drake_quad.vehicle.autopilot import (
     AutopilotMemory,
     AutopilotNumbers,
     Gyroscope,
+    LoopAxisTerms,
     LoopGains,
     LoopRules,
-    LoopTerms,
     SensorNoise,
     autopilot_law,
     thrust_alone,
@@ -95,7 +95,7 @@ def test_the_rate_loop_is_px4_s_tick_by_tick():
     numbers = NUMBERS._replace(
         k_rate=LoopGains(k_p, k_p, k_p),
         gyroscope=Gyroscope(),
-        rate=LoopTerms(terms, terms, terms),
+        rate=LoopAxisTerms(terms, terms, terms),
         gyroscope_filter=butterworth(cutoffs[0], period),
         max_rates=BodyRates(2.0, 1.0, 0.5),
     )

@@ -8,7 +8,7 @@ from drake_quad.pid.loop import Memory, Terms, pid
 from drake_quad.signals import ForceB, Number, Quantity, Row, Time, VelocityW
 
 
-class PidGains(NamedTuple):
+class PidLoopGains(NamedTuple):
     """Gains of a loop.
 
     Attributes:
@@ -70,8 +70,8 @@ class CascadeNumbers(NamedTuple):
         command: numbers of what the velocity loop commands, whose type tells which law it is.
     """
 
-    position: PidGains
-    velocity: PidGains
+    position: PidLoopGains
+    velocity: PidLoopGains
     velocity_feed_forward: Number
     mass: Annotated[Row, Quantity("kg")]
     gravity: Annotated[Row, Quantity("m/s²")]
@@ -102,7 +102,7 @@ class CascadeMemory(NamedTuple):
     velocity: Memories
 
 
-def _memories(gains: PidGains) -> Memories:
+def _memories(gains: PidLoopGains) -> Memories:
     first, second, third = (Memory.of(terms) for terms in gains.terms or (None, None, None))
     return first, second, third
 
@@ -113,7 +113,7 @@ def empty_memory(numbers: CascadeNumbers) -> CascadeMemory:
 
 
 def stepped(
-    setpoint: Vector, measured: Vector, gains: PidGains, memories: Memories, period: Time, integrates_first: bool
+    setpoint: Vector, measured: Vector, gains: PidLoopGains, memories: Memories, period: Time, integrates_first: bool
 ) -> tuple[Vector, Memories]:
     """Return the outputs of a loop on three axes, and its state.
 

@@ -24,8 +24,7 @@ from drake_quad.scenario.quantities import (
 )
 from drake_quad.signals import BodyRates, Wrench
 from drake_quad.vehicle import autopilot
-from drake_quad.vehicle.autopilot import AutopilotNumbers, Gyroscope, LoopGains, LoopRules
-from drake_quad.vehicle.autopilot import LoopTerms as TermsOfAxes
+from drake_quad.vehicle.autopilot import AutopilotNumbers, Gyroscope, LoopAxisTerms, LoopGains, LoopRules
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 
@@ -108,8 +107,8 @@ class AttitudeAutopilotSettings(Autopilot):
             Gyroscope(self.gyroscope_noise, BodyRates(*self.gyroscope_bias)),
             self.attitude_noise,
             Wrench(believed.mass * believed.gravity, 0.0, 0.0, 0.0),
-            None if attitude is None else TermsOfAxes(*attitude.terms(self.period)),
-            None if self.rate_terms is None else TermsOfAxes(*self.rate_terms.terms(self.period)),
+            None if attitude is None else LoopAxisTerms(*attitude.terms(self.period)),
+            None if self.rate_terms is None else LoopAxisTerms(*self.rate_terms.terms(self.period)),
             None if bandwidth is None else butterworth(bandwidth, self.period),
             None if self.max_rates is None else BodyRates(*self.max_rates),
             self.yaw_weight if heeds_attitude else None,

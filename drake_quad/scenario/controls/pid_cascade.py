@@ -12,7 +12,7 @@ from drake_quad.control.pid_cascade.numbers import (
     AccelerationNumbers,
     CascadeNumbers,
     CascadeRules,
-    PidGains,
+    PidLoopGains,
     TiltNumbers,
 )
 from drake_quad.control.pid_cascade.system import PidCascade, build_pid_cascade
@@ -35,15 +35,18 @@ class PidLoop(LoopTerms):
 
     k_p: Gains = Field(description="proportional gains (unit of the output over that of the error)")
 
-    def gains(self, period: float) -> PidGains:
+    def gains(self, period: float) -> PidLoopGains:
         """Return the gains for a loop of a period, s."""
-        return PidGains(PerAxis(*self.k_p), self.terms(period))
+        return PidLoopGains(PerAxis(*self.k_p), self.terms(period))
 
 
 class _CommandKind(Model):
     """Fields of what the velocity loop can command."""
 
     kind: str
+    has_limits: ClassVar[bool]
+    """Whether the command limits velocity and tilt itself, in place of the velocity loop."""
+
     min_thrust: MinThrust = Field(default=0.3, description="least thrust, as a share of the believed weight (1)")
     max_thrust: Positive = Field(default=1.8, description="largest thrust, as a share of the believed weight (1)")
 
@@ -56,6 +59,7 @@ class TiltCommand(_CommandKind):
     """Roll and pitch along the heading, as in the Crazyflie's firmware; `velocity.limit` is the largest of them."""
 
     kind: Literal["tilt"]
+    has_limits: ClassVar = False
     hover_thrust: Positive = Field(
         default=1.0, description="thrust without an error of the velocity, as a share of the believed weight (1)"
     )
@@ -69,6 +73,7 @@ class AccelerationCommand(_CommandKind):
     """Acceleration in W, which thrust and attitude follow, as in PX4."""
 
     kind: Literal["acceleration"]
+    has_limits: ClassVar = True
     feed_forward: NonNegative = Field(default=1.0, description="share of the reference's acceleration (1)")
     max_speed: Positive = Field(default=12.0, description="largest horizontal velocity that is commanded (m/s)")
     max_ascent: Positive = Field(default=3.0, description="largest velocity upwards that is commanded (m/s)")
@@ -116,7 +121,7 @@ class PidCascadeControl(Control):
 
     @model_validator(mode="after")
     def _has_limits_once(self) -> "PidCascadeControl":
-        if self.command.kind == "acceleration":
+        if self.command.has_limits:
             if self.velocity.limit is not None:
                 raise self.wrong("must be left out: the command has limits of its own", "velocity", "limit")
             if not excludes_zero(self.velocity.k_p[0]):

@@ -43,13 +43,13 @@ class _Message(NamedTuple):
 
     Attributes:
         topic: name of the topic.
-        kind: type of the message, as in `nav_msgs/Odometry`.
+        type_name: type of the message, as in `nav_msgs/Odometry`.
         time: time of recording, ns.
         decode: function that returns the message.
     """
 
     topic: str
-    kind: str
+    type_name: str
     time: int
     decode: Callable[[], Any]
 
@@ -57,8 +57,8 @@ class _Message(NamedTuple):
 class _Rows:
     """Values of the fields of a topic that a mapping knows, message by message."""
 
-    def __init__(self, kind: str, fields: list[str]) -> None:
-        self.kind = kind
+    def __init__(self, type_name: str, fields: list[str]) -> None:
+        self.type_name = type_name
         self._paths = {each: [int(part) if part.isdigit() else part for part in _PART.findall(each)] for each in fields}
         self._values: dict[str, list[float]] = {each: [] for each in fields}
         self._times: list[int] = []
@@ -87,7 +87,7 @@ class _Rows:
         known = {name: np.array(values) for name, values in self._values.items() if np.isfinite(values).any()}
         columns = {f"{topic}.{name}": values for name, values in known.items()}
         if of_its_type:
-            columns |= {f"{self.kind}.{name}": values for name, values in known.items()}
+            columns |= {f"{self.type_name}.{name}": values for name, values in known.items()}
         remarks, sampled = [], None
         if min(self._stamps) > 0:
             difference = float(np.median(times - stamps))
@@ -131,7 +131,7 @@ def _content(log: LogFile, given: NamedMapping | None, what: str, messages: Iter
     remarks = [*log.remarks]
     try:
         for message in messages:
-            fields = wanted.get(message.topic, []) + wanted.get(message.kind, [])
+            fields = wanted.get(message.topic, []) + wanted.get(message.type_name, [])
             if not fields or message.topic in undecoded:
                 others.add(message.topic)
                 continue
@@ -141,7 +141,7 @@ def _content(log: LogFile, given: NamedMapping | None, what: str, messages: Iter
                 if message.topic not in topics:
                     undecoded.add(message.topic)
                 continue
-            topics.setdefault(message.topic, _Rows(message.kind, fields)).append(decoded, message.time)
+            topics.setdefault(message.topic, _Rows(message.type_name, fields)).append(decoded, message.time)
     except InputError:
         raise
     except Exception as error:  # libraries raise any exception on a damaged bag
@@ -164,15 +164,15 @@ def _tables(topics: dict[str, _Rows], mapping: NamedMapping, remarks: list[str],
     start = min(rows._times[0] for rows in topics.values())
     fullest: dict[str, str] = {}
     for topic, rows in topics.items():
-        if rows.kind not in fullest or len(rows) > len(topics[fullest[rows.kind]]):
-            fullest[rows.kind] = topic
+        if rows.type_name not in fullest or len(rows) > len(topics[fullest[rows.type_name]]):
+            fullest[rows.type_name] = topic
     tables = []
     for topic, rows in topics.items():
-        table, said = rows.table(topic, start, of_its_type=fullest[rows.kind] == topic)
+        table, said = rows.table(topic, start, of_its_type=fullest[rows.type_name] == topic)
         tables.append(table)
         remarks += said
     for kind, topic in fullest.items():
-        count = sum(rows.kind == kind for rows in topics.values())
+        count = sum(rows.type_name == kind for rows in topics.values())
         if count > 1:
             remarks.append(f"of {count} topics of type {kind} the one with most messages is read: {topic}")
     return LogContent(tables, mapping, remarks, others)

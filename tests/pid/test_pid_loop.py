@@ -7,7 +7,7 @@ import pytest
 import scipy.signal
 
 from drake_quad.pid.filters import EMPTY, butterworth, filtered, first_order
-from drake_quad.pid.loop import Derivative, Integral, Measured, Memory, Terms, pid
+from drake_quad.pid.loop import Derivative, Integral, LastMeasurement, Memory, Terms, pid
 
 PERIOD = 0.01
 
@@ -84,4 +84,4 @@ def test_the_setpoint_is_fed_forward_and_the_output_is_limited():
 def test_a_loop_remembers_only_what_its_terms_need():
     assert Memory.of(None) == Memory.of(Terms(k_ff=1.0, limit=1.0)) == Memory()
     assert Memory.of(Terms(Integral(1.0, 1.0))) == Memory(integral=0.0)
-    assert Memory.of(Terms(derivative=Derivative(1.0))) == Memory(measured=Measured(0.0, 0.0))
+    assert Memory.of(Terms(derivative=Derivative(1.0))) == Memory(measured=LastMeasurement(0.0, 0.0))
