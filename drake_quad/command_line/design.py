@@ -97,6 +97,7 @@ def options() -> argparse.ArgumentParser:
 def main(arguments: argparse.Namespace) -> None:
     """Runs the command."""
     if arguments.firmware is not None:
+        refuse_design_options(arguments)
         take_firmware(arguments)
         return
     scenario = load_undesigned(arguments.scenario, all_overrides_of(arguments))
@@ -128,6 +129,15 @@ def main(arguments: argparse.Namespace) -> None:
     fly = "study {} --samples 32" if uncertain else "fly {}"
     print(f"  drake-quad {fly.format(files[1])}")
     print_files(files)
+
+
+def refuse_design_options(arguments: argparse.Namespace) -> None:
+    """Raise InputError if an option of the design is given."""
+    parser = argparse.ArgumentParser(add_help=False)
+    add_design_options(parser)
+    for name, default in vars(parser.parse_args([])).items():
+        if getattr(arguments, name) != default:
+            raise InputError(f"--{name.replace('_', '-')} is for gains that are designed; leave out --firmware")
 
 
 def add_design_options(options: argparse.ArgumentParser) -> None:

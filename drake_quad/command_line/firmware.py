@@ -7,7 +7,6 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
-from drake_quad import InputError
 from drake_quad.command_line.options import all_overrides_of, folder_of
 from drake_quad.command_line.output import print_files, remark
 from drake_quad.design.firmware.layer import FIRMWARE, firmware_layer
@@ -15,17 +14,6 @@ from drake_quad.design.firmware.parameters import FirmwareParameters, defaults_o
 from drake_quad.files import output_folder, write_text, write_whole
 from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.files.saving import save_scenario
-
-# Options of the design, which a controller that is given does not need, with their values if they are not given.
-_OF_THE_DESIGN: dict[str, Any] = {
-    "method": "poles",
-    "phase_margin": None,
-    "gain_margin": None,
-    "delay_margin": None,
-    "on_board": False,
-    "integral": None,
-    "loop": [],
-}
 
 
 def take_firmware(arguments: argparse.Namespace) -> None:
@@ -36,11 +24,8 @@ def take_firmware(arguments: argparse.Namespace) -> None:
             for its defaults.
 
     Raises:
-        InputError: the file cannot be read, or another option asks for a design.
+        InputError: if the file cannot be read, or the scenario cannot take the controller.
     """
-    for name, silent in _OF_THE_DESIGN.items():
-        if getattr(arguments, name) != silent:
-            raise InputError(f"--{name.replace('_', '-')} is for gains that are designed; leave out --firmware")
     name, overrides = arguments.firmware, all_overrides_of(arguments)
     parameters = defaults_of(name) if name in FIRMWARE else read_parameters(Path(name))
     scenario = load_undesigned(arguments.scenario, overrides)

@@ -29,6 +29,7 @@ from drake_quad.identification.fitting.evidence import bias_reduced, explained_s
 from drake_quad.identification.fitting.open_loop import delay_of, thrust_by_share
 from drake_quad.identification.fitting.windows import airborne, common_period, held_out, pieces
 from drake_quad.identification.identified import Fitted, Spread
+from drake_quad.identification.logs.attitudes import rotations
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import Estimates, Explained, Source, kind_of
 from drake_quad.identification.results.vehicle_numbers import number_of
@@ -291,7 +292,7 @@ def linear_drag(record: FlightRecord, scenario: Scenario, *, block: float = 0.5)
 
 
 def _motion(record: FlightRecord, scenario: Scenario) -> _Motion:
-    turned = scipy.spatial.transform.Rotation.from_euler("ZYX", record.of("attitude")[:, ::-1]).inv()
+    turned = rotations(record.of("attitude")).inv()
     velocity, commanded = record.of("velocity"), _commanded(record, scenario)
     wind = np.asarray(steady_wind(scenario.laboratory.wind), dtype=float) if record.wind is None else record.wind
     if record.residual_force is not None:

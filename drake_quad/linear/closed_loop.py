@@ -131,7 +131,7 @@ def loop_with_noise(hovering: Scenario) -> tuple[ClosedLoop, np.ndarray]:
 
 
 def _settled(name: str, diagram: Diagram, context: Context, period: float, **ports: Sequence[str]) -> ClosedLoop:
-    """Return a diagram in its equilibrium near what it is in, and its linear system over a period (s)."""
+    """Move a context to the equilibrium nearest to it, and return the linear system over a period (s)."""
     at_tick(diagram, _TICKS * period, context)
     layout = ContextVector(diagram, without=WATCHERS)
     for _ in range(_STEPS):

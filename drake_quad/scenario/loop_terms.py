@@ -12,7 +12,7 @@ from drake_quad.scenario.quantities import Gains, IntegrationRule, Positive, Pos
 
 
 class LoopTerms(Model):
-    """Integral, derivative, feed-forward and limit of a PID loop on three axes. What is not given is not there."""
+    """Optional terms of a PID loop on three axes: integral, derivative, feed-forward and limit of the output."""
 
     k_i: Gains | None = Field(default=None, description="integral gains (unit of the proportional ones over s)")
     integral_limit: Positives | None = Field(

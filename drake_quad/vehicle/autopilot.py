@@ -55,7 +55,7 @@ class LoopAxisTerms(NamedTuple):
 
 
 class AutopilotNumbers(NamedTuple):
-    """Gains and sensors of an autopilot, and what it believes of the vehicle. Parts that are None are not there.
+    """Gains, sensors and believed numbers of an autopilot, which lacks the parts that are None.
 
     Attributes:
         k_attitude: body rate over attitude error.
@@ -169,7 +169,7 @@ def rotation_error(attitude: Attitude, target: Attitude, yaw_weight: Number) -> 
         yaw_weight: in (0, 1].
     """
     w, x, y, z = Quaternion.of(*attitude).turn_to(Quaternion.of(*target))
-    # Of the two quaternions of the rotation that with the smaller angle is taken.
+    # Two quaternions describe the rotation; the one with the smaller angle is taken.
     sign = where(w < 0.0, -1.0, 1.0)
     w, x, y, z = sign * w, sign * x, sign * y, sign * z
     upright = sqrt(w * w + z * z + TINY)
@@ -297,7 +297,7 @@ class AttitudeAutopilot(FleetSystem):
         period: h, s. 2.5 ms by default, as the 400 Hz of PX4's parameter IMU_GYRO_RATEMAX.
         noisy: whether there is noise.
         rules: variants of the loops.
-        numbers: gains, sensors, and what is believed of the vehicle.
+        numbers: gains, sensors, and believed numbers of the vehicle.
     """
 
     def declare(

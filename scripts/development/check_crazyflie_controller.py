@@ -1,4 +1,4 @@
-"""Compares what a Crazyflie commanded in flights with what the cascade of its firmware commands here.
+"""Compares the logged commands of a Crazyflie with those of the cascade of its firmware in this library.
 
 Give the folder of NanoBench (S. I. Ullah, J. Baca, arXiv 2603.09908; BSD-3), whose flights log the estimate, the
 setpoint and the output of the position and velocity loops of firmware 2025.12.1. The log misses the instants of
@@ -59,7 +59,7 @@ def main() -> None:
         log = np.genfromtxt(path, delimiter=",", names=True)
         found = commanded(log, recipe)
         flying = (log["pid_controller_cmd_thrust"] > 0.0) & (log["est_stateEstimate_z"] > 0.3)
-        # Where the landing is commanded, some flights stop their rotors for an instant, which resets all integrals.
+        # Some flights stop their rotors for an instant when the landing is commanded, which resets all integrals.
         flying[max(0, np.flatnonzero(flying)[-1] - LANDING) if flying.any() else 0 :] = False
         words = []
         for column, (name, unit) in zip(found.T, OUTPUTS.items(), strict=True):

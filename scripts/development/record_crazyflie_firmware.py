@@ -1,4 +1,4 @@
-"""Records what the PID controller of the Crazyflie's firmware does, for tests/design/test_firmware.py.
+"""Records the outputs of the PID controller of the Crazyflie's firmware for tests/design/test_firmware.py.
 
 Give a checkout of github.com/bitcraze/crazyflie-firmware (GPL-3.0, version 2025.12.1). Its C files are compiled as they
 are; only the numbers that they compute are kept.
@@ -24,7 +24,7 @@ FOLDERS = (
     "modules/src modules/src/controller modules/interface modules/interface/controller utils/interface"
     " utils/interface/lighthouse hal/interface drivers/interface"
 )
-# Headers that need the hardware or libraries, in what the controller uses of them.
+# Replacements of headers that need hardware or libraries, reduced to the parts that the controller uses.
 STUBS = {
     "autoconf.h": "#define CONFIG_PLATFORM_CF2\n#define CONFIG_ENABLE_THRUST_BAT_COMPENSATED\n"
     "#define CONFIG_CRAZYFLIE_21_PLUS",
@@ -67,7 +67,7 @@ def compiled(source: Path, folder: Path) -> Path:
 
 
 def outputs(library: Path, given: np.ndarray, tuned: np.ndarray | None) -> np.ndarray:
-    """Return what the firmware computes of inputs, with its defaults or with tuned parameters."""
+    """Return the outputs of the firmware for inputs, with its defaults or with tuned parameters."""
     # A copy has static variables of its own.
     own = library.with_name(f"firmware_{tuned is not None}.so")
     own.write_bytes(library.read_bytes())

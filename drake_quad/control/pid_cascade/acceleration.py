@@ -28,7 +28,7 @@ def limited_velocity(first: tuple[Row, Row], second: tuple[Row, Row], largest: V
     along = (x_1 * x_2 + y_1 * y_2) / size_2
     room = maximum(largest * largest - size_1 * size_1, 0.0)
     share_2 = minimum((sqrt(along * along + room + TINY) - along) / size_2, 1.0)
-    # Where the first leaves no room, the second may not lengthen or turn it.
+    # A first velocity of the largest size or more leaves no room for the second one.
     full = size_1 >= largest
     share_1 = where(full, largest / size_1, 1.0)
     share_2 = where(full, 0.0, share_2)
@@ -112,7 +112,7 @@ def _integrated(memory: Memory, error: Row, terms: Terms | None, period: Time) -
 def _limited_force(
     acceleration: Vector, error: Vector, numbers: CascadeNumbers, rules: CascadeRules
 ) -> tuple[Vector, Vector]:
-    """Return the commanded thrust in W, N, and the error of the velocity that integrals shall see, m/s."""
+    """Return the commanded thrust in W, N, and the error of the velocity that is integrated, m/s."""
     command: Any = numbers.command
     mass, gravity = numbers.mass, numbers.gravity
     a_x, a_y, a_z = acceleration
@@ -123,7 +123,7 @@ def _limited_force(
     length = sqrt(1.0 + slope * slope * level_squared)
     f_z = maximum(mass * (gravity + a_z) * length, command.min_thrust) / length
     f_x, f_y = f_z * slope * a_x, f_z * slope * a_y
-    stalled = where(
+    left_z = where(
         f_z <= command.min_thrust,
         maximum(error.z, 0.0),
         where(f_z >= command.max_thrust, minimum(error.z, 0.0), error.z),
@@ -139,4 +139,4 @@ def _limited_force(
     gain = 2.0 / numbers.velocity.k_p.x
     left_x = error.x - where(saturated, gain * (a_x - produced_x), 0.0)
     left_y = error.y - where(saturated, gain * (a_y - produced_y), 0.0)
-    return Vector(f_x, f_y, f_z), Vector(left_x, left_y, stalled)
+    return Vector(f_x, f_y, f_z), Vector(left_x, left_y, left_z)

@@ -67,7 +67,7 @@ class CascadeNumbers(NamedTuple):
         velocity_feed_forward: share of the reference's velocity that is added to the commanded one.
         mass: believed.
         gravity: believed g.
-        command: numbers of what the velocity loop commands, whose type tells which law it is.
+        command: numbers of the law of the velocity loop; their type selects the law.
     """
 
     position: PidLoopGains

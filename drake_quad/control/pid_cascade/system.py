@@ -123,7 +123,7 @@ class PidCascade(FleetSystem):
         tick: period of the control, s.
         num_ticks: ticks from one computation of the loops to the next.
         rules: variants of the laws.
-        numbers: gains, limits, and what is believed of the vehicle.
+        numbers: gains, limits, and believed numbers of the vehicle.
     """
 
     def declare(

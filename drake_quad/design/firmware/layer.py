@@ -12,7 +12,7 @@ FIRMWARE: dict[Firmware, str] = {
     "crazyflie": "the PID controller of the Crazyflie's firmware, 2025.12",
     "px4": "the multicopter controllers of PX4, 1.15",
 }
-"""What the layers are, by firmware."""
+"""Description of the controller of each firmware."""
 
 _DIGITS = 8
 
@@ -25,7 +25,7 @@ def firmware_layer(parameters: FirmwareParameters, scenario: Scenario) -> dict[s
 
 
 def _rounded(value: Any) -> Any:
-    """Return the same with numbers of eight digits, more than a float of a firmware has."""
+    """Return the value with numbers rounded to eight digits, more than the single precision of a firmware."""
     if isinstance(value, dict):
         return {name: _rounded(each) for name, each in value.items()}
     if isinstance(value, list):

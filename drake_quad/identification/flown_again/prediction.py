@@ -15,7 +15,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 
 from drake_quad.errors import InputError, shown
 from drake_quad.identification.fitting.multiple_shooting import Problem, fit
@@ -28,6 +27,7 @@ from drake_quad.identification.fitting.open_loop import (
     with_level_commands,
 )
 from drake_quad.identification.fitting.windows import airborne, held_out, pieces, within_half_a_turn
+from drake_quad.identification.logs.attitudes import rotations
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import quantile
 from drake_quad.scenario.models import Scenario
@@ -273,9 +273,7 @@ def _errors(
 
 def _angle_between(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """(S,) angle of the rotation between attitudes, rad."""
-    rotation = scipy.spatial.transform.Rotation
-    turned = rotation.from_euler("ZYX", one[:, ::-1]).inv() * rotation.from_euler("ZYX", other[:, ::-1])
-    return np.asarray(turned.magnitude())
+    return np.asarray((rotations(one).inv() * rotations(other)).magnitude())
 
 
 def _totals(values: np.ndarray, blocks: np.ndarray) -> np.ndarray:

@@ -11,8 +11,9 @@ from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from drake_quad.identification.logs.attitudes import rotation_matrices, rotation_vectors
+from drake_quad.identification.logs.attitudes import rotations
 from drake_quad.identification.logs.faults import AXES, GRAVITY, Fault, faults
 
 _GRID_STEP = 0.01  # s; finer samples are averaged
@@ -26,12 +27,12 @@ _MIN_TILT_COSINE = 0.2  # below it the tangent of the tilt says nothing
 # Values beyond this quantile of a signal's size are clipped to it, since a crash or a landing is not typical.
 _CLIPPED_QUANTILE = 0.9
 _MAX_FAULTS = 3
-# A fault is reported if its repair takes away more of a disagreement than this number and what it leaves.
+# A fault is reported if its repair reduces a disagreement by more than this number plus the remaining one.
 _MIN_IMPROVEMENT = 0.4
 # Preference for a fault on fewer axes.
 _AXIS_COST = 0.05
-# Two frames that hardly differ are told apart if the other one is better in most parts of the log, and leaves no more
-# than this share of the error. In healthy logs the other one leaves more than the whole error.
+# World and body axes hardly differ at small tilts. The other frame is reported if it fits better in most parts of the
+# log, and leaves at most this share of the error. In healthy logs the other frame increases the error.
 _NUM_PARTS = 8
 _MIN_BETTER_PARTS = 6
 _MAX_FRAME_REMAINDER = 0.75
@@ -43,7 +44,7 @@ _SHIFT_SIGMAS = 4.0
 _MAX_RESPONSE_TIME = 0.5
 # Two signals whose disagreement is at least this large, and which no single fault explains, contradict each other.
 _CONTRADICTION = 0.85
-_OPPOSITE = 1.2  # disagreement of signals that are rather opposite than independent
+_OPPOSITE = 1.2  # disagreement of signals that are opposite rather than independent
 _ROUNDING = 1e-9  # relative amplitude that rounding gives a constant
 _TINY = float(np.finfo(float).tiny)
 
@@ -53,7 +54,7 @@ class _Pair(NamedTuple):
 
     Attributes:
         name: name of the checked signal.
-        other: what it is compared with, as part of a sentence.
+        other: name of the other side of the comparison, as part of a sentence.
         expected: (windows, axes) values that follow from the other signals.
         measured: (windows, axes) values of the signal.
         threshold: least amplitude of an axis that is compared, in SI units.
@@ -74,7 +75,7 @@ class _Pair(NamedTuple):
     suspicious: float = _MIN_IMPROVEMENT
 
     def clipped(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return both sides, without their medians if they are centred, and clipped to what is typical."""
+        """Return both sides, without their medians if they are centred, and clipped to their typical size."""
         sides = []
         for values in (self.expected, self.measured):
             deviation = values - np.median(values, axis=0) if self.centred else values
@@ -94,7 +95,7 @@ class _Pair(NamedTuple):
         return np.asarray(np.maximum(*amplitudes) > factor * self.threshold)
 
     def text(self, axis: int) -> str:
-        """Return what disagrees along an axis, and by how much, as part of a sentence."""
+        """Return the disagreement along an axis as part of a sentence."""
         expected, measured = (side[:, axis] for side in self.clipped())
         size, other_size = (math.sqrt(float(np.mean(each**2))) for each in (measured, expected))
         if not self.centred:
@@ -118,7 +119,7 @@ class _Grid:
 
     def __init__(self, signals: Mapping[str, np.ndarray], step: float, usable: np.ndarray) -> None:
         self.signals, self.step, self.usable = signals, step, usable
-        self._rotation: np.ndarray | None = None
+        self._rotation: Rotation | None = None
         self._damaged = np.concatenate([[0], np.cumsum(~usable)])
 
     def repaired(self, fault: Fault) -> "_Grid":
@@ -129,10 +130,10 @@ class _Grid:
         return result
 
     @property
-    def rotation(self) -> np.ndarray:
-        """Rotation matrices (n, 3, 3) from body to world."""
+    def rotation(self) -> Rotation:
+        """Rotations (n,) from body to world."""
         if self._rotation is None:
-            self._rotation = rotation_matrices(self.signals["attitude"])
+            self._rotation = rotations(self.signals["attitude"])
         return self._rotation
 
     def samples(self, duration: float) -> int:
@@ -154,7 +155,7 @@ class _Grid:
 
     @property
     def is_moving(self) -> bool:
-        """Whether the velocity varies enough to show accelerations."""
+        """True if the velocity varies enough to show accelerations."""
         velocity = self.velocity
         return velocity is not None and float(np.std(velocity, axis=0).max()) > _MIN_SPEED
 
@@ -266,7 +267,7 @@ def _derivative(grid: _Grid, position: str, velocity: str) -> tuple[_Pair, int]:
 def _attitude_and_rates(grid: _Grid) -> tuple[_Pair, int]:
     width = grid.samples(_ROTATION_WINDOW)
     rotation = grid.rotation
-    turn = rotation_vectors(np.einsum("nji,njk->nik", rotation[:-width], rotation[width:])) / (width * grid.step)
+    turn = (rotation[:-width].inv() * rotation[width:]).as_rotvec() / (width * grid.step)
     measured = grid.mean(grid.signals["body_rates"], width)
     return _Pair("body_rates", "the derivative of attitude", turn, measured, 0.05, AXES["body_rates"]), width
 
@@ -279,7 +280,7 @@ def _with_gravity(grid: _Grid, width: int) -> np.ndarray:
 
 def _force_in_world(grid: _Grid) -> tuple[np.ndarray, np.ndarray, int]:
     width = grid.samples(_TRANSLATION_WINDOW)
-    measured = grid.mean(np.einsum("nij,nj->ni", grid.rotation, grid.signals["specific_force"]), width)
+    measured = grid.mean(grid.rotation.apply(grid.signals["specific_force"]), width)
     return _with_gravity(grid, width), measured, width
 
 
@@ -300,7 +301,7 @@ def _force_in_body(grid: _Grid) -> tuple[_Pair, int]:
     width = grid.samples(_TRANSLATION_WINDOW)
     acceleration = _with_gravity(grid, width)
     middle = grid.rotation[width // 2 :][: len(acceleration)]
-    expected = np.einsum("nji,nj->ni", middle, acceleration)[:, :2]
+    expected = middle.inv().apply(acceleration)[:, :2]
     measured = grid.mean(grid.signals["specific_force"], width)[:, :2]
     # The rotors' drag is small beside the errors of the tilt, so the two are rarely equal, but never opposite.
     what = "the acceleration and the tilt, in the body,"
@@ -319,7 +320,7 @@ def _tilt(grid: _Grid) -> tuple[_Pair, int]:
     """Return the pair of the horizontal acceleration and that of a thrust along the body's z axis."""
     width = grid.samples(_TRANSLATION_WINDOW)
     acceleration = _with_gravity(grid, width)
-    axis = grid.rotation[:, :, 2]
+    axis = grid.rotation.apply([0.0, 0.0, 1.0])
     tangent = grid.mean(axis[:, :2] / np.maximum(axis[:, 2:], _MIN_TILT_COSINE), width)
     expected, measured = acceleration[:, :2], tangent * np.maximum(acceleration[:, 2:], 0.0)
     what = "the horizontal acceleration"
@@ -356,7 +357,7 @@ def _response(grid: _Grid, command: str, signal: str, threshold: float, columns:
 
 
 _MOTION = ("position", "velocity")
-# What is compared, and the signals that it needs, one of each group.
+# Comparisons with the signals that they need, one of each group.
 _COMPARISONS = [
     (_position_and_velocity, (("position",), ("velocity",))),
     (_attitude_and_rates, (("attitude",), ("body_rates",))),

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drake_quad.errors import InputError, listed
-from drake_quad.identification.logs.attitudes import rotation_matrices
+from drake_quad.identification.logs.attitudes import rotations
 from drake_quad.identification.logs.consistency import contradictions
 from drake_quad.identification.logs.doubts import doubts, jumps
 from drake_quad.identification.logs.mapping import ATTITUDES, Mapping, SignalSource
@@ -352,9 +352,8 @@ def _turn_crossed(signals: dict[str, Any], channels: Sequence[_Channel]) -> Iter
         to_world = QUANTITIES[channel.signal].frame == "W"
         of, to = ("body", "world") if to_world else ("world", "body")
         if "attitude" in signals:
-            rotation = rotation_matrices(signals["attitude"])
-            order = "nij,nj->ni" if to_world else "nji,nj->ni"
-            signals[channel.signal] = np.einsum(order, rotation, signals[channel.signal])
+            turned = rotations(signals["attitude"]).apply(signals[channel.signal], inverse=not to_world)
+            signals[channel.signal] = turned
             yield f"{channel.signal} is turned from the axes of the {of} to those of the {to} by the attitude"
         else:
             del signals[channel.signal]

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.identification.logs.attitudes import rotation_matrices
+from drake_quad.identification.logs.attitudes import rotations
 
 GRAVITY = 9.81  # m/s²
 
@@ -33,7 +33,7 @@ class Fault(NamedTuple):
 
     Attributes:
         signals: names of the signals.
-        text: what they look like, as part of a sentence.
+        text: description of the fault, as part of a sentence.
         repaired: function that returns these signals without the fault.
         num_axes: number of axes that the fault changes.
         is_frame: True for a frame that may hardly differ from the right one.
@@ -92,11 +92,11 @@ _SWAPS = {
     (1.0, 1.0, 1.0): "x and y were swapped",
 }
 _YAW_OFFSETS = {90.0: "90° too small", -90.0: "90° too large", 180.0: "180° off"}
-# Signals that may be along the axes of the other of world and body, and how to turn them back.
-_TURNS = {
-    "body_rates": ("nji,nj->ni", "world"),
-    "specific_force": ("nji,nj->ni", "world"),
-    "velocity": ("nij,nj->ni", "body"),
+# Frames in which signals may be logged by mistake.
+_WRONG_FRAMES = {
+    "body_rates": "world",
+    "specific_force": "world",
+    "velocity": "body",
 }
 
 
@@ -130,10 +130,10 @@ def _common_faults(signals: _Signals) -> Iterator[Fault]:
     known = tuple(name for name in AXES if name in signals)
     text = "all signals look as if NED and FRD were taken for NWU and FLU"
     yield Fault(known, text, lambda grid: {name: grid[name] * np.array(_HALF_TURN) for name in known}, 2)
-    for signal, (order, frame) in _TURNS.items():
+    for signal, frame in _WRONG_FRAMES.items():
         if signal in signals:
             text = f"{signal} looks as if it were along the axes of the {frame}"
-            yield Fault((signal,), text, _turned(signal, order), 0, is_frame=True)
+            yield Fault((signal,), text, _turned(signal, frame), 0, is_frame=True)
 
 
 def _scaled(signal: str, factor: np.ndarray | float) -> Callable[[_Signals], dict[str, np.ndarray]]:
@@ -148,5 +148,8 @@ def _offset(signal: str, turn: float) -> Callable[[_Signals], dict[str, np.ndarr
     return lambda signals: {signal: signals[signal] + np.array([0.0, 0.0, math.radians(turn)])}
 
 
-def _turned(signal: str, order: str) -> Callable[[_Signals], dict[str, np.ndarray]]:
-    return lambda signals: {signal: np.einsum(order, rotation_matrices(signals["attitude"]), signals[signal])}
+def _turned(signal: str, frame: str) -> Callable[[_Signals], dict[str, np.ndarray]]:
+    """Return the function that turns a signal from a wrong frame, world or body, to the other one."""
+    return lambda signals: {
+        signal: rotations(signals["attitude"]).apply(signals[signal], inverse=frame == "world"),
+    }

@@ -19,7 +19,7 @@ _CHUNK = 1 << 20
 # Suffixes of the files in the folder of a ROS 2 bag.
 _BAG_SUFFIXES = (".db3", ".mcap")
 _PACKED_SUFFIXES = (".gz", ".xz")
-# What says how a log is written, as .csv and .db3 do.
+# Suffix of a log format, such as .csv or .db3.
 _LOG_SUFFIX = re.compile(r"\.[a-z]\w{2,3}", re.IGNORECASE)
 
 

@@ -41,11 +41,11 @@ class PidLoop(LoopTerms):
 
 
 class _CommandKind(Model):
-    """Fields of what the velocity loop can command."""
+    """Law of the velocity loop, by the quantity that it commands."""
 
     kind: str
     has_limits: ClassVar[bool]
-    """Whether the command limits velocity and tilt itself, in place of the velocity loop."""
+    """True if the law limits velocity and tilt itself, so that the velocity loop has no limit."""
 
     min_thrust: MinThrust = Field(default=0.3, description="least thrust, as a share of the believed weight (1)")
     max_thrust: Positive = Field(default=1.8, description="largest thrust, as a share of the believed weight (1)")
@@ -127,7 +127,7 @@ class PidCascadeControl(Control):
             if not excludes_zero(self.velocity.k_p[0]):
                 raise self.wrong("must be larger than 0: the anti-windup divides by it", "velocity", "k_p", 0)
             if self.velocity.integrates_first:
-                demand = "must be forward_euler: what is limited decides how the integral grows"
+                demand = "must be forward_euler, since the integral grows by the error that is left after the limits"
                 raise self.wrong(demand, "velocity", "integration")
         return self
 
@@ -178,7 +178,7 @@ class PidCascadeControl(Control):
         return build_pid_cascade(systems["cascade"])
 
     def limits(self) -> ThrustVectoringSettings:
-        """Return the limits of tilt and thrust, as far as they are told."""
+        """Return the limits of tilt and thrust, with the defaults of those that the control does not have."""
         command = self.command
         limits: dict[str, Any] = {"min_thrust": command.min_thrust, "max_thrust": command.max_thrust}
         if isinstance(command, AccelerationCommand):

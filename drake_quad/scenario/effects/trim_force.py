@@ -10,7 +10,7 @@ from drake_quad.vehicle.trim_force import TrimForce
 
 @EFFECTS.member
 class TrimForceEffect(AirLoadEffect):
-    """Constant force along the axes of the vehicle, at its centre of mass, that nobody on the ground knows."""
+    """Constant force along the axes of the vehicle at its centre of mass, unknown to planner and controllers."""
 
     x: Number = field_of(TrimForce, "x", "along x of B")
     y: Number = field_of(TrimForce, "y", "along y of B")

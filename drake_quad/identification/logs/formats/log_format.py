@@ -35,7 +35,7 @@ class LogFormat(NamedTuple):
 
     Attributes:
         name: name of the format with an article, for messages.
-        recognizes: function that tells from the content whether a file has this format.
+        recognizes: function that returns whether the content of a file has this format.
         read: function that reads a file with the mapping that the user named, if any.
     """
 
@@ -103,7 +103,7 @@ def library(log: LogFile, module: str, extra: str) -> Any:
 
 
 def read_by_library(log: LogFile, what: str, read: Callable[[], Any]) -> Any:
-    """Return what a library reads, or raise one sentence with its reason.
+    """Read a log with a library, and convert its exceptions to one sentence.
 
     Args:
         log: content of the file.
