@@ -1,9 +1,9 @@
 """Attitudes of many samples at once, as rotations."""
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 
-def rotations(attitude: np.ndarray) -> Rotation:
+def rotations(attitude: np.ndarray) -> "scipy.spatial.transform.Rotation":
     """Return the rotations from body to world of roll, pitch and yaw (n, 3) in rad."""
-    return Rotation.from_euler("ZYX", attitude[:, ::-1])
+    return scipy.spatial.transform.Rotation.from_euler("ZYX", attitude[:, ::-1])

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from drake_quad.identification.logs.attitudes import rotations
 from drake_quad.identification.logs.faults import AXES, GRAVITY, Fault, faults
@@ -119,7 +119,7 @@ class _Grid:
 
     def __init__(self, signals: Mapping[str, np.ndarray], step: float, usable: np.ndarray) -> None:
         self.signals, self.step, self.usable = signals, step, usable
-        self._rotation: Rotation | None = None
+        self._rotation: scipy.spatial.transform.Rotation | None = None
         self._damaged = np.concatenate([[0], np.cumsum(~usable)])
 
     def repaired(self, fault: Fault) -> "_Grid":
@@ -130,7 +130,7 @@ class _Grid:
         return result
 
     @property
-    def rotation(self) -> Rotation:
+    def rotation(self) -> "scipy.spatial.transform.Rotation":
         """Rotations (n,) from body to world."""
         if self._rotation is None:
             self._rotation = rotations(self.signals["attitude"])
