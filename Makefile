@@ -1,6 +1,7 @@
 # make fly   sets up a virtual environment and flies the figure eight
 # make test  sets it up and runs the tests; TESTS="-m 'not slow'" those that are quick
-# make fuzz  reads and flies ten thousand mutated scenarios, and a hundred structures in compiled diagrams
+# make fuzz  reads and flies ten thousand mutated scenarios, a hundred structures in compiled diagrams, and thousands of
+#            mutated logs
 # make rooms  plans a hundred random rooms, or proves that there is no way
 # make passages  compares the passages that are chosen with random ones
 # make paper  flies the paper's experiment again and writes a report
@@ -37,6 +38,7 @@ test: $(VENV)/.installed-test
 
 fuzz: $(VENV)/.installed-test
 	FUZZ_CASES=10000 $(VENV)/bin/python -m pytest tests/scenario/test_fuzz.py tests/compilation/test_compiled_scenarios.py
+	FUZZ_CASES=500 $(VENV)/bin/python -m pytest tests/identification/test_logs_fuzz.py
 
 rooms: $(VENV)/.installed-test
 	ROOMS=100 $(VENV)/bin/python -m pytest --numprocesses auto tests/space/test_rooms.py

@@ -7,6 +7,7 @@ import functools
 import gc
 import io
 import logging
+import os
 import threading
 import warnings
 from collections.abc import Callable, Iterator
@@ -14,6 +15,8 @@ from contextlib import AbstractContextManager, contextmanager, redirect_stdout
 from typing import Any
 
 from threadpoolctl import ThreadpoolController
+
+_ERROR_OUTPUT = 2  # file descriptor of the standard error output
 
 
 class ProcessSetting:
@@ -82,8 +85,25 @@ single_threaded_blas = ProcessSetting(lambda: _linear_algebra().limit(limits=1, 
 without_drake_remarks = ProcessSetting(_drake_at_warning)
 """Log level of Drake that hides messages less severe than warnings, such as solver progress and server addresses."""
 
+
 without_prints = ProcessSetting(lambda: redirect_stdout(io.StringIO()))
 """Redirection that discards the standard output."""
+
+
+@contextmanager
+def _discarded_error_output() -> Iterator[None]:
+    kept, null = os.dup(_ERROR_OUTPUT), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(null, _ERROR_OUTPUT)
+        yield
+    finally:
+        os.dup2(kept, _ERROR_OUTPUT)
+        os.close(kept)
+        os.close(null)
+
+
+without_error_output = ProcessSetting(_discarded_error_output)
+"""Redirection that discards the standard error output of the process, also that of compiled libraries."""
 
 without_warnings = ProcessSetting(lambda: warnings.catch_warnings(action="ignore"))
 """Filter that hides Python's warnings."""

@@ -38,6 +38,14 @@ from drake_quad.control.lqg.laws import LqgNumbers, TargetNumbers, ThrustNumbers
 from drake_quad.control.lqg.system import LinearQuadraticGaussian
 from drake_quad.control.mpc.constraints import Corridor, Preview
 from drake_quad.control.mpc.system import PredictiveProgramme
+from drake_quad.control.pid_cascade.numbers import (
+    AccelerationNumbers,
+    CascadeNumbers,
+    CascadeRules,
+    PidLoopGains,
+    TiltNumbers,
+)
+from drake_quad.control.pid_cascade.system import PidCascade
 from drake_quad.control.policy.actions import (
     AccelerationScale,
     AttitudeScale,
@@ -72,6 +80,8 @@ from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet
 from drake_quad.laboratory.wind.gust import Gust, GustNumbers
 from drake_quad.laboratory.wind.sine import SineNumbers, SineWind
 from drake_quad.laboratory.wind.wind import SteadyWind, build_held_wind, build_wind
+from drake_quad.pid.filters import butterworth, first_order
+from drake_quad.pid.loop import Derivative, Integral, Terms
 from drake_quad.randomness.noise import NoiseSource, Samples, Stream, TickByTick, random_streams
 from drake_quad.randomness.streams import StreamKind
 from drake_quad.reference.plan import Plan
@@ -86,7 +96,15 @@ from drake_quad.vehicle.aerodynamics import (
     RotorAerodynamics,
 )
 from drake_quad.vehicle.allocation import Allocation, RotorModel
-from drake_quad.vehicle.autopilot import AttitudeAutopilot, AutopilotNumbers, Gyroscope, LoopGains, ThrustAlone
+from drake_quad.vehicle.autopilot import (
+    AttitudeAutopilot,
+    AutopilotNumbers,
+    Gyroscope,
+    LoopAxisTerms,
+    LoopGains,
+    LoopRules,
+    ThrustAlone,
+)
 from drake_quad.vehicle.battery import Battery
 from drake_quad.vehicle.effects import Effects, ReactionTorque
 from drake_quad.vehicle.faults import RotorFaults, SpeedFactors
@@ -243,6 +261,54 @@ AUTOPILOT = AutopilotNumbers(
     0.002,
     Wrench(6.6, 0.1, 0.2, 0.3),
 )
+
+
+def _terms(scale: float) -> tuple[Terms, Terms, Terms]:
+    """Terms of three axes, of which no two numbers are alike."""
+    first, second, third = (
+        Terms(
+            Integral(scale * k, 0.7 * scale * k, 3.1 + k),
+            Derivative(0.02 * scale * k, butterworth(90.0 + k, 0.005)),
+            0.03 * scale * k,
+            1.5 * scale * k,
+        )
+        for k in (1.1, 1.3, 1.7)
+    )
+    return first, second, third
+
+
+def _of_first_order(terms: Terms) -> Terms:
+    lag = first_order(55.0, 0.005)
+    # None of the numbers may be zero.
+    low_pass = lag._replace(b_1=1e-3, b_2=2e-3, a_2=3e-3)
+    return Terms(Integral(terms.integral.k_i, terms.integral.limit), Derivative(terms.derivative.k_d, low_pass))
+
+
+PID_AUTOPILOT = AUTOPILOT._replace(
+    attitude=LoopAxisTerms(*_terms(1.2)),
+    rate=LoopAxisTerms(*_terms(21.0)),
+    gyroscope_filter=butterworth(130.0, 0.0025),
+    max_rates=BodyRates(3.1, 3.3, 2.2),
+)
+PX4_AUTOPILOT = AUTOPILOT._replace(
+    rate=LoopAxisTerms(*map(_of_first_order, _terms(22.0))), max_rates=BodyRates(3.2, 3.4, 2.1), yaw_weight=0.4
+)
+TILTING = CascadeNumbers(
+    PidLoopGains(PerAxis(2.1, 1.9, 2.3), _terms(0.4)),
+    PidLoopGains(PerAxis(0.43, 0.41, 5.7), _terms(0.2)),
+    0.3,
+    0.7,
+    9.79,
+    TiltNumbers(6.1, 2.2, 11.0),
+)
+ACCELERATING = CascadeNumbers(
+    PidLoopGains(PerAxis(0.95, 0.93, 1.1)),
+    PidLoopGains(PerAxis(1.8, 1.7, 4.1), tuple(map(_of_first_order, _terms(0.6)))),
+    0.9,
+    0.71,
+    9.78,
+    AccelerationNumbers(0.8, 1.2, 0.7, 0.5, 0.6, 2.1, 11.5, 3.3),
+)
 RESPONDING = RespondingNumbers(
     VEHICLE, AttitudeResponse(NaturalFrequencies(6.8, 6.4, 3.1), DampingRatios(0.5, 0.7, 1.1))
 )
@@ -360,6 +426,8 @@ FLEET_SYSTEMS = [
     Example(Allocation, RotorModel.of(VEHICLE.parameters), {"paired": True, "priority": "thrust"}, num_vehicles=2),
     Example(AttitudeAutopilot, AUTOPILOT, {"noisy": True}, num_vehicles=2),
     Example(AttitudeAutopilot, AUTOPILOT, {"period": 0.005}, whole=False),
+    Example(AttitudeAutopilot, PID_AUTOPILOT, {"rules": LoopRules(False, True, True)}, num_vehicles=2, whole=False),
+    Example(AttitudeAutopilot, PX4_AUTOPILOT, whole=False),
     Example(AttitudeController, ATTITUDE),
     Example(Broadcast, structure={"num_rows": 2}, num_vehicles=3),
     Example(CommandLink, LINK, LOSSY, num_vehicles=2),
@@ -415,6 +483,9 @@ FLEET_SYSTEMS = [
     Example(MotionCapture, CAMERAS, ALL_ERRORS),
     Example(MotionCapture, CAMERAS, whole=False),
     Example(NoiseSource, SAMPLES, {"streams": STREAMS}, num_vehicles=2),
+    Example(PidCascade, TILTING, {"num_ticks": 5, "tick": 0.002, "rules": CascadeRules(True, True)}, num_vehicles=2),
+    Example(PidCascade, ACCELERATING),
+    Example(PidCascade, ACCELERATING, {"rules": CascadeRules(decouples_vertical=False)}, num_vehicles=2),
     Example(PredictiveProgramme, structure=LOOKING_AHEAD, num_vehicles=2),
     Example(PredictiveProgramme, structure={**LOOKING_AHEAD, "believed": WITH_TARGETS, **TARGETED}),
     Example(ProportionalDerivative, GAINS, {"feeds_forward": True}),

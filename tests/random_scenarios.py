@@ -76,7 +76,7 @@ STRUCTURES = {
     "effects": [
         "",
         "body_drag rotor_time_constant_down",
-        "rotor_aerodynamics payload",
+        "rotor_aerodynamics payload trim_force",
         "reaction_torque ground_effect motors",
         "slung_load",
         "battery body_drag rotor_aerodynamics",
@@ -88,6 +88,7 @@ STRUCTURES = {
     "on_board": ["", "gyroscope", "attitude", "gyroscope attitude"],
     "network_leads": [False, True],
     "priority": ["roll_pitch", "thrust"],
+    "terms": ["", "attitude rate", "weight filter rate"],
 }
 
 
@@ -192,6 +193,8 @@ def _effect(name, draw, duration):
         case "rotor_aerodynamics":
             air = {"lift": draw(0.005, 0.02), "climb": draw.signed(0.1)}
             return air | {"drag": draw(1e-5, 1e-4), "inflow": draw(1e-5, 1e-4)}
+        case "trim_force":
+            return {"x": draw.signed(0.02), "y": draw.signed(0.02), "z": draw.signed(0.02)}
         case "ground_effect":
             return {"rotor_radius": draw(0.1, 0.3), "ground_height": draw(0.0, 0.4)}
         case "reaction_torque":
@@ -246,12 +249,29 @@ def _autopilot(structure, draw, period):
             gains = {"k_attitude": [draw(4.0, 6.0) for _ in range(3)], "k_rate": [draw(10.0, 14.0) for _ in range(3)]}
             bias = {"gyroscope_bias": [draw.signed(0.01) for _ in range(3)]}
             noise = {f"{sense}_noise": draw(0.001, 0.005) for sense in structure["on_board"].split()}
-            return {"kind": "attitude", "period": period, **gains, **bias, **noise}
+            terms = dict(_term(name, draw) for name in structure["terms"].split())
+            return {"kind": "attitude", "period": period, **gains, **bias, **noise, **terms}
         case "response":
             numbers = {"natural_frequency": (4.0, 8.0), "damping": (0.4, 1.2)}
             drawn = {name: [draw(*limits) for _ in range(3)] for name, limits in numbers.items()}
             return {"kind": "response", **drawn}
     return {"kind": "none"}
+
+
+def _term(name, draw):
+    """A field of an autopilot beside the gains of its proportional loops, and its value."""
+    match name:
+        case "weight":
+            return "yaw_weight", draw(0.3, 0.6)
+        case "filter":
+            return "gyroscope_bandwidth", draw(200.0, 300.0)
+    size = 0.5 if name == "attitude" else 10.0
+    terms = {
+        gain: [draw(low, high) for _ in range(3)] for gain, low, high in [("k_i", 0.1, size), ("k_d", 0.001, 0.01)]
+    }
+    limits = {"integral_limit": [draw(0.1, size) for _ in range(3)], "limit": [draw(2.0, 4.0 * size + 2.0)] * 3}
+    filters = {"derivative_bandwidth": [draw(100.0, 200.0)] * 3, "integral_fade": draw(3.0, 7.0)}
+    return f"{name}_terms", {**terms, **limits, **filters, "integration": "backward_euler"}
 
 
 def _attitude(structure, draw):

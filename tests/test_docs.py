@@ -16,6 +16,7 @@ from drake_quad import load_scenario, run_monte_carlo
 from drake_quad.command_line.main import COMMANDS, main
 from drake_quad.control.policy.observation import SIGNALS_SEEN
 from drake_quad.framework.records import layout_of
+from drake_quad.reports.page import as_html
 from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.signals import SIGNALS
 
@@ -185,6 +186,12 @@ def test_every_environment_variable_is_read():
     sources = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "drake_quad").rglob("*.py"))
     read = set(re.findall(r"environ\.get\(\"(\w+)\"", sources))
     assert set(re.findall(r"DRAKE_QUAD_\w+", ALL_TEXT)) == {name for name in read if name.startswith("DRAKE_QUAD")}
+
+
+@pytest.mark.parametrize("folder", GENERATED, ids=lambda folder: folder.name)
+def test_both_forms_of_a_report_say_the_same(folder):
+    text = (folder / "report.md").read_text(encoding="utf-8")
+    assert (folder / "report.html").read_text(encoding="utf-8") == as_html(text, folder)
 
 
 # The index is the first page of the site, and that of the names of the package has a page for each of its folders.

@@ -130,7 +130,7 @@ def build_fleet_diagram(
 def reset_fleet(
     diagram: Diagram, context: Context, batch: Batch, plan: Plan, *, own: UserSystems = UserSystems()
 ) -> None:
-    """Make a context what it would be by default, had its diagram been built for another batch.
+    """Reset a context to the default context of a diagram that is built for another batch.
 
     Args:
         diagram: from `build_fleet_diagram`, for a batch of the same scenario and size, and with the same plan.

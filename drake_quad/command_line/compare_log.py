@@ -30,12 +30,14 @@ from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.reports.results import write_rows
 from drake_quad.scenario.batch import middle_of
-from drake_quad.scenario.files.loading import has_control, load_undesigned
+from drake_quad.scenario.files.loading import Override, has_control, load_undesigned
 from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.paths import distributions_in
 from drake_quad.statistics.interval import Interval
 
 _MOST = 10_000
+# The log has the route, so a scenario needs none; this one is replaced by the log's.
+_ANY_ROUTE = Override("route={kind: hover, duration: 1.0}", "the route of the log")
 _FIGURES = {"rmse": "RMSE", "mean": "mean", "largest": "95 % largest"}
 
 
@@ -44,8 +46,10 @@ def options() -> argparse.ArgumentParser:
     result = bare_parser(
         __doc__, "drake-quad compare-log tests/data/crazyflie/crazyswarm2/log08.xz crazyswarm2:log08 --samples 100"
     )
-    result.add_argument("log", metavar="LOG", type=Path, help="flight log: a Crazyflie's, ULog, or CSV")
-    result.add_argument("scenario", metavar="SCENARIO", help="FILE or FILE:NAME; its route gives way to the log's")
+    result.add_argument("log", metavar="LOG", type=Path, help="flight log of any format that read_log reads")
+    result.add_argument(
+        "scenario", metavar="SCENARIO", help="FILE or FILE:NAME; its route, if any, gives way to the log's"
+    )
     result.add_argument("--mapping", metavar="FILE", help="which columns of the log are which signals")
     result.add_argument("--samples", type=int, default=1000, help="number of flights (default: %(default)s)")
     result.add_argument(
@@ -70,7 +74,7 @@ def main(arguments: argparse.Namespace) -> None:
     if not has_control(arguments.scenario):
         predict_on_open_loop(record, arguments)
         return
-    scenario = load_scenario(arguments.scenario, all_overrides_of(arguments))
+    scenario = load_scenario(arguments.scenario, [_ANY_ROUTE, *all_overrides_of(arguments)])
     print_flight_remarks([scenario])
     folder = output_folder(folder_of(arguments, f"{record.name}_{scenario.name}"))
     with progress_bar(scenario.name, unit=" flights") as progress:

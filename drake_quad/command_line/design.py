@@ -1,6 +1,7 @@
 """Designs the gains of a scenario's cascade for its laboratory, and states the margins that they keep.
 
-With an autopilot on board the gains are those of the position, around the attitude as it is controlled on board.
+With an autopilot on board the gains are those of the position, around the attitude as it is controlled on board. With
+--firmware nothing is designed: the controller is that of a flight controller, with the gains of its parameters.
 """
 
 import argparse
@@ -11,6 +12,7 @@ from pydantic import Field
 from ruamel.yaml import YAML
 
 from drake_quad import InputError
+from drake_quad.command_line.firmware import take_firmware
 from drake_quad.command_line.options import add_vector, all_overrides_of, check_ranges, folder_of, overrides_of, parser
 from drake_quad.command_line.output import print_columns, print_files, remark
 from drake_quad.design.cascade import (
@@ -82,12 +84,22 @@ def options() -> argparse.ArgumentParser:
     """The options of the command."""
     result = parser(__doc__, "drake-quad design laboratory:nominal --phase-margin 50", output="out/gains")
     add_design_options(result)
+    result.add_argument(
+        "--firmware",
+        metavar="FILE",
+        help="take the controller of PX4 or of a Crazyflie with the parameters in a file: one of QGroundControl, a"
+        " ULog, or one of the Crazyflie's client; px4 or crazyflie for the defaults",
+    )
     add_vector(result)
     return result
 
 
 def main(arguments: argparse.Namespace) -> None:
     """Runs the command."""
+    if arguments.firmware is not None:
+        refuse_design_options(arguments)
+        take_firmware(arguments)
+        return
     scenario = load_undesigned(arguments.scenario, all_overrides_of(arguments))
     chosen = design_options(arguments, scenario)
     if arguments.integral is not None:
@@ -117,6 +129,15 @@ def main(arguments: argparse.Namespace) -> None:
     fly = "study {} --samples 32" if uncertain else "fly {}"
     print(f"  drake-quad {fly.format(files[1])}")
     print_files(files)
+
+
+def refuse_design_options(arguments: argparse.Namespace) -> None:
+    """Raise InputError if an option of the design is given."""
+    parser = argparse.ArgumentParser(add_help=False)
+    add_design_options(parser)
+    for name, default in vars(parser.parse_args([])).items():
+        if getattr(arguments, name) != default:
+            raise InputError(f"--{name.replace('_', '-')} is for gains that are designed; leave out --firmware")
 
 
 def add_design_options(options: argparse.ArgumentParser) -> None:

@@ -44,7 +44,7 @@ _HELD_OUT = 1.0 / 3.0
 def options() -> argparse.ArgumentParser:
     """The options of the command."""
     result = bare_parser(__doc__, "drake-quad identify tests/data/crazyflie/crazyswarm2/log100.xz --mass 0.0375")
-    result.add_argument("log", nargs="+", type=Path, help="of the same vehicle: a Crazyflie's, ULog, or CSV")
+    result.add_argument("log", nargs="+", type=Path, help="flight logs of the same vehicle, of any format of read_log")
     result.add_argument(
         "--vehicle",
         help="FILE or FILE:NAME to begin with (default: that of the mapping, or of a flight that was saved)",

@@ -22,9 +22,9 @@ def new_bar(*items: Any, **options: Any) -> Any:
 
 @contextmanager
 def progress_bar(description: str, **options: Any) -> Iterator[Callable[..., None]]:
-    """Show a bar on a terminal, and give the function that tells it how much is done.
+    """Show a progress bar on a terminal, and give the function that updates it.
 
-    The function takes how much is done, how much there is to do, and perhaps the name of what has just been done.
+    The function takes the number of finished steps, their total number, and optionally the name of the last step.
     """
     with new_bar(desc=description, **options) as bar:
 

@@ -16,29 +16,39 @@ from drake_quad.scenario.paths import leaves
 from drake_quad.visualization.sensitivity_plots import plot_sensitivities
 from drake_quad.visualization.style import save_figures
 
-# The default fields: numbers that a builder can get wrong, and numbers that a designer can choose.
-_FIELDS = (
-    *("vehicle.mass", "vehicle.thrust_factor", "vehicle.rotor_time_constant", "vehicle.linear_drag"),
-    *(f"control.position.{gain}.{axis}" for gain in ("k_p", "k_d") for axis in (0, 1, 2)),
-)
+# The default fields of every vehicle, which a builder can get wrong.
+_FIELDS = ("vehicle.mass", "vehicle.thrust_factor", "vehicle.rotor_time_constant", "vehicle.linear_drag")
+# Names of the default gains of a loop on the ground.
+_GAINS = ("k_p", "k_d")
 
 
 def default_fields(scenario: Scenario) -> tuple[str, ...]:
     """Return the default fields, with inertia and arms unless the autopilot models the response of the attitude."""
     autopilot, layout = scenario.laboratory.autopilot, scenario.vehicle.layout
-    loops = [f"control.attitude.{gain}" for gain in ("k_p", "k_d")]
+    # A term with the gain 0 may have no place in the diagram, so that there is no derivative by it.
+    fields = [
+        *_FIELDS,
+        *(
+            f"control.{part}.{gain}.{axis}"
+            for part in ("position", "velocity")
+            for gain in _GAINS
+            for axis, value in enumerate(getattr(getattr(scenario.control, part, None), gain, None) or ())
+            if value != 0.0
+        ),
+    ]
+    loops = [f"control.attitude.{gain}" for gain in _GAINS]
     if autopilot.controls_attitude:
         numbers = type(autopilot).model_fields
         loops = [f"laboratory.autopilot.{name}" for name in numbers if isinstance(getattr(autopilot, name), tuple)]
     gains = [f"{numbers}.{axis}" for numbers in loops for axis in (0, 1)]
     if autopilot.models_vehicle:
-        return (*_FIELDS, *gains)
+        return (*fields, *gains)
     level = ["arm_length"]
     if layout.has_distances:
         places = [path for path, _ in leaves(layout) if path in ("length", "width") or ".position." in path]
         # How high a rotor is changes nothing.
         level = [f"layout.{path}" for path in places if not path.endswith(".2")]
-    return (*_FIELDS, *(f"vehicle.{name}" for name in ("inertia.0", "inertia.1", *level)), *gains)
+    return (*fields, *(f"vehicle.{name}" for name in ("inertia.0", "inertia.1", *level)), *gains)
 
 
 def options() -> argparse.ArgumentParser:

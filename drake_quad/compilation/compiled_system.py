@@ -219,12 +219,12 @@ class CompiledSystem(LeafSystem):
         return self._tables.get((id(event), begin, size), make)[first - begin : first - begin + count]
 
     def _now(self, event: Any, context: Context, state: np.ndarray) -> np.ndarray:
-        """Run one event at the context's time, and return what it logs."""
+        """Run one event at the context's time, and return its log."""
         shared = self._shared_at(event, context.get_time())[None]
         return self._run(event, context, state, shared)[0, :, : self.program.num_vehicles]
 
     def _run(self, event: Event, context: Context, state: np.ndarray, shared: np.ndarray) -> np.ndarray:
-        """Run events, given the numbers that all vehicles share at each, and return what they log."""
+        """Run events, given the numbers that all vehicles share at each, and return their logs."""
         n = self.program.num_vehicles
         log = np.empty((len(shared), event.loop.num_logged, event.loop.padded(n)))
         parameters = context.get_numeric_parameter(self._parameters).value()

@@ -173,7 +173,7 @@ class Around(NamedTuple):
         return self.trace.parameter(self.path, index)
 
     def argument(self, read: Any) -> Any:
-        """Return what a formula gets for `TIME` or a `TickOf`."""
+        """Return the argument of a formula for `TIME` or a `TickOf`."""
         return self.trace.shared() if read is TIME else self.trace.tick(read)
 
     def source(self, output: int, element: int) -> Any:

@@ -29,7 +29,7 @@ class IncrementalAttitudeNumbers(NamedTuple):
 
 
 def _turning(memory: tuple[Any, ...], *arguments: Any) -> tuple[tuple[Any, ...], AngularAcceleration]:
-    """Return the memory of each axis after what was measured, and the command; arguments of `incremental_torque`."""
+    """Return the memory of each axis after the measurement, and the command; arguments as for `incremental_torque`."""
     measurement, attitude, rates, acceleration, numbers, period = arguments
     gains = numbers.attitude
     # The rates alone are differentiated; the law has no use for the angles.

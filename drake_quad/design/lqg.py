@@ -397,7 +397,7 @@ class _Lifted:
             camera[i, arriving, chain] = truth.C
             moved[i, chain, chain], moved[i, chain, sent.start + plant.delay_ticks] = truth.A, truth.B.ravel()
             noise[i, chain, chain], noise[i, arriving, arriving] = truth.Q, truth.R
-        # At a tick, the queues of commands for the filter and for the vehicle, newest first, move up.
+        # The queues of commands for the filter and for the vehicle, newest first, advance at each tick.
         row = np.zeros(size)
         row[filtered] = -gain
         row[told.start : told.stop - 1] = -np.array(loop.K_pending)[::-1]
@@ -524,7 +524,7 @@ class _LqgSearch:
         return replace(self, numbers=np.exp(best.x).tolist(), cost=float(best.fun))
 
     def found(self) -> tuple[Any, tuple[Predicted, ...]]:
-        """Return the axis that has the numbers, and what is predicted of it for each plant."""
+        """Return the axis with these numbers, and its predicted performance for each plant."""
         axis = self.axis_of(*(float(f"{number:.4g}") for number in self.numbers))
         loop = self.loop_of(axis)
         answers = tuple(predicted(loop, truth, self.timing) for truth in self.truths)

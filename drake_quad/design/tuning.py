@@ -314,7 +314,7 @@ def _training_samples(budget: Budget, laboratories: int, first: int) -> range:
 
 
 def with_later_frames(scenario: Scenario, later: float) -> Scenario:
-    """Return the scenario with frames that come so much later than its own (s), in whole frames."""
+    """Return the scenario with camera frames delayed by a further time (s), rounded to whole frames."""
     cameras = scenario.laboratory.motion_capture
     frames = float(round(later / cameras.period))
 

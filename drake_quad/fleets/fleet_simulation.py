@@ -52,7 +52,7 @@ class FleetSimulation(ABC):
 
     @abstractmethod
     def reset(self, batch: Batch) -> None:
-        """Make the fleet what it would be, had it been built for another batch of the same scenario and size."""
+        """Reset the fleet to the start of another batch of the same scenario and size."""
 
     def metrics(self) -> Metrics:
         """Return the (N,) metrics so far."""

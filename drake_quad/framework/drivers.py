@@ -58,7 +58,7 @@ class Driver:
 
     @contextmanager
     def loop(self, counter: str, begin: str | int, end: str | int, step: int = 1) -> Iterator[None]:
-        """Write a loop: what is written inside the `with` statement is repeated while a counter is below its end."""
+        """Write a loop whose body is written inside the `with` statement, and runs while a counter is below its end."""
         before = self._label
         self.let(f"{counter}_some", f"icmp ult i64 {begin}, {end}")
         self.do(f"br i1 %{counter}_some, label %{counter}_body, label %{counter}_end")
@@ -75,7 +75,7 @@ class Driver:
 
     @contextmanager
     def when(self, name: str, condition: str) -> Iterator[None]:
-        """Write a branch with a named condition: what is written inside the `with` statement is done if it holds."""
+        """Write a branch whose body is written inside the `with` statement, and runs if a named condition holds."""
         self.let(name, condition)
         self.do(f"br i1 %{name}, label %{name}_so, label %{name}_end")
         self._block(f"{name}_so")

@@ -151,7 +151,7 @@ class Computation:
     Attributes:
         formula: a function of records and constants.
         reads: its arguments: ports, parameters, states, `TIME`, a `TickOf`, or constants.
-        results: the layouts of what it returns; `ABSENT` for a state that the system does not have.
+        results: layouts of the results; `ABSENT` for a state that the system does not have.
         writes: the states that it changes; none for an output.
     """
 
@@ -260,7 +260,7 @@ class FleetSystem(_Base):
         parameters: the numeric parameters, by name.
         states: the groups of the state, by name.
         random_inputs: the input ports for random numbers, by name.
-        outputs: what is computed for each output port, by name.
+        outputs: computations of the output ports, by name.
         updates: what is computed at periodic events.
         initializations: what is computed when a simulation begins.
         packed: the layouts of the signals that the only output port packs, by name; empty if it packs none.
@@ -502,7 +502,7 @@ class FleetSystem(_Base):
 
 
 def _layout_of_target(target: Any) -> Layout:
-    """Return the layout of what a computation returns: one of an output port, or that of a state that it changes."""
+    """Return the layout of a result: that of an output port, or that of a state group."""
     if isinstance(target, Layout):
         return target
     return target.layout if isinstance(target, StateGroup) else ABSENT

@@ -176,7 +176,7 @@ def at_time(argument: Any, time: Any) -> Any:
 
 
 def flattened(returned: Any, results: Sequence[Layout]) -> list[Any]:
-    """Return the rows of what a formula returned, one result after another, without those that are absent."""
+    """Return the rows of the results of a formula, one result after another, without absent results."""
     parts = [returned] if len(results) == 1 else returned
     if not isinstance(parts, tuple | list) or len(parts) != len(results):
         wanted = "one result is" if len(results) == 1 else f"{len(results)} results are"

@@ -47,15 +47,20 @@ class Quaternion(NamedTuple):
             return Quaternion(0.0, p, q, r)
         return Quaternion(-(x * p + y * q + z * r), w * p + y * r - z * q, w * q + z * p - x * r, w * r + x * q - y * p)
 
-    def rotation_to(self, other: "Quaternion") -> Vector:
-        """Return the rotation vector from this attitude to another one along the axes of B, at most π long, rad."""
+    def turn_to(self, other: "Quaternion") -> "Quaternion":
+        """Return the quaternion of the rotation from this attitude to another one, along the axes of B."""
         w, x, y, z = self
-        turn = Vector(
+        return Quaternion(
+            w * other.w + x * other.x + y * other.y + z * other.z,
             w * other.x - x * other.w - y * other.z + z * other.y,
             w * other.y - y * other.w - z * other.x + x * other.z,
             w * other.z - z * other.w - x * other.y + y * other.x,
         )
-        cosine = w * other.w + x * other.x + y * other.y + z * other.z
+
+    def rotation_to(self, other: "Quaternion") -> Vector:
+        """Return the rotation vector from this attitude to another one along the axes of B, at most π long, rad."""
+        cosine, *turned = self.turn_to(other)
+        turn = Vector(*turned)
         sine = sqrt(turn.x * turn.x + turn.y * turn.y + turn.z * turn.z + TINY)
         # A quaternion and its negative represent the same rotation; the shorter rotation vector is returned.
         factor = 2.0 / sine * where(cosine < 0.0, -arctan2(sine, -cosine), arctan2(sine, cosine))

@@ -4,8 +4,9 @@ A Kalman filter predicts each measurement from those before it, with the vehicle
 (`drake_quad.identification.prediction_errors`). The estimates are those parameters for which the predictions are best,
 given a weak prior around the values of a data sheet (`drake_quad.identification.fit`). The model is the same for every
 log: rotors that are commanded one by one, or the attitude response of an autopilot, with an accelerometer, a motion
-capture system, or heights alone. What differs is which outputs are predicted (`drake_quad.identification.prepared_logs`) and which parameters may be
-determined by them (`drake_quad.identification.parameters`).
+capture system, or heights alone. What differs is which outputs are predicted
+(`drake_quad.identification.prepared_logs`) and which parameters they may determine
+(`drake_quad.identification.parameters`).
 
 A parameter whose posterior is not much narrower than its prior is reported as not identified. It keeps its value, and
 its uncertainty widens the intervals of the parameters with which it is correlated.
@@ -28,7 +29,7 @@ from drake_quad.identification.model import (
 )
 from drake_quad.identification.parameters import Parameter, names_of, parameters_of
 from drake_quad.identification.physical_limits import SearchVariables
-from drake_quad.identification.prediction_errors import Output, Predictor
+from drake_quad.identification.prediction_errors import Output, PredictionNoise, Predictor
 from drake_quad.identification.prepared_logs import MAX_DELAY, MIN_BLOCKS, PreparedLogs, initial_noise, prepare
 from drake_quad.identification.random_effects import of_the_mean, variation_of
 from drake_quad.identification.result import ForecastOutput, Identification, Spread

@@ -22,7 +22,6 @@ from dataclasses import replace
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from drake_quad.assembly.laboratory import vehicle_parameters
 from drake_quad.errors import InputError, shown
@@ -31,6 +30,7 @@ from drake_quad.framework.records import layout_of
 from drake_quad.geometry.axes import BodyAxes, Vector, plus
 from drake_quad.geometry.kinematics import angle_rates, small_rotation
 from drake_quad.identification.firmware import allocated_commands
+from drake_quad.identification.logs.attitudes import rotations
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import scenario_path
 from drake_quad.identification.windows import LogWindow, WindowSizes
@@ -405,9 +405,9 @@ class LogModel:
         misalignment = np.array(self.scenario.laboratory.motion_capture.misalignment, dtype=float)
         if not misalignment.any():
             return state
-        turn = Rotation.from_euler("ZYX", misalignment[::-1]) ** power
+        turn = rotations(misalignment) ** power
         position, attitude, *rest = np.split(state, len(STATE_ROWS))
-        angles = (Rotation.from_euler("ZYX", attitude[::-1].T) * turn).as_euler("ZYX").T[::-1]
+        angles = (rotations(attitude.T) * turn).as_euler("ZYX").T[::-1]
         return np.concatenate([position, angles, *rest])
 
 

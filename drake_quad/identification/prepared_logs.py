@@ -5,9 +5,9 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy
 
 from drake_quad.errors import InputError, listed
+from drake_quad.identification.logs.attitudes import rotations
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import (
     DELAY,
@@ -62,7 +62,10 @@ class PreparedLogs(NamedTuple):
 
     @property
     def voltage(self) -> float | None:
-        """Voltage for which the thrust curve holds, V: that of the vehicle, or the median of the logs if all have it."""
+        """Voltage for which the thrust curve holds, V: that of the vehicle, or the median of the logs.
+
+        None if the rotors are not commanded one by one, or a log lacks the voltage.
+        """
         if not self.own_throttles or any(record.battery_voltage is None for record in self.records):
             return None
         known: float | None = self.scenario.vehicle.motors.voltage
@@ -172,7 +175,7 @@ def _with_specific_force(record: FlightRecord, scenario: Scenario) -> FlightReco
             return record
         shares: Any = np.repeat(record.thrust_share[:, None], 4, axis=1)
         thrust = np.asarray(thrust_of(shares, curve)).sum(axis=1)
-    turned = scipy.spatial.transform.Rotation.from_euler("ZYX", record.attitude[:, ::-1]).inv()
+    turned = rotations(record.attitude).inv()
     force = turned.apply(record.residual_force) + thrust[:, None] * np.array([0.0, 0.0, 1.0])
     return replace(record, specific_force=force / scenario.vehicle.mass)
 

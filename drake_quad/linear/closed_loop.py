@@ -131,7 +131,7 @@ def loop_with_noise(hovering: Scenario) -> tuple[ClosedLoop, np.ndarray]:
 
 
 def _settled(name: str, diagram: Diagram, context: Context, period: float, **ports: Sequence[str]) -> ClosedLoop:
-    """Return a diagram in its equilibrium near what it is in, and its linear system over a period (s)."""
+    """Move a context to the equilibrium nearest to it, and return the linear system over a period (s)."""
     at_tick(diagram, _TICKS * period, context)
     layout = ContextVector(diagram, without=WATCHERS)
     for _ in range(_STEPS):
@@ -303,4 +303,5 @@ def _wrench_pattern(hover: RotorSpeed, parameters: QuadrotorParameters) -> np.nd
 def _periods(scenario: Scenario) -> dict[str, float]:
     """Return the periods of all that happens in a loop, s; 0 for a vehicle that moves continuously."""
     periods = {".".join(path): period for path, period in scenario.periods.items()}
-    return periods | {"vehicle.time_step": scenario.vehicle.time_step}
+    loops = scenario.control.loop_period(scenario.laboratory.command_link.period)
+    return periods | {"vehicle.time_step": scenario.vehicle.time_step, "control.period": loops}

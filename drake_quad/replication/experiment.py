@@ -134,7 +134,7 @@ def fly_experiment(
         workers: workers that fly; by default this process flies.
         resume: whether to keep the cells that are in the folder, and to fly only the samples that they lack.
         compiled: whether diagrams are compiled to machine code; otherwise the wired diagrams are simulated.
-        progress: called with the number of flights that are done, their total number, and the name of what was flown.
+        progress: called with the number of finished flights, their total number, and the name of the case.
 
     Returns:
         The flight of sample 0 of each cell of Table II, for figures.

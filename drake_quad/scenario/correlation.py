@@ -261,7 +261,7 @@ def _shortened(factors: np.ndarray, correlation: np.ndarray, least: float, decim
 
 
 def _triangle(correlation: np.ndarray) -> np.ndarray:
-    """Return the (n, n) factors of Cholesky: half of them are zero, and each is what is new in one name."""
+    """Return the Cholesky factor (n, n): column i has the shares of the variable that name i introduces."""
     try:
         factors: np.ndarray = np.linalg.cholesky(correlation + _FLOOR * np.eye(len(correlation)))
     except np.linalg.LinAlgError:

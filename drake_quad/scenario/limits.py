@@ -15,7 +15,7 @@ MOST_LEVELS = 40
 MOST_CHARACTERS = 1_000
 # Scenarios that a scenario extends, directly or through others.
 MOST_BASES = 100
-# Waypoints of a route. The shortest times through so many are found within a minute.
+# Waypoints of a route. The shortest times through this many waypoints are found within a minute.
 MOST_WAYPOINTS = 1_000
 # Sources of wind. Walls of fans have about as many.
 MOST_SOURCES = 100

@@ -133,7 +133,7 @@ class Nominal(Airframe[PlainPositive, PlainNonNegative]):
     @classmethod
     def _believed(cls, layout: Layout) -> Layout:
         for path in distributions_in(layout):
-            raise layout.wrong("must be a number, since it is what the ground believes", *keys_of(path))
+            raise layout.wrong("must be a number, since planner and controllers use it", *keys_of(path))
         return layout
 
     @model_validator(mode="after")
@@ -340,7 +340,7 @@ class Scenario(Mission):
         whole_vehicle.check_inertia()
         whole_vehicle.check_layout()
         if whole_vehicle.motors.take_throttles != nominal.motors.take_throttles:
-            demand = f"must be {nominal.motors.kind}, as in nominal: the autopilot knows what it tells the motors"
+            demand = f"must be {nominal.motors.kind}, as in nominal, since the autopilot commands them"
             raise whole_vehicle.wrong(demand, "motors", "kind")
         return whole_vehicle
 

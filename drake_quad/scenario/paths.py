@@ -55,7 +55,7 @@ def keys_of(path: str) -> list[str | int]:
 
 
 def parts_of(value: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the fields of a mapping or the items of a list, each after its step; none of what is neither."""
+    """Yield step and value of the fields of a mapping or the items of a list; nothing for other values."""
     if isinstance(value, Model) and not isinstance(value, Distribution):
         for name in type(value).model_fields:
             yield name, getattr(value, name)

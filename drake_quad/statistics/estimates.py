@@ -141,7 +141,7 @@ def _ranks(values: np.ndarray) -> np.ndarray:
 
 
 def _of_ranks(rho: float, count: int, confidence: float) -> Interval:
-    """Return the interval of a correlation of so many ranks, see `rank_correlation`."""
+    """Return the interval of a rank correlation of a number of pairs, see `rank_correlation`."""
     reach = scipy.special.ndtri(0.5 * (1.0 + confidence)) * math.sqrt((1.0 + 0.5 * rho * rho) / (count - 3))
     centre = math.atanh(max(min(rho, 1.0 - 1e-15), -1.0 + 1e-15))
     return Interval(rho, math.tanh(centre - reach), math.tanh(centre + reach))

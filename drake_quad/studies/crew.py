@@ -116,8 +116,8 @@ def outcomes_of(crew: Crew, function: Callable[[Any], Any], next_task: Callable[
     Args:
         crew: crew that does the tasks.
         function: function that does a task.
-        next_task: called for a task when the crew has room for it; returns None if there is none at the moment. What is
-            done with an outcome may make further tasks.
+        next_task: called for a task when the crew has room for it; returns None if there is none at the moment. The
+            handling of an outcome may create further tasks.
 
     Raises:
         InputError: a task fails because the input is wrong.

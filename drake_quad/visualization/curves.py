@@ -1,4 +1,4 @@
-"""Curves: those that hide each other are told apart, and many are summed up by their quantiles."""
+"""Line styles that distinguish overlapping curves, and quantiles in place of many curves."""
 
 from collections.abc import Sequence
 

@@ -26,7 +26,7 @@ from drake_quad.laboratory.wind.sine import SineNumbers, SineWind
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.winds.source import steady_wind
 from drake_quad.signals import Attitude, AttitudeTarget, BodyRates, Wind, Wrench
-from drake_quad.vehicle.autopilot import AutopilotNumbers, Gyroscope, LoopGains, ThrustAlone
+from drake_quad.vehicle.autopilot import AutopilotNumbers, Gyroscope, LoopGains, LoopRules, ThrustAlone
 from drake_quad.vehicle.parameters import CentreOfMass, Inertia
 from drake_quad.vehicle.quadrotor import Place
 from drake_quad.vehicle.responding import AttitudeResponse, DampingRatios, NaturalFrequencies, RespondingQuadrotor
@@ -343,7 +343,7 @@ def test_the_link_to_an_autopilot_begins_with_hover_in_the_yaw_of_the_plan(perfe
 
 def test_an_autopilot_has_the_gains_and_the_gyroscope_of_the_scenario(asymmetric):
     autopilot = recipes_of(asymmetric("lqg_on_board", "laboratory.autopilot.attitude_noise=0.006"))["autopilot"]
-    assert autopilot.structure == {"period": 0.005, "noisy": True}
+    assert autopilot.structure == {"period": 0.005, "noisy": True, "rules": LoopRules()}
     assert autopilot.numbers == AutopilotNumbers(
         LoopGains(6.3, 5.8, 2.9),
         LoopGains(14.0, 12.5, 9.5),

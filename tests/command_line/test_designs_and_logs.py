@@ -198,6 +198,21 @@ def test_a_log_is_compared_from_where_it_is_asked_for(run, replaced, tmp_path): 
         assert run(*given, option, value).returncode == status
 
 
+def test_a_log_brings_the_route_of_a_scenario_without_one(run, replaced, tmp_path):  # noqa: F811
+    record = FlightRecord("log7", np.arange(3.0))
+    calls = replaced(
+        "compare_log", read_log=record, compare_with_log="comparison", print_comparison=None, save_comparison=["file"]
+    )
+    gains = "{k_p: [10.0, 10.0, 10.0], k_d: [7.0, 7.0, 7.0], k_i: [5.0, 5.0, 8.0]}"
+    (tmp_path / "mine.yaml").write_text(
+        f"mine:\n  extends: {Path('diagrams/controllers/lee.yaml').resolve()}\n"
+        f"  control: {{position: {gains}, attitude: {gains}}}\n"
+    )
+    result = run("compare-log", "log.csv", tmp_path / "mine.yaml", "--output", tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert calls["compare_with_log"][0][0][1].name == "mine"
+
+
 def test_a_vehicle_is_identified_from_the_logs_with_what_is_given(run, replaced, tmp_path):  # noqa: F811
     time = np.arange(3.0)
     records = {

@@ -503,6 +503,13 @@ def test_default_fields_are_those_of_the_layout_and_the_autopilot():
             "h": ("hover", ["nominal.layout={kind: h, length: 0.2, width: 0.3}"]),
             "attitude": ("onboard",),
             "response": ("onboard", [response, "control.position.feed_forward=acceleration"]),
+            "cascade": (
+                "onboard",
+                [
+                    "control={kind: pid_cascade, position: {k_p: [1, 1, 1]}, velocity: {k_p: [1.8, 1.8, 4],"
+                    " k_d: [0.2, 0.2, 0]}, command: {kind: acceleration}}"
+                ],
+            ),
         }.items()
     }
     assert found["plus"] == [*vehicle, *position, *turning, "vehicle.arm_length", *attitude]
@@ -514,6 +521,8 @@ def test_default_fields_are_those_of_the_layout_and_the_autopilot():
         *(f"{on_board}{gain}.{axis}" for gain in ("k_attitude", "k_rate") for axis in (0, 1)),
         *(f"{on_board}gyroscope_bias.{axis}" for axis in (0, 1)),
     ]  # fmt: skip
+    loops = [f"control.{loop}.k_p.{axis}" for loop in ("position", "velocity") for axis in (0, 1, 2)]
+    assert found["cascade"][len(vehicle) :][:8] == [*loops, "control.velocity.k_d.0", "control.velocity.k_d.1"]
     # Inertias and arms are parts of the response of the attitude.
     assert found["response"] == [
         *vehicle, *position,

@@ -1,15 +1,20 @@
 """Whatever the bytes: a record, or a sentence, soon. `FUZZ_CASES` asks for more cases."""
 
+import functools
+import io
 import json
 import os
 import time
 
 import numpy as np
 import pytest
+import scipy.io
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from rosbags.rosbag2 import StoragePlugin
+from test_logs_formats import ARDUPILOT, BLACKBOX, OLD_CRAZYFLIE
 from test_logs_ulog import ATTITUDE, LOCAL, XYZ, rows
-from written_logs import crazyflie_log, ulog
+from written_logs import crazyflie_log, ros_1_bag, ros_2_bag, ulog
 
 from drake_quad import InputError
 from drake_quad.identification.logs.reading import read_log
@@ -18,8 +23,8 @@ CASES = int(os.environ.get("FUZZ_CASES", "80"))
 PATIENCE = 2.0  # of the processor, s
 
 
-def fuzz(test):
-    limits = {"max_examples": CASES, "derandomize": "FUZZ_CASES" not in os.environ, "database": None, "deadline": None}
+def fuzz(test, cases=CASES):
+    limits = {"max_examples": cases, "derandomize": "FUZZ_CASES" not in os.environ, "database": None, "deadline": None}
     return settings(suppress_health_check=list(HealthCheck), **limits)(test)
 
 
@@ -95,7 +100,46 @@ def test_pieces_repeated_left_out_and_put_in(log, path, data):
     check(path, log[:first] + middle + log[second:])
 
 
+OTHERS = ["ardupilot", "betaflight", "old crazyflie", "matlab", "ros 1", "ros 2", "mcap"]
+
+
+@pytest.fixture(scope="module")
+def others(tmp_path_factory):
+    """Logs of the formats that are mostly read by libraries."""
+    folder = tmp_path_factory.mktemp("bags")
+    bags = [ros_2_bag(folder / plugin.name, plugin=plugin) for plugin in (StoragePlugin.SQLITE3, StoragePlugin.MCAP)]
+    mat = io.BytesIO()
+    scipy.io.savemat(mat, {"time": np.arange(60.0), "pos": np.ones((60, 3)), "quat": np.ones((60, 4))})
+    bags = [path.read_bytes() for path in (ros_1_bag(folder / "a.bag"), *bags)]
+    return dict(zip(OTHERS, [ARDUPILOT, BLACKBOX, OLD_CRAZYFLIE, mat.getvalue(), *bags], strict=True))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", OTHERS)
+@functools.partial(fuzz, cases=max(CASES // 4, 10))
+@given(data=st.data())
+def test_other_formats_cut_changed_and_with_pieces_put_in(others, name, path, data):
+    log = bytearray(others[name])
+    if data.draw(st.booleans()):
+        log = log[: data.draw(st.integers(0, len(log)))]
+    head = st.integers(0, max(min(400, len(log) - 1), 0)) | st.integers(0, max(len(log) - 1, 0))
+    for place in data.draw(st.lists(head, max_size=8)):
+        log[place : place + 1] = bytes([data.draw(st.integers(0, 255))])
+    first, second = sorted(data.draw(st.tuples(*[st.integers(0, len(log))] * 2)))
+    check(
+        path,
+        bytes(log[:first] + data.draw(st.binary(max_size=40)) + log[second if data.draw(st.booleans()) else first :]),
+    )
+
+
 STARTS = [b"", b"\xbc", b"\xbc\2\0", b"\xbc\1\0\1\0", b"ULog\x01\x12\x35", b"\x1f\x8b", b"\xfd7zXZ\0"]
+STARTS += [
+    b"\xa3\x95\x80",
+    b"H Product:Blackbox flight data recorder by Nicholas Sherlock\n",
+    b"\2tick(I),",
+    b"MATLAB 5.0 ",
+]
+STARTS += [b"#ROSBAG V2.0\n", b"SQLite format 3\0", b"\x89MCAP0\r\n"]
 
 
 @fuzz

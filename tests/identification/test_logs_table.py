@@ -243,8 +243,7 @@ def test_rows_that_are_cut_are_left_out(write):
         ("signals: {positions: {columns: [v]}}", "did you mean position"),
         ("signals:\n  position: {columns: [x, y]}", r"m.yaml:2: .*position.columns is \['x', 'y'\], but must have 3"),
         ("signals: {position: {columns: [x, y, z], unit: feet}}", "unit is 'feet', but must be m or cm or mm"),
-        ("signals: {position: {columns: [x, y, z], frame: FRD}}", "frame is 'FRD', but must be NWU or ENU or NED"),
-        ("signals: {body_rates: {columns: [x, y, z], frame: NED}}", "must be FLU or FRD for body_rates"),
+        ("signals: {attitude: {columns: [x, y, z], frame: FRD}}", "frame is 'FRD', but must be NWU or ENU or NED"),
         ("signals: {battery_voltage: {columns: [x], frame: NED}}", "battery_voltage has no direction"),
         ("signals: {position: {columns: [x, y, z], quaternion: wxyz}}", "position is no attitude"),
         ("signals: {attitude: {columns: [x, y, z], quaternion: wxyz}}", "must have 4 entries"),
@@ -279,7 +278,7 @@ def test_a_mapping_that_is_wrong(write, text, words):
 
 def test_a_mapping_that_is_not_there(write, tmp_path):
     log = write("log.csv", TABLE)
-    with pytest.raises(InputError, match=r"'px5' is no YAML file, and none of the shipped ones: crazyflie, crazyflow"):
+    with pytest.raises(InputError, match=r"'px5' is no YAML file, and none of the shipped ones: ardupilot, betaflight"):
         read_log(log, "px5")
     with pytest.raises(InputError, match="cannot be read: no such file"):
         read_log(log, tmp_path / "none.yaml")
@@ -305,7 +304,7 @@ def test_a_log_that_is_too_large_is_not_read(write, monkeypatch):
         with pytest.raises(InputError, match="is too large: a log may have 1,000 bytes, unpacked"):
             read_log(write("log", data))
     monkeypatch.undo()
-    monkeypatch.setattr("drake_quad.identification.logs.table.MOST_BYTES", 10)
+    monkeypatch.setattr("drake_quad.identification.logs.formats.table.MOST_BYTES", 10)
     with pytest.raises(InputError, match="is too large: a CSV file may have 10 bytes"):
         read_log(write("log", TABLE))
 

@@ -1,6 +1,6 @@
 """PX4's ULog: numbers known in NED and FRD come back in our frames, on one clock."""
 
-import builtins
+import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,9 +8,9 @@ import pytest
 from written_logs import DATA, message, quaternion_of, ulog
 
 from drake_quad import InputError
+from drake_quad.identification.logs.formats.ulog import _dropouts
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.timing import pieces
-from drake_quad.identification.logs.ulog import _dropouts
 
 LOCAL = [("float", name) for name in ("x", "y", "z", "vx", "vy", "vz")]
 ATTITUDE, XYZ = [("float[4]", "q")], [("uint64_t", "timestamp_sample"), ("float[3]", "xyz")]
@@ -197,14 +197,7 @@ def test_what_pyulog_would_read_for_ever_is_told(read):
 
 
 def test_without_pyulog_a_sentence_says_how_to_get_it(read, monkeypatch):
-    real = builtins.__import__
-
-    def without(name, *arguments, **others):
-        if name == "pyulog":
-            raise ImportError
-        return real(name, *arguments, **others)
-
-    monkeypatch.setattr(builtins, "__import__", without)
+    monkeypatch.setitem(sys.modules, "pyulog", None)
     with pytest.raises(InputError, match=r"pip install 'drake_quad\[ulog\]'"):
         read(GOOD)
 

@@ -312,8 +312,8 @@ STEP = "vehicle.time_step=0.0025"
             " and autopilot, 0.0025 s",
         ),
         (
-            [ON_BOARD % ", period: 0.02", NO_ATTITUDE],
-            "autopilot.period is 0.02, but must be shorter than the period of the command link, 0.02 s",
+            [ON_BOARD % ", period: 0.04", NO_ATTITUDE],
+            "autopilot.period is 0.04, but must not be longer than the period of the command link, 0.02 s",
         ),
         (
             [ON_BOARD % ", period: 0.004", NO_ATTITUDE, STEP],

@@ -311,7 +311,7 @@ def test_what_is_believed_can_hover_and_is_no_distribution(write):
     assert message.endswith("but must give thrust without torque: rotor 1 would have to push down")
     drawn = "{uniform: {min: 0.1, max: 0.2}}"
     message = refusal(write, f"a:\n{BODY}", f"nominal.layout={{kind: x, length: {drawn}, width: 0.2}}")
-    assert message.endswith("but must be a number, since it is what the ground believes")
+    assert message.endswith("but must be a number, since planner and controllers use it")
     vehicle = load_scenario(write(f"a:\n{BODY}"), [f"vehicle.layout={{kind: x, length: {drawn}, width: 0.2}}"]).vehicle
     assert [*distributions_in(vehicle)] == ["layout.length"]
     message = refusal(

@@ -43,6 +43,7 @@ FLOWN = [
     ("onboard", ["controllers/lqg:lqg_onboard"]),
     ("laboratory:nominal", ["controllers/mpc:mpc"]),
     ("figure_eight", ["controllers/raptor:raptor"]),
+    ("laboratory:nominal", ["vehicles/crazyflie", "controllers/crazyflie"]),
 ]
 
 

@@ -1,5 +1,6 @@
 """Every effect on the vehicle answers every question truthfully, and effects of one's own are equals."""
 
+import math
 from importlib import import_module
 from pathlib import Path
 from typing import ClassVar
@@ -8,10 +9,11 @@ import numpy as np
 import pytest
 from both_ways import assert_flown_alike
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.primitives import Linearize
+from pydrake.systems.primitives import FirstOrderTaylorApproximation
 
 from drake_quad import InputError, load_scenario
 from drake_quad.geometry.axes import Vector
+from drake_quad.linear.vehicle_model import find_trim
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.effects.effect import EFFECTS, AirLoadEffect, VehicleEffect
 from drake_quad.scenario.hovering import as_believed, in_hover
@@ -19,8 +21,8 @@ from drake_quad.scenario.models import Vehicle
 from drake_quad.scenario.schema import file_schema, language_page
 from drake_quad.signals import RotorSpeed, State, Wrench
 from drake_quad.vehicle.aerodynamics import Flow
-from drake_quad.vehicle.dynamics import hover_rotor_speeds
-from drake_quad.vehicle.effects import as_in_hover
+from drake_quad.vehicle.dynamics import hover_rotor_speeds, rotor_action
+from drake_quad.vehicle.effects import Effects, as_in_hover
 from drake_quad.vehicle.faults import RotorFaults
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Place, Quadrotor, QuadrotorNumbers
@@ -31,6 +33,7 @@ from drake_quad.vehicle.responding import (
     RespondingNumbers,
     RespondingQuadrotor,
 )
+from drake_quad.vehicle.trim_force import TrimForce
 
 EXAMPLE = Path(__file__).parent.parent.parent / "scripts" / "ceiling_effect.py"
 PAPER = QuadrotorParameters()
@@ -45,6 +48,7 @@ FIELDS = {
     "battery": {"voltage": 12.6, "empty_voltage": 10.2, "capacity": 0.01, "resistance": 0.02, "efficiency": 0.7},
     "slung_load": {"mass": 0.1, "length": 0.6},
     "rotor_failure": {"rotor": 2.0, "time": 0.1},
+    "trim_force": {"x": 0.3, "y": -0.2, "z": 0.1},
 }
 
 
@@ -54,6 +58,18 @@ def test_a_payload_that_is_dropped_later_stays_in_hover():
     payload = EFFECTS.members["payload"](**dropped)
     assert stays("payload", payload.in_hover())
     assert payload.model_copy(update={"time": 0.0}).in_hover() is None
+
+
+def test_a_vehicle_leans_against_its_trim_force():
+    """The weight along the axes of B cancels the force across the thrust, and the thrust what is left of it."""
+    force = TrimForce(0.3, -0.2, 0.1)
+    trim = find_trim(PAPER, effects=Effects(loads=(force,)))
+    weight = PAPER.mass * PAPER.gravity
+    roll, pitch = trim.state[3:5]
+    assert pitch == pytest.approx(-math.asin(force.x / weight), abs=1e-9)
+    assert roll == pytest.approx(math.asin(force.y / (weight * math.cos(pitch))), abs=1e-9)
+    thrust = rotor_action(RotorSpeed(*trim.rotor_speed), PAPER).wrench.thrust
+    assert thrust + force.z == pytest.approx(weight * math.cos(roll) * math.cos(pitch), rel=1e-9)
 
 
 @pytest.fixture
@@ -89,16 +105,18 @@ def built(name, effect, speed=0.0, time_step=0.01):
     return vehicle, context
 
 
-def flown(name, effect, speed=0.0):
-    """Return the state after 0.4 s in which the rotor speeds of hover are commanded, from a velocity on."""
+def flown(name, effect, speed=0.0, until=0.4):
+    """Return the state after a time in which the rotor speeds of hover are commanded, from a velocity on."""
     vehicle, context = built(name, effect, speed)
     simulator = Simulator(vehicle, context)
-    simulator.AdvanceTo(0.4)
+    simulator.AdvanceTo(until + 1e-9)  # past the last update
     return vehicle.GetOutputPort("state").Eval(context)
 
 
 def stays(name, effect):
-    return np.abs(flown(name, effect)[6:]).max() < 1e-9
+    """Return whether the vehicle keeps its acceleration, which is zero unless it has to lean against the effect."""
+    start, half, whole = (flown(name, effect, until=until)[6:] for until in (0.0, 0.2, 0.4))
+    return np.abs(whole - 2.0 * half + start).max() < 1e-9
 
 
 def couples(name, effect):
@@ -134,7 +152,7 @@ def check_member(name, kind):
     if not kind.depends_on_time:
         system, context = built(name, effect, time_step=0.0)
         ports = system.GetInputPort("rotor_speed_command").get_index(), system.GetOutputPort("state").get_index()
-        matrix = Linearize(system, context, *ports).A()
+        matrix = FirstOrderTaylorApproximation(system, context, *ports).A()
         has_states = len(matrix) > NUM_STATES
         swings = np.abs(np.linalg.eigvals(matrix).imag).max() if has_states else 0.0
         assert swings == pytest.approx(effect.natural_frequency(vehicle), rel=1e-9, abs=1e-6)

@@ -2,15 +2,21 @@
 
 import numpy as np
 import pytest
+import scipy.signal
 from pydrake.systems.analysis import Simulator
 
 from drake_quad import load_scenario, simulate
+from drake_quad.pid.filters import butterworth, first_order
+from drake_quad.pid.loop import Derivative, Integral, Terms
 from drake_quad.signals import AttitudeTarget, BodyRates, State
 from drake_quad.vehicle.autopilot import (
     AttitudeAutopilot,
+    AutopilotMemory,
     AutopilotNumbers,
     Gyroscope,
+    LoopAxisTerms,
     LoopGains,
+    LoopRules,
     SensorNoise,
     autopilot_law,
     thrust_alone,
@@ -31,6 +37,13 @@ STATE = State(1.0, 2.0, 3.0, 0.15, -0.1, -3.1, 0.1, 0.2, 0.3, 0.7, -0.9, 1.1)
 NO_NOISE = "laboratory.motion_capture={position_noise: 0, attitude_noise: 0}"
 
 
+def wrench_of(noise, numbers):
+    """Return the wrench of an autopilot that remembers nothing."""
+    wrench, memory = autopilot_law(TARGET, STATE, noise, numbers, None, 0.0025)
+    assert memory is None
+    return wrench
+
+
 def law(target, state, numbers, noise=((0.0,) * 3, (0.0,) * 3)):
     """The equations of PX4's two loops with vectors and matrices."""
     inertia = np.diag(numbers.inertia)
@@ -44,17 +57,72 @@ def law(target, state, numbers, noise=((0.0,) * 3, (0.0,) * 3)):
 
 def test_the_wrench_is_that_of_two_proportional_loops():
     """From a yaw of -3.1 to one of 3.0 it turns by -0.18, the short way."""
-    np.testing.assert_allclose(autopilot_law(TARGET, STATE, None, NUMBERS), law(TARGET, STATE, NUMBERS), rtol=1e-13)
+    np.testing.assert_allclose(wrench_of(None, NUMBERS), law(TARGET, STATE, NUMBERS), rtol=1e-13)
     noise = SensorNoise((0.7, -1.2, 0.4), (1.1, -0.3, 0.9))
-    found = autopilot_law(TARGET, STATE, noise, NUMBERS)
+    found = wrench_of(noise, NUMBERS)
     np.testing.assert_allclose(found, law(TARGET, STATE, NUMBERS, noise), rtol=1e-13)
     np.testing.assert_array_equal(thrust_alone(TARGET), [6.6, 0.0, 0.0, 0.0])
+
+
+class Px4Rates:
+    """RateControl of PX4 behind the filters of its gyroscope, about each axis alike, in PX4's own order."""
+
+    def __init__(self, period, gains, limit, cutoffs):
+        self.period, self.gains, self.limit = period, gains, limit
+        self.low_pass = scipy.signal.butter(2, cutoffs[0], fs=2.0 * np.pi / period)
+        self.state, self.share = np.zeros((3, 2)), cutoffs[1] * period / (1.0 + cutoffs[1] * period)
+        self.before, self.acceleration, self.integral = None, np.zeros(3), np.zeros(3)
+
+    def update(self, shown, wanted):
+        rates = np.zeros(3)
+        for axis in range(3):
+            (rates[axis],), self.state[axis] = scipy.signal.lfilter(*self.low_pass, [shown[axis]], zi=self.state[axis])
+        if self.before is not None:
+            self.acceleration += self.share * ((rates - self.before) / self.period - self.acceleration)
+        self.before = rates
+        k_p, k_i, k_d, k_ff = self.gains
+        error = wanted - rates
+        out = k_p * error + self.integral - k_d * self.acceleration + k_ff * wanted
+        fade = np.maximum(0.0, 1.0 - (error / np.radians(400.0)) ** 2)
+        self.integral = np.clip(self.integral + fade * k_i * error * self.period, -self.limit, self.limit)
+        return out
+
+
+def test_the_rate_loop_is_px4_s_tick_by_tick():
+    period, gains, limit, cutoffs = 0.0025, (14.0, 30.0, 0.3, 0.2), 2.5, (250.0, 120.0)
+    k_p, k_i, k_d, k_ff = gains
+    terms = Terms(Integral(k_i, limit, np.radians(400.0)), Derivative(k_d, first_order(cutoffs[1], period)), k_ff)
+    numbers = NUMBERS._replace(
+        k_rate=LoopGains(k_p, k_p, k_p),
+        gyroscope=Gyroscope(),
+        rate=LoopAxisTerms(terms, terms, terms),
+        gyroscope_filter=butterworth(cutoffs[0], period),
+        max_rates=BodyRates(2.0, 1.0, 0.5),
+    )
+    px4, memory, rng = Px4Rates(period, gains, limit, cutoffs), AutopilotMemory.of(numbers), np.random.default_rng(4)
+    clipped = 0
+    for tick in range(200):
+        shown = np.array([3.0, -2.0, 0.4]) * np.sin(0.05 * tick) + 0.3 * rng.normal(size=3)
+        state = STATE._replace(p=shown[0], q=shown[1], r=shown[2])
+        target = TARGET._replace(roll=0.3 * np.sin(0.03 * tick), q=3.0 * rng.normal())
+        asked = np.array(target[4:]) + np.array(numbers.k_attitude) * [
+            target.roll - state.roll,
+            target.pitch - state.pitch,
+            target.yaw - state.yaw - 2.0 * np.pi,
+        ]
+        limited = np.clip(asked, [-2.0, -1.0, -0.5], [2.0, 1.0, 0.5])
+        clipped += np.any(asked != limited)
+        wrench, memory = autopilot_law(target, state, None, numbers, memory, period, LoopRules(gyroscopic=False))
+        expected = np.array(numbers.inertia) * px4.update(shown, limited)
+        np.testing.assert_allclose(wrench[1:], expected, rtol=1e-9, atol=1e-9)
+    assert clipped > 20
+    assert np.abs(px4.integral).max() == limit
 
 
 def test_senses_of_which_nothing_is_said_are_right():
     numbers = AutopilotNumbers(NUMBERS.k_attitude, NUMBERS.k_rate, NUMBERS.inertia)
     noise = SensorNoise((0.7, -1.2, 0.4), (1.1, -0.3, 0.9))
-    assert autopilot_law(TARGET, STATE, noise, numbers) == autopilot_law(TARGET, STATE, None, numbers)
+    assert wrench_of(noise, numbers) == wrench_of(None, numbers)
     assert numbers.gyroscope.bias == numbers.initial[1:] == (0.0, 0.0, 0.0)
 
 

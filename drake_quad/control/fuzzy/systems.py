@@ -31,7 +31,7 @@ def layout_of_antecedents(antecedents: tuple[Antecedents, ...]) -> Layout:
 
 
 class Lead(NamedTuple):
-    """By which time what is done about a place comes before it."""
+    """Time by which a correction acts before the vehicle is at the place that it was learned for."""
 
     time: Time
 

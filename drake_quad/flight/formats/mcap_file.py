@@ -313,7 +313,7 @@ LOG = _object(
 
 
 def signal_schema(signal: str, flight: Flight) -> dict[str, Any]:
-    """Return the schema of a signal's messages; what is no number is null."""
+    """Return the schema of a signal's messages, in which NaN and infinite values are null."""
     count, keys = flight[signal].shape[1], _keys(signal, flight)
     number = {"type": ["number", "null"]}
     if not keys:

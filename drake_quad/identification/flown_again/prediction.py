@@ -22,11 +22,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from drake_quad.errors import InputError, shown
 from drake_quad.identification.delays import delay_of
 from drake_quad.identification.fit import likely_noise
+from drake_quad.identification.logs.attitudes import rotations
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import STATE_ROWS
 from drake_quad.identification.prepared_logs import WARM_UP, PreparedLogs, initial_noise, prepare
@@ -225,8 +226,8 @@ class _Motion(NamedTuple):
         """Return the states (12, S) after times (S,) in s, at constant rates or constant accelerations."""
         position, attitude, velocity, rates = np.split(self.state, 4)
         acceleration, angular = (self.acceleration, self.angular_acceleration) if accelerated else (0.0, 0.0)
-        turn = Rotation.from_rotvec(((rates + 0.5 * angular * time) * time).T)
-        turned = Rotation.from_euler("ZYX", attitude[::-1].T) * turn
+        turn = scipy.spatial.transform.Rotation.from_rotvec(((rates + 0.5 * angular * time) * time).T)
+        turned = rotations(attitude.T) * turn
         return np.concatenate(
             [
                 position + velocity * time + 0.5 * acceleration * time**2,
@@ -250,7 +251,7 @@ def _parabola(record: FlightRecord, name: str, starts: np.ndarray, past: int) ->
 
 def _body_rates(record: FlightRecord, starts: np.ndarray, past: int) -> tuple[np.ndarray, np.ndarray]:
     """Return body rates and angular accelerations (3, S) from parabolas through the rotations before each start."""
-    attitudes = Rotation.from_euler("ZYX", record.of("attitude")[:, ::-1])
+    attitudes = rotations(record.of("attitude"))
     at = starts[:, None] + np.arange(1 - past, 1)
     last = attitudes[np.repeat(starts, past)]
     turned = (last.inv() * attitudes[at.ravel()]).as_rotvec().reshape(len(starts), past, 3)
@@ -318,7 +319,7 @@ def _errors(
             if level:
                 quantity, error = {"position": "height", "velocity": "climb"}[name], np.abs(predicted - actual)[:, 2]
             elif name == "attitude":
-                one, other = (Rotation.from_euler("ZYX", angles[:, ::-1]) for angles in (predicted, actual))
+                one, other = rotations(predicted), rotations(actual)
                 quantity, error = name, (one.inv() * other).magnitude()
             else:
                 quantity, error = name, np.linalg.norm(predicted - actual, axis=1)

@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drake_quad.errors import InputError, listed
+from drake_quad.identification.logs.attitudes import rotations
+from drake_quad.identification.logs.consistency import contradictions
 from drake_quad.identification.logs.doubts import doubts, jumps
 from drake_quad.identification.logs.mapping import ATTITUDES, Mapping, SignalSource
 from drake_quad.identification.logs.record import COLUMNS, FlightRecord
@@ -64,6 +66,7 @@ class _Channel(NamedTuple):
         rows: numbers of the rows of the clock at which it is known.
         values: (rows, columns).
         origin: where it is from, as part of a sentence.
+        crossed: True if it is along the axes of the world and the signal along those of the body, or vice versa.
     """
 
     signal: str
@@ -71,6 +74,7 @@ class _Channel(NamedTuple):
     rows: np.ndarray
     values: np.ndarray
     origin: str
+    crossed: bool = False
 
     @property
     def time(self) -> np.ndarray:
@@ -159,6 +163,9 @@ def record_of(
         each for signal in (channel.signal for channel in chosen) for each in _read_names(signal, mapping, available)
     }
     signals: dict[str, Any] = {channel.signal: _at(channel, clock, inside) for channel in chosen}
+    notes += _turn_crossed(signals, chosen)
+    if not signals:
+        raise InputError(f"{mark}: has no signal that can be used: {'; '.join(notes)}")
     wind = None if "wind" in signals else mapping.wind_of(name)
     if wind is not None:
         signals["wind"] = np.tile(wind, (len(time), 1))
@@ -185,6 +192,7 @@ def record_of(
                 for each in jumps(channel.time, channel.values)
             ),
             *doubts(signals, time - time[0]),
+            *contradictions(signals, time),
             *_unread(available - ({mapping.time.column} if mapping.time else set()), used),
         ),
     )
@@ -225,7 +233,7 @@ def _channels(signal: str, mapping: Mapping, tables: Sequence[Table], clocks: _C
                 values = np.clip(values, 0.0, 1.0)
             rows = np.flatnonzero((np.abs(values) < _LARGEST).all(axis=1))
             if len(rows) > 1:
-                yield _Channel(signal, clock, rows, values[rows], _origin(source))
+                yield _Channel(signal, clock, rows, values[rows], _origin(source), source.is_crossed(signal))
 
 
 def _values(signal: str, source: SignalSource, table: Table) -> np.ndarray:
@@ -331,6 +339,25 @@ def _at(channel: _Channel, clock: np.ndarray, inside: np.ndarray) -> np.ndarray:
             if angles:
                 values = np.arctan2(np.sin(values), np.cos(values))
     return values[:, 0] if COLUMNS[channel.signal] == 1 else values
+
+
+def _turn_crossed(signals: dict[str, Any], channels: Sequence[_Channel]) -> Iterator[str]:
+    """Turn signals from the frame of the body into that of the world, or vice versa, by the attitude.
+
+    Yield a sentence on each.
+    """
+    for channel in channels:
+        if not channel.crossed:
+            continue
+        to_world = QUANTITIES[channel.signal].frame == "W"
+        of, to = ("body", "world") if to_world else ("world", "body")
+        if "attitude" in signals:
+            turned = rotations(signals["attitude"]).apply(signals[channel.signal], inverse=not to_world)
+            signals[channel.signal] = turned
+            yield f"{channel.signal} is turned from the axes of the {of} to those of the {to} by the attitude"
+        else:
+            del signals[channel.signal]
+            yield f"{channel.signal} is left out: it is along the axes of the {of}, and no attitude is logged"
 
 
 def _origin(source: SignalSource) -> str:

@@ -9,6 +9,7 @@ In YAML:
     signals:
       position: {columns: [x, y, z], unit: mm, frame: NED}
       velocity: {column: v}                   # cells such as "[0.1, 0.2, 0.3]"
+      body_rates: {columns: [wx, wy, wz], frame: ENU}   # about the axes of the world; turned by the attitude
       attitude: {column: q, quaternion: xyzw}
       motor_command:                          # the first that is there
         - {columns: [m1, m2, m3, m4], unit: uint16}
@@ -36,6 +37,8 @@ from drake_quad.scenario.files.loading import validated
 
 # Signals of angles, which a log may have as a quaternion.
 ATTITUDES = ("attitude", "attitude_command")
+WORLD_FRAMES = ("NWU", "ENU", "NED")
+BODY_FRAMES = ("FLU", "FRD")
 _ROTORS = 4
 _QUATERNION = 4
 _Path = tuple[str | int, ...]
@@ -54,7 +57,8 @@ class SignalSource(Model):
     )
     frame: Literal["NWU", "ENU", "FLU", "NED", "FRD"] | None = Field(
         default=None,
-        description="of world (NWU, ENU, NED) or body (FLU, FRD); NED and FRD are turned by half a turn about x",
+        description="of world (NWU, ENU, NED) or body (FLU, FRD); NED and FRD are turned by half a turn about x, and a"
+        " vector along the axes of the other of world and body than its signal by the attitude",
     )
     quaternion: Literal["wxyz", "xyzw"] | None = Field(
         default=None, description="the columns are those of a quaternion from body to world, in this order"
@@ -65,6 +69,11 @@ class SignalSource(Model):
     missing: Real | None = Field(
         default=None, description="what a cell stands for that is no number (in the log's unit)"
     )
+
+    def is_crossed(self, signal: str) -> bool:
+        """Return whether a vector is in the frame of the body and its signal in that of the world, or vice versa."""
+        of = QUANTITIES[signal].frame
+        return self.frame is not None and of is not None and (self.frame in BODY_FRAMES) != (of == "B")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -94,6 +103,7 @@ class Mapping(Model):
     description: str = Field(default="", description="what such logs are")
     delimiter: Literal[",", ";", "\t", " "] = Field(default=",", description="between the cells of a CSV file")
     time: TimeSource | None = Field(default=None, description="the clock; a binary log has its own")
+    by_name: bool = Field(default=False, description="is used only for logs that are read with its name")
     required: Annotated[tuple[str, ...], Field(strict=False)] | None = Field(
         default=None, description="signals without which it does not fit; all of them if not given"
     )
@@ -256,12 +266,12 @@ def _check_frame(name: str, source: dict[str, Any], path: _Path) -> None:
     frame = source.get("frame")
     if not isinstance(frame, str):
         return
-    world, body = ("NWU", "ENU", "NED"), ("FLU", "FRD")
-    allowed = {"W": world, "B": body}.get(QUANTITIES[name].frame, world if name.endswith("yaw") else ())
-    if name in ATTITUDES:
-        allowed = ("NWU", "ENU", "NED")
-    if COLUMNS[name] == 1 and not name.endswith("yaw"):
+    if name in ATTITUDES or name.endswith("yaw"):
+        allowed: tuple[str, ...] = WORLD_FRAMES
+    elif QUANTITIES[name].frame is None or COLUMNS[name] == 1:
         allowed = ()
+    else:
+        allowed = (*WORLD_FRAMES, *BODY_FRAMES)
     if not allowed:
         raise _wrong((*path, "frame"), "must not be given: {name} has no direction", name=name)
     if frame not in allowed:

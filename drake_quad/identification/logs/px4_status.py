@@ -131,7 +131,7 @@ def status_remarks(topics: Mapping[str, _Data], start: int) -> Iterator[str]:
         if not all(field in data for field in (reset.counter, *reset.fields)):
             continue
         rows = 1 + np.flatnonzero(np.diff(data[reset.counter].astype(int)))
-        sizes = reset.factor * np.linalg.norm([data[field][rows] for field in reset.fields], axis=0)
+        sizes = reset.factor * np.linalg.norm([data[field][rows].astype(float) for field in reset.fields], axis=0)
         rows, sizes = rows[sizes >= _MIN_RESET], sizes[sizes >= _MIN_RESET]
         if len(rows):
             times = "once" if len(rows) == 1 else f"{len(rows)} times"

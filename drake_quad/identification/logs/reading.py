@@ -2,51 +2,47 @@
 
 from pathlib import Path
 
-from drake_quad.identification.logs import crazyflie, ulog
+import drake_quad.identification.logs.formats  # noqa: F401 - registers the formats
+from drake_quad.errors import InputError
 from drake_quad.identification.logs.conversion import record_of
+from drake_quad.identification.logs.formats.log_format import FORMATS
+from drake_quad.identification.logs.formats.table import is_text, read_table
 from drake_quad.identification.logs.mapping import load_mapping
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.logs.source import read_file
-from drake_quad.identification.logs.table import read_table_file
 
 
 def read_log(path: str | Path, mapping: str | Path | None = None) -> FlightRecord:
-    """Read a flight log of a Crazyflie, a PX4 ULog, or a CSV file, uncompressed or compressed with gzip or xz.
+    """Read a flight log, uncompressed or compressed with gzip or xz.
 
-    Truncated or damaged parts of a log are skipped. The remarks of the record list them, and the columns that were
-    read.
+    The format follows from the content: a Crazyflie's SD card log, PX4's ULog, ArduPilot's DataFlash log, Betaflight's
+    blackbox log, a ROS bag of version 1 or 2, MCAP, MATLAB's MAT-file, or CSV.
+
+    Truncated or damaged parts of a log are skipped. The remarks of the record list them, the columns that were read,
+    and signals that contradict each other.
 
     Args:
-        path: path of the file.
+        path: path of the file, or of the folder of a ROS 2 bag.
         mapping: mapping from columns to signals, given by a YAML file (`drake_quad.identification.logs.mapping`) or by
-            the name of a shipped mapping. The default is `crazyflie` for a Crazyflie's log, `px4` for a ULog, and the
-            shipped mapping that fits best for CSV.
+            the name of a shipped mapping. The default is the mapping of the format, and the shipped mapping that fits
+            best for CSV and MAT-files.
 
     Raises:
-        InputError: if the file does not exist, has another format, or contains no complete signal; or it is a PX4 log
-            of a vehicle that is not a quadrotor, and no mapping is given.
+        InputError: if the file does not exist, has another format, or contains no complete signal; if the format needs
+            a library that is not installed; or if it is the log of a vehicle that is not a quadrotor, and no mapping
+            is given.
     """
     given = None if mapping is None else load_mapping(mapping)
     log = read_file(Path(path))
-    if log.data.startswith(bytes([crazyflie.FIRST_BYTE])):
-        name, known = given or load_mapping("crazyflie")
-        tables, remarks = crazyflie.crazyflie_tables(log)
-    elif log.data.startswith(ulog.MAGIC):
-        name, known = given or load_mapping("px4")
-        tables, remarks, rotors = ulog.ulog_tables(log, known, any_vehicle=given is not None)
-        if name == "px4":
-            known = known if rotors is None else known.with_rotors(rotors)
-            order = ", ".join(map(str, known.rotors or ()))
-            source = (
-                "assumed, those of its quad-x: the log has no CA_ROTOR0_PX and so on that say where they are"
-                if rotors is None
-                else "by the places in CA_ROTOR0_PX and so on"
+    read = next((each.read for each in FORMATS if each.recognizes(log)), None)
+    if read is None:
+        # Text that no format claims is CSV.
+        if not is_text(log):
+            raise InputError(
+                f"{log.mark}: is none of the logs that can be read: {', '.join(each.name for each in FORMATS)}, or CSV"
             )
-            remarks.append(f"PX4's rotors 1 to 4 are our {order}, {source}")
-    else:
-        found = read_table_file(log, given)
-        return record_of(
-            [found.table], found.mapping, name=log.name, mark=log.mark, remarks=found.remarks, names=found.names
-        )
-    remarks.append(f"the mapping is {name}: {known.description}".removesuffix(": "))
-    return record_of(tables, known, name=log.name, mark=log.mark, remarks=remarks)
+        read = read_table
+    content = read(log, given)
+    name, known = content.mapping
+    remarks = [*content.remarks, f"the mapping is {name}: {known.description}".removesuffix(": ")]
+    return record_of(content.tables, known, name=log.name, mark=log.mark, remarks=remarks, names=content.names)

@@ -4,6 +4,7 @@ import gzip
 import io
 import lzma
 import os
+import re
 import zlib
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -15,6 +16,11 @@ from drake_quad.scenario.files.reading import opened
 # Of a log, unpacked: an hour at 1 kHz of 50 bytes each has 180 million.
 MOST_BYTES = 200_000_000
 _CHUNK = 1 << 20
+# Suffixes of the files in the folder of a ROS 2 bag.
+_BAG_SUFFIXES = (".db3", ".mcap")
+_PACKED_SUFFIXES = (".gz", ".xz")
+# Suffix of a log format, such as .csv or .db3.
+_LOG_SUFFIX = re.compile(r"\.[a-z]\w{2,3}", re.IGNORECASE)
 
 
 class LogFile(NamedTuple):
@@ -60,8 +66,8 @@ class LogFile(NamedTuple):
     @property
     def name(self) -> str:
         """The name of the file without what says how it is packed and written."""
-        name = self.path.name.removesuffix(".gz").removesuffix(".xz")
-        return name.removesuffix(".csv").removesuffix(".ulg") or name
+        path = self.path.with_suffix("") if self.path.suffix in _PACKED_SUFFIXES else self.path
+        return path.stem if _LOG_SUFFIX.fullmatch(path.suffix) else path.name
 
 
 def read_file(path: Path) -> LogFile:
@@ -70,6 +76,7 @@ def read_file(path: Path) -> LogFile:
     Raises:
         InputError: it is no file, cannot be read, is empty, or too large.
     """
+    path = _bag_in(path)
     mark = Mark(str(path), 0)
     if os.path.isdir(path):  # noqa: PTH112 - Path.is_dir raises where a name is too long
         raise InputError(f"{mark}: is a folder, not a log" + _inside(path))
@@ -103,6 +110,16 @@ def _opened(file: IO[bytes], start: bytes) -> Any:
     if start == b"\xfd7zXZ\0":
         return lzma.LZMAFile(file)
     return file
+
+
+def _bag_in(path: Path) -> Path:
+    """Return the only file of a ROS 2 bag, for its folder; any other path as it is."""
+    if not os.path.isfile(path / "metadata.yaml"):  # noqa: PTH113 - Path.is_file raises where a name is too long
+        return path
+    files = [each for each in sorted(path.iterdir()) if each.suffix in _BAG_SUFFIXES]
+    if len(files) != 1:
+        raise InputError(f"{path}: is a ROS 2 bag of {len(files)} files; name the one to read")
+    return files[0]
 
 
 def _inside(path: Path) -> str:

@@ -1,23 +1,39 @@
 """Autopilot with an attitude loop and a rate loop."""
 
 import math
-from typing import Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from drake_quad.control.lqg.chains import Answer
 from drake_quad.framework.recipe import Recipe
+from drake_quad.pid.filters import butterworth
 from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS, Autopilot
-from drake_quad.scenario.quantities import AngleNoise, Gains, NonNegative, Period, Position, any_nonzero
+from drake_quad.scenario.loop_terms import LoopTerms
+from drake_quad.scenario.quantities import (
+    AngleNoise,
+    Gains,
+    NonNegative,
+    Number,
+    Period,
+    Position,
+    Positive,
+    Positives,
+    any_nonzero,
+    bounded,
+)
 from drake_quad.signals import BodyRates, Wrench
 from drake_quad.vehicle import autopilot
-from drake_quad.vehicle.autopilot import AutopilotNumbers, Gyroscope, LoopGains
+from drake_quad.vehicle.autopilot import AutopilotNumbers, Gyroscope, LoopAxisTerms, LoopGains, LoopRules
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 
 @AUTOPILOTS.member
 class AttitudeAutopilotSettings(Autopilot):
-    """An attitude and a rate loop on board, as PX4 has them; the link carries thrust, attitude and body rates."""
+    """An attitude and a rate loop on board; the link carries thrust, attitude and body rates.
+
+    Both loops are proportional. With the further terms they are those of PX4 or of the Crazyflie's firmware.
+    """
 
     command: ClassVar = "attitude_target"
     accepts: ClassVar = ("attitude", "rates")
@@ -32,6 +48,29 @@ class AttitudeAutopilotSettings(Autopilot):
     )
     k_attitude: Gains = Field(description="body rate over the error of roll, pitch, yaw (1/s)")
     k_rate: Gains = Field(description="angular acceleration over the error of the rate of roll, pitch, yaw (1/s)")
+    attitude_terms: LoopTerms | None = Field(
+        default=None,
+        description="further terms of the loop of the attitude, whose output is a body rate (rad/s); not beside"
+        " yaw_weight",
+    )
+    rate_terms: LoopTerms | None = Field(
+        default=None,
+        description="further terms of the loop of the body rates, whose output is an angular acceleration (rad/s²)",
+    )
+    max_rates: Positives | None = Field(
+        default=None, description="largest commanded p, q, r (rad/s); no limit if not given"
+    )
+    yaw_weight: Annotated[Number, bounded(above=0.0, most=1.0)] | None = Field(
+        default=None,
+        description="weight of the yaw in the error of the rotation, as in PX4 (1); if not given, errors are those of"
+        " roll, pitch and yaw",
+    )
+    gyroscopic_torque: bool = Field(
+        default=True, description="whether ω × I ω is added, which neither PX4 nor the Crazyflie's firmware does"
+    )
+    gyroscope_bandwidth: Positive | None = Field(
+        default=None, description="bandwidth of a Butterworth filter of the gyroscope (rad/s); no filter if not given"
+    )
     gyroscope_noise: NonNegative = Field(default=0.0, description="standard deviation of a sample on each axis (rad/s)")
     gyroscope_bias: Position = Field(default=(0.0, 0.0, 0.0), description="on x, y, z of B (rad/s)")
     attitude_noise: AngleNoise = Field(
@@ -53,7 +92,14 @@ class AttitudeAutopilotSettings(Autopilot):
             "period": self.period,
             "noisy": any_nonzero(written.gyroscope_noise, self.gyroscope_noise)
             or any_nonzero(written.attitude_noise, self.attitude_noise),
+            "rules": LoopRules(
+                self.gyroscopic_torque,
+                self.attitude_terms is not None and self.attitude_terms.integrates_first,
+                self.rate_terms is not None and self.rate_terms.integrates_first,
+            ),
         }
+        attitude = self.attitude_terms if heeds_attitude else None
+        bandwidth: Any = self.gyroscope_bandwidth
         numbers = AutopilotNumbers(
             LoopGains(*self.k_attitude) if heeds_attitude else LoopGains(0.0, 0.0, 0.0),
             LoopGains(*self.k_rate),
@@ -61,12 +107,25 @@ class AttitudeAutopilotSettings(Autopilot):
             Gyroscope(self.gyroscope_noise, BodyRates(*self.gyroscope_bias)),
             self.attitude_noise,
             Wrench(believed.mass * believed.gravity, 0.0, 0.0, 0.0),
+            None if attitude is None else LoopAxisTerms(*attitude.terms(self.period)),
+            None if self.rate_terms is None else LoopAxisTerms(*self.rate_terms.terms(self.period)),
+            None if bandwidth is None else butterworth(bandwidth, self.period),
+            None if self.max_rates is None else BodyRates(*self.max_rates),
+            self.yaw_weight if heeds_attitude else None,
         )
         return {"autopilot": Recipe(autopilot.AttitudeAutopilot, structure, numbers)}
 
+    @model_validator(mode="after")
+    def _has_one_error(self) -> "AttitudeAutopilotSettings":
+        if self.yaw_weight is not None and self.attitude_terms is not None:
+            raise self.wrong(
+                "must be left out: the loop on the error of the rotation is proportional", "attitude_terms"
+            )
+        return self
+
     def check_fits(self, scenario: Any) -> None:
-        """Raise a validation error if the loops are not faster than the link."""
+        """Raise a validation error if the loops are slower than the link."""
         link = scenario.laboratory.command_link.period
-        if not self.period < link:
-            demand = f"must be shorter than the period of the command link, {link} s"
+        if not self.period <= link:
+            demand = f"must not be longer than the period of the command link, {link} s"
             raise scenario.wrong(demand, "laboratory", "autopilot", "period")

@@ -52,6 +52,10 @@ class Control(Model):
     def check_fits(self, scenario: Any) -> None:
         """Raise a validation error if it does not fit the other parts of its `Scenario`."""
 
+    def loop_period(self, tick: float) -> float:
+        """Return the period after which its loops do the same again, s, given the period of the control."""
+        return tick
+
     def commands_rates_alone(self) -> bool:
         """Return whether targets for an autopilot have body rates without an attitude."""
         return False

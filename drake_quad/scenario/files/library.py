@@ -172,7 +172,7 @@ def _parse_trajectory(text: str, path: Path) -> Tree:
 
 
 def located(spec: str) -> tuple[Path, str | None]:
-    """Return the path of a file, and the name in it if one is given, of what is in the working directory or is shipped.
+    """Return the path of a file in the working directory or of a shipped one, and the name in it if one is given.
 
     Raises:
         InputError: it has no suffix, and is neither a file nor shipped; or it describes a robot in another format.

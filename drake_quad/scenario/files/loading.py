@@ -107,7 +107,7 @@ control:
 """
 
 
-def load_undesigned(spec: str | Path, overrides: Overrides = ()) -> Scenario:
+def load_undesigned(spec: str | Path, overrides: Overrides = (), *, layers: Sequence[str | Path] = ()) -> Scenario:
     """Load a scenario for the design of its gains, such as a vehicle without route and control.
 
     The default route is the paper's figure eight, and the default position controller is a PD with feed-forward. If the
@@ -116,11 +116,12 @@ def load_undesigned(spec: str | Path, overrides: Overrides = ()) -> Scenario:
     Args:
         spec: FILE, or FILE:NAME if the file contains several scenarios.
         overrides: overrides for `load_scenario`.
+        layers: layers for `load_scenario`.
 
     Raises:
         InputError: an error of `load_scenario`.
     """
-    return validated(Scenario, _on_board(_loaded(spec, overrides, beneath=_UNDESIGNED)))
+    return validated(Scenario, _on_board(_loaded(spec, overrides, layers, beneath=_UNDESIGNED)))
 
 
 def _on_board(tree: Tree) -> Tree:

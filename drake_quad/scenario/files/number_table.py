@@ -20,7 +20,7 @@ class TableFormat(NamedTuple):
     """Format of a table.
 
     Attributes:
-        content: what the rows are, as in "waypoints".
+        content: name of the rows, as in "waypoints".
         columns: names of the columns that a table may have.
         description: the same names in words.
         required: columns that a table must have.

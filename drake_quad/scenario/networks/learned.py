@@ -50,5 +50,5 @@ class LearnedNetwork(Model):
 
 
 def or_file(schema: dict[str, Any]) -> None:
-    """Tell editors that the name of a file stands for what is in it; loading puts that in its place."""
+    """Add to a schema that the name of a file may stand for its content, which loading inserts."""
     schema["anyOf"].insert(0, {"type": "string"})

@@ -198,7 +198,7 @@ def draw_fan(meshcat: Meshcat, path: str, jet: Jet, reach: float) -> None:
     meshcat.SetTransform(f"{path}/housing", RigidTransform([0.0, 0.0, -0.5 * _FAN_DEPTH]))
     lengths = np.linspace(0.0, reach, 9)
     x, y, z = _revolved(lengths, np.maximum(0.5 * jet.diameter, SPREAD * lengths))
-    meshcat.PlotSurface(f"{path}/jet", x, y, z, rgba(SKY, 0.07))
+    meshcat.PlotSurface(f"{path}/jet", x, y, z, rgba(SKY, 0.13))
     # A jet hides nothing: else trails within it, and those behind it, are not drawn where it is drawn first.
     meshcat.SetProperty(f"{path}/jet/<object>", "material.depthWrite", False)
 

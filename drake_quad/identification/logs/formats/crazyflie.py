@@ -19,9 +19,11 @@ import numpy as np
 
 from drake_quad.errors import InputError, shown
 from drake_quad.identification.logs.conversion import Table
+from drake_quad.identification.logs.formats.log_format import FORMATS, LogContent, LogFormat, NamedMapping
+from drake_quad.identification.logs.mapping import load_mapping
 from drake_quad.identification.logs.source import LogFile
 
-FIRST_BYTE = 0xBC
+_FIRST_BYTE = 0xBC
 _TYPES = {letter: f"<{letter}" for letter in "bBhHiIqQefd"}
 # Of the time: type and seconds per unit, by version.
 _CLOCKS = {1: ("<u4", 1e-3), 2: ("<u8", 1e-6)}
@@ -81,16 +83,13 @@ class _Header:
         return InputError(f"{self._log.mark}: is cut: the head of a Crazyflie's log is not whole")
 
 
-def crazyflie_tables(log: LogFile) -> tuple[list[Table], list[str]]:
-    """Reads the variables of each event type.
+def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
+    """Read the variables of each event type.
 
     Variables whose names have no dot are those of the event itself and have its name before them.
 
-    Returns:
-        The tables, and remarks on what was lost.
-
     Raises:
-        InputError: the log is of another version, its head is damaged, or nothing of it is whole.
+        InputError: if the log has another version, its head is damaged, or none of its records is whole.
     """
     header = _Header(log)
     version = header.number()
@@ -116,7 +115,7 @@ def crazyflie_tables(log: LogFile) -> tuple[list[Table], list[str]]:
             f"{log.mark}: holds no whole record of {' or '.join(kind.name for kind in kinds.values())}"
             + "".join(f"; {remark}" for remark in remarks)
         )
-    return tables, remarks
+    return LogContent(tables, given or load_mapping("crazyflie"), remarks)
 
 
 def _kind(header: _Header, log: LogFile, name: str, clock: str) -> _Kind:
@@ -236,3 +235,12 @@ def _unpacked(packed: np.ndarray) -> dict[str, np.ndarray]:
     square = np.maximum(0.0, 1.0 - (parts**2).sum(axis=1))
     parts[np.arange(len(packed)), largest] = np.sqrt(square)
     return {f"{_PACKED}.{axis}": column for axis, column in zip("xyzw", parts.T, strict=True)}
+
+
+FORMATS.append(
+    LogFormat(
+        "a Crazyflie's SD card log",
+        lambda log: log.data.startswith(bytes([_FIRST_BYTE])),
+        _read,
+    )
+)

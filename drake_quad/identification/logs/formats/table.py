@@ -3,13 +3,12 @@
 import csv
 import io
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.errors import InputError, listed, shown
+from drake_quad.errors import InputError, shown
 from drake_quad.identification.logs.conversion import Table
-from drake_quad.identification.logs.mapping import Mapping, load_mapping, shipped_mappings
+from drake_quad.identification.logs.formats.log_format import LogContent, NamedMapping, best_mapping
 from drake_quad.identification.logs.record import COLUMNS
 from drake_quad.identification.logs.source import LogFile
 from drake_quad.identification.logs.units import UNITS
@@ -18,28 +17,15 @@ from drake_quad.written_numbers import float_in
 # Of a CSV file: its cells take ten times as much memory.
 MOST_BYTES = 50_000_000
 _MOST_COLUMNS = 10_000
-# Mappings that are tried where none is given.
-_AUTOMATIC = ("flight", "neural_fly", "crazyflow", "px4")
 _BRACKETS = str.maketrans("[](),;", "      ")
 
 
-class TableFile(NamedTuple):
-    """A CSV log of which a mapping knows the columns.
-
-    Attributes:
-        table: the columns that the mapping chooses.
-        mapping: that fits.
-        names: of all columns.
-        remarks: on which mapping it was, and what is lost.
-    """
-
-    table: Table
-    mapping: Mapping
-    names: tuple[str, ...]
-    remarks: tuple[str, ...]
+def is_text(log: LogFile) -> bool:
+    """Return whether a file begins with a line of text."""
+    return bool(_text_end(log.data))
 
 
-def read_table_file(log: LogFile, given: tuple[str, Mapping] | None) -> TableFile:
+def read_table(log: LogFile, given: NamedMapping | None) -> LogContent:
     """Read the columns of a CSV file that a mapping selects.
 
     Args:
@@ -47,10 +33,10 @@ def read_table_file(log: LogFile, given: tuple[str, Mapping] | None) -> TableFil
         given: name and mapping; if None, the shipped mapping that knows most of the columns.
 
     Raises:
-        InputError: if the file is not text, no mapping fits, or a cell is not a number.
+        InputError: if the file is too large, no mapping fits, or a cell is not a number.
     """
     text, cut = _text(log)
-    name, mapping, names = _fitting(log, text, given)
+    (name, mapping), names = best_mapping(log, given, lambda mapping: _header(log, text, mapping.delimiter))
     header, rows, lines, lost = _rows(log, text, mapping.delimiter)
     chosen = mapping.chosen(set(names))
     widths = {
@@ -64,8 +50,12 @@ def read_table_file(log: LogFile, given: tuple[str, Mapping] | None) -> TableFil
         for each in sorted(wanted)
     }
     time = columns.pop(mapping.time.column) * UNITS["s"][mapping.time.unit].scale
-    remarks = (*log.remarks, *cut, f"the mapping is {name}: {mapping.description}".removesuffix(": "), *lost)
-    return TableFile(Table("", time, columns), mapping, tuple(each for each in names if each), remarks)
+    return LogContent(
+        [Table("", time, columns)],
+        (name, mapping),
+        (*log.remarks, *cut, *lost),
+        tuple(each for each in names if each),
+    )
 
 
 def _text(log: LogFile) -> tuple[str, list[str]]:
@@ -73,52 +63,19 @@ def _text(log: LogFile) -> tuple[str, list[str]]:
     data = log.data
     if len(data) > MOST_BYTES:
         raise InputError(f"{log.mark}: is too large: a CSV file may have {MOST_BYTES:,} bytes")
+    end = _text_end(data)
+    lost = [] if end == len(data) else [log.unread(end, "no line of text")]
+    return data[:end].decode("utf-8-sig"), lost
+
+
+def _text_end(data: bytes) -> int:
+    """Return the number of bytes of the lines before the first byte that is not text."""
     end = len(data) if (null := data.find(b"\0")) < 0 else null
     try:
         data[:end].decode("utf-8")
     except UnicodeDecodeError as error:
         end = error.start
-    if end < len(data):
-        end = 1 + max(data.rfind(b"\n", 0, end), data.rfind(b"\r", 0, end))
-    if not end:
-        raise InputError(
-            f"{log.mark}: is none of the logs that can be read: a Crazyflie's, which begins with the byte 0xBC, PX4's"
-            " ULog, and CSV"
-        )
-    lost = [] if end == len(data) else [log.unread(end, "no line of text")]
-    return data[:end].decode("utf-8-sig"), lost
-
-
-def _fitting(log: LogFile, text: str, given: tuple[str, Mapping] | None) -> tuple[str, Mapping, list[str]]:
-    """Name and mapping, and the names of the columns."""
-    candidates = [given] if given else [load_mapping(name) for name in _AUTOMATIC]
-    fitting = []
-    for name, mapping in candidates:
-        names = _header(log, text, mapping.delimiter)
-        if mapping.time is not None and mapping.fits(set(names)):
-            known = {each for source in mapping.chosen(set(names)).values() for each in source.names}
-            fitting.append((len(known), name, mapping, names))
-    if fitting:
-        _, name, mapping, names = max(fitting, key=lambda each: each[0])
-        return name, mapping, names
-    if given is None:
-        columns = listed([shown(each) for each in _header(log, text, ",")], 12)
-        raise InputError(
-            f"{log.mark}: none of the shipped mappings ({', '.join(shipped_mappings())}) fits its columns, {columns};"
-            " the how-to on identification shows how to write one"
-        )
-    raise InputError(f"{log.mark}: {_misfit(*given, _header(log, text, given[1].delimiter))}")
-
-
-def _misfit(name: str, mapping: Mapping, names: list[str]) -> str:
-    """Why a mapping does not fit."""
-    if mapping.time is None:
-        return f"the mapping {name} has no time, which a CSV file needs"
-    missing = sorted(mapping.names - set(names))
-    columns = listed([shown(each) for each in names], 12)
-    return (
-        f"does not fit the mapping {name}: there is no {listed([shown(each) for each in missing], 4)}; it has {columns}"
-    )
+    return end if end == len(data) else 1 + max(data.rfind(b"\n", 0, end), data.rfind(b"\r", 0, end))
 
 
 def _header(log: LogFile, text: str, delimiter: str) -> list[str]:

@@ -6,9 +6,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drake_quad.errors import InputError, shortened
+from drake_quad.errors import InputError
 from drake_quad.identification.logs.conversion import Table
-from drake_quad.identification.logs.mapping import Mapping
+from drake_quad.identification.logs.formats.log_format import (
+    FORMATS,
+    LogContent,
+    LogFormat,
+    NamedMapping,
+    library,
+    read_by_library,
+)
+from drake_quad.identification.logs.mapping import load_mapping
 from drake_quad.identification.logs.px4_status import (
     STATUS_TOPICS,
     other_vehicle,
@@ -44,42 +52,30 @@ class _Bounded(io.BytesIO):
         return super().read(size)
 
 
-class ULogTables(NamedTuple):
-    """What was read of a ULog.
-
-    Attributes:
-        tables: its topics.
-        remarks: on dropouts and damage.
-        rotors: number of each of PX4's four rotors, as a record counts them; None if its parameters do not say it.
-    """
-
-    tables: list[Table]
-    remarks: list[str]
-    rotors: tuple[int, ...] | None
-
-
-def ulog_tables(log: LogFile, mapping: Mapping, *, any_vehicle: bool = False) -> ULogTables:
+def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
     """Read the first instance of the topics that a mapping knows.
 
     Fields are named as in `vehicle_attitude.q[0]`. The time of a measurement is its `timestamp_sample` if the log has
     it, and its `timestamp` otherwise. Positions and velocities that the log declares invalid become NaN. Motor pulses
-    are scaled from the range in the parameters to 1000 to 2000 µs.
+    are scaled from the range in the parameters to 1000 to 2000 µs. The default mapping counts the rotors as the
+    parameters of the log do.
 
     Args:
         log: content of the file.
-        mapping: mapping from fields of topics to signals.
-        any_vehicle: True to accept a log of another vehicle than a quadrotor with a remark, False to reject it.
+        given: name and mapping of the fields to signals. Without it, the log of another vehicle than a quadrotor is
+            rejected; with it, such a log has a remark.
 
     Raises:
-        InputError: pyulog is not installed or cannot read the log, or the log is not that of a quadrotor.
+        InputError: if pyulog is not installed or cannot read the log, or the log is not that of a quadrotor.
     """
+    name, mapping = given or load_mapping("px4")
     topics = {name.partition(".")[0] for name in mapping.names}
     chain = _chain_of(log)
     remarks = [*log.remarks, *chain.remarks]
     try:
-        read = _read(log, log.data[: log.written if chain.goes_on else chain.end], topics)
+        read = _parsed(log, log.data[: log.written if chain.goes_on else chain.end], topics)
     except InputError:
-        read = _read(log, log.data[: chain.end], topics) if chain.goes_on else None
+        read = _parsed(log, log.data[: chain.end], topics) if chain.goes_on else None
         if read is None or not read.data_list:
             raise
         remarks.append(log.unread(chain.end, "pyulog cannot continue there"))
@@ -89,7 +85,7 @@ def ulog_tables(log: LogFile, mapping: Mapping, *, any_vehicle: bool = False) ->
     first = {topic.name: topic.data for topic in read.data_list if topic.multi_id == 0 and "timestamp" in topic.data}
     parameters = read.initial_parameters
     other = other_vehicle(parameters, first.get("vehicle_status"))
-    if other and not any_vehicle:
+    if other and given is None:
         raise InputError(f"{log.mark}: is the log of {other}, and not of a quadrotor; give a mapping to read it anyway")
     mapped = {name: data for name, data in first.items() if name in topics}
     if not mapped:
@@ -97,17 +93,37 @@ def ulog_tables(log: LogFile, mapping: Mapping, *, any_vehicle: bool = False) ->
     start = min(int(data["timestamp"][0]) for data in mapped.values())
     remarks += [*([f"the log is of {other}"] if other else []), *_dropouts(read), *status_remarks(first, start)]
     tables = []
-    for name, data in mapped.items():
-        if name == "actuator_outputs":
+    for topic, data in mapped.items():
+        if topic == "actuator_outputs":
             try:
                 mapped_data, said = with_pulses_of_motors(data, parameters)
             except InputError as error:
                 raise InputError(f"{log.mark}: {error}") from None
             remarks += said if "actuator_motors" not in mapped else ()  # that topic takes precedence over the pulses
         else:
-            mapped_data = with_invalid_left_out(name, data)
-        tables.append(_table(name, mapped_data, start))
-    return ULogTables(tables, remarks, _rotors(parameters))
+            mapped_data = with_invalid_left_out(topic, data)
+        tables.append(_table(topic, mapped_data, start))
+    if name == "px4":
+        rotors = _rotors(parameters)
+        mapping = mapping if rotors is None else mapping.with_rotors(rotors)
+        order = ", ".join(map(str, mapping.rotors or ()))
+        source = (
+            "assumed, those of its quad-x: the log has no CA_ROTOR0_PX and so on that say where they are"
+            if rotors is None
+            else "by the places in CA_ROTOR0_PX and so on"
+        )
+        remarks.append(f"PX4's rotors 1 to 4 are our {order}, {source}")
+    return LogContent(tables, (name, mapping), remarks)
+
+
+def ulog_parameters(log: LogFile) -> dict[str, Any]:
+    """Return the parameters at the start of a log, by name.
+
+    Raises:
+        InputError: pyulog is not installed or cannot read the log.
+    """
+    parameters: dict[str, Any] = _parsed(log, log.data[: _chain_of(log).end], set()).initial_parameters
+    return parameters
 
 
 class _Chain(NamedTuple):
@@ -151,24 +167,21 @@ def _chain_of(log: LogFile) -> _Chain:
     )
 
 
-def _read(log: LogFile, data: bytes, topics: set[str]) -> Any:
+def _parsed(log: LogFile, data: bytes, topics: set[str]) -> Any:
     """Read some topics with pyulog.
 
     Raises:
-        InputError: pyulog is not installed, or cannot read the data.
+        InputError: if pyulog is not installed, or cannot read the data.
     """
-    try:
-        from pyulog import ULog
-    except ImportError:
-        raise InputError(f"{log.mark}: a ULog is read by pyulog: pip install 'drake_quad[ulog]'") from None
-    try:
+    pyulog = library(log, "pyulog", "ulog")
+
+    def read() -> Any:
         # The output of pyulog is hidden, since remarks contain the same information.
         with without_prints():
-            _check_fields(ULog(_Bounded(data), parse_header_only=True).message_formats)
-            return ULog(_Bounded(data), sorted(topics.union(STATUS_TOPICS)))
-    except Exception as error:  # of a damaged log pyulog raises whatever its lines meet
-        reason = shortened(str(error) or type(error).__name__)
-        raise InputError(f"{log.mark}: is a ULog that cannot be read: {reason}") from None
+            _check_fields(pyulog.ULog(_Bounded(data), parse_header_only=True).message_formats)
+            return pyulog.ULog(_Bounded(data), sorted(topics.union(STATUS_TOPICS)))
+
+    return read_by_library(log, "a ULog", read)
 
 
 def _rotors(parameters: collections.abc.Mapping[str, Any]) -> tuple[int, ...] | None:
@@ -227,3 +240,6 @@ def _dropouts(read: Any) -> list[str]:
         f"{len(lengths)} dropout{'s' if len(lengths) > 1 else ''} of the logger, {lengths.sum():.3g} s in all, the"
         f" longest of {lengths.max():.3g} s"
     ]
+
+
+FORMATS.append(LogFormat("PX4's ULog", lambda log: log.data.startswith(MAGIC), _read))

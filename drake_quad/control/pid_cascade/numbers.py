@@ -1,0 +1,131 @@
+"""Numbers and state of cascades of PIDs, and their loops on three axes."""
+
+from typing import Annotated, NamedTuple
+
+from drake_quad.geometry.axes import Vector
+from drake_quad.geometry.per_axis import PerAxis
+from drake_quad.pid.loop import Memory, Terms, pid
+from drake_quad.signals import ForceB, Number, Quantity, Row, Time, VelocityW
+
+
+class PidLoopGains(NamedTuple):
+    """Gains of a loop.
+
+    Attributes:
+        k_p: proportional gains.
+        terms: further terms on each axis; None for a proportional loop.
+    """
+
+    k_p: PerAxis
+    terms: tuple[Terms, Terms, Terms] | None = None
+
+
+class TiltNumbers(NamedTuple):
+    """Thrust of a cascade that commands roll and pitch.
+
+    Attributes:
+        hover_thrust: thrust without an error of the velocity.
+        min_thrust: least thrust.
+        max_thrust: largest thrust.
+    """
+
+    hover_thrust: ForceB
+    min_thrust: ForceB
+    max_thrust: ForceB
+
+
+class AccelerationNumbers(NamedTuple):
+    """Feed-forward and limits of a cascade that commands an acceleration.
+
+    Attributes:
+        feed_forward: share of the reference's acceleration that is added.
+        max_speed: largest horizontal velocity that is commanded.
+        max_ascent: largest velocity upwards.
+        max_descent: largest velocity downwards.
+        slope: tangent of the largest tilt.
+        min_thrust: least thrust.
+        max_thrust: largest thrust.
+        horizontal_margin: horizontal thrust that is kept where the vertical thrust asks for all.
+    """
+
+    feed_forward: Number
+    max_speed: VelocityW
+    max_ascent: VelocityW
+    max_descent: VelocityW
+    slope: Number
+    min_thrust: ForceB
+    max_thrust: ForceB
+    horizontal_margin: ForceB
+
+
+class CascadeNumbers(NamedTuple):
+    """Numbers of a cascade of PIDs.
+
+    Attributes:
+        position: gains of the position loop, from m to m/s.
+        velocity: gains of the velocity loop, from m/s to m/s², or to rad along the two axes of a tilt.
+        velocity_feed_forward: share of the reference's velocity that is added to the commanded one.
+        mass: believed.
+        gravity: believed g.
+        command: numbers of the law of the velocity loop; their type selects the law.
+    """
+
+    position: PidLoopGains
+    velocity: PidLoopGains
+    velocity_feed_forward: Number
+    mass: Annotated[Row, Quantity("kg")]
+    gravity: Annotated[Row, Quantity("m/s²")]
+    command: TiltNumbers | AccelerationNumbers
+
+
+class CascadeRules(NamedTuple):
+    """Variants of the laws.
+
+    Attributes:
+        position_integrates_first: True if the integral of the position loop has the error of its own tick.
+        velocity_integrates_first: the same for the velocity loop, if it commands a tilt.
+        decouples_vertical: True if the commanded vertical acceleration does not change the tilt.
+    """
+
+    position_integrates_first: bool = False
+    velocity_integrates_first: bool = False
+    decouples_vertical: bool = True
+
+
+Memories = tuple[Memory, Memory, Memory]
+
+
+class CascadeMemory(NamedTuple):
+    """State of both loops."""
+
+    position: Memories
+    velocity: Memories
+
+
+def _memories(gains: PidLoopGains) -> Memories:
+    first, second, third = (Memory.of(terms) for terms in gains.terms or (None, None, None))
+    return first, second, third
+
+
+def empty_memory(numbers: CascadeNumbers) -> CascadeMemory:
+    """Return the state before the first tick."""
+    return CascadeMemory(_memories(numbers.position), _memories(numbers.velocity))
+
+
+def stepped(
+    setpoint: Vector, measured: Vector, gains: PidLoopGains, memories: Memories, period: Time, integrates_first: bool
+) -> tuple[Vector, Memories]:
+    """Return the outputs of a loop on three axes, and its state.
+
+    Args:
+        setpoint: setpoints.
+        measured: measurements.
+        gains: gains of the loop.
+        memories: state of the loop.
+        period: of the loop, s.
+        integrates_first: True if the output has the integral with the error of its own tick.
+    """
+    terms = gains.terms or (None, None, None)
+    axes = zip(setpoint, measured, gains.k_p, terms, memories, strict=True)
+    (x, first), (y, second), (z, third) = (pid(*axis, period, integrates_first=integrates_first) for axis in axes)
+    return Vector(x, y, z), (first, second, third)

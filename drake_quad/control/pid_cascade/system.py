@@ -1,0 +1,152 @@
+"""The system of a cascade of PIDs, whose loops may be slower than the control."""
+
+from typing import Any, NamedTuple
+
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from drake_quad.control.pid_cascade.acceleration import acceleration_target
+from drake_quad.control.pid_cascade.numbers import (
+    CascadeMemory,
+    CascadeNumbers,
+    CascadeRules,
+    TiltNumbers,
+    empty_memory,
+)
+from drake_quad.control.pid_cascade.tilt import tilt_target
+from drake_quad.framework.elementary import where
+from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.framework.records import layout_of
+from drake_quad.framework.wiring import build
+from drake_quad.geometry.axes import BodyAxes, times
+from drake_quad.signals import Acceleration, AttitudeTarget, Number, Reference, State, Time
+
+
+class Held(NamedTuple):
+    """State of a cascade.
+
+    Attributes:
+        ticks: ticks since the target was computed; None if it is computed at every tick.
+        target: target that is held until the next; None likewise.
+        memory: state of the loops.
+    """
+
+    ticks: Number | None
+    target: AttitudeTarget | None
+    memory: CascadeMemory
+
+
+def first_held(numbers: CascadeNumbers, num_ticks: int) -> Held:
+    """Return the state before the first tick."""
+    if num_ticks == 1:
+        return Held(None, None, empty_memory(numbers))
+    target = AttitudeTarget(numbers.mass * numbers.gravity, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return Held(0.0, target, empty_memory(numbers))
+
+
+def cascade_after(
+    m: State,
+    r: Reference,
+    numbers: CascadeNumbers,
+    held: Held | None,
+    tick: Time,
+    num_ticks: int,
+    rules: CascadeRules,
+) -> tuple[AttitudeTarget, Held]:
+    """Return the target of a tick, and the state after it.
+
+    Args:
+        m: measured state.
+        r: reference.
+        numbers: numbers of the cascade.
+        held: state before the tick; None if there is nothing to remember.
+        tick: period of the control, s.
+        num_ticks: ticks from one computation of the loops to the next.
+        rules: variants of the laws.
+    """
+    memory = empty_memory(numbers) if held is None else held.memory
+    tilts = isinstance(numbers.command, TiltNumbers)
+    law = tilt_target if tilts else acceleration_target
+    target, after = law(m, r, numbers, memory, num_ticks * tick, rules)
+    if held is None or held.ticks is None or held.target is None:
+        return target, Held(None, None, after)
+    due = held.ticks < 0.5
+    target, after = where(due, (target, after), (held.target, memory))
+    if tilts:
+        target = target._replace(yaw=r.yaw)
+    ticks = where(held.ticks > num_ticks - 1.5, 0.0, held.ticks + 1.0)
+    return target, Held(ticks, target, after)
+
+
+def _target(*reads: Any) -> AttitudeTarget:
+    target, _ = cascade_after(*reads)
+    return target
+
+
+def _acceleration(*reads: Any) -> Acceleration:
+    _, _, numbers, *_ = reads
+    thrust, roll, pitch, yaw, *_ = _target(*reads)
+    x, y, z = times(thrust / numbers.mass, BodyAxes.of(roll, pitch, yaw).z)
+    return Acceleration(x, y, z - numbers.gravity)
+
+
+def _after(*reads: Any) -> Held:
+    _, held = cascade_after(*reads)
+    return held
+
+
+@fleet_system(float, AutoDiffXd)
+class PidCascade(FleetSystem):
+    """PIDs on position and velocity, which command an attitude on board.
+
+    .. pydrake_system::
+
+        name: PidCascade
+        input_ports:
+        - measurement
+        - reference
+        output_ports:
+        - attitude_target
+        - acceleration_command
+
+    A loop of the position turns its error into a velocity, and a loop of the velocity turns the error of that into an
+    attitude and a thrust, by the law of `drake_quad.control.pid_cascade.tilt` or that of
+    `drake_quad.control.pid_cascade.acceleration`. The loops of attitude and body rates are on board. The
+    `acceleration_command` is that of the believed vehicle with the commanded attitude and thrust.
+
+    The loops are computed at every `num_ticks`-th tick of the control. Between these ticks the `attitude_target` is
+    held, except that the yaw beside a commanded tilt is always that of the reference.
+
+    The state `held` is there if anything is remembered. The only parameter of the context is `numbers`.
+
+    Args:
+        num_vehicles: N.
+        tick: period of the control, s.
+        num_ticks: ticks from one computation of the loops to the next.
+        rules: variants of the laws.
+        numbers: gains, limits, and believed numbers of the vehicle.
+    """
+
+    def declare(
+        self, *, tick: float = 0.02, num_ticks: int = 1, rules: CascadeRules = CascadeRules(), numbers: CascadeNumbers
+    ) -> None:
+        """Declare ports, state and parameters."""
+        parameter = self.parameter("numbers", lambda numbers: numbers)
+        held = None
+        if layout_of(Held, first_held(numbers, num_ticks)).num_rows:
+            held = self.state("held", lambda numbers: first_held(numbers, num_ticks))
+        reads = self.input("measurement"), self.input("reference"), parameter, held, tick, num_ticks, rules
+        if held is not None:
+            self.update(tick, _after, *reads, writes=[held])
+        self.output("attitude_target", _target, *reads)
+        self.output("acceleration_command", _acceleration, *reads)
+
+
+def build_pid_cascade(cascade: Any) -> Diagram:
+    """Return the diagram `control` with a `PidCascade`."""
+    builder = DiagramBuilder()
+    builder.AddNamedSystem("cascade", cascade)
+    for name in ("measurement", "reference"):
+        builder.ExportInput(cascade.GetInputPort(name), name)
+    for name in ("attitude_target", "acceleration_command"):
+        builder.ExportOutput(cascade.GetOutputPort(name), name)
+    return build(builder, "control")

@@ -1,0 +1,1 @@
+"""Controllers of flight-controller firmware, from the parameters of a vehicle."""

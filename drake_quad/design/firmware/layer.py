@@ -1,0 +1,33 @@
+"""The layer of a scenario with the controller of a firmware."""
+
+from typing import Any
+
+from drake_quad.design.firmware.crazyflie import crazyflie_layer
+from drake_quad.design.firmware.parameters import Firmware, FirmwareParameters
+from drake_quad.design.firmware.px4 import px4_layer
+from drake_quad.planning.believed import nominal_parameters
+from drake_quad.scenario.models import Scenario
+
+FIRMWARE: dict[Firmware, str] = {
+    "crazyflie": "the PID controller of the Crazyflie's firmware, 2025.12",
+    "px4": "the multicopter controllers of PX4, 1.15",
+}
+"""Description of the controller of each firmware."""
+
+_DIGITS = 8
+
+
+def firmware_layer(parameters: FirmwareParameters, scenario: Scenario) -> dict[str, Any]:
+    """Return the layer with the controller of a firmware on the nominal vehicle of a scenario."""
+    believed = nominal_parameters(scenario)
+    make = px4_layer if parameters.firmware == "px4" else crazyflie_layer
+    return _rounded(make(parameters.values, believed))
+
+
+def _rounded(value: Any) -> Any:
+    """Return the value with numbers rounded to eight digits, more than the single precision of a firmware."""
+    if isinstance(value, dict):
+        return {name: _rounded(each) for name, each in value.items()}
+    if isinstance(value, list):
+        return [_rounded(each) for each in value]
+    return float(f"{value:.{_DIGITS}g}") if isinstance(value, float) else value

@@ -1,0 +1,117 @@
+"""Files with the parameters of a vehicle, as tools of PX4 and of the Crazyflie write them."""
+
+import functools
+import math
+import re
+from collections.abc import Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from drake_quad.errors import InputError
+from drake_quad.identification.logs.formats.ulog import MAGIC, ulog_parameters
+from drake_quad.identification.logs.source import read_file
+
+Firmware = Literal["crazyflie", "px4"]
+
+# A name and a number, in the columns of QGroundControl or beside each other.
+_LINE = re.compile(r"(?:^|[\s,])([A-Za-z]\w*(?:\.\w+)?)[\s:=,]+([-+]?(?:\.?\d|nan|inf)[^\s,]*)")
+_NAMES = {"crazyflie": "posCtlPid, velCtlPid, pid_attitude and pid_rate", "px4": "MPC_* and MC_*"}
+
+
+class FirmwareParameters(NamedTuple):
+    """Parameters of the controllers of a vehicle.
+
+    Attributes:
+        firmware: firmware that they belong to.
+        values: values of all parameters that the controllers have, by name.
+        missing: names of those that the file does not have; their values are the defaults of the firmware.
+    """
+
+    firmware: Firmware
+    values: Mapping[str, float]
+    missing: tuple[str, ...]
+
+
+def defaults_of(firmware: Firmware) -> FirmwareParameters:
+    """Return the defaults of a firmware."""
+    return FirmwareParameters(firmware, _defaults(firmware), ())
+
+
+def read_parameters(path: Path) -> FirmwareParameters:
+    """Read the parameters of a vehicle.
+
+    The file is a ULog or a parameter file of QGroundControl (PX4), a YAML file of the Crazyflie's client or of cflib,
+    or a text of lines with a name and a number.
+
+    Args:
+        path: path of the file.
+
+    Raises:
+        InputError: if the file cannot be read, or has no parameter of either firmware.
+    """
+    log = read_file(path)
+    if log.data.startswith(MAGIC):
+        found = {name: float(value) for name, value in ulog_parameters(log).items()}
+    else:
+        found = _in_text(path, log.data)
+    for firmware in ("px4", "crazyflie"):
+        known: dict[str, float] = _defaults(firmware)
+        given = {name: found[name] for name in known if name in found}
+        for name, value in given.items():
+            if not 0.0 <= value < math.inf:
+                raise InputError(f"{path}: {name} is {value}, but must be a finite number that is not negative")
+        if given:
+            if given.get("MPC_THR_HOVER") == 0.0:
+                raise InputError(f"{path}: MPC_THR_HOVER is 0, but must be larger: it is the thrust in hover")
+            missing = tuple([name for name in known if name not in given])
+            return FirmwareParameters(firmware, known | given, missing)
+    wanted = " nor ".join(_NAMES.values())
+    raise InputError(f"{path}: has neither {wanted}: it is no parameter file of PX4 or of a Crazyflie")
+
+
+@functools.cache
+def _defaults(firmware: str) -> dict[str, float]:
+    text = files(__package__).joinpath(f"{firmware}.yaml").read_text(encoding="utf-8")
+    return {name: float(value) for name, value in YAML(typ="safe").load(text).items()}
+
+
+def _in_text(path: Path, data: bytes) -> dict[str, float]:
+    """Return the numbers in a YAML file of cflib, or in lines of text, by name."""
+    try:
+        text = data.decode("utf-8")
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is neither a text nor a ULog") from None
+    if "persistent_param_state" in text:
+        return _in_client_file(path, text)
+    pairs = (match.groups() for line in text.splitlines() if (match := _LINE.search(line.partition("#")[0])))
+    return {name: number for name, written in pairs if (number := _number(written)) is not None}
+
+
+def _in_client_file(path: Path, text: str) -> dict[str, float]:
+    try:
+        tree: Any = YAML(typ="safe").load(text)
+    except YAMLError as error:
+        raise InputError(f"{path}: is no YAML: {str(error).splitlines()[0]}") from None
+    states = tree.get("params") if isinstance(tree, dict) else None
+    if not isinstance(states, dict):
+        raise InputError(f"{path}: has no `params`, which a file of the Crazyflie's client has")
+    values = {}
+    for name, state in states.items():
+        if isinstance(state, dict):
+            state = state.get("stored_value" if state.get("is_stored") else "default_value")
+        number = _number(str(state))
+        if number is None:
+            raise InputError(f"{path}: params.{name} is {state!r}, but must be a number")
+        values[str(name)] = number
+    return values
+
+
+def _number(written: str) -> float | None:
+    try:
+        return float(written)
+    except ValueError:
+        return None

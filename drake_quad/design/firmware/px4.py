@@ -1,0 +1,138 @@
+"""PX4's multicopter controllers in the scenario language.
+
+PX4 commands thrust and torques between 0 and 1. It takes a rotor's thrust for a linear function of its command, which
+carries the vehicle at MPC_THR_HOVER, and scales torques by what its mixer makes of them
+(`ControlAllocationPseudoInverse`). Here gains have SI units, so that they need the believed vehicle: where its rotors
+are, their drag over their thrust, its mass and its moments of inertia.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from drake_quad.vehicle.parameters import QuadrotorParameters
+
+# Horizontal integrals of the velocity loop have no limit but the anti-windup; this one is never reached, m/s².
+_NO_LIMIT = 1000.0
+# Error of the body rate from which on the rate loop does not integrate (rate_control.cpp), rad/s.
+_INTEGRAL_FADE = math.radians(400.0)
+_AXES = ("ROLL", "PITCH", "YAW")
+_INTEGRAL_LIMITS = ("MC_RR_INT_LIM", "MC_PR_INT_LIM", "MC_YR_INT_LIM")
+# Longest period that the fastest loop on board may have, s: the laboratory's grids are it over powers of two.
+_LINK_PERIOD = 0.02
+# Standard gravity in PX4 (CONSTANTS_ONE_G), m/s².
+_GRAVITY = 9.80665
+
+
+def torque_units(believed: QuadrotorParameters, hover_thrust: float) -> tuple[float, float, float]:
+    """Return the torques about x, y, z for a normalised torque of 1, N m.
+
+    The mixer is the pseudo-inverse of what the rotors do, whose columns are scaled: those of roll and pitch by the
+    larger of the two root mean squares times √2, that of yaw by its largest number.
+
+    Args:
+        believed: parameters of the nominal vehicle.
+        hover_thrust: normalised thrust in hover, MPC_THR_HOVER.
+    """
+    effectiveness = np.array(
+        [
+            [rotor.y, -rotor.x, -rotor.direction * rotor.drag_factor / rotor.thrust_factor, 1.0]
+            for rotor in believed.rotors
+        ]
+    ).T
+    mixer = np.linalg.pinv(effectiveness)
+    tilting = float(max(np.sqrt(2.0 * np.mean(np.square(mixer[:, axis]))) for axis in (0, 1)))
+    turning = float(np.max(mixer[:, 2]))
+    rotor_thrust = believed.mass * believed.gravity / (4.0 * hover_thrust)
+    return rotor_thrust / tilting, rotor_thrust / tilting, rotor_thrust / turning
+
+
+def px4_layer(values: Mapping[str, float], believed: QuadrotorParameters) -> dict[str, Any]:
+    """Return a layer of a scenario with PX4's controllers.
+
+    Args:
+        values: parameters of PX4, by name.
+        believed: parameters of the nominal vehicle.
+    """
+
+    def level_and_up(level: str, up: str) -> list[float]:
+        return [values[level], values[level], values[up]]
+
+    velocity: dict[str, Any] = {"k_p": level_and_up("MPC_XY_VEL_P_ACC", "MPC_Z_VEL_P_ACC")}
+    integral = level_and_up("MPC_XY_VEL_I_ACC", "MPC_Z_VEL_I_ACC")
+    if any(integral):
+        velocity |= {"k_i": integral, "integral_limit": [_NO_LIMIT, _NO_LIMIT, _GRAVITY]}
+    derivative = level_and_up("MPC_XY_VEL_D_ACC", "MPC_Z_VEL_D_ACC")
+    if any(derivative):
+        velocity["k_d"] = derivative
+        if values["MPC_VELD_LP"] > 0.0:
+            velocity |= {"derivative_bandwidth": [math.tau * values["MPC_VELD_LP"]] * 3, "derivative_order": 1}
+    hover = values["MPC_THR_HOVER"]
+    return {
+        "control": {
+            "kind": "pid_cascade",
+            "position": {"k_p": level_and_up("MPC_XY_P", "MPC_Z_P")},
+            "velocity": velocity,
+            "velocity_feed_forward": 1.0,
+            "command": {
+                "kind": "acceleration",
+                "feed_forward": 1.0,
+                "max_speed": values["MPC_XY_VEL_MAX"],
+                "max_ascent": values["MPC_Z_VEL_MAX_UP"],
+                "max_descent": values["MPC_Z_VEL_MAX_DN"],
+                "max_tilt": math.radians(values["MPC_TILTMAX_AIR"]),
+                "min_thrust": values["MPC_THR_MIN"] / hover,
+                "max_thrust": values["MPC_THR_MAX"] / hover,
+                "horizontal_margin": values["MPC_THR_XY_MARG"] / hover,
+                "decouples_vertical": bool(values["MPC_ACC_DECOUPLE"]),
+            },
+        },
+        "laboratory": {"autopilot": _autopilot(values, believed)},
+        "vehicle": {"time_step": gyroscope_period(values)},
+    }
+
+
+def gyroscope_period(values: Mapping[str, float]) -> float:
+    """Return the period of the loops on board, s.
+
+    It is that of IMU_GYRO_RATEMAX, or the nearest one that is 20 ms over a power of two.
+    """
+    halvings = round(math.log2(_LINK_PERIOD * values["IMU_GYRO_RATEMAX"])) if values["IMU_GYRO_RATEMAX"] > 0.0 else 3
+    return _LINK_PERIOD / 2.0 ** max(0, halvings)
+
+
+def _autopilot(values: Mapping[str, float], believed: QuadrotorParameters) -> dict[str, Any]:
+    units = torque_units(believed, values["MPC_THR_HOVER"])
+    scales = [unit / moment for unit, moment in zip(units, believed.inertia, strict=True)]
+
+    def rates(term: str) -> list[float]:
+        gains = (values[f"MC_{axis}RATE_K"] * values[f"MC_{axis}RATE_{term}"] for axis in _AXES)
+        return [gain * scale for gain, scale in zip(gains, scales, strict=True)]
+
+    terms: dict[str, Any] = {}
+    if any(rates("I")):
+        limits = [values[name] * scale for name, scale in zip(_INTEGRAL_LIMITS, scales, strict=True)]
+        terms |= {"k_i": rates("I"), "integral_limit": limits, "integral_fade": _INTEGRAL_FADE}
+    if any(rates("D")):
+        terms["k_d"] = rates("D")
+        if values["IMU_DGYRO_CUTOFF"] > 0.0:
+            terms |= {"derivative_bandwidth": [math.tau * values["IMU_DGYRO_CUTOFF"]] * 3, "derivative_order": 1}
+    # The gain K is not part of the feed-forward.
+    fed = [values[f"MC_{axis}RATE_FF"] * scale for axis, scale in zip(_AXES, scales, strict=True)]
+    if any(fed):
+        terms["k_ff"] = fed
+    autopilot = {
+        "kind": "attitude",
+        "period": gyroscope_period(values),
+        "k_attitude": [values[f"MC_{axis}_P"] for axis in _AXES],
+        "yaw_weight": values["MC_YAW_WEIGHT"],
+        "max_rates": [math.radians(values[f"MC_{axis}RATE_MAX"]) for axis in _AXES],
+        "k_rate": rates("P"),
+        "rate_terms": terms,
+        "gyroscopic_torque": False,
+    }
+    if values["IMU_GYRO_CUTOFF"] > 0.0:
+        autopilot["gyroscope_bandwidth"] = math.tau * values["IMU_GYRO_CUTOFF"]
+    return autopilot

@@ -1,0 +1,447 @@
+"""Checks of the signals of a log against each other: signs, units, frames and time shifts.
+
+Signals that physics ties together are compared over short windows: the change of position with the mean velocity, that
+of the attitude with the mean body rates, that of the velocity with the specific force and with the tilt, and commands
+with what follows them. Where they disagree, every single fault is tried: a wrong sign, another unit, another frame. The
+fault whose repair makes the log agree best is reported. What then agrees is compared under time shifts.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+
+from drake_quad.identification.logs.attitudes import rotations
+from drake_quad.identification.logs.faults import AXES, GRAVITY, Fault, faults
+
+_GRID_STEP = 0.01  # s; finer samples are averaged
+_MAX_GRID_SIZE = 6_000  # one minute at the finest grid step, in the middle of the log
+_MIN_WINDOWS = 50
+_TRANSLATION_WINDOW = 0.2  # s, long enough to average out the noise of positions
+_ROTATION_WINDOW = 0.1  # s
+_SEARCH_STRIDE = 0.04  # s, between the windows in the search of faults
+_MIN_SPEED = 0.05  # m/s; estimators that do not run log a constant velocity
+_MIN_TILT_COSINE = 0.2  # below it the tangent of the tilt says nothing
+# Values beyond this quantile of a signal's size are clipped to it, since a crash or a landing is not typical.
+_CLIPPED_QUANTILE = 0.9
+_MAX_FAULTS = 3
+# A fault is reported if its repair reduces a disagreement by more than this number plus the remaining one.
+_MIN_IMPROVEMENT = 0.4
+# Preference for a fault on fewer axes.
+_AXIS_COST = 0.05
+# World and body axes hardly differ at small tilts. The other frame is reported if it fits better in most parts of the
+# log, and leaves at most this share of the error. In healthy logs the other frame increases the error.
+_NUM_PARTS = 8
+_MIN_BETTER_PARTS = 6
+_MAX_FRAME_REMAINDER = 0.75
+_MAX_SHIFT = 0.3  # s
+_SHIFTED_AMPLITUDE = 0.1  # SI units; smaller than the threshold of signals whose mean counts
+_MIN_SHIFT = 0.025  # s; filters and radio links of healthy logs shift by up to 20 ms
+_SHIFT_SIGMAS = 4.0
+# A command is compared with the signal that follows it later by up to this time, s.
+_MAX_RESPONSE_TIME = 0.5
+# Two signals whose disagreement is at least this large, and which no single fault explains, contradict each other.
+_CONTRADICTION = 0.85
+_OPPOSITE = 1.2  # disagreement of signals that are opposite rather than independent
+_ROUNDING = 1e-9  # relative amplitude that rounding gives a constant
+_TINY = float(np.finfo(float).tiny)
+
+
+class _Pair(NamedTuple):
+    """Two signals that should be equal.
+
+    Attributes:
+        name: name of the checked signal.
+        other: name of the other side of the comparison, as part of a sentence.
+        expected: (windows, axes) values that follow from the other signals.
+        measured: (windows, axes) values of the signal.
+        threshold: least amplitude of an axis that is compared, in SI units.
+        axes: names of the axes.
+        centred: False if the means count.
+        is_exact: False if the two are equal but for a time or an effect that is not modelled.
+        suspicious: disagreement from which on faults are sought.
+    """
+
+    name: str
+    other: str
+    expected: np.ndarray
+    measured: np.ndarray
+    threshold: float
+    axes: tuple[str, ...]
+    centred: bool = True
+    is_exact: bool = True
+    suspicious: float = _MIN_IMPROVEMENT
+
+    def clipped(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return both sides, without their medians if they are centred, and clipped to their typical size."""
+        sides = []
+        for values in (self.expected, self.measured):
+            deviation = values - np.median(values, axis=0) if self.centred else values
+            most = np.quantile(np.abs(deviation), _CLIPPED_QUANTILE, axis=0)
+            sides.append(np.clip(deviation, -most, most))
+        return sides[0], sides[1]
+
+    def disagreement(self) -> np.ndarray:
+        """Return the disagreement of each axis: 0 for equal values, 1 for independent and 2 for opposite ones."""
+        expected, measured = self.clipped()
+        power = np.mean(expected**2, axis=0) + np.mean(measured**2, axis=0)
+        return np.asarray(np.mean((expected - measured) ** 2, axis=0) / np.maximum(power, _TINY))
+
+    def excited(self, *, factor: float = 1.0) -> np.ndarray:
+        """Return which axes move enough for a comparison, with a multiple of the threshold."""
+        amplitudes = [np.sqrt(np.mean(side**2, axis=0)) for side in self.clipped()]
+        return np.asarray(np.maximum(*amplitudes) > factor * self.threshold)
+
+    def text(self, axis: int) -> str:
+        """Return the disagreement along an axis as part of a sentence."""
+        expected, measured = (side[:, axis] for side in self.clipped())
+        size, other_size = (math.sqrt(float(np.mean(each**2))) for each in (measured, expected))
+        if not self.centred:
+            amounts = f"{float(np.mean(measured)):.3g} instead of {float(np.mean(expected)):.3g} m/s² in the mean"
+        else:
+            correlation = float(np.mean(expected * measured)) / max(size * other_size, _TINY)
+            is_constant = other_size <= _ROUNDING * size
+            ratio = ", which is constant" if is_constant else f", amplitudes {size:.2g} and {other_size:.2g}"
+            amounts = f"correlation {correlation:.2f}{ratio}"
+        return f"{self.other} {'in' if self.axes[axis] in AXES['attitude'] else 'along'} {self.axes[axis]} ({amounts})"
+
+
+class _Grid:
+    """Signals of a log as means over the steps of a regular grid.
+
+    Attributes:
+        signals: (n, columns) values by name.
+        step: step of the grid, s.
+        usable: (n,) False where the log has a gap.
+    """
+
+    def __init__(self, signals: Mapping[str, np.ndarray], step: float, usable: np.ndarray) -> None:
+        self.signals, self.step, self.usable = signals, step, usable
+        self._rotation: scipy.spatial.transform.Rotation | None = None
+        self._damaged = np.concatenate([[0], np.cumsum(~usable)])
+
+    def repaired(self, fault: Fault) -> "_Grid":
+        """Return the grid without a fault."""
+        result = _Grid({**self.signals, **fault.repaired(self.signals)}, self.step, self.usable)
+        if "attitude" not in fault.signals:
+            result._rotation = self._rotation
+        return result
+
+    @property
+    def rotation(self) -> "scipy.spatial.transform.Rotation":
+        """Rotations (n,) from body to world."""
+        if self._rotation is None:
+            self._rotation = rotations(self.signals["attitude"])
+        return self._rotation
+
+    def samples(self, duration: float) -> int:
+        """Return the number of steps in a window."""
+        return max(1, round(duration / self.step))
+
+    def mean(self, values: np.ndarray, width: int) -> np.ndarray:
+        """Return the means (n - width, columns) over windows."""
+        integral = _integral(values, 1.0)
+        return np.asarray((integral[width:] - integral[:-width]) / width)
+
+    def rate(self, values: np.ndarray, width: int) -> np.ndarray:
+        """Return the mean derivatives (n - width, columns) over windows."""
+        return np.asarray((values[width:] - values[:-width]) / (width * self.step))
+
+    def whole(self, width: int) -> np.ndarray:
+        """Return which windows (n - width,) have no gap."""
+        return np.asarray(self._damaged[width + 1 :] == self._damaged[: len(self._damaged) - width - 1])
+
+    @property
+    def is_moving(self) -> bool:
+        """True if the velocity varies enough to show accelerations."""
+        velocity = self.velocity
+        return velocity is not None and float(np.std(velocity, axis=0).max()) > _MIN_SPEED
+
+    @property
+    def velocity(self) -> np.ndarray | None:
+        """The velocity, from the position if it is not logged."""
+        if "velocity" in self.signals or "position" not in self.signals:
+            return self.signals.get("velocity")
+        return np.asarray(np.gradient(self.signals["position"], self.step, axis=0))
+
+
+def contradictions(signals: Mapping[str, np.ndarray], time: np.ndarray) -> Iterator[str]:
+    """Yield a sentence on each disagreement between signals.
+
+    Args:
+        signals: (n,) or (n, columns) values of each signal, by name, in SI units and the frames of a record.
+        time: (n,) rising times, s.
+    """
+    grid = _on_grid(signals, time)
+    if grid is None:
+        return
+    for _ in range(_MAX_FAULTS):
+        found = _worst_fault(grid)
+        if found is None:
+            break
+        fault, pair, axis = found
+        yield f"{pair.name} disagrees with {pair.text(axis)}: {fault.text}"
+        grid = grid.repaired(fault)
+    for exact in (each for each in _pairs(grid) if each is not None and each.is_exact):
+        excited = exact.excited(factor=2.0)
+        if excited.any() and exact.disagreement()[excited].min() > _CONTRADICTION:
+            yield f"{exact.name} contradicts {exact.text(int(np.argmax(excited)))}"
+        elif excited.any():
+            moving = exact._replace(centred=True, threshold=min(exact.threshold, _SHIFTED_AMPLITUDE))
+            yield from _shift(moving, grid.step, moving.excited(factor=2.0))
+
+
+def _on_grid(signals: Mapping[str, np.ndarray], time: np.ndarray) -> _Grid | None:
+    """Return the signals on a grid; None if the log is too short to compare them."""
+    period = float(np.median(np.diff(time)))
+    step = max(period, _GRID_STEP)
+    count = int((time[-1] - time[0]) / step)
+    first = max(count - _MAX_GRID_SIZE, 0) // 2
+    edges = time[0] + step * np.arange(first, min(count, first + _MAX_GRID_SIZE) + 1)
+    if len(edges) < _MIN_WINDOWS:
+        return None
+    means = {}
+    for name in AXES:
+        if name in signals:
+            values = np.unwrap(signals[name], axis=0) if name.startswith("attitude") else signals[name]
+            integral = _integral(values, np.diff(time))
+            at_edges = np.column_stack([np.interp(edges, time, column) for column in integral.T])
+            means[name] = np.diff(at_edges, axis=0) / step
+    usable = np.ones(len(edges) - 1, dtype=bool)
+    for gap in np.flatnonzero(np.diff(time) > max(3.0 * period, 0.5 * _ROTATION_WINDOW)):
+        usable &= (edges[1:] <= time[gap]) | (edges[:-1] >= time[gap + 1])
+    return _Grid(means, step, usable)
+
+
+def _integral(values: np.ndarray, steps: np.ndarray | float) -> np.ndarray:
+    """Return the integral (n, columns) of samples from the first on, by trapezoids."""
+    areas = 0.5 * (values[1:] + values[:-1]) * np.reshape(steps, (-1, 1))
+    return np.vstack([np.zeros(values.shape[1]), np.cumsum(areas, axis=0)])
+
+
+def _pairs(grid: _Grid, *, stride: int = 1, changed: Fault | None = None) -> list[_Pair | None]:
+    """Return the pairs of signals that the log has, without the windows that touch a gap.
+
+    Args:
+        grid: signals of the log.
+        stride: number of grid steps between windows.
+        changed: only pairs that a fault of a signal changes.
+
+    Returns:
+        The pairs, and None for those that are not asked for, too short, or without motion.
+    """
+    found: list[_Pair | None] = []
+    for build, needed in _COMPARISONS:
+        if not all(any(name in grid.signals for name in names) for names in needed):
+            continue
+        is_changed = changed is None or {name for names in needed for name in names}.intersection(changed.signals)
+        if not is_changed or (_MOTION in needed and not grid.is_moving):
+            found.append(None)
+            continue
+        pair, width = build(grid)
+        whole = grid.whole(width)[: len(pair.expected)]
+        rows = np.flatnonzero(whole)[::stride]
+        enough = len(rows) >= _MIN_WINDOWS
+        found.append(pair._replace(expected=pair.expected[rows], measured=pair.measured[rows]) if enough else None)
+    return found
+
+
+def _position_and_velocity(grid: _Grid) -> tuple[_Pair, int]:
+    return _derivative(grid, "position", "velocity")
+
+
+def _references(grid: _Grid) -> tuple[_Pair, int]:
+    # References are held between setpoints, which shifts them by half a period.
+    pair, width = _derivative(grid, "reference_position", "reference_velocity")
+    return pair._replace(is_exact=False), width
+
+
+def _derivative(grid: _Grid, position: str, velocity: str) -> tuple[_Pair, int]:
+    width = grid.samples(_TRANSLATION_WINDOW)
+    expected, measured = grid.rate(grid.signals[position], width), grid.mean(grid.signals[velocity], width)
+    return _Pair(velocity, f"the derivative of {position}", expected, measured, 0.05, AXES[velocity]), width
+
+
+def _attitude_and_rates(grid: _Grid) -> tuple[_Pair, int]:
+    width = grid.samples(_ROTATION_WINDOW)
+    rotation = grid.rotation
+    turn = (rotation[:-width].inv() * rotation[width:]).as_rotvec() / (width * grid.step)
+    measured = grid.mean(grid.signals["body_rates"], width)
+    return _Pair("body_rates", "the derivative of attitude", turn, measured, 0.05, AXES["body_rates"]), width
+
+
+def _with_gravity(grid: _Grid, width: int) -> np.ndarray:
+    velocity = grid.velocity
+    assert velocity is not None
+    return grid.rate(velocity, width) + np.array([0.0, 0.0, GRAVITY])
+
+
+def _force_in_world(grid: _Grid) -> tuple[np.ndarray, np.ndarray, int]:
+    width = grid.samples(_TRANSLATION_WINDOW)
+    measured = grid.mean(grid.rotation.apply(grid.signals["specific_force"]), width)
+    return _with_gravity(grid, width), measured, width
+
+
+def _horizontal_force(grid: _Grid) -> tuple[_Pair, int]:
+    expected, measured, width = _force_in_world(grid)
+    what = "the acceleration and the tilt"
+    return _Pair("specific_force", what, expected[:, :2], measured[:, :2], 0.2, ("x", "y")), width
+
+
+def _vertical_force(grid: _Grid) -> tuple[_Pair, int]:
+    expected, measured, width = _force_in_world(grid)
+    what = "the acceleration and gravity"
+    pair = _Pair("specific_force", what, expected[:, 2:], measured[:, 2:], 1.0, ("z",), centred=False)
+    return pair, width
+
+
+def _force_in_body(grid: _Grid) -> tuple[_Pair, int]:
+    width = grid.samples(_TRANSLATION_WINDOW)
+    acceleration = _with_gravity(grid, width)
+    middle = grid.rotation[width // 2 :][: len(acceleration)]
+    expected = middle.inv().apply(acceleration)[:, :2]
+    measured = grid.mean(grid.signals["specific_force"], width)[:, :2]
+    # The rotors' drag is small beside the errors of the tilt, so the two are rarely equal, but never opposite.
+    what = "the acceleration and the tilt, in the body,"
+    pair = _Pair("specific_force", what, expected, measured, 0.1, ("x", "y"), is_exact=False, suspicious=_OPPOSITE)
+    return pair, width
+
+
+def _size_of_force(grid: _Grid) -> tuple[_Pair, int]:
+    force = grid.signals["specific_force"]
+    size = np.linalg.norm(force, axis=1, keepdims=True) * np.sign(np.median(force[:, 2]))
+    expected = np.full_like(size, GRAVITY)
+    return _Pair("specific_force", "gravity", expected, size, 1.0, ("z",), centred=False, is_exact=False), 0
+
+
+def _tilt(grid: _Grid) -> tuple[_Pair, int]:
+    """Return the pair of the horizontal acceleration and that of a thrust along the body's z axis."""
+    width = grid.samples(_TRANSLATION_WINDOW)
+    acceleration = _with_gravity(grid, width)
+    axis = grid.rotation.apply([0.0, 0.0, 1.0])
+    tangent = grid.mean(axis[:, :2] / np.maximum(axis[:, 2:], _MIN_TILT_COSINE), width)
+    expected, measured = acceleration[:, :2], tangent * np.maximum(acceleration[:, 2:], 0.0)
+    what = "the horizontal acceleration"
+    return _Pair("attitude", what, expected, measured, 0.2, ("x", "y"), is_exact=False), width
+
+
+def _attitude_command(grid: _Grid) -> tuple[_Pair, int]:
+    return _response(grid, "attitude_command", "attitude", 0.03, 2)
+
+
+def _rate_command(grid: _Grid) -> tuple[_Pair, int]:
+    return _response(grid, "body_rate_command", "body_rates", 0.1, 3)
+
+
+def _position_command(grid: _Grid) -> tuple[_Pair, int]:
+    return _response(grid, "reference_position", "position", 0.1, 3)
+
+
+def _response(grid: _Grid, command: str, signal: str, threshold: float, columns: int) -> tuple[_Pair, int]:
+    """Return the pair of a command and the signal that follows it, at the response time at which they fit best."""
+    width = grid.samples(_ROTATION_WINDOW)
+    commanded, followed = (grid.mean(grid.signals[each][:, :columns], width) for each in (command, signal))
+    best, best_fit = 0, -1.0
+    for delay in range(0, min(round(_MAX_RESPONSE_TIME / grid.step), len(followed) // 2), width):
+        early, late = commanded[: len(commanded) - delay], followed[delay:]
+        early, late = early - early.mean(axis=0), late - late.mean(axis=0)
+        # The absolute value makes the choice independent of the sign of the command.
+        norms = np.sqrt(np.sum(early**2, axis=0) * np.sum(late**2, axis=0))
+        fit = float(np.sum(np.abs(np.sum(early * late, axis=0)) / np.maximum(norms, _TINY)))
+        if fit > best_fit:
+            best, best_fit = delay, fit
+    expected, measured = followed[best:], commanded[: len(commanded) - best]
+    return _Pair(command, signal, expected, measured, threshold, AXES[signal][:columns], is_exact=False), width
+
+
+_MOTION = ("position", "velocity")
+# Comparisons with the signals that they need, one of each group.
+_COMPARISONS = [
+    (_position_and_velocity, (("position",), ("velocity",))),
+    (_attitude_and_rates, (("attitude",), ("body_rates",))),
+    (_horizontal_force, (("attitude",), _MOTION, ("specific_force",))),
+    (_vertical_force, (("attitude",), _MOTION, ("specific_force",))),
+    (_force_in_body, (("attitude",), _MOTION, ("specific_force",))),
+    (_size_of_force, (("specific_force",),)),
+    (_tilt, (("attitude",), _MOTION)),
+    (_references, (("reference_position",), ("reference_velocity",))),
+    (_position_command, (("reference_position",), ("position",))),
+    (_attitude_command, (("attitude_command",), ("attitude",))),
+    (_rate_command, (("body_rate_command",), ("body_rates",))),
+]
+
+
+def _worst_fault(grid: _Grid) -> tuple[Fault, _Pair, int] | None:
+    """Return the fault whose repair makes the log agree best, and the pair and the axis that show it most."""
+    # Windows overlap, so that some of them are enough.
+    stride = grid.samples(_SEARCH_STRIDE)
+    pairs = _pairs(grid, stride=stride)
+    excited = [None if pair is None else pair.excited() for pair in pairs]
+    before = [np.zeros(0) if pair is None else pair.disagreement() for pair in pairs]
+    is_suspicious = any(
+        pair is not None and axes is not None and (old[axes] > pair.suspicious).any()
+        for pair, old, axes in zip(pairs, before, excited, strict=True)
+    )
+    best, best_gain = None, 0.0
+    for fault in faults(grid.signals):
+        if not (is_suspicious or fault.is_frame):
+            continue
+        gain, most, shown = -_AXIS_COST * fault.num_axes, 0.0, None
+        for pair, repaired, old, axes in zip(
+            pairs, _pairs(grid.repaired(fault), stride=stride, changed=fault), before, excited, strict=True
+        ):
+            if pair is None or repaired is None or axes is None:
+                continue
+            new = repaired.disagreement()
+            change = np.where(axes, old - new, 0.0)
+            gain += float(change.sum())
+            axis = int(np.argmax(change))
+            is_gross = change[axis] > _MIN_IMPROVEMENT + new[axis]
+            if change[axis] > most and (is_gross or (fault.is_frame and _is_other_frame(pair, repaired))):
+                most, shown = float(change[axis]), (fault, pair, axis)
+        if shown is not None and gain > best_gain:
+            best, best_gain = shown, gain
+    return best
+
+
+def _is_other_frame(pair: _Pair, other: _Pair) -> bool:
+    """Return whether a pair agrees better in another frame, over the log and in most of its parts."""
+    errors = []
+    for each in (pair, other):
+        expected, measured = each.clipped()
+        squares = np.mean((expected - measured) ** 2, axis=1)
+        errors.append([float(part.mean()) for part in np.array_split(squares, _NUM_PARTS)])
+    old, new = np.array(errors)
+    return bool(np.sum(new < old) >= _MIN_BETTER_PARTS and new.sum() < _MAX_FRAME_REMAINDER * old.sum())
+
+
+def _shift(pair: _Pair, step: float, excited: np.ndarray) -> Iterator[str]:
+    """Yield a sentence if one side of a pair lags the other by the same time in all parts of the log."""
+    most = round(_MAX_SHIFT / step)
+    expected, measured = (side[:, excited] for side in pair.clipped())
+    if not excited.any() or len(expected) < 2 * most + _NUM_PARTS * _MIN_WINDOWS // 2:
+        return
+    errors = np.array(
+        [
+            np.sum((expected[most : len(expected) - most] - np.roll(measured, -shift, axis=0)[most:-most]) ** 2, axis=1)
+            for shift in range(-most, most + 1)
+        ]
+    )
+    shifts = []
+    for part in np.array_split(errors, _NUM_PARTS, axis=1):
+        total = part.sum(axis=1)
+        low = int(np.argmin(total))
+        if not 0 < low < 2 * most:
+            return
+        before, here, after = total[low - 1 : low + 2]
+        bend = before - 2.0 * here + after
+        shifts.append(low - most + (0.5 * (before - after) / bend if bend > 0.0 else 0.0))
+    mean = step * float(np.mean(shifts))
+    error = step * float(np.std(shifts, ddof=1)) / math.sqrt(_NUM_PARTS)
+    if abs(mean) > _MIN_SHIFT + _SHIFT_SIGMAS * error:
+        yield (
+            f"{pair.name} is {1e3 * abs(mean):.0f} ± {2e3 * error:.0f} ms {'behind' if mean > 0.0 else 'ahead of'}"
+            f" {pair.other}: their clocks are shifted, or one of them is filtered"
+        )

@@ -1,0 +1,5 @@
+"""Formats of flight logs, each in a module of this folder that registers itself."""
+
+from drake_quad.scenario.unions import import_members
+
+import_members(__name__, __path__)

@@ -1,0 +1,158 @@
+"""ArduPilot's DataFlash log, by pymavlink (ardupilot.org, "Log messages")."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from drake_quad.errors import InputError
+from drake_quad.identification.logs.conversion import Table
+from drake_quad.identification.logs.formats.log_format import (
+    FORMATS,
+    LogContent,
+    LogFormat,
+    NamedMapping,
+    library,
+    read_by_library,
+    with_file,
+)
+from drake_quad.identification.logs.mapping import load_mapping
+from drake_quad.identification.logs.source import LogFile
+from drake_quad.process_settings import without_error_output, without_prints
+
+# The header of a message of type 128, which declares another type.
+_MAGIC = b"\xa3\x95\x80"
+_HEADER_SIZE = 3
+_CLOCKS = {"TimeUS": 1e-6, "TimeMS": 1e-3}
+# Letters of ArduPilot's types that differ from NumPy's, with their multipliers from its documentation.
+_TYPES = {"a": "V64", "n": "S4", "N": "S16", "Z": "S64", "M": "u1", "g": "<f2", "B": "u1", "b": "i1"}
+_SCALED_TYPES = {"c": ("<i2", 0.01), "C": ("<u2", 0.01), "e": ("<i4", 0.01), "E": ("<u4", 0.01), "L": ("<i4", 1e-7)}
+# The names of the field that counts the instances of a sensor or an estimator.
+_INSTANCES = ("I", "C")
+_QUADROTOR, _X_LAYOUT = 1, 1
+_OTHER_FRAMES = {
+    2: "a hexarotor",
+    3: "an octorotor",
+    4: "an octorotor",
+    5: "a hexarotor with coaxial rotors",
+    6: "a helicopter",
+    7: "a tricopter",
+    8: "a vehicle with one rotor",
+    9: "a vehicle with coaxial rotors",
+    10: "a vehicle on two rotors",
+    11: "a helicopter",
+    12: "a dodecarotor",
+    13: "a helicopter",
+    14: "a decarotor",
+}
+
+
+def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
+    """Read the messages that a mapping knows, of the first instance of each sensor.
+
+    Fields are named as in `ATT.Roll`, with the multiplier of their type.
+
+    Raises:
+        InputError: if pymavlink is not installed or cannot read the log, or the log is not that of a quadrotor.
+    """
+    reader_module = library(log, "pymavlink.DFReader", "ardupilot")
+
+    def index() -> tuple[dict[str, Any], dict[str, list[int]]]:
+        """Return the formats and the offsets of all messages, by their names."""
+
+        def opened(path: Any) -> Any:
+            # A constructor that fails would leave its file open.
+            reader = object.__new__(reader_module.DFReader_binary)
+            try:
+                with without_prints(), without_error_output():
+                    reader.__init__(str(path))
+                return reader.formats, reader.offsets
+            finally:
+                if hasattr(reader, "filehandle"):
+                    reader.filehandle.close()
+
+        formats, offsets = with_file(log, ".bin", opened)
+        return {each.name: each for each in formats.values()}, {
+            each.name: offsets[number] for number, each in formats.items()
+        }
+
+    formats, offsets = read_by_library(log, "an ArduPilot log", index)
+    name, mapping = given or load_mapping("ardupilot")
+    parameters = _parameters(log, formats, offsets)
+    frame = int(parameters.get("FRAME_CLASS", _QUADROTOR))
+    remarks = [*log.remarks]
+    if frame in _OTHER_FRAMES:
+        other = _OTHER_FRAMES[frame]
+        if given is None:
+            raise InputError(
+                f"{log.mark}: is the log of {other}, and not of a quadrotor; give a mapping to read it anyway"
+            )
+        remarks.append(f"the log is of {other}")
+    if int(parameters.get("FRAME_TYPE", parameters.get("FRAME", _X_LAYOUT))) != _X_LAYOUT:
+        remarks.append(
+            "the rotors are counted as in an x layout, but FRAME_TYPE says that the frame has another layout"
+        )
+    known = {each.partition(".")[0] for each in mapping.names}
+    tables = [
+        table
+        for each in sorted(known.intersection(formats))
+        if (table := _table(log, formats[each], offsets[each])) is not None
+    ]
+    if not tables:
+        raise InputError(f"{log.mark}: is an ArduPilot log without any of the messages {', '.join(sorted(known))}")
+    names = [each for each in sorted(formats) if offsets[each] and each not in known]
+    return LogContent(tables, (name, mapping), remarks, names)
+
+
+def _records(log: LogFile, form: Any, offsets: Iterable[int]) -> dict[str, np.ndarray] | None:
+    """Return the whole messages of a type by field; None if there are none, or their declaration is damaged."""
+    letters = form.format.rstrip("\0")
+    if len(letters) != len(form.columns) or len({*form.columns}) != len(letters):
+        return None
+    layout = np.dtype(
+        [
+            (column, _SCALED_TYPES[letter][0] if letter in _SCALED_TYPES else _TYPES.get(letter, f"<{letter}"))
+            for column, letter in zip(form.columns, letters, strict=True)
+        ]
+    )
+    starts = np.asarray(offsets, dtype=int) + _HEADER_SIZE
+    starts = starts[starts + layout.itemsize <= len(log.data)]
+    if layout.itemsize != form.len - _HEADER_SIZE or not len(starts):
+        return None
+    windows = np.lib.stride_tricks.sliding_window_view(np.frombuffer(log.data, np.uint8), layout.itemsize)
+    records = np.ascontiguousarray(windows[starts]).view(layout)[:, 0]
+    return {
+        column: records[column] * _SCALED_TYPES[letter][1] if letter in _SCALED_TYPES else records[column]
+        for column, letter in zip(form.columns, letters, strict=True)
+    }
+
+
+def _parameters(log: LogFile, formats: dict[str, Any], offsets: dict[str, list[int]]) -> dict[str, float]:
+    """Return the parameters of the vehicle by name."""
+    found = _records(log, formats["PARM"], offsets["PARM"]) if "PARM" in formats else None
+    if found is None or not {"Name", "Value"} <= found.keys():
+        return {}
+    return {
+        name.decode("ascii", "replace"): float(value)
+        for name, value in zip(found["Name"].tolist(), found["Value"].tolist(), strict=True)
+        if np.isfinite(value)
+    }
+
+
+def _table(log: LogFile, form: Any, offsets: Iterable[int]) -> Table | None:
+    """Return the first instance of a message; None if it has no time."""
+    found = _records(log, form, offsets)
+    clock = next((each for each in _CLOCKS if found is not None and each in found), None)
+    if found is None or clock is None:
+        return None
+    instance = next((found[each] for each in _INSTANCES if each in found and found[each].dtype.kind in "iu"), None)
+    chosen = slice(None) if instance is None else instance == instance.min()
+    columns = {
+        f"{form.name}.{column}": values[chosen]
+        for column, values in found.items()
+        if values.dtype.kind in "iuf" and column != clock
+    }
+    return Table(form.name, found[clock][chosen] * _CLOCKS[clock], columns)
+
+
+FORMATS.append(LogFormat("ArduPilot's DataFlash log", lambda log: log.data.startswith(_MAGIC), _read))

@@ -1,0 +1,82 @@
+"""Betaflight's blackbox log, by betaflight-chirp-core, a port of the decoder of Betaflight's own log viewer.
+
+Fields keep the names of the log, such as `gyroADC[0]`. Motors become shares of the range `motorOutput` of the header,
+and the accelerometer is in g by the header's `acc_1G`; all other fields are as they were logged.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from drake_quad.errors import InputError, listed
+from drake_quad.identification.logs.conversion import Table
+from drake_quad.identification.logs.formats.log_format import (
+    FORMATS,
+    LogContent,
+    LogFormat,
+    NamedMapping,
+    library,
+    read_by_library,
+)
+from drake_quad.identification.logs.mapping import load_mapping
+from drake_quad.identification.logs.source import LogFile
+
+_MAGIC = b"H Product:Blackbox flight data recorder"
+_MICROSECOND = 1e-6
+# The decoder counts through the frames that are not logged one by one, so a damaged interval could keep it for hours.
+_MAX_INTERVAL = 10_000
+
+
+def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
+    """Read the longest flight of a log; each arming of the vehicle begins a flight.
+
+    Raises:
+        InputError: if the decoder is not installed, or no flight can be read.
+    """
+    decoder = library(log, "betaflight_chirp_core.decoder", "betaflight")
+    flights = decoder.split_sessions(log.data)
+    if not flights:
+        raise InputError(f"{log.mark}: is a Betaflight log whose first line is damaged")
+    longest = max(range(len(flights)), key=lambda i: flights[i][1] - flights[i][0])
+    flight = read_by_library(log, "a Betaflight log", lambda: _decoded(decoder, log.data, *flights[longest]))
+    remarks = [*log.remarks]
+    if len(flights) > 1:
+        remarks.append(f"the log has {len(flights)} flights; the longest is read, number {longest + 1}")
+    damaged = sum(each["corrupt"] + each["desync"] for each in flight.stats["frame"].values())
+    if damaged:
+        remarks.append(f"{damaged:,} damaged frames are left out")
+    if len(flight.main_frames) < 2:
+        raise InputError(f"{log.mark}: is a Betaflight log without two whole frames")
+    names = flight.main_field_names
+    if "time" not in names:
+        raise InputError(f"{log.mark}: is a Betaflight log without the field time")
+    frames = np.array(flight.main_frames, dtype=float)
+    fields = dict(zip(names, frames.T, strict=True))
+    time = fields.pop("time") * _MICROSECOND
+    fields.pop("loopIteration", None)
+    low, high = flight.sys_config["motorOutput"]
+    gravity = flight.sys_config["acc_1G"]
+    for name in fields:
+        if name.startswith("motor["):
+            fields[name] = (fields[name] - low) / (high - low)
+        elif name.startswith("accSmooth["):
+            fields[name] = fields[name] / gravity
+    return LogContent([Table("", time, fields)], given or load_mapping("betaflight"), remarks)
+
+
+def _decoded(decoder: Any, data: bytes, start: int, end: int) -> Any:
+    """Return the decoder of a flight after it has read all frames."""
+    flight = decoder.FlightLogParser(data, start, end)
+    flight.parse_header()
+    config = flight.sys_config
+    for name in ("frameIntervalI", "frameIntervalPNum", "frameIntervalPDenom"):
+        if not 1 <= config[name] <= _MAX_INTERVAL:
+            raise ValueError(f"the interval of its frames is {config[name]}")
+    numbers = [*config["motorOutput"], config["acc_1G"]]
+    if not all(isinstance(each, int) for each in numbers) or not numbers[0] < numbers[1] or not numbers[2] > 0:
+        raise ValueError(f"motorOutput and acc_1G of its header are {listed([str(each) for each in numbers])}")
+    flight.parse_data()
+    return flight
+
+
+FORMATS.append(LogFormat("Betaflight's blackbox log", lambda log: log.data.startswith(_MAGIC), _read))

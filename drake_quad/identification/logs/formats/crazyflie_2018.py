@@ -1,0 +1,88 @@
+"""The log that a Crazyflie wrote to its SD card before firmware 2021.03.
+
+One after the other it has:
+
+    number of columns (uint8); for each column its name with the letter of its type, as in `tick(I),` and `gyro.x(f),`
+    inverted CRC-32 of all before it (uint32)
+    blocks: number of records (uint8), the records, packed, inverted CRC-32 of the block (uint32)
+
+All is little-endian, the first column is the time in ms, and the letters are those of Python's `struct`. The format is
+that of `tools/usdlog/CF_functions.py` in github.com/bitcraze/crazyflie-firmware from May 2018 to March 2021. Newer logs
+begin with the byte 0xBC and are read by `crazyflie`.
+"""
+
+import re
+import zlib
+
+import numpy as np
+
+from drake_quad.errors import InputError
+from drake_quad.identification.logs.conversion import Table
+from drake_quad.identification.logs.formats.log_format import FORMATS, LogContent, LogFormat, NamedMapping
+from drake_quad.identification.logs.mapping import load_mapping
+from drake_quad.identification.logs.source import LogFile
+
+_TICK = b"tick(I),"
+_TICK_LENGTH = 1e-3  # s, a tick of the firmware's FreeRTOS
+_CHECKSUM = 4
+_MAX_NAME_LENGTH = 64
+_COLUMN = re.compile(rb"([\w.]{1,%d})\(([BbHhIif])\)," % _MAX_NAME_LENGTH)
+
+
+def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
+    """Read the blocks whose checksum is correct.
+
+    Raises:
+        InputError: if the list of columns is damaged, or no block is whole.
+    """
+    data, place = log.data, 1
+    names, formats = [], []
+    for _ in range(data[0]):
+        column = _COLUMN.match(data, place)
+        if column is None:
+            raise InputError(f"{log.mark}: is a Crazyflie's log whose list of columns is cut or damaged")
+        names.append(column[1].decode())
+        formats.append(f"<{column[2].decode()}")
+        place = column.end()
+    layout = np.dtype({"names": [str(i) for i in range(len(names))], "formats": formats})
+    remarks = [*log.remarks]
+    if not _is_whole(data, 0, place):
+        remarks.append("the checksum of the list of columns is wrong: the log is damaged")
+    blocks, end, num_damaged = _blocks(data, place + _CHECKSUM, layout)
+    if num_damaged:
+        blocks_are = "blocks of records are" if num_damaged > 1 else "block of records is"
+        remarks.append(f"{num_damaged:,} {blocks_are} left out because of a wrong checksum")
+    if end < len(data):
+        remarks.append(log.unread(end, "no whole block of records, so the log is cut or damaged"))
+    if not blocks:
+        raise InputError(f"{log.mark}: is a Crazyflie's log without a whole block of records")
+    records = np.concatenate(blocks)
+    columns = {name: records[str(i)] for i, name in enumerate(names) if i}
+    return LogContent([Table("", records["0"] * _TICK_LENGTH, columns)], given or load_mapping("crazyflie"), remarks)
+
+
+def _blocks(data: bytes, place: int, layout: np.dtype) -> tuple[list[np.ndarray], int, int]:
+    """Return the records of each whole block, the offset of the first unread byte, and the number of damaged blocks."""
+    blocks, damaged, end = [], 0, place
+    while place < len(data) and data[place]:
+        after = place + 1 + data[place] * layout.itemsize
+        if after + _CHECKSUM > len(data):
+            break
+        if _is_whole(data, place, after):
+            blocks.append(np.frombuffer(data, layout, data[place], place + 1))
+            end = after + _CHECKSUM
+        else:
+            damaged += 1
+        place = after + _CHECKSUM
+    return blocks, end, damaged
+
+
+def _is_whole(data: bytes, start: int, end: int) -> bool:
+    """Return whether the inverted CRC-32 of some bytes follows them."""
+    checksum = ~zlib.crc32(memoryview(data)[start:end]) & 0xFFFFFFFF
+    return data[end : end + _CHECKSUM] == checksum.to_bytes(_CHECKSUM, "little")
+
+
+FORMATS.append(
+    LogFormat("a Crazyflie's SD card log of before 2021", lambda log: log.data[1 : 1 + len(_TICK)] == _TICK, _read)
+)

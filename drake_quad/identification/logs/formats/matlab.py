@@ -1,0 +1,82 @@
+"""MATLAB's MAT-file, by SciPy: numeric variables and the fields of structs, over the variable that is the time.
+
+A field is named as in `log.position`. A matrix with a column (or a row) for each component is a column of vectors, as
+`column` of a mapping reads it, and its components are named as in `log.position[0]`.
+"""
+
+import io
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from drake_quad.errors import InputError
+from drake_quad.identification.logs.conversion import Table
+from drake_quad.identification.logs.formats.log_format import (
+    FORMATS,
+    LogContent,
+    LogFormat,
+    NamedMapping,
+    best_mapping,
+    read_by_library,
+)
+from drake_quad.identification.logs.source import LogFile
+from drake_quad.identification.logs.units import UNITS
+
+_MAGIC = b"MATLAB "
+_HDF5_VERSION = b"MATLAB 7.3"
+_MAX_DEPTH = 8
+_MAX_COMPONENTS = 16
+
+
+def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
+    """Read the variables that are as long as the time of the mapping.
+
+    Raises:
+        InputError: if the file is damaged or has version 7.3, or no mapping fits.
+    """
+    if log.data.startswith(_HDF5_VERSION):
+        raise InputError(f"{log.mark}: is a MAT-file of version 7.3, which is HDF5; save it in MATLAB with -v7")
+    from scipy.io import loadmat  # loads in a tenth of a second
+
+    content = read_by_library(
+        log, "a MAT-file", lambda: loadmat(io.BytesIO(log.data), simplify_cells=True, chars_as_strings=True)
+    )
+    variables = dict(_numeric("", content, 0))
+    lengths = {length for values in variables.values() for length in values.shape}
+    names = [*variables]
+    for name, values in variables.items():
+        if values.ndim == 2:
+            names += [f"{name}[{i}]" for i in range(min(values.shape)) if min(values.shape) <= _MAX_COMPONENTS]
+    (name, mapping), _ = best_mapping(log, given, lambda _: names)
+    assert mapping.time is not None
+    time = variables.get(mapping.time.column)
+    if time is None or time.ndim != 1 or not lengths:
+        raise InputError(f"{log.mark}: {mapping.time.column} must be a vector of times")
+    columns: dict[str, np.ndarray] = {}
+    remarks = [*log.remarks]
+    for each, values in variables.items():
+        along = values if values.shape[0] == len(time) else values.T
+        if along.shape[0] != len(time):
+            remarks.append(f"{each} is not read: it is not as long as {mapping.time.column}")
+            continue
+        columns[each] = along
+        if along.ndim == 2 and along.shape[1] <= _MAX_COMPONENTS:
+            columns |= {f"{each}[{i}]": along[:, i] for i in range(along.shape[1])}
+    del columns[mapping.time.column]
+    scale = UNITS["s"][mapping.time.unit].scale
+    return LogContent([Table("", time.astype(float) * scale, columns)], (name, mapping), remarks)
+
+
+def _numeric(prefix: str, content: Mapping[str, Any], depth: int) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield the numeric vectors and matrices of a struct and of its fields, by name."""
+    for name, value in content.items():
+        if name.startswith("__"):
+            continue
+        if isinstance(value, Mapping) and depth < _MAX_DEPTH:
+            yield from _numeric(f"{prefix}{name}.", value, depth + 1)
+        elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf" and value.ndim in (1, 2) and value.size > 1:
+            yield f"{prefix}{name}", value
+
+
+FORMATS.append(LogFormat("MATLAB's MAT-file", lambda log: log.data.startswith(_MAGIC), _read))

@@ -1,0 +1,275 @@
+"""ROS bags of version 1 and 2, by rosbags, and MCAP, by mcap.
+
+A field is named by its topic or by the type of its messages, as in `/odom.pose.pose.position.x` or
+`nav_msgs/Odometry.pose.pose.position.x`. Of several topics of a type the one with most messages is read. The time of a
+measurement is the stamp of its header.
+"""
+
+import contextlib
+import functools
+import io
+import json
+import re
+import sqlite3
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from drake_quad.errors import InputError, listed, shortened
+from drake_quad.identification.logs.conversion import Table
+from drake_quad.identification.logs.formats.log_format import (
+    FORMATS,
+    LogContent,
+    LogFormat,
+    NamedMapping,
+    library,
+    with_file,
+)
+from drake_quad.identification.logs.mapping import load_mapping
+from drake_quad.identification.logs.source import LogFile
+
+_NANOSECOND = 1e-9
+# Headers whose stamps differ from the times of recording by more have another clock, s.
+_MAX_STAMP_DIFFERENCE = 1.0
+_PART = re.compile(r"[^.\[\]]+")
+# Errors of messages that a damaged bag contains, and of fields that a message does not have.
+_FIELD_ERRORS = (AttributeError, KeyError, IndexError, TypeError, ValueError)
+_WAL_VERSIONS = slice(18, 20)  # two bytes of SQLite's header, which forbid to open a copy in memory
+
+
+class _Message(NamedTuple):
+    """A message that is not yet decoded.
+
+    Attributes:
+        topic: name of the topic.
+        type_name: type of the message, as in `nav_msgs/Odometry`.
+        time: time of recording, ns.
+        decode: function that returns the message.
+    """
+
+    topic: str
+    type_name: str
+    time: int
+    decode: Callable[[], Any]
+
+
+class _Rows:
+    """Values of the fields of a topic that a mapping knows, message by message."""
+
+    def __init__(self, type_name: str, fields: list[str]) -> None:
+        self.type_name = type_name
+        self._paths = {each: [int(part) if part.isdigit() else part for part in _PART.findall(each)] for each in fields}
+        self._values: dict[str, list[float]] = {each: [] for each in fields}
+        self._times: list[int] = []
+        self._stamps: list[int] = []
+
+    def append(self, message: Any, time: int) -> None:
+        """Append the fields of a message."""
+        self._times.append(time)
+        self._stamps.append(_stamp(message))
+        for name, path in self._paths.items():
+            try:
+                value = float(functools.reduce(_member, path, message))
+            except _FIELD_ERRORS:
+                value = np.nan
+            self._values[name].append(value)
+
+    def __len__(self) -> int:
+        return len(self._times)
+
+    def table(self, topic: str, start: int, *, of_its_type: bool) -> tuple[Table, list[str]]:
+        """Return a table with the names of the topic and, if asked for, of its type, and remarks."""
+        times, stamps = (
+            np.array([each - start for each in clock], dtype=float) * _NANOSECOND
+            for clock in (self._times, self._stamps)
+        )
+        known = {name: np.array(values) for name, values in self._values.items() if np.isfinite(values).any()}
+        columns = {f"{topic}.{name}": values for name, values in known.items()}
+        if of_its_type:
+            columns |= {f"{self.type_name}.{name}": values for name, values in known.items()}
+        remarks, sampled = [], None
+        if min(self._stamps) > 0:
+            difference = float(np.median(times - stamps))
+            if abs(difference) < _MAX_STAMP_DIFFERENCE:
+                sampled = stamps
+            else:
+                remarks.append(
+                    f"{topic}: the stamps of the headers are {difference:.4g} s before the times of recording, which"
+                    " are used instead"
+                )
+        return Table(topic, times, columns, sampled), remarks
+
+
+def _member(value: Any, part: str | int) -> Any:
+    return value[part] if isinstance(part, int) or isinstance(value, dict) else getattr(value, part)
+
+
+def _stamp(message: Any) -> int:
+    """Return the stamp of the header of a message in ns; 0 if it has none."""
+    try:
+        stamp = _member(_member(message, "header"), "stamp")
+        return int(_member(stamp, "sec")) * 10**9 + int(_member(stamp, "nanosec"))
+    except _FIELD_ERRORS:
+        return 0
+
+
+def _content(log: LogFile, given: NamedMapping | None, what: str, messages: Iterator[_Message]) -> LogContent:
+    """Gather the fields that a mapping knows.
+
+    Raises:
+        InputError: if none of the topics is known, or the first message cannot be read.
+    """
+    name, mapping = given or load_mapping("ros")
+    wanted: dict[str, list[str]] = {}
+    for each in sorted(mapping.names):
+        topic, _, field = each.partition(".")
+        wanted.setdefault(topic, []).append(field)
+    topics: dict[str, _Rows] = {}
+    others: set[str] = set()
+    undecoded: set[str] = set()
+    remarks = [*log.remarks]
+    try:
+        for message in messages:
+            fields = wanted.get(message.topic, []) + wanted.get(message.type_name, [])
+            if not fields or message.topic in undecoded:
+                others.add(message.topic)
+                continue
+            try:
+                decoded = message.decode()
+            except Exception:  # rosbags raises any exception on a damaged message
+                if message.topic not in topics:
+                    undecoded.add(message.topic)
+                continue
+            topics.setdefault(message.topic, _Rows(message.type_name, fields)).append(decoded, message.time)
+    except InputError:
+        raise
+    except Exception as error:  # libraries raise any exception on a damaged bag
+        reason = shortened(" ".join(str(error).split()) or type(error).__name__)
+        if not topics:
+            raise InputError(f"{log.mark}: is {what} that cannot be read: {reason}") from None
+        remarks.append(f"the log is cut or damaged; it is read until this error: {reason}")
+    if undecoded:
+        remarks.append(f"the messages of {listed(sorted(undecoded))} cannot be decoded")
+    if not topics:
+        raise InputError(
+            f"{log.mark}: is {what} without any topic that the mapping {name} knows; its topics are"
+            f" {listed(sorted(others | undecoded)) or 'none'}"
+        )
+    return _tables(topics, (name, mapping), remarks, sorted(others))
+
+
+def _tables(topics: dict[str, _Rows], mapping: NamedMapping, remarks: list[str], others: list[str]) -> LogContent:
+    """Return the tables of the topics, on a clock that begins with the first message."""
+    start = min(rows._times[0] for rows in topics.values())
+    fullest: dict[str, str] = {}
+    for topic, rows in topics.items():
+        if rows.type_name not in fullest or len(rows) > len(topics[fullest[rows.type_name]]):
+            fullest[rows.type_name] = topic
+    tables = []
+    for topic, rows in topics.items():
+        table, said = rows.table(topic, start, of_its_type=fullest[rows.type_name] == topic)
+        tables.append(table)
+        remarks += said
+    for kind, topic in fullest.items():
+        count = sum(rows.type_name == kind for rows in topics.values())
+        if count > 1:
+            remarks.append(f"of {count} topics of type {kind} the one with most messages is read: {topic}")
+    return LogContent(tables, mapping, remarks, others)
+
+
+class _Decoder:
+    """Decoder of messages, by the definitions of a bag, or by those of ROS 2 itself where the bag has none."""
+
+    def __init__(self, typesys: Any, definitions: Mapping[str, str], *, encoding: str = "cdr") -> None:
+        self._typesys, self._encoding = typesys, encoding
+        self._definitions = {_full(kind): text for kind, text in definitions.items()}
+        self._stores: dict[str, Any] = {}
+
+    def __call__(self, data: bytes, kind: str) -> Any:
+        """Return a message of a type."""
+        kind = _full(kind)
+        if kind not in self._stores:
+            stores, known = self._typesys.Stores, kind in self._definitions
+            store = self._typesys.get_typestore(stores.EMPTY if known else stores.LATEST)
+            if known:
+                store.register(self._typesys.get_types_from_msg(self._definitions[kind], kind))
+            self._stores[kind] = store
+        return getattr(self._stores[kind], f"deserialize_{self._encoding}")(data, kind)
+
+
+def _short(kind: str) -> str:
+    return kind.replace("/msg/", "/")
+
+
+def _full(kind: str) -> str:
+    return kind if "/msg/" in kind else kind.replace("/", "/msg/")
+
+
+def _read_bag_1(log: LogFile, given: NamedMapping | None) -> LogContent:
+    """Read a ROS 1 bag."""
+    rosbag1 = library(log, "rosbags.rosbag1", "ros")
+    typesys = library(log, "rosbags.typesys", "ros")
+
+    def messages(path: Any) -> Iterator[_Message]:
+        with rosbag1.Reader(path) as reader:
+            definitions = {each.msgtype: each.msgdef.data for each in reader.connections}
+            decoder = _Decoder(typesys, definitions, encoding="ros1")
+            for connection, time, data in reader.messages():
+                decode = functools.partial(decoder, data, connection.msgtype)
+                yield _Message(connection.topic, _short(connection.msgtype), time, decode)
+
+    content: LogContent = with_file(log, ".bag", lambda path: _content(log, given, "a ROS 1 bag", messages(path)))
+    return content
+
+
+def _read_bag_2(log: LogFile, given: NamedMapping | None) -> LogContent:
+    """Read the SQLite file of a ROS 2 bag."""
+    typesys = library(log, "rosbags.typesys", "ros")
+
+    def messages() -> Iterator[_Message]:
+        data = bytearray(log.data)
+        data[_WAL_VERSIONS] = b"\1\1"
+        with contextlib.closing(sqlite3.connect(":memory:")) as bag:
+            bag.deserialize(bytes(data))
+            definitions: dict[str, str] = {}
+            if bag.execute("SELECT name FROM sqlite_master WHERE name = 'message_definitions'").fetchone():
+                rows = bag.execute("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")
+                definitions = {kind: text for kind, encoding, text in rows if encoding == "ros2msg" and text}
+            decoder = _Decoder(typesys, definitions)
+            query = "SELECT t.name, t.type, m.timestamp, m.data FROM messages m JOIN topics t ON t.id = m.topic_id"
+            for topic, kind, time, raw in bag.execute(f"{query} ORDER BY m.timestamp"):
+                yield _Message(topic, _short(kind), time, functools.partial(decoder, raw, kind))
+
+    return _content(log, given, "a ROS 2 bag", messages())
+
+
+def _read_mcap(log: LogFile, given: NamedMapping | None) -> LogContent:
+    """Read an MCAP file with messages of ROS 2, ROS 1 or JSON."""
+    mcap = library(log, "mcap.reader", "mcap")
+    typesys = library(log, "rosbags.typesys", "ros")
+
+    def messages() -> Iterator[_Message]:
+        decoders: dict[int, _Decoder] = {}
+        reader = mcap.NonSeekingReader(io.BytesIO(log.data))
+        for schema, channel, message in reader.iter_messages(log_time_order=False):
+            kind = schema.name if schema else ""
+            if channel.message_encoding == "json":
+                decode = functools.partial(json.loads, message.data)
+            else:
+                if channel.id not in decoders:
+                    has_text = schema and schema.encoding in ("ros1msg", "ros2msg")
+                    known = {kind: schema.data.decode()} if has_text else {}
+                    encoding = "ros1" if channel.message_encoding == "ros1" else "cdr"
+                    decoders[channel.id] = _Decoder(typesys, known, encoding=encoding)
+                decode = functools.partial(decoders[channel.id], message.data, kind)
+            yield _Message(channel.topic, _short(kind), message.log_time, decode)
+
+    return _content(log, given, "an MCAP file", messages())
+
+
+FORMATS += [
+    LogFormat("a ROS 1 bag", lambda log: log.data.startswith(b"#ROSBAG V2.0\n"), _read_bag_1),
+    LogFormat("the SQLite file of a ROS 2 bag", lambda log: log.data.startswith(b"SQLite format 3\0"), _read_bag_2),
+    LogFormat("MCAP", lambda log: log.data.startswith(b"\x89MCAP0\r\n"), _read_mcap),
+]

@@ -1,0 +1,1 @@
+"""PID loops with integrals, filters and limits."""

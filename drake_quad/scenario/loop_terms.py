@@ -1,0 +1,72 @@
+"""Terms of a PID loop beside the proportional one, in the scenario language."""
+
+import math
+from typing import Any
+
+from pydantic import Field
+
+from drake_quad.pid.filters import Order, low_pass
+from drake_quad.pid.loop import Derivative, Integral, Terms
+from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.quantities import Gains, IntegrationRule, Positive, Positives
+
+
+class LoopTerms(Model):
+    """Optional terms of a PID loop on three axes: integral, derivative, feed-forward and limit of the output."""
+
+    k_i: Gains | None = Field(default=None, description="integral gains (unit of the proportional ones over s)")
+    integral_limit: Positives | None = Field(
+        default=None, description="largest size of the integral term (unit of the output); no limit if not given"
+    )
+    integral_fade: Positive | None = Field(
+        default=None,
+        description="e₀: the integral grows by its share 1 - (e / e₀)², and not at all for larger errors e"
+        " (unit of the error); it always grows if not given",
+    )
+    integration: IntegrationRule = "forward_euler"
+    k_d: Gains | None = Field(
+        default=None, description="gains of the derivative of the measurement (unit of the proportional ones times s)"
+    )
+    derivative_bandwidth: Positives | None = Field(
+        default=None, description="bandwidth of the filter of the derivative (rad/s); no filter if not given"
+    )
+    derivative_order: Order = Field(
+        default=2, description="order of this filter: 2 for Butterworth, 1 for a lag of first order"
+    )
+    k_ff: Gains | None = Field(
+        default=None, description="gains of the setpoint, fed forward (as the proportional ones)"
+    )
+    limit: Positives | None = Field(
+        default=None, description="largest size of the output (its unit); no limit if not given"
+    )
+
+    @property
+    def integrates_first(self) -> bool:
+        """True if the output has the integral with the error of its own tick."""
+        return self.integration == "backward_euler"
+
+    def terms(self, period: float) -> tuple[Terms, Terms, Terms]:
+        """Return the terms of each axis for a loop of a period, s."""
+        first, second, third = (self._axis(axis, period) for axis in range(3))
+        return first, second, third
+
+    def _axis(self, axis: int, period: float) -> Terms:
+        integral = derivative = None
+        k_i, k_d, k_ff = (_gain(gains, axis) for gains in (self.k_i, self.k_d, self.k_ff))
+        if k_i is not None:
+            limit: Any = math.inf if self.integral_limit is None else self.integral_limit[axis]
+            fade: Any = self.integral_fade
+            integral = Integral(k_i, limit, fade)
+        if k_d is not None:
+            bandwidth: Any = None if self.derivative_bandwidth is None else self.derivative_bandwidth[axis]
+            derivative = Derivative(
+                k_d, None if bandwidth is None else low_pass(bandwidth, period, self.derivative_order)
+            )
+        limited: Any = None if self.limit is None else self.limit[axis]
+        return Terms(integral, derivative, k_ff, limited)
+
+
+def _gain(gains: Any, axis: int) -> Any:
+    """Return the gain on an axis; None if it is not given, or the number 0, so that its term has no state."""
+    gain = None if gains is None else gains[axis]
+    return None if isinstance(gain, float) and gain == 0.0 else gain

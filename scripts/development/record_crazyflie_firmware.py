@@ -1,0 +1,98 @@
+"""Records the outputs of the PID controller of the Crazyflie's firmware for tests/design/test_firmware.py.
+
+Give a checkout of github.com/bitcraze/crazyflie-firmware (GPL-3.0, version 2025.12.1). Its C files are compiled as they
+are; only the numbers that they compute are kept.
+"""
+
+import ctypes
+import subprocess
+import tempfile
+from pathlib import Path
+
+from drake_quad.command_line.running import run
+
+import numpy as np
+
+from drake_quad.command_line.options import bare_parser
+
+HARNESS = Path(__file__).with_name("crazyflie_firmware.c")
+TESTS = Path(__file__).parents[2] / "tests" / "design"
+FLOATS = ctypes.POINTER(ctypes.c_float)
+INPUTS = "x y z v_x v_y v_z roll pitch yaw gyro_x gyro_y gyro_z x_r y_r z_r yaw_r"
+OUTPUTS = "roll_d pitch_d yaw_d thrust roll_rate_d pitch_rate_d yaw_rate_d roll_out pitch_out yaw_out m1 m2 m3 m4"
+FOLDERS = (
+    "modules/src modules/src/controller modules/interface modules/interface/controller utils/interface"
+    " utils/interface/lighthouse hal/interface drivers/interface"
+)
+# Replacements of headers that need hardware or libraries, reduced to the parts that the controller uses.
+STUBS = {
+    "autoconf.h": "#define CONFIG_PLATFORM_CF2\n#define CONFIG_ENABLE_THRUST_BAT_COMPENSATED\n"
+    "#define CONFIG_CRAZYFLIE_21_PLUS",
+    "log.h": "\n".join(f"#define LOG_{name}(...)" for name in ("GROUP_START", "ADD", "ADD_CORE", "GROUP_STOP")),
+    "param.h": "\n".join(f"#define PARAM_{name}(...)" for name in ("GROUP_START", "ADD", "ADD_CORE", "GROUP_STOP")),
+    "math3d.h": "#include <math.h>\nstruct vec { float x, y, z; };\nstruct quat { float x, y, z, w; };\n"
+    "static inline struct quat mkquat(float x, float y, float z, float w) { return (struct quat){x, y, z, w}; }\n"
+    "static inline struct vec quat2rpy(struct quat q) { return (struct vec){q.x, q.y, q.z}; }\n"
+    "static inline float radians(float a) { return a * 0.01745329252f; }\n"
+    "static inline float degrees(float a) { return a * 57.29577951f; }",
+    "debug.h": "#define DEBUG_PRINT(...)",
+    "config.h": "",
+}
+# Sizes of the signals, which grow: at first no limit is reached, in the end all are, and the yaw passes half a turn.
+SIZES = [0.4, 0.4, 0.3, 0.6, 0.6, 0.4, 14.0, 11.0, 120.0, 90.0, 80.0, 50.0, 0.9, 0.8, 0.4, 100.0]
+
+
+def inputs(count: int) -> np.ndarray:
+    """Return (count, 16) inputs at 500 Hz, sums of sines in single precision."""
+    rng, time = np.random.default_rng(2025), 0.002 * np.arange(count)
+    waves = [
+        size * sum(np.sin(w * time + phase) for w, phase in rng.uniform([1.0, 0.0], [25.0, 6.28], (3, 2)))
+        for size in SIZES
+    ]
+    rows = np.array(waves).T * np.linspace(0.0, 1.2, count)[:, None] ** 2
+    rows[:, [8, 15]] = (rows[:, [8, 15]] + 180.0) % 360.0 - 180.0
+    return np.ascontiguousarray(rows, dtype=np.float32)
+
+
+def compiled(source: Path, folder: Path) -> Path:
+    """Return the library that is compiled of the files of a checkout, in a folder."""
+    for name, text in STUBS.items():
+        (folder / name).write_text(text)
+    places = [folder, *(source / each for each in FOLDERS.split()), source / "platform" / "interface"]
+    files = [HARNESS, *(source / "utils" / "src" / name for name in ("pid.c", "num.c", "filter.c"))]
+    library = folder / "firmware.so"
+    search = [f"-I{place}" for place in places]
+    subprocess.run(["cc", "-O1", "-w", "-shared", "-fPIC", *search, "-o", library, *files, "-lm"], check=True)
+    return library
+
+
+def outputs(library: Path, given: np.ndarray, tuned: np.ndarray | None) -> np.ndarray:
+    """Return the outputs of the firmware for inputs, with its defaults or with tuned parameters."""
+    # A copy has static variables of its own.
+    own = library.with_name(f"firmware_{tuned is not None}.so")
+    own.write_bytes(library.read_bytes())
+    firmware, out = ctypes.CDLL(str(own)), np.zeros((len(given), len(OUTPUTS.split())), dtype=np.float32)
+    if tuned is not None:
+        firmware.tune(tuned.ctypes.data_as(FLOATS))
+    firmware.run(len(given), given.ctypes.data_as(FLOATS), out.ctypes.data_as(FLOATS))
+    return out
+
+
+def main() -> None:
+    """Compile, run and record."""
+    options = bare_parser(__doc__, "python scripts/development/record_crazyflie_firmware.py crazyflie-firmware")
+    options.add_argument("checkout", type=Path)
+    options.add_argument("--count", type=int, default=160, help="ticks at 500 Hz")
+    arguments = options.parse_args()
+    given = inputs(arguments.count)
+    tuned = np.loadtxt(TESTS / "crazyflie_tuned.txt", usecols=1, dtype=np.float32)
+    with tempfile.TemporaryDirectory() as folder:
+        library = compiled(arguments.checkout / "src", Path(folder))
+        recorded = [given, outputs(library, given, None), outputs(library, given, tuned)]
+    names = [*INPUTS.split(), *OUTPUTS.split(), *(f"{name}_tuned" for name in OUTPUTS.split())]
+    path = TESTS / "crazyflie_firmware.csv"
+    np.savetxt(path, np.hstack(recorded), fmt="%.9g", delimiter=",", header=",".join(names), comments="")
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,315 @@
+"""Cascades of PIDs against PX4's equations in PX4's frames and units, and in flights."""
+
+import math
+
+import numpy as np
+import pytest
+from both_ways import assert_flown_alike
+from pydrake.systems.analysis import Simulator
+from scipy.spatial.transform import Rotation
+
+from drake_quad import InputError, load_scenario, simulate
+from drake_quad.assembly.control import control_setting
+from drake_quad.control.pid_cascade.acceleration import acceleration_target, limited_velocity
+from drake_quad.control.pid_cascade.numbers import (
+    AccelerationNumbers,
+    CascadeNumbers,
+    CascadeRules,
+    PidLoopGains,
+    TiltNumbers,
+    empty_memory,
+)
+from drake_quad.control.pid_cascade.system import PidCascade
+from drake_quad.control.pid_cascade.tilt import tilt_target
+from drake_quad.flight.mission import plan_route
+from drake_quad.geometry.per_axis import PerAxis
+from drake_quad.linear.closed_loop import closed_loop, loop_with_injection
+from drake_quad.pid.filters import first_order
+from drake_quad.pid.loop import Derivative, Integral, Terms
+from drake_quad.scenario.batch import Batch
+from drake_quad.signals import Attitude, Reference, State
+from drake_quad.vehicle.autopilot import rotation_error
+from drake_quad.vehicle.parameters import QuadrotorParameters
+
+MASS, GRAVITY, HOVER = 1.3, 9.80665, 0.45
+WEIGHT = MASS * GRAVITY
+PERIOD = 0.01
+P_POSITION = np.array([0.95, 0.95, 1.0])
+K_P, K_I, K_D = np.array([[1.8, 1.8, 4.0], [0.4, 0.4, 2.0], [0.2, 0.2, 0.1]])
+SPEEDS, TILT, THRUSTS, MARGIN, CUTOFF = (2.0, 1.0, 0.7), 0.6, (0.12, 0.9), 0.3, 31.0
+NED = np.diag([1.0, -1.0, -1.0])
+CRAZYFLIE = ["vehicles/crazyflie", "controllers/crazyflie"]
+PX4 = {
+    "control": {
+        "kind": "pid_cascade",
+        "position": {"k_p": [0.95, 0.95, 1.0]},
+        "velocity": {"k_p": [1.8, 1.8, 4.0], "k_i": [0.4, 0.4, 2.0], "k_d": [0.2, 0.2, 0.0]},
+        "command": {"kind": "acceleration"},
+    }
+}
+
+
+def numbers():
+    terms = [
+        Terms(Integral(i, limit), Derivative(d, first_order(CUTOFF, PERIOD)))
+        for i, d, limit in zip(K_I, K_D, (1e3, 1e3, GRAVITY))
+    ]
+    unit = WEIGHT / HOVER
+    return CascadeNumbers(
+        PidLoopGains(PerAxis(*P_POSITION)),
+        PidLoopGains(PerAxis(*K_P), tuple(terms)),
+        1.0,
+        MASS,
+        GRAVITY,
+        AccelerationNumbers(1.0, *SPEEDS, math.tan(TILT), *(unit * share for share in THRUSTS), unit * MARGIN),
+    )
+
+
+class Px4:
+    """PositionControl of PX4 in its axes, north, east and down, with normalised thrust."""
+
+    def __init__(self):
+        self.integral, self.before, self.rate = np.zeros(3), None, np.zeros(3)
+
+    def update(self, position, velocity, wanted, fed_velocity, acceleration, *, decoupled):
+        if self.before is not None:
+            share = CUTOFF * PERIOD / (1.0 + CUTOFF * PERIOD)
+            self.rate += share * ((velocity - self.before) / PERIOD - self.rate)
+        self.before = velocity
+        first = (wanted - position) * P_POSITION
+        setpoint = np.array([*self.shortened(first[:2], fed_velocity[:2]), first[2] + fed_velocity[2]])
+        setpoint[2] = np.clip(setpoint[2], -SPEEDS[1], SPEEDS[2])
+        error = setpoint - velocity
+        asked = acceleration + error * K_P + self.integral - self.rate * K_D
+        down = np.array([-asked[0], -asked[1], GRAVITY - (0.0 if decoupled else asked[2])])
+        axis = down / np.linalg.norm(down)
+        if math.acos(axis[2]) > TILT:
+            level = axis[:2] / np.linalg.norm(axis[:2])
+            axis = np.array([*(math.sin(TILT) * level), math.cos(TILT)])
+        collective = min((asked[2] * HOVER / GRAVITY - HOVER) / axis[2], -THRUSTS[0])
+        thrust = axis * collective
+        left = error.copy()
+        if (thrust[2] >= -THRUSTS[0] and error[2] >= 0.0) or (thrust[2] <= -THRUSTS[1] and error[2] <= 0.0):
+            left[2] = 0.0
+        sideways = np.linalg.norm(thrust[:2])
+        thrust[2] = max(thrust[2], -math.sqrt(THRUSTS[1] ** 2 - min(sideways, MARGIN) ** 2))
+        room = math.sqrt(max(THRUSTS[1] ** 2 - thrust[2] ** 2, 0.0))
+        if sideways > room:
+            thrust[:2] *= room / sideways
+        produced = thrust[:2] * GRAVITY / HOVER
+        if asked[:2] @ asked[:2] > produced @ produced:
+            left[:2] -= 2.0 / K_P[0] * (asked[:2] - produced)
+        self.integral += left * K_I * PERIOD
+        self.integral[2] = np.clip(self.integral[2], -GRAVITY, GRAVITY)
+        return thrust
+
+    @staticmethod
+    def shortened(first, second):
+        """Return the sum of two velocities, of which the second is shortened until the sum is fast enough."""
+        if np.linalg.norm(first + second) <= SPEEDS[0]:
+            return first + second
+        size = np.linalg.norm(first)
+        if size >= SPEEDS[0]:
+            return first / size * SPEEDS[0]
+        unit = second / np.linalg.norm(second)
+        along = unit @ first
+        return first + unit * (-along + math.sqrt(along**2 - size**2 + SPEEDS[0] ** 2))
+
+
+@pytest.mark.parametrize("decoupled", [True, False])
+@pytest.mark.parametrize("size", [0.2, 1.0, 4.0])
+def test_the_thrust_is_px4_s_tick_by_tick_within_limits_and_beyond(decoupled, size):
+    rng, px4, memory = np.random.default_rng(5), Px4(), empty_memory(numbers())
+    yaw = 0.7
+    for tick in range(60):
+        position, velocity, wanted, fed, acceleration = size * rng.normal(size=(5, 3)) * np.array([[1, 1, 1]])
+        velocity = velocity + 0.1 * tick
+        thrust = px4.update(
+            *(NED @ vector for vector in (position, velocity, wanted, fed, acceleration)), decoupled=decoupled
+        )
+        state = State(*position, 0.1, -0.2, 0.3, *velocity, 0.0, 0.0, 0.0)
+        reference = Reference(*wanted, *fed, *acceleration, yaw, 0.4)
+        target, memory = acceleration_target(
+            state, reference, numbers(), memory, PERIOD, CascadeRules(decouples_vertical=decoupled)
+        )
+        attitude = Rotation.from_euler("ZYX", [target.yaw, target.pitch, target.roll])
+        found = attitude.apply([0.0, 0.0, target.thrust]) * HOVER / WEIGHT
+        np.testing.assert_allclose(found, NED @ thrust, rtol=1e-9, atol=1e-9)
+        rates = Rotation.from_euler("ZYX", [0.3, -0.2, 0.1]).inv().apply([0.0, 0.0, 0.4])
+        np.testing.assert_allclose(target[4:], rates, atol=1e-12)
+        integrals = [each.integral for each in memory.velocity]
+        np.testing.assert_allclose(integrals, NED @ px4.integral, rtol=1e-8, atol=1e-9)
+
+
+def quaternion_error(attitude, target, weight):
+    """The error of PX4's AttitudeControl, from rotations of the thrust axis in the world."""
+    q, wanted = (Rotation.from_euler("ZYX", [yaw, pitch, roll]) for roll, pitch, yaw in (attitude, target))
+    here, there = q.apply([0.0, 0.0, 1.0]), wanted.apply([0.0, 0.0, 1.0])
+    axis, angle = np.cross(here, there), math.acos(np.clip(here @ there, -1.0, 1.0))
+    tilt = Rotation.from_rotvec(angle * axis / max(np.linalg.norm(axis), 1e-30))
+    reduced = tilt * q
+    turn = (reduced.inv() * wanted).as_rotvec()
+    np.testing.assert_allclose(turn[:2], 0.0, atol=1e-7)
+    error = (q.inv() * reduced * Rotation.from_rotvec(weight * turn)).as_quat()
+    return 2.0 * error[:3] * np.sign(error[3])
+
+
+def test_the_error_of_the_rotation_is_px4_s():
+    rng = np.random.default_rng(3)
+    for _ in range(100):
+        attitude, target = rng.uniform(-1.0, 1.0, (2, 3)) * [1.2, 1.2, 3.1]
+        found = rotation_error(Attitude(*attitude), Attitude(*target), 0.4)
+        expected = quaternion_error(attitude, target, 0.4)
+        np.testing.assert_allclose(found, expected / [1.0, 1.0, 0.4], rtol=1e-6, atol=1e-6)
+
+
+def test_the_first_velocity_goes_first():
+    rng = np.random.default_rng(2)
+    for first, second in rng.normal(size=(200, 2, 2)) * 2.0:
+        found = np.array(limited_velocity(tuple(first), tuple(second), 2.0))
+        np.testing.assert_allclose(found, Px4.shortened(first, second), atol=1e-9)
+        assert np.linalg.norm(found) <= 2.0 + 1e-9
+    assert limited_velocity((3.0, 0.0), (0.0, 0.0), 2.0) == pytest.approx((2.0, 0.0))
+    assert limited_velocity((0.0, 0.0), (0.0, -3.0), 2.0) == pytest.approx((0.0, -2.0))
+    assert limited_velocity((0.0, 0.0), (0.0, 0.0), 2.0) == pytest.approx((0.0, 0.0))
+
+
+def test_a_tilt_is_commanded_along_the_heading():
+    """A vehicle that looks along Y, and is behind its reference by 0.1 m along X, rolls to the right."""
+    tilting = CascadeNumbers(
+        PidLoopGains(PerAxis(2.0, 2.0, 2.0)),
+        PidLoopGains(PerAxis(0.4, 0.5, 5.0)),
+        0.5,
+        MASS,
+        GRAVITY,
+        TiltNumbers(0.9 * WEIGHT, 0.2 * WEIGHT, 1.5 * WEIGHT),
+    )
+    state = State(-0.1, 0.0, 1.0, 0.0, 0.0, 0.5 * math.pi, *[0.0] * 6)
+    reference = Reference(0.0, 0.0, 1.02, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5 * math.pi, 9.0)
+    target, _ = tilt_target(state, reference, tilting, empty_memory(tilting), PERIOD, CascadeRules())
+    assert target.roll == pytest.approx(0.5 * (2.0 * 0.1 + 0.5 * 0.2))
+    assert target.pitch == pytest.approx(0.0, abs=1e-12)
+    assert target.thrust == pytest.approx(0.9 * WEIGHT + MASS * 5.0 * 2.0 * 0.02)
+    assert target[3:] == (0.5 * math.pi, 0.0, 0.0, 0.0)
+
+
+def test_between_their_ticks_the_loops_are_held():
+    scenario = load_scenario("laboratory:nominal", layers=CRAZYFLIE)
+    recipe = scenario.control.recipes(control_setting(scenario, plan_route(scenario)))["cascade"]
+    assert recipe.structure["num_ticks"] == 5
+    cascade = recipe.build(1)
+    simulator = Simulator(cascade)
+    context, thrusts = simulator.get_mutable_context(), []
+    cascade.GetInputPort("reference").FixValue(context, np.zeros(11))
+    for tick in range(12):
+        measurement = np.zeros(12)
+        measurement[8] = -0.01 * tick
+        cascade.GetInputPort("measurement").FixValue(context, measurement)
+        simulator.AdvanceTo(0.002 * tick)
+        thrusts.append(cascade.GetOutputPort("attitude_target").Eval(context)[0])
+        simulator.AdvanceTo(0.002 * tick + 0.001)
+    changed = np.flatnonzero(np.diff(thrusts)) + 1
+    np.testing.assert_array_equal(changed, [5, 10])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("scenario", "layers", "overrides"),
+    [
+        (
+            "laboratory:low_wind",
+            CRAZYFLIE,
+            {"vehicle.trim_force": {"x": {"normal": {"mean": 0.01, "standard_deviation": 0.003}}}},
+        ),
+        ("onboard", [], {**PX4, "control.velocity.k_i": [{"uniform": {"min": 0.3, "max": 0.5}}, 0.4, 2.0]}),
+    ],
+)
+def test_cascades_fly_alike_wired_and_compiled_alone_and_in_fleets(scenario, layers, overrides):
+    loaded = load_scenario(scenario, {"duration": 1.0, **overrides}, layers=layers)
+    assert_flown_alike(Batch.draw(loaded, range(2)))
+
+
+@pytest.mark.slow
+def test_an_integral_flies_away_the_error_that_a_trim_force_leaves():
+    """At rest the integral of the velocity has the whole trim force; without it the position error is F / (m k k)."""
+    hover = {"route": {"kind": "hover", "position": [0, 0, 1]}, "duration": 40.0, "vehicle.trim_force": {"x": 0.2}}
+    hover |= {"vehicle.linear_drag": 0.0}
+    still = {"laboratory.motion_capture": {"position_noise": 0.0, "attitude_noise": 0.0}}
+    still |= {"laboratory.autopilot": {"gyroscope_noise": 0.0, "gyroscope_bias": [0, 0, 0]}}
+    errors = []
+    for k_i in ([0.4, 0.4, 2.0], [0.0, 0.0, 0.0]):
+        flight = simulate(load_scenario("onboard", {**PX4, **hover, **still, "control.velocity.k_i": k_i}))
+        errors.append(flight.record("state").x[-1])
+    mass = flight.scenario.nominal.mass
+    assert errors[0] == pytest.approx(0.0, abs=2e-3)
+    assert errors[1] == pytest.approx(0.2 / (mass * 1.8 * 0.95), rel=0.02)
+
+
+@pytest.mark.slow
+def test_the_linear_model_is_over_the_period_of_the_loops():
+    scenario = load_scenario("laboratory:nominal", layers=CRAZYFLIE)
+    loop = closed_loop(scenario)
+    assert loop.system.period == pytest.approx(0.01)
+    assert 0.99 < max(abs(loop.system.poles())) < 1.0
+    with pytest.raises(InputError, match=r"control.period is 0.01 s"):
+        loop_with_injection(scenario)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        (
+            {"laboratory.autopilot": {"kind": "none"}},
+            "autopilot.kind is 'none', but must be one that controls the attitude",
+        ),
+        ({"control.period": 0.03}, "control.period is 0.03, but must be a multiple of the period of the command link"),
+        ({"control.velocity.limit": [1.0, 1.0, 1.0]}, "velocity.limit .* must be left out: the command has limits"),
+        (
+            {"control.velocity.k_p": [0.0, 1.0, 1.0]},
+            r"velocity.k_p.0 is 0.0, but must be larger than 0: the anti-windup",
+        ),
+        ({"control.velocity.integration": "backward_euler"}, "velocity.integration .* must be forward_euler"),
+        (
+            {"laboratory.autopilot": {"yaw_weight": 0.4, "attitude_terms": {"k_i": [1, 1, 1]}}},
+            "attitude_terms .* must be left out: the loop on the error of the rotation is proportional",
+        ),
+    ],
+)
+def test_what_does_not_fit_is_refused(overrides, message):
+    with pytest.raises(InputError, match=message):
+        load_scenario("onboard", {**PX4, **overrides})
+
+
+def test_the_numbers_and_rules_are_those_of_the_scenario():
+    command = {"kind": "acceleration", "feed_forward": 0.6, "max_speed": 2.5, "max_ascent": 1.5, "max_descent": 0.8}
+    command |= {"max_tilt": 0.5, "min_thrust": 0.2, "max_thrust": 1.7, "horizontal_margin": 0.4}
+    scenario = load_scenario(
+        "onboard",
+        {
+            **PX4,
+            "control.command": {**command, "decouples_vertical": False},
+            "control.velocity_feed_forward": 0.7,
+            "control.position.k_i": [0.1, 0.0, 0.2],
+            "control.position.integration": "backward_euler",
+        },
+    )
+    structure, found = scenario.control.recipes(control_setting(scenario, plan_route(scenario)))["cascade"][1:]
+    weight = found.mass * found.gravity
+    assert structure["rules"] == CascadeRules(True, False, False)
+    expected = AccelerationNumbers(0.6, 2.5, 1.5, 0.8, math.tan(0.5), 0.2 * weight, 1.7 * weight, 0.4 * weight)
+    assert found.command == pytest.approx(expected)
+    assert found.velocity_feed_forward == 0.7
+    assert [terms.integral is None for terms in found.position.terms] == [False, True, False]
+    assert found.position.terms[0].integral == (0.1, math.inf, None)
+    assert scenario.control.limits().max_tilt == 0.5
+
+
+def test_an_autopilot_that_is_told_body_rates_has_no_error_of_the_attitude():
+    autopilot = load_scenario("onboard", ["laboratory.autopilot.yaw_weight=0.4"]).laboratory.autopilot
+    for heeds, weight in ((True, 0.4), (False, None)):
+        recipe = autopilot.recipes(QuadrotorParameters(), written=autopilot, heeds_attitude=heeds)["autopilot"]
+        assert recipe.numbers.yaw_weight == weight
+
+
+def test_a_cascade_that_remembers_nothing_has_no_state():
+    assert not PidCascade(numbers=numbers()._replace(velocity=PidLoopGains(PerAxis(*K_P)))).states

@@ -1,0 +1,257 @@
+"""Controllers of PX4 and of the Crazyflie's firmware: their laws against the firmware, and readers of parameters."""
+
+import math
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drake_quad import InputError, load_scenario
+from drake_quad.assembly.control import control_setting
+from drake_quad.design.firmware.crazyflie import MAX_THRUST, crazyflie_layer, output_scales
+from drake_quad.design.firmware.layer import firmware_layer
+from drake_quad.design.firmware.parameters import defaults_of, read_parameters
+from drake_quad.design.firmware.px4 import px4_layer, torque_units
+from drake_quad.flight.mission import plan_route
+from drake_quad.planning.believed import nominal_parameters
+from drake_quad.signals import AttitudeTarget, Reference, State
+from drake_quad.vehicle.autopilot import AutopilotMemory, autopilot_law
+
+HERE = Path(__file__).parent
+DEGREE = math.pi / 180.0
+# Thrust of a rotor for a unit of its 16-bit command, N.
+UNIT = MAX_THRUST / 65535.0
+VEHICLE = load_scenario("laboratory:nominal", layers=["vehicles/crazyflie", "gains/laboratory"])
+# The firmware computes with floats of 24 bits; differences of angles over 2 ms magnify their rounding.
+SINGLE = 5e-6
+
+
+def with_firmware(parameters):
+    """Return the scenario of a Crazyflie with the controller of its firmware."""
+    layer = firmware_layer(parameters, VEHICLE)
+    flat = {f"{part}.{name}": value for part, fields in layer.items() for name, value in fields.items()}
+    return load_scenario("laboratory:nominal", flat, layers=["vehicles/crazyflie"])
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    """Return what the compiled firmware computed, see scripts/development/record_crazyflie_firmware.py."""
+    return np.genfromtxt(HERE / "crazyflie_firmware.csv", delimiter=",", names=True)
+
+
+def computed(parameters, recorded):
+    """Return what the scenario's controllers make of the recorded inputs, in the firmware's units, by its names."""
+    scenario = with_firmware(parameters)
+    believed = nominal_parameters(scenario)
+    cascade = scenario.control.recipes(control_setting(scenario, plan_route(scenario)))["cascade"].build(1)
+    autopilot = scenario.laboratory.autopilot
+    recipe = autopilot.recipes(believed, written=autopilot, heeds_attitude=True)["autopilot"]
+    context, memory = cascade.CreateDefaultContext(), AutopilotMemory.of(recipe.numbers)
+    per_unit = np.array(believed.inertia) * output_scales(believed, UNIT)
+    rows = []
+    for row in recorded:
+        x, y, z, v_x, v_y, v_z, roll, pitch, yaw, p, q, r, x_r, y_r, z_r, yaw_r = list(row)[:16]
+        # The firmware's pitch has the other sign; its gyroscope has not.
+        angles = [angle * DEGREE for angle in (roll, -pitch, yaw)]
+        state = State(x, y, z, *angles, v_x, v_y, v_z, *(rate * DEGREE for rate in (p, q, r)))
+        reference = Reference(x_r, y_r, z_r, *[0.0] * 6, yaw_r * DEGREE, 0.0)
+        cascade.GetInputPort("measurement").FixValue(context, list(state))
+        cascade.GetInputPort("reference").FixValue(context, list(reference))
+        target = AttitudeTarget(*cascade.GetOutputPort("attitude_target").Eval(context))
+        cascade.updates[0].computation.run(cascade, context, [context.get_mutable_discrete_state(0)])
+        structure = recipe.structure
+        wrench, memory = autopilot_law(
+            target, state, None, recipe.numbers, memory, structure["period"], structure["rules"]
+        )
+        turning = np.array(wrench[1:]) / per_unit * [1.0, -1.0, 1.0]
+        rows.append([target.roll / DEGREE, -target.pitch / DEGREE, target.thrust / (4.0 * UNIT), *turning])
+    return dict(zip(("roll_d", "pitch_d", "thrust", "roll_out", "pitch_out", "yaw_out"), np.transpose(rows)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tuned", [False, True])
+def test_the_crazyflie_s_firmware_computes_the_same_tick_by_tick(recorded, tuned):
+    """At first no limit is reached and in the end every one; tuned parameters switch on all other terms and filters."""
+    parameters = read_parameters(HERE / "crazyflie_tuned.txt") if tuned else defaults_of("crazyflie")
+    for name, found in computed(parameters, recorded).items():
+        expected = recorded[f"{name}_tuned" if tuned else name]
+        if name.endswith("_out"):  # the firmware's next step saturates them to 16 bits
+            expected = np.clip(expected, -32767.0, 32767.0)
+        np.testing.assert_allclose(found, expected, rtol=SINGLE, atol=SINGLE * np.abs(expected).max(), err_msg=name)
+
+
+def test_the_shipped_controller_is_that_of_the_defaults():
+    shipped = load_scenario("laboratory:nominal", layers=["vehicles/crazyflie", "controllers/crazyflie"])
+    made = with_firmware(defaults_of("crazyflie"))
+    assert shipped.control == made.control
+    assert shipped.laboratory.autopilot == made.laboratory.autopilot
+
+
+def test_the_mixer_of_a_crazyflie_turns_outputs_into_the_torques_of_its_rotors(recorded):
+    """The firmware's motor commands, times their unit, have the wrench of the outputs, up to integers."""
+    rotors = nominal_parameters(VEHICLE).rotors
+    inertia, per_unit = np.array(nominal_parameters(VEHICLE).inertia), output_scales(nominal_parameters(VEHICLE), UNIT)
+    for row in recorded[:60]:
+        forces = [UNIT * row[f"m{number}"] for number in (1, 2, 3, 4)]
+        torque = [
+            sum(rotor.y * force for rotor, force in zip(rotors, forces)),
+            sum(-rotor.x * force for rotor, force in zip(rotors, forces)),
+            sum(
+                -rotor.direction * rotor.drag_factor / rotor.thrust_factor * force
+                for rotor, force in zip(rotors, forces)
+            ),
+        ]
+        outputs = np.clip([row["roll_out"], -row["pitch_out"], row["yaw_out"]], -32767.0, 32767.0)
+        np.testing.assert_allclose(torque / (inertia * per_unit), outputs, atol=3.0)
+
+
+def test_a_normalised_torque_of_px4_is_what_its_mixer_makes_of_an_x():
+    """Of an x each rotor changes by 1/√2 for roll and for pitch and by 1 for yaw, of a unit that hovers at 0.4."""
+    believed = nominal_parameters(load_scenario("laboratory:nominal", layers=["vehicles/racer"]))
+    lever, ratio = abs(believed.rotors[0].y), believed.rotors[0].drag_factor / believed.rotors[0].thrust_factor
+    unit = believed.mass * believed.gravity / (4.0 * 0.4)
+    roll, _, yaw = torque_units(believed, 0.4)
+    levers = {abs(rotor.y) for rotor in believed.rotors} | {abs(rotor.x) for rotor in believed.rotors}
+    # The axis with the shorter levers sets the scale of both.
+    assert roll == pytest.approx(4.0 * math.sqrt(0.5) * unit * min(levers), rel=1e-9)
+    assert yaw == pytest.approx(4.0 * unit * ratio, rel=1e-9)
+    assert lever in levers
+
+
+def test_gains_of_px4_act_on_the_vehicle_as_in_px4():
+    """One more rad/s of error of the roll rate is MC_ROLLRATE_K times MC_ROLLRATE_P of the full torque."""
+    scenario = load_scenario("laboratory:nominal", layers=["vehicles/racer", "gains/laboratory"])
+    believed, values = nominal_parameters(scenario), dict(defaults_of("px4").values)
+    values |= {"MC_ROLLRATE_K": 0.5, "MC_ROLLRATE_FF": 0.01, "MPC_THR_HOVER": 0.4, "IMU_GYRO_RATEMAX": 1000.0}
+    autopilot = px4_layer(values, believed)["laboratory"]["autopilot"]
+    unit = torque_units(believed, 0.4)[0] / believed.inertia.i_xx
+    assert autopilot["k_rate"][0] == pytest.approx(0.5 * 0.15 * unit)
+    assert autopilot["rate_terms"]["k_i"][0] == pytest.approx(0.5 * 0.2 * unit)
+    assert autopilot["rate_terms"]["k_ff"] == pytest.approx([0.01 * unit, 0.0, 0.0])
+    assert autopilot["rate_terms"]["integral_limit"][0] == pytest.approx(0.3 * unit)
+    assert autopilot["period"] == 0.00125, "the nearest of the grids of the laboratory"
+    assert px4_layer(values, believed)["control"]["command"]["max_thrust"] == pytest.approx(1.0 / 0.4)
+
+
+def test_the_least_limit_of_the_climb_of_a_crazyflie_is_half_a_metre_per_second():
+    values = dict(defaults_of("crazyflie").values) | {"posCtlPid.zVelMax": 0.2, "posCtlPid.xVelMax": 0.2}
+    layer = crazyflie_layer(values, nominal_parameters(VEHICLE))
+    assert layer["control"]["position"]["limit"] == pytest.approx([0.22, 1.1, 0.55])
+
+
+QGROUNDCONTROL = """# Onboard parameters for Vehicle 1
+# Vehicle-Id Component-Id Name Value Type
+1\t1\tMC_ROLL_P\t7.25\t9
+1\t1\tMPC_THR_HOVER\t0.375\t9
+1\t1\tMPC_ACC_DECOUPLE\t0\t6
+1\t1\tSYS_AUTOSTART\t4001\t6
+"""
+CLIENT = """params:
+  pid_rate.roll_kp:
+    default_value: 250.0
+    is_stored: true
+    stored_value: 70.5
+  posCtlPid.xKp: {default_value: 2.5, is_stored: false, stored_value: null}
+type: persistent_param_state
+version: '1'
+"""
+DUMP = "posCtlPid.xKp: 1.75\n# posCtlPid.yKp: 9\nvelCtlPid.vxKp = 2.2e1\npid_rate.roll_kp,71\nposCtlPid.zKp 1.5\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "firmware", "values"),
+    [
+        (
+            QGROUNDCONTROL,
+            "px4",
+            {"MC_ROLL_P": 7.25, "MPC_THR_HOVER": 0.375, "MPC_ACC_DECOUPLE": 0.0, "MC_PITCH_P": 6.5},
+        ),
+        (CLIENT, "crazyflie", {"pid_rate.roll_kp": 70.5, "posCtlPid.xKp": 2.5, "posCtlPid.yKp": 2.0}),
+        (
+            DUMP,
+            "crazyflie",
+            {
+                "posCtlPid.xKp": 1.75,
+                "posCtlPid.yKp": 2.0,
+                "velCtlPid.vxKp": 22.0,
+                "pid_rate.roll_kp": 71.0,
+                "posCtlPid.zKp": 1.5,
+            },
+        ),
+    ],
+)
+def test_parameters_are_read_and_the_others_are_defaults(text, firmware, values, tmp_path):
+    path = tmp_path / "parameters.txt"
+    path.write_text(text)
+    found = read_parameters(path)
+    assert found.firmware == firmware
+    assert {name: found.values[name] for name in values} == values
+    defaults = defaults_of(firmware)
+    assert found.values.keys() == defaults.values.keys()
+    assert {*found.missing} == {name for name in defaults.values if name not in text or f"# {name}" in text}
+
+
+def test_parameters_are_read_from_a_ulog(tmp_path):
+    path = tmp_path / "flight.ulg"
+    messages = [(b"B", bytes(40))]
+    for name, value in {"MC_ROLL_P": 7.25, "MPC_XY_P": 1.125}.items():
+        key = f"float {name}".encode()
+        messages.append((b"P", bytes([len(key)]) + key + struct.pack("<f", value)))
+    header = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0)
+    path.write_bytes(header + b"".join(struct.pack("<H", len(data)) + kind + data for kind, data in messages))
+    found = read_parameters(path)
+    assert (found.firmware, found.values["MC_ROLL_P"], found.values["MPC_XY_P"]) == ("px4", 7.25, 1.125)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"nothing: 1", "has neither posCtlPid.* nor MPC_.*: it is no parameter file"),
+        (b"", "is empty"),
+        (b"\xff\xfe\x00", "is neither a text nor a ULog"),
+        (b"MC_ROLL_P nan", "MC_ROLL_P is nan, but must be a finite number that is not negative"),
+        (b"MC_ROLL_P 1e999", "MC_ROLL_P is inf, but must be a finite number"),
+        (b"MC_ROLL_P -1", "MC_ROLL_P is -1.0, but must be a finite number that is not negative"),
+        (b"MPC_THR_HOVER 0", "MPC_THR_HOVER is 0, but must be larger: it is the thrust in hover"),
+        (b"persistent_param_state: [", "is no YAML"),
+        (b"type: persistent_param_state", "has no `params`"),
+        (
+            b"type: persistent_param_state\nparams: {pid_rate.roll_kp: {is_stored: true}}",
+            "roll_kp is None, but must be",
+        ),
+    ],
+)
+def test_what_is_no_parameter_file_is_refused_in_a_sentence(content, message, tmp_path):
+    path = tmp_path / "parameters.txt"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=message):
+        read_parameters(path)
+
+
+@pytest.mark.slow
+def test_a_command_writes_the_layer_and_the_scenario(tmp_path, run):
+    (tmp_path / "mine.params").write_text(QGROUNDCONTROL)
+    folder = tmp_path / "out"
+    call = ["design", "vehicles/racer", "--firmware", tmp_path / "mine.params", "--output", folder]
+    shown = run(*call)
+    assert shown.returncode == 0
+    assert "the multicopter controllers of PX4, 1.15" in shown.stdout
+    assert "parameters have the defaults of the firmware: MPC_XY_P" in shown.stderr
+    scenario = load_scenario(folder / "scenario.yaml")
+    assert scenario.laboratory.autopilot.k_attitude == (7.25, 6.5, 2.8)
+    assert not scenario.control.command.decouples_vertical
+    extended = load_scenario("laboratory:nominal", layers=["vehicles/racer", folder / "controller.yaml"])
+    assert extended.control == scenario.control
+    refused = run(*call, "--integral", "0.2")
+    assert refused.returncode == 2
+    assert "--integral is for gains that are designed; leave out --firmware" in refused.stderr
+
+
+@pytest.mark.slow
+def test_a_controller_that_cannot_be_flown_is_not_written(tmp_path, run):
+    (tmp_path / "mine.params").write_text("1 1 MPC_XY_VEL_P_ACC 1.5 9\n1 1 MC_YAW_WEIGHT 1.5 9\n")
+    refused = run("design", "vehicles/racer", "--firmware", tmp_path / "mine.params", "--output", tmp_path / "out")
+    assert refused.returncode == 2
+    assert "yaw_weight is 1.5, but must be larger than 0 and at most 1" in refused.stderr
+    assert not [*(tmp_path / "out").iterdir()]

@@ -1,0 +1,197 @@
+"""Signals that contradict each other are named, with what it looks like; those that agree are not."""
+
+import functools
+import math
+import re
+
+import numpy as np
+import pytest
+from written_logs import DATA
+
+from drake_quad.identification.logs.attitudes import rotations
+from drake_quad.identification.logs.consistency import _on_grid, contradictions
+from drake_quad.identification.logs.reading import read_log
+
+GRAVITY = 9.81
+PERIOD = 0.01
+TIME = PERIOD * np.arange(1500)
+# The search of a fault compares the log under a hundred of them.
+pytestmark = pytest.mark.slow
+HALF_TURN = np.array([1.0, -1.0, -1.0])
+
+
+@functools.cache
+def flight(noise=1.0):
+    """A flight with linear drag, whose thrust is along its z axis: its acceleration and yaw determine its attitude."""
+    random = np.random.default_rng(1)
+    frequencies, sizes = np.array([1.1, 1.7, 0.9]), np.array([1.5, 0.8, 0.4])
+    phase = np.outer(TIME, frequencies) + np.array([0.0, 0.3, 0.7])
+    position = sizes * np.sin(phase) + [0.0, 0.0, 1.5]
+    velocity = sizes * frequencies * np.cos(phase)
+    force = -sizes * frequencies**2 * np.sin(phase) + [0.0, 0.0, GRAVITY]
+    thrust = force + 0.3 * velocity
+    yaw = 0.8 * np.sin(0.7 * TIME)
+    # Of a Z-Y-X attitude: the thrust in the heading has the tangents of pitch and roll.
+    along = thrust[:, 0] * np.cos(yaw) + thrust[:, 1] * np.sin(yaw)
+    across = thrust[:, 1] * np.cos(yaw) - thrust[:, 0] * np.sin(yaw)
+    pitch = np.arctan2(along, thrust[:, 2])
+    roll = np.arctan2(-across, np.hypot(along, thrust[:, 2]))
+    attitude = np.column_stack([roll, pitch, yaw])
+    body_rates = rates_of(attitude)
+    specific_force = rotations(attitude).apply(force, inverse=True)
+    exact = {
+        "position": (position, 1e-3),
+        "velocity": (velocity, 0.02),
+        "attitude": (attitude, 2e-3),
+        "body_rates": (body_rates, 0.05),
+        "specific_force": (specific_force, 0.3),
+        "reference_position": (sizes * np.sin(phase + 0.3 * frequencies) + [0.0, 0.0, 1.5], 0.0),
+        "attitude_command": (attitude, 0.0),
+    }
+    return {name: values + noise * size * random.normal(size=values.shape) for name, (values, size) in exact.items()}
+
+
+def rates_of(attitude):
+    """Body rates by the kinematics of Z-Y-X angles, from differences of the angles."""
+    roll, pitch, _ = attitude.T
+    d_roll, d_pitch, d_yaw = np.gradient(attitude, PERIOD, axis=0).T
+    return np.column_stack(
+        [
+            d_roll - d_yaw * np.sin(pitch),
+            d_pitch * np.cos(roll) + d_yaw * np.sin(roll) * np.cos(pitch),
+            d_yaw * np.cos(roll) * np.cos(pitch) - d_pitch * np.sin(roll),
+        ]
+    )
+
+
+def found(changes=None, time=TIME):
+    return list(contradictions({**flight(), **(changes or {})}, time))
+
+
+def test_a_flight_that_follows_physics_has_no_contradiction():
+    assert found() == []
+    assert list(contradictions(flight(noise=0.0), TIME)) == []
+    # A gap, and a shorter log.
+    kept = (TIME < 8.0) | (TIME > 9.5)
+    assert list(contradictions({name: values[kept] for name, values in flight().items()}, TIME[kept])) == []
+    for count in (2, 30, 120):
+        assert list(contradictions({name: values[:count] for name, values in flight().items()}, TIME[:count])) == []
+
+
+def test_windows_that_touch_a_gap_are_left_out():
+    kept = (TIME < 8.0) | (TIME > 9.5)
+    grid = _on_grid({"position": flight()["position"][kept]}, TIME[kept])
+    edges = TIME[0] + grid.step * np.arange(len(grid.usable))
+    np.testing.assert_allclose(edges[~grid.usable][[0, -1]], [7.99, 9.5], atol=0.011)
+    whole = grid.whole(20)
+    assert (whole.sum(), len(whole)) == (len(whole) - (~grid.usable).sum() - 20, len(grid.usable) - 20)
+
+
+@pytest.mark.parametrize("name", ["position", "velocity", "attitude", "body_rates", "specific_force"])
+def test_each_wrong_sign_is_named(name):
+    axes = ("roll", "pitch", "yaw") if name == "attitude" else ("x", "y", "z")
+    for axis, word in enumerate(axes):
+        signs = np.ones(3)
+        signs[axis] = -1.0
+        (remark,) = found({name: flight()[name] * signs})
+        assert remark.endswith(f": the sign of {name} looks wrong in {word}")
+    (remark,) = found({name: flight()[name] * HALF_TURN})
+    assert f"the sign of {name} looks wrong in {axes[1]} and {axes[2]}, as if it were in " in remark
+
+
+@pytest.mark.parametrize(
+    ("name", "factor", "words"),
+    [
+        ("position", 1e3, "millimetres were taken for metres"),
+        ("velocity", 1e2, "centimetres were taken for metres"),
+        ("velocity", 3.6, "km/h were taken for m/s"),
+        ("attitude", math.degrees(1.0), "degrees were taken for radians"),
+        ("attitude_command", math.degrees(1.0), "degrees were taken for radians"),
+        ("body_rates", math.degrees(1.0), "degrees were taken for radians"),
+        ("body_rates", math.radians(1.0), "radians were taken for degrees"),
+        ("specific_force", 1.0 / GRAVITY, "g were taken for m/s²"),
+        ("specific_force", GRAVITY, "m/s² were taken for g"),
+        ("reference_position", 1e2, "centimetres were taken for metres"),
+    ],
+)
+def test_each_wrong_unit_is_named(name, factor, words):
+    (remark,) = found({name: factor * flight()[name]})
+    assert remark.endswith(f": {name} looks as if {words}")
+
+
+def test_each_wrong_frame_is_named():
+    clean = flight()
+    to_world = rotations(clean["attitude"]).apply
+    to_body = rotations(clean["attitude"]).inv().apply
+    for name, turned, words in (
+        ("body_rates", to_world, "body_rates looks as if it were along the axes of the world"),
+        ("specific_force", to_world, "specific_force looks as if it were along the axes of the world"),
+        ("velocity", to_body, "velocity looks as if it were along the axes of the body"),
+        ("velocity", lambda v: v[:, [1, 0, 2]] * [1.0, 1.0, -1.0], "velocity looks as if NED was taken for ENU"),
+        ("attitude", lambda a: a + np.array([0.0, 0.0, 0.5 * np.pi]), "the yaw of attitude looks 90° too large"),
+    ):
+        (remark,) = found({name: turned(clean[name])})
+        assert words in remark
+    remarks = list(contradictions({name: values * HALF_TURN for name, values in clean.items()}, TIME))
+    assert remarks[0].endswith(": all signals look as if NED and FRD were taken for NWU and FLU")
+
+
+@pytest.mark.parametrize("shift", [-0.1, 0.04, 0.15])
+@pytest.mark.parametrize(("name", "other"), [("velocity", "position"), ("body_rates", "attitude")])
+def test_a_time_shift_is_measured(name, other, shift):
+    shifted = np.column_stack([np.interp(TIME - shift, TIME, column) for column in flight()[name].T])
+    remarks = [each for each in found({name: shifted}) if each.startswith(f"{name} is ")]
+    (remark,) = remarks
+    size, error = (float(each) for each in re.search(r"is (\d+) ± (\d+) ms", remark).groups())
+    assert abs(size - 1e3 * abs(shift)) <= max(error, 5.0)
+    assert ("behind" if shift > 0.0 else "ahead of") + f" the derivative of {other}" in remark
+
+
+def test_what_a_message_says_is_by_how_much():
+    """A pitch rate with the wrong sign correlates by -1 with the derivative of the pitch."""
+    (remark,) = found({"body_rates": flight()["body_rates"] * [1.0, -1.0, 1.0]})
+    match = re.search(
+        r"derivative of attitude along y \(correlation (-\d\.\d+), amplitudes ([\d.]+) and ([\d.]+)\)", remark
+    )
+    correlation, size, other = (float(each) for each in match.groups())
+    assert correlation < -0.95
+    assert size == pytest.approx(other, rel=0.1)
+
+
+def test_a_signal_that_stands_still_contradicts_one_that_moves():
+    (remark,) = found({"position": np.ones((len(TIME), 3)), "reference_position": np.ones((len(TIME), 3))})
+    assert remark.startswith("velocity contradicts the derivative of position along x (correlation 0.00")
+    assert remark.endswith("which is constant)")
+
+
+def test_two_faults_are_both_named():
+    clean = flight()
+    remarks = found({"body_rates": -clean["body_rates"], "specific_force": clean["specific_force"] / GRAVITY})
+    assert len(remarks) == 2
+    assert any("the sign of body_rates looks wrong" in each for each in remarks)
+    assert any("g were taken for m/s²" in each for each in remarks)
+
+
+def test_without_an_attitude_the_size_of_gravity_is_known():
+    force = {"specific_force": flight()["specific_force"]}
+    assert list(contradictions(force, TIME)) == []
+    (remark,) = contradictions({"specific_force": force["specific_force"] / GRAVITY}, TIME)
+    assert remark.endswith("specific_force looks as if g were taken for m/s²")
+    (remark,) = contradictions({"specific_force": force["specific_force"] * HALF_TURN}, TIME)
+    assert "the sign of specific_force looks wrong in z" in remark or "FRD" in remark
+
+
+def test_noise_contradicts_nothing():
+    random = np.random.default_rng(1)
+    names = ("position", "velocity", "attitude", "body_rates")
+    hovering = {name: 1e-3 * random.normal(size=(len(TIME), 3)) for name in names}
+    assert list(contradictions(hovering, TIME)) == []
+
+
+@pytest.mark.parametrize(
+    "path", sorted(DATA.glob("crazyflie/*/*.xz")) + sorted(DATA.glob("px4/*.xz")), ids=lambda path: path.stem
+)
+def test_the_shipped_flights_have_no_contradiction(path):
+    record = read_log(path)
+    assert list(contradictions(dict(record.signals()), record.time)) == []
+    assert not any("looks as if" in each or "looks wrong" in each or "contradicts" in each for each in record.remarks)

@@ -1,0 +1,325 @@
+"""Logs of each format come back as the numbers that were written, known by their content alone."""
+
+import io
+import json
+import lzma
+import sys
+
+import numpy as np
+import pytest
+import scipy.io
+from mcap.writer import Writer as McapWriter
+from rosbags.rosbag2 import StoragePlugin
+from written_logs import (
+    blackbox_log,
+    dataflash_log,
+    old_crazyflie_log,
+    quaternion_of,
+    ros_1_bag,
+    ros_2_bag,
+)
+
+from drake_quad import InputError
+from drake_quad.identification.logs.formats.log_format import FORMATS
+from drake_quad.identification.logs.mapping import load_mapping, shipped_mappings
+from drake_quad.identification.logs.reading import read_log
+from drake_quad.identification.logs.source import LogFile
+
+COUNT = 60
+TIMES = 20_000 * np.arange(COUNT)  # µs
+SECONDS = 1e-6 * TIMES
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read_one(data, *mapping):
+        path = tmp_path / "log"
+        path.write_bytes(data)
+        return read_log(path, *mapping)
+
+    return read_one
+
+
+def said(record, words):
+    return any(words in remark for remark in record.remarks)
+
+
+def rows(*columns):
+    """Rows of a table from the time and columns, which may be constant."""
+    return [
+        (int(time), *(column[i] if np.ndim(column) else column for column in columns)) for i, time in enumerate(TIMES)
+    ]
+
+
+ARDUPILOT = dataflash_log(
+    {
+        "ATT": (
+            "ccccCC",
+            ["DesRoll", "Roll", "DesPitch", "Pitch", "DesYaw", "Yaw"],
+            rows(100, np.arange(COUNT), 200, np.arange(COUNT), 300, 9000),
+        ),
+        # The first instance of two, as of the IMUs.
+        "IMU": (
+            "Bffffff",
+            ["I", "GyrX", "GyrY", "GyrZ", "AccX", "AccY", "AccZ"],
+            rows(0, 0.1, 0.2, SECONDS, 0.5, 0.25, -9.8),
+        ),
+        "XKF1": (
+            "BffffffB",
+            ["C", "VN", "VE", "VD", "PN", "PE", "PD", "FS"],
+            rows(0, 1.0, 2.0, 3.0, SECONDS, 5.0, -2.0, 0),
+        ),
+        "RCOU": ("HHHH", ["C1", "C2", "C3", "C4"], rows(1100, 1200, 1300, 1400)),
+    },
+    parameters={"FRAME_CLASS": 1.0, "FRAME_TYPE": 1.0},
+)
+
+
+def test_an_ardupilot_log_is_in_our_frames_and_order_of_rotors(read):
+    """Half a turn about x makes NED NWU; its rotors 1 to 4 are front right, back left, front left, back right."""
+    record = read(ARDUPILOT)
+    np.testing.assert_allclose(record.time, SECONDS, atol=1e-12)
+    np.testing.assert_allclose(record.attitude[:, 0], np.radians(0.01 * np.arange(COUNT)), atol=1e-12)
+    np.testing.assert_allclose(record.attitude[:, 1], -np.radians(0.01 * np.arange(COUNT)), atol=1e-12)
+    np.testing.assert_allclose(record.attitude[:, 2], -0.5 * np.pi)
+    np.testing.assert_allclose(record.attitude_command[0], np.radians([1.0, -2.0, -3.0]))
+    np.testing.assert_allclose(record.body_rates[:, 2], -SECONDS, atol=1e-6)
+    np.testing.assert_allclose(record.specific_force[0], [0.5, -0.25, 9.8], rtol=1e-6)
+    np.testing.assert_allclose(record.position[:, 0], SECONDS, atol=1e-6)
+    np.testing.assert_allclose(record.position[0, 1:], [-5.0, 2.0])
+    np.testing.assert_allclose(record.velocity[0], [1.0, -2.0, -3.0])
+    np.testing.assert_allclose(record.motor_command[0], [0.1, 0.4, 0.2, 0.3])
+
+
+def test_the_first_instance_of_a_sensor_is_read(read):
+    instances = [row for time in TIMES.tolist() for row in ((time, 1, 7.0, 8.0, 9.0), (time + 9_000, 0, 0.1, 0.2, 0.3))]
+    record = read(dataflash_log({"IMU": ("Bfff", ["I", "GyrX", "GyrY", "GyrZ"], instances)}))
+    np.testing.assert_allclose(record.body_rates, np.tile([0.1, -0.2, -0.3], (COUNT, 1)), rtol=1e-6)
+
+
+def test_an_ardupilot_log_of_another_vehicle_needs_a_mapping(read):
+    hexarotor = dataflash_log(
+        {"ATT": ("ccc", ["Roll", "Pitch", "Yaw"], rows(1, 2, 3))}, parameters={"FRAME_CLASS": 2.0}
+    )
+    with pytest.raises(InputError, match="is the log of a hexarotor, and not of a quadrotor; give a mapping"):
+        read(hexarotor)
+    assert said(read(hexarotor, "ardupilot"), "the log is of a hexarotor")
+    plus = dataflash_log({"ATT": ("ccc", ["Roll", "Pitch", "Yaw"], rows(1, 2, 3))}, parameters={"FRAME_TYPE": 0.0})
+    assert said(read(plus), "the frame has another layout")
+
+
+BLACKBOX_FIELDS = [
+    f"{name}[{i}]" for name, count in (("gyroADC", 3), ("accSmooth", 3), ("motor", 4)) for i in range(count)
+]
+BLACKBOX = blackbox_log(
+    BLACKBOX_FIELDS, [(int(time), i, -2 * i, 57, 0, 1024, 2048, 48, 2047, 1047, 548) for i, time in enumerate(TIMES)]
+)
+
+
+def test_a_betaflight_log_is_in_shares_and_si(read):
+    """Its rotors 1 to 4 are back right, front right, back left, front left."""
+    record = read(BLACKBOX)
+    np.testing.assert_allclose(record.time, SECONDS, atol=1e-12)
+    np.testing.assert_allclose(np.degrees(record.body_rates[:, 0]), np.arange(COUNT))
+    np.testing.assert_allclose(np.degrees(record.body_rates[:, 1]), -2.0 * np.arange(COUNT))
+    np.testing.assert_allclose(record.specific_force[0], [0.0, 0.5 * 9.80665, 9.80665])
+    np.testing.assert_allclose(record.motor_command[0], [1.0, 0.0, 999.0 / 1999.0, 500.0 / 1999.0])
+
+
+def test_the_longest_flight_of_a_betaflight_log_is_read(read):
+    short = blackbox_log(BLACKBOX_FIELDS, [(int(time), *[0] * 10) for time in TIMES[:5]])
+    record = read(short + BLACKBOX)
+    assert len(record.time) == COUNT
+    assert said(record, "the log has 2 flights; the longest is read, number 2")
+
+
+def test_damaged_frames_of_a_betaflight_log_are_counted(read):
+    damaged = bytearray(BLACKBOX)
+    damaged[-40] ^= 0x80
+    assert said(read(bytes(damaged)), "damaged frames are left out")
+
+
+OLD_CRAZYFLIE = old_crazyflie_log(
+    [("stateEstimate.x", "f"), ("stateEstimate.y", "f"), ("stateEstimate.z", "f"), ("motor.m1", "H")]
+    + [(f"motor.m{i}", "H") for i in (2, 3, 4)],
+    [(20 * i, 0.5 * i, 2.0, 3.0, 65535, 0, 13107, 26214) for i in range(COUNT)],
+)
+
+
+def test_an_old_crazyflie_log_has_the_names_of_the_new_one(read):
+    record = read(OLD_CRAZYFLIE)
+    np.testing.assert_allclose(record.time, SECONDS, atol=1e-12)
+    np.testing.assert_allclose(record.position[:, 0], 0.5 * np.arange(COUNT))
+    np.testing.assert_allclose(record.motor_command[0], [1.0, 0.0, 0.2, 0.4])
+    assert said(record, "the mapping is crazyflie")
+
+
+def test_blocks_of_an_old_crazyflie_log_with_a_wrong_checksum_are_left_out(read):
+    damaged = bytearray(OLD_CRAZYFLIE)
+    damaged[len(damaged) // 2] ^= 1
+    record = read(bytes(damaged))
+    assert len(record.time) == COUNT - 7
+    assert said(record, "1 block of records is left out because of a wrong checksum")
+    cut = read(OLD_CRAZYFLIE[:-1])
+    assert len(cut.time) == COUNT - COUNT % 7
+    assert said(cut, "bytes are not read: no whole block of records")
+
+
+def mat_file(content):
+    file = io.BytesIO()
+    scipy.io.savemat(file, content)
+    return file.getvalue()
+
+
+MAT_CONTENT = {
+    "log": {
+        "t": SECONDS,
+        "p": np.column_stack([SECONDS, 2.0 + 0.0 * SECONDS, 3.0 + 0.0 * SECONDS]),
+        # MATLAB users keep a component in a row as often as in a column.
+        "u": np.outer([10.0, 20.0, 30.0, 40.0], np.ones(COUNT)),
+        "vbat": 0.0 * SECONDS + 11.1,
+    },
+    "note": "flight 7",
+}
+MAT_MAPPING = """
+time: {column: log.t}
+signals:
+  position: {column: log.p, unit: mm}
+  motor_command: {columns: ["log.u[0]", "log.u[1]", "log.u[2]", "log.u[3]"], unit: "%"}
+  battery_voltage: {columns: [log.vbat]}
+"""
+
+
+def test_a_mat_file_has_structs_and_matrices(read, tmp_path):
+    (tmp_path / "mine.yaml").write_text(MAT_MAPPING)
+    record = read(mat_file(MAT_CONTENT), tmp_path / "mine.yaml")
+    np.testing.assert_allclose(record.time, SECONDS)
+    np.testing.assert_allclose(record.position[:, 0], 1e-3 * SECONDS)
+    np.testing.assert_allclose(record.motor_command[0], [0.1, 0.2, 0.3, 0.4])
+    np.testing.assert_allclose(record.battery_voltage, 11.1)
+    with pytest.raises(InputError, match="none of the shipped mappings"):
+        read(mat_file(MAT_CONTENT))
+
+
+def test_a_mat_file_of_the_hdf5_kind_is_refused_in_a_sentence(read):
+    with pytest.raises(InputError, match="MAT-file of version 7.3, which is HDF5; save it in MATLAB with -v7"):
+        read(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + b"\x89HDF\r\n\x1a\n")
+
+
+def check_ros(record):
+    """The odometry gives pose and velocity, along the axes of the body; the IMU rates and specific force."""
+    t = record.time
+    np.testing.assert_allclose(record.position, np.column_stack([np.sin(t), 0.5 + 0.0 * t, 2.0 - t]), atol=1e-6)
+    np.testing.assert_allclose(record.attitude, np.column_stack([0.0 * t, 0.0 * t, t]), atol=1e-9)
+    np.testing.assert_allclose(record.velocity, np.column_stack([np.cos(t), np.sin(t), -1.0 + 0.0 * t]), atol=1e-9)
+    np.testing.assert_allclose(record.body_rates[0], [0.1, 0.2, 1.0])
+    np.testing.assert_allclose(record.specific_force[0], [0.0, 0.0, 9.81])
+    assert said(record, "velocity is turned from the axes of the body to those of the world by the attitude")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("version", [8, 9])
+@pytest.mark.parametrize("plugin", StoragePlugin)
+def test_a_ros_2_bag_is_read_as_a_folder_and_as_a_file(tmp_path, plugin, version):
+    file = ros_2_bag(tmp_path / "bag", plugin=plugin, version=version)
+    for path in (tmp_path / "bag", file):
+        check_ros(read_log(path))
+
+
+@pytest.mark.slow
+def test_a_ros_1_bag_is_read(tmp_path):
+    check_ros(read_log(ros_1_bag(tmp_path / "flight.bag")))
+
+
+def json_mcap():
+    """Positions as JSON, in many small chunks."""
+    file = io.BytesIO()
+    writer = McapWriter(file, chunk_size=500)
+    writer.start()
+    schema = writer.register_schema("mine", "jsonschema", b"{}")
+    channel = writer.register_channel("/state", "json", schema)
+    for time in TIMES:
+        content = {"pose": {"p": [1e-6 * float(time), 2.0, 3.0]}}
+        stamp = 1000 * int(time) + 5
+        writer.add_message(channel, log_time=stamp, publish_time=stamp, data=json.dumps(content).encode())
+    writer.finish()
+    return file.getvalue()
+
+
+JSON_MCAP = json_mcap()
+
+
+def test_json_in_mcap_is_read_with_a_mapping_and_to_where_it_is_cut(read, tmp_path):
+    mapping = tmp_path / "mine.yaml"
+    mapping.write_text('signals: {position: {columns: ["/state.pose.p[0]", "/state.pose.p[1]", "/state.pose.p[2]"]}}')
+    record = read(JSON_MCAP, mapping)
+    np.testing.assert_allclose(record.position[:, 0], SECONDS)
+    np.testing.assert_allclose(record.time, SECONDS, atol=1e-9)
+    with pytest.raises(InputError, match="without any topic that the mapping ros knows; its topics are /state"):
+        read(JSON_MCAP)
+    cut = read(JSON_MCAP[: len(JSON_MCAP) // 2], mapping)
+    np.testing.assert_array_equal(cut.position, record.position[: len(cut.time)])
+    assert 10 < len(cut.time) < COUNT
+    assert said(cut, "the log is cut or damaged; it is read until this error")
+
+
+NANOBENCH = ["t", "px", "py", "pz", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx_vicon", "wy_vicon", "wz_vicon"]
+NANOBENCH += [f"motor_motor_m{i}" for i in (1, 2, 3, 4)]
+
+
+def test_rates_about_the_axes_of_the_world_are_turned_into_the_body(read, tmp_path):
+    """A vehicle that is rolled by 90° and turns about the vertical turns about its own y axis."""
+    w, x, y, z = quaternion_of(0.5 * np.pi, 0.0, 0.0)
+    cells = [0, 0, 1, x, y, z, w, 0, 0, 0, 0.0, 0.0, 1.5, *[32768] * 4]
+    text = "\n".join([",".join(NANOBENCH), *(",".join(map(str, [0.01 * i, *cells])) for i in range(COUNT))]) + "\n"
+    record = read(text.encode())
+    assert said(record, "the mapping is nanobench")
+    np.testing.assert_allclose(record.body_rates, np.tile([0.0, 1.5, 0.0], (COUNT, 1)), atol=1e-9)
+    mapping = tmp_path / "mine.yaml"
+    rates = "time: {column: t}\nsignals: {body_rates: {columns: [wx_vicon, wy_vicon, wz_vicon], frame: NWU}%s}"
+    mapping.write_text(rates % ", position: {columns: [px, py, pz]}")
+    kept = read(text.encode(), mapping)
+    assert kept.body_rates is None
+    left_out = "body_rates is left out: it is along the axes of the world, and no attitude is logged"
+    assert left_out in kept.remarks
+    mapping.write_text(rates % "")
+    with pytest.raises(InputError, match=f"has no signal that can be used: {left_out}"):
+        read(text.encode(), mapping)
+
+
+def written(tmp_path):
+    """One log of each format that needs a library, and the library."""
+    return [
+        (ARDUPILOT, "pymavlink", "ardupilot"),
+        (BLACKBOX, "betaflight_chirp_core", "betaflight"),
+        (ros_1_bag(tmp_path / "a.bag").read_bytes(), "rosbags", "ros"),
+        (ros_2_bag(tmp_path / "b", plugin=StoragePlugin.SQLITE3).read_bytes(), "rosbags", "ros"),
+        (ros_2_bag(tmp_path / "c", plugin=StoragePlugin.MCAP).read_bytes(), "mcap", "mcap"),
+    ]
+
+
+@pytest.mark.slow
+def test_a_format_whose_library_is_missing_says_how_to_get_it(read, tmp_path, monkeypatch):
+    for data, module, extra in written(tmp_path):
+        with monkeypatch.context() as without:
+            for name in [each for each in sys.modules if each.partition(".")[0] == module]:
+                without.delitem(sys.modules, name)
+            without.setitem(sys.modules, module, None)
+            with pytest.raises(InputError, match=rf"is not installed; pip install 'drake_quad\[{extra}\]' has it"):
+                read(data)
+
+
+@pytest.mark.slow
+def test_each_log_is_claimed_by_one_format_also_where_it_is_compressed(tmp_path):
+    logs = [each for each, *_ in written(tmp_path)] + [OLD_CRAZYFLIE, mat_file(MAT_CONTENT)]
+    names = [[each.name for each in FORMATS if each.recognizes(LogFile(tmp_path, data, ()))] for data in logs]
+    assert all(len(each) == 1 for each in names)
+    assert len({name for (name,) in names}) == len(logs)
+    (tmp_path / "log.bbl.xz").write_bytes(lzma.compress(BLACKBOX))
+    record = read_log(tmp_path / "log.bbl.xz")
+    assert (record.name, len(record.time)) == ("log", COUNT)
+
+
+def test_shipped_mappings_are_valid():
+    for name in shipped_mappings():
+        assert load_mapping(name)[1].description
