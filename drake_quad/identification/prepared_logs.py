@@ -68,9 +68,9 @@ class PreparedLogs(NamedTuple):
         """
         if not self.own_throttles or any(record.battery_voltage is None for record in self.records):
             return None
-        known: float | None = self.scenario.vehicle.motors.voltage
-        if known is not None:
-            return known
+        motors: Any = self.scenario.vehicle.motors
+        if motors.voltage is not None:
+            return float(motors.voltage)
         voltages = [
             record.of("battery_voltage")[usable] for record, usable in zip(self.records, self.flying, strict=True)
         ]

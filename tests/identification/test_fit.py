@@ -231,7 +231,7 @@ def test_a_fit_that_diverges_is_refused_in_one_sentence(monkeypatch: pytest.Monk
 
 
 def test_a_step_to_where_the_model_diverges_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Beyond θ = 1.2 the squares of the errors overflow; the minimum is at 1, and the first Gauss-Newton step goes to 2."""
+    """Beyond θ = 1.2 squared errors overflow. The minimum is at 1, and the first Gauss-Newton step goes to 2."""
 
     class Diverging(LinearPredictor):
         def errors(self, parameters: np.ndarray, *_: object) -> tuple[np.ndarray, np.ndarray]:

@@ -7,6 +7,7 @@ import pytest
 
 from drake_quad import InputError, load_scenario
 from drake_quad.identification import identify as module
+from drake_quad.identification import prepared_logs
 from drake_quad.identification.evidence import Uncertainty
 from drake_quad.identification.forecast import Forecast
 from drake_quad.identification.identify import identify
@@ -48,25 +49,25 @@ def attitudes(root):
     ],
 )
 def test_what_sensors_measure_is_predicted_and_what_estimators_derive_is_not(logged, predicted):
-    found = module._outputs([record(1.0, *logged)])
+    found = prepared_logs._outputs([record(1.0, *logged)])
     assert found == [Output(name, column) for name in predicted for column in range(3)]
 
 
 def test_only_signals_that_all_logs_have_are_predicted():
-    found = module._outputs([record(1.0, *POSES, "body_rates", FORCE), record(1.0, "body_rates", FORCE)])
+    found = prepared_logs._outputs([record(1.0, *POSES, "body_rates", FORCE), record(1.0, "body_rates", FORCE)])
     assert {output.signal for output in found} == {"body_rates", FORCE}
-    assert module._outputs([record(1.0, "position")]) == [Output("position", 2)]
+    assert prepared_logs._outputs([record(1.0, "position")]) == [Output("position", 2)]
     with pytest.raises(InputError, match="to identify a vehicle, a log needs body_rates and specific_force, position"):
-        module._outputs([record(1.0, "specific_force")])
+        prepared_logs._outputs([record(1.0, "specific_force")])
 
 
 def test_a_log_of_throttles_gives_the_vehicle_throttle_motors(rotors):
     throttles = record(5.0, *POSES, motor_command=np.full((250, 4), 0.5))
-    logs, scenario = module._logs([throttles], rotors)
+    logs, scenario = prepared_logs.prepare([throttles], rotors)
     assert logs.scenario.vehicle.motors.take_throttles
     assert scenario.vehicle.motors.take_throttles
     assert logs.own_throttles
-    logs, scenario = module._logs([record(5.0, *POSES)], rotors)
+    logs, scenario = prepared_logs.prepare([record(5.0, *POSES)], rotors)
     assert scenario is rotors
 
 
@@ -87,7 +88,9 @@ def test_a_residual_force_becomes_the_specific_force_of_an_accelerometer(attitud
     pitch = np.array([[c_p, 0.0, s_p], [0.0, 1.0, 0.0], [-s_p, 0.0, c_p]])
     roll = np.array([[1.0, 0.0, 0.0], [0.0, c_r, -s_r], [0.0, s_r, c_r]])
     expected = ((yaw @ pitch @ roll).T @ force + [0.0, 0.0, 20.0]) / mass
-    np.testing.assert_allclose(module._with_specific_force(log, attitudes).specific_force, np.tile(expected, (5, 1)))
+    np.testing.assert_allclose(
+        prepared_logs._with_specific_force(log, attitudes).specific_force, np.tile(expected, (5, 1))
+    )
 
 
 def test_without_a_log_there_is_nothing_to_identify(rotors):

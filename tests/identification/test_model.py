@@ -59,7 +59,8 @@ def test_a_disturbance_adds_constant_accelerations_to_a_step(numbers, kind):
     """A force moves the vehicle by h²/2, along the axes of W or those of the body at the beginning of the step."""
     h = 0.02
     quiet, pushed = (
-        np.array(step(STATE, SPEEDS, SPEEDS, LEVEL, STILL, d, Span(h), numbers, kind).body) for d in (NOTHING, PUSHED)
+        np.array(step(STATE, SPEEDS, SPEEDS, LEVEL, STILL, d, Span(h, 1.0), numbers, kind).body)
+        for d in (NOTHING, PUSHED)
     )
     force = np.array([PUSHED.x + PUSHED.constant_x, PUSHED.y + PUSHED.constant_y, PUSHED.z])
     if kind == "body":
@@ -75,24 +76,26 @@ def test_a_disturbance_adds_constant_accelerations_to_a_step(numbers, kind):
 def test_what_is_felt_is_the_acceleration_beside_that_of_free_fall(numbers, kind):
     """The expected value is in body axes, from the change of velocity in a very short step."""
     h = 1e-6
-    after = step(STATE, SPEEDS, SPEEDS, LEVEL, STILL, PUSHED, Span(h), numbers, kind).body
+    after = step(STATE, SPEEDS, SPEEDS, LEVEL, STILL, PUSHED, Span(h, 1.0), numbers, kind).body
     acceleration = (np.array(after[6:9]) - np.array(STATE[6:9])) / h
     expected = in_world().inv().apply(acceleration + np.array([0.0, 0.0, numbers.parameters.gravity]))
-    np.testing.assert_allclose(specific_force(STATE, SPEEDS, SPEEDS, STILL, PUSHED, numbers, kind), expected, atol=1e-4)
+    np.testing.assert_allclose(
+        specific_force(STATE, SPEEDS, SPEEDS, STILL, PUSHED, Span(h, 1.0), numbers, kind), expected, atol=1e-4
+    )
 
 
 def test_rotors_follow_their_commands_with_lags_of_their_own_up_and_down(scenario, numbers):
     """A first-order lag leaves exp(-h/T) of the difference after a step of any length."""
     vehicle, h = scenario.vehicle, 0.03
     command = RotorSpeed(220.0, 180.0, 240.0, 150.0)
-    found = np.array(rotors_after(SPEEDS, command, Span(h), numbers))
+    found = np.array(rotors_after(SPEEDS, command, Span(h, 1.0), numbers))
     for now, told, after in zip(SPEEDS, command, found, strict=True):
         lag = vehicle.rotor_time_constant if told > now else vehicle.rotor_time_constant_down
         assert after == pytest.approx(told + (now - told) * np.exp(-h / lag))
     np.testing.assert_allclose(
-        found, step(STATE, SPEEDS, command, LEVEL, STILL, NOTHING, Span(h), numbers, "world").rotors
+        found, step(STATE, SPEEDS, command, LEVEL, STILL, NOTHING, Span(h, 1.0), numbers, "world").rotors
     )
-    assert rotors_at_rest(command, numbers) == pytest.approx(command)
+    assert rotors_at_rest(command, Span(h, 1.0), numbers) == pytest.approx(command)
 
 
 def test_throttles_at_rest_give_the_thrust_of_their_curve(scenario):
@@ -100,7 +103,7 @@ def test_throttles_at_rest_give_the_thrust_of_their_curve(scenario):
     own = Numbers(vehicle_parameters(vehicle), vehicle.effect_numbers(), None)
     throttles = Throttle(0.3, 0.4, 0.5, 0.6)
     k_0, k_1, k_2 = vehicle.motors.curve
-    thrusts = vehicle.thrust_factor * np.square(rotors_at_rest(throttles, own))
+    thrusts = vehicle.thrust_factor * np.square(rotors_at_rest(throttles, Span(PERIOD, 1.0), own))
     shares = np.array(throttles)
     np.testing.assert_allclose(thrusts, k_0 + k_1 * shares + k_2 * shares**2)
 
@@ -126,7 +129,8 @@ def test_inputs_are_the_commands_and_steps_of_each_window(scenario, split):
     assert inputs.margin == int(np.ceil(0.025 * split / PERIOD)) + 2
     count = split * (2 + 3 + 6)
     assert inputs.commands.shape == (count + 2 * inputs.margin, 7, 3)
-    assert inputs.spans.shape == (count, 3)
+    assert inputs.spans.shape == (count, 2, 3)
+    np.testing.assert_array_equal(inputs.spans[:, 1], 1.0)
     for w, (_, start) in enumerate(windows):
         for k in range(-inputs.margin, count + inputs.margin):
             # Half steps before a sample still have the command of the one before.
@@ -134,7 +138,7 @@ def test_inputs_are_the_commands_and_steps_of_each_window(scenario, split):
             np.testing.assert_array_equal(inputs.commands[k + inputs.margin, :4, w], log.rotor_speed_command[sample])
             if 0 <= k < count:
                 step_after = log.time[sample + 1] - log.time[sample] if sample < 199 else log.period
-                assert inputs.spans[k, w] == pytest.approx(min(step_after, 3.0 * PERIOD) / split)
+                assert inputs.spans[k, 0, w] == pytest.approx(min(step_after, 3.0 * PERIOD) / split)
 
 
 def test_rotors_begin_at_rest_and_then_follow_the_commands_of_the_warm_up(scenario):
@@ -149,7 +153,7 @@ def test_rotors_begin_at_rest_and_then_follow_the_commands_of_the_warm_up(scenar
         target = log.rotor_speed_command[sample]
         expected = target + (expected - target) * np.exp(-span / scenario.vehicle.rotor_time_constant)
     np.testing.assert_allclose(model._rotors.reshape(4, -1)[:, 0], expected)
-    assert model._span[0, 0] == pytest.approx(log.time[63] - log.time[62])
+    assert model._span[0, 0, 0] == pytest.approx(log.time[63] - log.time[62])
 
 
 @pytest.mark.parametrize("delay", [-0.013, 0.0, 0.004, 0.01, 0.0175])
@@ -199,11 +203,13 @@ def test_machine_code_steps_and_feels_as_the_formulas_do(scenario, numbers, kind
             body, push = State(*states[:NUM_BODY, k, w]), Disturbance(*states[NUM_BODY:, k, w])
             np.testing.assert_allclose(
                 found[:NUM_BODY, k, w],
-                step(body, SPEEDS, SPEEDS, LEVEL, air, push, Span(PERIOD), own, kind).body,
+                step(body, SPEEDS, SPEEDS, LEVEL, air, push, Span(PERIOD, 1.0), own, kind).body,
                 atol=1e-9,
             )
             np.testing.assert_allclose(
-                forces[:, k, w], specific_force(body, SPEEDS, SPEEDS, air, push, own, kind), atol=1e-9
+                forces[:, k, w],
+                specific_force(body, SPEEDS, SPEEDS, air, push, Span(PERIOD, 1.0), own, kind),
+                atol=1e-9,
             )
     np.testing.assert_array_equal(found[NUM_BODY:], states[NUM_BODY:])
 
@@ -219,8 +225,8 @@ def test_a_payload_stays_all_along_whenever_it_is_dropped():
         )
     )
     for formula in (
-        lambda own: step(STATE, SPEEDS, SPEEDS, LEVEL, STILL, PUSHED, Span(0.1), own, "world").body,
-        lambda own: specific_force(STATE, SPEEDS, SPEEDS, STILL, PUSHED, own, "world"),
+        lambda own: step(STATE, SPEEDS, SPEEDS, LEVEL, STILL, PUSHED, Span(0.1, 1.0), own, "world").body,
+        lambda own: specific_force(STATE, SPEEDS, SPEEDS, STILL, PUSHED, Span(0.1, 1.0), own, "world"),
     ):
         np.testing.assert_array_equal(formula(soon), formula(late))
         assert np.abs(np.subtract(formula(soon), formula(never))).max() > 1e-3
