@@ -212,13 +212,13 @@ def print_estimates(found: Identification) -> None:
     """Print the identified parameters, and the parameters that could not be identified."""
     estimates = found.estimates
     reaches = estimates.quantiles() * estimates.deviations
-    elsewhere = estimates.elsewhere()
+    elsewhere = estimates.for_new_flight()
     farther = elsewhere.quantiles() * elsewhere.deviations
     rows = []
     known = estimates.variation_known
     columns = zip(estimates.names, estimates.values, reaches, farther, known, estimates.units, strict=True)
     for name, value, reach, far, varies, unit in columns:
-        if name in estimates.not_seen:
+        if name in estimates.not_identified:
             continue
         explained = estimates.explained.get(name)
         share = (
@@ -232,7 +232,7 @@ def print_estimates(found: Identification) -> None:
     print_columns(("number", "value", "unit", "another stretch", "interval holds", "explains, held out"), rows)
     if found.delay is not None:
         print(f"a command shows after {plus_minus(1e3 * found.delay.value, 1e3 * found.delay.reach)} ms")
-    for name, why in estimates.not_seen.items():
+    for name, why in estimates.not_identified.items():
         print(f"not identified: {name}: {why}")
     for sentence in (*found.remarks, *estimates.remarks):
         remark(sentence)
@@ -243,7 +243,7 @@ def covered(found: Identification, name: str) -> str:
     if name not in found.held_out:
         return ""
     each = found.held_out[name]
-    return f"{each.covered} of {len(each.off)}"
+    return f"{each.covered} of {len(each.errors)}"
 
 
 def print_score(found: Identification) -> None:

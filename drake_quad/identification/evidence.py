@@ -1,39 +1,38 @@
-"""What windows of flight say of parameters, and how far parameters are off by what blocks of windows say.
+"""Information of windows of flight on parameters, and the uncertainty of the estimates from blocks of windows.
 
-To first order around their estimate, a window adds H_w = Jᵀ J to the information on parameters and Jᵀ e to the score,
-of whitened errors e with derivatives J. If model and noise were right, the covariance of θ would be H⁻¹ with H = Σ H_w.
-They are not quite: what a model leaves out acts for seconds. So it is taken from how much θ moves as blocks of
-consecutive windows are left out (the jackknife over blocks; to first order the sandwich CR3 of R. M. Bell and
-D. F. McCaffrey, Survey Methodology 28, 2002, which does not come out too small where blocks are few)
+To first order around the estimate, a window with whitened errors e and derivatives J adds H_w = Jᵀ J to the information
+and Jᵀ e to the score. If model and noise were correct, the covariance of the estimate θ would be H⁻¹ with H = Σ H_w.
+Model errors last for seconds, however, so the errors of neighbouring windows are correlated. The covariance is
+therefore that of the jackknife over blocks of adjacent windows,
 
-    θ₋ᵦ - θ = (H - H_b)⁻¹ Σ_block Jᵀ e,   P = (B - 1)/B Σ_b (θ₋ᵦ - θ)(θ₋ᵦ - θ)ᵀ
+    θ₋ᵦ - θ = (H - H_b)⁻¹ Σ_block Jᵀ e,   P = (B - 1)/B Σ_b (θ₋ᵦ - θ)(θ₋ᵦ - θ)ᵀ,
 
-Where each block ends in the state that the next begins with, what one has too much the next has too little: half of the
-products of neighbours is added (Bartlett's weights with one lag: W. K. Newey and K. D. West, Econometrica 55, 1987).
+where θ₋ᵦ is the estimate without block b. To first order it is the sandwich estimator CR3 of R. M. Bell and
+D. F. McCaffrey (Survey Methodology 28, 2002), which is not too small for few blocks.
 
-A parameter that only a few of the blocks tell has as few degrees of freedom: with c_b the diagonal of H⁻¹ H_b H⁻¹, it
-is the effective number of blocks, (Σ c_b)² / Σ c_b², less one.
+If each block ends in the state in which the next one starts, the scores of neighbouring blocks have a negative
+correlation. Half of the products of neighbours is then added (Bartlett weights with one lag: W. K. Newey and
+K. D. West, Econometrica 55, 1987).
 
-Where a fit has other covariances of blocks, the sandwich CR2 of the same source is the choice, whose mean is right if
-the model is: `bias_reduced`.
+A parameter that only a few blocks determine has few degrees of freedom. With c_b the diagonal of H⁻¹ H_b H⁻¹, they are
+the effective number of blocks, (Σ c_b)² / Σ c_b², minus one.
 """
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-# Of the largest eigenvalue of information on numbers of unit size, less of which is rounding.
-_NOTHING = 1e-12
+# Eigenvalues of the scaled information below this share of the largest one are rounding errors.
+_MIN_EIGENVALUE_RATIO = 1e-12
 
 
 class Uncertainty(NamedTuple):
-    """How sure parameters are.
+    """Uncertainty of estimated parameters.
 
     Attributes:
-        covariance: (p, p) of blocks.
-        degrees_of_freedom: (p,) of Student's t.
-        model: (p, p) the covariance if model and noise were right.
+        covariance: (p, p) covariance of the errors.
+        degrees_of_freedom: (p,) degrees of freedom of Student's distribution of each error.
+        model: (p, p) covariance if model and noise were correct.
     """
 
     covariance: np.ndarray
@@ -42,15 +41,15 @@ class Uncertainty(NamedTuple):
 
 
 class Evidence(NamedTuple):
-    """What windows say of parameters, to first order around their estimate.
+    """Information of W windows on p parameters, to first order around their estimate.
 
     Attributes:
-        names: (p,) of the parameters.
-        values: (p,) their estimate of all windows.
-        scales: (p,) by how much they may well be off.
+        names: (p,) names of the parameters.
+        values: (p,) estimates from all windows.
+        scales: (p,) usual errors of the prior means.
         information: (W, p, p) Jᵀ J of each window, in the order of flight.
-        scores: (W, p) Jᵀ e.
-        seconds: of all windows, s.
+        scores: (W, p) Jᵀ e of each window.
+        duration: duration of all windows together, s.
     """
 
     names: tuple[str, ...]
@@ -58,47 +57,35 @@ class Evidence(NamedTuple):
     scales: np.ndarray
     information: np.ndarray
     scores: np.ndarray
-    seconds: float
-
-    def given(self, names: Sequence[str]) -> "Evidence":
-        """What windows say of some of the parameters, the others held at their values."""
-        kept = [self.names.index(name) for name in names]
-        return Evidence(
-            tuple(names),
-            self.values[kept],
-            self.scales[kept],
-            self.information[:, kept][:, :, kept],
-            self.scores[:, kept],
-            self.seconds,
-        )
+    duration: float
 
 
 def jackknife(
-    information: np.ndarray, scores: np.ndarray, *, prior: np.ndarray | None = None, adjoining: bool = False
+    information: np.ndarray, scores: np.ndarray, *, prior: np.ndarray | None = None, adjacent: bool = False
 ) -> Uncertainty:
-    """How sure parameters are.
+    """Return the uncertainty of parameters by the jackknife over B blocks.
 
-    A number that a single block tells does not move as that is left out: it has one degree of freedom, the fewest.
+    No variance is smaller than that of the model. A parameter has at least one degree of freedom.
 
     Args:
-        information: (B, p, p) of blocks.
-        scores: (B, p).
-        prior: (p,) information of the prior, whose share of the uncertainty is added.
-        adjoining: whether each ends in the state that the next begins with.
+        information: (B, p, p) information of the blocks.
+        scores: (B, p) scores of the blocks.
+        prior: (p,) information of the prior; None without a prior. The share of the prior in the uncertainty is added.
+        adjacent: whether each block ends in the state in which the next one starts.
     """
     number = len(scores)
-    beliefs = np.zeros(information.shape[1]) if prior is None else prior
-    whole = information.sum(axis=0) + np.diag(beliefs)
+    prior_information = np.zeros(information.shape[1]) if prior is None else prior
+    whole = information.sum(axis=0) + np.diag(prior_information)
     moves = (inverted(whole - information, whole) @ scores[:, :, None])[:, :, 0]
     inverse = inverted(whole, whole)
     freedom = effective_blocks(information, inverse) - 1.0
     squares = moves.T @ moves
-    if adjoining:
+    if adjacent:
         neighbours = moves[:-1].T @ moves[1:]
         squares += 0.5 * (neighbours + neighbours.T)
-    covariance = (number - 1) / number * squares + inverse @ np.diag(beliefs) @ inverse
+    covariance = (number - 1) / number * squares + inverse @ np.diag(prior_information) @ inverse
     own, expected = np.diag(covariance), np.diag(inverse)
-    # Blocks that happen to agree do not make an estimate more certain than the model says.
+    # Blocks that agree by chance do not make an estimate more certain than the model.
     wider = np.sqrt(np.maximum(1.0, np.where(own > 0.0, expected / np.where(own > 0.0, own, 1.0), 1.0)))
     covariance = np.where(np.eye(len(own), dtype=bool) & (own <= 0.0), expected, covariance)
     return Uncertainty(covariance * np.outer(wider, wider), np.maximum(freedom, 1.0), inverse)
@@ -111,8 +98,8 @@ def effective_blocks(information: np.ndarray, inverse: np.ndarray) -> np.ndarray
     such a parameter keeps its prior, and the caller reports it as not identified.
 
     Args:
-        information: (B, p, p) of blocks, H_b.
-        inverse: (p, p) H⁻¹.
+        information: (B, p, p) information H_b of the blocks.
+        inverse: (p, p) inverse H⁻¹ of the information, with that of the prior.
     """
     shares = np.einsum("ij,bjk,ki->bi", inverse, information, inverse)
     largest = shares.max(axis=0)
@@ -122,50 +109,24 @@ def effective_blocks(information: np.ndarray, inverse: np.ndarray) -> np.ndarray
     return np.where(largest > 0.0, number, 1.0)
 
 
-def explained_share(left: np.ndarray | float, whole: np.ndarray | float) -> np.ndarray:
-    """Return the share of a sum of squares that a model explains, 1 - left / whole; NaN where nothing varies.
-
-    Args:
-        left: sums of the squares that the model leaves, of any shape.
-        whole: sums of the squares without it, of the same shape.
-    """
-    whole = np.asarray(whole, dtype=float)
-    return np.where(whole > 0.0, 1.0 - left / np.where(whole > 0.0, whole, 1.0), np.nan)
-
-
 def inverted(information: np.ndarray, whole: np.ndarray) -> np.ndarray:
-    """(..., p, p) inverse of information; of what it does not tell, zero (the pseudo-inverse).
+    """Return the pseudo-inverse (..., p, p) of information, which is zero for parameters that are not determined.
 
     Args:
-        information: (..., p, p).
-        whole: (p, p) that it is part of, which says what is much of each number.
+        information: (..., p, p) information.
+        whole: (p, p) total information, which gives the scale of each parameter.
     """
     own = np.diag(whole)
     sizes = 1.0 / np.sqrt(np.where(own > 0.0, own, 1.0))
     units = np.outer(sizes, sizes)
-    return np.asarray(units * np.linalg.pinv(information * units, rcond=_NOTHING, hermitian=True))
+    return np.asarray(units * np.linalg.pinv(information * units, rcond=_MIN_EIGENVALUE_RATIO, hermitian=True))
 
 
-def bias_reduced(information: np.ndarray, scores: np.ndarray, inverse: np.ndarray, *, least: float) -> np.ndarray:
-    """(p, p) covariance of parameters by how the scores of blocks scatter (CR2).
-
-    With A Aᵀ = H⁻¹ it is Σ_b m_b m_bᵀ, m_b = A (1 - Aᵀ H_b A)^(-1/2) Aᵀ s_b: the middle makes up for what the fit takes
-    away of a block that it follows.
+def sums_over_blocks(values: np.ndarray, blocks: np.ndarray) -> np.ndarray:
+    """Return the sums (B, ...) of values over the windows of each block.
 
     Args:
-        information: (B, p, p) of blocks, H_b.
-        scores: (B, p) s_b, at the solution.
-        inverse: (p, p) H⁻¹, beliefs among it.
-        least: what a block's own error leaves in the fit, at least, as a share.
+        values: (W, ...) value of each window.
+        blocks: (W,) number of the block of each window, from 0.
     """
-    root = np.linalg.cholesky(inverse)
-    shares, directions = np.linalg.eigh(root.T @ information @ root)
-    pulls = np.swapaxes(directions, 1, 2) @ (scores @ root)[:, :, None]
-    pulls /= np.sqrt(np.maximum(1.0 - shares, least))[:, :, None]
-    moves = (directions @ pulls)[:, :, 0] @ root.T
-    return np.asarray(moves.T @ moves)
-
-
-def of_blocks(values: np.ndarray, blocks: np.ndarray) -> np.ndarray:
-    """(B, ...) sums of (W, ...) values over the windows of each block, of (W,) numbers of blocks from 0 on."""
     return np.stack([values[blocks == b].sum(axis=0) for b in range(int(blocks.max()) + 1)])

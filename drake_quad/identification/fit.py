@@ -1,13 +1,15 @@
-"""Parameters by the smallest errors of prediction, the noise by its likelihood, and honest intervals.
+"""Estimation of parameters by prediction errors, and of the noise by maximum likelihood.
 
-With L_t the Cholesky factor of the covariance that the filter expects of its errors e_t(θ), and its gains held,
+With the gains of the filter fixed, and with L_t the Cholesky factor of the covariance of the prediction errors e_t(θ),
+the parameters are
 
-    θ = argmin ½ Σ_t |L_t⁻¹ e_t(θ)|²
+    θ = argmin ½ Σ_t |L_t⁻¹ e_t(θ)|² + ½ Σ_i (θ_i - θ̄_i)² / s_i²,
 
-by SciPy's trust-region least squares. Then the noise is that of the largest likelihood
-Σ_t -log det L_t - ½ |L_t⁻¹ e_t|², the gains are computed anew, and so on until θ rests.
+where the prior has mean θ̄ and standard deviations s. SciPy's trust-region least squares finds them. The noise then
+maximises the likelihood Σ_t -log det L_t - ½ |L_t⁻¹ e_t|², the gains are computed again, and the two steps are
+repeated until θ converges.
 
-How far θ is off is told by blocks of windows (`drake_quad.identification.evidence`).
+The uncertainty of θ follows from blocks of windows (`drake_quad.identification.evidence`).
 """
 
 from collections.abc import Sequence
@@ -17,58 +19,65 @@ import numpy as np
 import scipy
 
 from drake_quad.errors import InputError
-from drake_quad.identification.evidence import Evidence, Uncertainty, jackknife, of_blocks
+from drake_quad.identification.evidence import Evidence, Uncertainty, jackknife, sums_over_blocks
 from drake_quad.identification.parameters import Parameter
 from drake_quad.identification.physical_limits import SearchVariables
 from drake_quad.identification.prediction_errors import Gains, PredictionNoise, Predictor
 
-# Steps of differences, of a parameter's scale; and of the delay, in samples, over which it is taken to both sides,
-# since the slope has a jump at every sample.
-_STEP = 1e-5
+# Step of the finite differences, relative to the scale of a parameter.
+_RELATIVE_STEP = 1e-5
+# Step of the central difference of the delay, in samples. The slope is discontinuous at each whole sample.
 _DELAY_STEP = 0.5
-# Iterations between parameters and noise, at most, and of how many deviations the parameters may still move.
 _MAX_ROUNDS = 8
-_RESTS = 0.2
+# The rounds end when no parameter moves by more than this share of its standard deviation.
+_CONVERGED_MOVE = 0.2
 _MAX_EVALUATIONS = 5
-# Factors of the disturbance that are tried, since scoring shrinks one that is much too large only slowly.
-_QUIETER_TURNING = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)
-_QUIETER_FORCE = (0.2, 0.2, 0.2, 1.0, 1.0, 1.0)
-_NOISE_RESTS = 0.02  # change of the logarithm of the measured noise
-# A parameter that is so many deviations of its prior from the mean may be in a local minimum, in which a large
-# disturbance does what the vehicle should. The search then starts again from the mean, with a smaller disturbance.
-_MAX_SURPRISE = 4.0
-_RESTART_ROUND, _RESTART_DISTURBANCE = 2, 0.05
-_DIVERGED = 1e6  # a whitened error that is larger is that of a model that diverges
-# Measurements that the noise is estimated from in a round, at most; steps of differences of the logarithms of its
-# numbers, how far they may go in a round, and in how many steps, until the likelihood gains no more than so much.
-_NOISE_SAMPLES = 1500
-_NOISE_STEP = 1e-4
-_REACH = 2.5
-_SCORINGS = 6
-_GAINED = 0.1
-_DAMPING = 1e-3
-# Limits of its numbers, in their SI units: of what is measured, of disturbances and their memories (s).
-MIN_NOISE = 1e-5  # smallest standard deviation of a measurement, SI units
-_LEAST = MIN_NOISE, 1e-3, 0.02
-_MOST = 100.0, 1e3, 20.0
-_AT_LIMIT = 0.99  # share of a limit
-# And of the memory of a force along the axes of B, s. One that lasts longer is an error of the thrust curve. Where it
-# could be taken for a disturbance, the level of the curve would be that which suits the rotors' large motions best.
-_FORGOTTEN = 0.25
-# Parts of windows, at least, that show how much what they say differs.
-_PIECES = 60
+# Factors of the disturbance that are tried, since scoring reduces a disturbance that is much too large only slowly.
+_SMALLER_TORQUE = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)
+_SMALLER_FORCE = (0.2, 0.2, 0.2, 1.0, 1.0, 1.0)
+# A parameter this many standard deviations of the prior from its mean may be in a local minimum, in which a large
+# disturbance replaces the vehicle. The search then starts again from the mean, with a smaller disturbance.
+_MAX_PRIOR_DISTANCE = 4.0
+_RESTART_ROUND = 2
+_RESTART_DISTURBANCE = 0.05
+# The model diverges if a whitened error is larger.
+_MAX_WHITENED_ERROR = 1e6
+# Measurements, about, from which the noise is estimated in each round.
+_MAX_NOISE_SAMPLES = 1500
+# Step of the finite differences of the logarithms of the noise.
+_LOG_STEP = 1e-4
+# Change of a logarithm of the noise in one round, at most: a factor of 12.
+_MAX_LOG_CHANGE = 2.5
+_MAX_SCORING_STEPS = 6
+_LIKELIHOOD_TOLERANCE = 0.1
+_INITIAL_DAMPING = 1e-3
+# Change of the logarithm of the measurement noise below which the noise has converged.
+_CONVERGED_NOISE = 0.02
+MIN_NOISE = 1e-5
+"""Smallest standard deviation of a measurement, SI units."""
+_MAX_NOISE = 100.0  # SI units
+_MIN_DISTURBANCE = 1e-3  # m/s², rad/s²
+_MAX_DISTURBANCE = 1e3  # m/s², rad/s²
+_MIN_MEMORY = 0.02  # s
+_MAX_MEMORY = 20.0  # s
+# Limit of the memory of a force along the axes of B, s. A longer force along z is an error of the thrust curve. If the
+# disturbance could absorb it, the level of the curve would follow from large motions of the rotors alone.
+_MAX_BODY_FORCE_MEMORY = 0.25
+# The fit diverged if the noise reaches this share of a limit.
+_DIVERGED_SHARE = 0.99
+# Fewer windows than this are divided, so that their scatter can be estimated.
+_MIN_EVIDENCE_PARTS = 60
 
 
 class PredictionFit(NamedTuple):
-    """What came out.
+    """Result of a fit.
 
     Attributes:
         values: (p,) estimates of the parameters.
-        noise: of measurement and disturbance.
-        gains: of the filter.
-        slopes: (W, k, p) L⁻¹ ∂e/∂θ, of k whitened errors in each window.
-        errors: (W, k) L⁻¹ e.
-        rounds: between parameters and noise.
+        noise: estimated noise.
+        gains: gains of the filter.
+        slopes: (W, k, p) derivatives of the k whitened errors of each window, L⁻¹ ∂e/∂θ.
+        errors: (W, k) whitened errors, L⁻¹ e.
         prior: (p,) information of the prior on each parameter.
     """
 
@@ -77,40 +86,45 @@ class PredictionFit(NamedTuple):
     gains: Gains
     slopes: np.ndarray
     errors: np.ndarray
-    rounds: int
     prior: np.ndarray
 
-    def covariance(self, blocks: np.ndarray) -> Uncertainty:
-        """Return the uncertainty of the parameters, from (W,) numbers of blocks of windows, counted from 0."""
-        information, scores = _information_and_scores(self.slopes, self.errors)
-        own = of_blocks(information, blocks), of_blocks(scores, blocks)
-        return jackknife(*own, prior=self.prior, adjoining=True)
-
-    def evidence(self, names: Sequence[str], scales: Sequence[float], seconds: float) -> Evidence:
-        """What windows say; if they are few, parts of them.
+    def uncertainty(self, blocks: np.ndarray) -> Uncertainty:
+        """Return the uncertainty of the parameters from blocks of adjacent windows.
 
         Args:
-            names: (p,) of the parameters.
-            scales: (p,) by how much they may well be off.
-            seconds: of all windows, s.
+            blocks: (W,) number of the block of each window, from 0.
+        """
+        information, scores = _information_and_scores(self.slopes, self.errors)
+        return jackknife(
+            sums_over_blocks(information, blocks), sums_over_blocks(scores, blocks), prior=self.prior, adjacent=True
+        )
+
+    def evidence(self, names: Sequence[str], scales: Sequence[float], duration: float) -> Evidence:
+        """Return the information of each window, or of parts of the windows if these are few.
+
+        Args:
+            names: (p,) names of the parameters.
+            scales: (p,) usual errors of their prior means.
+            duration: duration of all windows together, s.
         """
         windows, size, count = self.slopes.shape
-        measured = len(self.noise.measured)
-        parts = np.array_split(np.arange(size).reshape(-1, measured), max(1, -(-_PIECES // windows)))
-        told = [_information_and_scores(self.slopes[:, part.ravel()], self.errors[:, part.ravel()]) for part in parts]
-        information, scores = (np.stack(each, axis=1) for each in zip(*told, strict=True))
+        samples = np.arange(size).reshape(-1, len(self.noise.measured))
+        parts = np.array_split(samples, max(1, -(-_MIN_EVIDENCE_PARTS // windows)))
+        rows = [part.ravel() for part in parts]
+        pairs = [_information_and_scores(self.slopes[:, own], self.errors[:, own]) for own in rows]
+        information, scores = (np.stack(each, axis=1) for each in zip(*pairs, strict=True))
         return Evidence(
             tuple(names),
             self.values,
             np.asarray(scales),
             information.reshape(-1, count, count),
             scores.reshape(-1, count),
-            seconds,
+            duration,
         )
 
 
 def _information_and_scores(slopes: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(W, p, p) information and (W, p) scores of whitened errors."""
+    """Return the information (W, p, p) and the scores (W, p) of whitened errors."""
     return slopes.swapaxes(1, 2) @ slopes, np.einsum("wkp,wk->wp", slopes, errors)
 
 
@@ -124,36 +138,39 @@ def fit(
         parameters: p parameters of its model.
         noise: initial noise.
         start: (p,) initial parameters; by default the means of the priors.
+
+    Raises:
+        InputError: if the fit diverges.
     """
     mean = np.array([parameter.start for parameter in parameters])
     values = mean if start is None else start
     prior = np.array([parameter.deviation**-2.0 for parameter in parameters])
     at = _Point.of(predictor, parameters, values, noise)
-    quieter = [_QUIETER_TURNING, _QUIETER_FORCE]
+    untried = [_SMALLER_TORQUE, _SMALLER_FORCE]
     for number in range(1, _MAX_ROUNDS + 1):
         before = at.values
         noise = _noise_of(predictor, predictor.gains(before, at.noise), at.noise)
         at = _Point.of(predictor, parameters, before, noise)
-        for factors in list(quieter):
+        for factors in list(untried):
             smaller = at.noise.disturbance * factors
-            if np.all(smaller > _LEAST[1]):
+            if np.all(smaller > _MIN_DISTURBANCE):
                 other = _Point.of(predictor, parameters, at.values, at.noise._replace(disturbance=smaller))
                 if other.likelihood > at.likelihood:
                     at = other
                     continue
-            quieter.remove(factors)
-        if number == _RESTART_ROUND and np.any(np.abs(at.values - mean) > _MAX_SURPRISE / np.sqrt(prior)):
-            quiet = at.noise._replace(disturbance=_RESTART_DISTURBANCE * at.noise.disturbance)
-            other = _Point.of(predictor, parameters, mean, quiet)
+            untried.remove(factors)
+        if number == _RESTART_ROUND and np.any(np.abs(at.values - mean) > _MAX_PRIOR_DISTANCE / np.sqrt(prior)):
+            smaller = _RESTART_DISTURBANCE * at.noise.disturbance
+            other = _Point.of(predictor, parameters, mean, at.noise._replace(disturbance=smaller))
             if other.likelihood > at.likelihood:
                 at = other
-        predictor.hand_on(at.states, at.moves, at.values, at.gains)
+        predictor.continue_windows(at.states, at.state_slopes, at.values, at.gains)
         expected = np.linalg.inv(np.einsum("wkp,wkq->pq", at.slopes, at.slopes) + np.diag(prior))
-        if number > 2 and np.all(np.abs(at.values - before) < _RESTS * np.sqrt(np.diag(expected))):
+        if number > 2 and np.all(np.abs(at.values - before) < _CONVERGED_MOVE * np.sqrt(np.diag(expected))):
             break
     noise = _noise_of(predictor, at.gains, at.noise, np.arange(len(predictor.windows)))
     _check_convergence(at.values, noise)
-    return PredictionFit(at.values, noise, at.gains, at.slopes, at.errors, number, prior)
+    return PredictionFit(at.values, noise, at.gains, at.slopes, at.errors, prior)
 
 
 def _check_convergence(values: np.ndarray, noise: PredictionNoise) -> None:
@@ -163,8 +180,8 @@ def _check_convergence(values: np.ndarray, noise: PredictionNoise) -> None:
         InputError: if a parameter is not finite, or the model explains the log only with noise or a disturbance at its
             upper limit.
     """
-    largest = np.append(noise.measured / _MOST[0], noise.disturbance / _MOST[1])
-    if not np.all(np.isfinite(values)) or not np.all(largest < _AT_LIMIT):
+    shares = np.append(noise.measured / _MAX_NOISE, noise.disturbance / _MAX_DISTURBANCE)
+    if not np.all(np.isfinite(values)) or not np.all(shares < _DIVERGED_SHARE):
         raise InputError(
             "the fit diverged: the vehicle explains the logs only with a disturbance or with noise beyond any limit;"
             " check the units in the mapping and the vehicle to begin with"
@@ -172,12 +189,12 @@ def _check_convergence(values: np.ndarray, noise: PredictionNoise) -> None:
 
 
 def likely_noise(predictor: Predictor, noise: PredictionNoise) -> PredictionNoise:
-    """Return the likeliest noise for a model without parameters, given an initial one."""
+    """Return the maximum-likelihood noise for a model without parameters, given an initial noise."""
     none = np.zeros(0)
     for _ in range(_MAX_ROUNDS):
         before, noise = noise, _noise_of(predictor, predictor.gains(none, noise), noise)
         changes = np.log(np.concatenate(noise) / np.concatenate(before))
-        if np.max(np.abs(changes[: len(noise.measured)])) < _NOISE_RESTS:
+        if np.max(np.abs(changes[: len(noise.measured)])) < _CONVERGED_NOISE:
             break
     return noise
 
@@ -191,8 +208,8 @@ class _Point(NamedTuple):
         gains: gains of the filter.
         errors: (W, k) whitened errors.
         slopes: (W, k, p) derivatives of the errors.
-        states: states where the next windows begin.
-        moves: derivatives of the states.
+        states: (rows, W) states where the next windows start.
+        state_slopes: (rows, p, W) derivatives of the states.
         likelihood: logarithm of the likelihood of the measurements.
     """
 
@@ -202,25 +219,27 @@ class _Point(NamedTuple):
     errors: np.ndarray
     slopes: np.ndarray
     states: np.ndarray
-    moves: np.ndarray
+    state_slopes: np.ndarray
     likelihood: float
 
     @classmethod
     def of(
         cls, predictor: Predictor, parameters: Sequence[Parameter], start: np.ndarray, noise: PredictionNoise
     ) -> "_Point":
+        """Return the best parameters for a noise, with a filter that is linearised at the initial parameters."""
         gains = predictor.gains(start, noise)
         values = _least_squares(predictor, parameters, start, gains, noise)
         scales = np.array([parameter.scale for parameter in parameters])
-        errors, slopes, states, moves = whitened(predictor, scales, values, gains, noise)
+        errors, slopes, states, state_slopes = _whitened(predictor, scales, values, gains, noise)
         factors = np.diagonal(gains.whitening[predictor.counted], axis1=-2, axis2=-1)
         likelihood = float(np.log(factors).sum() - 0.5 * np.sum(errors**2))
-        return cls(values, noise, gains, errors, slopes, states, moves, likelihood)
+        return cls(values, noise, gains, errors, slopes, states, state_slopes, likelihood)
 
 
 def _least_squares(
     predictor: Predictor, parameters: Sequence[Parameter], start: np.ndarray, gains: Gains, noise: PredictionNoise
 ) -> np.ndarray:
+    """Return the parameters (p,) with the least squares of whitened errors and of the distance to the prior."""
     mean, scale, deviation = (
         np.array([getattr(parameter, name) for parameter in parameters], dtype=float)
         for name in ("start", "scale", "deviation")
@@ -230,25 +249,25 @@ def _least_squares(
     known: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
 
     def at(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return residuals and slopes, which cost hardly more than residuals alone."""
+        """Return residuals and derivatives together: the derivatives cost hardly more than the residuals alone."""
         if x.tobytes() not in known:
             known.clear()
             values = variables.inverse @ x
-            errors, slopes, *_ = whitened(predictor, scale, values, gains, noise)
-            if np.all(np.abs(errors) < _DIVERGED) and np.all(np.isfinite(slopes)):
+            errors, slopes, *_ = _whitened(predictor, scale, values, gains, noise)
+            if np.all(np.abs(errors) < _MAX_WHITENED_ERROR) and np.all(np.isfinite(slopes)):
                 residuals = np.concatenate([errors.ravel(), weights @ (values - mean)])
                 own = np.vstack([slopes.reshape(-1, len(x)), weights])
                 known[x.tobytes()] = _condensed(residuals, own @ variables.inverse)
             else:
-                # The model diverges; the search refuses such a step.
-                known[x.tobytes()] = np.full(len(x) + 1, _DIVERGED), np.zeros((len(x) + 1, len(x)))
+                # The model diverges. The search rejects a step to such large residuals.
+                known[x.tobytes()] = np.full(len(x) + 1, _MAX_WHITENED_ERROR), np.zeros((len(x) + 1, len(x)))
         return known[x.tobytes()]
 
     found = scipy.optimize.least_squares(
         lambda x: at(x)[0],
-        np.clip(variables.matrix @ start, variables.least, variables.most),
+        np.clip(variables.matrix @ start, variables.lower, variables.upper),
         jac=lambda x: at(x)[1],
-        bounds=(variables.least, variables.most),
+        bounds=(variables.lower, variables.upper),
         x_scale=variables.scale,
         xtol=1e-5,
         ftol=1e-6,
@@ -258,11 +277,15 @@ def _least_squares(
 
 
 def _condensed(residuals: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return p + 1 residuals and their slopes with the same squares and products as many residuals.
+    """Return p + 1 residuals and derivatives with the same normal equations and the same sum of squares.
 
-    A search for the least squares depends on nothing else, and takes a fraction of the time with them.
+    Least squares depend on nothing else, and take a fraction of the time with so few residuals.
+
+    Args:
+        residuals: (k,) residuals.
+        slopes: (k, p) derivatives.
     """
-    # Parameters of unit size: Cholesky's method squares the condition number.
+    # The parameters are scaled, because the Cholesky factorisation squares the condition number.
     sizes = np.linalg.norm(slopes, axis=0)
     unit = slopes / sizes
     factor = np.linalg.cholesky(unit.T @ unit).T
@@ -274,22 +297,34 @@ def _condensed(residuals: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, n
 def _whitened_errors(
     predictor: Predictor, parameters: np.ndarray, gains: Gains, noise: PredictionNoise
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(W, k, K) of what counts, for (K, p) parameters, and the states where the next window begins."""
+    """Return the whitened errors (W, k, K) for (K, p) parameters, and the states where the next windows start."""
     counted = predictor.counted
     found, states = predictor.errors(parameters, gains, noise)
     white = (gains.whitening[counted] @ found[counted].transpose(0, 3, 1, 2)).swapaxes(0, 1)
     return white.reshape(len(white), -1, len(parameters)), states
 
 
-def whitened(
+def _whitened(
     predictor: Predictor, scales: np.ndarray, parameters: np.ndarray, gains: Gains, noise: PredictionNoise
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """(W, k) whitened errors and their (W, k, p) derivatives; the states where the next window begins and theirs."""
-    delay, up = predictor.model.delay_place, _STEP * scales
+    """Return whitened errors and states, with their derivatives by finite differences.
+
+    Args:
+        predictor: predictor of the outputs.
+        scales: (p,) scales of the parameters.
+        parameters: (p,) parameters.
+        gains: gains of the filter.
+        noise: noise of the filter.
+
+    Returns:
+        (W, k) whitened errors, their (W, k, p) derivatives, the (rows, W) states where the next windows start, and
+        their (rows, p, W) derivatives.
+    """
+    delay, up = predictor.model.delay_place, _RELATIVE_STEP * scales
     down = np.zeros(len(parameters))
     if delay is not None:
         up[delay] = down[delay] = _DELAY_STEP * predictor.inputs.period
-    points = np.vstack([parameters, parameters + np.diag(up), (parameters - down)])
+    points = np.vstack([parameters, parameters + np.diag(up), parameters - down])
     errors, states = _whitened_errors(predictor, points, gains, noise)
     return (
         errors[:, :, 0],
@@ -300,7 +335,13 @@ def whitened(
 
 
 def _slopes(values: np.ndarray, up: np.ndarray, delay: int | None) -> np.ndarray:
-    """(a, b, p) derivatives of (a, b, 1 + p + 1) values: at a point, with each parameter more, and with less delay."""
+    """Return derivatives (a, b, p) by forward differences, and by a central difference for the delay.
+
+    Args:
+        values: (a, b, 1 + p + 1) values at a point, with each parameter increased, and with the delay reduced.
+        up: (p,) increases of the parameters.
+        delay: number of the parameter that is the delay; None if there is none.
+    """
     found = (values[:, :, 1:-1] - values[:, :, :1]) / up
     if delay is not None:
         found[:, :, delay] = (values[:, :, 1 + delay] - values[:, :, -1]) / (2.0 * up[delay])
@@ -310,79 +351,88 @@ def _slopes(values: np.ndarray, up: np.ndarray, delay: int | None) -> np.ndarray
 def _noise_of(
     predictor: Predictor, gains: Gains, noise: PredictionNoise, chosen: np.ndarray | None = None
 ) -> PredictionNoise:
-    """The noise of the largest likelihood, by Fisher's scoring of the logarithms of its numbers.
+    """Return the maximum-likelihood noise by Fisher scoring of the logarithms of its numbers.
 
-    With ∂e, ∂S the derivatives of errors and of their covariance, whitened, the score is
-    Σ ½ eᵀ ∂S e - ½ tr ∂S - eᵀ ∂e, and the information Σ ½ tr ∂S ∂S + ∂eᵀ ∂e.
+    Args:
+        predictor: predictor of the outputs.
+        gains: gains of the filter with the noise.
+        noise: initial noise.
+        chosen: numbers of the windows that are used; by default some that are evenly spaced.
     """
-    alike = predictor.alike
-    _, first = np.unique(alike, return_index=True)
+    groups = predictor.noise_groups
+    _, first = np.unique(groups, return_index=True)
     rows = int(np.sum(predictor.counted))
     windows, m = len(predictor.windows), len(noise.measured)
     if chosen is None:
-        chosen = np.linspace(0, windows - 1, min(windows, max(5, _NOISE_SAMPLES // rows))).astype(int)
+        chosen = np.linspace(0, windows - 1, min(windows, max(5, _MAX_NOISE_SAMPLES // rows))).astype(int)
     logs = start = np.log(np.concatenate(noise))[first]
-    lower = np.maximum(np.log(np.repeat(_LEAST, [m, 6, 6]))[first], start - _REACH)
-    most = np.repeat(_MOST, [m, 6, 6])
+    smallest = np.repeat([MIN_NOISE, _MIN_DISTURBANCE, _MIN_MEMORY], [m, 6, 6])
+    largest = np.repeat([_MAX_NOISE, _MAX_DISTURBANCE, _MAX_MEMORY], [m, 6, 6])
     if predictor.model.frame == "body":
-        most[m + 6 : m + 9] = _FORGOTTEN
-    upper = np.minimum(np.log(most)[first], start + _REACH)
-    best, damping = -np.inf, _DAMPING
+        largest[m + 6 : m + 9] = _MAX_BODY_FORCE_MEMORY
+    lower = np.maximum(np.log(smallest)[first], start - _MAX_LOG_CHANGE)
+    upper = np.minimum(np.log(largest)[first], start + _MAX_LOG_CHANGE)
+    best, damping = -np.inf, _INITIAL_DAMPING
     score, information = np.zeros(len(logs)), np.eye(len(logs))
     trial = logs
-    for _ in range(_SCORINGS):
-        found, *slopes = _noise_slopes(predictor, gains, noise, trial, chosen)
-        gained, best_before = found - best, best
+    for _ in range(_MAX_SCORING_STEPS):
+        likelihood, *derivatives = _likelihood_of(predictor, gains, noise, trial, chosen)
+        gained, best_before = likelihood - best, best
         if gained > 0.0:
-            logs, best, damping = trial, found, 0.2 * damping
-            score, information = slopes
+            logs, best, damping = trial, likelihood, 0.2 * damping
+            score, information = derivatives
         else:
             damping *= 10.0
         step = np.linalg.solve(information + damping * np.diag(np.diag(information) + 1.0), score)
         trial = np.clip(logs + step, lower, upper)
-        if 0.0 < gained < _GAINED and np.isfinite(best_before):
+        if 0.0 < gained < _LIKELIHOOD_TOLERANCE and np.isfinite(best_before):
             break
-    return PredictionNoise.of(np.exp(logs)[alike])
+    return PredictionNoise.of(np.exp(logs)[groups])
 
 
 def noise_covariance(predictor: Predictor, fitted: PredictionFit) -> np.ndarray:
-    """(m + 12, m + 12) covariance of the errors of the noise's numbers, over their product: of their logarithms.
+    """Return the covariance (m + 12, m + 12) of the errors of the logarithms of the noise.
 
-    It is the inverse of the information, if the model is right; what the log does not tell has a large one.
+    It is the inverse of the Fisher information. A number that the log does not determine has a large variance.
     """
-    alike = predictor.alike
-    _, first = np.unique(alike, return_index=True)
+    groups = predictor.noise_groups
+    _, first = np.unique(groups, return_index=True)
     logs, windows = np.log(np.concatenate(fitted.noise))[first], np.arange(len(predictor.windows))
-    _, _, information = _noise_slopes(predictor, fitted.gains, fitted.noise, logs, windows)
-    return np.asarray(np.linalg.inv(information + _DAMPING * np.eye(len(logs)))[np.ix_(alike, alike)])
+    _, _, information = _likelihood_of(predictor, fitted.gains, fitted.noise, logs, windows)
+    return np.asarray(np.linalg.inv(information + _INITIAL_DAMPING * np.eye(len(logs)))[np.ix_(groups, groups)])
 
 
-def _noise_slopes(
+def _likelihood_of(
     predictor: Predictor, gains: Gains, own: PredictionNoise, logs: np.ndarray, chosen: np.ndarray
 ) -> tuple[float, np.ndarray, np.ndarray]:
-    """What `scored` says of a noise of some logarithms, around the filter of another noise."""
-    points = np.vstack([logs, logs + _NOISE_STEP * np.eye(len(logs))])
-    noises = [PredictionNoise.of(np.exp(point)[predictor.alike]) for point in points]
-    return scored(*predictor.expected(gains, own, noises, chosen), _NOISE_STEP)
+    """Return log-likelihood, score and information of a noise with these logarithms, around a filter with another."""
+    points = np.vstack([logs, logs + _LOG_STEP * np.eye(len(logs))])
+    noises = [PredictionNoise.of(np.exp(point)[predictor.noise_groups]) for point in points]
+    return noise_likelihood(*predictor.linearised_errors(gains, own, noises, chosen), _LOG_STEP)
 
 
-def scored(errors: np.ndarray, spreads: np.ndarray, step: float) -> tuple[float, np.ndarray, np.ndarray]:
-    """Log-likelihood of a noise, its score and its information.
+def noise_likelihood(errors: np.ndarray, covariances: np.ndarray, step: float) -> tuple[float, np.ndarray, np.ndarray]:
+    """Return the log-likelihood of a noise with c numbers, its score (c,) and its Fisher information (c, c).
+
+    With ∂e and ∂S the derivatives of the errors and of their covariance, both whitened, the score is
+    Σ ½ eᵀ ∂S e - ½ tr ∂S - eᵀ ∂e, and the information Σ ½ tr ∂S ∂S + ∂eᵀ ∂e.
 
     Args:
-        errors: (T, 1 + c, W, m) of the noise, and of such as are a step off it in each of c numbers.
-        spreads: (T, 1 + c, W, m, m) covariances that are expected of them.
-        step: the step.
+        errors: (T, 1 + c, W, m) prediction errors with the noise, and with each of its numbers increased.
+        covariances: (T, 1 + c, W, m, m) covariances of the errors.
+        step: increase of each number.
     """
-    factor = np.linalg.cholesky(spreads[:, 0])
+    factor = np.linalg.cholesky(covariances[:, 0])
     whitening = np.linalg.inv(factor)
     white = (whitening[:, None] @ errors[..., None])[..., 0]
     own = white[:, 0]
-    found = -np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum() - 0.5 * np.sum(own**2)
+    likelihood = -np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum() - 0.5 * np.sum(own**2)
     slopes = (white[:, 1:] - white[:, :1]) / step
-    wider = whitening[:, None] @ (spreads[:, 1:] - spreads[:, :1]) @ whitening[:, None].swapaxes(-1, -2) / step
-    score = 0.5 * np.einsum("twi,tcwij,twj->c", own, wider, own, optimize=True)
-    score -= 0.5 * np.einsum("tcwii->c", wider) + np.einsum("twi,tcwi->c", own, slopes)
-    information = 0.5 * np.einsum("tawij,tbwij->ab", wider, wider, optimize=True)
+    changes = (
+        whitening[:, None] @ (covariances[:, 1:] - covariances[:, :1]) @ whitening[:, None].swapaxes(-1, -2) / step
+    )
+    score = 0.5 * np.einsum("twi,tcwij,twj->c", own, changes, own, optimize=True)
+    score -= 0.5 * np.einsum("tcwii->c", changes) + np.einsum("twi,tcwi->c", own, slopes)
+    information = 0.5 * np.einsum("tawij,tbwij->ab", changes, changes, optimize=True)
     information += np.einsum("tawi,tbwi->ab", slopes, slopes, optimize=True)
-    return float(found), score, information
+    return float(likelihood), score, information

@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.identification.evidence import explained_share
 from drake_quad.identification.model import STATE_ROWS
 from drake_quad.identification.prediction_errors import FORCE, PredictionNoise, Predictor
 from drake_quad.identification.windows import within_half_a_turn
@@ -56,9 +55,9 @@ def forecast(predictor: Predictor, parameters: np.ndarray, noise: PredictionNois
         off[:, i] = measured[:, i] - start - time[:, None] * rate
         if signal == "attitude":
             off[:, i] = within_half_a_turn(off[:, i])
-    missed = np.sum((measured - predicted) ** 2, axis=(0, 2))
+    missed, whole = np.sum((measured - predicted) ** 2, axis=(0, 2)), np.sum(off**2, axis=(0, 2))
     names = tuple(named(signal, column) for signal, column in predictor.outputs)
-    return Forecast(names, time, measured, predicted, explained_share(missed, np.sum(off**2, axis=(0, 2))))
+    return Forecast(names, time, measured, predicted, 1.0 - missed / np.where(whole > 0.0, whole, np.nan))
 
 
 def named(signal: str, column: int) -> str:

@@ -31,7 +31,7 @@ from drake_quad.identification.parameters import Parameter, names_of, parameters
 from drake_quad.identification.physical_limits import SearchVariables
 from drake_quad.identification.prediction_errors import Output, PredictionNoise, Predictor
 from drake_quad.identification.prepared_logs import MAX_DELAY, MIN_BLOCKS, PreparedLogs, initial_noise, prepare
-from drake_quad.identification.random_effects import of_the_mean, variation_of
+from drake_quad.identification.random_effects import uncertainty_of_mean, variation_of
 from drake_quad.identification.result import ForecastOutput, Identification, Spread
 from drake_quad.identification.results.estimates import Estimates, Explained, Source, quantile
 from drake_quad.identification.results.held_out import hold_out
@@ -166,7 +166,7 @@ def _result(
     blocks = _blocks(predictor)
     evidence = fitted.evidence(names, [parameter.scale for parameter in parameters], predictor.duration)
     variation = variation_of(evidence)
-    uncertainty = of_the_mean(fitted.covariance(blocks), evidence, variation)
+    uncertainty = uncertainty_of_mean(fitted.uncertainty(blocks), evidence, variation)
     weak = _not_identified(parameters, fitted.values, uncertainty)
     if {*names} <= {*weak, DELAY}:
         raise InputError(
@@ -196,11 +196,11 @@ def _result(
             ", ".join(dict.fromkeys(record.name for record in logs.records)),
         ),
         explained={} if shown is None else _explained(parameters, fitted, predictor, shown),
-        not_seen=_never_identified(logs.scenario, names)
+        not_identified=_never_identified(logs.scenario, names)
         | held
         | quiet
         | {name: reason for name, reason in weak.items() if name != DELAY},
-        variation=None if variation is None else variation.part(own).beside(len(seen)),
+        variation=None if variation is None else variation.part(own).with_unknown(len(seen)),
     )
     i = names.index(DELAY)
     deviation = float(np.sqrt(uncertainty.covariance[i, i]))
@@ -230,7 +230,7 @@ def _not_identified(parameters: Sequence[Parameter], values: np.ndarray, uncerta
     found = {}
     limited = SearchVariables.of(parameters).limited(values)
     for parameter, value, reach, limit in zip(parameters, values, reaches, limited, strict=True):
-        size = min(parameter.scale, value) if parameter.least > 0.0 else parameter.scale
+        size = min(parameter.scale, value) if parameter.lower > 0.0 else parameter.scale
         if reach > _MAX_REACH * size:
             found[parameter.name] = (
                 f"its 95 % interval is {plus_minus(value, reach)}, wider than the usual error of a data sheet,"

@@ -213,7 +213,7 @@ def specific_force(
     return SpecificForce(*axes.in_body(plus(own, push)))
 
 
-def seen_attitude(attitude: Attitude, misalignment: Attitude) -> Attitude:
+def measured_attitude(attitude: Attitude, misalignment: Attitude) -> Attitude:
     """Return roll, pitch and yaw of the markers' frame in W, given its own in B."""
     return attitude_of_markers(attitude, BodyAxes.of(misalignment.roll, misalignment.pitch, misalignment.yaw))
 
@@ -347,7 +347,7 @@ class LogModel:
         self.rotors_at_rest = kernel(rotors_at_rest, (command, span, self.layout), (rotors,), lone=False)
         felt = body, rotors, command, wind, push, span, self.layout, frame
         self.specific_force = kernel(specific_force, felt, (force,), lone=False)
-        self.seen_attitude = kernel(seen_attitude, (attitude, attitude), (attitude,), lone=False)
+        self.measured_attitude = kernel(measured_attitude, (attitude, attitude), (attitude,), lone=False)
 
     @property
     def command_signal(self) -> str:
@@ -385,14 +385,14 @@ class LogModel:
         place = self.delay_place
         return np.full(len(parameters), self._delay) if place is None else parameters[:, place]
 
-    def seen_state(self, state: np.ndarray) -> np.ndarray:
+    def measured_state(self, state: np.ndarray) -> np.ndarray:
         """Return measured states (12, S) of states of the model, for the misalignment in the scenario."""
         if self.responds:
             state = np.stack(shown_state(RespondingBody(*state), small_rotation))
         return self._turned(state, 1)
 
     def state_of(self, seen: np.ndarray) -> np.ndarray:
-        """Return states (12, S) of the model of measured states, the inverse of `seen_state`."""
+        """Return states (12, S) of the model of measured states, the inverse of `measured_state`."""
         state = self._turned(seen, -1)
         if self.responds:
             x, y, z, roll, pitch, yaw, v_x, v_y, v_z, *rates = state
@@ -540,11 +540,11 @@ class ModelFlight:
         self.model.specific_force(self._size, 0.0, force, *inputs)
         return force.reshape(3, *self.shape)
 
-    def seen_attitude(self, state: np.ndarray) -> np.ndarray:
+    def measured_attitude(self, state: np.ndarray) -> np.ndarray:
         """Return roll, pitch and yaw (3, K, W) of the markers' frame in a state."""
         place = STATE_ROWS["attitude"]
         if not self._misalignment.any():
             return state[place : place + 3]
         seen = np.empty(3 * self._size)
-        self.model.seen_attitude(self._size, 0.0, seen, state[place : place + 3].reshape(-1), self._misalignment)
+        self.model.measured_attitude(self._size, 0.0, seen, state[place : place + 3].reshape(-1), self._misalignment)
         return seen.reshape(3, *self.shape)

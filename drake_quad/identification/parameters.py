@@ -19,9 +19,12 @@ from drake_quad.scenario.models import Scenario
 # Standard deviation of a prior, in scales. Weak, so that it counts only where the data say little.
 _PRIOR_SCALES = 1.0
 # Limits of a positive parameter, relative to its value in the scenario.
-_LEAST_RATIO, _MOST_RATIO = 0.02, 50.0
-# s; a scenario without lag or delay still gets a fit of them.
-_LAG_SCALE, _SHORTEST_LAG, _DELAY_SCALE = 0.04, 2e-3, 0.02
+_MIN_RATIO = 0.02
+_MAX_RATIO = 50.0
+# Scales of time constant and delay do not depend on their values, so that they can be fitted if these are zero.
+_TIME_CONSTANT_SCALE = 0.04  # s
+_MIN_TIME_CONSTANT = 2e-3  # s
+_DELAY_SCALE = 0.02  # s
 
 
 class Parameter(NamedTuple):
@@ -31,15 +34,15 @@ class Parameter(NamedTuple):
         name: name as in `Estimates`, or `DELAY`.
         start: mean of the prior.
         scale: usual error of the prior mean.
-        least: lower limit.
-        most: upper limit.
+        lower: lower bound.
+        upper: upper bound.
     """
 
     name: str
     start: float
     scale: float
-    least: float = -np.inf
-    most: float = np.inf
+    lower: float = -np.inf
+    upper: float = np.inf
 
     @property
     def deviation(self) -> float:
@@ -64,14 +67,14 @@ def parameters_of(
     found = []
     for name, scale, kind in candidates:
         start = number_of(scenario, name)
-        least, most = -np.inf, np.inf
+        lower, upper = -np.inf, np.inf
         if kind == "positive":
-            least, most = _LEAST_RATIO * start, _MOST_RATIO * start
+            lower, upper = _MIN_RATIO * start, _MAX_RATIO * start
             if name.startswith("rotor_time_constant"):
-                least = min(max(least, _SHORTEST_LAG), start)
+                lower = min(max(lower, _MIN_TIME_CONSTANT), start)
         elif kind == "not negative":
-            least = 0.0
-        found.append(Parameter(name, start, scale, least, most))
+            lower = 0.0
+        found.append(Parameter(name, start, scale, lower, upper))
     found.append(Parameter(DELAY, delay, _DELAY_SCALE, -max_delay, max_delay))
     return found
 
@@ -90,9 +93,9 @@ def _candidates(scenario: Scenario, signals: set[str], own_throttles: bool) -> I
             yield f"motors.curve[{i}]", hover, "any"
     else:
         yield "thrust_factor", vehicle.thrust_factor, "positive"
-    yield "rotor_time_constant", _LAG_SCALE, "positive"
+    yield "rotor_time_constant", _TIME_CONSTANT_SCALE, "positive"
     if vehicle.rotor_time_constant_down is not None and not responds:
-        yield "rotor_time_constant_down", _LAG_SCALE, "positive"
+        yield "rotor_time_constant_down", _TIME_CONSTANT_SCALE, "positive"
     if turning and responds:
         for i, frequency in enumerate(autopilot.natural_frequency):
             yield f"autopilot.natural_frequency[{i}]", 0.5 * frequency, "positive"
@@ -128,11 +131,6 @@ def _candidates(scenario: Scenario, signals: set[str], own_throttles: bool) -> I
         if responds:
             yield "rotor_aerodynamics.lift", 0.05 * mass, "not negative"
         yield "rotor_aerodynamics.climb", 0.3 * mass, "any"
-
-
-def joint_prior(parameters: Sequence[Parameter]) -> np.ndarray:
-    """Return the (p, p) information of the prior."""
-    return np.diag([parameter.deviation**-2.0 for parameter in parameters])
 
 
 def names_of(parameters: Sequence[Parameter]) -> list[str]:

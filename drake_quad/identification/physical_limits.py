@@ -11,7 +11,7 @@ from 0 to 1 if
 
 At zero throttle four rotors carry at most half of the weight, since a vehicle can descend.
 
-A search for the least squares takes these combinations as its variables, so that no limit is violated at any step.
+A search for the minimum takes these combinations as its variables, so that no limit is violated at any step.
 """
 
 from collections.abc import Sequence
@@ -41,24 +41,24 @@ class SearchVariables(NamedTuple):
     Attributes:
         matrix: (p, p) matrix that gives the variables of parameters.
         inverse: (p, p) matrix that gives the parameters of variables.
-        least: (p,) lower limits of the variables.
-        most: (p,) upper limits.
+        lower: (p,) lower bounds of the variables.
+        upper: (p,) upper bounds.
         scale: (p,) usual sizes of changes.
     """
 
     matrix: np.ndarray
     inverse: np.ndarray
-    least: np.ndarray
-    most: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
     scale: np.ndarray
 
     @classmethod
     def of(cls, parameters: Sequence[Parameter]) -> "SearchVariables":
         """Return the variables of p parameters: the parameters themselves, apart from an inertia and a thrust curve."""
         names = [parameter.name for parameter in parameters]
-        start, scale, least, most = (
+        start, scale, lower, upper = (
             np.array([getattr(parameter, name) for parameter in parameters], dtype=float)
-            for name in ("start", "scale", "least", "most")
+            for name in ("start", "scale", "lower", "upper")
         )
         matrix = np.eye(len(names))
         for group, rows in ((_INERTIA, _SECOND_MOMENTS), (_CURVE, _RISING_CURVE)):
@@ -66,13 +66,13 @@ class SearchVariables(NamedTuple):
                 continue
             places = [names.index(name) for name in group]
             matrix[np.ix_(places, places)] = rows
-            least[places], most[places] = 0.0, np.inf
+            lower[places], upper[places] = 0.0, np.inf
             if group is _INERTIA:
-                least[places] = np.minimum(rows @ start[places], _MIN_SECOND_MOMENT * start[places].min())
+                lower[places] = np.minimum(rows @ start[places], _MIN_SECOND_MOMENT * start[places].min())
             else:
                 level = names.index(_CURVE[0])
-                most[level] = max(_MAX_IDLE_THRUST * scale[level], start[level])
-        return cls(matrix, np.linalg.inv(matrix), least, most, np.abs(matrix) @ scale)
+                upper[level] = max(_MAX_IDLE_THRUST * scale[level], start[level])
+        return cls(matrix, np.linalg.inv(matrix), lower, upper, np.abs(matrix) @ scale)
 
     def limited(self, values: np.ndarray) -> np.ndarray:
         """Return a mask (p,) of the parameters that are at a limit of their own, for values (p,) of the parameters.
@@ -82,4 +82,4 @@ class SearchVariables(NamedTuple):
         variables = self.matrix @ values
         own = np.count_nonzero(self.matrix, axis=1) == 1
         near = _AT_LIMIT * self.scale
-        return np.asarray(own & ((variables < self.least + near) | (variables > self.most - near)))
+        return np.asarray(own & ((variables < self.lower + near) | (variables > self.upper - near)))

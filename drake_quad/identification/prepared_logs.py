@@ -121,8 +121,8 @@ class PreparedLogs(NamedTuple):
         frame: DisturbanceFrame = "world" if self.poses else "body"
         model = LogModel(scenario, names, frame=frame, delay=delay, voltage=self.voltage)
         split = max(1, int(np.ceil(self.period / _MAX_STEP - 0.05)))
-        longest = max(MAX_DELAY, delay) + self.period
-        return Predictor(model, self.records, windows, sizes, self.outputs, split=split, longest=longest)
+        max_delay = max(MAX_DELAY, delay) + self.period
+        return Predictor(model, self.records, windows, sizes, self.outputs, split=split, max_delay=max_delay)
 
 
 def prepare(

@@ -336,7 +336,7 @@ def identified():
         1e9,
         Source("m", "a"),
         explained={"mass": Explained(0.123, "climb"), "autopilot.damping[0]": Explained(4e-4, "roll")},
-        not_seen={"quadratic_drag": "it hovers"},
+        not_identified={"quadratic_drag": "it hovers"},
         remarks=("of the estimates",),
         variation=Variation(np.diag([0.0016, np.nan, np.nan]), 4.0, 10.0),
     )

@@ -6,8 +6,8 @@ import scipy
 
 from drake_quad.errors import InputError
 from drake_quad.identification import fit as fitting
-from drake_quad.identification.evidence import jackknife, of_blocks
-from drake_quad.identification.fit import PredictionFit, scored
+from drake_quad.identification.evidence import jackknife, sums_over_blocks
+from drake_quad.identification.fit import PredictionFit, noise_likelihood
 from drake_quad.identification.parameters import Parameter
 from drake_quad.identification.prediction_errors import Gains, PredictionNoise
 
@@ -22,12 +22,12 @@ def line_fit(windows: int, samples: int, seed: int) -> tuple[PredictionFit, np.n
     values = rows @ [1.0, -2.0] + rng.normal(size=(windows, 1)) + 0.3 * rng.normal(size=(windows, samples))
     found = np.linalg.lstsq(rows.reshape(-1, 2), values.ravel(), rcond=None)[0]
     # An error is measured minus predicted.
-    return PredictionFit(found, NO_NOISE, NOTHING, -rows, values - rows @ found, 1, np.zeros(2)), rows, values
+    return PredictionFit(found, NO_NOISE, NOTHING, -rows, values - rows @ found, np.zeros(2)), rows, values
 
 
 @pytest.mark.parametrize("prior", [np.zeros(2), np.array([30.0, 0.5])], ids=["without a prior", "with a prior"])
-@pytest.mark.parametrize("adjoining", [False, True])
-def test_covariance_is_the_jackknife_over_blocks(prior: np.ndarray, adjoining: bool) -> None:
+@pytest.mark.parametrize("adjacent", [False, True])
+def test_covariance_is_the_jackknife_over_blocks(prior: np.ndarray, adjacent: bool) -> None:
     """For a linear model one step of Gauss and Newton is exact: each block is left out by hand."""
     _, rows, values = line_fit(12, 7, seed=0)
     blocks, mean = np.arange(12) // 3, np.array([0.5, -1.0])
@@ -39,19 +39,19 @@ def test_covariance_is_the_jackknife_over_blocks(prior: np.ndarray, adjoining: b
     whole = fitted(np.full(12, True))
     moves = np.array([fitted(blocks != b) - whole for b in range(4)])
     expected = 3 / 4 * moves.T @ moves
-    if adjoining:
+    if adjacent:
         first, then = moves[:-1], moves[1:]
         expected += 3 / 4 * 0.5 * (first.T @ then + then.T @ first)
     inverse = np.linalg.inv(np.einsum("wkp,wkq->pq", rows, rows) + np.diag(prior))
     expected += inverse @ np.diag(prior) @ inverse
     # No variance is smaller than that of the model.
     wider = np.sqrt(np.maximum(1.0, np.diag(inverse) / np.diag(expected)))
-    found = PredictionFit(whole, NO_NOISE, NOTHING, -rows, values - rows @ whole, 1, prior)
-    if adjoining:
-        own = found.covariance(blocks)
+    found = PredictionFit(whole, NO_NOISE, NOTHING, -rows, values - rows @ whole, prior)
+    if adjacent:
+        own = found.uncertainty(blocks)
     else:
-        told = of_blocks(np.einsum("wkp,wkq->wpq", found.slopes, found.slopes), blocks)
-        scores = of_blocks(np.einsum("wkp,wk->wp", found.slopes, found.errors), blocks)
+        told = sums_over_blocks(np.einsum("wkp,wkq->wpq", found.slopes, found.slopes), blocks)
+        scores = sums_over_blocks(np.einsum("wkp,wk->wp", found.slopes, found.errors), blocks)
         own = jackknife(told, scores, prior=prior)
     np.testing.assert_allclose(own.covariance, expected * np.outer(wider, wider), rtol=1e-9)
     np.testing.assert_allclose(own.model, inverse, rtol=1e-9)
@@ -84,9 +84,9 @@ def test_what_a_window_gives_back_to_the_one_before_makes_intervals_shorter() ->
         errors = (noise[1:] - 0.8 * noise[:-1])[:, None, None]
         off.append(errors.mean())
         information, scores = np.ones((40, 1, 1)), -(errors - errors.mean())[:, 0]
-        for adjoining in (True, False):
-            found = jackknife(information, scores, adjoining=adjoining)
-            said.setdefault(adjoining, []).append(float(found.covariance[0, 0]))
+        for adjacent in (True, False):
+            found = jackknife(information, scores, adjacent=adjacent)
+            said.setdefault(adjacent, []).append(float(found.covariance[0, 0]))
     variance = float(np.mean(np.square(off)))
     assert np.mean(said[False]) > 20.0 * variance
     assert np.mean(said[True]) < 0.55 * np.mean(said[False])
@@ -97,8 +97,8 @@ def test_degrees_of_freedom_are_those_of_the_blocks_that_tell() -> None:
     slopes = np.zeros((10, 5, 2))
     slopes[:, :3, 0] = 1.0
     slopes[:2, 3:, 1] = 1.0
-    fitted = PredictionFit(np.zeros(2), NO_NOISE, NOTHING, slopes, np.zeros((10, 5)), 1, np.zeros(2))
-    found = fitted.covariance(np.arange(10)).degrees_of_freedom
+    fitted = PredictionFit(np.zeros(2), NO_NOISE, NOTHING, slopes, np.zeros((10, 5)), np.zeros(2))
+    found = fitted.uncertainty(np.arange(10)).degrees_of_freedom
     np.testing.assert_allclose(found, [9.0, 1.0])
 
 
@@ -108,7 +108,7 @@ def test_intervals_of_correlated_errors_cover() -> None:
     inside = 0
     for seed in range(400):
         fitted, *_ = line_fit(15, 6, seed)
-        found = fitted.covariance(np.arange(15))
+        found = fitted.uncertainty(np.arange(15))
         reach = scipy.stats.t.ppf(0.975, found.degrees_of_freedom) * np.sqrt(np.diag(found.covariance))
         inside += np.sum(np.abs(fitted.values - [1.0, -2.0]) < reach)
     assert 0.93 < inside / 800 < 0.99
@@ -120,7 +120,7 @@ def test_score_and_information_are_those_of_normal_errors() -> None:
     errors, deviation, step = rng.normal(0.0, 2.0, size=(50, 1, 3, 1)), 1.5, 1e-4
     spreads = np.full((50, 2, 3, 1, 1), deviation**2)
     spreads[:, 1] *= np.exp(2.0 * step)
-    found, score, information = scored(np.tile(errors, (1, 2, 1, 1)), spreads, step)
+    found, score, information = noise_likelihood(np.tile(errors, (1, 2, 1, 1)), spreads, step)
     squares = (errors / deviation) ** 2
     assert found == pytest.approx(-150 * np.log(deviation) - 0.5 * squares.sum())
     assert score[0] == pytest.approx((squares - 1.0).sum(), rel=1e-3)
@@ -144,7 +144,7 @@ def test_few_windows_are_taken_apart_into_sixty_parts_in_the_order_of_flight(win
     for part, (rows, errors) in enumerate(pieces):
         np.testing.assert_allclose(found.information[part], np.einsum("kmp,kmq->pq", rows, rows))
         np.testing.assert_allclose(found.scores[part], np.einsum("kmp,km->p", rows, errors))
-    assert (found.names, found.seconds) == (("a", "b"), 30.0)
+    assert (found.names, found.duration) == (("a", "b"), 30.0)
     np.testing.assert_array_equal(found.values, fitted.values)
     np.testing.assert_array_equal(found.scales, [1.0, 2.0])
 
@@ -170,7 +170,7 @@ class LinearPredictor:
         found = self.target[:, :, None] - self.rows @ parameters.T
         return found.transpose(0, 2, 1)[:, None], np.zeros((1, len(parameters), len(self.windows)))
 
-    def hand_on(self, *_: object) -> None: ...
+    def continue_windows(self, *_: object) -> None: ...
 
 
 def linear_parameters(starts: dict[str, tuple[float, float]]) -> list[Parameter]:

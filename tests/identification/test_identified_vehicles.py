@@ -116,7 +116,7 @@ def test_a_residual_force_determines_drag(tmp_path: Path) -> None:
     assert len(missed) <= 2, missed
     assert "body_drag.linear[0]" in found.estimates.identified
     assert found.estimates.value("motors.curve[1]") == pytest.approx(18.27, rel=0.05)
-    assert "autopilot.damping[2]" in found.estimates.not_seen
+    assert "autopilot.damping[2]" in found.estimates.not_identified
 
 
 @pytest.mark.slow
@@ -157,7 +157,7 @@ def test_the_published_crazyflie_is_identified() -> None:
     assert estimates.value("inertia[0]") == pytest.approx(1.029e-5, rel=0.2)
     assert estimates.value("inertia[1]") == pytest.approx(1.105e-5, rel=0.2)
     places = [estimates.names.index(f"motors.curve[{i}]") for i in range(3)]
-    elsewhere = estimates.elsewhere()
+    elsewhere = estimates.for_new_flight()
     covariance = elsewhere.covariance[np.ix_(places, places)]
     reach = scipy.stats.t.ppf(0.975, np.asarray(elsewhere.degrees_of_freedom)[places].min())
     for throttle in (0.3, 0.4, 0.5, 0.6, 0.7, 0.85):

@@ -120,7 +120,7 @@ def test_a_flight_without_motion_identifies_only_the_thrust(rotors):
     found = identify([still], rotors)
     assert found.estimates.value("thrust_factor") == pytest.approx(vehicle.thrust_factor, rel=1e-3)
     assert "thrust_factor" in found.estimates.identified
-    assert {"inertia[0]", "inertia[1]", "rotor_time_constant"} <= {*found.estimates.not_seen}
+    assert {"inertia[0]", "inertia[1]", "rotor_time_constant"} <= {*found.estimates.not_identified}
     assert np.isfinite(found.estimates.intervals()).all()
 
 
@@ -250,6 +250,6 @@ def test_a_parameter_is_a_candidate_if_the_outputs_can_determine_it(rotors, atti
 def test_positive_parameters_have_limits_around_their_value(rotors):
     options = {"own_throttles": False, "delay": 0.01, "max_delay": 0.1}
     for parameter in parameters_of(rotors, {*POSES}, **options):
-        assert parameter.least <= parameter.start <= parameter.most
+        assert parameter.lower <= parameter.start <= parameter.upper
         if parameter.name.startswith(("inertia", "thrust_factor", "rotor_time_constant")):
-            assert parameter.least > 0.0
+            assert parameter.lower > 0.0

@@ -171,5 +171,5 @@ def test_measured_states_are_those_of_the_model_and_back(responding):
         turned = load_scenario("neural_fly:wind_8", [f"laboratory.motion_capture.misalignment={misalignment}"])
         model = LogModel(turned, ())
         seen = 0.4 * np.random.default_rng(3).normal(size=(12, 50))
-        np.testing.assert_allclose(model.seen_state(model.state_of(seen)), seen, atol=1e-9)
+        np.testing.assert_allclose(model.measured_state(model.state_of(seen)), seen, atol=1e-9)
     assert scenario.laboratory.autopilot.models_vehicle

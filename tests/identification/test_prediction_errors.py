@@ -72,7 +72,7 @@ def test_a_measurement_corrects_as_a_kalman_filter_does():
     random = np.random.default_rng(0)
     root, output = random.normal(size=(3, 5, 5)), random.normal(size=(3, 2, 5))
     covariance, variances = root @ root.swapaxes(1, 2), np.diag([0.3, 0.7])
-    found = prediction_errors._updated(covariance, output, variances)
+    found = prediction_errors._update(covariance, output, variances)
     for P, H, *update in zip(covariance, output, *found, strict=True):
         S = H @ P @ H.T + variances
         K = P @ H.T @ np.linalg.inv(S)
@@ -85,24 +85,24 @@ def test_a_measurement_corrects_as_a_kalman_filter_does():
 
 
 def test_a_disturbance_keeps_its_variance_while_it_forgets(scenario, log):
-    """It fades by exp(-Δ/T) between two measurements, and the added noise restores its variance."""
+    """It decays by exp(-Δ/T) between two measurements, and the added noise restores its variance."""
     noise = noise_of(POSE)
     for split in (1, 2):
         predictor = made(scenario, log, split=split)
         assert predictor.period == pytest.approx(PERIOD)
-        pushes = predictor.pushes(noise)
-        np.testing.assert_array_equal(pushes[:NUM_BODY], 0.0)
-        forgetting = pushes[NUM_BODY : NUM_BODY + 6]
+        added = predictor.process_noise(noise)
+        np.testing.assert_array_equal(added[:NUM_BODY], 0.0)
+        forgetting = added[NUM_BODY : NUM_BODY + 6]
         faded = np.exp(-2.0 * PERIOD / noise.memory) * noise.disturbance**2
         np.testing.assert_allclose(faded + forgetting, noise.disturbance**2)
         # The constant part of the horizontal force stays as it is.
-        np.testing.assert_array_equal(pushes[NUM_BODY + 6 :], [0.0, 0.0])
+        np.testing.assert_array_equal(added[NUM_BODY + 6 :], [0.0, 0.0])
 
 
 def test_noise_is_one_number_for_what_is_alike(scenario, log):
     """For a pose all axes are alike, for rates and forces x and y are."""
     both = POSE + IMU
-    alike = made(scenario, log, both).alike
+    alike = made(scenario, log, both).noise_groups
     groups = [
         *([f"{signal}"] * 3 for signal in ("position", "attitude")),
         *([f"{what}xy", f"{what}xy", f"{what}z"] for what in ("rates", "felt", "push", "turn", "memory", "forget")),
@@ -125,12 +125,12 @@ def test_what_decides_nothing_that_is_measured_is_no_state_of_the_filter(scenari
         (POSE[3:], {0, 1, 2, 6, 7, 8, 12, 13, 14, 18, 19}),
         (rates, {0, 1, 2, 5, 6, 7, 8, 12, 13, 14, 18, 19}),
     ):
-        assert {*made(scenario, log, outputs).free.tolist()} == set(range(NUM_BODY + NUM_DISTURBANCE)) - left_out
+        assert {*made(scenario, log, outputs).rows.tolist()} == set(range(NUM_BODY + NUM_DISTURBANCE)) - left_out
 
 
 def test_windows_begin_as_measured_and_at_rest_where_nothing_is(scenario, log, values):
     predictor = made(scenario, log)
-    state = predictor.beginnings.state
+    state = predictor.initial.state
     for w, start in enumerate((30, 50, 90)):
         first = start - SIZES.settle
         np.testing.assert_array_equal(state[:3, w], log.position[first])
@@ -142,7 +142,7 @@ def test_windows_begin_as_measured_and_at_rest_where_nothing_is(scenario, log, v
     np.testing.assert_array_equal(predictor.counted, np.arange(30) >= 10)
     # Initial standard deviations are 1 m, 0.5 rad, 2 m/s, 10 rad/s, and those of the disturbance and the wind's force.
     noise = noise_of(POSE)
-    first = predictor.gains(values, noise).beginning
+    first = predictor.gains(values, noise).initial_covariance
     unknown = np.concatenate([np.repeat([1.0, 0.5, 2.0, 10.0], 3), noise.disturbance, [1.0, 1.0]])
     np.testing.assert_allclose(first, np.tile(np.diag(unknown**2), (3, 1, 1)))
 
@@ -152,20 +152,20 @@ def test_gains_are_those_of_a_kalman_filter_along_its_own_predictions(scenario, 
     """Its covariance goes through the transition and gains what pushes; the next window begins a settling later."""
     predictor, noise = made(scenario, log, outputs), noise_of(outputs)
     gains = predictor.gains(values, noise)
-    R, Q = np.diag(noise.measured**2), np.diag(predictor.pushes(noise))
+    R, Q = np.diag(noise.measured**2), np.diag(predictor.process_noise(noise))
     for w in range(3):
-        P = gains.beginning[w]
+        P = gains.initial_covariance[w]
         for j in range(30):
             if j == SIZES.length:
-                np.testing.assert_allclose(gains.handed_on[w], P, rtol=1e-6, atol=1e-9)
+                np.testing.assert_allclose(gains.final_covariance[w], P, rtol=1e-6, atol=1e-9)
             H, F = gains.output[j, w], gains.transition[j, w]
             S = H @ P @ H.T + R
             K = P @ H.T @ np.linalg.inv(S)
             np.testing.assert_allclose(gains.gain[j, :, :, w], K, rtol=1e-6, atol=1e-8)
             np.testing.assert_allclose(gains.whitening[j, w] @ S @ gains.whitening[j, w].T, np.eye(6), atol=1e-6)
             P = F @ (P - K @ H @ P) @ F.T + Q
-    # A disturbance fades in the transition, and a force moves the velocity.
-    own = predictor.free.tolist()
+    # A disturbance decays in the transition, and a force moves the velocity.
+    own = predictor.rows.tolist()
     place = [own.index(NUM_BODY + i) for i in range(6)]
     np.testing.assert_allclose(
         gains.transition[:, :, place, place], np.broadcast_to(np.exp(-PERIOD / noise.memory), (30, 3, 6)), rtol=1e-5
@@ -198,22 +198,22 @@ def test_a_window_goes_on_where_the_one_before_it_ended(scenario, log, values):
     gains = predictor.gains(values, noise)
     _, states = predictor.errors(np.stack([values, values * [1.0, 1.1]]), gains, noise)
     slopes = np.stack([0.0 * states[:, 0], (states[:, 1] - states[:, 0]) / (0.1 * values[1])], axis=1)
-    before = predictor.beginnings.state.copy()
-    predictor.hand_on(states[:, 0], slopes, values, gains)
-    after = predictor.beginnings
-    np.testing.assert_array_equal(after.known, [False, True, False])
+    before = predictor.initial.state.copy()
+    predictor.continue_windows(states[:, 0], slopes, values, gains)
+    after = predictor.initial
+    np.testing.assert_array_equal(after.continued, [False, True, False])
     np.testing.assert_array_equal(after.state[:, 1], states[:, 0, 0])
     np.testing.assert_array_equal(after.state[:, [0, 2]], before[:, [0, 2]])
     np.testing.assert_array_equal(after.slopes[:, :, 1], slopes[:, :, 0])
     again = predictor.gains(values, noise)
-    np.testing.assert_array_equal(again.beginning[1], gains.handed_on[0])
-    np.testing.assert_array_equal(again.beginning[0], gains.beginning[0])
+    np.testing.assert_array_equal(again.initial_covariance[1], gains.final_covariance[0])
+    np.testing.assert_array_equal(again.initial_covariance[0], gains.initial_covariance[0])
     # The whole filter goes on: the second window foresees as if it were one with the first.
     long = made(scenario, log, windows=[LogWindow(0, 30)])
     whole = Predictor(long.model, [log], [LogWindow(0, 30)], SIZES._replace(length=40), POSE).gains(values, noise)
     np.testing.assert_allclose(again.errors[:, :, 1], whole.errors[20:, :, 0], atol=1e-6)
     # Other parameters begin where the one before would have ended with them, to first order.
-    flown, begun = predictor._fly(values[None] * [1.0, 1.1])
+    flown, begun = predictor._begin(values[None] * [1.0, 1.1])
     np.testing.assert_allclose(begun[:, 0, 1], states[:, 1, 0], atol=1e-9)
     np.testing.assert_allclose(begun[:, 0, 0], before[:, 0])
     assert flown.shape == (1, 3)
@@ -225,7 +225,7 @@ def test_what_filters_of_other_noise_do_not_foresee_follows_to_first_order(scena
     predictor, noise = made(scenario, log, outputs), noise_of(outputs)
     gains, chosen = predictor.gains(values, noise), np.array([0, 2])
     others = [noise, noise_of(outputs, white=1.1), noise_of(outputs, push=1.1), noise_of(outputs, memory=0.9)]
-    errors, spreads = predictor.expected(gains, noise, others, chosen)
+    errors, spreads = predictor.linearised_errors(gains, noise, others, chosen)
     assert errors.shape == (20, 4, 2, 6)
     levels = noise.measured
 
@@ -256,15 +256,15 @@ def test_the_likeliest_noise_is_that_with_which_a_log_was_made(scenario, values)
     predictor = made(
         scenario, still, windows=[LogWindow(0, 55)] * 5, sizes=WindowSizes(length=150, settle=50, warm_up=5)
     )
-    flown, state = predictor._fly(values[None])
+    flown, state = predictor._begin(values[None])
     forgetting = slice(NUM_BODY, NUM_BODY + 6)
     state[forgetting, 0] = true.disturbance[:, None] * random.normal(size=(6, 5))
-    fades, measured = np.exp(-PERIOD / true.memory), []
+    decay, measured = np.exp(-PERIOD / true.memory), []
     for _ in range(200):
         measured.append(predictor._predicted(flown, state)[:, 0])
         flown.step(state)
-        pushed = true.disturbance * np.sqrt(1.0 - fades**2)
-        state[forgetting, 0] = fades[:, None] * state[forgetting, 0] + pushed[:, None] * random.normal(size=(6, 5))
+        pushed = true.disturbance * np.sqrt(1.0 - decay**2)
+        state[forgetting, 0] = decay[:, None] * state[forgetting, 0] + pushed[:, None] * random.normal(size=(6, 5))
     predictor.measured = np.stack(measured) + true.measured[:, None] * random.normal(size=(200, 6, 5))
     found = PredictionNoise(2.0 * true.measured, 0.5 * true.disturbance, true.memory)
     for _ in range(2):
@@ -284,9 +284,8 @@ def test_a_fit_ends_where_whitened_errors_are_least_and_windows_go_on_from_one_a
     found = fitting.fit(predictor, parameters, noise)
     assert found.slopes.shape == (3, 20 * 6, 2)
     assert found.errors.shape == (3, 20 * 6)
-    np.testing.assert_array_equal(predictor.beginnings.known, [False, True, False])
-    np.testing.assert_array_equal(predictor.beginnings.parameters, found.values)
-    assert found.rounds > 2
+    np.testing.assert_array_equal(predictor.initial.continued, [False, True, False])
+    np.testing.assert_array_equal(predictor.initial.parameters, found.values)
     inside = (found.values > 0.501 * values) & (found.values < 1.999 * values)
     slopes = np.einsum("wkp,wk->p", found.slopes, found.errors) + found.prior * (found.values - 1.2 * values)
     deviations = 1.0 / np.sqrt(np.einsum("wkp,wkp->p", found.slopes, found.slopes) + found.prior)

@@ -60,7 +60,7 @@ def estimates():
     return estimates_of(
         FOUND,
         explained={"mass": Explained(0.43, "acceleration along z")},
-        not_seen={"inertia[2]": "the vehicle never turned about its vertical axis"},
+        not_identified={"inertia[2]": "the vehicle never turned about its vertical axis"},
         remarks=("A gap of 0.2 s at 12.3 s was left out.",),
     )
 
@@ -130,7 +130,7 @@ def test_variation_that_nobody_looked_at_is_not_said_to_be_there(base, tmp_path)
     found = {name: FOUND[name] for name in ("mass", "inertia[0]")}
     text = text_of(write_vehicle(tmp_path / "none.yaml", "mine", estimates_of(found), base=base))
     assert "say of a number. Fields" in text
-    some = estimates_of(found, variation=Variation(np.array([[1e-8]]), 40.0, 8.2).beside(1))
+    some = estimates_of(found, variation=Variation(np.array([[1e-8]]), 40.0, 8.2).with_unknown(1))
     text = text_of(write_vehicle(tmp_path / "some.yaml", "mine", some, base=base))
     assert "how it varies among them, which is not known of inertia[0]. Fields" in text
 

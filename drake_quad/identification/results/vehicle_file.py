@@ -27,7 +27,7 @@ from ruamel.yaml.representer import RoundTripRepresenter
 
 from drake_quad.errors import InputError, shown
 from drake_quad.files import output_folder, write_whole
-from drake_quad.identification.results.estimates import CONFIDENCE, KINDS, Estimates, field_path, kind_of, split
+from drake_quad.identification.results.estimates import CONFIDENCE, KINDS, Estimates, field_path, kind_of, split_name
 from drake_quad.scenario.correlation import correlated_normals
 from drake_quad.scenario.files.library import Library, is_shipped, split_spec
 from drake_quad.scenario.files.loading import load_undesigned
@@ -132,8 +132,8 @@ def _fields(
     written = _values(estimates, f"v_{prefix}" if prefix[0].isdecimal() else prefix, distributions)
     comments = {each: _comment(estimates, each, written[each]) for each in estimates.names}
     tree: dict[str, Any] = {"nominal": {}, "vehicle": {}, "laboratory": {}, "control": {}}
-    for path in dict.fromkeys(split(each)[0] for each in estimates.names):
-        whole = {each: _Entry(written[each], comments[each]) for each in estimates.names if split(each)[0] == path}
+    for path in dict.fromkeys(split_name(each)[0] for each in estimates.names):
+        whole = {each: _Entry(written[each], comments[each]) for each in estimates.names if split_name(each)[0] == path}
         value = _rigid(path, _listed(path, whole, base)) if KINDS[path].items else whole[path]
         *steps, last = field_path(path).split(".")
         node = tree
@@ -177,10 +177,10 @@ def _values(estimates: Estimates, prefix: str, distributions: bool) -> dict[str,
         name: _number(name, _rounded(value, deviation))
         for name, value, deviation in zip(estimates.names, estimates.values, estimates.deviations, strict=True)
     }
-    drawn = [name for name in estimates.names if not kind_of(name).whole]
+    drawn = [name for name in estimates.names if not kind_of(name).integer]
     if not (distributions and drawn):
         return numbers
-    part = estimates.elsewhere().part(drawn)
+    part = estimates.for_new_flight().part(drawn)
     # So that the normal distribution has the interval of Student's.
     wider = part.quantiles() / scipy.stats.norm.ppf(0.5 * (1.0 + CONFIDENCE))
     covariance = part.covariance * np.outer(wider, wider)
@@ -205,29 +205,29 @@ def _number(name: str, value: float) -> Any:
         InputError: it must be positive, and is not.
     """
     kind = kind_of(name)
-    if kind.least > 0.0 >= value:
+    if kind.lower > 0.0 >= value:
         raise InputError(
             f"the estimate of {name}, {value:.4g} {kind.unit}, must be larger than 0; one that is not belongs to what"
             " the log does not tell"
         )
-    value = min(max(value, kind.least), kind.most)
-    return round(value) if kind.whole else value
+    value = min(max(value, kind.lower), kind.upper)
+    return round(value) if kind.integer else value
 
 
 def _limits(name: str, mean: float, deviation: float) -> dict[str, float]:
     """The limits of a distribution that its kind needs, none but these."""
     kind = kind_of(name)
     limits: dict[str, float] = {}
-    if kind.least > 0.0:
-        limits["min"] = max(kind.least, float(f"{_AT_LEAST * mean:.4g}"))
-    elif kind.least == 0.0:
+    if kind.lower > 0.0:
+        limits["min"] = max(kind.lower, float(f"{_AT_LEAST * mean:.4g}"))
+    elif kind.lower == 0.0:
         limits["min"] = 0.0
-    elif kind.least > -LARGEST:
-        limits["min"] = max(kind.least, float(f"{mean - _FAR * deviation:.4g}"))
+    elif kind.lower > -LARGEST:
+        limits["min"] = max(kind.lower, float(f"{mean - _FAR * deviation:.4g}"))
     if name.startswith("rotor_time_constant"):
-        limits["max"] = min(kind.most, float(f"{mean + _FAR * deviation:.4g}"))
-    elif kind.most <= 1.0:
-        limits["max"] = kind.most
+        limits["max"] = min(kind.upper, float(f"{mean + _FAR * deviation:.4g}"))
+    elif kind.upper <= 1.0:
+        limits["max"] = kind.upper
     return limits
 
 
@@ -237,19 +237,19 @@ def _comment(estimates: Estimates, name: str, written: Any) -> str:
     unit = "" if kind_of(name).unit == "1" else kind_of(name).unit
     value = float(estimates.values[place])
     own, elsewhere = (
-        Interval(value, *each.intervals()[place]).text(unit=unit) for each in (estimates, estimates.elsewhere())
+        Interval(value, *each.intervals()[place]).text(unit=unit) for each in (estimates, estimates.for_new_flight())
     )
-    if name in estimates.not_seen:
+    if name in estimates.not_identified:
         return f"not identified, {own}: as in what this extends, as far as the log narrows it"
     parts = [f"{own} with 95 % confidence"]
     if estimates.variation is not None and estimates.variation.covariance[place, place] > 0.0:
-        parts.append(f"{elsewhere} in another {estimates.variation.seconds:.2g} s of flight")
+        parts.append(f"{elsewhere} in another {estimates.variation.duration:.2g} s of flight")
     if name in estimates.explained:
         share, output = estimates.explained[name]
         parts.append(f"explains {100.0 * share:.3g} % of the variance of {output}")
     parts.append(" and ".join(map(str, estimates.sources_of(place))))
     mean = written["normal"]["mean"] if isinstance(written, dict) else written
-    if kind_of(name).whole:
+    if kind_of(name).integer:
         parts.append("written as a whole number")
     elif abs(mean - value) > estimates.deviations[place]:
         parts.append("beyond the limit of what there is, which is written")
@@ -395,7 +395,7 @@ def _introduction(estimates: Estimates, distributions: bool) -> list[str]:
             f" A distribution has what the flights say of a number{among}{but}. Fields that share a variable are"
             " correlated."
         )
-    unseen = [f"{name} is not identified: {why}" for name, why in estimates.not_seen.items()]
+    unseen = [f"{name} is not identified: {why}" for name, why in estimates.not_identified.items()]
     return [f"Identified from {', '.join(logs)}.{drawn}", *estimates.remarks, *unseen]
 
 
