@@ -1,9 +1,8 @@
-"""How well a model tells what follows, on flight that it was not identified from.
+"""Share of the variance of held-out flight that a model explains.
 
-In each window the predictor settles, and from then on only the commands are told. Of an output y, the share of
-variance that the model explains over a horizon is 1 - Σ (y - ŷ)² / Σ (y - ȳ)², where ȳ is what would be if nothing
-acted any more: a position goes on at its velocity, an attitude at its body rates, rates stay; a specific force has its
-mean.
+In each window the filter first settles. From then on, the model follows the logged commands without measurements. Of an
+output y, the model explains the share 1 - Σ (y - ŷ)² / Σ (y - ȳ)², where ȳ is the prediction by persistence: a position
+continues at its velocity, an attitude at its body rates, and body rates are constant. A specific force has its mean.
 """
 
 from typing import NamedTuple
@@ -19,14 +18,14 @@ _ROWS_OF_RATES = {"position": STATE_ROWS["velocity"], "attitude": STATE_ROWS["bo
 
 
 class Forecast(NamedTuple):
-    """What was measured in windows, and what was told of it.
+    """Forecasts in W windows, with the measurements.
 
     Attributes:
-        names: (m,) of the outputs, as in "body rate p".
-        time: (T,) from the last measurement that was used, s.
-        measured: (T, m, W).
-        predicted: (T, m, W).
-        explained: (m,) share of the variance over the whole horizon, in all windows.
+        names: (m,) names of the outputs, as in "body rate p".
+        time: (T,) time since the filter used the last measurement, s.
+        measured: (T, m, W) measurements.
+        predicted: (T, m, W) forecasts.
+        explained: (m,) explained share of the variance over the whole horizon, in all windows; NaN if nothing varies.
     """
 
     names: tuple[str, ...]
@@ -45,23 +44,23 @@ def forecast(predictor: Predictor, parameters: np.ndarray, noise: PredictionNois
     measured = predictor.measured[kept]
     predicted = measured - errors[kept][:, :, 0]
     time = predictor.period * np.arange(len(kept))
-    off = np.empty_like(measured)
+    persistence_errors = np.empty_like(measured)
     for i, (signal, column) in enumerate(predictor.outputs):
         if signal == FORCE:
-            off[:, i] = measured[:, i] - measured[:, i].mean()
+            persistence_errors[:, i] = measured[:, i] - measured[:, i].mean()
             continue
         start = state[STATE_ROWS[signal] + column, 0]
         rate = state[_ROWS_OF_RATES[signal] + column, 0] if signal in _ROWS_OF_RATES else 0.0 * start
-        off[:, i] = measured[:, i] - start - time[:, None] * rate
+        persistence_errors[:, i] = measured[:, i] - start - time[:, None] * rate
         if signal == "attitude":
-            off[:, i] = within_half_a_turn(off[:, i])
-    missed, whole = np.sum((measured - predicted) ** 2, axis=(0, 2)), np.sum(off**2, axis=(0, 2))
+            persistence_errors[:, i] = within_half_a_turn(persistence_errors[:, i])
+    squares, whole = np.sum((measured - predicted) ** 2, axis=(0, 2)), np.sum(persistence_errors**2, axis=(0, 2))
     names = tuple(named(signal, column) for signal, column in predictor.outputs)
-    return Forecast(names, time, measured, predicted, 1.0 - missed / np.where(whole > 0.0, whole, np.nan))
+    return Forecast(names, time, measured, predicted, 1.0 - squares / np.where(whole > 0.0, whole, np.nan))
 
 
 def named(signal: str, column: int) -> str:
-    """What an output is called: body rate p, specific force along z, position y, roll."""
+    """Return the name of an output, such as body rate p, specific force along z, position y, or roll."""
     if signal == "attitude":
         return _AXES[1][column]
     if signal == "body_rates":

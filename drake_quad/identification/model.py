@@ -1,20 +1,20 @@
 """The vehicle of the library as the forward model of a log.
 
-The formulas are those that fly, `step_of_flight` or, behind an autopilot whose closed attitude loop is known as a
-whole, `responding_step`. A log is flown again in windows, for several sets of parameters at once, driven by the logged
-commands.
+The formulas are those of the simulation: `step_of_flight`, or `responding_step` for an autopilot whose closed attitude
+loop is modelled as a whole. The model simulates windows of a log for several sets of parameters at once, driven by the
+logged commands.
 
-What the model lacks acts as a disturbance: a specific force, and an angular acceleration about the axes of B (for an
-attitude response, accelerations of the angles). The force has constant components along the axes of W where attitudes
-are logged, otherwise along those of B: a vehicle leans into the wind, so along the axes of B the force of a wind would
-always have a part along the thrust.
+A disturbance represents model errors: a specific force, and an angular acceleration about the axes of B (for an
+attitude response, accelerations of the angles). During a step, the force is constant along the axes of W if attitudes
+or velocities are measured, otherwise along those of B. A vehicle leans into the wind, so along the axes of B the force
+of a constant wind would always have a component along the thrust.
 
-Commands act after a delay. A command that is held between samples and is late by n + f samples is, in the mean over
-one step,
+Commands act after a delay. A command that is held between samples and delayed by n + f samples has the mean
 
     (1 - f) u[k - n] + f u[k - n - 1],  0 ≤ f < 1,
 
-which is what rotors feel of it to first order of the step over their time constant, and continuous in the delay.
+over one step. The model uses this mean, which is continuous in the delay. Its effect on the rotors is correct to first
+order in the step relative to their time constant.
 """
 
 from collections.abc import Sequence
@@ -82,7 +82,7 @@ DELAY = "delay"
 MISALIGNMENT = tuple(f"laboratory.motion_capture.misalignment[{axis}]" for axis in range(3))
 """Names of the angles of the markers' frame in B, rad."""
 
-# Natural frequency of a vehicle that is assumed to stay level, rad/s. Any value serves.
+# Natural frequency of a vehicle that is assumed to stay level, rad/s. The result does not depend on it.
 _LEVEL_FREQUENCY = 20.0
 _VOLTAGE_WINDOW = 0.5  # s, over which the logged voltage is averaged
 
@@ -98,7 +98,7 @@ class SpecificForce(NamedTuple):
 
 
 class Disturbance(NamedTuple):
-    """Specific force and angular acceleration that the model lacks, and a constant part of the horizontal force."""
+    """Specific force and angular acceleration of model errors, and a constant part of the horizontal force."""
 
     x: _SpecificForce
     y: _SpecificForce
@@ -108,6 +108,11 @@ class Disturbance(NamedTuple):
     r: BodyAccelerationB
     constant_x: _SpecificForce
     constant_y: _SpecificForce
+
+    @property
+    def force(self) -> Vector:
+        """Specific force with its constant part."""
+        return Vector(self.x + self.constant_x, self.y + self.constant_y, self.z)
 
 
 class Span(NamedTuple):
@@ -159,23 +164,23 @@ def step(
         wanted = AttitudeTarget(0.0, *attitude, 0.0, 0.0, 0.0)
         rest = wind, None, parameters, response, None, effects, 0.0, h, "exact"
         after = responding_step(RespondingBody(*body), rotors, command, wanted, *rest)  # type: ignore[arg-type]
-    push = Vector(disturbance.x + disturbance.constant_x, disturbance.y + disturbance.constant_y, disturbance.z)
+    force = disturbance.force
     if frame == "body":
-        push = BodyAxes.of(body.roll, body.pitch, body.yaw).in_world(push)
+        force = BodyAxes.of(body.roll, body.pitch, body.yaw).in_world(force)
     moved = State(*after.body)
     half = 0.5 * h * h
-    pushed = moved._replace(
-        x=moved.x + half * push.x,
-        y=moved.y + half * push.y,
-        z=moved.z + half * push.z,
-        v_x=moved.v_x + h * push.x,
-        v_y=moved.v_y + h * push.y,
-        v_z=moved.v_z + h * push.z,
+    disturbed = moved._replace(
+        x=moved.x + half * force.x,
+        y=moved.y + half * force.y,
+        z=moved.z + half * force.z,
+        v_x=moved.v_x + h * force.x,
+        v_y=moved.v_y + h * force.y,
+        v_z=moved.v_z + h * force.z,
         p=moved.p + h * disturbance.p,
         q=moved.q + h * disturbance.q,
         r=moved.r + h * disturbance.r,
     )
-    return ModelStep(pushed, after.rotors)
+    return ModelStep(disturbed, after.rotors)
 
 
 def rotors_after(rotors: RotorSpeed, command: RotorSpeed | Throttle, span: Span, numbers: Numbers) -> RotorSpeed:
@@ -206,15 +211,14 @@ def specific_force(
     axes = BodyAxes.of(body.roll, body.pitch, body.yaw)
     motion = Motion.of(body) if response is None else Motion(body.v_x, body.v_y, body.v_z, 0.0, 0.0, 0.0)
     rates = accelerations(axes, motion, None, body.z, turned, wind, parameters, effects).motion
-    push = Vector(disturbance.x + disturbance.constant_x, disturbance.y + disturbance.constant_y, disturbance.z)
     own = Vector(rates.v_x, rates.v_y, rates.v_z + parameters.gravity)
     if frame == "body":
-        return SpecificForce(*plus(axes.in_body(own), push))
-    return SpecificForce(*axes.in_body(plus(own, push)))
+        return SpecificForce(*plus(axes.in_body(own), disturbance.force))
+    return SpecificForce(*axes.in_body(plus(own, disturbance.force)))
 
 
 def measured_attitude(attitude: Attitude, misalignment: Attitude) -> Attitude:
-    """Return roll, pitch and yaw of the markers' frame in W, given its own in B."""
+    """Return roll, pitch and yaw of the markers' frame in W, given those of B in W and of the markers' frame in B."""
     return attitude_of_markers(attitude, BodyAxes.of(misalignment.roll, misalignment.pitch, misalignment.yaw))
 
 
@@ -310,14 +314,14 @@ def level_record(record: FlightRecord) -> FlightRecord:
 
 
 class LogModel:
-    """Vehicle as a function of some of its numbers.
+    """Vehicle as a function of p parameters.
 
     Args:
         scenario: scenario without distributions, with the vehicle and its autopilot.
-        names: names of the p parameters, as in `Estimates`, and `DELAY`.
-        frame: axes along which the disturbing force is constant.
-        delay: delay if it is no parameter, s.
-        voltage: voltage of the battery for which the thrust curve holds, V; None if the voltage does not count.
+        names: names of the parameters, as in `Estimates`, and `DELAY`.
+        frame: axes along which the disturbing force is constant during a step.
+        delay: delay if it is not a parameter, s.
+        voltage: voltage of the battery for which the thrust curve holds, V; None if the thrust does not depend on it.
     """
 
     def __init__(
@@ -340,13 +344,13 @@ class LogModel:
         numbers = self.numbers(np.empty((1, len(names))) + 1.0)
         self.layout = layout_of(Numbers, numbers)
         body, rotors, span, wind = (layout_of(kind) for kind in (State, RotorSpeed, Span, Wind))
-        push, force, attitude = (layout_of(kind) for kind in (Disturbance, SpecificForce, Attitude))
-        inputs = body, rotors, command, attitude, wind, push, span, self.layout, frame
+        disturbance, force, attitude = (layout_of(kind) for kind in (Disturbance, SpecificForce, Attitude))
+        inputs = body, rotors, command, attitude, wind, disturbance, span, self.layout, frame
         self.step = kernel(step, inputs, (body, rotors), lone=False)
         self.rotors_after = kernel(rotors_after, (rotors, command, span, self.layout), (rotors,), lone=False)
         self.rotors_at_rest = kernel(rotors_at_rest, (command, span, self.layout), (rotors,), lone=False)
-        felt = body, rotors, command, wind, push, span, self.layout, frame
-        self.specific_force = kernel(specific_force, felt, (force,), lone=False)
+        without_attitude = body, rotors, command, wind, disturbance, span, self.layout, frame
+        self.specific_force = kernel(specific_force, without_attitude, (force,), lone=False)
         self.measured_attitude = kernel(measured_attitude, (attitude, attitude), (attitude,), lone=False)
 
     @property
@@ -526,25 +530,26 @@ class ModelFlight:
         """Advance a state by one step, with a constant disturbance."""
         body = state[:NUM_BODY].reshape(-1)
         attitude, wind = self._command[NUM_ROTORS:].reshape(-1), self._wind.reshape(-1)
-        push, span = state[NUM_BODY:].reshape(-1), self._span.reshape(-1)
-        inputs = body, self._rotors, self._rotor_command, attitude, wind, push, span, self._numbers
+        disturbance, span = state[NUM_BODY:].reshape(-1), self._span.reshape(-1)
+        inputs = body, self._rotors, self._rotor_command, attitude, wind, disturbance, span, self._numbers
         self.model.step(self._size, 0.0, body, self._rotors, *inputs)
         self._next()
 
     def specific_force(self, state: np.ndarray) -> np.ndarray:
         """Return the specific force (3, K, W) in a state, m/s²."""
         force = np.empty(3 * self._size)
-        body, push = state[:NUM_BODY].reshape(-1), state[NUM_BODY:].reshape(-1)
+        body, disturbance = state[:NUM_BODY].reshape(-1), state[NUM_BODY:].reshape(-1)
         wind, span = self._wind.reshape(-1), self._span.reshape(-1)
-        inputs = body, self._rotors, self._rotor_command, wind, push, span, self._numbers
+        inputs = body, self._rotors, self._rotor_command, wind, disturbance, span, self._numbers
         self.model.specific_force(self._size, 0.0, force, *inputs)
         return force.reshape(3, *self.shape)
 
     def measured_attitude(self, state: np.ndarray) -> np.ndarray:
         """Return roll, pitch and yaw (3, K, W) of the markers' frame in a state."""
-        place = STATE_ROWS["attitude"]
+        row = STATE_ROWS["attitude"]
+        attitude = state[row : row + 3]
         if not self._misalignment.any():
-            return state[place : place + 3]
-        seen = np.empty(3 * self._size)
-        self.model.measured_attitude(self._size, 0.0, seen, state[place : place + 3].reshape(-1), self._misalignment)
-        return seen.reshape(3, *self.shape)
+            return attitude
+        measured = np.empty(3 * self._size)
+        self.model.measured_attitude(self._size, 0.0, measured, attitude.reshape(-1), self._misalignment)
+        return measured.reshape(3, *self.shape)

@@ -347,7 +347,7 @@ def identified():
     none = output._replace(name="pitch", unit="rad", explained=-0.1)
     return Identification(
         estimates, None, (output, none), Spread(0.0321, 0.001, "s"), None, ("of the flights",),
-        {"mass": SimpleNamespace(covered=9, off=np.zeros(10))},
+        {"mass": SimpleNamespace(covered=9, errors=np.zeros(10))},
     )  # fmt: skip
 
 

@@ -71,6 +71,21 @@ def test_a_log_of_throttles_gives_the_vehicle_throttle_motors(rotors):
     assert scenario is rotors
 
 
+def test_the_thrust_curve_is_that_of_the_vehicles_voltage_or_of_the_median_in_flight(rotors):
+    def voltage(scenario, **signals):
+        logs, _ = prepared_logs.prepare([record(6.0, *POSES, **signals)], scenario)
+        return logs.voltage
+
+    throttles = {"motor_command": np.full((300, 4), 0.5), "battery_voltage": np.linspace(12.0, 11.0, 300)}
+    assert voltage(rotors, **throttles) == pytest.approx(11.5, abs=0.01)
+    motors = "motors={kind: throttle, curve: [0.0, 1.0, 3.4]}"
+    given = [f"nominal.{motors}", f"vehicle.{motors}", "vehicle.motors.voltage=12.3"]
+    known = load_scenario("laboratory:low_wind", given)
+    assert voltage(known, **throttles) == 12.3
+    assert voltage(rotors, motor_command=throttles["motor_command"]) is None
+    assert voltage(rotors, battery_voltage=throttles["battery_voltage"]) is None
+
+
 def test_a_residual_force_becomes_the_specific_force_of_an_accelerometer(attitudes):
     """The residual is the force beside the weight and the commanded thrust, along the axes of W."""
     angles = np.tile([0.3, -0.2, 1.0], (5, 1))

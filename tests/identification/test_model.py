@@ -17,6 +17,7 @@ from drake_quad.identification.model import (
     Numbers,
     Span,
     WindowInputs,
+    relative_voltage,
     rotors_after,
     rotors_at_rest,
     specific_force,
@@ -106,6 +107,31 @@ def test_throttles_at_rest_give_the_thrust_of_their_curve(scenario):
     thrusts = vehicle.thrust_factor * np.square(rotors_at_rest(throttles, Span(PERIOD, 1.0), own))
     shares = np.array(throttles)
     np.testing.assert_allclose(thrusts, k_0 + k_1 * shares + k_2 * shares**2)
+
+
+@pytest.mark.parametrize("throttles", [True, False])
+def test_rotor_speeds_are_proportional_to_the_voltage(scenario, throttles):
+    vehicle = (with_throttles(scenario) if throttles else scenario).vehicle
+    own = Numbers(vehicle_parameters(vehicle), vehicle.effect_numbers(), None)
+    command = Throttle(0.3, 0.4, 0.5, 0.6) if throttles else SPEEDS
+    full, low = (np.array(rotors_at_rest(command, Span(PERIOD, voltage), own)) for voltage in (1.0, 0.9))
+    np.testing.assert_allclose(low, 0.9 * full)
+
+
+def test_a_voltage_is_relative_to_that_of_the_thrust_curve_and_averaged_over_half_a_second(scenario):
+    """The average of a signal that rises evenly is the signal itself; noise is attenuated by the number of samples."""
+    random = np.random.default_rng(0)
+    time = PERIOD * np.arange(2000)
+    ramp = 12.0 - 0.02 * time
+    log = FlightRecord("log", time, battery_voltage=ramp + 0.1 * random.normal(size=2000))
+    model = LogModel(with_throttles(scenario), (), voltage=12.0)
+    found = relative_voltage(log, model)
+    inside = slice(50, -50)
+    error = (12.0 * found - ramp)[inside]
+    assert abs(error.std() / (0.1 / np.sqrt(51)) - 1.0) < 0.4
+    # Rotors that are commanded by speed do not depend on the voltage, and neither does a log without it.
+    for record, other in ((log, LogModel(scenario, (), voltage=12.0)), (uneven_record(), model)):
+        np.testing.assert_array_equal(relative_voltage(record, other), 1.0)
 
 
 def uneven_record():
