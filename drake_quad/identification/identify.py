@@ -20,20 +20,24 @@ import scipy
 
 from drake_quad.errors import InputError
 from drake_quad.identification.delays import frame_age
-from drake_quad.identification.evidence import Uncertainty
 from drake_quad.identification.fit import MIN_NOISE, PredictionFit, fit, noise_covariance
 from drake_quad.identification.forecast import Forecast, forecast
-from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.identification.model import (
-    DELAY,
+from drake_quad.identification.identifiability import (
+    check_forecast,
+    check_thrust,
+    not_identified,
+    undetermined,
+    unexcited,
+    weaker_than_disturbance,
 )
+from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.model import DELAY
 from drake_quad.identification.parameters import Parameter, names_of, parameters_of
-from drake_quad.identification.physical_limits import SearchVariables
-from drake_quad.identification.prediction_errors import Output, PredictionNoise, Predictor
+from drake_quad.identification.prediction_errors import Output, Predictor
 from drake_quad.identification.prepared_logs import MAX_DELAY, MIN_BLOCKS, PreparedLogs, initial_noise, prepare
 from drake_quad.identification.random_effects import uncertainty_of_mean, variation_of
 from drake_quad.identification.result import ForecastOutput, Identification, Spread
-from drake_quad.identification.results.estimates import Estimates, Explained, Source, quantile
+from drake_quad.identification.results.estimates import Estimates, Explained, Source
 from drake_quad.identification.results.held_out import hold_out
 from drake_quad.identification.results.vehicle_numbers import (
     with_estimates,
@@ -44,15 +48,11 @@ from drake_quad.identification.windows import (
     steep_remarks,
 )
 from drake_quad.scenario.models import Scenario
-from drake_quad.statistics.interval import plus_minus
 from drake_quad.vehicle.rigid_body import inertia_flaw
 
-_BLOCK = 4.0  # s, over which errors are correlated
-# A parameter is identified if its 95 % interval reaches no farther than its scale to each side.
-_MAX_REACH = 1.0
-_MAX_VERTICAL_FORCE = 0.15  # of the weight; flights in strong wind leave 0.03
-_SPEED_WINDOW = 0.1  # s, long enough to average out position noise
+_BLOCK = 4.0  # s, longer than the correlation time of model errors
 _POSE = ("position", "attitude")
+_MIN_POSE_NOISE = 2.0 * MIN_NOISE  # SI units; smaller noise is at the limit of the fit
 _NOISES = {signal: f"laboratory.motion_capture.{signal}_noise" for signal in _POSE}
 _UNITS = {"position": "m", "velocity": "m/s", "specific": "m/s²", "body": "rad/s"}
 
@@ -102,12 +102,12 @@ def _identified(records: Sequence[FlightRecord], scenario: Scenario, share: floa
         kept = [usable & ~late for usable, late in zip(logs.flying, spared, strict=True)]
         training = fit(logs.predictor(names_of(parameters), kept), parameters, noise)
         shown = forecast(logs.predictor(names_of(parameters), spared, horizon=True), training.values, training.noise)
-        _check_forecast(shown)
+        check_forecast(shown)
         start, noise = training.values, training.noise
     predictor = logs.predictor(names_of(parameters), logs.flying)
     fitted = fit(predictor, parameters, noise, start)
-    _check_thrust(logs.scenario, fitted.noise)
-    held = _swamped(logs.scenario, predictor, parameters, fitted) | _unexcited(logs, parameters, fitted)
+    check_thrust(logs.scenario, fitted.noise)
+    held = weaker_than_disturbance(logs.scenario, predictor, parameters, fitted) | unexcited(logs, parameters, fitted)
     if held:
         kept = [i for i, parameter in enumerate(parameters) if parameter.name not in held]
         parameters = [parameters[i] for i in kept]
@@ -116,38 +116,8 @@ def _identified(records: Sequence[FlightRecord], scenario: Scenario, share: floa
     return _result(logs, scenario, predictor, parameters, fitted, shown, held)
 
 
-def _check_forecast(shown: Forecast) -> None:
-    """Refuse a vehicle that forecasts no output of held-out flight better than persistence does.
-
-    Raises:
-        InputError: if some outputs vary, and the vehicle explains nothing of any of them.
-    """
-    varying = np.isfinite(shown.explained)
-    if varying.any() and np.all(shown.explained[varying] <= 0.0):
-        best = int(np.nanargmax(shown.explained))
-        raise InputError(
-            "cannot identify the vehicle: after a fit to the rest of the logs it forecasts no output of the held-out"
-            f" part better than motion that continues at constant rates does (best: {shown.names[best]}); check the"
-            " mapping, the vehicle to begin with, and that the logs contain motion"
-        )
-
-
-def _check_thrust(scenario: Scenario, noise: PredictionNoise) -> None:
-    """Refuse a vehicle whose thrust does not follow from the commands, so that a disturbance has to carry it.
-
-    Raises:
-        InputError: if the disturbing force along z is a large share of the weight.
-    """
-    *_, vertical = noise.force / float(scenario.vehicle.gravity)
-    if vertical > _MAX_VERTICAL_FORCE:
-        raise InputError(
-            f"cannot identify the vehicle: its thrust does not follow from the logged commands, since a force of"
-            f" {100.0 * vertical:.0f} % of the weight is left along z; a log that only hovers identifies nothing else"
-        )
-
-
 def _blocks(predictor: Predictor) -> np.ndarray:
-    """Return the number (W,) of the block of each window; blocks last some seconds, as model errors do."""
+    """Return the number (W,) of the block of each window, for the covariance of the estimates."""
     windows = len(predictor.windows)
     number = min(windows, max(MIN_BLOCKS, round(predictor.duration / _BLOCK)))
     return np.asarray(np.arange(windows) * number // windows)
@@ -162,45 +132,46 @@ def _result(
     shown: Forecast | None,
     held: dict[str, str],
 ) -> Identification:
+    """Return the result of a fit.
+
+    Args:
+        logs: logs that were fitted.
+        scenario: scenario that the estimates are put into.
+        predictor: predictor of the outputs in all windows.
+        parameters: parameters that were fitted.
+        fitted: result of the fit.
+        shown: forecast of held-out flight; None if nothing was held out.
+        held: parameters that were held at their initial values, with the reason.
+    """
     names = names_of(parameters)
     blocks = _blocks(predictor)
     evidence = fitted.evidence(names, [parameter.scale for parameter in parameters], predictor.duration)
     variation = variation_of(evidence)
     uncertainty = uncertainty_of_mean(fitted.uncertainty(blocks), evidence, variation)
-    weak = _not_identified(parameters, fitted.values, uncertainty)
+    weak = not_identified(parameters, fitted.values, uncertainty)
     if {*names} <= {*weak, DELAY}:
         raise InputError(
             "cannot identify the vehicle: the logs determine none of its parameters: "
             + "; ".join(f"{name}: {reason}" for name, reason in weak.items())
         )
     own = [i for i, name in enumerate(names) if name != DELAY]
-    values, covariance = fitted.values[own], uncertainty.covariance[np.ix_(own, own)]
-    freedom, told = uncertainty.degrees_of_freedom[own], [names[i] for i in own]
-    pose = {name: predictor.outputs.index(Output(name, 0)) for name in _POSE if Output(name, 0) in predictor.outputs}
-    seen = [name for name, place in pose.items() if fitted.noise.measured[place] > 2.0 * MIN_NOISE]
-    quiet = {_NOISES[name]: f"it is below {2.0 * MIN_NOISE:g} in SI units" for name in pose if name not in seen}
-    if seen:
-        places = [pose[name] for name in seen]
-        level = fitted.noise.measured[places]
-        spread = noise_covariance(predictor, fitted)[np.ix_(places, places)] * np.outer(level, level)
-        told, values = [*told, *(_NOISES[name] for name in seen)], np.concatenate([values, level])
-        covariance = scipy.linalg.block_diag(covariance, spread)
-        freedom = np.concatenate([freedom, np.full(len(seen), float(fitted.errors.size))])
+    noise_names, noise_values, noise_covariances, weak_noise = _noise_estimates(predictor, fitted)
+    noise_freedom = np.full(len(noise_names), float(fitted.errors.size))
     estimates = Estimates(
-        names=tuple(told),
-        values=values,
-        covariance=covariance,
-        degrees_of_freedom=freedom,
+        names=(*(names[i] for i in own), *noise_names),
+        values=np.concatenate([fitted.values[own], noise_values]),
+        covariance=scipy.linalg.block_diag(uncertainty.covariance[np.ix_(own, own)], noise_covariances),
+        degrees_of_freedom=np.concatenate([uncertainty.degrees_of_freedom[own], noise_freedom]),
         sources=Source(
             f"prediction errors of {' and '.join(sorted(signal.replace('_', ' ') for signal in logs.signals))}",
             ", ".join(dict.fromkeys(record.name for record in logs.records)),
         ),
         explained={} if shown is None else _explained(parameters, fitted, predictor, shown),
-        not_identified=_never_identified(logs.scenario, names)
+        not_identified=undetermined(logs.scenario, names)
         | held
-        | quiet
+        | weak_noise
         | {name: reason for name, reason in weak.items() if name != DELAY},
-        variation=None if variation is None else variation.part(own).with_unknown(len(seen)),
+        variation=None if variation is None else variation.part(own).with_unknown(len(noise_names)),
     )
     i = names.index(DELAY)
     deviation = float(np.sqrt(uncertainty.covariance[i, i]))
@@ -221,102 +192,33 @@ def _result(
     return Identification(estimates, vehicle, outputs, result_delay, fitted.noise, tuple(remarks), covered)
 
 
-def _not_identified(parameters: Sequence[Parameter], values: np.ndarray, uncertainty: Uncertainty) -> dict[str, str]:
-    """Return the parameters that are not identified, with the reason.
-
-    Their estimates are those of the data sheet, as far as the log narrows them.
-    """
-    reaches = quantile(uncertainty.degrees_of_freedom) * np.sqrt(np.diag(uncertainty.covariance))
-    found = {}
-    limited = SearchVariables.of(parameters).limited(values)
-    for parameter, value, reach, limit in zip(parameters, values, reaches, limited, strict=True):
-        size = min(parameter.scale, value) if parameter.lower > 0.0 else parameter.scale
-        if reach > _MAX_REACH * size:
-            found[parameter.name] = (
-                f"its 95 % interval is {plus_minus(value, reach)}, wider than the usual error of a data sheet,"
-                f" {parameter.scale:.2g}"
-            )
-        elif limit:
-            found[parameter.name] = f"its estimate, {value:.3g}, is at the limit of what is physically possible"
-    return found
-
-
-def _swamped(
-    scenario: Scenario, predictor: Predictor, parameters: Sequence[Parameter], fitted: PredictionFit
-) -> dict[str, str]:
-    """Return the drag parameters that are smaller than the disturbing force, with the reason.
-
-    A wind that is not logged depends on the place, so it is correlated with the velocity, and no interval contains that
-    part. Where it is as large as the drag, the estimate of drag is mostly an estimate of the wind.
-    """
-    places = [i for i, output in enumerate(predictor.outputs) if output.signal == "position"]
-    if len(places) < 3:
-        return {}
-    positions = predictor.measured[predictor.counted][:, places]
-    ahead = max(1, round(_SPEED_WINDOW / predictor.period))
-    speed = np.sqrt(np.mean((positions[ahead:] - positions[:-ahead]) ** 2, axis=(0, 2))) / (ahead * predictor.period)
-    push = float(scenario.vehicle.mass) * fitted.noise.force
-    found = {}
-    for parameter, value in zip(parameters, fitted.values, strict=True):
-        name = parameter.name
-        axes = [0, 1] if name == "linear_drag" else [int(name[-2])] if "drag.linear" in name else []
-        if axes and np.any(push[axes] > value * speed[axes]):
-            found[name] = (
-                f"the disturbing force, such as wind, is {push[axes].max():.2g} N, and the drag itself"
-                f" {(value * speed[axes]).min():.2g} N"
-            )
-    return found
-
-
-def _unexcited(logs: PreparedLogs, parameters: Sequence[Parameter], fitted: PredictionFit) -> dict[str, str]:
-    """Return the parameters of the response of an angle whose command varies less than its noise, with the reason.
-
-    The free motion of such an angle is mostly noise, which any response can explain.
-    """
-    found = {}
-    for parameter in parameters:
-        if parameter.name.startswith("autopilot."):
-            axis = int(parameter.name[-2])
-            noise = fitted.noise.measured[logs.outputs.index(Output("attitude", axis))]
-            commands = [
-                record.of("attitude_command")[usable, axis]
-                for record, usable in zip(logs.records, logs.flying, strict=True)
-            ]
-            varying = max(float(np.std(command)) for command in commands if len(command))
-            if varying < noise:
-                found[parameter.name] = (
-                    f"the command of {('roll', 'pitch', 'yaw')[axis]} varies by {varying:.2g} rad, less than the noise"
-                    f" of its measurement, {noise:.2g} rad"
-                )
-    return found
+def _noise_estimates(
+    predictor: Predictor, fitted: PredictionFit
+) -> tuple[list[str], np.ndarray, np.ndarray, dict[str, str]]:
+    """Return names, values and covariance of the noise of poses, and the noise that is too small, with the reason."""
+    rows = {name: predictor.outputs.index(Output(name, 0)) for name in _POSE if Output(name, 0) in predictor.outputs}
+    large = {name: row for name, row in rows.items() if fitted.noise.measured[row] > _MIN_POSE_NOISE}
+    weak = {_NOISES[name]: f"it is below {_MIN_POSE_NOISE:g} in SI units" for name in rows if name not in large}
+    if not large:
+        return [], np.empty(0), np.empty((0, 0)), weak
+    places = [*large.values()]
+    values = fitted.noise.measured[places]
+    covariance = noise_covariance(predictor, fitted)[np.ix_(places, places)] * np.outer(values, values)
+    return [_NOISES[name] for name in large], values, covariance, weak
 
 
 def _explained(
     parameters: Sequence[Parameter], fitted: PredictionFit, predictor: Predictor, shown: Forecast
 ) -> dict[str, Explained]:
-    """Return, for each parameter, the share of the variance that is forecast of the output that determines it most."""
+    """Return, for each parameter, the explained share of the output that depends on it most."""
     count = len(predictor.outputs)
     slopes = fitted.slopes.reshape(len(fitted.slopes), -1, count, len(parameters))
-    most = np.argmax(np.einsum("wtop,wtop->op", slopes, slopes), axis=0)
+    outputs = np.argmax(np.einsum("wtop,wtop->op", slopes, slopes), axis=0)
     return {
         parameter.name: Explained(float(shown.explained[output]), shown.names[output])
-        for parameter, output in zip(parameters, most, strict=True)
+        for parameter, output in zip(parameters, outputs, strict=True)
         if parameter.name != DELAY and np.isfinite(shown.explained[output])
     }
-
-
-def _never_identified(scenario: Scenario, names: Sequence[str]) -> dict[str, str]:
-    """Return parameters that no log determines, with the reason."""
-    why = {"mass": "motion determines forces only relative to the mass; weigh the vehicle"}
-    if "inertia[2]" in names:
-        why["drag_factor"] = "yaw determines only its ratio to inertia[2], which assumes its value in the scenario"
-    if scenario.vehicle.motors.take_throttles:
-        why["thrust_factor"] = "motors that take throttles show their thrust, not their speed"
-    if "linear_drag" in names and scenario.vehicle.quadratic_drag > 0.0:
-        why["quadratic_drag"] = (
-            "in a wind that is not logged it looks like linear drag, so linear_drag includes that part of it"
-        )
-    return why
 
 
 def _remarks(predictor: Predictor, fitted: PredictionFit, names: Sequence[str]) -> tuple[str, ...]:
@@ -326,7 +228,7 @@ def _remarks(predictor: Predictor, fitted: PredictionFit, names: Sequence[str]) 
         up, down = (fitted.values[names.index(f"rotor_time_constant{end}")] for end in ("", "_down"))
         found.append(f"small motions lag by the mean of the two time constants, {500.0 * (up + down):.3g} ms")
     if "rotor_aerodynamics.climb" in names:
-        found.append("climb includes the linear drag along z of the body, which a flight does not tell from it")
+        found.append("climb includes the linear drag along z of the body, which a flight does not distinguish from it")
     return tuple(found)
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError, load_scenario
+from drake_quad.identification import identifiability, prepared_logs
 from drake_quad.identification import identify as module
-from drake_quad.identification import prepared_logs
 from drake_quad.identification.evidence import Uncertainty
 from drake_quad.identification.forecast import Forecast
 from drake_quad.identification.identify import identify
@@ -161,10 +161,10 @@ def forecast_of(*explained):
 
 def test_a_vehicle_that_forecasts_nothing_better_than_persistence_is_refused():
     with pytest.raises(InputError, match=r"^cannot identify the vehicle: .* forecasts no output .* \(best: position y"):
-        module._check_forecast(forecast_of(-3.0, -0.1, np.nan))
-    module._check_forecast(forecast_of(-3.0, 0.1, np.nan))
+        identifiability.check_forecast(forecast_of(-3.0, -0.1, np.nan))
+    identifiability.check_forecast(forecast_of(-3.0, 0.1, np.nan))
     # Nothing moves, so persistence is exact and nothing can be told.
-    module._check_forecast(forecast_of(np.nan, np.nan, np.nan))
+    identifiability.check_forecast(forecast_of(np.nan, np.nan, np.nan))
 
 
 def test_a_vehicle_that_a_disturbance_carries_is_refused(rotors):
@@ -172,10 +172,10 @@ def test_a_vehicle_that_a_disturbance_carries_is_refused(rotors):
     for share in (0.1, 0.2):
         noise = PredictionNoise(np.ones(3), np.array([9.0, 9.0, share * gravity, 1.0, 1.0, 1.0]), np.ones(6))
         if share < 0.15:
-            module._check_thrust(rotors, noise)
+            identifiability.check_thrust(rotors, noise)
         else:
             with pytest.raises(InputError, match="a force of 20 % of the weight is left along z"):
-                module._check_thrust(rotors, noise)
+                identifiability.check_thrust(rotors, noise)
 
 
 def test_a_parameter_with_a_wide_interval_or_at_a_limit_is_not_identified():
@@ -186,7 +186,7 @@ def test_a_parameter_with_a_wide_interval_or_at_a_limit_is_not_identified():
     ]
     values, deviations = np.array([3.1, 0.0, 0.002]), np.array([0.1, 0.01, 0.0015])
     uncertainty = Uncertainty(np.diag(deviations**2), np.full(3, 30.0), np.eye(3))
-    found = module._not_identified(parameters, values, uncertainty)
+    found = identifiability.not_identified(parameters, values, uncertainty)
     assert "at the limit of what is physically possible" in found["linear_drag"]
     # The interval of a positive parameter would reach below zero.
     assert "its 95 % interval is 0.0020 ± 0.0031" in found["inertia[0]"]
@@ -205,7 +205,7 @@ def test_drag_below_the_disturbing_force_is_held_with_a_reason(rotors):
     for push, held in ((0.1, False), (0.4, True)):
         noise = PredictionNoise(np.ones(3), np.full(6, push), np.ones(6))
         fitted = SimpleNamespace(noise=noise, values=np.array([0.2, 0.01]))
-        found = module._swamped(rotors, predictor, parameters, fitted)
+        found = identifiability.weaker_than_disturbance(rotors, predictor, parameters, fitted)
         assert set(found) == ({"linear_drag"} if held else set())
         if held:
             expected = f"the disturbing force, such as wind, is {mass * push:.2g} N, and the drag itself 0.2 N"
@@ -221,7 +221,7 @@ def test_the_response_of_an_angle_whose_command_is_below_the_noise_is_held_with_
     )
     parameters = [Parameter(f"autopilot.damping[{i}]", 0.5, 0.5, 0.01, 5.0) for i in range(3)]
     noise = PredictionNoise(np.full(3, 4e-3), np.ones(6), np.ones(6))
-    found = module._unexcited(logs, parameters, SimpleNamespace(noise=noise))
+    found = identifiability.unexcited(logs, parameters, SimpleNamespace(noise=noise))
     assert set(found) == {"autopilot.damping[1]", "autopilot.damping[2]"}
     assert found["autopilot.damping[1]"].startswith("the command of pitch varies by 0 rad, less than the noise")
 
