@@ -104,7 +104,9 @@ def main(arguments: argparse.Namespace) -> None:
     for sentence in predictions.losses("identified"):
         remark(sentence)
     assignments = [each.assignment for each in given]
-    write_vehicle(path, name, found.estimates, base=vehicle, nominal=arguments.nominal, given=assignments)
+    motors = found.vehicle.vehicle.motors
+    written = {"base": vehicle, "nominal": arguments.nominal, "given": assignments}
+    write_vehicle(path, name, found.estimates, **written, voltage=getattr(motors, "voltage", None))
     figures = {
         "fit": plots.plot_fit(found),
         "residuals": plots.plot_residuals(found),

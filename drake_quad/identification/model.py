@@ -290,8 +290,8 @@ def with_commands(record: FlightRecord, scenario: Scenario, believed: Scenario) 
 def relative_voltage(record: FlightRecord, model: "LogModel") -> np.ndarray:
     """Return the voltage (n,) of the battery relative to that of the thrust curve, averaged over half a second.
 
-    The thrust curve is that at the voltage of the full battery if the vehicle has a battery, otherwise that at
-    `LogModel.voltage`. It is 1 where no voltage is logged or the rotors are commanded by speed.
+    The thrust curve is that at `LogModel.voltage`. The result is 1 if no voltage is logged, or if the rotors are
+    commanded by speed.
     """
     if record.battery_voltage is None or not model.throttles or model.voltage is None:
         return np.ones(len(record.time))

@@ -62,15 +62,18 @@ class PreparedLogs(NamedTuple):
 
     @property
     def voltage(self) -> float | None:
-        """Voltage for which the thrust curve holds, V: that of the vehicle, or the median of the logs.
+        """Voltage for which the thrust curve holds, V.
 
-        None if the rotors are not commanded one by one, or a log lacks the voltage.
+        It is `motors.voltage` of the vehicle, otherwise that of its full battery, otherwise the median of the logs. It
+        is None if the rotors are not commanded one by one, or if a log lacks the voltage.
         """
         if not self.own_throttles or any(record.battery_voltage is None for record in self.records):
             return None
-        motors: Any = self.scenario.vehicle.motors
-        if motors.voltage is not None:
-            return float(motors.voltage)
+        vehicle: Any = self.scenario.vehicle
+        if vehicle.motors.voltage is not None:
+            return float(vehicle.motors.voltage)
+        if vehicle.battery is not None:
+            return float(vehicle.battery.voltage)
         voltages = [
             record.of("battery_voltage")[usable] for record, usable in zip(self.records, self.flying, strict=True)
         ]

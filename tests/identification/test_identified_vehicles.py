@@ -74,8 +74,20 @@ def test_a_simulated_vehicle_is_identified(diagrams: Path, kind: str) -> None:
     assert len(missed) <= 2, missed
     assert all(abs(error) < 2.0 * reach for error, reach in missed.values()), missed
     assert found.delay is not None
-    true = DELAY_IN_LABORATORY if kind == "calm" else delay_of(scenario)
+    true = delay_of(scenario) if kind == "autopilot" else DELAY_IN_LABORATORY
     assert abs(found.delay.value - true) < 1.5 * found.delay.reach
+
+
+@pytest.mark.slow
+def test_a_thrust_curve_is_identified_for_the_voltage_of_the_full_battery(diagrams: Path) -> None:
+    """At the voltage in flight, the thrust is smaller by at least 1.4 %."""
+    record, scenario, begun = flown("battery", diagrams, "duration=12")
+    found = identify([record], begun, held_out_share=0.0).vehicle.vehicle.motors
+    assert found.voltage == 12.6
+    assert np.all((record.of("battery_voltage")[100:] / 12.6) ** 2 < 0.986)
+    throttle = np.median(record.of("motor_command"))
+    thrust, true = (np.polyval(motors.curve[::-1], throttle) for motors in (found, scenario.vehicle.motors))
+    assert thrust == pytest.approx(true, rel=0.003)
 
 
 @pytest.mark.slow

@@ -71,7 +71,7 @@ def test_a_log_of_throttles_gives_the_vehicle_throttle_motors(rotors):
     assert scenario is rotors
 
 
-def test_the_thrust_curve_is_that_of_the_vehicles_voltage_or_of_the_median_in_flight(rotors):
+def test_the_thrust_curve_holds_for_the_voltage_of_the_vehicle_or_for_the_median_in_flight(rotors):
     def voltage(scenario, **signals):
         logs, _ = prepared_logs.prepare([record(6.0, *POSES, **signals)], scenario)
         return logs.voltage
@@ -82,6 +82,9 @@ def test_the_thrust_curve_is_that_of_the_vehicles_voltage_or_of_the_median_in_fl
     given = [f"nominal.{motors}", f"vehicle.{motors}", "vehicle.motors.voltage=12.3"]
     known = load_scenario("laboratory:low_wind", given)
     assert voltage(known, **throttles) == 12.3
+    battery = "{voltage: 12.6, empty_voltage: 10.5, capacity: 0.2, resistance: 0.02, efficiency: 0.6}"
+    full = load_scenario("laboratory:low_wind", [*given[:2], f"vehicle.battery={battery}"])
+    assert voltage(full, **throttles) == 12.6
     assert voltage(rotors, motor_command=throttles["motor_command"]) is None
     assert voltage(rotors, battery_voltage=throttles["battery_voltage"]) is None
 

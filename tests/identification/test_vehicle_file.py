@@ -170,6 +170,14 @@ def test_a_curve_is_believed_where_the_base_believes_in_no_throttles(root, tmp_p
     assert vehicle.nominal.motors.curve == pytest.approx((0.0227, 0.0019, 0.1284))
 
 
+def test_the_voltage_of_a_curve_is_written_with_it(base, tmp_path):
+    found = estimates_of({f"motors.curve[{place}]": FOUND[f"motors.curve[{place}]"] for place in range(3)})
+    written = write_vehicle(tmp_path / "new.yaml", "new", found, base=base, voltage=3.85)
+    motors = load_undesigned(written).vehicle.motors
+    assert (motors.kind, motors.voltage) == ("throttle", 3.85)
+    assert motors.curve[2].normal.mean == pytest.approx(0.1284)
+
+
 def test_a_curve_that_falls_cannot_be_believed(base, tmp_path):
     """The autopilot could not invert it; nothing is written."""
     falling = {**{f"motors.curve[{i}]": FOUND[f"motors.curve[{i}]"] for i in range(3)}, "motors.curve[1]": (-0.1, 0.01)}

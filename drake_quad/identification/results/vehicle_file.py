@@ -66,6 +66,7 @@ def write_vehicle(
     distributions: bool = True,
     nominal: bool = False,
     given: Sequence[str] = (),
+    voltage: float | None = None,
 ) -> Path:
     """Write an identified vehicle to a file, and return its path.
 
@@ -81,6 +82,7 @@ def write_vehicle(
         distributions: True to write distributions to `vehicle` and `laboratory`, False to write numbers.
         nominal: True to write the estimates to `nominal` as well, which planner and controllers believe.
         given: overrides of the base, such as a weighed mass, `nominal.mass=0.03`, with values in YAML.
+        voltage: voltage of the battery for which an identified thrust curve holds, V; None if it is unknown.
 
     Raises:
         InputError: if a name or a path is wrong, the base cannot be loaded, an estimate needs others that are missing,
@@ -94,7 +96,7 @@ def write_vehicle(
         raise InputError("there is no estimate to write")
     believed = load_undesigned(base, given)
     folder = output_folder(path.parent)
-    fields = _fields(name, estimates, believed, distributions, nominal, given)
+    fields = _fields(name, estimates, believed, distributions, nominal, given, voltage)
     scenario = {"extends": _Entry(_relative(base, folder)), **fields}
     document = CommentedMap({name: _commented(scenario, 2)})
     document.yaml_set_start_comment(_wrapped(_introduction(estimates, distributions)))
@@ -125,7 +127,13 @@ def _relative(base: str | Path, folder: Path) -> str:
 
 
 def _fields(
-    name: str, estimates: Estimates, base: Scenario, distributions: bool, nominal: bool, given: Sequence[str]
+    name: str,
+    estimates: Estimates,
+    base: Scenario,
+    distributions: bool,
+    nominal: bool,
+    given: Sequence[str],
+    voltage: float | None,
 ) -> dict[str, Any]:
     """Return the mappings of the scenario, with an entry at each leaf."""
     prefix = re.sub(r"\W", "_", name, flags=re.ASCII)[:50]
@@ -145,7 +153,7 @@ def _fields(
             tree["nominal"][path] = _rigid(path, believed) if isinstance(believed, list) else believed
     for assignment in given:
         _put(tree, assignment)
-    _with_motors(tree, base, nominal)
+    _with_motors(tree, base, nominal, voltage)
     _with_response(tree, base)
     _without_contradictions(tree["vehicle"])
     return {field: value for field, value in tree.items() if value}
@@ -326,7 +334,7 @@ def _moved(value: Any, step: float) -> Any:
     return _significant(value + step)
 
 
-def _with_motors(tree: dict[str, Any], base: Scenario, nominal: bool) -> None:
+def _with_motors(tree: dict[str, Any], base: Scenario, nominal: bool, voltage: float | None) -> None:
     """Complete the motors, if their thrust curve was estimated, and raise speed limits that would cut it off.
 
     `nominal` gets the curve if it is asked for, or if the base has no throttle motors that could be believed.
@@ -336,6 +344,8 @@ def _with_motors(tree: dict[str, Any], base: Scenario, nominal: bool) -> None:
     curve = tree["vehicle"]["motors"]["curve"]
     numbers = [_median(entry.value) for entry in curve]
     tree["vehicle"]["motors"] = {"kind": _Entry("throttle"), "curve": curve}
+    if voltage is not None:
+        tree["vehicle"]["motors"]["voltage"] = _Entry(float(f"{voltage:.5g}"))
     parts = ["vehicle"]
     if nominal or not base.nominal.motors.take_throttles:
         parts.append("nominal")
