@@ -453,4 +453,4 @@ def test_a_number_beyond_its_limit_is_written_as_the_limit_which_is_said(value, 
     number = vehicle_file._values(estimates, "v", drawn)["linear_drag"]
     assert (number["normal"]["mean"] if drawn else number) == written
     comment = vehicle_file._comment(estimates, "linear_drag", number)
-    assert comment.endswith("; beyond the limit of what there is, which is written") == said
+    assert comment.endswith("; the estimate is outside the limits of the language, and the limit is written") == said

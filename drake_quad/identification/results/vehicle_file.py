@@ -38,20 +38,18 @@ from drake_quad.statistics.interval import Interval
 from drake_quad.vehicle.motors import ThrustCurve, thrust_of
 from drake_quad.vehicle.rigid_body import inertia_flaw, nearest_rigid
 
-# Characters of a line of comment, and of the file: what an estimate shares stands on one line.
-_COMMENT, _WIDTH = 100, 400
-# Of a positive number, that it is at least: it cannot vanish, and a vehicle that weighs nothing cannot be flown.
-_AT_LEAST = 0.1
-# Standard deviations on each side of a number whose kind needs limits that are far away.
-_FAR = 6.0
-# Decimals of a number beyond the first of its standard deviation.
-_DIGITS = 5
-# Of the top speed, above that of full throttle: with it a fifth more thrust, which is more than a curve is off by.
-_ABOVE = 1.1
+_COMMENT_WIDTH = 100  # characters
+_FILE_WIDTH = 400  # characters, so that the coefficients of shared variables are on one line
+_MIN_RATIO = 0.1  # lower limit of a positive parameter, relative to its mean
+_LIMIT_SIGMA = 6.0  # distance of a limit from the mean, in standard deviations, where the language requires a limit
+_NUM_EXTRA_DECIMALS = 5  # decimals beyond the first digit of the standard deviation
+# Limit of the rotor speed, relative to that at full throttle. The limit allows a fifth more thrust, which is more than
+# the error of a thrust curve.
+_SPEED_MARGIN = 1.1
 
 
 class _Entry(NamedTuple):
-    """A value of the file with lines of comment above it."""
+    """Value in the file, and the comment above it."""
 
     value: Any
     comment: str = ""
@@ -72,7 +70,7 @@ def write_vehicle(
 
     The file is written completely or not at all. Fields without an estimate are as in `base`, except those that would
     contradict an estimate: a separate lag of rotors that slow down, if one lag was found for both directions, and
-    `linear_drag` and `quadratic_drag` beside `body_drag`.
+    `linear_drag` and `quadratic_drag` in addition to `body_drag`.
 
     Args:
         path: path of the file, `.yaml` or `.yml`; its folder is created if needed.
@@ -114,7 +112,7 @@ def write_vehicle(
 
 
 def _relative(base: str | Path, folder: Path) -> str:
-    """The base as the file names it: from its own folder on."""
+    """Return the base as a path relative to the folder of the file, or as the name of a shipped scenario."""
     if is_shipped(str(base)):
         file = str(base).partition(":")[0]
         return f"{file}:{Library().find(str(base))[0]}"
@@ -160,10 +158,10 @@ def _fields(
 
 
 def _put(tree: dict[str, Any], assignment: str) -> None:
-    """Puts what was given in its place, unless an estimate is there.
+    """Add an override to the fields, unless there is an estimate.
 
     Raises:
-        InputError: it is no whole field of the vehicle, its laboratory or its control.
+        InputError: if it does not set a whole field of the vehicle, its laboratory or its control.
     """
     path, _, value = assignment.partition("=")
     top, *steps = path.strip().split(".")
@@ -180,7 +178,7 @@ def _put(tree: dict[str, Any], assignment: str) -> None:
 
 
 def _values(estimates: Estimates, prefix: str, distributions: bool) -> dict[str, Any]:
-    """What is written for each estimate: a number, or a distribution within the limits of its kind."""
+    """Return the number, or the distribution with the limits that the language requires, for each estimate."""
     numbers = {
         name: _number(name, _rounded(value, deviation))
         for name, value, deviation in zip(estimates.names, estimates.values, estimates.deviations, strict=True)
@@ -189,7 +187,7 @@ def _values(estimates: Estimates, prefix: str, distributions: bool) -> dict[str,
     if not (distributions and drawn):
         return numbers
     part = estimates.for_new_flight().part(drawn)
-    # So that the normal distribution has the interval of Student's.
+    # The normal distribution gets the 95 % interval of Student's distribution.
     wider = part.quantiles() / scipy.stats.norm.ppf(0.5 * (1.0 + CONFIDENCE))
     covariance = part.covariance * np.outer(wider, wider)
     for name, each in correlated_normals(drawn, part.values, covariance, prefix=prefix).items():
@@ -202,38 +200,38 @@ def _values(estimates: Estimates, prefix: str, distributions: bool) -> dict[str,
 
 
 def _rounded(value: float, deviation: float) -> float:
-    """A number to the decimals that its deviation leaves."""
-    return round(float(value), _DIGITS - math.floor(math.log10(deviation)))
+    """Return a number with the decimals that its standard deviation justifies."""
+    return round(float(value), _NUM_EXTRA_DECIMALS - math.floor(math.log10(deviation)))
 
 
 def _number(name: str, value: float) -> Any:
-    """An estimate as a number that its kind allows.
+    """Return an estimate as a number that the language allows.
 
     Raises:
-        InputError: it must be positive, and is not.
+        InputError: if it must be positive, and is not.
     """
     kind = kind_of(name)
     if kind.lower > 0.0 >= value:
         raise InputError(
-            f"the estimate of {name}, {value:.4g} {kind.unit}, must be larger than 0; one that is not belongs to what"
-            " the log does not tell"
+            f"the estimate of {name}, {value:.4g} {kind.unit}, must be larger than 0; list such a parameter as not"
+            " identified"
         )
     value = min(max(value, kind.lower), kind.upper)
     return round(value) if kind.integer else value
 
 
 def _limits(name: str, mean: float, deviation: float) -> dict[str, float]:
-    """The limits of a distribution that its kind needs, none but these."""
+    """Return the limits of a distribution that the language requires."""
     kind = kind_of(name)
     limits: dict[str, float] = {}
     if kind.lower > 0.0:
-        limits["min"] = max(kind.lower, float(f"{_AT_LEAST * mean:.4g}"))
+        limits["min"] = max(kind.lower, float(f"{_MIN_RATIO * mean:.4g}"))
     elif kind.lower == 0.0:
         limits["min"] = 0.0
     elif kind.lower > -LARGEST:
-        limits["min"] = max(kind.lower, float(f"{mean - _FAR * deviation:.4g}"))
+        limits["min"] = max(kind.lower, float(f"{mean - _LIMIT_SIGMA * deviation:.4g}"))
     if name.startswith("rotor_time_constant"):
-        limits["max"] = min(kind.upper, float(f"{mean + _FAR * deviation:.4g}"))
+        limits["max"] = min(kind.upper, float(f"{mean + _LIMIT_SIGMA * deviation:.4g}"))
     elif kind.upper <= 1.0:
         limits["max"] = kind.upper
     return limits
@@ -244,14 +242,14 @@ def _comment(estimates: Estimates, name: str, written: Any) -> str:
     place = estimates.names.index(name)
     unit = "" if kind_of(name).unit == "1" else kind_of(name).unit
     value = float(estimates.values[place])
-    own, elsewhere = (
+    own, new_flight = (
         Interval(value, *each.intervals()[place]).text(unit=unit) for each in (estimates, estimates.for_new_flight())
     )
     if name in estimates.not_identified:
         return f"not identified, {own}: as in what this extends, as far as the log narrows it"
     parts = [f"{own} with 95 % confidence"]
     if estimates.variation is not None and estimates.variation.covariance[place, place] > 0.0:
-        parts.append(f"{elsewhere} in another {estimates.variation.duration:.2g} s of flight")
+        parts.append(f"{new_flight} in another {estimates.variation.duration:.2g} s of flight")
     if name in estimates.explained:
         share, output = estimates.explained[name]
         parts.append(f"explains {100.0 * share:.3g} % of the variance of {output}")
@@ -260,15 +258,15 @@ def _comment(estimates: Estimates, name: str, written: Any) -> str:
     if kind_of(name).integer:
         parts.append("written as a whole number")
     elif abs(mean - value) > estimates.deviations[place]:
-        parts.append("beyond the limit of what there is, which is written")
+        parts.append("the estimate is outside the limits of the language, and the limit is written")
     return "; ".join(parts)
 
 
 def _listed(path: str, whole: Mapping[str, _Entry], base: Scenario) -> list[_Entry]:
-    """All items of a list, what was not estimated as in the base.
+    """Return all items of a list; items that are not estimated are those of the base.
 
     Raises:
-        InputError: the base has no such list.
+        InputError: if the base has no such list.
     """
     items = []
     for place in range(KINDS[path].items):
@@ -278,10 +276,10 @@ def _listed(path: str, whole: Mapping[str, _Entry], base: Scenario) -> list[_Ent
 
 
 def _of_base(base: Scenario, path: str, place: int) -> Any:
-    """An item of a list as the base has it, in YAML.
+    """Return an item of a list of the base, as YAML.
 
     Raises:
-        InputError: it has none, and a default would be an invention.
+        InputError: if the base has no such list.
     """
     holder, _, field = field_path(path).rpartition(".")
     owner = value_at(base, holder)
@@ -297,7 +295,7 @@ def _of_base(base: Scenario, path: str, place: int) -> Any:
 
 
 def _believed(path: str, estimates: Estimates, base: Scenario) -> Any:
-    """The same for `nominal`: numbers, whatever the vehicle has."""
+    """Return the estimates of a field as numbers for `nominal`."""
 
     def number(name: str) -> float:
         place = estimates.names.index(name)
@@ -351,11 +349,11 @@ def _with_motors(tree: dict[str, Any], base: Scenario, nominal: bool, voltage: f
         parts.append("nominal")
         tree["nominal"]["motors"] = {"kind": _Entry("throttle"), "curve": [_Entry(each) for each in numbers]}
     full = max(0.0, float(thrust_of(1.0, ThrustCurve(*numbers))))
-    top = _ABOVE * math.sqrt(full / base.nominal.thrust_factor)
+    top = _SPEED_MARGIN * math.sqrt(full / base.nominal.thrust_factor)
     for part in parts:
         limit = getattr(base, part).max_rotor_speed
         if isinstance(limit, float) and limit < top:
-            why = "above that of full throttle by the measured curve, which a lower one would cut off"
+            why = "higher than at full throttle, so that it does not limit the thrust curve"
             tree[part]["max_rotor_speed"] = _Entry(float(f"{top:.4g}"), why)
 
 
@@ -368,7 +366,11 @@ def _median(value: Any) -> float:
 
 
 def _with_response(tree: dict[str, Any], base: Scenario) -> None:
-    """What a response of the attitude needs beside it, where the base has none."""
+    """Complete the autopilot and the control, if an attitude response was estimated and the base has none.
+
+    Raises:
+        InputError: if only one of natural frequency and damping is estimated.
+    """
     autopilot = tree["laboratory"].get("autopilot", {})
     responds = "natural_frequency" in autopilot or "damping" in autopilot
     if not responds or base.laboratory.autopilot.models_vehicle:
@@ -384,7 +386,7 @@ def _with_response(tree: dict[str, Any], base: Scenario) -> None:
 
 
 def _without_contradictions(vehicle: dict[str, Any]) -> None:
-    """Switches off what is in an estimate already, whatever lies beneath."""
+    """Switch off the effects of the base that an estimate already includes."""
     if "rotor_time_constant" in vehicle and "rotor_time_constant_down" not in vehicle:
         vehicle["rotor_time_constant_down"] = _Entry(None, "one lag was found for both directions")
     if "body_drag" in vehicle:
@@ -393,7 +395,7 @@ def _without_contradictions(vehicle: dict[str, Any]) -> None:
 
 
 def _introduction(estimates: Estimates, distributions: bool) -> list[str]:
-    """The comment at the top, a paragraph an item."""
+    """Return the paragraphs of the comment at the top of the file."""
     logs = dict.fromkeys(source.log for i in range(len(estimates.names)) for source in estimates.sources_of(i))
     drawn = ""
     if distributions:
@@ -409,13 +411,13 @@ def _introduction(estimates: Estimates, distributions: bool) -> list[str]:
     return [f"Identified from {', '.join(logs)}.{drawn}", *estimates.remarks, *unseen]
 
 
-def _wrapped(paragraphs: list[str], width: int = _COMMENT) -> str:
+def _wrapped(paragraphs: list[str], width: int = _COMMENT_WIDTH) -> str:
     lines: Iterator[str] = (line for text in paragraphs for line in textwrap.wrap(text, width, break_long_words=False))
     return "\n".join(lines)
 
 
 def _commented(node: Any, indent: int) -> Any:
-    """Mappings and lists of entries in YAML with comments."""
+    """Return mappings and lists of entries as YAML with comments."""
     if isinstance(node, _Entry):
         return _block(node.value)
     if isinstance(node, dict):
@@ -438,7 +440,7 @@ def _with_comments(container: Any, items: Any, indent: int) -> Any:
 
 
 def _block(value: Any) -> Any:
-    """A number, or a distribution whose innermost mapping is on one line."""
+    """Return a number, or a distribution whose innermost mapping is on one line."""
     if not isinstance(value, dict):
         return value
     mapping = CommentedMap({key: _block(each) for key, each in value.items()})
@@ -448,7 +450,7 @@ def _block(value: Any) -> Any:
 
 
 class _Representer(RoundTripRepresenter):
-    """Says `null` where a field is switched off."""
+    """Representer that writes `null` for a field that is switched off."""
 
     def represent_none(self, data: None) -> Any:
         return self.represent_scalar("tag:yaml.org,2002:null", "null")
@@ -460,6 +462,6 @@ _Representer.add_representer(type(None), _Representer.represent_none)
 def _yaml() -> YAML:
     yaml = YAML()
     yaml.Representer = _Representer
-    yaml.width = _WIDTH
+    yaml.width = _FILE_WIDTH
     yaml.indent(mapping=2, sequence=4, offset=2)
     return yaml
