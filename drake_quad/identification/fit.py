@@ -29,11 +29,11 @@ _DELAY_STEP = 0.5
 # Iterations between parameters and noise, at most, and of how many deviations the parameters may still move.
 _MAX_ROUNDS = 8
 _RESTS = 0.2
+_NOISE_RESTS = 0.2  # change of the logarithm of the disturbance
 _MAX_EVALUATIONS = 5
 # Factors of the disturbance that are tried, since scoring shrinks one that is much too large only slowly.
 _QUIETER_TURNING = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)
 _QUIETER_FORCE = (0.2, 0.2, 0.2, 1.0, 1.0, 1.0)
-_NOISE_RESTS = 0.02  # change of the logarithm of the measured noise
 # A parameter that is so many deviations of its prior from the mean may be in a local minimum, in which a large
 # disturbance does what the vehicle should. The search then starts again from the mean, with a smaller disturbance.
 _MAX_SURPRISE = 4.0
@@ -131,17 +131,14 @@ def fit(
     at = _Point.of(predictor, parameters, values, noise)
     quieter = [_QUIETER_TURNING, _QUIETER_FORCE]
     for number in range(1, _MAX_ROUNDS + 1):
-        before = at.values
+        before, disturbance = at.values, at.noise.disturbance
         noise = _noise_of(predictor, predictor.gains(before, at.noise), at.noise)
         at = _Point.of(predictor, parameters, before, noise)
         for factors in list(quieter):
-            smaller = at.noise.disturbance * factors
-            if np.all(smaller > _LEAST[1]):
-                other = _Point.of(predictor, parameters, at.values, at.noise._replace(disturbance=smaller))
-                if other.likelihood > at.likelihood:
-                    at = other
-                    continue
-            quieter.remove(factors)
+            better = _quieter(predictor, parameters, at, factors)
+            if better is at:
+                quieter.remove(factors)
+            at = better
         if number == _RESTART_ROUND and np.any(np.abs(at.values - mean) > _MAX_SURPRISE / np.sqrt(prior)):
             quiet = at.noise._replace(disturbance=_RESTART_DISTURBANCE * at.noise.disturbance)
             other = _Point.of(predictor, parameters, mean, quiet)
@@ -149,11 +146,25 @@ def fit(
                 at = other
         predictor.hand_on(at.states, at.moves, at.values, at.gains)
         expected = np.linalg.inv(np.einsum("wkp,wkq->pq", at.slopes, at.slopes) + np.diag(prior))
-        if number > 2 and np.all(np.abs(at.values - before) < _RESTS * np.sqrt(np.diag(expected))):
+        rests = np.all(np.abs(at.values - before) < _RESTS * np.sqrt(np.diag(expected)))
+        settled = np.max(np.abs(np.log(at.noise.disturbance / disturbance))) < _NOISE_RESTS
+        if number > 2 and rests and settled:
             break
     noise = _noise_of(predictor, at.gains, at.noise, np.arange(len(predictor.windows)))
     _check_convergence(at.values, noise)
     return PredictionFit(at.values, noise, at.gains, at.slopes, at.errors, number, prior)
+
+
+def _quieter(predictor: Predictor, parameters: Sequence[Parameter], at: "_Point", factors: Sequence[float]) -> "_Point":
+    """Return the point with the disturbance multiplied by the factors as often as the likelihood grows."""
+    while True:
+        smaller = np.maximum(at.noise.disturbance * factors, _LEAST[1])
+        if np.all(smaller == at.noise.disturbance):
+            return at
+        other = _Point.of(predictor, parameters, at.values, at.noise._replace(disturbance=smaller))
+        if other.likelihood <= at.likelihood:
+            return at
+        at = other
 
 
 def _check_convergence(values: np.ndarray, noise: PredictionNoise) -> None:
@@ -169,17 +180,6 @@ def _check_convergence(values: np.ndarray, noise: PredictionNoise) -> None:
             "the fit diverged: the vehicle explains the logs only with a disturbance or with noise beyond any limit;"
             " check the units in the mapping and the vehicle to begin with"
         )
-
-
-def likely_noise(predictor: Predictor, noise: PredictionNoise) -> PredictionNoise:
-    """Return the likeliest noise for a model without parameters, given an initial one."""
-    none = np.zeros(0)
-    for _ in range(_MAX_ROUNDS):
-        before, noise = noise, _noise_of(predictor, predictor.gains(none, noise), noise)
-        changes = np.log(np.concatenate(noise) / np.concatenate(before))
-        if np.max(np.abs(changes[: len(noise.measured)])) < _NOISE_RESTS:
-            break
-    return noise
 
 
 class _Point(NamedTuple):
@@ -221,6 +221,8 @@ class _Point(NamedTuple):
 def _least_squares(
     predictor: Predictor, parameters: Sequence[Parameter], start: np.ndarray, gains: Gains, noise: PredictionNoise
 ) -> np.ndarray:
+    if not parameters:
+        return start
     mean, scale, deviation = (
         np.array([getattr(parameter, name) for parameter in parameters], dtype=float)
         for name in ("start", "scale", "deviation")

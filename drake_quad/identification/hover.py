@@ -67,27 +67,39 @@ def _white(record: FlightRecord, values: np.ndarray, chosen: np.ndarray) -> np.n
     return np.asarray(np.sqrt(np.mean(differences**2, axis=0) / _FACTOR))
 
 
-def trim(record: FlightRecord) -> dict[str, Spread]:
-    """Mean tilt and mean torque that is commanded while the vehicle hovers; empty if it does not for a second.
+def trim(record: FlightRecord, weight: float) -> dict[str, Spread]:
+    """Return what holds a vehicle in hover: mean tilt, torque, thrust and throttles; empty without a second of hover.
+
+    A log with throttles shows the thrust of a motor over the square of its throttle, in the mean of the motors. A
+    propeller that has lost thrust shows in the throttle of its motor.
 
     Standard deviations are those of means over blocks of half a second.
+
+    Args:
+        record: record of the flight.
+        weight: weight of the vehicle, N.
     """
-    if record.velocity is None or record.attitude is None or record.body_rates is None:
+    if record.velocity is None:
         return {}
     still = airborne(record) & (np.linalg.norm(record.velocity, axis=1) < _SLOW)
-    still &= np.linalg.norm(record.body_rates, axis=1) < _QUIET
+    if record.body_rates is not None:
+        still &= np.linalg.norm(record.body_rates, axis=1) < _QUIET
     if still.sum() * record.period < _SHORTEST:
         return {}
     blocks = np.floor((record.time - record.time[0]) / _BLOCK).astype(int)[still]
-    found = {
-        f"mean {name}": _mean(record.attitude[still, i], blocks, "rad") for i, name in enumerate(("roll", "pitch"))
-    }
-    if record.torque_command is not None:
-        for i, axis in enumerate("xyz"):
-            found[f"mean torque about {axis}"] = _mean(record.torque_command[still, i], blocks, "N m")
-    if record.thrust_command is not None:
-        found["mean thrust"] = _mean(record.thrust_command[still], blocks, "N")
-    return found
+    hover = record.part(still)
+    columns: dict[str, tuple[np.ndarray, str]] = {}
+    if hover.attitude is not None:
+        columns |= {f"mean {name}": (hover.attitude[:, i], "rad") for i, name in enumerate(("roll", "pitch"))}
+    if hover.torque_command is not None:
+        columns |= {f"mean torque about {axis}": (hover.torque_command[:, i], "N m") for i, axis in enumerate("xyz")}
+    if hover.thrust_command is not None:
+        columns["mean thrust"] = hover.thrust_command, "N"
+    if hover.motor_command is not None:
+        squares = hover.motor_command**2
+        columns |= {f"mean throttle of motor {i + 1}": (hover.motor_command[:, i], "") for i in range(4)}
+        columns["thrust of a motor over the square of its throttle"] = weight / squares.sum(axis=1), "N"
+    return {name: _mean(values, blocks, unit) for name, (values, unit) in columns.items()}
 
 
 def _mean(values: np.ndarray, blocks: np.ndarray, unit: str) -> Spread:

@@ -36,7 +36,6 @@ from drake_quad.identification.result import ForecastOutput, Identification, Spr
 from drake_quad.identification.results.estimates import Estimates, Explained, Source, quantile
 from drake_quad.identification.results.held_out import hold_out
 from drake_quad.identification.results.vehicle_numbers import (
-    with_estimates,
     with_numbers,
 )
 from drake_quad.identification.windows import (
@@ -50,7 +49,8 @@ from drake_quad.vehicle.rigid_body import inertia_flaw
 _BLOCK = 4.0  # s, over which errors are correlated
 # A parameter is identified if its 95 % interval reaches no farther than its scale to each side.
 _MAX_REACH = 1.0
-_MAX_VERTICAL_FORCE = 0.15  # of the weight; flights in strong wind leave 0.03
+_MAX_VERTICAL_FORCE = 0.15  # of the weight, in means over `_FORCE_MEAN`; flights in strong wind leave 0.03
+_FORCE_MEAN = 0.5  # s
 _SPEED_WINDOW = 0.1  # s, long enough to average out position noise
 _POSE = ("position", "attitude")
 _NOISES = {signal: f"laboratory.motion_capture.{signal}_noise" for signal in _POSE}
@@ -96,7 +96,7 @@ def _identified(records: Sequence[FlightRecord], scenario: Scenario, share: floa
         delay=max(0.5 * logs.period, min(frame_age(scenario), 0.5 * MAX_DELAY)),
         max_delay=MAX_DELAY,
     )
-    noise, start, shown = initial_noise(logs.outputs), None, None
+    noise, start, shown, early = initial_noise(logs.outputs), None, None, None
     if share > 0.0:
         spared = [held_out(usable, share) for usable in logs.flying]
         kept = [usable & ~late for usable, late in zip(logs.flying, spared, strict=True)]
@@ -104,6 +104,7 @@ def _identified(records: Sequence[FlightRecord], scenario: Scenario, share: floa
         shown = forecast(logs.predictor(names_of(parameters), spared, horizon=True), training.values, training.noise)
         _check_forecast(shown)
         start, noise = training.values, training.noise
+        early = _vehicle(logs, scenario, dict(zip(names_of(parameters), map(float, start), strict=True)))
     predictor = logs.predictor(names_of(parameters), logs.flying)
     fitted = fit(predictor, parameters, noise, start)
     _check_thrust(logs.scenario, fitted.noise)
@@ -113,7 +114,21 @@ def _identified(records: Sequence[FlightRecord], scenario: Scenario, share: floa
         parameters = [parameters[i] for i in kept]
         predictor = logs.predictor(names_of(parameters), logs.flying)
         fitted = fit(predictor, parameters, fitted.noise, fitted.values[kept])
-    return _result(logs, scenario, predictor, parameters, fitted, shown, held)
+    found = _result(logs, scenario, predictor, parameters, fitted, shown, held)
+    return replace(found, training_vehicle=early)
+
+
+def _vehicle(logs: PreparedLogs, scenario: Scenario, values: dict[str, float]) -> Scenario:
+    """Return the scenario with values of parameters, by name, and with the voltage of the thrust curve."""
+    numbers = {name: value for name, value in values.items() if name != DELAY}
+    if DELAY in values:
+        ticks = (values[DELAY] - frame_age(scenario)) / scenario.laboratory.command_link.period
+        numbers["laboratory.command_link.delay_ticks"] = max(0.0, ticks)
+    vehicle = with_numbers(scenario, numbers)
+    if logs.voltage is not None:
+        motors = vehicle.vehicle.motors.model_copy(update={"voltage": logs.voltage})
+        vehicle = vehicle.model_copy(update={"vehicle": vehicle.vehicle.model_copy(update={"motors": motors})})
+    return vehicle
 
 
 def _check_forecast(shown: Forecast) -> None:
@@ -127,8 +142,8 @@ def _check_forecast(shown: Forecast) -> None:
         best = int(np.nanargmax(shown.explained))
         raise InputError(
             "cannot identify the vehicle: after a fit to the rest of the logs it forecasts no output of the held-out"
-            f" part better than motion that continues at constant rates does (best: {shown.names[best]}); check the"
-            " mapping, the vehicle to begin with, and that the logs contain motion"
+            f" part better than motion that continues at constant rates does (best: {shown.names[best]}); a log that"
+            " only hovers does not identify a vehicle; otherwise check the mapping and the vehicle to begin with"
         )
 
 
@@ -138,7 +153,7 @@ def _check_thrust(scenario: Scenario, noise: PredictionNoise) -> None:
     Raises:
         InputError: if the disturbing force along z is a large share of the weight.
     """
-    *_, vertical = noise.force / float(scenario.vehicle.gravity)
+    vertical = noise.mean_force(_FORCE_MEAN)[2] / float(scenario.vehicle.gravity)
     if vertical > _MAX_VERTICAL_FORCE:
         raise InputError(
             f"cannot identify the vehicle: its thrust does not follow from the logged commands, since a force of"
@@ -205,19 +220,16 @@ def _result(
     i = names.index(DELAY)
     deviation = float(np.sqrt(uncertainty.covariance[i, i]))
     delay = Spread(float(fitted.values[i]), deviation, "s", float(uncertainty.degrees_of_freedom[i]))
-    vehicle = with_estimates(scenario, estimates)
-    if logs.voltage is not None:
-        motors = vehicle.vehicle.motors.model_copy(update={"voltage": logs.voltage})
-        vehicle = vehicle.model_copy(update={"vehicle": vehicle.vehicle.model_copy(update={"motors": motors})})
+    numbers = dict(zip(estimates.names, map(float, estimates.values), strict=True))
     remarks = [*_remarks(predictor, fitted, names), *steep_remarks(logs.records)]
     if DELAY in weak:
         remarks.append(f"the delay is not identified: {weak[DELAY]}")
     else:
-        ticks = (delay.value - frame_age(scenario)) / scenario.laboratory.command_link.period
-        vehicle = with_numbers(vehicle, {"laboratory.command_link.delay_ticks": max(0.0, ticks)})
+        numbers[DELAY] = delay.value
     outputs = () if shown is None else _series(shown, fitted.noise.measured)
     covered = {name: each for name, each in hold_out(evidence).items() if name not in weak}
     result_delay = None if DELAY in weak else delay
+    vehicle = _vehicle(logs, scenario, numbers)
     return Identification(estimates, vehicle, outputs, result_delay, fitted.noise, tuple(remarks), covered)
 
 

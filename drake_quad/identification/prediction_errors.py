@@ -71,9 +71,21 @@ class PredictionNoise(NamedTuple):
 
     @property
     def force(self) -> np.ndarray:
-        """(3,) that of the disturbance that is a force, over mass, m/s²."""
+        """(3,) standard deviations of the disturbing force over mass, m/s²."""
         force, _ = np.split(self.disturbance, 2)
         return force
+
+    def mean_force(self, duration: float) -> np.ndarray:
+        """Return the standard deviations (3,) of means of the disturbing force over mass, m/s².
+
+        For a force with the correlation exp(-|t| / T), in a mean over a duration of d T, the variance is
+        2 (d - 1 + exp(-d)) / d² of that of the force.
+
+        Args:
+            duration: duration over which the force is averaged, s.
+        """
+        ratio = duration / self.memory[:3]
+        return np.asarray(self.force * np.sqrt(2.0 * (ratio - 1.0 + np.exp(-ratio))) / ratio)
 
 
 class Gains(NamedTuple):
@@ -320,9 +332,10 @@ class Predictor:
     def open_loop(
         self, parameters: np.ndarray, gains: Gains, noise: PredictionNoise, steps: Sequence[int]
     ) -> list[np.ndarray]:
-        """Return measured states (12, W) at the last measurement before each window, and after some samples.
+        """Return measured states (12, 2, W) at the last measurement before each window, and after some samples.
 
-        From this measurement on, the states follow from the commands alone.
+        From this measurement on, the states follow from the commands alone: first without a disturbance, second with
+        the disturbance that the filter has estimated, which fades as the noise says.
 
         Args:
             parameters: (p,) parameters.
@@ -330,20 +343,26 @@ class Predictor:
             noise: noise of the filter.
             steps: numbers of samples, in increasing order, at most the length of the windows.
         """
-        flown, state = self._fly(parameters[None])
+        flown, state = self._fly(np.stack([parameters, parameters]))
         fades, found = self._fades(noise)[:, None, None], []
         for j in range(self.sizes.settle + max(steps)):
             if j - self.sizes.settle + 1 in steps:
-                found.append(self.model.seen_state(state[:NUM_BODY, 0].copy()))
+                found.append(self._seen(state))
             if j < self.sizes.settle:
                 errors = self._errors(j, self._predicted(flown, state))
                 state[self.free] += np.einsum("nmw,mkw->nkw", gains.gain[j], errors)
             if j == self.sizes.settle - 1:
-                found.append(self.model.seen_state(state[:NUM_BODY, 0].copy()))
+                found.append(self._seen(state))
+                state[NUM_BODY:, 0] = 0.0
             for _ in range(self.split):
                 flown.step(state)
             state[NUM_BODY:] *= fades
         return found
+
+    def _seen(self, state: np.ndarray) -> np.ndarray:
+        """Return the states (12, K, W) that are measured."""
+        body = state[:NUM_BODY]
+        return self.model.seen_state(body.reshape(NUM_BODY, -1).copy()).reshape(body.shape)
 
     def expected(
         self, gains: Gains, own: PredictionNoise, noises: Sequence[PredictionNoise], chosen: np.ndarray
