@@ -98,18 +98,19 @@ class Predictions:
         return Interval(1.0 - ratio, 1.0 - ratio * math.exp(reach), 1.0 - ratio * math.exp(-reach))
 
     def losses(self, vehicle: str) -> list[str]:
-        """Return a sentence on each horizon and quantity for which a vehicle predicts worse than a simple predictor."""
+        """Return a sentence on each quantity that a vehicle predicts worse than a predictor without a model does."""
         found = []
         for quantity in self.errors:
-            for horizon in self.horizons:
-                for other in (CONSTANT_VELOCITY, CONSTANT_ACCELERATION):
+            for other in (CONSTANT_VELOCITY, CONSTANT_ACCELERATION):
+                worse = []
+                for horizon in self.horizons:
                     better = self.better(quantity, vehicle, other, horizon)
                     if better.value < 0.0:
-                        sure = "" if better.high < 0.0 else ", although the difference may be due to chance"
-                        found.append(
-                            f"{vehicle} predicts {quantity.replace('_', ' ')} after {horizon:g} s worse than {other},"
-                            f" by {-better.value:.0%}{sure}"
-                        )
+                        sure = "" if better.high < 0.0 else ", perhaps by chance"
+                        worse.append(f"{horizon:g} s (by {-better.value:.0%}{sure})")
+                if worse:
+                    name = quantity.replace("_", " ")
+                    found.append(f"{vehicle} predicts {name} worse than {other} after {', '.join(worse)}")
         return found
 
     def starts(self, horizon: float) -> int:
