@@ -52,6 +52,7 @@ MIN_NOISE = 1e-5  # smallest standard deviation of a measurement, SI units
 _LEAST = MIN_NOISE, 1e-3, 0.02
 _MOST = 100.0, 1e3, 20.0
 _AT_LIMIT = 0.99  # share of a limit
+_NEGLIGIBLE = 1.01  # times its lower limit, below which a disturbance is negligible
 # And of the memory of a force along the axes of B, s. One that lasts longer is an error of the thrust curve. Where it
 # could be taken for a disturbance, the level of the curve would be that which suits the rotors' large motions best.
 _FORGOTTEN = 0.25
@@ -156,15 +157,34 @@ def fit(
 
 
 def _quieter(predictor: Predictor, parameters: Sequence[Parameter], at: "_Point", factors: Sequence[float]) -> "_Point":
-    """Return the point with the disturbance multiplied by the factors as often as the likelihood grows."""
-    while True:
-        smaller = np.maximum(at.noise.disturbance * factors, _LEAST[1])
-        if np.all(smaller == at.noise.disturbance):
-            return at
-        other = _Point.of(predictor, parameters, at.values, at.noise._replace(disturbance=smaller))
-        if other.likelihood <= at.likelihood:
-            return at
-        at = other
+    """Return the point with the disturbance multiplied by the factors as often as the likelihood grows.
+
+    As long as it grows for the same parameters, these need not be fitted again.
+    """
+
+    def quieter(noise: PredictionNoise) -> PredictionNoise:
+        return noise._replace(disturbance=np.maximum(noise.disturbance * factors, _LEAST[1]))
+
+    noise, likelihood = at.noise, at.likelihood
+    while np.any(quieter(noise).disturbance < noise.disturbance):
+        gains = predictor.gains(at.values, quieter(noise))
+        white = (gains.whitening @ gains.errors.transpose(0, 2, 1)[..., None])[predictor.counted]
+        found = _likelihood(predictor, gains, white)
+        if found <= likelihood:
+            break
+        noise, likelihood = quieter(noise), found
+    if noise is not at.noise:
+        at = _Point.of(predictor, parameters, at.values, noise)
+    if parameters and np.any(quieter(noise).disturbance < noise.disturbance):
+        other = _Point.of(predictor, parameters, at.values, quieter(noise))
+        at = other if other.likelihood > at.likelihood else at
+    return at
+
+
+def _likelihood(predictor: Predictor, gains: Gains, white: np.ndarray) -> float:
+    """Return the logarithm of the likelihood of the measurements, given the whitened errors, up to a constant."""
+    factors = np.diagonal(gains.whitening[predictor.counted], axis1=-2, axis2=-1)
+    return float(np.log(factors).sum() - 0.5 * np.sum(white**2))
 
 
 def _check_convergence(values: np.ndarray, noise: PredictionNoise) -> None:
@@ -213,9 +233,7 @@ class _Point(NamedTuple):
         values = _least_squares(predictor, parameters, start, gains, noise)
         scales = np.array([parameter.scale for parameter in parameters])
         errors, slopes, states, moves = whitened(predictor, scales, values, gains, noise)
-        factors = np.diagonal(gains.whitening[predictor.counted], axis1=-2, axis2=-1)
-        likelihood = float(np.log(factors).sum() - 0.5 * np.sum(errors**2))
-        return cls(values, noise, gains, errors, slopes, states, moves, likelihood)
+        return cls(values, noise, gains, errors, slopes, states, moves, _likelihood(predictor, gains, errors))
 
 
 def _least_squares(
@@ -329,11 +347,14 @@ def _noise_of(
     if predictor.model.frame == "body":
         most[m + 6 : m + 9] = _FORGOTTEN
     upper = np.minimum(np.log(most)[first], start + _REACH)
+    # The memory of a disturbance that is next to nothing has no influence.
+    gone = (first >= m + 6) & (np.concatenate(noise)[first - 6] < _NEGLIGIBLE * _LEAST[1])
+    free = np.flatnonzero(~gone)
     best, damping = -np.inf, _DAMPING
-    score, information = np.zeros(len(logs)), np.eye(len(logs))
+    score, information = np.zeros(len(free)), np.eye(len(free))
     trial = logs
     for _ in range(_SCORINGS):
-        found, *slopes = _noise_slopes(predictor, gains, noise, trial, chosen)
+        found, *slopes = _noise_slopes(predictor, gains, noise, trial, chosen, free)
         gained, best_before = found - best, best
         if gained > 0.0:
             logs, best, damping = trial, found, 0.2 * damping
@@ -341,7 +362,8 @@ def _noise_of(
         else:
             damping *= 10.0
         step = np.linalg.solve(information + damping * np.diag(np.diag(information) + 1.0), score)
-        trial = np.clip(logs + step, lower, upper)
+        trial = logs.copy()
+        trial[free] = np.clip(logs[free] + step, lower[free], upper[free])
         if 0.0 < gained < _GAINED and np.isfinite(best_before):
             break
     return PredictionNoise.of(np.exp(logs)[alike])
@@ -355,15 +377,16 @@ def noise_covariance(predictor: Predictor, fitted: PredictionFit) -> np.ndarray:
     alike = predictor.alike
     _, first = np.unique(alike, return_index=True)
     logs, windows = np.log(np.concatenate(fitted.noise))[first], np.arange(len(predictor.windows))
-    _, _, information = _noise_slopes(predictor, fitted.gains, fitted.noise, logs, windows)
+    all_numbers = np.arange(len(logs))
+    _, _, information = _noise_slopes(predictor, fitted.gains, fitted.noise, logs, windows, all_numbers)
     return np.asarray(np.linalg.inv(information + _DAMPING * np.eye(len(logs)))[np.ix_(alike, alike)])
 
 
 def _noise_slopes(
-    predictor: Predictor, gains: Gains, own: PredictionNoise, logs: np.ndarray, chosen: np.ndarray
+    predictor: Predictor, gains: Gains, own: PredictionNoise, logs: np.ndarray, chosen: np.ndarray, free: np.ndarray
 ) -> tuple[float, np.ndarray, np.ndarray]:
-    """What `scored` says of a noise of some logarithms, around the filter of another noise."""
-    points = np.vstack([logs, logs + _NOISE_STEP * np.eye(len(logs))])
+    """What `scored` says of a noise of some logarithms, around the filter of another noise, for the free numbers."""
+    points = np.vstack([logs, logs + _NOISE_STEP * np.eye(len(logs))[free]])
     noises = [PredictionNoise.of(np.exp(point)[predictor.alike]) for point in points]
     return scored(*predictor.expected(gains, own, noises, chosen), _NOISE_STEP)
 
