@@ -93,13 +93,13 @@ def main(arguments: argparse.Namespace) -> None:
         given += throttle_motors(base)
         base = vehicle_of(vehicle, given)
     print_logs(records)
+    print_hover(records, float(base.vehicle.mass * base.vehicle.gravity))
     print(f"begins with {vehicle}")
     found = identify(records, base, held_out_share=_HELD_OUT)
     print_estimates(found)
     print_score(found)
-    print_hover(records)
     predictions = predicted(records, found, base)
-    print("open-loop prediction of the last third of each log, which the final fit has used: RMS error at the horizon")
+    print("open-loop prediction of the last third of each log by a vehicle identified from the rest: RMS error")
     print_predictions(predictions)
     for sentence in predictions.losses("identified"):
         remark(sentence)
@@ -195,8 +195,8 @@ def throttles(records: list[FlightRecord]) -> np.ndarray | None:
 
 
 def predicted(records: list[FlightRecord], found: Identification, base: Scenario) -> Predictions:
-    """How the vehicle, and the one that it began with, predict the ends of the flights."""
-    vehicles = {"identified": found.vehicle, base.name: base}
+    """Predict the ends of the flights by a vehicle identified from the rest, and by the one that it began with."""
+    vehicles = {"identified": found.training_vehicle or found.vehicle, base.name: base}
     return joined([predict(record, vehicles, believed=base, share=_HELD_OUT) for record in records])
 
 
@@ -264,8 +264,8 @@ def print_score(found: Identification) -> None:
     print_columns(("output", "explained variance", "RMS error", "white noise", ""), rows)
 
 
-def print_hover(records: list[FlightRecord]) -> None:
-    """Print the white noise of the measurements, and the trim."""
+def print_hover(records: list[FlightRecord], weight: float) -> None:
+    """Print the white noise of the measurements, and the trim for a weight in N."""
     rows = []
     for record in records:
         for noise in white_noise(record):
@@ -274,7 +274,7 @@ def print_hover(records: list[FlightRecord]) -> None:
             rows.append((f"{record.name}: white noise of {noise.signal.replace('_', ' ')}", rest, flown, noise.unit))
     print_columns(("", "at rest", "in flight", ""), rows)
     for record in records:
-        for name, spread in trim(record).items():
+        for name, spread in trim(record, weight).items():
             print(f"{record.name}: {name} in hover {plus_minus(spread.value, spread.reach)} {spread.unit}")
         behind = delay_by_correlation(record)
         if behind is not None:

@@ -29,10 +29,12 @@ _RELATIVE_STEP = 1e-5
 # Step of the central difference of the delay, in samples. The slope is discontinuous at each whole sample.
 _DELAY_STEP = 0.5
 _MAX_ROUNDS = 8
-# The rounds end when no parameter moves by more than this share of its standard deviation.
+# The rounds end when no parameter moves by more than this share of its standard deviation, and no logarithm of the
+# disturbance changes by more.
 _CONVERGED_MOVE = 0.2
+_CONVERGED_LOG_CHANGE = 0.2
 _MAX_EVALUATIONS = 5
-# Factors of the disturbance that are tried, since scoring reduces a disturbance that is much too large only slowly.
+# Factors of the disturbance that are tried, because scoring reduces a disturbance that is much too large only slowly.
 _SMALLER_TORQUE = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)
 _SMALLER_FORCE = (0.2, 0.2, 0.2, 1.0, 1.0, 1.0)
 # A parameter this many standard deviations of the prior from its mean may be in a local minimum, in which a large
@@ -51,12 +53,11 @@ _MAX_LOG_CHANGE = 2.5
 _MAX_SCORING_STEPS = 6
 _LIKELIHOOD_TOLERANCE = 0.1
 _INITIAL_DAMPING = 1e-3
-# Change of the logarithm of the measurement noise below which the noise has converged.
-_CONVERGED_NOISE = 0.02
 MIN_NOISE = 1e-5
 """Smallest standard deviation of a measurement, SI units."""
 _MAX_NOISE = 100.0  # SI units
 _MIN_DISTURBANCE = 1e-3  # m/s², rad/s²
+_NEGLIGIBLE_DISTURBANCE = 1.01 * _MIN_DISTURBANCE
 _MAX_DISTURBANCE = 1e3  # m/s², rad/s²
 _MIN_MEMORY = 0.02  # s
 _MAX_MEMORY = 20.0  # s
@@ -148,17 +149,14 @@ def fit(
     at = _Point.of(predictor, parameters, values, noise)
     untried = [_SMALLER_TORQUE, _SMALLER_FORCE]
     for number in range(1, _MAX_ROUNDS + 1):
-        before = at.values
+        before, disturbance = at.values, at.noise.disturbance
         noise = _noise_of(predictor, predictor.gains(before, at.noise), at.noise)
         at = _Point.of(predictor, parameters, before, noise)
         for factors in list(untried):
-            smaller = at.noise.disturbance * factors
-            if np.all(smaller > _MIN_DISTURBANCE):
-                other = _Point.of(predictor, parameters, at.values, at.noise._replace(disturbance=smaller))
-                if other.likelihood > at.likelihood:
-                    at = other
-                    continue
-            untried.remove(factors)
+            better = _with_smaller_disturbance(predictor, parameters, at, factors)
+            if better is at:
+                untried.remove(factors)
+            at = better
         if number == _RESTART_ROUND and np.any(np.abs(at.values - mean) > _MAX_PRIOR_DISTANCE / np.sqrt(prior)):
             smaller = _RESTART_DISTURBANCE * at.noise.disturbance
             other = _Point.of(predictor, parameters, mean, at.noise._replace(disturbance=smaller))
@@ -166,11 +164,46 @@ def fit(
                 at = other
         predictor.continue_windows(at.states, at.state_slopes, at.values, at.gains)
         expected = np.linalg.inv(np.einsum("wkp,wkq->pq", at.slopes, at.slopes) + np.diag(prior))
-        if number > 2 and np.all(np.abs(at.values - before) < _CONVERGED_MOVE * np.sqrt(np.diag(expected))):
+        converged = np.all(np.abs(at.values - before) < _CONVERGED_MOVE * np.sqrt(np.diag(expected)))
+        log_change = np.max(np.abs(np.log(at.noise.disturbance / disturbance)))
+        if number > 2 and converged and log_change < _CONVERGED_LOG_CHANGE:
             break
     noise = _noise_of(predictor, at.gains, at.noise, np.arange(len(predictor.windows)))
     _check_convergence(at.values, noise)
     return PredictionFit(at.values, noise, at.gains, at.slopes, at.errors, prior)
+
+
+def _with_smaller_disturbance(
+    predictor: Predictor, parameters: Sequence[Parameter], at: "_Point", factors: Sequence[float]
+) -> "_Point":
+    """Return the point with the disturbance multiplied by factors as often as the likelihood increases.
+
+    As long as it increases for the same parameters, these are not fitted again.
+    """
+
+    def smaller(noise: PredictionNoise) -> PredictionNoise:
+        return noise._replace(disturbance=np.maximum(noise.disturbance * factors, _MIN_DISTURBANCE))
+
+    noise, likelihood = at.noise, at.likelihood
+    while np.any(smaller(noise).disturbance < noise.disturbance):
+        gains = predictor.gains(at.values, smaller(noise))
+        white = (gains.whitening @ gains.errors.transpose(0, 2, 1)[..., None])[predictor.counted]
+        found = _likelihood(predictor, gains, white)
+        if found <= likelihood:
+            break
+        noise, likelihood = smaller(noise), found
+    if noise is not at.noise:
+        at = _Point.of(predictor, parameters, at.values, noise)
+    if parameters and np.any(smaller(noise).disturbance < noise.disturbance):
+        other = _Point.of(predictor, parameters, at.values, smaller(noise))
+        at = other if other.likelihood > at.likelihood else at
+    return at
+
+
+def _likelihood(predictor: Predictor, gains: Gains, white: np.ndarray) -> float:
+    """Return the logarithm of the likelihood of the measurements, given the whitened errors, up to a constant."""
+    factors = np.diagonal(gains.whitening[predictor.counted], axis1=-2, axis2=-1)
+    return float(np.log(factors).sum() - 0.5 * np.sum(white**2))
 
 
 def _check_convergence(values: np.ndarray, noise: PredictionNoise) -> None:
@@ -186,17 +219,6 @@ def _check_convergence(values: np.ndarray, noise: PredictionNoise) -> None:
             "the fit diverged: the vehicle explains the logs only with a disturbance or with noise beyond any limit;"
             " check the units in the mapping and the vehicle to begin with"
         )
-
-
-def likely_noise(predictor: Predictor, noise: PredictionNoise) -> PredictionNoise:
-    """Return the maximum-likelihood noise for a model without parameters, given an initial noise."""
-    none = np.zeros(0)
-    for _ in range(_MAX_ROUNDS):
-        before, noise = noise, _noise_of(predictor, predictor.gains(none, noise), noise)
-        changes = np.log(np.concatenate(noise) / np.concatenate(before))
-        if np.max(np.abs(changes[: len(noise.measured)])) < _CONVERGED_NOISE:
-            break
-    return noise
 
 
 class _Point(NamedTuple):
@@ -231,15 +253,15 @@ class _Point(NamedTuple):
         values = _least_squares(predictor, parameters, start, gains, noise)
         scales = np.array([parameter.scale for parameter in parameters])
         errors, slopes, states, state_slopes = _whitened(predictor, scales, values, gains, noise)
-        factors = np.diagonal(gains.whitening[predictor.counted], axis1=-2, axis2=-1)
-        likelihood = float(np.log(factors).sum() - 0.5 * np.sum(errors**2))
-        return cls(values, noise, gains, errors, slopes, states, state_slopes, likelihood)
+        return cls(values, noise, gains, errors, slopes, states, state_slopes, _likelihood(predictor, gains, errors))
 
 
 def _least_squares(
     predictor: Predictor, parameters: Sequence[Parameter], start: np.ndarray, gains: Gains, noise: PredictionNoise
 ) -> np.ndarray:
     """Return the parameters (p,) with the least squares of whitened errors and of the distance to the prior."""
+    if not parameters:
+        return start
     mean, scale, deviation = (
         np.array([getattr(parameter, name) for parameter in parameters], dtype=float)
         for name in ("start", "scale", "deviation")
@@ -372,11 +394,14 @@ def _noise_of(
         largest[m + 6 : m + 9] = _MAX_BODY_FORCE_MEMORY
     lower = np.maximum(np.log(smallest)[first], start - _MAX_LOG_CHANGE)
     upper = np.minimum(np.log(largest)[first], start + _MAX_LOG_CHANGE)
+    # The memory of a negligible disturbance has no influence.
+    fixed = (first >= m + 6) & (np.concatenate(noise)[first - 6] < _NEGLIGIBLE_DISTURBANCE)
+    free = np.flatnonzero(~fixed)
     best, damping = -np.inf, _INITIAL_DAMPING
-    score, information = np.zeros(len(logs)), np.eye(len(logs))
+    score, information = np.zeros(len(free)), np.eye(len(free))
     trial = logs
     for _ in range(_MAX_SCORING_STEPS):
-        likelihood, *derivatives = _likelihood_of(predictor, gains, noise, trial, chosen)
+        likelihood, *derivatives = _likelihood_of(predictor, gains, noise, trial, chosen, free)
         gained, best_before = likelihood - best, best
         if gained > 0.0:
             logs, best, damping = trial, likelihood, 0.2 * damping
@@ -384,7 +409,8 @@ def _noise_of(
         else:
             damping *= 10.0
         step = np.linalg.solve(information + damping * np.diag(np.diag(information) + 1.0), score)
-        trial = np.clip(logs + step, lower, upper)
+        trial = logs.copy()
+        trial[free] = np.clip(logs[free] + step, lower[free], upper[free])
         if 0.0 < gained < _LIKELIHOOD_TOLERANCE and np.isfinite(best_before):
             break
     return PredictionNoise.of(np.exp(logs)[groups])
@@ -398,15 +424,25 @@ def noise_covariance(predictor: Predictor, fitted: PredictionFit) -> np.ndarray:
     groups = predictor.noise_groups
     _, first = np.unique(groups, return_index=True)
     logs, windows = np.log(np.concatenate(fitted.noise))[first], np.arange(len(predictor.windows))
-    _, _, information = _likelihood_of(predictor, fitted.gains, fitted.noise, logs, windows)
+    numbers = np.arange(len(logs))
+    _, _, information = _likelihood_of(predictor, fitted.gains, fitted.noise, logs, windows, numbers)
     return np.asarray(np.linalg.inv(information + _INITIAL_DAMPING * np.eye(len(logs)))[np.ix_(groups, groups)])
 
 
 def _likelihood_of(
-    predictor: Predictor, gains: Gains, own: PredictionNoise, logs: np.ndarray, chosen: np.ndarray
+    predictor: Predictor, gains: Gains, own: PredictionNoise, logs: np.ndarray, chosen: np.ndarray, free: np.ndarray
 ) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return log-likelihood, score and information of a noise with these logarithms, around a filter with another."""
-    points = np.vstack([logs, logs + _LOG_STEP * np.eye(len(logs))])
+    """Return log-likelihood, score and information of a noise, to first order around a filter.
+
+    Args:
+        predictor: predictor of the outputs.
+        gains: gains of the filter.
+        own: noise of the filter.
+        logs: (c,) logarithms of the noise, one for each group.
+        chosen: numbers of the windows that are used.
+        free: (f,) numbers of the logarithms for which score and information are returned.
+    """
+    points = np.vstack([logs, logs + _LOG_STEP * np.eye(len(logs))[free]])
     noises = [PredictionNoise.of(np.exp(point)[predictor.noise_groups]) for point in points]
     return noise_likelihood(*predictor.linearised_errors(gains, own, noises, chosen), _LOG_STEP)
 

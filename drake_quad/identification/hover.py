@@ -68,27 +68,39 @@ def _deviations(record: FlightRecord, values: np.ndarray, chosen: np.ndarray) ->
     return np.asarray(np.sqrt(np.mean(differences**2, axis=0) / _VARIANCE_FACTOR))
 
 
-def trim(record: FlightRecord) -> dict[str, Spread]:
-    """Return mean tilt and mean commanded torque and thrust in hover; empty for less than a second of hover.
+def trim(record: FlightRecord, weight: float) -> dict[str, Spread]:
+    """Return mean tilt, and mean commanded torque, thrust and throttles in hover; empty for less than a second of it.
+
+    For a log with throttles, the result includes the mean thrust of a motor divided by the square of its throttle. A
+    damaged propeller shows as a larger throttle of its motor.
 
     Standard deviations are those of means over blocks of half a second.
+
+    Args:
+        record: record of the flight.
+        weight: weight of the vehicle, N.
     """
-    if record.velocity is None or record.attitude is None or record.body_rates is None:
+    if record.velocity is None:
         return {}
     hovering = airborne(record) & (np.linalg.norm(record.velocity, axis=1) < _MAX_HOVER_SPEED)
-    hovering &= np.linalg.norm(record.body_rates, axis=1) < _MAX_HOVER_RATE
+    if record.body_rates is not None:
+        hovering &= np.linalg.norm(record.body_rates, axis=1) < _MAX_HOVER_RATE
     if hovering.sum() * record.period < _MIN_HOVER_TIME:
         return {}
     blocks = np.floor((record.time - record.time[0]) / _BLOCK).astype(int)[hovering]
-    found = {
-        f"mean {name}": _mean(record.attitude[hovering, i], blocks, "rad") for i, name in enumerate(("roll", "pitch"))
-    }
-    if record.torque_command is not None:
-        for i, axis in enumerate("xyz"):
-            found[f"mean torque about {axis}"] = _mean(record.torque_command[hovering, i], blocks, "N m")
-    if record.thrust_command is not None:
-        found["mean thrust"] = _mean(record.thrust_command[hovering], blocks, "N")
-    return found
+    hover = record.part(hovering)
+    columns: dict[str, tuple[np.ndarray, str]] = {}
+    if hover.attitude is not None:
+        columns |= {f"mean {name}": (hover.attitude[:, i], "rad") for i, name in enumerate(("roll", "pitch"))}
+    if hover.torque_command is not None:
+        columns |= {f"mean torque about {axis}": (hover.torque_command[:, i], "N m") for i, axis in enumerate("xyz")}
+    if hover.thrust_command is not None:
+        columns["mean thrust"] = hover.thrust_command, "N"
+    if hover.motor_command is not None:
+        squares = hover.motor_command**2
+        columns |= {f"mean throttle of motor {i + 1}": (hover.motor_command[:, i], "") for i in range(4)}
+        columns["thrust of a motor over the square of its throttle"] = weight / squares.sum(axis=1), "N"
+    return {name: _mean(values, blocks, unit) for name, (values, unit) in columns.items()}
 
 
 def _mean(values: np.ndarray, blocks: np.ndarray, unit: str) -> Spread:

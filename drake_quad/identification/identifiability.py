@@ -21,7 +21,8 @@ from drake_quad.statistics.interval import plus_minus
 
 # A parameter is identified if half of the length of its 95 % interval is at most its scale.
 _MAX_REACH = 1.0
-_MAX_VERTICAL_FORCE = 0.15  # of the weight; flights in strong wind leave 0.03
+_MAX_VERTICAL_FORCE = 0.15  # of the weight, in means over `_FORCE_WINDOW`; flights in strong wind leave 0.03
+_FORCE_WINDOW = 0.5  # s
 _SPEED_WINDOW = 0.1  # s, long enough to average out position noise
 
 
@@ -36,8 +37,8 @@ def check_forecast(shown: Forecast) -> None:
         best = int(np.nanargmax(shown.explained))
         raise InputError(
             "cannot identify the vehicle: after a fit to the rest of the logs it forecasts no output of the held-out"
-            f" part better than motion that continues at constant rates does (best: {shown.names[best]}); check the"
-            " mapping, the vehicle to begin with, and that the logs contain motion"
+            f" part better than motion that continues at constant rates does (best: {shown.names[best]}); a log that"
+            " only hovers does not identify a vehicle; otherwise check the mapping and the vehicle to begin with"
         )
 
 
@@ -47,7 +48,7 @@ def check_thrust(scenario: Scenario, noise: PredictionNoise) -> None:
     Raises:
         InputError: if the disturbing force along z is a large share of the weight.
     """
-    *_, vertical = noise.force / float(scenario.vehicle.gravity)
+    *_, vertical = noise.mean_force(_FORCE_WINDOW) / float(scenario.vehicle.gravity)
     if vertical > _MAX_VERTICAL_FORCE:
         raise InputError(
             f"cannot identify the vehicle: its thrust does not follow from the logged commands, since a force of"

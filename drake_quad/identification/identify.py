@@ -40,7 +40,6 @@ from drake_quad.identification.result import ForecastOutput, Identification, Spr
 from drake_quad.identification.results.estimates import Estimates, Explained, Source
 from drake_quad.identification.results.held_out import hold_out
 from drake_quad.identification.results.vehicle_numbers import (
-    with_estimates,
     with_numbers,
 )
 from drake_quad.identification.windows import (
@@ -96,7 +95,7 @@ def _identified(records: Sequence[FlightRecord], scenario: Scenario, share: floa
         delay=max(0.5 * logs.period, min(frame_age(scenario), 0.5 * MAX_DELAY)),
         max_delay=MAX_DELAY,
     )
-    noise, start, shown = initial_noise(logs.outputs), None, None
+    noise, start, shown, early = initial_noise(logs.outputs), None, None, None
     if share > 0.0:
         spared = [held_out(usable, share) for usable in logs.flying]
         kept = [usable & ~late for usable, late in zip(logs.flying, spared, strict=True)]
@@ -104,6 +103,7 @@ def _identified(records: Sequence[FlightRecord], scenario: Scenario, share: floa
         shown = forecast(logs.predictor(names_of(parameters), spared, horizon=True), training.values, training.noise)
         check_forecast(shown)
         start, noise = training.values, training.noise
+        early = _vehicle(logs, scenario, dict(zip(names_of(parameters), map(float, start), strict=True)))
     predictor = logs.predictor(names_of(parameters), logs.flying)
     fitted = fit(predictor, parameters, noise, start)
     check_thrust(logs.scenario, fitted.noise)
@@ -113,7 +113,21 @@ def _identified(records: Sequence[FlightRecord], scenario: Scenario, share: floa
         parameters = [parameters[i] for i in kept]
         predictor = logs.predictor(names_of(parameters), logs.flying)
         fitted = fit(predictor, parameters, fitted.noise, fitted.values[kept])
-    return _result(logs, scenario, predictor, parameters, fitted, shown, held)
+    found = _result(logs, scenario, predictor, parameters, fitted, shown, held)
+    return replace(found, training_vehicle=early)
+
+
+def _vehicle(logs: PreparedLogs, scenario: Scenario, values: dict[str, float]) -> Scenario:
+    """Return the scenario with values of parameters, by name, and with the voltage of the thrust curve."""
+    numbers = {name: value for name, value in values.items() if name != DELAY}
+    if DELAY in values:
+        ticks = (values[DELAY] - frame_age(scenario)) / scenario.laboratory.command_link.period
+        numbers["laboratory.command_link.delay_ticks"] = max(0.0, ticks)
+    vehicle = with_numbers(scenario, numbers)
+    if logs.voltage is not None:
+        motors = vehicle.vehicle.motors.model_copy(update={"voltage": logs.voltage})
+        vehicle = vehicle.model_copy(update={"vehicle": vehicle.vehicle.model_copy(update={"motors": motors})})
+    return vehicle
 
 
 def _blocks(predictor: Predictor) -> np.ndarray:
@@ -176,19 +190,16 @@ def _result(
     i = names.index(DELAY)
     deviation = float(np.sqrt(uncertainty.covariance[i, i]))
     delay = Spread(float(fitted.values[i]), deviation, "s", float(uncertainty.degrees_of_freedom[i]))
-    vehicle = with_estimates(scenario, estimates)
-    if logs.voltage is not None:
-        motors = vehicle.vehicle.motors.model_copy(update={"voltage": logs.voltage})
-        vehicle = vehicle.model_copy(update={"vehicle": vehicle.vehicle.model_copy(update={"motors": motors})})
+    numbers = dict(zip(estimates.names, map(float, estimates.values), strict=True))
     remarks = [*_remarks(predictor, fitted, names), *steep_remarks(logs.records)]
     if DELAY in weak:
         remarks.append(f"the delay is not identified: {weak[DELAY]}")
     else:
-        ticks = (delay.value - frame_age(scenario)) / scenario.laboratory.command_link.period
-        vehicle = with_numbers(vehicle, {"laboratory.command_link.delay_ticks": max(0.0, ticks)})
+        numbers[DELAY] = delay.value
     outputs = () if shown is None else _series(shown, fitted.noise.measured)
     covered = {name: each for name, each in hold_out(evidence).items() if name not in weak}
     result_delay = None if DELAY in weak else delay
+    vehicle = _vehicle(logs, scenario, numbers)
     return Identification(estimates, vehicle, outputs, result_delay, fitted.noise, tuple(remarks), covered)
 
 

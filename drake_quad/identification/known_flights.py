@@ -149,6 +149,7 @@ KNOWN = {
             f" [{_between(0.0, 0.2)}, {_between(0.5, 1.5)}, {_between(2.9, 3.9)}]}}",
             "vehicle.battery={voltage: 12.6, empty_voltage: 10.5, capacity: 0.2, resistance: 0.02, efficiency: 0.6}",
         ),
+        # The thrust curve of the vehicle holds at the voltage of the full battery.
         (_THROTTLES, "vehicle.motors={kind: throttle, curve: [0.0, 1.0, 3.4], voltage: 12.6}"),
     ),
 }

@@ -28,7 +28,7 @@ from drake_quad.errors import InputError, shown
 from drake_quad.framework.formulas import kernel
 from drake_quad.framework.records import layout_of
 from drake_quad.geometry.axes import BodyAxes, Vector, plus
-from drake_quad.geometry.kinematics import angle_rates, small_rotation
+from drake_quad.geometry.kinematics import small_rotation
 from drake_quad.identification.firmware import allocated_commands
 from drake_quad.identification.logs.attitudes import rotations
 from drake_quad.identification.logs.record import FlightRecord
@@ -43,7 +43,6 @@ from drake_quad.signals import (
     Attitude,
     AttitudeTarget,
     BodyAccelerationB,
-    BodyRates,
     Number,
     Quantity,
     RotorSpeed,
@@ -393,23 +392,14 @@ class LogModel:
         """Return measured states (12, S) of states of the model, for the misalignment in the scenario."""
         if self.responds:
             state = np.stack(shown_state(RespondingBody(*state), small_rotation))
-        return self._turned(state, 1)
+        return self._turned(state)
 
-    def state_of(self, seen: np.ndarray) -> np.ndarray:
-        """Return states (12, S) of the model of measured states, the inverse of `measured_state`."""
-        state = self._turned(seen, -1)
-        if self.responds:
-            x, y, z, roll, pitch, yaw, v_x, v_y, v_z, *rates = state
-            changes = angle_rates(BodyRates(*rates), Attitude(roll, pitch, yaw))
-            state = np.stack([x, y, z, roll, pitch, yaw, v_x, v_y, v_z, *changes])
-        return state
-
-    def _turned(self, state: np.ndarray, power: int) -> np.ndarray:
-        """Return states (12, S) of the markers' frame of those of the body, or the other way round for power -1."""
+    def _turned(self, state: np.ndarray) -> np.ndarray:
+        """Return states (12, S) of the markers' frame, given those of the body."""
         misalignment = np.array(self.scenario.laboratory.motion_capture.misalignment, dtype=float)
         if not misalignment.any():
             return state
-        turn = rotations(misalignment) ** power
+        turn = rotations(misalignment)
         position, attitude, *rest = np.split(state, len(STATE_ROWS))
         angles = (rotations(attitude.T) * turn).as_euler("ZYX").T[::-1]
         return np.concatenate([position, angles, *rest])

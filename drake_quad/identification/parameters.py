@@ -88,7 +88,7 @@ def _candidates(scenario: Scenario, signals: set[str], own_throttles: bool) -> I
     mass, hover, arm = vehicle.mass, 0.25 * vehicle.mass * vehicle.gravity, arm_length_of(vehicle)
     if vehicle.motors.take_throttles:
         # A log of heights or of a common share of the thrust varies around hover, and determines fewer numbers.
-        places = (0, 1, 2) if own_throttles and turning else (0, 1) if turning else (2,)
+        places = (0, 1, 2) if own_throttles and turning else (0, 1) if turning else (0, 2)
         for i in places:
             yield f"motors.curve[{i}]", hover, "any"
     else:

@@ -76,6 +76,18 @@ class PredictionNoise(NamedTuple):
         force, _ = np.split(self.disturbance, 2)
         return force
 
+    def mean_force(self, duration: float) -> np.ndarray:
+        """Return the standard deviations (3,) of means of the disturbing force over mass, m/s².
+
+        For a force with the correlation exp(-|t| / T), in a mean over a duration of d T, the variance is
+        2 (d - 1 + exp(-d)) / d² of that of the force.
+
+        Args:
+            duration: duration over which the force is averaged, s.
+        """
+        ratio = duration / self.memory[:3]
+        return np.asarray(self.force * np.sqrt(2.0 * (ratio - 1.0 + np.exp(-ratio))) / ratio)
+
 
 class Gains(NamedTuple):
     """Gains of the filter at T measurements in W windows, with its n states linearised around its predictions.
@@ -325,9 +337,10 @@ class Predictor:
     def open_loop(
         self, parameters: np.ndarray, gains: Gains, noise: PredictionNoise, steps: Sequence[int]
     ) -> list[np.ndarray]:
-        """Return measured states (12, W) at the last measurement before each window, and after some samples.
+        """Return measured states (12, 2, W) at the last measurement before each window, and after some samples.
 
-        From this measurement on, the states follow from the commands alone.
+        From this measurement on, the states follow from the commands alone: first without a disturbance, second with
+        the disturbance that the filter has estimated, which decays with its memory.
 
         Args:
             parameters: (p,) parameters.
@@ -335,20 +348,26 @@ class Predictor:
             noise: noise of the filter.
             steps: numbers of samples, in increasing order, at most the length of the windows.
         """
-        flown, state = self._begin(parameters[None])
+        flown, state = self._begin(np.stack([parameters, parameters]))
         decay, found = self._decay(noise)[:, None, None], []
         for j in range(self.sizes.settle + max(steps)):
             if j - self.sizes.settle + 1 in steps:
-                found.append(self.model.measured_state(state[:NUM_BODY, 0].copy()))
+                found.append(self._measured(state))
             if j < self.sizes.settle:
                 errors = self._errors(j, self._predicted(flown, state))
                 state[self.rows] += np.einsum("nmw,mkw->nkw", gains.gain[j], errors)
             if j == self.sizes.settle - 1:
-                found.append(self.model.measured_state(state[:NUM_BODY, 0].copy()))
+                found.append(self._measured(state))
+                state[NUM_BODY:, 0] = 0.0
             for _ in range(self.split):
                 flown.step(state)
             state[NUM_BODY:] *= decay
         return found
+
+    def _measured(self, state: np.ndarray) -> np.ndarray:
+        """Return the measured states (12, K, W) of states (rows, K, W) of the filter."""
+        body = state[:NUM_BODY]
+        return self.model.measured_state(body.reshape(NUM_BODY, -1).copy()).reshape(body.shape)
 
     def linearised_errors(
         self, gains: Gains, own: PredictionNoise, noises: Sequence[PredictionNoise], chosen: np.ndarray

@@ -75,6 +75,7 @@ class Identification:
         remarks: sentences on the fit.
         held_out: coverage of the intervals when a tenth of the flight at a time is left out, by the name of the
             parameter; empty if there is too little flight.
+        training_vehicle: scenario with the estimates of a fit to the flight that is not held out; None if nothing is.
     """
 
     estimates: Estimates
@@ -84,3 +85,4 @@ class Identification:
     noise: PredictionNoise | None = None
     remarks: tuple[str, ...] = ()
     held_out: Mapping[str, HeldOut] = field(default_factory=dict)
+    training_vehicle: Scenario | None = None

@@ -221,7 +221,7 @@ def test_a_vehicle_is_identified_from_the_logs_with_what_is_given(run, replaced,
     }
     motors = SimpleNamespace(take_throttles=True, voltage=11.1)
     vehicle = SimpleNamespace(vehicle=SimpleNamespace(motors=motors))
-    found = SimpleNamespace(estimates="estimates", vehicle=vehicle)
+    found = SimpleNamespace(estimates="estimates", vehicle=vehicle, training_vehicle="from the rest")
     predictions = SimpleNamespace(losses=lambda vehicle: [f"{vehicle} loses"])
     prints = dict.fromkeys(("print_logs", "print_estimates", "print_score", "print_hover", "print_predictions"))
     calls = replaced(
@@ -242,7 +242,7 @@ def test_a_vehicle_is_identified_from_the_logs_with_what_is_given(run, replaced,
     assert (base.nominal.mass, base.vehicle.linear_drag, base.vehicle.motors.kind) == (0.55, 0.1, "throttle")
     assert named == {"held_out_share": pytest.approx(1.0 / 3.0)}
     assert [(log.name, [*vehicles.values()], more["share"]) for (log, vehicles), more in calls["predict"]] == [
-        (name, [vehicle, base], pytest.approx(1.0 / 3.0)) for name in "ab"
+        (name, ["from the rest", base], pytest.approx(1.0 / 3.0)) for name in "ab"
     ]
     assert all(more["believed"] is base for _, more in calls["predict"])
     ((path, name, estimates), named) = calls["write_vehicle"][0]
@@ -252,6 +252,9 @@ def test_a_vehicle_is_identified_from_the_logs_with_what_is_given(run, replaced,
     assert len(named["given"]) == 6
     # The thrust curve holds for this voltage of the battery.
     assert named["voltage"] == 11.1
+    # The trim in hover is that of the weighed mass.
+    (((_, weight), _),) = calls["print_hover"]
+    assert weight == pytest.approx(0.55 * base.nominal.gravity)
     assert calls["print_predictions"] == [((predictions,), {})]
     assert "begins with vehicles/hummingbird\n" in result.stdout
     written = [line.strip() for line in result.stdout.split("wrote\n")[1].splitlines()]

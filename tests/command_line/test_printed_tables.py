@@ -395,9 +395,9 @@ def test_noise_and_trim_of_a_hover_are_printed(capsys, monkeypatch):
         signal="body_rates", unit="rad/s", at_rest=np.full(3, np.nan), in_flight=np.array([0.3, 0.0, 0.4])
     )
     monkeypatch.setattr(identify, "white_noise", lambda _: [noise])
-    monkeypatch.setattr(identify, "trim", lambda _: {"mean roll": Spread(0.1, 0.01, "rad")})
+    monkeypatch.setattr(identify, "trim", lambda _, weight: {"mean roll": Spread(0.01 * weight, 0.01, "rad")})
     monkeypatch.setattr(identify, "delay_by_correlation", lambda _: 0.0456)
-    identify.print_hover([record])
+    identify.print_hover([record], 10.0)
     header, row, *lines = capsys.readouterr().out.splitlines()
     assert cells(header) == [["at rest", "in flight"]]
     assert cells(row) == [["log7: white noise of body rates", "–", f"{math.sqrt(0.25 / 3.0):.2g}", "rad/s"]]
@@ -406,7 +406,7 @@ def test_noise_and_trim_of_a_hover_are_printed(capsys, monkeypatch):
         "log7: attitude is most like its command 46 ms later",
     ]
     monkeypatch.setattr(identify, "delay_by_correlation", lambda _: None)
-    identify.print_hover([record])
+    identify.print_hover([record], 10.0)
     assert "most like" not in capsys.readouterr().out
 
 

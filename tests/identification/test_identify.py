@@ -173,7 +173,7 @@ def test_a_vehicle_that_forecasts_nothing_better_than_persistence_is_refused():
 def test_a_vehicle_that_a_disturbance_carries_is_refused(rotors):
     gravity = rotors.vehicle.gravity
     for share in (0.1, 0.2):
-        noise = PredictionNoise(np.ones(3), np.array([9.0, 9.0, share * gravity, 1.0, 1.0, 1.0]), np.ones(6))
+        noise = PredictionNoise(np.ones(3), np.array([9.0, 9.0, share * gravity, 1.0, 1.0, 1.0]), np.full(6, 20.0))
         if share < 0.15:
             identifiability.check_thrust(rotors, noise)
         else:

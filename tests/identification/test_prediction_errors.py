@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import scipy
 
 from drake_quad import load_scenario
 from drake_quad.identification import fit as fitting
@@ -97,6 +98,16 @@ def test_a_disturbance_keeps_its_variance_while_it_forgets(scenario, log):
         np.testing.assert_allclose(faded + forgetting, noise.disturbance**2)
         # The constant part of the horizontal force stays as it is.
         np.testing.assert_array_equal(added[NUM_BODY + 6 :], [0.0, 0.0])
+
+
+@pytest.mark.parametrize("duration", [0.05, 0.5, 5.0])
+def test_the_mean_of_a_force_has_the_variance_of_its_mean_correlation(duration):
+    """The variance of a mean is the mean of the correlation exp(-|t - s| / T) over all pairs of times."""
+    noise = noise_of(POSE)
+    found = noise.mean_force(duration)
+    for deviation, force, memory in zip(found, noise.force, noise.memory, strict=False):
+        integral, _ = scipy.integrate.quad(lambda t, T=memory: 2.0 * (duration - t) * np.exp(-t / T), 0.0, duration)
+        assert deviation == pytest.approx(force * np.sqrt(integral) / duration)
 
 
 def test_noise_is_one_number_for_what_is_alike(scenario, log):

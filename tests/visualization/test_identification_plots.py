@@ -12,7 +12,7 @@ from drake_quad.identification.flown_again.comparison import LogComparison
 from drake_quad.identification.flown_again.prediction import Predictions
 from drake_quad.identification.result import ForecastOutput, Identification
 from drake_quad.identification.results.estimates import Estimates, Source
-from drake_quad.identification.results.vehicle_numbers import with_estimates
+from drake_quad.identification.results.vehicle_numbers import with_numbers
 from drake_quad.visualization import identification_plots as plots
 from drake_quad.visualization.log_comparison_plots import plot_log_comparison
 
@@ -32,7 +32,11 @@ def identification(root):
         ForecastOutput(name, unit, time, measured, predicted, 0.92, 0.1)
         for name, unit in (("position x", "m"), ("pitch", "rad"))
     )
-    return Identification(estimates, with_estimates(scenario, estimates), outputs)
+    return Identification(
+        estimates,
+        with_numbers(scenario, dict(zip(estimates.names, map(float, estimates.values), strict=True))),
+        outputs,
+    )
 
 
 def test_the_fit_has_a_row_for_each_output_and_shades_every_other_window(identification):

@@ -2,7 +2,9 @@
 
 Up to each start, the Kalman filter of `drake_quad.identification.prediction_errors` follows the measurements, with the
 vehicle as its model. From the start on, the vehicle flies on with the logged commands and without any measurement. The
-filter knows the past only. Its noise is the likeliest for the log and the vehicle.
+filter knows the past only. Its noise is the likeliest for the log and the vehicle. The force and the torque that the
+filter has estimated beside the model, such as a wind that is not logged, act no longer from the start on. With them,
+the first vehicle is shown once more: this is how well a controller with a disturbance observer predicts.
 
 Two predictors without a model set the scale. They begin at the end of a parabola through the last 50 ms of each
 measured signal. *Constant velocity* continues with the velocity and the body rates at the start; *constant
@@ -26,7 +28,7 @@ import scipy
 
 from drake_quad.errors import InputError, shown
 from drake_quad.identification.delays import delay_of
-from drake_quad.identification.fit import likely_noise
+from drake_quad.identification.fit import fit
 from drake_quad.identification.logs.attitudes import rotations
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import STATE_ROWS
@@ -38,6 +40,8 @@ from drake_quad.statistics.interval import Interval
 
 HORIZONS = (0.1, 0.2, 0.5, 1.0, 2.0)
 CONSTANT_VELOCITY, CONSTANT_ACCELERATION = "constant velocity", "constant acceleration"
+WITH_DISTURBANCE = "with disturbance"
+"""Name of the first vehicle, flown on with the disturbance that its filter has estimated before the start."""
 SPACING = 0.1  # s, between starts
 _PAST = 0.05  # s, length of the parabola at whose end a prediction begins
 _MIN_PAST = 4  # samples of the parabola
@@ -94,18 +98,19 @@ class Predictions:
         return Interval(1.0 - ratio, 1.0 - ratio * math.exp(reach), 1.0 - ratio * math.exp(-reach))
 
     def losses(self, vehicle: str) -> list[str]:
-        """Return a sentence on each horizon and quantity for which a vehicle predicts worse than a simple predictor."""
+        """Return a sentence on each quantity that a vehicle predicts worse than a predictor without a model does."""
         found = []
         for quantity in self.errors:
-            for horizon in self.horizons:
-                for other in (CONSTANT_VELOCITY, CONSTANT_ACCELERATION):
+            for other in (CONSTANT_VELOCITY, CONSTANT_ACCELERATION):
+                worse = []
+                for horizon in self.horizons:
                     better = self.better(quantity, vehicle, other, horizon)
                     if better.value < 0.0:
-                        sure = "" if better.high < 0.0 else ", although the difference may be due to chance"
-                        found.append(
-                            f"{vehicle} predicts {quantity.replace('_', ' ')} after {horizon:g} s worse than {other},"
-                            f" by {-better.value:.0%}{sure}"
-                        )
+                        sure = "" if better.high < 0.0 else ", perhaps by chance"
+                        worse.append(f"{horizon:g} s (by {-better.value:.0%}{sure})")
+                if worse:
+                    name = quantity.replace("_", " ")
+                    found.append(f"{vehicle} predicts {name} worse than {other} after {', '.join(worse)}")
         return found
 
     def starts(self, horizon: float) -> int:
@@ -152,6 +157,8 @@ def predict(
 ) -> Predictions:
     """Predict a flight with vehicles, and with two predictors without a model, from starts all over it.
 
+    Names of the result are those of the vehicles, `CONSTANT_VELOCITY`, `CONSTANT_ACCELERATION` and `WITH_DISTURBANCE`.
+
     Args:
         record: record of the flight.
         vehicles: scenarios of the vehicles, by name.
@@ -181,9 +188,11 @@ def predict(
     motion = _Motion.at(record, measured, starts, past)
     reached = np.stack([_reached(record, starts, step) for step in steps])
     times = [record.time[np.minimum(starts + step, len(record.time) - 1)] - record.time[starts] for step in steps]
-    flown = {name: _flown(each, vehicles[name], motion, starts, steps) for name, each in prepared.items()}
+    both = {name: _flown(each, vehicles[name], motion, starts, steps) for name, each in prepared.items()}
+    flown = {name: [state[:, 0] for state in states] for name, states in both.items()}
     flown[CONSTANT_VELOCITY] = [motion.after(time) for time in times]
     flown[CONSTANT_ACCELERATION] = [motion.after(time, accelerated=True) for time in times]
+    flown[WITH_DISTURBANCE] = [state[:, 1] for state in next(iter(both.values()))]
     errors: dict[str, list[np.ndarray]] = {}
     for states in flown.values():
         for quantity, values in _errors(record, measured, states, starts, steps, level).items():
@@ -264,9 +273,9 @@ def _body_rates(record: FlightRecord, starts: np.ndarray, past: int) -> tuple[np
 def _flown(
     logs: PreparedLogs, scenario: Scenario, motion: _Motion, starts: np.ndarray, steps: Sequence[int]
 ) -> list[np.ndarray]:
-    """Return the predicted states (12, S) after each number of samples."""
+    """Return the predicted states (12, 2, S) after each number of samples, without and with the disturbance."""
     delay, none = delay_of(scenario), np.zeros(0)
-    noise = likely_noise(logs.predictor((), logs.flying, delay=delay), initial_noise(logs.outputs))
+    noise = fit(logs.predictor((), logs.flying, delay=delay), (), initial_noise(logs.outputs)).noise
     sizes = WindowSizes(max(steps), *(max(1, round(time / logs.period)) for time in (_SETTLE, WARM_UP)))
     predictor = logs.predictor_in([LogWindow(0, int(start) + 1) for start in starts], sizes, delay=delay)
     begin, *ends = predictor.open_loop(none, predictor.gains(none, noise), noise, steps)
@@ -274,7 +283,7 @@ def _flown(
         if signal not in logs.signals:
             rows = slice(row, row + 3)
             for end in ends:
-                end[rows] += motion.state[rows] - begin[rows]
+                end[rows] += motion.state[rows, None] - begin[rows]
     return ends
 
 

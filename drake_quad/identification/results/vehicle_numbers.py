@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from drake_quad.identification.results.estimates import Estimates, scenario_path
+from drake_quad.identification.results.estimates import scenario_path
 from drake_quad.scenario.effects.effect import EFFECTS
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.motors import ThrottleMotors
@@ -51,11 +51,6 @@ def with_numbers(scenario: Scenario, numbers: Mapping[str, float]) -> Scenario:
     values = {scenario_path(name): value for name, value in numbers.items()}
     found: Scenario = replaced(own, lambda path, old: values.get(path, old))
     return found
-
-
-def with_estimates(scenario: Scenario, estimates: Estimates) -> Scenario:
-    """The scenario with the values of estimates."""
-    return with_numbers(scenario, dict(zip(estimates.names, map(float, estimates.values), strict=True)))
 
 
 def number_of(scenario: Scenario, name: str) -> float:
