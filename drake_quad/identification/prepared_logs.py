@@ -186,8 +186,8 @@ def _with_specific_force(record: FlightRecord, scenario: Scenario) -> FlightReco
 def _outputs(records: Sequence[FlightRecord]) -> list[Output]:
     """Return the outputs that are predicted, which all records contain.
 
-    Velocities beside positions, and body rates beside attitudes without an accelerometer, are left out: estimators make
-    them of positions and attitudes, with the same noise and with a delay of their own.
+    Velocities are left out if positions are logged, and body rates if attitudes but no specific forces are logged: an
+    estimator derives them from positions and attitudes, with the same noise and with an additional delay.
     """
     have = set.intersection(*(set(record.names) for record in records))
     signals = [name for name in _POSE if name in have]
