@@ -34,7 +34,7 @@ from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import DELAY
 from drake_quad.identification.parameters import Parameter, names_of, parameters_of
 from drake_quad.identification.prediction_errors import Output, Predictor
-from drake_quad.identification.prepared_logs import MAX_DELAY, MIN_BLOCKS, PreparedLogs, initial_noise, prepare
+from drake_quad.identification.prepared_logs import MAX_DELAY, PreparedLogs, initial_noise, prepare, window_blocks
 from drake_quad.identification.random_effects import uncertainty_of_mean, variation_of
 from drake_quad.identification.result import ForecastOutput, Identification, Spread
 from drake_quad.identification.results.estimates import Estimates, Explained, Source
@@ -42,6 +42,7 @@ from drake_quad.identification.results.held_out import hold_out
 from drake_quad.identification.results.vehicle_numbers import (
     with_numbers,
 )
+from drake_quad.identification.sampling import SlowFit, fast_command_remarks, on_one_clock, slow_fit, with_bandwidth
 from drake_quad.identification.windows import (
     held_out,
     steep_remarks,
@@ -49,7 +50,6 @@ from drake_quad.identification.windows import (
 from drake_quad.scenario.models import Scenario
 from drake_quad.vehicle.rigid_body import inertia_flaw
 
-_BLOCK = 4.0  # s, longer than the correlation time of model errors
 _POSE = ("position", "attitude")
 _MIN_POSE_NOISE = 2.0 * MIN_NOISE  # SI units; smaller noise is at the limit of the fit
 _NOISES = {signal: f"laboratory.motion_capture.{signal}_noise" for signal in _POSE}
@@ -73,6 +73,7 @@ def identify(
     """
     if not records:
         raise InputError("there is no log to identify a vehicle from")
+    records, doubts = on_one_clock(records)
     try:
         found = _identified(records, scenario, held_out_share)
     except (np.linalg.LinAlgError, FloatingPointError) as error:
@@ -80,9 +81,11 @@ def identify(
             f"the logs cannot be fitted ({error}): their values are not those of a flying vehicle; check the units in"
             " the mapping"
         ) from error
+    remarks = [*found.remarks, *doubts, *fast_command_remarks(records)]
     flaw = inertia_flaw(found.vehicle.vehicle.inertia)
-    remarks = [f"the identified inertia is not that of a rigid body, because of its error: {flaw}"] if flaw else []
-    return replace(found, remarks=(*found.remarks, *remarks))
+    if flaw:
+        remarks.append(f"the identified inertia is not that of a rigid body, because of its error: {flaw}")
+    return replace(found, remarks=tuple(remarks))
 
 
 def _identified(records: Sequence[FlightRecord], scenario: Scenario, share: float) -> Identification:
@@ -113,7 +116,8 @@ def _identified(records: Sequence[FlightRecord], scenario: Scenario, share: floa
         parameters = [parameters[i] for i in kept]
         predictor = logs.predictor(names_of(parameters), logs.flying)
         fitted = fit(predictor, parameters, fitted.noise, fitted.values[kept])
-    found = _result(logs, scenario, predictor, parameters, fitted, shown, held)
+    slow = slow_fit(logs, parameters, fitted)
+    found = _result(logs, scenario, predictor, parameters, fitted, shown, held, slow)
     return replace(found, training_vehicle=early)
 
 
@@ -130,13 +134,6 @@ def _vehicle(logs: PreparedLogs, scenario: Scenario, values: dict[str, float]) -
     return vehicle
 
 
-def _blocks(predictor: Predictor) -> np.ndarray:
-    """Return the number (W,) of the block of each window, for the covariance of the estimates."""
-    windows = len(predictor.windows)
-    number = min(windows, max(MIN_BLOCKS, round(predictor.duration / _BLOCK)))
-    return np.asarray(np.arange(windows) * number // windows)
-
-
 def _result(
     logs: PreparedLogs,
     scenario: Scenario,
@@ -145,6 +142,7 @@ def _result(
     fitted: PredictionFit,
     shown: Forecast | None,
     held: dict[str, str],
+    slow: SlowFit | None,
 ) -> Identification:
     """Return the result of a fit.
 
@@ -156,12 +154,17 @@ def _result(
         fitted: result of the fit.
         shown: forecast of held-out flight; None if nothing was held out.
         held: parameters that were held at their initial values, with the reason.
+        slow: fit to the same logs at a longer period, if there is one.
     """
     names = names_of(parameters)
-    blocks = _blocks(predictor)
+    blocks = window_blocks(predictor)
     evidence = fitted.evidence(names, [parameter.scale for parameter in parameters], predictor.duration)
     variation = variation_of(evidence)
     uncertainty = uncertainty_of_mean(fitted.uncertainty(blocks), evidence, variation)
+    remarks = [*_remarks(predictor, fitted, names), *steep_remarks(logs.records)]
+    if slow is not None:
+        uncertainty, more = with_bandwidth(uncertainty, parameters, fitted.values, slow, logs.period)
+        remarks += more
     weak = not_identified(parameters, fitted.values, uncertainty)
     if {*names} <= {*weak, DELAY}:
         raise InputError(
@@ -191,7 +194,6 @@ def _result(
     deviation = float(np.sqrt(uncertainty.covariance[i, i]))
     delay = Spread(float(fitted.values[i]), deviation, "s", float(uncertainty.degrees_of_freedom[i]))
     numbers = dict(zip(estimates.names, map(float, estimates.values), strict=True))
-    remarks = [*_remarks(predictor, fitted, names), *steep_remarks(logs.records)]
     if DELAY in weak:
         remarks.append(f"the delay is not identified: {weak[DELAY]}")
     else:

@@ -26,6 +26,7 @@ from drake_quad.vehicle.motors import thrust_of
 
 # s, a tenth of the time constant of a small motor; faster logs are averaged to this period.
 _PERIOD = 0.008
+SLOW_PERIOD = 0.03  # s, half of the time constant of a small motor
 _MAX_STEP = 0.01  # s, longest step of the model
 # s, length of a window and time before it in which the filter settles. Without poses, attitude and velocity drift.
 _POSE_WINDOW, _IMU_WINDOW = (1.25, 0.4), (1.0, 0.4)
@@ -34,6 +35,7 @@ WARM_UP = 0.4  # s, about five time constants of a small motor
 _POSE_HORIZON, _IMU_HORIZON = 0.5, 0.1  # s, of the forecast of held-out flight
 MAX_DELAY = 0.15  # s
 MIN_BLOCKS = 15
+_BLOCK = 4.0  # s, longer than the correlation time of model errors
 _MIN_WINDOWS = 4
 _POSE = ("position", "attitude")
 
@@ -89,6 +91,14 @@ class PreparedLogs(NamedTuple):
         """Whether positions, attitudes or velocities are predicted."""
         return bool({"position", "attitude", "velocity"} & self.signals)
 
+    def coarser(self) -> "PreparedLogs | None":
+        """Return the logs at the period of `SLOW_PERIOD`; None if their own is not much shorter."""
+        step = int(SLOW_PERIOD / self.period + 0.5)
+        if step < 2:
+            return None
+        records = [coarser(record, step) for record in self.records]
+        return self._replace(records=records, flying=[airborne(record) for record in records])
+
     def predictor(
         self, names: Sequence[str], flying: Sequence[np.ndarray], *, horizon: bool = False, delay: float = 0.0
     ) -> Predictor:
@@ -126,6 +136,13 @@ class PreparedLogs(NamedTuple):
         split = max(1, int(np.ceil(self.period / _MAX_STEP - 0.05)))
         max_delay = max(MAX_DELAY, delay) + self.period
         return Predictor(model, self.records, windows, sizes, self.outputs, split=split, max_delay=max_delay)
+
+
+def window_blocks(predictor: Predictor) -> np.ndarray:
+    """Return the number (W,) of the block of each window, for the covariance of the estimates."""
+    windows = len(predictor.windows)
+    number = min(windows, max(MIN_BLOCKS, round(predictor.duration / _BLOCK)))
+    return np.asarray(np.arange(windows) * number // windows)
 
 
 def prepare(
