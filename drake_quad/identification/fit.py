@@ -39,8 +39,7 @@ _SMALLER_TORQUE = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)
 _SMALLER_FORCE = (0.2, 0.2, 0.2, 1.0, 1.0, 1.0)
 # A parameter this many standard deviations of the prior from its mean may be in a local minimum, in which a large
 # disturbance replaces the vehicle. The search then starts again from the mean, with a smaller disturbance.
-_MAX_PRIOR_DISTANCE = 4.0
-_RESTART_ROUND = 2
+_MAX_PRIOR_DISTANCE = 2.0
 _RESTART_DISTURBANCE = 0.05
 # The model diverges if a whitened error is larger.
 _MAX_WHITENED_ERROR = 1e6
@@ -157,7 +156,7 @@ def fit(
             if better is at:
                 untried.remove(factors)
             at = better
-        if number == _RESTART_ROUND and np.any(np.abs(at.values - mean) > _MAX_PRIOR_DISTANCE / np.sqrt(prior)):
+        if number == 1 and np.any(np.abs(at.values - mean) > _MAX_PRIOR_DISTANCE / np.sqrt(prior)):
             smaller = _RESTART_DISTURBANCE * at.noise.disturbance
             other = _Point.of(predictor, parameters, mean, at.noise._replace(disturbance=smaller))
             if other.likelihood > at.likelihood:

@@ -83,7 +83,7 @@ MISALIGNMENT = tuple(f"laboratory.motion_capture.misalignment[{axis}]" for axis 
 
 # Natural frequency of a vehicle that is assumed to stay level, rad/s. The result does not depend on it.
 _LEVEL_FREQUENCY = 20.0
-_VOLTAGE_WINDOW = 0.5  # s, over which the logged voltage is averaged
+_VOLTAGE_WINDOW = 0.1  # s, over which the logged voltage is averaged
 
 DisturbanceFrame = Literal["world", "body"]
 
@@ -287,7 +287,7 @@ def with_commands(record: FlightRecord, scenario: Scenario, believed: Scenario) 
 
 
 def relative_voltage(record: FlightRecord, model: "LogModel") -> np.ndarray:
-    """Return the voltage (n,) of the battery relative to that of the thrust curve, averaged over half a second.
+    """Return the voltage (n,) of the battery relative to that of the thrust curve, averaged over a tenth of a second.
 
     The thrust curve is that at `LogModel.voltage`. The result is 1 if no voltage is logged, or if the rotors are
     commanded by speed.

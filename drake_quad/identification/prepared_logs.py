@@ -93,7 +93,7 @@ class PreparedLogs(NamedTuple):
 
     def coarser(self) -> "PreparedLogs | None":
         """Return the logs at the period of `SLOW_PERIOD`; None if their own is not much shorter."""
-        step = int(SLOW_PERIOD / self.period + 0.5)
+        step = int(SLOW_PERIOD / self.period + 0.05)
         if step < 2:
             return None
         records = [coarser(record, step) for record in self.records]
