@@ -152,7 +152,7 @@ def test_it_shows_the_motion_of_its_own_place():
 
 def test_readings_have_the_bias_and_white_noise_of_the_numbers():
     """Of each vehicle its own; the noise of an axis and of a reading is independent of the others."""
-    noise, n = np.array([0.1, 0.2]), 4000
+    noise, n = np.array([0.1, 0.2]), 2000
     numbers = AccelerometerNumbers(bias=SpecificForce(np.array([0.5, -1.0]), 2.0, 3.0), noise=noise)
     sensor = Sensor(2, name="accelerometer", law=ACCELEROMETER, noisy=True, numbers=numbers)
     builder = DiagramBuilder()

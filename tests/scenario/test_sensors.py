@@ -12,6 +12,7 @@ from drake_quad import InputError, closed_loop, load_scenario, read_flight, simu
 from drake_quad.assembly.laboratory import laboratory_recipes
 from drake_quad.flight.formats.mcap_file import messages_of, topics_of
 from drake_quad.flight.mission import plan_route
+from drake_quad.gym.vector_env import QuadrotorVectorEnv
 from drake_quad.laboratory.sensors.accelerometer import ACCELEROMETER, AccelerometerNumbers, SpecificForce
 from drake_quad.laboratory.sensors.sensor import SensorLaw
 from drake_quad.scenario.batch import Batch
@@ -147,7 +148,7 @@ def test_sensors_change_nothing_else(asymmetric):
 
 def test_a_scenario_gives_an_accelerometer_its_numbers(asymmetric):
     """Its place is seen from the centre of mass that flies; its noise is that of a density over a period."""
-    scenario = asymmetric("pid", SENSORS_ON_BOARD, "laboratory.sensors.1.noise_density=0.003")
+    scenario = asymmetric("pid", SENSORS_ON_BOARD, "laboratory.sensors.1.noise_density=0.003", "vehicle.gravity=9.7")
     batch = Batch.draw(scenario, range(4))
     recipes = laboratory_recipes(batch, plan_route(scenario), 10.0)
     first, second = recipes["sensors.accelerometer"], recipes["sensors.accelerometer_2"]
@@ -164,9 +165,14 @@ def test_a_scenario_gives_an_accelerometer_its_numbers(asymmetric):
     np.testing.assert_array_equal(numbers.bias.x, drawn["bias.0"])
     np.testing.assert_allclose(numbers.noise, drawn["noise_density"] / 0.1, rtol=1e-12)
     np.testing.assert_array_equal(numbers.latency_samples, drawn["latency_samples"])
-    assert (numbers.bias.y, numbers.gravity) == (0.1, 9.81)
+    assert (numbers.bias.y, numbers.gravity) == (0.1, 9.7)
     assert second.structure["longest_latency"] == 0
     assert second.numbers.noise == pytest.approx(0.003 / 0.2)
+    silent = Batch.draw(asymmetric("pid", SENSORS_ON_BOARD), range(4))
+    loud = silent.with_varying({"laboratory.sensors.1.noise_density": np.full(4, 0.1)})
+    for batch, noisy in ((silent, False), (loud, True)):
+        recipe = laboratory_recipes(batch, plan_route(scenario), 10.0)["sensors.accelerometer_2"]
+        assert recipe.structure["noisy"] == noisy
     default = AccelerometerSettings(kind="accelerometer")
     assert default.numbers(load_scenario("hover").vehicle) == AccelerometerNumbers()
 
@@ -175,6 +181,7 @@ def hover(*sensors, **fields):
     return load_scenario("hover", {"duration": 0.3, "laboratory.sensors": [*sensors], **fields})
 
 
+@pytest.mark.slow
 def test_a_kind_of_a_user_flies_is_recorded_and_read(altimeter, tmp_path):
     wind = [{"kind": "steady", "velocity": [2.0, 0.0, 0.0]}]
     sensor = {"kind": "altimeter", "latency_samples": 1}
@@ -195,6 +202,7 @@ def test_a_kind_of_a_user_flies_is_recorded_and_read(altimeter, tmp_path):
     assert {"/own/signals/altimeter"} <= {message.topic for message in messages_of("own", again, 0)}
 
 
+@pytest.mark.slow
 def test_a_kind_of_a_user_is_part_of_the_language_while_it_is_registered(altimeter):
     assert "AltimeterSettings" in file_schema()["$defs"]
     assert "| `deviation` |" in language_page()
@@ -226,9 +234,7 @@ def test_a_kind_without_answers_or_with_the_name_of_a_signal_is_refused(altimete
         with pytest.raises(ValueError, match=f"there is a signal called {name}"):
             SENSORS.member(Second)
     assert (SIGNALS["wind"], SIGNALS["accelerometer"]) == (Wind, SpecificForce)
-    assert not {"mute", "altimeter_", "altimeter_x"} & {
-        name for name in ("mute", "altimeter_", "altimeter_x") if name in SIGNALS
-    }
+    assert not any(name in SIGNALS for name in ("mute", "altimeter_", "altimeter_x"))
     assert [numbered("altimeter", number) for number in (1, 2, 12)] == ["altimeter", "altimeter_2", "altimeter_12"]
     with pytest.raises(KeyError):
         SIGNALS["mute_2"]
@@ -254,6 +260,7 @@ def test_a_sensor_that_cannot_be_is_refused(sensor, words):
         load_scenario("hover", [f"laboratory.sensors=[{{kind: accelerometer, {sensor}}}]"])
 
 
+@pytest.mark.slow
 def test_linear_models_are_those_of_a_loop_without_sensors():
     """No control of the language reads them; not even slow ones lengthen a period."""
     plain, sensing = closed_loop(hover()).system, closed_loop(hover({"kind": "accelerometer", "period": 0.08})).system
@@ -281,3 +288,21 @@ def test_a_control_of_a_user_reads_sensors():
     np.testing.assert_allclose(flight.record("wrench").thrust, 0.68 * 9.81, rtol=1e-9)
     with pytest.raises(InputError, match="control has the input port `accelerometer_2`, but may have .*accelerometer`"):
         simulate(hover({"kind": "accelerometer"}), control=Weighing())
+
+
+@pytest.mark.slow
+def test_environments_show_sensors():
+    kept = []
+    envs = QuadrotorVectorEnv(
+        "hover",
+        {"laboratory.sensors": [{"kind": "accelerometer"}, {"kind": "accelerometer", "bias": [0.0, 0.0, 0.5]}]},
+        num_envs=2,
+        action="rates",
+        signals=["accelerometer_2"],
+        reward=lambda step: kept.append(step.signals["accelerometer_2"]) or np.zeros(2),
+    )
+    envs.reset(seed=0)
+    envs.step(np.zeros((2, 4)))
+    (force,) = kept
+    assert isinstance(force, SpecificForce)
+    assert (force.z > 0.5).all()

@@ -83,11 +83,15 @@ def test_the_acceleration_of_a_continuous_state_is_its_derivative(kind, numbers,
 @pytest.mark.parametrize("time_step", [0.01, 0.0])
 @pytest.mark.parametrize(("kind", "numbers"), [(Quadrotor, VEHICLE), (RespondingQuadrotor, RESPONDING)])
 def test_a_vehicle_that_has_crashed_has_no_acceleration(kind, numbers, time_step):
+    """Although its state keeps the velocity and the rates of the crash."""
     vehicle = kind(num_vehicles=2, time_step=time_step, numbers=numbers)
     context = vehicle.CreateDefaultContext()
     for i in range(vehicle.num_input_ports()):
         port = vehicle.get_input_port(i)
         port.FixValue(context, np.repeat(INPUTS.get(port.get_name(), [0.0]), 2))
+    moving = [group.vector(vehicle, context).CopyToVector() + 0.2 for group in vehicle.states.values()]
+    for group, numbers in zip(vehicle.states.values(), moving, strict=True):
+        group.mutable_vector(context).SetFromVector(numbers)
     vehicle.GetInputPort("crashed").FixValue(context, [1.0, 0.0])
     crashed, flying = vehicle.GetOutputPort("acceleration").Eval(context).reshape(-1, 2).T
     assert not crashed.any()
