@@ -58,16 +58,9 @@ class _SensorUnion(OpenUnion):
     """Kinds of sensors, whose readings are signals while they are registered."""
 
     def member(self, model: _Member) -> _Member:
-        """Register a sensor, as a decorator of its class.
-
-        Raises:
-            TypeError: if the class does not extend `SensorSettings` or does not define what it must.
-            ValueError: if there is another sensor, or a signal of the loop, with the same name.
-        """
-        name = self._name_of(model)
-        if name in SIGNALS and name not in self.members:
-            raise ValueError(f"there is a signal called {name}, so no sensor can have this kind")
+        """Register a sensor and its signal, as a decorator of its class."""
         super().member(model)
+        name = self._name_of(model)
         SIGNALS[name] = self.members[name].law.reading
         return model
 
@@ -75,6 +68,12 @@ class _SensorUnion(OpenUnion):
         """Remove a sensor and its signal."""
         super().remove(name)
         del SIGNALS[name]
+
+    def _name_of(self, model: type[Any]) -> str:
+        name = super()._name_of(model)
+        if name in SIGNALS and name not in self.members:
+            raise ValueError(f"there is a signal called {name}, so no sensor can have this kind")
+        return name
 
 
 SENSORS = _SensorUnion(SensorSettings)
