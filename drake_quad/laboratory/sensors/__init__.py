@@ -1,1 +1,1 @@
-"""Sensors on board beside motion capture, each a system of its own with a port that is called after it."""
+"""Sensors on board beside motion capture: each is a law, which one system samples."""
