@@ -13,7 +13,7 @@ which is what rotors feel of it to first order of the step over their lag, and c
 """
 
 from collections.abc import Callable, Sequence
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -23,8 +23,9 @@ from drake_quad.framework.records import Layout, layout_of
 from drake_quad.geometry.axes import BodyAxes, Vector, plus
 from drake_quad.identification.fitting.windows import Cut, LogWindow
 from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.laboratory.sensors.accelerometer import SpecificForce
 from drake_quad.scenario.paths import replaced
-from drake_quad.signals import BodyAccelerationB, Quantity, RotorSpeed, Row, State, Throttle, Time, Wind
+from drake_quad.signals import AccelerationB, BodyAccelerationB, RotorSpeed, State, Throttle, Time, Wind
 from drake_quad.vehicle.attitude_kinematics import RIGID_KINEMATICS
 from drake_quad.vehicle.dynamics import Motion
 from drake_quad.vehicle.effects import Effects
@@ -32,8 +33,6 @@ from drake_quad.vehicle.motion import accelerations, turning
 from drake_quad.vehicle.motors import decays, lagging
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.stepping import VehicleState, rotor_target, step_of_flight
-
-_SpecificForce = Annotated[Row, Quantity("m/s²", "B")]
 
 BODY = len(State._fields)
 PUSH = 6
@@ -49,20 +48,12 @@ DELAY = "delay"
 DisturbanceKind = Literal["world", "body"]
 
 
-class SpecificForce(NamedTuple):
-    """All force but weight over mass, along the axes of B."""
-
-    x: _SpecificForce
-    y: _SpecificForce
-    z: _SpecificForce
-
-
 class Disturbance(NamedTuple):
     """What the numbers of a vehicle do not say: a specific force, and an angular acceleration about the axes of B."""
 
-    x: _SpecificForce
-    y: _SpecificForce
-    z: _SpecificForce
+    x: AccelerationB
+    y: AccelerationB
+    z: AccelerationB
     p: BodyAccelerationB
     q: BodyAccelerationB
     r: BodyAccelerationB
