@@ -4,6 +4,7 @@ World frame W: Z up. Body frame B: x forward, y to the left, z up. The yaw turns
 """
 
 import functools
+import re
 from typing import Annotated, Any, Literal, NamedTuple, get_args, get_type_hints
 
 # One number a vehicle: a float for one, an array for a fleet, or whatever Drake or the compiler put in their place
@@ -28,6 +29,7 @@ class Quantity(NamedTuple):
 PositionW = Annotated[Row, Quantity("m", "W")]
 VelocityW = Annotated[Row, Quantity("m/s", "W")]
 AccelerationW = Annotated[Row, Quantity("m/s²", "W")]
+AccelerationB = Annotated[Row, Quantity("m/s²", "B")]
 JerkW = Annotated[Row, Quantity("m/s³", "W")]
 SnapW = Annotated[Row, Quantity("m/s⁴", "W")]
 Angle = Annotated[Row, Quantity("rad")]
@@ -58,6 +60,17 @@ class State(NamedTuple):
     p: BodyRateB
     q: BodyRateB
     r: BodyRateB
+
+
+class VehicleAcceleration(NamedTuple):
+    """Acceleration of the origin of B, and the rates of the body rates."""
+
+    a_x: AccelerationW
+    a_y: AccelerationW
+    a_z: AccelerationW
+    p_rate: BodyAccelerationB
+    q_rate: BodyAccelerationB
+    r_rate: BodyAccelerationB
 
 
 class RotorSpeed(NamedTuple):
@@ -240,8 +253,38 @@ Observed = tuple[Number, ...]
 Action = tuple[Number, ...]
 Ahead = tuple[PositionW, ...]
 
-SIGNALS: dict[str, Any] = {
+
+class Signals(dict[str, Any]):
+    """What a port of a name holds.
+
+    Sensors add their readings when they are registered. Further sensors of one kind are numbered, as in
+    `accelerometer_2`.
+    """
+
+    def __contains__(self, name: object) -> bool:
+        """Return whether there is a signal of this name, which may have a number at its end."""
+        return super().__contains__(name) or super().__contains__(_without_number(name))
+
+    def __missing__(self, name: str) -> Any:
+        """Return what a port of a name with a number holds."""
+        if name not in self:
+            raise KeyError(name)
+        return self[_without_number(name)]
+
+
+def numbered(kind: str, number: int) -> str:
+    """Return the name of the port of a sensor, the first of its kind or a later one: `accelerometer_2`."""
+    return kind if number == 1 else f"{kind}_{number}"
+
+
+def _without_number(name: object) -> str:
+    return re.sub(r"_\d+$", "", str(name))
+
+
+SIGNALS = Signals()
+SIGNALS |= {
     "state": State,
+    "acceleration": VehicleAcceleration,
     "measurement": State,
     "rotor_speed": RotorSpeed,
     "rotor_speed_command": RotorSpeed,
@@ -279,7 +322,6 @@ SIGNALS: dict[str, Any] = {
     "action": Action,
     "reference_ahead": Ahead,
 }
-"""What a port of this name holds."""
 
 
 def row_names(name: str, num_rows: int) -> list[str]:

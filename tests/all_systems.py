@@ -75,6 +75,13 @@ from drake_quad.laboratory.command_link import CommandLink, LinkNumbers
 from drake_quad.laboratory.flight_monitor import FlightMonitor
 from drake_quad.laboratory.laboratory import build_laboratory
 from drake_quad.laboratory.motion_capture import CameraNumbers, MotionCapture, VelocityDrift, VelocityError
+from drake_quad.laboratory.sensors.accelerometer import (
+    ACCELEROMETER,
+    AccelerometerNumbers,
+    SensorPosition,
+    SpecificForce,
+)
+from drake_quad.laboratory.sensors.sensor import Sensor, build_sensors
 from drake_quad.laboratory.wind.dryden import DrydenTurbulence, PerDirection, Turbulence, TurbulenceNumbers
 from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet
 from drake_quad.laboratory.wind.gust import Gust, GustNumbers
@@ -334,6 +341,8 @@ ALL_ERRORS = {
     "drifts": True,
     "longest_latency": 2,
 }
+SENSED = AccelerometerNumbers(SensorPosition(0.03, -0.02, 0.05), 9.79, SpecificForce(0.1, -0.2, 0.15), 0.07, 2.0)
+ON_BOARD = {"name": "accelerometer", "law": ACCELEROMETER}
 LOSSY = {"longest_delay": 3, "loses_packets": True}
 
 
@@ -504,6 +513,8 @@ FLEET_SYSTEMS = [
         {"effects": ("ground_effect",)},
     ),
     Example(RespondingQuadrotor, RESPONDING, {"time_step": 0.0, "kinematics": "small_angle"}, num_vehicles=2),
+    Example(Sensor, SENSED, {**ON_BOARD, "noisy": True, "longest_latency": 2}, num_vehicles=2),
+    Example(Sensor, SENSED, ON_BOARD, whole=False),
     Example(SteadyWind, Wind(0.7, -0.5, 0.3), num_vehicles=2),
     Example(TickByTick, structure={"stream": STREAMS[0], "period": 4.0 * STREAMS[0].period}, num_vehicles=2),
     Example(
@@ -581,6 +592,12 @@ def _wind() -> Any:
     return build_wind(sources, streams=random_streams(sources, StreamKind.WIND), num_vehicles=2)
 
 
+def _sensors() -> Any:
+    sensors = {"accelerometer": Sensor(num_vehicles=2, **ON_BOARD, noisy=True, numbers=SENSED)}
+    streams = random_streams(sensors, StreamKind.NOISE)
+    return build_sensors(sensors, streams=streams, available=ACCELEROMETER.reads)
+
+
 def _laboratory() -> Any:
     return build_laboratory(
         vehicle=Quadrotor(num_vehicles=2),
@@ -611,6 +628,7 @@ DIAGRAMS: list[tuple[Callable[..., Any], Callable[[], Any]]] = [
     (build_laboratory, _laboratory),
     (build_policy_control, _policy_control),
     (build_position_controller, _corrected_pid),
+    (build_sensors, _sensors),
     (build_wind, _wind),
     (
         build_reference,

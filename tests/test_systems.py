@@ -18,6 +18,7 @@ import drake_quad
 from drake_quad.control.lqg.system import LinearQuadraticGaussian
 from drake_quad.framework.fleet_system import FleetSystem
 from drake_quad.laboratory.motion_capture import MotionCapture
+from drake_quad.laboratory.sensors.sensor import Sensor
 from drake_quad.randomness.noise import NoiseSource
 from drake_quad.scenario.autopilots.attitude import AttitudeAutopilotSettings as AttitudeAutopilotModel
 from drake_quad.scenario.models import Laboratory, Vehicle
@@ -274,7 +275,7 @@ def loop_period(system, argument):
     """Return the default period of a system in the scenario language, s."""
     if system is AttitudeAutopilot:
         return AttitudeAutopilotModel.model_fields["period"].default
-    if system is MotionCapture or (system is LinearQuadraticGaussian and argument == "period"):
+    if system in (MotionCapture, Sensor) or (system is LinearQuadraticGaussian and argument == "period"):
         return Laboratory().motion_capture.period
     of_motion = system.__module__.startswith(("drake_quad.laboratory.wind.", "drake_quad.vehicle."))
     return Vehicle().time_step if of_motion else Laboratory().command_link.period

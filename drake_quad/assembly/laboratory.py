@@ -32,7 +32,7 @@ from drake_quad.vehicle.quadrotor import Place, QuadrotorNumbers
 
 # A fourth-order Runge-Kutta step is stable up to 2.78 time constants of a decay.
 _STABLE = 2.5
-_WIND = "wind."
+_WIND, _SENSORS = "wind.", "sensors."
 
 
 def laboratory_recipes(batch: Batch, plan: Plan, duration: float) -> dict[str, Recipe]:
@@ -55,6 +55,7 @@ def laboratory_recipes(batch: Batch, plan: Plan, duration: float) -> dict[str, R
         "command_link": _command_link(scenario, fleet.laboratory.command_link, plan.initial_yaw),
         **_autopilot(scenario, fleet.laboratory.autopilot),
         **{f"{_WIND}{name}": recipe for name, recipe in _wind(scenario, fleet).items()},
+        **{f"{_SENSORS}{name}": recipe for name, recipe in _sensors(scenario, fleet).items()},
     }
 
 
@@ -70,10 +71,13 @@ def build_laboratory_of(
         own_wind: a source of wind beside those of the recipes.
     """
     systems = {path: recipe.build(num_vehicles) for path, recipe in recipes.items()}
-    sources = {path.removeprefix(_WIND): systems.pop(path) for path in recipes if path.startswith(_WIND)}
+    sources, sensors = (
+        {path.removeprefix(prefix): systems.pop(path) for path in recipes if path.startswith(prefix)}
+        for prefix in (_WIND, _SENSORS)
+    )
     if own_wind is not None:
         sources["own"] = own_wind
-    return build_laboratory(**systems, wind=sources, samples=samples)
+    return build_laboratory(**systems, wind=sources, sensors=sensors, samples=samples)
 
 
 def wind_period(scenario: Scenario) -> float:
@@ -208,3 +212,9 @@ def _wind(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
     for kind in sorted(by_kind, key=lambda kind: kind.depends_on_place):
         recipes |= kind.recipes(by_kind[kind], surroundings)
     return recipes
+
+
+def _sensors(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
+    """Return the recipes for the sensors of a scenario by the names of their ports."""
+    written, flown = scenario.laboratory.named_sensors, fleet.laboratory.named_sensors
+    return {name: sensor.recipe(flown[name], fleet.vehicle) for name, sensor in written.items()}

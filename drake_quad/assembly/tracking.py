@@ -63,7 +63,7 @@ def build_fleet_diagram(
     """
     scenario, num_vehicles = batch.scenario, len(batch)
     command, rows = scenario.laboratory.autopilot.command, scenario.control.policy_rows()
-    check_user_systems(own, num_vehicles, command=command, rows=rows)
+    check_user_systems(own, num_vehicles, command=command, rows=rows, sensors=scenario.laboratory.named_sensors)
     if scenario.control.lacks_policy() and not open_action and own.policy is None:
         raise InputError(f"control.policy of {scenario.name} is missing: without a network nothing flies it")
     recipes = laboratory_recipes(batch, plan, flight_duration(scenario, plan))

@@ -1,7 +1,7 @@
 """Systems of the user's own, which stand in for parts of the loop."""
 
 import inspect
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -17,7 +17,8 @@ class UserSystems(NamedTuple):
         position_controller: stands in for the scenario's: from `measurement` and `reference` to
             `acceleration_command`.
         control: stands in for the whole cascade: from `measurement` and `reference`, and perhaps `reference_jerk` and
-            `reference_snap`, to `wrench` or, with an autopilot on board, to `attitude_target`.
+            `reference_snap`, to `wrench` or, with an autopilot on board, to `attitude_target`. It may also read the
+            sensors of the scenario, at input ports with their names.
         wind: a source of wind beside the scenario's: one output port with the velocity of the air, and perhaps the
             input port `state`. It is sampled at the vehicle's time step, unless it is a FleetSystem that updates
             itself, as those of `drake_quad.laboratory` do.
@@ -86,7 +87,12 @@ PLACES = {
 
 
 def check_user_systems(
-    systems: UserSystems, num_vehicles: int, *, command: str, rows: Mapping[str, int] = MappingProxyType({})
+    systems: UserSystems,
+    num_vehicles: int,
+    *,
+    command: str,
+    rows: Mapping[str, int] = MappingProxyType({}),
+    sensors: Iterable[str] = (),
 ) -> None:
     """Check that a user's systems have the ports that their places in the loop need.
 
@@ -95,6 +101,7 @@ def check_user_systems(
         num_vehicles: N.
         command: signal that the command link carries, which a control must have.
         rows: of the signals of a policy, if the control has a place for one.
+        sensors: signals of sensors, which a control may read.
 
     Raises:
         InputError: one of them does not fit.
@@ -105,7 +112,8 @@ def check_user_systems(
         raise InputError("there is no place for a policy but in a control of kind policy")
     for name, system in systems.given.items():
         place = PLACES[name]
-        place = place._replace(output=command) if name == "control" else place
+        if name == "control":
+            place = place._replace(inputs=(*place.inputs, *sensors), output=command)
         sizes = {
             port: rows[port] if port in rows else layout_of(SIGNALS[port]).num_rows
             for port in (*place.inputs, place.output)

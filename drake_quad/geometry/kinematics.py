@@ -15,6 +15,25 @@ def small_rotation(steps: Attitude, attitude: Attitude) -> BodyRates:
     return BodyRates(steps.roll - s_p * steps.yaw, c_r * steps.pitch + s_r * level, c_r * level - s_r * steps.pitch)
 
 
+def angular_acceleration(accelerations: Attitude, rates: Attitude, attitude: Attitude) -> AngularAcceleration:
+    """Return the rates of the body rates (rad/s²), which are the time derivative of eq (2).
+
+    Args:
+        accelerations: second derivatives of roll, pitch and yaw, rad/s².
+        rates: rates of roll, pitch and yaw, rad/s.
+        attitude: roll, pitch and yaw.
+    """
+    sin_roll, cos_roll = sin_cos(attitude.roll)
+    sin_pitch, cos_pitch = sin_cos(attitude.pitch)
+    turned, turning = small_rotation(accelerations, attitude), small_rotation(rates, attitude)
+    coupling = rates.pitch * rates.yaw
+    return AngularAcceleration(
+        turned.p - cos_pitch * coupling,
+        turned.q + rates.roll * turning.r - sin_pitch * sin_roll * coupling,
+        turned.r - rates.roll * turning.q - sin_pitch * cos_roll * coupling,
+    )
+
+
 def angle_rates(body_rates: BodyRates, attitude: Attitude) -> Attitude:
     """Return the rates of roll, pitch and yaw (rad/s) for body rates (rad/s), the inverse of eq (2).
 

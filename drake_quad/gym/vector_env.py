@@ -366,7 +366,8 @@ def _final(seen: np.ndarray, infos: dict[str, Any], over: np.ndarray) -> dict[st
 
 
 def _checked(signals: Sequence[str], diagram: Any) -> tuple[str, ...]:
-    there = [name for name in SIGNALS if diagram.HasOutputPort(name)]
+    ports = [diagram.get_output_port(i).get_name() for i in range(diagram.num_output_ports())]
+    there = [name for name in ports if name in SIGNALS]
     for name in signals:
         if name not in there:
             raise InputError(f"{shown(name)} is no signal of this scenario, which has {listed(there)}")

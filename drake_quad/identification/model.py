@@ -19,7 +19,7 @@ order in the step relative to their time constant.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -35,18 +35,18 @@ from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import scenario_path
 from drake_quad.identification.windows import LogWindow, WindowSizes
 from drake_quad.laboratory.motion_capture import attitude_of_markers
+from drake_quad.laboratory.sensors.accelerometer import SpecificForce
 from drake_quad.scenario.autopilots.response import AttitudeResponseSettings
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import replaced
 from drake_quad.scenario.winds.source import steady_wind
 from drake_quad.signals import (
+    AccelerationB,
     Attitude,
     AttitudeTarget,
     BodyAccelerationB,
     Number,
-    Quantity,
     RotorSpeed,
-    Row,
     State,
     Throttle,
     Time,
@@ -68,8 +68,6 @@ from drake_quad.vehicle.responding import (
 )
 from drake_quad.vehicle.stepping import VehicleState, rotor_target, step_of_flight
 
-_SpecificForce = Annotated[Row, Quantity("m/s²", "B")]
-
 NUM_BODY = len(State._fields)
 NUM_DISTURBANCE = 8
 NUM_ROTORS = len(RotorSpeed._fields)
@@ -88,25 +86,17 @@ _VOLTAGE_WINDOW = 0.1  # s, over which the logged voltage is averaged
 DisturbanceFrame = Literal["world", "body"]
 
 
-class SpecificForce(NamedTuple):
-    """Force other than weight, divided by mass, along the axes of B."""
-
-    x: _SpecificForce
-    y: _SpecificForce
-    z: _SpecificForce
-
-
 class Disturbance(NamedTuple):
     """Specific force and angular acceleration of model errors, and a constant part of the horizontal force."""
 
-    x: _SpecificForce
-    y: _SpecificForce
-    z: _SpecificForce
+    x: AccelerationB
+    y: AccelerationB
+    z: AccelerationB
     p: BodyAccelerationB
     q: BodyAccelerationB
     r: BodyAccelerationB
-    constant_x: _SpecificForce
-    constant_y: _SpecificForce
+    constant_x: AccelerationB
+    constant_y: AccelerationB
 
     @property
     def force(self) -> Vector:

@@ -1,1 +1,1 @@
-"""Surroundings of the vehicle: motion capture, command link, wind, flight monitor."""
+"""Surroundings of the vehicle: motion capture, sensors, command link, wind, flight monitor."""

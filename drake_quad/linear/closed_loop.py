@@ -20,6 +20,7 @@ from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.hovering import _even, as_believed, at_rest
 from drake_quad.scenario.models import Scenario
+from drake_quad.scenario.paths import joined
 from drake_quad.scenario.routes.hover import HoverRoute
 from drake_quad.signals import RotorSpeed, Wrench
 from drake_quad.vehicle.dynamics import hover_rotor_speeds, rotor_action
@@ -302,6 +303,6 @@ def _wrench_pattern(hover: RotorSpeed, parameters: QuadrotorParameters) -> np.nd
 
 def _periods(scenario: Scenario) -> dict[str, float]:
     """Return the periods of all that happens in a loop, s; 0 for a vehicle that moves continuously."""
-    periods = {".".join(path): period for path, period in scenario.periods.items()}
+    periods = {joined(*path): period for path, period in scenario.periods.items()}
     loops = scenario.control.loop_period(scenario.laboratory.command_link.period)
     return periods | {"vehicle.time_step": scenario.vehicle.time_step, "control.period": loops}

@@ -120,6 +120,21 @@ def random_streams(systems: Mapping[str, Any], kind: StreamKind) -> dict[str, li
     }
 
 
+def export_streams(
+    builder: DiagramBuilder, systems: Mapping[str, Any], streams: Mapping[str, Sequence[Stream]]
+) -> None:
+    """Make random input ports of systems input ports of the diagram, under the names of their streams.
+
+    Args:
+        builder: builder with the systems.
+        systems: systems by name.
+        streams: streams from `random_streams`; systems without streams may be left out.
+    """
+    for name, system in systems.items():
+        for stream in streams.get(name, ()):
+            builder.ExportInput(system.GetInputPort(stream.name.removeprefix(f"{name}.")), stream.name)
+
+
 def connect_noise(builder: DiagramBuilder, ports: Mapping[Stream, Any], samples: Samples) -> None:
     """Connect random input ports to noise sources, which are added to the builder.
 

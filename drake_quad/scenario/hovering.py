@@ -36,6 +36,8 @@ def at_rest(scenario: Scenario) -> Scenario:
 def in_hover(scenario: Scenario) -> Scenario:
     """Return the scenario in hover like `at_rest`, but with its noise, turbulence, lost frames and lost packets.
 
+    Sensors are left out, since no control of the language reads them.
+
     Raises:
         InputError: if the scenario contains a distribution.
     """
@@ -52,6 +54,7 @@ def in_hover(scenario: Scenario) -> Scenario:
         "vehicle.battery_sag": 0.0,
         **{f"vehicle.{name}": effect.in_hover() for name, effect in scenario.vehicle.effects().items()},
         "laboratory.wind": tuple([source for source in scenario.laboratory.wind if not source.depends_on_time]),
+        "laboratory.sensors": (),
         "duration": None,
         "sample": None,
         "crash.position_error": 1e6,

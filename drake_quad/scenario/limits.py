@@ -17,7 +17,7 @@ MOST_CHARACTERS = 1_000
 MOST_BASES = 100
 # Waypoints of a route. The shortest times through this many waypoints are found within a minute.
 MOST_WAYPOINTS = 1_000
-# Sources of wind. Walls of fans have about as many.
+# Sources of wind, and sensors. Walls of fans have about as many.
 MOST_SOURCES = 100
 # Obstacles of a space. The nearest one is searched at every tick.
 MOST_OBSTACLES = 200

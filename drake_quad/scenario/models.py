@@ -32,7 +32,7 @@ from drake_quad.scenario.layouts import LAYOUTS, Layout, PlusLayout, arms_of, ro
 from drake_quad.scenario.limits import MOST_SHARED, MOST_SOURCES, MOST_TICKS
 from drake_quad.scenario.motion_capture import MotionCaptureSettings
 from drake_quad.scenario.motors import BelievedMotors, Motors, SpeedMotors
-from drake_quad.scenario.paths import distributions_in, keys_of
+from drake_quad.scenario.paths import distributions_in, joined, keys_of
 from drake_quad.scenario.position_controllers.controller import POSITION_CONTROLLERS
 from drake_quad.scenario.quantities import (
     NonNegative,
@@ -51,8 +51,10 @@ from drake_quad.scenario.quantities import (
     field_of,
 )
 from drake_quad.scenario.routes.route import ROUTES, AnyRoute
+from drake_quad.scenario.sensors.sensor import SENSORS, AnySensor, SensorSettings
 from drake_quad.scenario.space import SpaceSettings
 from drake_quad.scenario.winds.source import WINDS, AnyWindSource
+from drake_quad.signals import numbered
 from drake_quad.vehicle.allocation import Priority
 from drake_quad.vehicle.authority import hover_flaw, missing_direction
 from drake_quad.vehicle.effects import Effects, ReactionTorque
@@ -232,6 +234,20 @@ class Laboratory(Model):
     wind: Annotated[tuple[AnyWindSource, ...], Field(strict=False, max_length=MOST_SOURCES)] = Field(
         default=(), description="sources; they add up"
     )
+    sensors: Annotated[tuple[AnySensor, ...], Field(strict=False, max_length=MOST_SOURCES)] = Field(
+        default=(),
+        description="on board, beside motion capture: each has a port and a signal that are called after its kind",
+    )
+
+    _written = omits_defaults("sensors")
+
+    @property
+    def named_sensors(self) -> dict[str, SensorSettings]:
+        """Sensors by the names of their ports: the kind, with a number from the second of a kind on."""
+        kinds = [sensor.kind for sensor in self.sensors]
+        return {
+            numbered(sensor.kind, kinds[: i + 1].count(sensor.kind)): sensor for i, sensor in enumerate(self.sensors)
+        }
 
 
 class MetricWindow(Model):
@@ -357,15 +373,17 @@ class Scenario(Mission):
         return cascade
 
     @property
-    def periods(self) -> dict[tuple[str, ...], float]:
-        """The periods of integration, cameras, control and autopilot (s), by the path of their field."""
-        periods = {
+    def periods(self) -> dict[tuple[str | int, ...], float]:
+        """The periods of integration, cameras, control, autopilot and sensors (s), by the path of their field."""
+        periods: dict[tuple[str | int, ...], float] = {
             ("vehicle", "time_step"): self.vehicle.time_step,
             ("laboratory", "motion_capture", "period"): self.laboratory.motion_capture.period,
             ("laboratory", "command_link", "period"): self.laboratory.command_link.period,
         }
         if self.laboratory.autopilot.period is not None:
             periods[("laboratory", "autopilot", "period")] = self.laboratory.autopilot.period
+        for i, sensor in enumerate(self.laboratory.sensors):
+            periods[("laboratory", "sensors", i, "period")] = sensor.period
         return {path: period for path, period in periods.items() if period > 0.0}
 
     @model_validator(mode="after")
@@ -387,13 +405,10 @@ class Scenario(Mission):
 
     @model_validator(mode="after")
     def _grids_coincide(self) -> "Scenario":
-        base = min(self.periods.values())
+        base, shortest = min((period, joined(*path)) for path, period in self.periods.items())
         if self.vehicle.time_step > base:
-            has_own = ("laboratory", "autopilot", "period") in self.periods
-            whose = "cameras, control and autopilot" if has_own else "cameras and control"
-            raise self.wrong(
-                f"must not be longer than the shortest period of {whose}, {base} s", "vehicle", "time_step"
-            )
+            demand = f"must not be longer than the shortest period, {base} s of {shortest}"
+            raise self.wrong(demand, "vehicle", "time_step")
         for path, period in self.periods.items():
             if math.frexp(period / base)[0] != 0.5 or base * (period / base) != period:
                 demand = f"must be the shortest period, {base}, times a power of two, so that all grids coincide"
@@ -410,11 +425,12 @@ class Scenario(Mission):
         return self
 
 
-UNIONS = WINDS, AUTOPILOTS, CONTROLS, POSITION_CONTROLLERS, ATTITUDE_CONTROLLERS, ACTIONS, ROUTES, LAYOUTS
+UNIONS = WINDS, SENSORS, AUTOPILOTS, CONTROLS, POSITION_CONTROLLERS, ATTITUDE_CONTROLLERS, ACTIONS, ROUTES, LAYOUTS
 """Unions to which members can be added."""
 REGISTRIES = *UNIONS, EFFECTS
 """Unions and open fields to which members can be added."""
 WINDS.rebuild(Laboratory)
+SENSORS.rebuild(Laboratory)
 AUTOPILOTS.rebuild(Laboratory)
 LAYOUTS.rebuild(Nominal, Vehicle)
 for union in (LAYOUTS, ROUTES, WINDS):

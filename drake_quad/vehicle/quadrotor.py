@@ -13,7 +13,13 @@ from drake_quad.vehicle.effects import NO_EFFECTS, Effects, as_in_hover
 from drake_quad.vehicle.faults import RotorFaults
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.slung_load import HANGING
-from drake_quad.vehicle.stepping import VehicleState, quadrotor_slope, quadrotor_step
+from drake_quad.vehicle.stepping import (
+    VehicleState,
+    acceleration_at,
+    quadrotor_slope,
+    quadrotor_step,
+    stepping_acceleration,
+)
 
 Kinematics = Literal["exact", "small_angle"]
 KINEMATICS = {"exact": RIGID_KINEMATICS, "small_angle": SMALL_ANGLE_KINEMATICS}
@@ -71,6 +77,7 @@ class Quadrotor(FleetSystem):
         - rotor_speed
         - swing
         - charge
+        - acceleration
 
     The system implements eqs (1) to (5) of the paper (`drake_quad.vehicle.dynamics`). Commands beyond the rotors'
     limits are clipped. If `wind` is not connected, the air is still. The state of a vehicle is frozen while `crashed`
@@ -94,6 +101,9 @@ class Quadrotor(FleetSystem):
     near these singularities; a fixed-step integrator is inaccurate there. The forces jump when a rotor fails or a
     payload is picked up or dropped. No step is short enough to cross such a jump, so a simulation with error control
     must be advanced to the instant just before it, and then to the instant itself.
+
+    `acceleration` is that of the instant: the time derivative of the motion under the present state and inputs. A
+    sensor that samples it at a step's end sees the inputs that were held over the step.
 
     Effects (`drake_quad.vehicle.effects`) extend the paper's equations. A `slung_load` adds the state and output
     `swing`, and a `battery` adds `charge`. With a `thrust_curve` the commands are throttles, at the input
@@ -155,12 +165,14 @@ class Quadrotor(FleetSystem):
             self.update(time_step, quadrotor_step, *stepped, writes=groups, unrestricted=True, at_start=False)
             for group in self.states.values():
                 self.state_output(group)
+            self.output("acceleration", stepping_acceleration, *groups, *reads, motion)
         else:
             state = self.continuous_state(start)
             self.derivative(quadrotor_slope, state, *reads, motion)
             for (name, part), value in zip(_OUTPUTS.items(), start(self._numbers), strict=True):
                 if value is not None:
                     self.output(name, getattr, state, part)
+            self.output("acceleration", acceleration_at, state, *reads, motion)
 
     def set_hover(self, context: Context, place: Place) -> None:
         """Puts the vehicles into hover with the context's parameters."""

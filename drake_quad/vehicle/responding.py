@@ -14,11 +14,12 @@ from typing import Any, NamedTuple
 from drake_quad.framework.elementary import wrapped
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.geometry.axes import BodyAxes
-from drake_quad.geometry.kinematics import small_rotation
+from drake_quad.geometry.kinematics import angular_acceleration, small_rotation
 from drake_quad.signals import (
     Angle,
     AngleAcceleration,
     AngleRate,
+    AngularAcceleration,
     Attitude,
     AttitudeTarget,
     BodyRates,
@@ -29,6 +30,7 @@ from drake_quad.signals import (
     Row,
     State,
     Throttle,
+    VehicleAcceleration,
     VelocityW,
     Wind,
 )
@@ -118,7 +120,16 @@ def _same(rates: Attitude, attitude: Attitude) -> BodyRates:
     return BodyRates(*rates)
 
 
+def _same_rates(accelerations: Attitude, *_: Attitude) -> AngularAcceleration:
+    """Return the second derivatives of the angles, in place of the derivative of eq (2)."""
+    return AngularAcceleration(*accelerations)
+
+
 _BODY_RATES: dict[str, BodyRatesOf] = {"exact": small_rotation, "small_angle": _same}
+_BODY_ACCELERATIONS: dict[str, Callable[[Attitude, Attitude, Attitude], AngularAcceleration]] = {
+    "exact": angular_acceleration,
+    "small_angle": _same_rates,
+}
 
 
 def shown_state(body: RespondingBody, body_rates: BodyRatesOf) -> State:
@@ -248,6 +259,24 @@ def responding_slope(
     return unless_crashed(crashed, zeros_like(slope), slope)
 
 
+def acceleration_of(state: RespondingState, *others: Any) -> VehicleAcceleration:
+    """Return the acceleration of the vehicle, zero if it has crashed; arguments are those of `responding_slope`."""
+    *_, kinematics = others
+    slope, body = responding_slope(state, *others).body, state.body
+    # The rates of the angles are those of the slope, which are zero for a vehicle that has crashed.
+    turning = _BODY_ACCELERATIONS[kinematics](
+        Attitude(slope.roll_rate, slope.pitch_rate, slope.yaw_rate),
+        Attitude(slope.roll, slope.pitch, slope.yaw),
+        Attitude(body.roll, body.pitch, body.yaw),
+    )
+    return VehicleAcceleration(slope.v_x, slope.v_y, slope.v_z, *turning)
+
+
+def stepping_acceleration(body: RespondingBody, rotors: RotorSpeed, *others: Any) -> VehicleAcceleration:
+    """Return what `acceleration_of` does, for the groups of a discrete state."""
+    return acceleration_of(RespondingState(body, rotors), *others)
+
+
 def _begun(numbers: RespondingNumbers) -> RespondingState:
     """The state of a vehicle that hovers in still air."""
     body, rotors, _, _ = hover(numbers.vehicle.parameters, numbers.vehicle.start, numbers.vehicle.effects)
@@ -274,6 +303,7 @@ class RespondingQuadrotor(FleetSystem):
         output_ports:
         - state
         - rotor_speed
+        - acceleration
 
     A point mass with attitude: it is moved by the thrust of its rotors, gravity and drag as a `Quadrotor` is
     (`drake_quad.vehicle.dynamics`), and turned towards the `attitude_target`, of which thrust and body rates
@@ -327,8 +357,10 @@ class RespondingQuadrotor(FleetSystem):
             self.update(time_step, responding_step, *reads, writes=[body, rotors], unrestricted=True, at_start=False)
             self.output("state", shown_state, body, body_rates)
             self.state_output(rotors)
+            self.output("acceleration", stepping_acceleration, body, rotors, *inputs, *constants, kinematics)
         else:
             state = self.continuous_state(_begun)
             self.derivative(responding_slope, state, *inputs, *constants, kinematics)
             self.output("state", _shown, state, body_rates)
             self.output("rotor_speed", getattr, state, "rotors")
+            self.output("acceleration", acceleration_of, state, *inputs, *constants, kinematics)

@@ -22,6 +22,7 @@ from drake_quad.signals import (
     State,
     Swing,
     Throttle,
+    VehicleAcceleration,
     Wind,
 )
 from drake_quad.vehicle.attitude_kinematics import AttitudeKinematics
@@ -206,6 +207,19 @@ def quadrotor_slope(
         charge,
     )
     return unless_crashed(crashed, zeros_like(slope), slope)
+
+
+def acceleration_at(state: VehicleState, *others: Any) -> VehicleAcceleration:
+    """Return the acceleration of the vehicle, zero if it has crashed; arguments are those of `quadrotor_slope`."""
+    slope = quadrotor_slope(state, *others).body
+    return VehicleAcceleration(slope.v_x, slope.v_y, slope.v_z, slope.p, slope.q, slope.r)
+
+
+def stepping_acceleration(
+    body: State, rotors: RotorSpeed, swing: Swing | None, charge: Charge | None, *others: Any
+) -> VehicleAcceleration:
+    """Return what `acceleration_at` does, for the groups of a discrete state."""
+    return acceleration_at(VehicleState(body, rotors, swing, charge), *others)
 
 
 def unless_crashed(crashed: Crashed | None, stopped: _Record, flying: _Record) -> _Record:

@@ -433,7 +433,7 @@ def test_the_reward_is_what_it_says():
         (lambda: envs_of(2, render_mode="human"), "render_mode is 'human', but must be None or one of"),
         (lambda: envs_of(2, action="magic"), "control.action.kind is 'magic', but must be one of"),
         (lambda: envs_of(2, observation={"history": 0}), "control.observation.history is 0"),
-        (lambda: envs_of(2, signals=["swing"]), "'swing' is no signal of this scenario, which has state, measurement"),
+        (lambda: envs_of(2, signals=["swing"]), "'swing' is no signal of this scenario, which has reference, "),
         (lambda: QuadrotorVectorEnv("nowhere"), "nowhere"),
         (
             lambda: QuadrotorVectorEnv(load_scenario("hover"), {"duration": 1}),

@@ -118,7 +118,7 @@ def test_rotor_speeds_are_proportional_to_the_voltage(scenario, throttles):
     np.testing.assert_allclose(low, 0.9 * full)
 
 
-def test_a_voltage_is_relative_to_that_of_the_thrust_curve_and_averaged_over_half_a_second(scenario):
+def test_a_voltage_is_relative_to_that_of_the_thrust_curve_and_averaged_over_a_tenth_of_a_second(scenario):
     """The average of a signal that rises evenly is the signal itself; noise is attenuated by the number of samples."""
     random = np.random.default_rng(0)
     time = PERIOD * np.arange(2000)
@@ -128,7 +128,7 @@ def test_a_voltage_is_relative_to_that_of_the_thrust_curve_and_averaged_over_hal
     found = relative_voltage(log, model)
     inside = slice(50, -50)
     error = (12.0 * found - ramp)[inside]
-    assert abs(error.std() / (0.1 / np.sqrt(51)) - 1.0) < 0.4
+    assert abs(error.std() / (0.1 / np.sqrt(11)) - 1.0) < 0.1
     # Rotors that are commanded by speed do not depend on the voltage, and neither does a log without it.
     for record, other in ((log, LogModel(scenario, (), voltage=12.0)), (uneven_record(), model)):
         np.testing.assert_array_equal(relative_voltage(record, other), 1.0)

@@ -308,8 +308,8 @@ STEP = "vehicle.time_step=0.0025"
         ),
         (
             [ON_BOARD % "", NO_ATTITUDE],
-            "vehicle.time_step is 0.01 by default, but must not be longer than the shortest period of cameras, control"
-            " and autopilot, 0.0025 s",
+            "vehicle.time_step is 0.01 by default, but must not be longer than the shortest period, 0.0025 s"
+            " of laboratory.autopilot.period",
         ),
         (
             [ON_BOARD % ", period: 0.04", NO_ATTITUDE],

@@ -10,7 +10,7 @@ from pydrake.systems.primitives import Adder, ConstantVectorSource, ZeroOrderHol
 from drake_quad.framework.elementary import identity
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.wiring import append, build, connect_inputs
-from drake_quad.randomness.noise import Stream
+from drake_quad.randomness.noise import Stream, export_streams
 from drake_quad.signals import Wind
 
 
@@ -62,9 +62,7 @@ def build_wind(sources: Mapping[str, Any], *, streams: Mapping[str, list[Stream]
         sources = {"still_air": ConstantVectorSource(np.zeros(3 * num_vehicles))}
     ports = [append(builder, name, source) for name, source in sources.items()]
     connect_inputs(builder, sources.values(), exported=("state",))
-    for name, source in sources.items():
-        for stream in streams.get(name, []):
-            builder.ExportInput(source.GetInputPort(stream.name.removeprefix(f"{name}.")), stream.name)
+    export_streams(builder, sources, streams)
     if len(ports) > 1:
         ports = [append(builder, "total", Adder(len(ports), 3 * num_vehicles), *ports)]
     builder.ExportOutput(*ports, "wind")

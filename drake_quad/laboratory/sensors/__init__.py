@@ -1,0 +1,1 @@
+"""Sensors on board beside motion capture: each is a law, which one system samples."""

@@ -1,0 +1,72 @@
+"""Accelerometer: all force on the vehicle but its weight, over its mass, at the place of the sensor.
+
+    f = R_WBᵀ (a + g z) + ω̇ × r + ω × (ω × r) + b + σ n
+
+with the acceleration a of the origin of B, the body rates ω, the place r of the sensor in B, a bias b, and normal n
+(D. H. Titterton and J. L. Weston, "Strapdown Inertial Navigation Technology", 2nd edition, 2004, chapter 3). At rest it
+shows g upwards, and in free fall nothing. At the centre of mass of a quadrotor without drag it shows the thrust alone,
+at any tilt (P. Martin and E. Salaün, "The true role of accelerometer feedback in quadrotor control", ICRA 2010).
+"""
+
+from typing import Annotated, NamedTuple
+
+from drake_quad.geometry.axes import BodyAxes, Vector, cross, plus
+from drake_quad.laboratory.sensors.sensor import SensorLaw
+from drake_quad.signals import AccelerationB, Number, Quantity, Row, State, VehicleAcceleration
+
+
+class SpecificForce(NamedTuple):
+    """All force but weight, over mass; or an error of it."""
+
+    x: AccelerationB
+    y: AccelerationB
+    z: AccelerationB
+
+
+class SensorPosition(NamedTuple):
+    """Place of a sensor, seen from the centre of mass."""
+
+    x: Annotated[Row, Quantity("m", "B")] = 0.0
+    y: Annotated[Row, Quantity("m", "B")] = 0.0
+    z: Annotated[Row, Quantity("m", "B")] = 0.0
+
+
+class AccelerometerNumbers(NamedTuple):
+    """Place and errors of an accelerometer.
+
+    Attributes:
+        position: place of the sensor.
+        gravity: g.
+        bias: error of every reading.
+        noise: standard deviation of a reading on each axis.
+        latency_samples: whole number of periods after which a reading arrives.
+    """
+
+    position: SensorPosition = SensorPosition()
+    gravity: Annotated[Row, Quantity("m/s²")] = 9.81
+    bias: SpecificForce = SpecificForce(0.0, 0.0, 0.0)
+    noise: Annotated[Row, Quantity("m/s²", sign="nonnegative")] = 0.0
+    latency_samples: Number = 0.0
+
+
+def specific_force(state: State, acceleration: VehicleAcceleration, place: SensorPosition, gravity: Row) -> Vector:
+    """Return the specific force at a place of the vehicle along the axes of B, m/s²."""
+    axes, position = BodyAxes.of(state.roll, state.pitch, state.yaw), Vector(*place)
+    rates = Vector(state.p, state.q, state.r)
+    turning = Vector(acceleration.p_rate, acceleration.q_rate, acceleration.r_rate)
+    at_centre = axes.in_body(Vector(acceleration.a_x, acceleration.a_y, acceleration.a_z + gravity))
+    return plus(at_centre, plus(cross(turning, position), cross(rates, cross(rates, position))))
+
+
+def accelerometer_reading(
+    numbers: AccelerometerNumbers, noise: SpecificForce | None, state: State, acceleration: VehicleAcceleration
+) -> SpecificForce:
+    """Return a reading of an accelerometer; without noise it has only its bias."""
+    force = specific_force(state, acceleration, numbers.position, numbers.gravity)
+    seen = [true + bias for true, bias in zip(force, numbers.bias, strict=True)]
+    if noise is not None:
+        seen = [value + numbers.noise * number for value, number in zip(seen, noise, strict=True)]
+    return SpecificForce(*seen)
+
+
+ACCELEROMETER = SensorLaw(SpecificForce, accelerometer_reading, ("state", "acceleration"))

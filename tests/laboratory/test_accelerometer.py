@@ -1,0 +1,208 @@
+"""An accelerometer shows all force but the weight, where it is; and any sensor samples, adds noise and comes late."""
+
+from typing import Annotated, NamedTuple
+
+import numpy as np
+import pytest
+import scipy
+from noise_feed import feed_noise
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
+
+from drake_quad.framework.fleet_system import FleetSystem
+from drake_quad.laboratory.sensors.accelerometer import (
+    ACCELEROMETER,
+    AccelerometerNumbers,
+    SensorPosition,
+    SpecificForce,
+    specific_force,
+)
+from drake_quad.laboratory.sensors.sensor import Sensor, SensorLaw
+from drake_quad.randomness.noise import Samples
+from drake_quad.randomness.streams import StreamKind
+from drake_quad.signals import Number, Quantity, State, VehicleAcceleration
+from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters
+from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers
+
+GRAVITY = 9.7
+# A sphere, so that nothing turns it; and idle rotors stand still.
+BALL = QuadrotorParameters(inertia=Inertia(0.01, 0.01, 0.01), rotor_inertia=0.0, gravity=GRAVITY, min_rotor_speed=0.0)
+PLACE = np.array([0.11, -0.07, 0.05])
+
+
+def readings(parameters, state, speeds, duration=0.2, place=(0.0, 0.0, 0.0)):
+    """Return the (T, 3, N) readings of accelerometers in flights with held rotor speeds, and the (T, 12, N) states.
+
+    Args:
+        parameters: parameters of the vehicles.
+        state: (12, N) rows at the beginning.
+        speeds: (4, N) speeds of the rotors, also at the beginning.
+        duration: duration of the flights, s.
+        place: place of the sensors.
+    """
+    num_vehicles = np.shape(state)[1]
+    builder = DiagramBuilder()
+    numbers = QuadrotorNumbers(parameters)
+    vehicle = builder.AddNamedSystem("vehicle", Quadrotor(num_vehicles, time_step=0.001, numbers=numbers))
+    numbers = AccelerometerNumbers(SensorPosition(*place), parameters.gravity)
+    sensor = Sensor(num_vehicles, name="accelerometer", law=ACCELEROMETER, period=0.001, numbers=numbers)
+    builder.AddNamedSystem("accelerometer", sensor)
+    for name in ACCELEROMETER.reads:
+        builder.Connect(vehicle.GetOutputPort(name), sensor.GetInputPort(name))
+    logs = [
+        LogVectorOutput(system.GetOutputPort(name), builder, publish_period=0.001)
+        for system, name in ((sensor, "accelerometer"), (vehicle, "state"))
+    ]
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    own = vehicle.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    vehicle.set_state(own, "state", State(*state))
+    vehicle.set_state(own, "rotor_speed", type(vehicle.get_state(own, "rotor_speed"))(*speeds))
+    vehicle.GetInputPort("rotor_speed_command").FixValue(own, np.ravel(speeds))
+    simulator.AdvanceTo(duration)
+    found, states = (log.FindLog(simulator.get_context()).data().T for log in logs)
+    return found.reshape(-1, 3, num_vehicles), states.reshape(-1, 12, num_vehicles)
+
+
+def hovering_speed(parameters, thrust_per_weight=1.0):
+    (rotor, *_) = parameters.rotors
+    return np.sqrt(0.25 * thrust_per_weight * parameters.mass * parameters.gravity / rotor.thrust_factor)
+
+
+def test_at_rest_it_shows_gravity_upwards():
+    """In hover along z; and of a body that is held at any attitude the column of its rotation, g times Z in B."""
+    hover = np.zeros((12, 2))
+    found, _ = readings(BALL, hover, np.full((4, 2), hovering_speed(BALL)), place=PLACE)
+    np.testing.assert_allclose(found, np.broadcast_to([[0.0], [0.0], [GRAVITY]], found.shape), atol=1e-12)
+    for roll, pitch, yaw in np.random.default_rng(0).uniform(-1.5, 1.5, (5, 3)):
+        held = State(0.0, 0.0, 0.0, roll, pitch, yaw, *(0.0,) * 6)
+        force = specific_force(held, VehicleAcceleration(*(0.0,) * 6), SensorPosition(*PLACE), GRAVITY)
+        rotation = scipy.spatial.transform.Rotation.from_euler("ZYX", [yaw, pitch, roll])
+        np.testing.assert_allclose(force, rotation.inv().apply([0.0, 0.0, GRAVITY]), atol=1e-12)
+
+
+def test_in_free_fall_it_shows_nothing_but_the_swing_of_its_place():
+    """Of a body that tumbles without thrust: zero at the centre of mass, and ω × (ω × r) beside it."""
+    state = np.zeros((12, 2))
+    state[3:6], state[6:9] = [[0.3], [-0.4], [1.0]], [[1.0], [2.0], [3.0]]
+    rates = np.array([[0.0, 2.0], [0.0, -1.5], [0.0, 3.0]])
+    state[9:12] = rates
+    found, states = readings(BALL, state, np.zeros((4, 2)))
+    np.testing.assert_allclose(np.diff(states[1:, 8], axis=0), -0.001 * GRAVITY, rtol=1e-9)
+    np.testing.assert_allclose(found, 0.0, atol=1e-12)
+    beside, _ = readings(BALL, state, np.zeros((4, 2)), place=PLACE)
+    swing = np.cross(rates.T, np.cross(rates.T, PLACE)).T
+    np.testing.assert_allclose(beside, np.broadcast_to(swing, beside.shape), atol=1e-9)
+
+
+def test_in_a_coordinated_turn_it_shows_the_thrust_alone():
+    """A bank of φ, a speed v and a yaw rate of -g tan φ / v: g / cos φ along z, and the swing of its place.
+
+    Nothing turns a ball under equal thrusts, so the flight is an exact circle of radius v² / (g tan φ).
+    """
+    bank, speed = np.array([0.4, -0.8]), np.array([3.0, 5.0])
+    yaw_rate = -GRAVITY * np.tan(bank) / speed
+    state = np.zeros((12, 2))
+    state[3], state[6] = bank, speed
+    rates = np.array([0.0 * bank, np.sin(bank) * yaw_rate, np.cos(bank) * yaw_rate])
+    state[9:12] = rates
+    thrust = np.tile(hovering_speed(BALL, 1.0 / np.cos(bank)), (4, 1))
+    found, states = readings(BALL, state, thrust, duration=1.0)
+    np.testing.assert_allclose(states[:, 2], 0.0, atol=1e-9)
+    radius = speed**2 / (GRAVITY * np.tan(bank))
+    np.testing.assert_allclose(
+        np.hypot(states[:, 0], states[:, 1] + radius), np.broadcast_to(np.abs(radius), (1001, 2))
+    )
+    expected = np.array([0.0 * bank, 0.0 * bank, GRAVITY / np.cos(bank)])
+    np.testing.assert_allclose(found, np.broadcast_to(expected, found.shape), atol=1e-9)
+    beside, _ = readings(BALL, state, thrust, place=PLACE)
+    swing = np.cross(rates.T, np.cross(rates.T, PLACE)).T
+    np.testing.assert_allclose(beside, np.broadcast_to(expected + swing, beside.shape), atol=1e-9)
+
+
+def test_it_shows_the_motion_of_its_own_place():
+    """Any motion p(t), R(t): R'(d²/dt² (p + R r) + g z), by second differences of the path of the place."""
+    rng = np.random.default_rng(3)
+    path, turn = rng.uniform(-1.0, 1.0, (2, 3, 4))
+
+    def pose(time):
+        place, angles = (np.polyval(rows.T, time) for rows in (path, turn))
+        return place, angles, scipy.spatial.transform.Rotation.from_euler("ZYX", angles[::-1])
+
+    def difference(of, step, order):
+        before, now, after = (of(time) for time in (-step, 0.0, step))
+        return (after - before) / (2.0 * step) if order == 1 else (before - 2.0 * now + after) / step**2
+
+    _, angles, now = pose(0.0)
+
+    def body_rates(time):
+        nearby = [now.inv() * pose(time + end)[2] for end in (-1e-4, 1e-4)]
+        return (nearby[0].inv() * nearby[1]).as_rotvec() / 2e-4
+
+    velocity = difference(lambda time: pose(time)[0], 1e-4, 1)
+    state = State(*pose(0.0)[0], *angles, *velocity, *body_rates(0.0))
+    acceleration = difference(lambda time: pose(time)[0], 1e-4, 2)
+    turning = difference(body_rates, 1e-3, 1)
+    found = specific_force(state, VehicleAcceleration(*acceleration, *turning), SensorPosition(*PLACE), GRAVITY)
+    seen = difference(lambda time: pose(time)[0] + pose(time)[2].apply(PLACE), 1e-4, 2)
+    np.testing.assert_allclose(found, now.inv().apply(seen + np.array([0.0, 0.0, GRAVITY])), atol=1e-4)
+
+
+def test_readings_have_the_bias_and_white_noise_of_the_numbers():
+    """Of each vehicle its own; the noise of an axis and of a reading is independent of the others."""
+    noise, n = np.array([0.1, 0.2]), 2000
+    numbers = AccelerometerNumbers(bias=SpecificForce(np.array([0.5, -1.0]), 2.0, 3.0), noise=noise)
+    sensor = Sensor(2, name="accelerometer", law=ACCELEROMETER, noisy=True, numbers=numbers)
+    builder = DiagramBuilder()
+    builder.AddNamedSystem("accelerometer", sensor)
+    feed_noise(builder, sensor, StreamKind.NOISE, Samples(2, [0, 1]))
+    log = LogVectorOutput(sensor.GetOutputPort("accelerometer"), builder, publish_period=0.01)
+    simulator = Simulator(builder.Build())
+    own = sensor.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    for name in ACCELEROMETER.reads:
+        port = sensor.GetInputPort(name)
+        port.FixValue(own, np.zeros(port.size()))
+    simulator.AdvanceTo(0.01 * n)
+    found = log.FindLog(simulator.get_context()).data().T.reshape(-1, 3, 2)[1:]
+    bias = [[0.5, -1.0], [2.0, 2.0], [3.0 + 9.81, 3.0 + 9.81]]
+    errors = (found - bias) / noise
+    # Means, covariances and products of successive readings are within five standard errors.
+    np.testing.assert_allclose(errors.mean(axis=0), 0.0, atol=5.0 / np.sqrt(n))
+    flat = errors.reshape(n, 6)
+    np.testing.assert_allclose(flat.T @ flat / n, np.eye(6), atol=5.0 * np.sqrt(2.0 / n))
+    np.testing.assert_allclose(flat[1:].T @ flat[:-1] / n, 0.0, atol=5.0 / np.sqrt(n))
+
+
+class Altitude(NamedTuple):
+    """Height."""
+
+    height: Annotated[float, Quantity("m", "W")]
+
+
+class AltimeterNumbers(NamedTuple):
+    """Numbers of an altimeter that is exact."""
+
+    latency_samples: Number = 0.0
+
+
+ALTIMETER = SensorLaw(Altitude, lambda numbers, noise, state: Altitude(state.z), ("state",))
+
+
+@pytest.mark.parametrize("latency", [0, 1, 3])
+def test_a_reading_is_of_its_instant_and_arrives_whole_periods_later(latency):
+    """Until then there is that of the beginning, as at a control that begins with the first reading."""
+    line = PiecewisePolynomial.FirstOrderHold([0.0, 10.0], np.array([[1.0] * 12, [11.0] * 12]).T)
+    builder = DiagramBuilder()
+    source = builder.AddSystem(TrajectorySource(line))
+    numbers = AltimeterNumbers(float(latency))
+    sensor: FleetSystem = Sensor(name="altimeter", law=ALTIMETER, period=0.02, longest_latency=3, numbers=numbers)
+    builder.AddSystem(sensor)
+    builder.Connect(source.get_output_port(), sensor.GetInputPort("state"))
+    log = LogVectorOutput(sensor.GetOutputPort("altimeter"), builder, publish_period=0.005)
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(0.5)
+    found = log.FindLog(simulator.get_context())
+    ticks = np.ceil(np.round(found.sample_times() / 0.02, 6)) - 1 - latency
+    np.testing.assert_allclose(found.data().ravel(), 1.0 + 0.02 * np.maximum(ticks, 0.0), atol=1e-12)

@@ -1,0 +1,308 @@
+"""Sensors in scenarios: every kind answers truthfully, flies alike in every way, and kinds of one's own are equals."""
+
+import pickle
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+
+import numpy as np
+import pytest
+from both_ways import assert_flown_alike
+from pydrake.systems.framework import BasicVector, LeafSystem
+
+from drake_quad import InputError, closed_loop, load_scenario, read_flight, simulate, simulate_samples
+from drake_quad.assembly.laboratory import laboratory_recipes
+from drake_quad.flight.formats.mcap_file import messages_of, topics_of
+from drake_quad.flight.mission import plan_route
+from drake_quad.gym.vector_env import QuadrotorVectorEnv
+from drake_quad.laboratory.sensors.accelerometer import ACCELEROMETER, AccelerometerNumbers, SpecificForce
+from drake_quad.laboratory.sensors.sensor import SensorLaw
+from drake_quad.scenario.batch import Batch
+from drake_quad.scenario.quantities import NonNegative
+from drake_quad.scenario.schema import file_schema, language_page
+from drake_quad.scenario.sensors.accelerometer import AccelerometerSettings
+from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
+from drake_quad.signals import SIGNALS, Charge, Number, Quantity, Row, State, Wind, numbered
+
+SENSORS_ON_BOARD = (
+    "laboratory.sensors=[{kind: accelerometer, position: [0.05, -0.03, 0.02], latency_samples: {choice: [0, 1, 3]},"
+    " bias: [{uniform: {min: -0.2, max: 0.2}}, 0.1, 0], noise_density: {uniform: {min: 0.001, max: 0.01}}},"
+    " {kind: accelerometer, period: 0.04}]"
+)
+WHOLE = "metrics={start: 0, end: null}"
+
+
+class Altitude(NamedTuple):
+    """Height above the ground."""
+
+    height: Annotated[Row, Quantity("m", "W")]
+
+
+class AltimeterNumbers(NamedTuple):
+    """Errors of an altimeter."""
+
+    noise: Annotated[Row, Quantity("m")] = 0.0
+    latency_samples: Number = 0.0
+
+
+def altitude(numbers: AltimeterNumbers, noise: Altitude | None, state: State, wind: Wind) -> Altitude:
+    """Return the height, which the dynamic pressure of the wind from the front makes too small."""
+    seen = state.z - 0.05 * wind.x * wind.x
+    return Altitude(seen if noise is None else seen + numbers.noise * noise.height)
+
+
+class AltimeterSettings(SensorSettings):
+    """An altimeter."""
+
+    kind: Literal["altimeter"]
+    deviation: NonNegative = 0.0
+    law: ClassVar = SensorLaw(Altitude, altitude, ("state", "wind"))
+    noise: ClassVar = ("deviation",)
+
+    def numbers(self, vehicle: Any) -> AltimeterNumbers:
+        return AltimeterNumbers(self.deviation, self.latency_samples)
+
+
+@pytest.fixture
+def altimeter():
+    """Return a kind of sensor of a user, which is registered during a test."""
+    return SENSORS.member(AltimeterSettings)
+
+
+def check_member(kind, name):
+    """Its system has the ports and the noise that the model says."""
+    vehicle = load_scenario("hover").vehicle
+    exact = kind.model_validate({"kind": name})
+    wrong = kind.model_validate({"kind": name, "latency_samples": 2.0} | dict.fromkeys(kind.noise, 0.5))
+    for sensor, noisy in ((exact, False), (wrong, True)):
+        system = sensor.recipe(sensor, vehicle).build(2)
+        assert [*system.random_inputs] == ["noise"] * noisy
+        assert {update.period for update in system.updates} == {sensor.period}
+        assert system.states[name].layout.kind is SIGNALS[name] is kind.law.reading
+        assert system.num_input_ports() == len(kind.law.reads) + noisy
+        for i in range(len(kind.law.reads)):
+            assert system.get_input_port(i).get_name() == kind.law.reads[i]
+    assert len(system.states) == 2
+
+
+@pytest.mark.parametrize("name", SENSORS.members)
+def test_every_kind_of_sensor_answers_truthfully(name):
+    check_member(SENSORS.get(name), name)
+
+
+def test_a_kind_of_a_user_is_checked_like_ours(altimeter):
+    check_member(altimeter, "altimeter")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "scenario",
+    [
+        ("pid", "vehicle.linear_drag=0.3"),
+        (
+            "pid",
+            "control.attitude=null",
+            "laboratory.autopilot={kind: response, natural_frequency: [8, 7, 3], damping: [0.6, 0.7, 1.1]}",
+            "vehicle.rotor_failure=null",
+            "vehicle.centre_of_mass=[0, 0]",
+        ),
+    ],
+    ids=["vehicle", "response"],
+)
+def test_sensors_fly_alike_wired_and_compiled_in_fleets_and_alone(asymmetric, scenario):
+    """With numbers that are drawn, and with periods longer and shorter than that of the control."""
+    drawn = asymmetric(scenario[0], *scenario[1:], SENSORS_ON_BOARD, WHOLE, "duration=0.5")
+    flights = assert_flown_alike(Batch.draw(drawn, range(3)))
+    (alone,) = simulate_samples(drawn, [2])
+    for name, values in alone.items():
+        np.testing.assert_array_equal(values, flights[2][name], err_msg=name)
+    assert np.ptp(flights[2]["accelerometer"], axis=0).min() > 0.01
+    # The second samples at every other tick.
+    second = flights[2]["accelerometer_2"]
+    np.testing.assert_array_equal(second[1:-1:2], second[2::2])
+    assert (second[2:-1:2] != second[3::2]).all()
+
+
+@pytest.mark.slow
+def test_readings_have_the_same_bits_wired_and_compiled():
+    """From the first tick on. Before it formulas run as they are written, with the elementary functions of NumPy."""
+    drawn = load_scenario("figure_eight", [SENSORS_ON_BOARD, "duration=0.5"])
+    wired, compiled = (simulate_samples(drawn, range(3), compiled=compiled) for compiled in (False, True))
+    for found, expected in zip(compiled, wired, strict=True):
+        for name in ("state", *drawn.laboratory.named_sensors):
+            np.testing.assert_array_equal(found[name][1:], expected[name][1:], err_msg=name)
+
+
+@pytest.mark.slow
+def test_sensors_change_nothing_else(asymmetric):
+    """Neither motion nor random numbers, to the bit; nor a document that has none."""
+    plain, sensing = (
+        simulate(asymmetric("pid", WHOLE, "duration=0.3", f"laboratory.sensors={sensors}"))
+        for sensors in ("[]", "[{kind: accelerometer, noise_density: 0.01}]")
+    )
+    assert sensing.signals.keys() - plain.signals.keys() == {"accelerometer"}
+    for name, values in plain.items():
+        np.testing.assert_array_equal(values, sensing[name], err_msg=name)
+    assert plain.metrics == sensing.metrics
+    assert "sensors" not in plain.scenario.laboratory.model_dump()
+    assert "sensors" in sensing.scenario.laboratory.model_dump()
+
+
+def test_a_scenario_gives_an_accelerometer_its_numbers(asymmetric):
+    """Its place is seen from the centre of mass that flies; its noise is that of a density over a period."""
+    scenario = asymmetric("pid", SENSORS_ON_BOARD, "laboratory.sensors.1.noise_density=0.003", "vehicle.gravity=9.7")
+    batch = Batch.draw(scenario, range(4))
+    recipes = laboratory_recipes(batch, plan_route(scenario), 10.0)
+    first, second = recipes["sensors.accelerometer"], recipes["sensors.accelerometer_2"]
+    drawn = {path.removeprefix("laboratory.sensors.0."): values for path, values in batch.varying.items()}
+    assert first.structure == {
+        "name": "accelerometer",
+        "law": ACCELEROMETER,
+        "period": 0.01,
+        "noisy": True,
+        "longest_latency": 3,
+    }
+    numbers = first.numbers
+    np.testing.assert_allclose(numbers.position, [0.05 + 0.0003, -0.03 - 0.0008, 0.02], rtol=1e-12)
+    np.testing.assert_array_equal(numbers.bias.x, drawn["bias.0"])
+    np.testing.assert_allclose(numbers.noise, drawn["noise_density"] / 0.1, rtol=1e-12)
+    np.testing.assert_array_equal(numbers.latency_samples, drawn["latency_samples"])
+    assert (numbers.bias.y, numbers.gravity) == (0.1, 9.7)
+    assert second.structure["longest_latency"] == 0
+    assert second.numbers.noise == pytest.approx(0.003 / 0.2)
+    silent = Batch.draw(asymmetric("pid", SENSORS_ON_BOARD), range(4))
+    loud = silent.with_varying({"laboratory.sensors.1.noise_density": np.full(4, 0.1)})
+    for batch, noisy in ((silent, False), (loud, True)):
+        recipe = laboratory_recipes(batch, plan_route(scenario), 10.0)["sensors.accelerometer_2"]
+        assert recipe.structure["noisy"] == noisy
+    default = AccelerometerSettings(kind="accelerometer")
+    assert default.numbers(load_scenario("hover").vehicle) == AccelerometerNumbers()
+
+
+def hover(*sensors, **fields):
+    return load_scenario("hover", {"duration": 0.3, "laboratory.sensors": [*sensors], **fields})
+
+
+@pytest.mark.slow
+def test_a_kind_of_a_user_flies_is_recorded_and_read(altimeter, tmp_path):
+    wind = [{"kind": "steady", "velocity": [2.0, 0.0, 0.0]}]
+    sensor = {"kind": "altimeter", "latency_samples": 1}
+    noisy = {"kind": "altimeter", "deviation": {"uniform": {"min": 0.1, "max": 0.2}}}
+    scenario = hover(sensor, noisy, **{"laboratory.wind": wind})
+    flights = assert_flown_alike(Batch.draw(scenario, range(3)))
+    heights = flights[0].record("state").z
+    np.testing.assert_allclose(flights[0].record("altimeter").height, heights - 0.05 * 4.0, atol=1e-12)
+    # Two vehicles have noise of their own, and one is not the other's multiple.
+    errors = [flight.record("altimeter_2").height - heights + 0.2 for flight in flights[:2]]
+    assert abs(np.corrcoef(*errors)[0, 1]) < 0.9
+    flights[0].save(tmp_path)
+    again = read_flight(tmp_path)
+    np.testing.assert_array_equal(again["altimeter_2"], flights[0]["altimeter_2"])
+    assert "altimeter_2.height (m)" in (tmp_path / "flight.csv").read_text(encoding="utf-8")
+    schema = topics_of("own", again)["/own/signals/altimeter_2"]
+    assert schema["properties"]["height"]["description"] == "m, along W"
+    assert {"/own/signals/altimeter"} <= {message.topic for message in messages_of("own", again, 0)}
+
+
+@pytest.mark.slow
+def test_a_kind_of_a_user_is_part_of_the_language_while_it_is_registered(altimeter):
+    assert "AltimeterSettings" in file_schema()["$defs"]
+    assert "| `deviation` |" in language_page()
+    scenario = hover({"kind": "altimeter", "deviation": 0.1})
+    assert pickle.loads(pickle.dumps(scenario)) == scenario
+    with pytest.raises(InputError, match=r"laboratory.sensors.0.deviation is -1, but must be at least 0"):
+        hover({"kind": "altimeter", "deviation": -1})
+    SENSORS.remove("altimeter")
+    assert "altimeter" not in SIGNALS
+    with pytest.raises(InputError, match="laboratory.sensors.0.kind is 'altimeter', but must be one of"):
+        hover({"kind": "altimeter"})
+    SENSORS.member(altimeter)
+
+
+def test_a_kind_without_answers_or_with_the_name_of_a_signal_is_refused(altimeter):
+    class Mute(SensorSettings):
+        kind: Literal["mute"]
+        noise: ClassVar = ()
+
+    class Second(altimeter):
+        kind: Literal["accelerometer"]
+
+    with pytest.raises(TypeError, match="Mute must define law and numbers"):
+        SENSORS.member(Mute)
+    with pytest.raises(ValueError, match="there is another SensorSettings called accelerometer: AccelerometerSettings"):
+        SENSORS.member(Second)
+    for name in ("wind", "wind_2"):
+        Second.model_fields["kind"].annotation = Literal[name]
+        with pytest.raises(ValueError, match=f"there is a signal called {name}"):
+            SENSORS.member(Second)
+    assert (SIGNALS["wind"], SIGNALS["accelerometer"]) == (Wind, SpecificForce)
+    assert not any(name in SIGNALS for name in ("mute", "altimeter_", "altimeter_x"))
+    assert [numbered("altimeter", number) for number in (1, 2, 12)] == ["altimeter", "altimeter_2", "altimeter_12"]
+    with pytest.raises(KeyError):
+        SIGNALS["mute_2"]
+
+
+def test_a_sensor_of_what_is_not_there_is_refused(altimeter, monkeypatch):
+    monkeypatch.setattr(altimeter, "law", SensorLaw(Charge, lambda numbers, noise, charge: charge, ("charge",)))
+    with pytest.raises(InputError, match="the sensor altimeter reads `charge`, but this laboratory has `state`, "):
+        simulate(hover({"kind": "altimeter"}))
+
+
+@pytest.mark.parametrize(
+    ("sensor", "words"),
+    [
+        ("period: 0.03", "laboratory.sensors.0.period is 0.03, but must be the shortest period, 0.01, times a power"),
+        ("period: 0.005", "time_step is 0.01.*, but must not be .*, 0.005 s of laboratory.sensors.0.period"),
+        ("noise_density: -0.1", "laboratory.sensors.0.noise_density is -0.1, but must be at least 0"),
+        ("latency_samples: 0.5", "laboratory.sensors.0.latency_samples is 0.5, but must be a whole number"),
+    ],
+)
+def test_a_sensor_that_cannot_be_is_refused(sensor, words):
+    with pytest.raises(InputError, match=words):
+        load_scenario("hover", [f"laboratory.sensors=[{{kind: accelerometer, {sensor}}}]"])
+
+
+@pytest.mark.slow
+def test_linear_models_are_those_of_a_loop_without_sensors():
+    """No control of the language reads them; not even slow ones lengthen a period."""
+    plain, sensing = closed_loop(hover()).system, closed_loop(hover({"kind": "accelerometer", "period": 0.08})).system
+    np.testing.assert_array_equal(sensing.A, plain.A)
+    assert (sensing.states, sensing.period) == (plain.states, plain.period)
+
+
+class Weighing(LeafSystem):
+    """A control of the thrust alone, which keeps the specific force at that of gravity."""
+
+    def __init__(self):
+        super().__init__()
+        self.force = self.DeclareVectorInputPort("accelerometer_2", BasicVector(3))
+        self.DeclareVectorOutputPort("wrench", BasicVector(4), self.command)
+
+    def command(self, context, output):
+        output.SetFromVector([0.68 * 2.0 * (self.force.Eval(context)[2] - 4.905), 0.0, 0.0, 0.0])
+
+
+def test_a_control_of_a_user_reads_sensors():
+    """With twice the force minus half of gravity as the command, hover is an equilibrium."""
+    flight = simulate(
+        hover({"kind": "accelerometer", "bias": [0, 0, 1]}, {"kind": "accelerometer"}), control=Weighing()
+    )
+    np.testing.assert_allclose(flight.record("wrench").thrust, 0.68 * 9.81, rtol=1e-9)
+    with pytest.raises(InputError, match="control has the input port `accelerometer_2`, but may have .*accelerometer`"):
+        simulate(hover({"kind": "accelerometer"}), control=Weighing())
+
+
+@pytest.mark.slow
+def test_environments_show_sensors():
+    kept = []
+    envs = QuadrotorVectorEnv(
+        "hover",
+        {"laboratory.sensors": [{"kind": "accelerometer"}, {"kind": "accelerometer", "bias": [0.0, 0.0, 0.5]}]},
+        num_envs=2,
+        action="rates",
+        signals=["accelerometer_2"],
+        reward=lambda step: kept.append(step.signals["accelerometer_2"]) or np.zeros(2),
+    )
+    envs.reset(seed=0)
+    envs.step(np.zeros((2, 4)))
+    (force,) = kept
+    assert isinstance(force, SpecificForce)
+    assert (force.z > 0.5).all()
