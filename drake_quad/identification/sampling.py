@@ -120,9 +120,11 @@ def with_bandwidth(
 ) -> tuple[Uncertainty, list[str]]:
     """Return the uncertainty with what parameters depend on the bandwidth of the logs, and remarks.
 
-    If the model holds, an estimate from slower logs differs by an error whose variance is the difference of the two
-    variances (J. A. Hausman, Econometrica 46, 1978). The interval of a parameter that differs by more contains both
-    estimates.
+    Averages over a period h distort an estimate by about h², so a share h² / (H² - h²) of the difference to the estimate
+    for a period H is added to its standard deviation (Richardson's extrapolation).
+
+    If the model holds, the two differ besides by an error whose variance is the difference of the two variances (J. A.
+    Hausman, Econometrica 46, 1978). The interval of a parameter that differs by more contains both estimates.
 
     Args:
         uncertainty: uncertainty of the parameters.
@@ -135,7 +137,8 @@ def with_bandwidth(
     own = np.diag(uncertainty.covariance)
     differs = squares > _DIFFERS**2 * (slow.variances + own)
     excess = np.maximum(squares - np.maximum(slow.variances - own, 0.0), 0.0)
-    wider = np.sqrt(np.where(differs, 1.0 + excess / own, 1.0))
+    distortion = squares * (period**2 / (slow.period**2 - period**2)) ** 2
+    wider = np.sqrt(1.0 + (np.where(differs, excess, 0.0) + distortion) / own)
     remarks = [
         f"{parameter.name} depends on the bandwidth of the log: it is {value:.3g} at samples of {1e3 * period:.0f} ms,"
         f" and {other:.3g} at {1e3 * slow.period:.0f} ms; the interval contains both"

@@ -97,17 +97,20 @@ def test_the_share_of_fast_commands_is_that_of_white_and_of_smooth_commands():
 
 
 def test_an_interval_contains_the_estimate_of_another_bandwidth_if_it_differs_by_more_than_chance():
-    """By a difference of 3.5 where variances are 1 and 1.5, the variance grows by 3.5² - 0.5."""
+    """By a difference of 3.5 where variances are 1 and 1.5, the variance grows by 3.5² - 0.5.
+
+    A third of the period distorts by an eighth of the difference.
+    """
     parameters = [Parameter("linear_drag", 1.0, 1.0), Parameter("thrust_factor", 1.0, 1.0)]
     own = np.array([[1.0, 0.5], [0.5, 1.0]])
     uncertainty = Uncertainty(own, np.full(2, np.inf), own)
     slow = SlowFit(np.array([4.0, 2.0]), np.array([1.5, 1.5]), 0.03)
     found, (remark,) = with_bandwidth(uncertainty, parameters, np.array([0.5, 1.0]), slow, 0.01)
-    expected = 1.0 + 3.5**2 - 0.5
+    expected = 1.0 + 3.5**2 - 0.5 + (3.5 / 8.0) ** 2
     assert found.covariance[0, 0] == pytest.approx(expected)
-    assert found.covariance[1, 1] == 1.0
+    assert found.covariance[1, 1] == pytest.approx(1.0 + (1.0 / 8.0) ** 2)
     # Correlations stay.
-    assert found.covariance[0, 1] == pytest.approx(0.5 * np.sqrt(expected))
+    assert found.covariance[0, 1] == pytest.approx(0.5 * np.sqrt(expected * (1.0 + 1.0 / 64.0)))
     assert remark == (
         "linear_drag depends on the bandwidth of the log: it is 0.5 at samples of 10 ms, and 4 at 30 ms; the interval"
         " contains both"
