@@ -62,7 +62,7 @@ _MIN_MEMORY = 0.02  # s
 _MAX_MEMORY = 20.0  # s
 # Limit of the memory of a force along the axes of B, s. A longer force along z is an error of the thrust curve. If the
 # disturbance could absorb it, the level of the curve would follow from large motions of the rotors alone.
-_MAX_BODY_FORCE_MEMORY = 0.25
+_MAX_THRUST_MEMORY = 0.25
 # The fit diverged if the noise reaches this share of a limit.
 _DIVERGED_SHARE = 0.99
 # Fewer windows than this are divided, so that their scatter can be estimated.
@@ -389,8 +389,8 @@ def _noise_of(
     logs = start = np.log(np.concatenate(noise))[first]
     smallest = np.repeat([MIN_NOISE, _MIN_DISTURBANCE, _MIN_MEMORY], [m, 6, 6])
     largest = np.repeat([_MAX_NOISE, _MAX_DISTURBANCE, _MAX_MEMORY], [m, 6, 6])
-    if predictor.model.frame == "body":
-        largest[m + 6 : m + 9] = _MAX_BODY_FORCE_MEMORY
+    along_thrust = slice(m + 6, m + 9) if predictor.model.frame == "body" else slice(m + 8, m + 9)
+    largest[along_thrust] = _MAX_THRUST_MEMORY
     lower = np.maximum(np.log(smallest)[first], start - _MAX_LOG_CHANGE)
     upper = np.minimum(np.log(largest)[first], start + _MAX_LOG_CHANGE)
     # The memory of a negligible disturbance has no influence.
