@@ -1,9 +1,12 @@
 """Acceleration that a flown controller commanded, from its logged commands of attitude and thrust.
 
-Controllers turn the output of their position law into attitude and thrust in three ways, so there are three forms:
+Controllers turn the output of their position law into attitude and thrust in different ways, so there are five forms:
 
     acceleration    thrust T along the commanded thrust axis z_d:  u = (T / m) z_d - g Z
-    projected       the same, with T = F · z the component of the force along the measured thrust axis z, as in
+    heading         the same, where roll and pitch are relative to the measured yaw instead of the commanded one
+    decoupled       u_x and u_y follow from the tilt alone, g z_d,x / z_d,z, so that climbing does not change the tilt,
+                    as in PX4
+    projected       as in acceleration, with T = F · z the component of the force along the measured thrust axis z, as in
                     geometric control:  u = (T / m) / (z_d · z) z_d - g Z
     tilt            roll and pitch are outputs of the law themselves, as in the Crazyflie's firmware: along the heading
                     u is the pitch and minus the roll in rad, and along Z u = T / m - g
@@ -11,7 +14,7 @@ Controllers turn the output of their position law into attitude and thrust in th
 The attitude is the exact rotation by roll, pitch and yaw.
 """
 
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -21,16 +24,17 @@ from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import thrust_of_share
 from drake_quad.scenario.models import Scenario
 
-Form = Literal["acceleration", "projected", "tilt"]
-FORMS: tuple[Form, ...] = ("acceleration", "projected", "tilt")
+Form = Literal["acceleration", "heading", "decoupled", "projected", "tilt"]
+FORMS: tuple[Form, ...] = get_args(Form)
 
-# A command that is as large as the largest one, up to rounding, in at least this number of samples is at a limit. Slow
-# radio links repeat a value two or three times.
+# A command is at a limit if its samples pile up at an extreme. Within a margin δ of the maximum of a smooth signal there
+# are 1 / (√2 - 1) = 2.4 times as many samples as between δ and 2 δ; at a limit there are many more.
+_LIMIT_MARGIN = 0.005  # of the range of the command; the resolution of logs is finer
+_MIN_PILE = 5.0  # ratio of these numbers of samples
 _MIN_LIMITED_SAMPLES = 8
-_ROUNDING = 1e-6  # relative to the range of the command
 # A command that is at its extreme for a larger share of the time is constant rather than limited.
 _MAX_LIMITED_SHARE = 0.5
-_MIN_ALIGNMENT = 0.2  # least z_d · z; the firmware's own division is meaningless for smaller ones
+_MIN_ALIGNMENT = 0.2  # least cosine that is divided by, of an angle of 78°
 
 
 def specific_thrust(record: FlightRecord, scenario: Scenario, usable: np.ndarray) -> tuple[np.ndarray, str | None]:
@@ -72,12 +76,17 @@ def commanded(record: FlightRecord, thrust: np.ndarray, form: Form, gravity: flo
     """
     attitude = record.attitude if record.attitude_command is None else record.attitude_command
     assert attitude is not None
+    yaw = attitude[:, 2] if record.attitude is None else record.attitude[:, 2]
     if form == "tilt":
         forward, left = attitude[:, 1], -attitude[:, 0]
-        yaw = attitude[:, 2] if record.attitude is None else record.attitude[:, 2]
         x, y = np.cos(yaw) * forward - np.sin(yaw) * left, np.sin(yaw) * forward + np.cos(yaw) * left
         return np.column_stack([x, y, thrust - gravity])
+    if form == "heading":
+        attitude = np.column_stack([attitude[:, :2], yaw])
     axis = rotations(attitude).apply([0.0, 0.0, 1.0])
+    if form == "decoupled":
+        level = gravity * axis[:, :2] / np.maximum(axis[:, 2:], _MIN_ALIGNMENT)
+        return np.column_stack([level, thrust * axis[:, 2] - gravity])
     size = thrust
     if form == "projected" and record.attitude is not None:
         measured = rotations(record.attitude).apply([0.0, 0.0, 1.0])
@@ -100,8 +109,12 @@ def at_limit(record: FlightRecord, thrust: np.ndarray, usable: np.ndarray) -> np
     found = np.zeros(len(thrust), dtype=bool)
     for signal in signals:
         low, high = float(signal[usable].min()), float(signal[usable].max())
+        margin = _LIMIT_MARGIN * (high - low)
         for extreme in (low, high):
-            here = usable & (np.abs(signal - extreme) <= _ROUNDING * (high - low))
-            if high > low and _MIN_LIMITED_SAMPLES <= here.sum() <= _MAX_LIMITED_SHARE * usable.sum():
+            distance = np.where(usable, np.abs(signal - extreme), np.inf)
+            here = distance <= margin
+            beside = np.sum((distance > margin) & (distance <= 2.0 * margin))
+            most = _MAX_LIMITED_SHARE * usable.sum()
+            if margin > 0.0 and max(_MIN_LIMITED_SAMPLES, _MIN_PILE * (beside + 1)) <= here.sum() <= most:
                 found |= here
     return found

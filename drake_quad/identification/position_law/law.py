@@ -371,23 +371,38 @@ def _limited(pieces: Sequence[Piece], axes: tuple[int, ...]) -> _Fit:
     errors = np.abs(np.concatenate([piece.error[piece.counted][:, axes] for piece in pieces]))
     limits = [fit.shape._replace(error_limit=float(each)) for each in np.quantile(errors, _LIMIT_QUANTILES)]
     limited = _searched(pieces, axes, fit.terms, limits, (*fit.free, "error_limit"))
-    return _better(fit, limited, int(_block_numbers(pieces)[-1]) + 1)
+    return _better(fit, limited)
 
 
 def _chosen(pieces: Sequence[Piece], axes: tuple[int, ...]) -> _Fit:
     """Return the law of some axes with those of limit, filter and displacement that explain more."""
-    fit, blocks = _limited(pieces, axes), int(_block_numbers(pieces)[-1]) + 1
+    fit = _limited(pieces, axes)
     filters = [
         fit.shape._replace(delay=max(0.0, fit.shape.delay - each), filter_time=each) for each in _FILTERS
     ]
-    fit = _better(fit, _searched(pieces, axes, fit.terms, filters, (*fit.free, "filter_time")), blocks)
-    return _better(fit, _searched(pieces, axes, (*fit.terms, "double_integral"), [fit.shape], fit.free), blocks)
+    fit = _better(fit, _searched(pieces, axes, fit.terms, filters, (*fit.free, "filter_time")))
+    return _better(fit, _searched(pieces, axes, (*fit.terms, "double_integral"), [fit.shape], fit.free))
 
 
-def _better(simple: _Fit, rich: _Fit, blocks: int) -> _Fit:
-    """Return the richer of two laws if a likelihood ratio test over independent blocks prefers it."""
+def _better(simple: _Fit, rich: _Fit) -> _Fit:
+    """Return the richer of two laws if a likelihood ratio test prefers it, given the correlation of what is left."""
     ratio = np.sum(simple.left**2) / max(float(np.sum(rich.left**2)), np.finfo(float).tiny)
-    return rich if blocks * np.log(ratio) > _LIKELIHOOD_RATIO else simple
+    return rich if _independent_samples(rich.left) * np.log(ratio) > _LIKELIHOOD_RATIO else simple
+
+
+def _independent_samples(left: np.ndarray) -> float:
+    """Return the number of independent samples that tell as much as (n,) correlated ones.
+
+    It is n over 1 + 2 Σ ρ_k, with the autocorrelations ρ_k up to the first that is negative (C. J. Geyer, Statistical
+    Science 7, 1992, section 3.3).
+    """
+    size = scipy.fft.next_fast_len(2 * len(left))
+    spectrum = np.abs(np.fft.rfft(left, size)) ** 2
+    correlation = np.fft.irfft(spectrum, size)[: len(left) // 2]
+    correlation /= correlation[0] if correlation[0] > 0.0 else 1.0
+    negative = np.flatnonzero(correlation < 0.0)
+    kept = correlation[1 : negative[0] if len(negative) else None]
+    return float(len(left) / (1.0 + 2.0 * kept.sum()))
 
 
 def _block_numbers(pieces: Sequence[Piece]) -> np.ndarray:
@@ -398,29 +413,36 @@ def _block_numbers(pieces: Sequence[Piece]) -> np.ndarray:
     return np.arange(count) * number // count
 
 
-def _deviations(pieces: Sequence[Piece], axes: tuple[int, ...], fit: _Fit) -> dict[str, tuple[float, float]]:
-    """Return the standard deviation and the degrees of freedom of each parameter, by the jackknife over blocks."""
+def _uncertainty(pieces: Sequence[Piece], axes: tuple[int, ...], fit: _Fit) -> tuple[np.ndarray, np.ndarray]:
+    """Return the half-widths of the 95 % intervals of all parameters and their degrees of freedom.
+
+    The half-width is that of the jackknife, plus the largest bias that errors of the logged position or of the logged
+    velocity can cause, which is n σ² M_ij / θ_j with the variance σ² of what is not explained and M = (Jᵀ J)⁻¹.
+    The rule by which the controller integrates is not known either, which is worth half a period times the integral
+    gain.
+    """
     regressors, _ = _regression(pieces, axes, fit.terms, fit.shape)
     slopes = [regressors]
     for name in fit.free:
         step = 1e-3 * max(abs(getattr(fit.shape, name)), _TYPICAL_DELAY)
-        ends = [
-            _regression(pieces, axes, fit.terms, fit.shape._replace(**{name: getattr(fit.shape, name) + sign * step}))
-            for sign in (-1.0, 1.0)
-        ]
-        slopes.append(((ends[1][0] - ends[0][0]) @ fit.gains / (2.0 * step))[:, None])
+        low, high = (
+            _regression(pieces, axes, fit.terms, fit.shape._replace(**{name: getattr(fit.shape, name) + change}))[0]
+            for change in (-step, step)
+        )
+        slopes.append(((high - low) @ fit.gains / (2.0 * step))[:, None])
     derivatives = np.hstack(slopes)
     variance = float(np.mean(fit.left**2))
     blocks = np.tile(_block_numbers(pieces), len(axes))
     information = of_blocks(derivatives[:, :, None] * derivatives[:, None, :] / variance, blocks)
     scores = of_blocks(derivatives * fit.left[:, None] / variance, blocks)
     covariance, freedom, model = jackknife(information, scores)
-    deviations = np.sqrt(np.diag(covariance))
-    bias = np.zeros(len(deviations))
-    for name in _ESSENTIAL:
-        i = fit.terms.index(name)
-        bias = np.maximum(bias, len(fit.left) * np.abs(model[:, i] / fit.gains[i]))
-    return dict(zip((*fit.terms, *fit.free), zip(deviations.tolist(), freedom.tolist(), strict=True), strict=True))
+    measured = [fit.terms.index(name) for name in _ESSENTIAL]
+    bias = len(fit.left) * np.abs(model[:, measured] / fit.gains[measured]).max(axis=1)
+    half = 0.5 * float(np.median(np.diff(pieces[0].time)))
+    for name, integral in (("position", "integral"), ("velocity", "displacement")):
+        if integral in fit.terms:
+            bias[fit.terms.index(name)] += half * abs(fit.gains[fit.terms.index(integral)])
+    return quantile(freedom) * np.sqrt(np.diag(covariance)) + bias, freedom
 
 
 def _alike(pieces: Sequence[Piece], fits: Mapping[int, _Fit]) -> bool:
@@ -439,9 +461,10 @@ def _spreads(pieces: Sequence[Piece], axes: tuple[int, ...], fit: _Fit, form: Fo
         name: getattr(fit.shape, name) for name in fit.free
     }
     units = _units("rad" if form == "tilt" and 2 not in axes else "m/s²")
+    reaches, freedoms = _uncertainty(pieces, axes, fit)
     return {
-        name: Spread(values[name], deviation, units[name], freedom)
-        for name, (deviation, freedom) in _deviations(pieces, axes, fit).items()
+        name: Spread(values[name], float(reach / quantile(freedom)), units[name], float(freedom))
+        for name, reach, freedom in zip(values, reaches, freedoms, strict=True)
     }
 
 
