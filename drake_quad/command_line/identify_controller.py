@@ -68,8 +68,11 @@ def main(arguments: argparse.Namespace) -> None:
         return
     output_folder(path.parent)
     write_whole(path, lambda target: write_controller(layer, law, target, arguments.command))
-    kind = layer["control"]["kind"]
-    print(f"this law is a control of kind {kind}{'' if kind == 'pid_cascade' else ' with a ' + layer['control']['position']['kind']}")
+    control = layer["control"]
+    detail = (
+        f" with a position controller of kind {control['position']['kind']}" if control["kind"] == "cascade" else ""
+    )
+    print(f"this law is a control of kind {control['kind']}{detail}")
     print(f"  drake-quad fly SCENARIO --controller {path}:controller")
     print_files([path])
 

@@ -4,10 +4,10 @@ Controllers turn the output of their position law into attitude and thrust in di
 
     acceleration    thrust T along the commanded thrust axis z_d:  u = (T / m) z_d - g Z
     heading         the same, where roll and pitch are relative to the measured yaw instead of the commanded one
-    decoupled       u_x and u_y follow from the tilt alone, g z_d,x / z_d,z, so that climbing does not change the tilt,
-                    as in PX4
-    projected       as in acceleration, with T = F · z the component of the force along the measured thrust axis z, as in
-                    geometric control:  u = (T / m) / (z_d · z) z_d - g Z
+    decoupled       u_x and u_y follow from the tilt alone, g z_d,x / z_d,z, so that climbing does not change the
+                    tilt, as in PX4
+    projected       as in acceleration, with T = F · z the component of the force along the measured thrust axis z,
+                    as in geometric control:  u = (T / m) / (z_d · z) z_d - g Z
     tilt            roll and pitch are outputs of the law themselves, as in the Crazyflie's firmware: along the heading
                     u is the pitch and minus the roll in rad, and along Z u = T / m - g
 
@@ -27,8 +27,8 @@ from drake_quad.scenario.models import Scenario
 Form = Literal["acceleration", "heading", "decoupled", "projected", "tilt"]
 FORMS: tuple[Form, ...] = get_args(Form)
 
-# A command is at a limit if its samples pile up at an extreme. Within a margin δ of the maximum of a smooth signal there
-# are 1 / (√2 - 1) = 2.4 times as many samples as between δ and 2 δ; at a limit there are many more.
+# A command is at a limit if its samples pile up at an extreme. Within a margin δ of the maximum of a smooth signal
+# there are 1 / (√2 - 1) = 2.4 times as many samples as between δ and 2 δ; at a limit there are many more.
 _LIMIT_MARGIN = 0.005  # of the range of the command; the resolution of logs is finer
 _MIN_PILE = 5.0  # ratio of these numbers of samples
 _MIN_LIMITED_SAMPLES = 8
@@ -95,26 +95,25 @@ def commanded(record: FlightRecord, thrust: np.ndarray, form: Form, gravity: flo
 
 
 def at_limit(record: FlightRecord, thrust: np.ndarray, usable: np.ndarray) -> np.ndarray:
-    """Return a mask (n,) of the samples in which thrust, roll, pitch or tilt is at its largest or least value.
+    """Return a mask (n,) of the samples in which thrust, roll, pitch or tilt is at a limit.
 
     Args:
         record: record of the flight.
         thrust: (n,) commanded thrust.
         usable: (n,) mask of the samples in the air.
     """
-    signals = [thrust]
+    signals = [thrust, -thrust]
     if record.attitude_command is not None:
         roll, pitch, _ = record.attitude_command.T
-        signals += [roll, pitch, np.cos(roll) * np.cos(pitch)]
+        signals += [roll, -roll, pitch, -pitch, np.arccos(np.cos(roll) * np.cos(pitch))]
     found = np.zeros(len(thrust), dtype=bool)
+    most = _MAX_LIMITED_SHARE * usable.sum()
     for signal in signals:
-        low, high = float(signal[usable].min()), float(signal[usable].max())
-        margin = _LIMIT_MARGIN * (high - low)
-        for extreme in (low, high):
-            distance = np.where(usable, np.abs(signal - extreme), np.inf)
-            here = distance <= margin
-            beside = np.sum((distance > margin) & (distance <= 2.0 * margin))
-            most = _MAX_LIMITED_SHARE * usable.sum()
-            if margin > 0.0 and max(_MIN_LIMITED_SAMPLES, _MIN_PILE * (beside + 1)) <= here.sum() <= most:
-                found |= here
+        largest = float(signal[usable].max())
+        margin = _LIMIT_MARGIN * (largest - float(signal[usable].min()))
+        below = np.where(usable, largest - signal, np.inf)
+        here = below <= margin
+        beside = np.sum((below > margin) & (below <= 2.0 * margin))
+        if margin > 0.0 and max(_MIN_LIMITED_SAMPLES, _MIN_PILE * (beside + 1)) <= here.sum() <= most:
+            found |= here
     return found

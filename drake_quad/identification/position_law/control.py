@@ -13,6 +13,7 @@ from drake_quad.errors import InputError
 from drake_quad.identification.position_law.law import AxisLaw, PositionLaw
 
 _TOLERANCE = 0.05  # relative; a share that differs less from 0 or 1 is taken for it
+_NEGLIGIBLE = 0.005  # share of the position gain, per power of a second
 _NO_LIMIT = 1000.0  # m/s, stands for a limit that is never reached
 _DIGITS = 5  # significant digits, more than the data determine
 
@@ -42,14 +43,18 @@ def _near(value: float, reach: float, target: float) -> bool:
 
 
 def _share(law: AxisLaw) -> float:
-    """Return the share of the reference's velocity that is fed forward; 0 and 1 if it is one of them within its error."""
+    """Return the share of the reference's velocity that is fed forward, which is 0 or 1 if its interval allows it."""
     velocity, reference = law.gain("velocity"), law.gains["reference_velocity"]
     value, reach = reference.value / velocity, reference.reach / abs(velocity)
     return next((each for each in (0.0, 1.0) if _near(value, reach, each)), value)
 
 
 def _differs_from_zero(law: AxisLaw, name: str) -> bool:
-    return name in law.gains and abs(law.gains[name].value) > law.gains[name].reach
+    """Return whether a gain is not zero, and not negligible beside the position gain."""
+    if name not in law.gains:
+        return False
+    value = abs(law.gains[name].value)
+    return value > law.gains[name].reach and value > _NEGLIGIBLE * law.gain("position")
 
 
 def _is_pid(law: AxisLaw) -> bool:
