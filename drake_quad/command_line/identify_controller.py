@@ -69,10 +69,11 @@ def main(arguments: argparse.Namespace) -> None:
     output_folder(path.parent)
     write_whole(path, lambda target: write_controller(layer, law, target, arguments.command))
     control = layer["control"]
-    detail = (
-        f" with a position controller of kind {control['position']['kind']}" if control["kind"] == "cascade" else ""
-    )
-    print(f"this law is a control of kind {control['kind']}{detail}")
+    if "kind" in control:
+        print("this law is a control of kind pid_cascade, for scenarios with an attitude control on board:")
+    else:
+        kind = control["position"]["kind"]
+        print(f"this law is a position controller of kind {kind}, for scenarios with a control of kind cascade:")
     print(f"  drake-quad fly SCENARIO --controller {path}:controller")
     print_files([path])
 

@@ -21,7 +21,8 @@ _DIGITS = 5  # significant digits, more than the data determine
 def control_layer(law: PositionLaw) -> dict[str, Any]:
     """Return the layer of a scenario with the control that flies a position law.
 
-    Attitude control, limits of tilt and thrust, and delays are not part of it; they are those of the scenario.
+    Attitude control, limits of tilt and thrust, and delays are not part of it; they are those of the scenario, which must
+    have a control of kind `cascade` for a PD or PID, and an attitude control on board for a `pid_cascade`.
 
     Raises:
         InputError: if an axis is not identified, or no control of the scenario language has this law.
@@ -34,7 +35,8 @@ def control_layer(law: PositionLaw) -> dict[str, Any]:
     shares = [_share(each) for each in (x, y, z) if "reference_velocity" in each.gains]
     share = sum(shares) / len(shares) if shares else 1.0
     if plain and share in (0.0, 1.0):
-        return {"control": {"kind": "cascade", "position": _pid((x, y, z), share)}}
+        # Without a kind of control, the attitude control of the scenario stays.
+        return {"control": {"position": _pid((x, y, z), share)}}
     return {"control": _pid_cascade((x, y, z), share, law.form)}
 
 

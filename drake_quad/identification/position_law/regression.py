@@ -86,7 +86,7 @@ def limited(pieces: Sequence[Piece], axes: tuple[int, ...]) -> Fit:
 
 def _simplest(pieces: Sequence[Piece], axes: tuple[int, ...]) -> Fit:
     """Return the law without filter, limit and displacement."""
-    starts = [Shape(delay) for delay in np.linspace(0.0, MAX_DELAY, 16)]
+    starts = [Shape(delay) for delay in np.linspace(0.0, MAX_DELAY, 11)]
     return searched(pieces, axes, excited_terms(pieces, axes), starts, ("delay",))
 
 
@@ -161,7 +161,9 @@ def _columns(piece: Piece, axis: int, terms: Sequence[str], shape: Shape) -> np.
     velocity = piece.velocity[:, axis]
     if shape.filter_time > 0.0:
         keep = float(np.exp(-np.median(np.diff(piece.time)) / shape.filter_time))
-        velocity, _ = scipy.signal.lfilter([1.0 - keep], [1.0, -keep], velocity, zi=[keep * velocity[0]])
+        # Exact for a velocity that is a straight line from sample to sample, up to third order in the period.
+        share = 0.5 * (1.0 - keep)
+        velocity, _ = scipy.signal.lfilter([share, share], [1.0, -keep], velocity, zi=[(1.0 - share) * velocity[0]])
     once = scipy.integrate.cumulative_trapezoid(error, piece.time, initial=0.0)
     twice = scipy.integrate.cumulative_trapezoid(once, piece.time, initial=0.0)
     columns = {
@@ -179,8 +181,8 @@ def _columns(piece: Piece, axis: int, terms: Sequence[str], shape: Shape) -> np.
 def _better(pieces: Sequence[Piece], axes: tuple[int, ...], simple: Fit, rich: Fit) -> Fit:
     """Return the richer of two laws if its last parameter is significant, and otherwise the simpler one.
 
-    A likelihood ratio test, given the correlation of what is left, must prefer the richer law, what is left must fall by
-    a fifth, and the interval of the parameter must not contain zero.
+    A likelihood ratio test, given the correlation of what is left, must prefer the richer law. What is left must fall
+    by a fifth, and the interval of the parameter must not contain zero.
     """
     ratio = np.sum(simple.left**2) / max(float(np.sum(rich.left**2)), np.finfo(float).tiny)
     if ratio < 1.0 / _MAX_LEFT or _independent_samples(rich.left) * np.log(ratio) <= _LIKELIHOOD_RATIO:
