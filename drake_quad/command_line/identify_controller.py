@@ -1,7 +1,8 @@
 """Identify the position law of the controller that flew some logs, and write it as a controller of scenarios.
 
 The command prints the gains on position and velocity, the integral, the feed-forward, filter, limit and delay with 95 %
-intervals, and what the logs do not determine. `drake-quad fly SCENARIO --controller FILE` flies the controller.
+intervals, and what the logs do not determine. A scenario takes the written file by `extends`, and `drake-quad study` by
+`--controller`.
 """
 
 import argparse
@@ -74,7 +75,8 @@ def main(arguments: argparse.Namespace) -> None:
     else:
         kind = control["position"]["kind"]
         print(f"this law is a position controller of kind {kind}, for scenarios with a control of kind cascade:")
-    print(f"  drake-quad fly SCENARIO --controller {path}:controller")
+    print(f"  drake-quad study SCENARIO --controller {path}:controller")
+    print(f"or, to fly it once, a scenario with `extends: [SCENARIO, {path}:controller]`")
     print_files([path])
 
 

@@ -21,7 +21,7 @@ _DIGITS = 5  # significant digits, more than the data determine
 def control_layer(law: PositionLaw) -> dict[str, Any]:
     """Return the layer of a scenario with the control that flies a position law.
 
-    Attitude control, limits of tilt and thrust, and delays are not part of it; they are those of the scenario, which must
+    Attitude control, limits of tilt and thrust, and delays are not part of it; they are those of the scenario. It must
     have a control of kind `cascade` for a PD or PID, and an attitude control on board for a `pid_cascade`.
 
     Raises:
