@@ -60,7 +60,7 @@ class AxisLaw:
     Attributes:
         axes: axes that have this law.
         gains: estimate of each identified parameter by name: position, velocity, reference_velocity,
-            reference_acceleration, integral, displacement, delay, filter_time and error_limit.
+            reference_acceleration, integral, displacement (k_x), double_integral, delay, filter_time and error_limit.
         explained: R², share of the variance of the command that the law explains.
         not_identified: reason for each parameter that the log does not identify.
         at_error_limit: share of the samples with a position error beyond its limit.
