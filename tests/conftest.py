@@ -9,6 +9,8 @@ from typing import NamedTuple
 import pytest
 from PIL import Image
 
+# What is imported and collected lives until the end, so that looking for garbage among it is a waste of time.
+gc.disable()
 # The processes of pytest fill the cores: threads of linear algebra would only wait for each other. NumPy reads this.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -38,6 +40,7 @@ def pytest_collection_finish() -> None:
     """A quarter of the time would go by looking for garbage among what has been imported."""
     gc.freeze()
     gc.set_threshold(100_000, 50, 100)
+    gc.enable()
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -138,12 +141,23 @@ def run(capsys, monkeypatch):
 
 
 @pytest.fixture
+def undrawn(monkeypatch):
+    """Figures are made and written, but not drawn, for tests of commands whose figures have tests of their own."""
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda figure, file, **_: _write_blank(file))
+
+
+@pytest.fixture
 def unpainted(monkeypatch):
     """Figures are made, drawn and written, but neither laid out nor painted, which takes three quarters of the time."""
 
     def drawn_only(figure, file, **_):
         figure.set_layout_engine("none")
         figure.draw_without_rendering()
-        Image.new("RGB", (8, 8)).save(file, format="png")
+        _write_blank(file)
 
     monkeypatch.setattr("matplotlib.figure.Figure.savefig", drawn_only)
+
+
+def _write_blank(file) -> None:
+    """Write a picture without content."""
+    Image.new("RGB", (8, 8)).save(file, format="png")
