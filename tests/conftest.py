@@ -52,11 +52,12 @@ def _no_kept_results():
 
 
 @pytest.fixture(autouse=True)
-def _ctrl_c():
-    """Ctrl-C is an exception in every test, however pytest was started and whatever a script has made of it before."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+def _process_as_before():
+    """Ctrl-C is an exception in every test, and what commands set for their process ends with the test."""
+    handler, thresholds = signal.signal(signal.SIGINT, signal.default_int_handler), gc.get_threshold()
     yield
-    signal.signal(signal.SIGINT, before)
+    signal.signal(signal.SIGINT, handler)
+    gc.set_threshold(*thresholds)
 
 
 @pytest.fixture(autouse=True)
