@@ -106,6 +106,7 @@ def divided(listing: Listing, changes: Mapping[int, Any], logged: Sequence[Any])
         elif listing.operations[line].name != "row":
             in_before(line)
     stores = list(zip(targets, map(in_rest, lines), strict=True))
+    del in_before, in_rest  # they refer to themselves, and would keep the listings until garbage is collected
     return Part(before, [((KEPT, row), symbol) for row, symbol in enumerate(kept)]), Part(rest, stores)
 
 

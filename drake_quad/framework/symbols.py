@@ -127,7 +127,8 @@ class Listing:
 
     def __init__(self) -> None:
         self.operations: list[Operation] = []
-        self._symbols: dict[tuple[Any, ...], Symbol] = {}
+        # Numbers instead of symbols, which refer to their listing: without such circles it is freed at once.
+        self._lines: dict[tuple[Any, ...], int] = {}
 
     def add(
         self,
@@ -138,12 +139,12 @@ class Listing:
     ) -> "Symbol":
         """The symbol of a line, which is added unless it is there."""
         key = name, operands, kind, inside
-        symbol = self._symbols.get(key)
-        if symbol is None:
-            symbol = self._symbols[key] = Symbol(self, len(self.operations), kind)
+        line = self._lines.get(key)
+        if line is None:
+            line = self._lines[key] = len(self.operations)
             # This skips the constructor, which is in Python and takes as long as all else here.
             self.operations.append(tuple.__new__(Operation, key))
-        return symbol
+        return Symbol(self, line, kind)
 
     def row(self, group: int, place: int, kind: SymbolKind = SymbolKind.NUMBER) -> "Symbol":
         """The symbol of a row of a group that is read."""
