@@ -395,7 +395,7 @@ def test_what_is_known_when_machine_code_is_made_is_no_branch():
 
     assert elementary.where_needed(False, doubled, (x, 2.0), 7.0) == 7.0
     assert taken == []
-    assert elementary.where_needed(True, doubled, (x, 2.0), 7.0) is doubled(x, 2.0)
+    assert elementary.where_needed(True, doubled, (x, 2.0), 7.0).line == doubled(x, 2.0).line
     assert "branch" not in {operation.name for operation in listing.operations}
     elementary.where_needed(x > 0.0, doubled, (x, 2.0), 7.0)
     assert taken == [2.0, 2.0, 2.0]
