@@ -328,6 +328,13 @@ def lifted(*operands: Any) -> list[Symbol]:
     return symbols
 
 
+def are_same(x: Any, y: Any) -> bool:
+    """Return whether two rows are one object, or symbols of the same line."""
+    if x.__class__ is Symbol and y.__class__ is Symbol:
+        return x.listing is y.listing and x.line == y.line
+    return x is y
+
+
 _FOREIGN = "what is computed only where it is needed must take all its rows as arguments"
 
 

@@ -373,6 +373,14 @@ def test_truths_and_words_are_taken_and_given_where_needed():
     np.testing.assert_array_equal(formula(x, y), expected)
 
 
+def test_a_choice_between_one_row_and_itself_is_the_row():
+    listing = Listing()
+    x = listing.row(0, 0)
+    assert elementary.where(x > 0.0, x, listing.row(0, 0)).line == x.line
+    assert elementary.where(x > 0.0, x, listing.row(0, 1)).line != x.line
+    assert [operation.name for operation in listing.operations].count("select") == 1
+
+
 def test_what_is_needed_is_apart_from_what_is_always_done():
     listing = Listing()
     x, y, bound = (listing.row(0, place) for place in range(3))
