@@ -9,8 +9,6 @@ from typing import NamedTuple
 import pytest
 from PIL import Image
 
-# What is imported and collected lives until the end, so that looking for garbage among it is a waste of time.
-gc.disable()
 # The processes of pytest fill the cores: threads of linear algebra would only wait for each other. NumPy reads this.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -34,6 +32,11 @@ def pytest_xdist_auto_num_workers() -> int:
 
 def pytest_collection_modifyitems(items) -> None:
     items.sort(key=lambda item: item.path.stem not in _FIRST)
+
+
+def pytest_configure() -> None:
+    """What is imported while tests are collected lives until the end, so no garbage is looked for meanwhile."""
+    gc.disable()
 
 
 def pytest_collection_finish() -> None:

@@ -118,7 +118,11 @@ REFUSED = {
         r"no way from waypoint 1 to waypoint 2 at 0.27 m .* without wall, there would be one",
     ),
     "a corridor that the wall closes": (
-        [SMALL, "route.corridors=[null, {min: [2.5, -0.5, 0.5], max: [6.5, 3.5, 2.0]}]", "space.obstacles.wall.size.1=4.5"],
+        [
+            SMALL,
+            "route.corridors=[null, {min: [2.5, -0.5, 0.5], max: [6.5, 3.5, 2.0]}]",
+            "space.obstacles.wall.size.1=4.5",
+        ],
         r"no way from waypoint 1 to waypoint 2 in the corridor of segment 1 at .* without wall, there would be one",
     ),
     "a gate in a wall": (
