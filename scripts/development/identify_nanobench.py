@@ -37,6 +37,7 @@ _MASS, _ARM, _GRAVITY = 0.027, 0.03253, 9.81  # kg, m, m/s²; only ratios to the
 _EVERY = 3  # samples of the log averaged to one, 30 ms, since radio packets arrive at 75 to 84 Hz
 _SMOOTHING = 8  # samples
 _CLIMB = 400  # samples after lift-off that show the slope of the thrust
+_PERIOD = 0.01  # s, of the log
 _FRAME = 0.002  # s, period of the estimator
 _SETTLED = 150  # samples after and before take-off and landing that are left out
 
@@ -171,19 +172,16 @@ def climb_slope(record: FlightRecord, lift_off: int) -> float:
     return best[1]
 
 
-def lean_time(flights: list[Flight], lean: float) -> float:
-    """Return the time constant (s) with which the error of the estimated tilt follows the velocity."""
+def lean_time(flight: Flight, lean: float) -> float:
+    """Return the time constant (s) with which the error of the estimated tilt of a flight follows the velocity."""
+    velocity, found = flight.lean
 
     def error(time: float) -> float:
-        decay = np.exp(-0.01 / time)
-        total = 0.0
-        for flight in flights:
-            velocity, found = flight.lean
-            expected = scipy.signal.lfilter([1.0 - decay], [1.0, -decay], -lean * velocity, axis=0)
-            total += float(np.sum((found - expected)[_SETTLED:].var(axis=0)))
-        return total
+        decay = np.exp(-_PERIOD / time)
+        expected = scipy.signal.lfilter([1.0 - decay], [1.0, -decay], -lean * velocity, axis=0)
+        return float(np.sum((found - expected)[_SETTLED:].var(axis=0)))
 
-    return float(scipy.optimize.minimize_scalar(error, bounds=(0.05, 3.0), method="bounded").x)
+    return float(scipy.optimize.minimize_scalar(error, bounds=(0.05, 5.0), method="bounded").x)
 
 
 def identified(records: list[FlightRecord], flights: list[Flight]) -> dict[str, tuple[float, float]]:
@@ -222,7 +220,9 @@ def scenario_text(flights: list[Flight], numbers: dict[str, tuple[float, float]]
         values = np.array([getattr(flight, name) for flight in flights])
         values = values if column is None else values[:, column]
         values = values.mean(axis=1) if values.ndim > 1 else values
-        return float(values.mean()), float(values.std(ddof=1))
+        # The normal distribution has the 95 % interval of Student's for one more flight.
+        student = scipy.stats.t.ppf(0.975, len(values) - 1) / scipy.stats.norm.ppf(0.975)
+        return float(values.mean()), float(student * values.std(ddof=1) * np.sqrt(1.0 + 1.0 / len(values)))
 
     def normal(mean: float, deviation: float, shared: str = "", least: float | None = None, most: float | None = None) -> str:
         end = f", shared: {{{shared}: 1}}" if shared else ""
@@ -242,6 +242,7 @@ def scenario_text(flights: list[Flight], numbers: dict[str, tuple[float, float]]
     drift = np.mean([flight.drift for flight in flights], axis=0)
     linear = normal(drag * _MASS, drag_deviation * _MASS, "drag", 0.0)
     lean = drag / _GRAVITY
+    times = [round(lean_time(flight, lean), 2) for flight in flights]
     values = {name: normal(*pair, least=0.5 * pair[0], most=1.5 * pair[0]) for name, pair in numbers.items()}
     return f"""\
 # Flights of a Crazyflie 2.1 with motion capture under the PID of its firmware 2025.12.1: NanoBench, S. I. Ullah, J. Baca,
@@ -261,7 +262,7 @@ nanobench:
   laboratory:
     autopilot:
       # The estimator of the firmware has no drag.
-      neglected_drag: {{lean: {lean:.3g}, time: {lean_time(flights, lean):.2g}}}
+      neglected_drag: {{lean: {lean:.3g}, time: {{choice: {times}}}}}
     motion_capture:
       # Lag of its position behind motion capture in each flight, and scale error of its velocity, which a flight keeps.
       latency_frames: {{choice: {frames}}}

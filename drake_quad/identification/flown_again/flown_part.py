@@ -13,7 +13,7 @@ _IDLE = 0.5
 # Height of vehicle and reference above the ground in free flight, m: some rotor diameters of a small vehicle.
 _MIN_HEIGHT = 0.25
 # Height above the ground at which a vehicle has lifted off, m; more than the noise of a position measurement.
-_LIFT_OFF = 0.01
+_LIFT_OFF = 0.003
 
 
 class FlownPart(NamedTuple):

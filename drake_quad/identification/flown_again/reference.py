@@ -22,6 +22,8 @@ _LONGEST_HOLD = 0.05
 _RIDGE = 1e-9
 # Share of the rest before the log that is spent on getting to the speed with which it begins.
 _RUN_UP = 0.5
+# From the place of a vehicle that lifts off to the first setpoint, s: less than the period of any control.
+_AT_ONCE = 2.0 * SHORTEST
 # Weight of a first knot that is known to be at rest.
 _AT_REST = 1e3
 
@@ -110,7 +112,7 @@ def _held(record: FlightRecord, rest: float, lift_off: int | None) -> LoggedRefe
     yaw = np.full(len(position), _flown_yaw(record)) if record.reference_yaw is None else np.unwrap(record.reference_yaw)
     steps = np.linalg.norm(np.diff(position, axis=0), axis=1)
     rows = np.column_stack([record.time, position, yaw])
-    first, start = (0, rest) if lift_off is None else (lift_off, SHORTEST - float(record.time[lift_off]))
+    first, start = (0, rest) if lift_off is None else (lift_off, _AT_ONCE - float(record.time[lift_off]))
     rows = rows[first:]
     changed = np.append(True, (np.diff(rows[:, 1:], axis=0) != 0.0).any(axis=1))
     rows = rows[changed]
@@ -118,7 +120,7 @@ def _held(record: FlightRecord, rest: float, lift_off: int | None) -> LoggedRefe
     if lift_off is not None:
         rows = np.vstack([[0.0, *record.of("position")[first], rows[0, 4]], rows])
     rows[0, 0] = 0.0
-    last_hold = max(SHORTEST, float(record.time[-1]) + start - rows[-1, 0])
+    last_hold = max(_AT_ONCE, float(record.time[-1]) + start - rows[-1, 0])
     route = SetpointsRoute(kind="setpoints", setpoints=tuple(map(tuple, rows.tolist())), last_hold=last_hold)
     return LoggedReference(route, start, 0.0, float(record.time[int(np.argmax(steps)) + 1]))
 
