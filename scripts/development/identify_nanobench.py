@@ -1,13 +1,13 @@
 """Write diagrams/nanobench.yaml: the Crazyflie of NanoBench with its firmware, from the slow and medium flights.
 
 Give the folder of NanoBench (S. I. Ullah, J. Baca, arXiv 2603.09908; BSD-3). Nothing follows from a tracking error:
-inertia, lag and centre of pressure are from `identify`, on the IMU and the motors, which share a clock. The rest is what
-flights differ by. The fast flights are left out, so that they can be predicted.
+inertia, lag and centre of pressure are from `identify`, on the IMU and the motors, which share a clock. The rest is
+what flights differ by. The fast flights are left out, so that they can be predicted.
 """
 
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from drake_quad.command_line.running import run
 
@@ -59,7 +59,7 @@ class Flight(NamedTuple):
         drift: (3,) standard deviation of the rest of its error, m/s.
         drift_time: correlation time of that, s.
         lag: lag of the estimated position behind motion capture, s.
-        lean: samples of the horizontal velocity (m/s) and of the error of the estimated direction of thrust, for x and y.
+        lean: samples (n, 2) of the horizontal velocity (m/s) and of the error of the estimated direction of thrust.
     """
 
     hover: float
@@ -94,12 +94,16 @@ def main() -> None:
     print_columns(
         ("flight", "hover", "slope (m/s²)", "drag (1/s)", "velocity scale", "lag (ms)"),
         [
-            (name, f"{f.hover:.3f}", f"{f.slope:.1f}", f"{f.drag.mean():.3f}", f"{f.scale[:2].mean():+.3f}", f"{1e3 * f.lag:.0f}")
+            (name, *(f"{value:.3g}" for value in (f.hover, f.slope, f.drag.mean(), f.scale[:2].mean(), 1e3 * f.lag)))
             for name, f in zip(names, flights, strict=True)
         ],
     )
     text = scenario_text(flights, identified(records, flights))
-    print_files([write_whole(arguments.output, lambda path: path.write_text(text, encoding="utf-8"))])
+
+    def write(path: Path) -> None:
+        path.write_text(text, encoding="utf-8")
+
+    print_files([write_whole(arguments.output, write)])
 
 
 def with_commands(record: FlightRecord) -> FlightRecord:
@@ -202,7 +206,8 @@ def identified(records: list[FlightRecord], flights: list[Flight]) -> dict[str, 
         # The centre of mass differs from flight to flight, so each is identified by itself.
         imu = coarser(replace(record, position=None, velocity=None, attitude=None), _EVERY)
         found = identify([imu], start, held_out_share=0.0)
-        _, k_1, k_2 = found.vehicle.vehicle.motors.curve
+        fitted: Any = found.vehicle.vehicle.motors
+        _, k_1, k_2 = fitted.curve
         factor = 0.25 * _MASS * slope * _FULL / (k_1 + 2.0 * k_2 * hover / _FULL)
         values = dict(zip(found.estimates.names, found.estimates.values, strict=True))
         rows.append([float(values[name]) * (factor if name in _PROPORTIONAL else 1.0) for name in _TURNING])
@@ -224,9 +229,8 @@ def scenario_text(flights: list[Flight], numbers: dict[str, tuple[float, float]]
         student = scipy.stats.t.ppf(0.975, len(values) - 1) / scipy.stats.norm.ppf(0.975)
         return float(values.mean()), float(student * values.std(ddof=1) * np.sqrt(1.0 + 1.0 / len(values)))
 
-    def normal(mean: float, deviation: float, shared: str = "", least: float | None = None, most: float | None = None) -> str:
-        end = f", shared: {{{shared}: 1}}" if shared else ""
-        end += "".join(f", {name}: {limit:.4g}" for name, limit in (("min", least), ("max", most)) if limit is not None)
+    def normal(mean: float, deviation: float, end: str = "") -> str:
+        end = f", {end}" if end else ""
         return f"{{normal: {{mean: {mean:.4g}, standard_deviation: {deviation:.2g}{end}}}}}"
 
     hover, hover_deviation = spread("hover")
@@ -240,23 +244,28 @@ def scenario_text(flights: list[Flight], numbers: dict[str, tuple[float, float]]
     scale, vertical = spread("scale", slice(0, 2)), spread("scale", 2)
     frames = [max(0, round(flight.lag / _FRAME)) for flight in flights]
     drift = np.mean([flight.drift for flight in flights], axis=0)
-    linear = normal(drag * _MASS, drag_deviation * _MASS, "drag", 0.0)
+    linear = normal(drag * _MASS, drag_deviation * _MASS, "shared: {drag: 1}, min: 0")
     lean = drag / _GRAVITY
     times = [round(lean_time(flight, lean), 2) for flight in flights]
-    values = {name: normal(*pair, least=0.5 * pair[0], most=1.5 * pair[0]) for name, pair in numbers.items()}
+    along = normal(*scale, "shared: {estimator: 1}, min: -0.5")
+    values = {
+        name: normal(mean, deviation, f"min: {0.5 * mean:.4g}, max: {1.5 * mean:.4g}")
+        for name, (mean, deviation) in numbers.items()
+    }
     return f"""\
-# Flights of a Crazyflie 2.1 with motion capture under the PID of its firmware 2025.12.1: NanoBench, S. I. Ullah, J. Baca,
-# arXiv 2603.09908, 2026 (BSD-3). `drake-quad compare-log` flies the setpoints of a log in the place of the route here.
-# Written by
+# Flights of a Crazyflie 2.1 with motion capture under the PID of its firmware 2025.12.1: NanoBench, S. I. Ullah,
+# J. Baca, arXiv 2603.09908, 2026 (BSD-3). `drake-quad compare-log` flies the setpoints of a log in the place of the
+# route here. Written by
 #   python scripts/development/identify_nanobench.py FOLDER
-# from {len(flights)} slow and medium flights, and from nothing of their tracking errors. docs/background/nanobench.md says how.
+# from {len(flights)} slow and medium flights, without their tracking errors. docs/background/nanobench.md says how.
 nanobench:
   extends: [vehicles/crazyflie, controllers/crazyflie]
   route: {{kind: hover, duration: 5.0}}
   # The laboratory has no ground, and the setpoints jump.
   crash: {{height: -20.0, position_error: 20.0}}
   nominal:
-    # The firmware commands thrust. A throttle of 1 is {_FULL} of its full command, {MAX_THRUST} N; single rotors get so much.
+    # The firmware commands thrust. A throttle of 1 is {_FULL} of its full command of {MAX_THRUST} N, which it may
+    # exceed for single rotors.
     motors: {{kind: throttle, curve: [0.0, {_FULL * MAX_THRUST:.4g}, 0.0]}}
     max_rotor_speed: 2784.0    # of {_FULL * MAX_THRUST:.4g} N
   laboratory:
@@ -264,12 +273,12 @@ nanobench:
       # The estimator of the firmware has no drag.
       neglected_drag: {{lean: {lean:.3g}, time: {{choice: {times}}}}}
     motion_capture:
-      # Lag of its position behind motion capture in each flight, and scale error of its velocity, which a flight keeps.
+      # Lag of the estimated position in each of the flights. The scale error of the velocity is constant in a flight.
       latency_frames: {{choice: {frames}}}
       velocity_error:
-        - {normal(*scale, "estimator", -0.5)}
-        - {normal(*scale, "estimator", -0.5)}
-        - {normal(*vertical, least=-0.5)}
+        - {along}
+        - {along}
+        - {normal(*vertical, "min: -0.5")}
       velocity_drift: [{", ".join(f"{each:.2g}" for each in drift)}]
       drift_time: {spread("drift_time")[0]:.2g}
   vehicle:
@@ -284,7 +293,7 @@ nanobench:
     min_rotor_speed: 0.0
     max_rotor_speed: 4862.0
     motors:
-      # The command that carries the vehicle differs by {100.0 * hover_deviation:.1f} % of the full one from flight to flight.
+      # The command of hover differs between flights, by a standard deviation of {hover_deviation:.3f} of the full one.
       kind: throttle
       curve: [{normal(level, full * hover_deviation)}, {full * _FULL:.4g}, 0.0]
     centre_of_mass:    # differs with the place of the battery
@@ -293,8 +302,8 @@ nanobench:
     body_drag:
       linear: [{linear}, {linear}, {drag * _MASS:.3g}]
       centre_of_pressure: [0.0, 0.0, {values["body_drag.centre_of_pressure[2]"]}]
-    # Four rotors gain 11.4 times what Cheeseman and Bennett have for one of 23.1 mm (G. Shi et al., "Neural Lander", ICRA
-    # 2019; J. Panerati et al., gym-pybullet-drones): √11.4 · 23.1 mm. Markers are 2 cm above the rotors.
+    # The rotors of a Crazyflie gain 11.4 times as much as Cheeseman and Bennett have for one of 23.1 mm (J. Panerati et
+    # al., "Learning to fly", IROS 2021, gnd_eff_coeff): √11.4 · 23.1 mm. The markers are 2 cm above the rotors.
     ground_effect: {{rotor_radius: 0.078, ground_height: 0.02}}
 """
 

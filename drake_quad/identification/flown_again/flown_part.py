@@ -12,7 +12,7 @@ from drake_quad.identification.windows import effort
 _IDLE = 0.5
 # Height of vehicle and reference above the ground in free flight, m: some rotor diameters of a small vehicle.
 _MIN_HEIGHT = 0.25
-# Height above the ground at which a vehicle has lifted off, m; more than the noise of a position measurement.
+# Height above the ground at which a vehicle has lifted off, m; more than the noise of motion capture.
 _LIFT_OFF = 0.003
 
 
@@ -33,9 +33,9 @@ class FlownPart(NamedTuple):
 def flown_part(record: FlightRecord) -> FlownPart:
     """Return the part of a log in which the vehicle flies freely, and so does its reference.
 
-    A log begins on the ground, or ends there, if the rotors idle: their command is less than half of its median. The
-    ground is at the height of the vehicle then. In free flight vehicle and reference are 0.25 m above the ground. If the
-    rotors idle at neither end, or no command is logged, the whole log is in the air.
+    A log begins or ends on the ground if the rotors idle there: their command is less than half of its median. The
+    ground is at the height of the vehicle then. In free flight, vehicle and reference are 0.25 m above the ground. If
+    the rotors idle at neither end, or no command is logged, the whole log is in the air.
 
     Args:
         record: record with position and reference position.
@@ -55,8 +55,8 @@ def flown_part(record: FlightRecord) -> FlownPart:
     flying = np.flatnonzero(lowest > ground + _MIN_HEIGHT)
     if len(flying) < 2:
         raise InputError(
-            f"the vehicle of the log {shown(record.name)} does not fly: it and its reference are never {_MIN_HEIGHT:g} m"
-            " above the ground together"
+            f"the vehicle of the log {shown(record.name)} does not fly: it and its reference are never"
+            f" {_MIN_HEIGHT:g} m above the ground together"
         )
     first, end = int(flying[0]), int(flying[-1]) + 1
     if not idle[0]:

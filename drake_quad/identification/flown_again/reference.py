@@ -1,4 +1,4 @@
-"""The reference of a log as a route that can be flown: a smooth path through its samples, or setpoints that are held."""
+"""The reference of a log as a route that can be flown: a smooth path through its samples, or held setpoints."""
 
 import math
 from typing import NamedTuple
@@ -45,7 +45,8 @@ class LoggedReference(NamedTuple):
 
     def __str__(self) -> str:
         if isinstance(self.route, SetpointsRoute):
-            return f"{len(self.route.setpoints):,} setpoints, each held until the next, since they jump at {self.jump:.2f} s"
+            number = len(self.route.setpoints)
+            return f"{number:,} setpoints, each held until the next, since they jump at {self.jump:.2f} s"
         pieces = len(self.route.knots or ()) - 1
         return f"{pieces} pieces of degree 7, within {1e3 * self.deviation:.2f} mm of the log's"
 
@@ -109,7 +110,9 @@ def logged_reference(
 def _held(record: FlightRecord, rest: float, lift_off: int | None) -> LoggedReference:
     """Return the logged setpoints as a route that begins at the lift-off, if any, or after a rest (s) at the first."""
     position = record.of("reference_position")
-    yaw = np.full(len(position), _flown_yaw(record)) if record.reference_yaw is None else np.unwrap(record.reference_yaw)
+    yaw = np.full(len(position), _flown_yaw(record))
+    if record.reference_yaw is not None:
+        yaw = np.unwrap(record.reference_yaw)
     steps = np.linalg.norm(np.diff(position, axis=0), axis=1)
     rows = np.column_stack([record.time, position, yaw])
     first, start = (0, rest) if lift_off is None else (lift_off, _AT_ONCE - float(record.time[lift_off]))
