@@ -10,7 +10,7 @@ from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import PolynomialPath
 from drake_quad.scenario.distributions import Real
 from drake_quad.scenario.limits import SHORTEST
-from drake_quad.scenario.quantities import PlainMoment, PlainSpan
+from drake_quad.scenario.quantities import TWO_TURNS, PlainMoment, PlainSpan, radians_demand
 from drake_quad.scenario.routes.route import ROUTES, KnownEnd, MissionRoute, Planned
 from drake_quad.space.space import Space
 
@@ -27,7 +27,7 @@ class SetpointsRoute(MissionRoute):
 
     kind: Literal["setpoints"]
     setpoints: Annotated[tuple[Setpoint, ...], Field(strict=False, min_length=1)] = Field(
-        description="time (s), x, y, z in W (m) and yaw (rad) of each, at increasing times, from 0 on"
+        description="of each the time in s, x, y, z in W in m and the yaw in rad, at increasing times, from 0 on"
     )
     last_hold: PlainSpan = Field(default=1.0, description="how long the last setpoint is held (s)")
 
@@ -39,6 +39,14 @@ class SetpointsRoute(MissionRoute):
         for i, (now, then) in enumerate(itertools.pairwise(times)):
             if not then - now >= SHORTEST:
                 raise self.wrong(f"must be later than {now}, by {SHORTEST} s or more", "setpoints", i + 1, 0)
+        return self
+
+    @model_validator(mode="after")
+    def _in_radians(self) -> "SetpointsRoute":
+        """Raise an error if the yaw never changes and must have been given in degrees; turns are allowed."""
+        yaws = {setpoint[4] for setpoint in self.setpoints}
+        if len(yaws) == 1 and abs(yaw := yaws.pop()) > TWO_TURNS:
+            raise self.wrong(radians_demand(yaw, TWO_TURNS), "setpoints", 0, 4)
         return self
 
     def known_end(self) -> KnownEnd:
