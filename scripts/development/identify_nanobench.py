@@ -257,7 +257,7 @@ def scenario_text(flights: list[Flight], numbers: dict[str, tuple[float, float]]
 # J. Baca, arXiv 2603.09908, 2026 (BSD-3). `drake-quad compare-log` flies the setpoints of a log in the place of the
 # route here. Written by
 #   python scripts/development/identify_nanobench.py FOLDER
-# from {len(flights)} slow and medium flights, without their tracking errors. docs/background/nanobench.md says how.
+# from {len(flights)} slow and medium flights, without their tracking errors. docs/background/real_flights.md says how.
 nanobench:
   extends: [vehicles/crazyflie, controllers/crazyflie]
   route: {{kind: hover, duration: 5.0}}

@@ -117,8 +117,8 @@ def _held(record: FlightRecord, rest: float, lift_off: int | None) -> LoggedRefe
     rows = np.column_stack([record.time, position, yaw])
     first, start = (0, rest) if lift_off is None else (lift_off, _AT_ONCE - float(record.time[lift_off]))
     rows = rows[first:]
-    changed = np.append(True, (np.diff(rows[:, 1:], axis=0) != 0.0).any(axis=1))
-    rows = rows[changed]
+    changed = (np.diff(rows[:, 1:], axis=0) != 0.0).any(axis=1)
+    rows = rows[np.append(True, changed & (np.diff(rows[:, 0]) > _AT_ONCE))]
     rows[:, 0] += start
     if lift_off is not None:
         rows = np.vstack([[0.0, *record.of("position")[first], rows[0, 4]], rows])
