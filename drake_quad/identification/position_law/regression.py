@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from drake_quad.identification.evidence import explained_share, inverted, jackknife, of_blocks
+from drake_quad.identification.evidence import inverted, jackknife, sums_over_blocks
 from drake_quad.identification.position_law.pieces import MIN_REFERENCE_SPEED, Piece, block_numbers
 from drake_quad.identification.prepared_logs import MAX_DELAY
 from drake_quad.identification.results.estimates import quantile
@@ -134,7 +134,8 @@ def _solved(
     products = regressors.T @ regressors
     gains = inverted(products, products) @ (regressors.T @ commands)
     left = commands - regressors @ gains
-    return Fit(terms, gains, shape, free, left, float(explained_share(left @ left, commands @ commands)))
+    power = float(commands @ commands)
+    return Fit(terms, gains, shape, free, left, 1.0 - float(left @ left) / power if power > 0.0 else np.nan)
 
 
 def _regression(
@@ -228,8 +229,8 @@ def uncertainty(pieces: Sequence[Piece], axes: tuple[int, ...], fit: Fit) -> tup
     derivatives = np.hstack(slopes)
     variance = float(np.mean(fit.left**2))
     blocks = np.tile(block_numbers(pieces), len(axes))
-    information = of_blocks(derivatives[:, :, None] * derivatives[:, None, :] / variance, blocks)
-    scores = of_blocks(derivatives * fit.left[:, None] / variance, blocks)
+    information = sums_over_blocks(derivatives[:, :, None] * derivatives[:, None, :] / variance, blocks)
+    scores = sums_over_blocks(derivatives * fit.left[:, None] / variance, blocks)
     covariance, freedom, model = jackknife(information, scores)
     measured = [fit.terms.index(name) for name in ESSENTIAL]
     bias = len(fit.left) * np.abs(model[:, measured] / fit.gains[measured]).max(axis=1)
