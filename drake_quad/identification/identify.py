@@ -46,6 +46,7 @@ from drake_quad.identification.sampling import (
     SlowFit,
     Synchronised,
     fast_command_remarks,
+    lack_commands,
     slow_fit,
     synchronised,
     with_bandwidth,
@@ -170,7 +171,9 @@ def _result(
     uncertainty = uncertainty_of_mean(fitted.uncertainty(blocks), evidence, variation)
     remarks = [*_remarks(predictor, fitted, names), *steep_remarks(logs.records)]
     if slow is not None:
-        uncertainty, more = with_bandwidth(uncertainty, parameters, fitted.values, slow, logs)
+        uncertainty, more = with_bandwidth(
+            uncertainty, parameters, fitted.values, slow, logs.period, lacks_commands=lack_commands(logs.records)
+        )
         remarks += more
     weak = not_identified(parameters, fitted.values, uncertainty)
     if {*names} <= {*weak, DELAY}:

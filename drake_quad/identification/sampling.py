@@ -114,6 +114,11 @@ def fast_command_remarks(records: Sequence[FlightRecord]) -> list[str]:
     ]
 
 
+def lack_commands(records: Sequence[FlightRecord]) -> bool:
+    """Return whether logs may lack commands between their samples."""
+    return any(fast_command_share(record) > _FAST_COMMANDS for record in records)
+
+
 def fast_command_share(record: FlightRecord) -> float:
     """Return the share of the power of the commands above half of the Nyquist frequency of the log, in flight.
 
@@ -145,7 +150,13 @@ def slow_fit(logs: PreparedLogs, parameters: Sequence[Parameter], fitted: Predic
 
 
 def with_bandwidth(
-    uncertainty: Uncertainty, parameters: Sequence[Parameter], values: np.ndarray, slow: SlowFit, logs: PreparedLogs
+    uncertainty: Uncertainty,
+    parameters: Sequence[Parameter],
+    values: np.ndarray,
+    slow: SlowFit,
+    period: float,
+    *,
+    lacks_commands: bool,
 ) -> tuple[Uncertainty, list[str]]:
     """Return the uncertainty with what parameters depend on the bandwidth of the logs, and remarks.
 
@@ -161,11 +172,11 @@ def with_bandwidth(
         parameters: parameters.
         values: (p,) estimates.
         slow: estimates from slower logs.
-        logs: logs.
+        period: period of the logs, s.
+        lacks_commands: whether commands between the samples may be missing.
     """
     squares = (values - slow.values) ** 2
     own = np.diag(uncertainty.covariance)
-    period, lacks_commands = logs.period, any(fast_command_share(each) > _FAST_COMMANDS for each in logs.records)
     differs = np.full(len(own), lacks_commands) & (squares > _DIFFERS**2 * (slow.variances + own))
     excess = np.maximum(squares - np.maximum(slow.variances - own, 0.0), 0.0)
     distortion = squares * (period**2 / (slow.period**2 - period**2)) ** 2

@@ -49,16 +49,19 @@ def attitudes(root):
     ],
 )
 def test_what_sensors_measure_is_predicted_and_what_estimators_derive_is_not(logged, predicted):
-    found = prepared_logs._outputs([record(1.0, *logged)])
+    found = prepared_logs._outputs([record(1.0, *logged)], False)
     assert found == [Output(name, column) for name in predicted for column in range(3)]
 
 
 def test_only_signals_that_all_logs_have_are_predicted():
-    found = prepared_logs._outputs([record(1.0, *POSES, "body_rates", FORCE), record(1.0, "body_rates", FORCE)])
+    found = prepared_logs._outputs([record(1.0, *POSES, "body_rates", FORCE), record(1.0, "body_rates", FORCE)], False)
     assert {output.signal for output in found} == {"body_rates", FORCE}
-    assert prepared_logs._outputs([record(1.0, "position")]) == [Output("position", 2)]
+    # An estimator's late attitude is replaced by the body rates of its gyroscope.
+    found = prepared_logs._outputs([record(1.0, *POSES, "body_rates")], True)
+    assert {output.signal for output in found} == {"position", "body_rates"}
+    assert prepared_logs._outputs([record(1.0, "position")], False) == [Output("position", 2)]
     with pytest.raises(InputError, match="to identify a vehicle, a log needs body_rates and specific_force, position"):
-        prepared_logs._outputs([record(1.0, "specific_force")])
+        prepared_logs._outputs([record(1.0, "specific_force")], False)
 
 
 def test_a_log_of_throttles_gives_the_vehicle_throttle_motors(rotors):

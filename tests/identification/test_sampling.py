@@ -14,7 +14,8 @@ from drake_quad.identification.sampling import (
     SlowFit,
     fast_command_remarks,
     fast_command_share,
-    on_one_clock,
+    lack_commands,
+    synchronised,
     with_bandwidth,
 )
 
@@ -63,21 +64,35 @@ def test_a_constant_shift_is_the_same_in_all_parts(shift):
 def test_clocks_that_drift_leave_the_sensors_on_board_alone():
     drifting = rolling(DRIFT)
     np.testing.assert_allclose(np.std(shifts_of(drifting)), np.std(DRIFT), rtol=0.2)
-    (kept,), (remark,) = on_one_clock([drifting])
+    (kept,), late, (remark,) = synchronised([drifting])
     assert {*kept.names} == {"body_rates", "specific_force", "motor_command"}
     assert kept.period == pytest.approx(0.03)
+    assert not late
     assert "not synchronised; position, velocity and attitude are left out" in remark
 
 
 def test_a_constant_shift_is_no_drift():
-    record = rolling(np.full(20, 0.03))
-    assert on_one_clock([record]) == ([record], [])
+    """Body rates that lag may be derived from the attitude."""
+    record = rolling(np.full(20, -0.03))
+    assert synchronised([record]) == ([record], False, [])
+
+
+def test_an_attitude_that_lags_the_gyroscope_is_late():
+    record = rolling(np.full(20, 0.007))
+    (kept,), late, (remark,) = synchronised([record])
+    assert kept is record
+    assert late
+    assert remark.startswith("the attitude lags the body rates by 7 ms")
+    # Alone, the attitude is still better than nothing.
+    bare = rolling(np.full(20, 0.007), lost=("position", "specific_force"))
+    assert synchronised([bare]) == ([bare], False, [])
 
 
 def test_without_an_accelerometer_a_drift_is_only_remarked():
     record = rolling(DRIFT, lost=("specific_force",))
-    kept, (remark,) = on_one_clock([record])
+    kept, late, (remark,) = synchronised([record])
     assert kept == [record]
+    assert not late
     assert remark.endswith("their clocks are not synchronised")
 
 
@@ -92,6 +107,8 @@ def test_the_share_of_fast_commands_is_that_of_white_and_of_smooth_commands():
     common = replace(smooth, motor_command=smooth.motor_command + 0.1 * random.normal(size=(len(TIME), 1)))
     assert fast_command_share(common) < 0.01
     assert fast_command_share(replace(still, motor_command=None)) == 0.0
+    assert lack_commands([smooth, white])
+    assert not lack_commands([smooth, common])
     (remark,) = fast_command_remarks([smooth, white])
     assert remark.startswith(("rolling: 50% of the power", "rolling: 49% of the power"))
 
@@ -105,7 +122,8 @@ def test_an_interval_contains_the_estimate_of_another_bandwidth_if_it_differs_by
     own = np.array([[1.0, 0.5], [0.5, 1.0]])
     uncertainty = Uncertainty(own, np.full(2, np.inf), own)
     slow = SlowFit(np.array([4.0, 2.0]), np.array([1.5, 1.5]), 0.03)
-    found, (remark,) = with_bandwidth(uncertainty, parameters, np.array([0.5, 1.0]), slow, 0.01)
+    values = np.array([0.5, 1.0])
+    found, (remark,) = with_bandwidth(uncertainty, parameters, values, slow, 0.01, lacks_commands=True)
     expected = 1.0 + 3.5**2 - 0.5 + (3.5 / 8.0) ** 2
     assert found.covariance[0, 0] == pytest.approx(expected)
     assert found.covariance[1, 1] == pytest.approx(1.0 + (1.0 / 8.0) ** 2)
@@ -115,3 +133,7 @@ def test_an_interval_contains_the_estimate_of_another_bandwidth_if_it_differs_by
         "linear_drag depends on the bandwidth of the log: it is 0.5 at samples of 10 ms, and 4 at 30 ms; the interval"
         " contains both"
     )
+    # With all commands, the difference is an error of the averages.
+    found, remarks = with_bandwidth(uncertainty, parameters, values, slow, 0.01, lacks_commands=False)
+    np.testing.assert_allclose(np.diag(found.covariance), [1.0 + (3.5 / 8.0) ** 2, 1.0 + (1.0 / 8.0) ** 2])
+    assert remarks == []
