@@ -34,6 +34,8 @@ _MAX_ROUNDS = 8
 _CONVERGED_MOVE = 0.2
 _CONVERGED_LOG_CHANGE = 0.2
 _MAX_EVALUATIONS = 5
+# Rounds from which on smaller disturbances are tried: at the beginning, and once the parameters are about right.
+_TRIAL_ROUNDS = (1, 4)
 # Factors of the disturbance that are tried, because scoring reduces a disturbance that is much too large only slowly.
 _SMALLER_TORQUE = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)
 _SMALLER_FORCE = (0.2, 0.2, 0.2, 1.0, 1.0, 1.0)
@@ -146,8 +148,10 @@ def fit(
     values = mean if start is None else start
     prior = np.array([parameter.deviation**-2.0 for parameter in parameters])
     at = _Point.of(predictor, parameters, values, noise)
-    untried = [_SMALLER_TORQUE, _SMALLER_FORCE]
+    untried: list[tuple[float, ...]] = []
     for number in range(1, _MAX_ROUNDS + 1):
+        if number in _TRIAL_ROUNDS:
+            untried = [_SMALLER_TORQUE, _SMALLER_FORCE]
         before, disturbance = at.values, at.noise.disturbance
         noise = _noise_of(predictor, predictor.gains(before, at.noise), at.noise)
         at = _Point.of(predictor, parameters, before, noise)

@@ -17,6 +17,7 @@ import scipy
 from drake_quad.command_line.options import bare_parser
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.design.firmware.crazyflie import MAX_THRUST
+from drake_quad.errors import InputError, shown
 from drake_quad.files import write_whole
 from drake_quad.identification.flown_again.flown_part import flown_part
 from drake_quad.identification.identify import identify
@@ -91,6 +92,8 @@ def main() -> None:
         records.append(record)
         flights.append(flight_of(record, table))
         names.append(path.name.partition("_rep1")[0])
+    if not flights:
+        raise InputError(f"{shown(str(arguments.folder))} has no slow or medium flight of NanoBench under the PID")
     print_columns(
         ("flight", "hover", "slope (m/s²)", "drag (1/s)", "velocity scale", "lag (ms)"),
         [
