@@ -12,7 +12,8 @@ sheet = load_undesigned(SHEET)
 found = identify([record], sheet, held_out_share=1.0 / 3.0)
 print(found.estimates)
 
-# The prediction starts from the logged state and takes the logged commands, in the held-out part of the flight.
+# The prediction starts from the logged state and takes the logged commands, in the last third of the flight,
+# which the final fit has used as well.
 ahead = predict(record, {"identified": found.vehicle, "sheet": sheet}, believed=sheet, share=1.0 / 3.0)
 for horizon in (0.1, 0.2, 0.5):
     off = ahead.rmse("position", "identified", horizon).text(unit="cm", size=0.01)

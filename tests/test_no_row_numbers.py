@@ -44,6 +44,35 @@ def test_formulas_laws_and_metrics_take_rows_by_their_names(root):
     assert found == []
 
 
+def counted_states(tree: ast.AST) -> Iterator[ast.Subscript]:
+    """The places where rows of a state, or of a signal of a flight, are taken by their numbers."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name):
+            first = node.slice.elts[0] if isinstance(node.slice, ast.Tuple) else node.slice
+            ends = (first.lower, first.upper) if isinstance(first, ast.Slice) else (first,)
+            numbered = any(isinstance(end, ast.Constant) and isinstance(end.value, int) for end in ends)
+            if numbered and node.value.id in ("state", "states", "seen", "measured", "body"):
+                yield node
+
+
+def test_identification_takes_rows_of_states_by_their_names(root):
+    found = [
+        f"{file}:{node.lineno}: {ast.unparse(node)}"
+        for file in files(root, "identification")
+        for tree in [ast.parse(file.read_text(encoding="utf-8"))]
+        for node in [*counted_states(tree), *(each for each in integer_indices(tree) if is_signal(each.value))]
+        if not ast.unparse(node).endswith(("[:, ::-1]", "[::-1]", "attitude[:, 2]", "attitude[:, 1]"))
+    ]
+    assert found == []
+
+
+@pytest.mark.parametrize(
+    ("text", "counts"), [("state[5:2:-1]", 1), ("state[3, w]", 1), ("state[:, 1:]", 0), ("state[row : row + 3]", 0)]
+)
+def test_a_row_of_a_state_is_found(text, counts):
+    assert len([*counted_states(ast.parse(text))]) == counts
+
+
 @pytest.mark.slow
 def test_what_reads_flights_takes_rows_by_their_names(root):
     found = [

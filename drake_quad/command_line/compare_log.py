@@ -24,7 +24,13 @@ from drake_quad.command_line.output import (
 )
 from drake_quad.command_line.progress import progress_bar
 from drake_quad.files import output_folder, write_whole
-from drake_quad.identification.flown_again.comparison import AXES, REST, LogComparison, compare_with_log, side_by_side
+from drake_quad.identification.flown_again.comparison import (
+    AXES,
+    DEFAULT_REST,
+    LogComparison,
+    compare_with_log,
+    side_by_side,
+)
 from drake_quad.identification.flown_again.prediction import predict
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
@@ -53,7 +59,7 @@ def options() -> argparse.ArgumentParser:
     result.add_argument("--mapping", metavar="FILE", help="which columns of the log are which signals")
     result.add_argument("--samples", type=int, default=1000, help="number of flights (default: %(default)s)")
     result.add_argument(
-        "--rest", type=float, default=REST, help="hover before the log begins, s (default: %(default)s)"
+        "--rest", type=float, default=DEFAULT_REST, help="hover before the log begins, s (default: %(default)s)"
     )
     result.add_argument(
         "--start", type=float, help="time of the log from which on errors count, s (default: when it begins to move)"

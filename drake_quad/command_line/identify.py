@@ -19,10 +19,10 @@ from drake_quad.errors import shown
 from drake_quad.files import output_folder
 from drake_quad.identification.flown_again.prediction import Predictions, joined, predict
 from drake_quad.identification.hover import delay_by_correlation, trim, white_noise
-from drake_quad.identification.identified import Identification
 from drake_quad.identification.identify import identify
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.result import Identification
 from drake_quad.identification.results.vehicle_file import write_vehicle
 from drake_quad.scenario.files.loading import Override, load_undesigned
 from drake_quad.scenario.models import NAME
@@ -66,6 +66,11 @@ def options() -> argparse.ArgumentParser:
         help="override a field of the vehicle to begin with",
     )
     result.add_argument("--output", type=Path, metavar="FILE", help="to write (default: out/identified/NAME.yaml)")
+    result.add_argument(
+        "--nominal",
+        action="store_true",
+        help="write the estimates to nominal as well, which planner and controllers believe",
+    )
     result.add_argument("--name", help="of the vehicle (default: that of the file, or of the first log)")
     add_vector(result)
     return result
@@ -88,15 +93,20 @@ def main(arguments: argparse.Namespace) -> None:
         given += throttle_motors(base)
         base = vehicle_of(vehicle, given)
     print_logs(records)
+    print_hover(records, float(base.vehicle.mass * base.vehicle.gravity))
     print(f"begins with {vehicle}")
     found = identify(records, base, held_out_share=_HELD_OUT)
     print_estimates(found)
     print_score(found)
-    print_hover(records)
     predictions = predicted(records, found, base)
-    print("predicted ahead from logged commands, held out: RMS error at the horizon")
+    print("open-loop prediction of the last third of each log by a vehicle identified from the rest: RMS error")
     print_predictions(predictions)
-    write_vehicle(path, name, found.estimates, base=vehicle, given=[each.assignment for each in given])
+    for sentence in predictions.losses("identified"):
+        remark(sentence)
+    assignments = [each.assignment for each in given]
+    motors = found.vehicle.vehicle.motors
+    written = {"base": vehicle, "nominal": arguments.nominal, "given": assignments}
+    write_vehicle(path, name, found.estimates, **written, voltage=getattr(motors, "voltage", None))
     figures = {
         "fit": plots.plot_fit(found),
         "residuals": plots.plot_residuals(found),
@@ -185,8 +195,8 @@ def throttles(records: list[FlightRecord]) -> np.ndarray | None:
 
 
 def predicted(records: list[FlightRecord], found: Identification, base: Scenario) -> Predictions:
-    """How the vehicle, and the one that it began with, predict the ends of the flights."""
-    vehicles = {"identified": found.vehicle, base.name: base}
+    """Predict the ends of the flights by a vehicle identified from the rest, and by the one that it began with."""
+    vehicles = {"identified": found.training_vehicle or found.vehicle, base.name: base}
     return joined([predict(record, vehicles, believed=base, share=_HELD_OUT) for record in records])
 
 
@@ -204,12 +214,14 @@ def print_estimates(found: Identification) -> None:
     """Print the identified parameters, and the parameters that could not be identified."""
     estimates = found.estimates
     reaches = estimates.quantiles() * estimates.deviations
-    elsewhere = estimates.elsewhere()
+    elsewhere = estimates.for_new_flight()
     farther = elsewhere.quantiles() * elsewhere.deviations
     rows = []
     known = estimates.variation_known
     columns = zip(estimates.names, estimates.values, reaches, farther, known, estimates.units, strict=True)
     for name, value, reach, far, varies, unit in columns:
+        if name in estimates.not_identified:
+            continue
         explained = estimates.explained.get(name)
         share = (
             ""
@@ -222,12 +234,8 @@ def print_estimates(found: Identification) -> None:
     print_columns(("number", "value", "unit", "another stretch", "interval holds", "explains, held out"), rows)
     if found.delay is not None:
         print(f"a command shows after {plus_minus(1e3 * found.delay.value, 1e3 * found.delay.reach)} ms")
-    for name, spread in (found.further or {}).items():
-        if math.isfinite(spread.deviation):
-            unit = "" if spread.unit == "1" else f" {spread.unit}"
-            print(f"{name}: {plus_minus(spread.value, spread.reach)}{unit}")
-    for name, why in estimates.not_seen.items():
-        print(f"not told: {name}: {why}")
+    for name, why in estimates.not_identified.items():
+        print(f"not identified: {name}: {why}")
     for sentence in (*found.remarks, *estimates.remarks):
         remark(sentence)
 
@@ -237,28 +245,27 @@ def covered(found: Identification, name: str) -> str:
     if name not in found.held_out:
         return ""
     each = found.held_out[name]
-    return f"{each.covered} of {len(each.off)}"
+    return f"{each.covered} of {len(each.errors)}"
 
 
 def print_score(found: Identification) -> None:
     """Prints how much of the variance is explained."""
-    print("explained of the variance in windows")
     rows = [
         (
             output.name,
-            percent(output.share_fitted),
-            percent(output.share),
-            f"{np.sqrt(np.mean(output.residual[output.held_out] ** 2)):.2g}",
+            percent(output.explained),
+            f"{np.sqrt(np.mean(output.residual**2)):.2g}",
             f"{output.deviation:.2g}",
             output.unit,
         )
         for output in found.outputs
     ]
-    print_columns(("output", "fitted", "held out", "left, RMS", "white noise", ""), rows)
+    print("forecast of the flight that was held out, in windows")
+    print_columns(("output", "explained variance", "RMS error", "white noise", ""), rows)
 
 
-def print_hover(records: list[FlightRecord]) -> None:
-    """Print the white noise of the measurements, and the trim."""
+def print_hover(records: list[FlightRecord], weight: float) -> None:
+    """Print the white noise of the measurements, and the trim for a weight in N."""
     rows = []
     for record in records:
         for noise in white_noise(record):
@@ -267,7 +274,7 @@ def print_hover(records: list[FlightRecord]) -> None:
             rows.append((f"{record.name}: white noise of {noise.signal.replace('_', ' ')}", rest, flown, noise.unit))
     print_columns(("", "at rest", "in flight", ""), rows)
     for record in records:
-        for name, spread in trim(record).items():
+        for name, spread in trim(record, weight).items():
             print(f"{record.name}: {name} in hover {plus_minus(spread.value, spread.reach)} {spread.unit}")
         behind = delay_by_correlation(record)
         if behind is not None:

@@ -62,14 +62,14 @@ def remark(sentence: str) -> None:
 def print_predictions(predictions: "Predictions") -> None:
     """Print the prediction errors of vehicles at several horizons, and the improvement of the first over the second."""
     names, rows = predictions.vehicles, []
+    first, second, *_ = names
     for quantity, (size, unit) in _DISPLAY_UNITS.items():
         for horizon in predictions.horizons if quantity in predictions.errors else ():
             if predictions.starts(horizon):
                 errors = [predictions.rmse(quantity, name, horizon).text(size=1.0 / size) for name in names]
-                if len(names) == 2:
-                    errors.append(predictions.better(quantity, *names, horizon).text(size=0.01))
+                errors.append(predictions.better(quantity, first, second, horizon).text(size=0.01))
                 rows.append((quantity.replace("_", " "), f"{horizon:g} s", *errors, unit))
-    print_columns(("", "horizon", *names, *(["better by, %"] if len(names) == 2 else []), ""), rows)
+    print_columns(("", "horizon", *names, f"better than {second} by, %", ""), rows)
 
 
 def print_files(files: list[Path]) -> None:

@@ -1,37 +1,38 @@
-"""What a log shows at rest and in hover: white noise of the sensors, and trim.
+"""White noise of the sensors and trim of the vehicle, from a log at rest and in hover.
 
-White noise is what differences of third order leave of a signal that is smooth besides: of n samples with independent
-errors of standard deviation σ they have the variance 20 σ². Where an estimator has filtered a signal nothing of its
-noise is white, and what is found is less than the signal is off by.
+The white noise follows from third differences, which remove a smooth signal: of independent errors with standard
+deviation σ they have the variance 20 σ². If an estimator has filtered the signal, its errors are not white, and the
+result is smaller than they are.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.identification.fitting.windows import airborne
-from drake_quad.identification.identified import Spread
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.logs.timing import pieces
+from drake_quad.identification.result import Spread
+from drake_quad.identification.windows import airborne
 
-_ORDER, _FACTOR = 3, 20.0
-# Before take-off and after landing, s: neither in the air nor at rest.
-_LANDING = 2.0
-# Of hover: slower than this, m/s, and turning less, rad/s.
-_SLOW, _QUIET = 0.15, 0.5
-# Of hover, s, for a mean; and of the blocks for its deviation.
-_SHORTEST, _BLOCK = 1.0, 0.5
-_MEASURED = {"position": "m", "attitude": "rad", "body_rates": "rad/s", "specific_force": "m/s²"}
+_ORDER = 3  # of the differences
+_VARIANCE_FACTOR = 20.0  # variance of third differences of independent errors of unit variance
+_LANDING_TIME = 2.0  # s, before take-off and after landing, which count neither as rest nor as flight
+_MAX_HOVER_SPEED = 0.15  # m/s
+_MAX_HOVER_RATE = 0.5  # rad/s
+_MIN_HOVER_TIME = 1.0  # s
+_BLOCK = 0.5  # s, blocks whose scatter gives standard deviations
+_MIN_WHOLE_DIFFERENCES = 30
+_UNITS = {"position": "m", "attitude": "rad", "body_rates": "rad/s", "specific_force": "m/s²"}
 
 
 class HoverNoise(NamedTuple):
-    """White noise of a signal, each axis by itself.
+    """White noise of each axis of a signal.
 
     Attributes:
-        signal: of the record.
-        unit: of it.
-        at_rest: (3,) standard deviations on the ground; NaN if the log shows none of it.
-        in_flight: (3,) in the air.
+        signal: name of the signal.
+        unit: unit of the signal.
+        at_rest: (3,) standard deviations on the ground; NaN if the log contains too little of it.
+        in_flight: (3,) standard deviations in the air.
     """
 
     signal: str
@@ -41,74 +42,88 @@ class HoverNoise(NamedTuple):
 
 
 def white_noise(record: FlightRecord) -> list[HoverNoise]:
-    """The white noise of each signal that is measured."""
+    """Return the white noise of each measured signal."""
     flying = airborne(record)
-    around = min(round(_LANDING / record.period), (len(flying) - 1) // 2)
+    around = min(round(_LANDING_TIME / record.period), (len(flying) - 1) // 2)
     resting = np.convolve(flying, np.ones(2 * around + 1), "same") < 0.5
     found = []
-    for signal, unit in _MEASURED.items():
+    for signal, unit in _UNITS.items():
         values = getattr(record, signal)
         if values is not None:
             smooth = np.unwrap(values, axis=0) if signal == "attitude" else values
-            parts = (_white(record, smooth, chosen) for chosen in (resting, flying))
-            found.append(HoverNoise(signal, unit, *parts))
+            deviations = (_deviations(record, smooth, chosen) for chosen in (resting, flying))
+            found.append(HoverNoise(signal, unit, *deviations))
     return found
 
 
-def _white(record: FlightRecord, values: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-    """(3,) by differences among samples that follow each other and are all chosen; the median keeps outliers out."""
+def _deviations(record: FlightRecord, values: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+    """Return standard deviations (3,) from the differences of adjacent samples that are all chosen; NaN if few."""
     steps = np.diff(record.time)
     even = np.abs(steps / np.median(steps) - 1.0) < 0.5
     whole = np.convolve(chosen, np.ones(_ORDER + 1), "valid") == _ORDER + 1
     whole &= np.convolve(even, np.ones(_ORDER), "valid") == _ORDER
-    if whole.sum() < 10 * _ORDER:
+    if whole.sum() < _MIN_WHOLE_DIFFERENCES:
         return np.full(values.shape[1], np.nan)
     differences = np.diff(values, _ORDER, axis=0)[whole]
-    return np.asarray(np.sqrt(np.mean(differences**2, axis=0) / _FACTOR))
+    return np.asarray(np.sqrt(np.mean(differences**2, axis=0) / _VARIANCE_FACTOR))
 
 
-def trim(record: FlightRecord) -> dict[str, Spread]:
-    """Mean tilt and mean torque that is commanded while the vehicle hovers; empty if it does not for a second.
+def trim(record: FlightRecord, weight: float) -> dict[str, Spread]:
+    """Return mean tilt, and mean commanded torque, thrust and throttles in hover; empty for less than a second of it.
+
+    For a log with throttles, the result includes the mean thrust of a motor divided by the square of its throttle. A
+    damaged propeller shows as a larger throttle of its motor.
 
     Standard deviations are those of means over blocks of half a second.
+
+    Args:
+        record: record of the flight.
+        weight: weight of the vehicle, N.
     """
-    if record.velocity is None or record.attitude is None or record.body_rates is None:
+    if record.velocity is None:
         return {}
-    still = airborne(record) & (np.linalg.norm(record.velocity, axis=1) < _SLOW)
-    still &= np.linalg.norm(record.body_rates, axis=1) < _QUIET
-    if still.sum() * record.period < _SHORTEST:
+    hovering = airborne(record) & (np.linalg.norm(record.velocity, axis=1) < _MAX_HOVER_SPEED)
+    if record.body_rates is not None:
+        hovering &= np.linalg.norm(record.body_rates, axis=1) < _MAX_HOVER_RATE
+    if hovering.sum() * record.period < _MIN_HOVER_TIME:
         return {}
-    blocks = np.floor((record.time - record.time[0]) / _BLOCK).astype(int)[still]
-    found = {
-        f"mean {name}": _mean(record.attitude[still, i], blocks, "rad") for i, name in enumerate(("roll", "pitch"))
-    }
-    if record.torque_command is not None:
-        for i, axis in enumerate("xyz"):
-            found[f"mean torque about {axis}"] = _mean(record.torque_command[still, i], blocks, "N m")
-    if record.thrust_command is not None:
-        found["mean thrust"] = _mean(record.thrust_command[still], blocks, "N")
-    return found
+    blocks = np.floor((record.time - record.time[0]) / _BLOCK).astype(int)[hovering]
+    hover = record.part(hovering)
+    columns: dict[str, tuple[np.ndarray, str]] = {}
+    if hover.attitude is not None:
+        columns |= {f"mean {name}": (hover.attitude[:, i], "rad") for i, name in enumerate(("roll", "pitch"))}
+    if hover.torque_command is not None:
+        columns |= {f"mean torque about {axis}": (hover.torque_command[:, i], "N m") for i, axis in enumerate("xyz")}
+    if hover.thrust_command is not None:
+        columns["mean thrust"] = hover.thrust_command, "N"
+    if hover.motor_command is not None:
+        squares = hover.motor_command**2
+        columns |= {f"mean throttle of motor {i + 1}": (hover.motor_command[:, i], "") for i in range(4)}
+        columns["thrust of a motor over the square of its throttle"] = weight / squares.sum(axis=1), "N"
+    return {name: _mean(values, blocks, unit) for name, (values, unit) in columns.items()}
 
 
 def _mean(values: np.ndarray, blocks: np.ndarray, unit: str) -> Spread:
-    names, which = np.unique(blocks, return_inverse=True)
-    means = np.bincount(which, weights=values) / np.bincount(which)
-    deviation = float(np.std(means, ddof=1) / np.sqrt(len(names))) if len(names) > 1 else np.nan
-    return Spread(float(values.mean()), deviation, unit, max(len(names) - 1.0, 1.0))
+    """Return the mean of values (n,), with the standard deviation from the means of blocks (n,)."""
+    numbers, places = np.unique(blocks, return_inverse=True)
+    means = np.bincount(places, weights=values) / np.bincount(places)
+    deviation = float(np.std(means, ddof=1) / np.sqrt(len(numbers))) if len(numbers) > 1 else np.nan
+    return Spread(float(values.mean()), deviation, unit, max(len(numbers) - 1.0, 1.0))
 
 
-def delay_by_correlation(record: FlightRecord, longest: float = 0.3) -> float | None:
-    """By how much the attitude is behind its command where the two are most alike, s; None if one is not logged.
+def delay_by_correlation(record: FlightRecord, max_delay: float = 0.3) -> float | None:
+    """Return the delay with the largest correlation of attitude and its command, s; None if one is not logged.
 
-    A check of an order of magnitude: it has the response of the vehicle in it, and is longer than a delay alone.
+    It checks the order of magnitude of an identified delay. It is longer than that, since it includes the response of
+    the vehicle.
     """
     if record.attitude is None or record.attitude_command is None:
         return None
     part = max(pieces(record), key=lambda piece: len(piece.time))
-    lags = np.arange(max(1, round(longest / part.period)))
+    lags = np.arange(max(1, round(max_delay / part.period)))
     best = []
     for column in range(2):
         command, angle = (np.diff(part.of(name)[:, column]) for name in ("attitude_command", "attitude"))
-        alike = [float(np.dot(command[: len(command) - lag], angle[lag:])) for lag in lags]
-        best.append((max(alike), lags[int(np.argmax(alike))]))
+        correlations = [float(np.dot(command[: len(command) - lag], angle[lag:])) for lag in lags]
+        best.append((max(correlations), lags[int(np.argmax(correlations))]))
     return float(max(best)[1] * part.period)

@@ -1,4 +1,16 @@
-"""Chooses how a vehicle is identified by what logs hold."""
+"""Identification of a vehicle from flight logs, by prediction errors.
+
+A Kalman filter predicts each measurement from those before it, with the vehicle as its model
+(`drake_quad.identification.prediction_errors`). The estimates are those parameters for which the predictions are best,
+given a weak prior around the values of a data sheet (`drake_quad.identification.fit`). The model is the same for every
+log: rotors that are commanded one by one, or the attitude response of an autopilot, with an accelerometer, a motion
+capture system, or heights alone. What differs is which outputs are predicted
+(`drake_quad.identification.prepared_logs`) and which parameters they may determine
+(`drake_quad.identification.parameters`).
+
+A parameter whose posterior is not much narrower than its prior is reported as not identified. It keeps its value, and
+its uncertainty widens the intervals of the parameters with which it is correlated.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -7,23 +19,41 @@ import numpy as np
 import scipy
 
 from drake_quad.errors import InputError
-from drake_quad.identification import rotor_identification
-from drake_quad.identification.fitting.forecast import Forecast
-from drake_quad.identification.fitting.open_loop import DELAY, delay_of
-from drake_quad.identification.fitting.windows import airborne
-from drake_quad.identification.force_identification import identify_forces, tells_forces
-from drake_quad.identification.identified import Fitted, Identification, Spread
+from drake_quad.identification.delays import frame_age
+from drake_quad.identification.fit import MIN_NOISE, PredictionFit, fit, noise_covariance
+from drake_quad.identification.forecast import Forecast, forecast
+from drake_quad.identification.identifiability import (
+    check_forecast,
+    check_thrust,
+    not_identified,
+    undetermined,
+    unexcited,
+    weaker_than_disturbance,
+)
 from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.identification.response_identification import identify_attitude_response, identify_from_poses
-from drake_quad.identification.results.estimates import Estimates
+from drake_quad.identification.model import DELAY
+from drake_quad.identification.parameters import Parameter, names_of, parameters_of
+from drake_quad.identification.prediction_errors import Output, Predictor
+from drake_quad.identification.prepared_logs import MAX_DELAY, PreparedLogs, initial_noise, prepare, window_blocks
+from drake_quad.identification.random_effects import uncertainty_of_mean, variation_of
+from drake_quad.identification.result import ForecastOutput, Identification, Spread
+from drake_quad.identification.results.estimates import Estimates, Explained, Source
 from drake_quad.identification.results.held_out import hold_out
-from drake_quad.identification.results.vehicle_numbers import with_estimates, with_numbers, with_throttles
+from drake_quad.identification.results.vehicle_numbers import (
+    with_numbers,
+)
+from drake_quad.identification.sampling import SlowFit, fast_command_remarks, on_one_clock, slow_fit, with_bandwidth
+from drake_quad.identification.windows import (
+    held_out,
+    steep_remarks,
+)
 from drake_quad.scenario.models import Scenario
 from drake_quad.vehicle.rigid_body import inertia_flaw
 
-# In the air, s, for windows in which a filter settles; shorter flights need shorter windows.
-_LONG = 30.0
-_UNITS = {"position": "m", "specific": "m/s²", "body": "rad/s"}
+_POSE = ("position", "attitude")
+_MIN_POSE_NOISE = 2.0 * MIN_NOISE  # SI units; smaller noise is at the limit of the fit
+_NOISES = {signal: f"laboratory.motion_capture.{signal}_noise" for signal in _POSE}
+_UNITS = {"position": "m", "velocity": "m/s", "specific": "m/s²", "body": "rad/s"}
 
 
 def identify(
@@ -31,20 +61,11 @@ def identify(
 ) -> Identification:
     """Identify a vehicle from flight logs.
 
-    The method depends on the signals in the logs:
-
-    - Behind an autopilot that logs the residual force: attitude response and forces
-      (`drake_quad.identification.force_identification`).
-    - With rotor commands, and an accelerometer or half a minute of poses: prediction errors
-      (`drake_quad.identification.rotor_identification`).
-    - Behind another autopilot, in short flights, and without attitude: multiple shooting
-      (`drake_quad.identification.response_identification`).
-
     Args:
-        records: records of flights of the same vehicle.
-        scenario: scenario without distributions, with the initial values. Parameters that the logs do not identify
-            keep these values.
-        held_out_share: share of the airborne time, at the end of each log, that is held out for validation.
+        records: records of flights of the same vehicle. Each needs commands that the vehicle takes, and body rates with
+            specific force, poses, or heights.
+        scenario: scenario without distributions, with the initial values. Its mass and geometry are taken as known.
+        held_out_share: share of the airborne time, at the end of each log, that is held out for the forecast.
 
     Raises:
         InputError: no log is given, a log lacks a signal, the flights are too short, or the logged values are
@@ -52,106 +73,192 @@ def identify(
     """
     if not records:
         raise InputError("there is no log to identify a vehicle from")
+    records, doubts = on_one_clock(records)
     try:
         found = _identified(records, scenario, held_out_share)
-    except np.linalg.LinAlgError as error:
+    except (np.linalg.LinAlgError, FloatingPointError) as error:
         raise InputError(
             f"the logs cannot be fitted ({error}): their values are not those of a flying vehicle; check the units in"
             " the mapping"
         ) from error
+    remarks = [*found.remarks, *doubts, *fast_command_remarks(records)]
     flaw = inertia_flaw(found.vehicle.vehicle.inertia)
-    remarks = [f"the identified inertia is not that of a rigid body, because of its error: {flaw}"] if flaw else []
-    return replace(found, remarks=(*found.remarks, *remarks))
+    if flaw:
+        remarks.append(f"the identified inertia is not that of a rigid body, because of its error: {flaw}")
+    return replace(found, remarks=tuple(remarks))
 
 
-def _identified(records: Sequence[FlightRecord], scenario: Scenario, held_out_share: float) -> Identification:
-    """Identify a vehicle with the method that suits the signals of the logs; arguments are those of `identify`."""
-    responds = scenario.laboratory.autopilot.models_vehicle
-    if responds and all(map(tells_forces, records)):
-        return _from_attitudes_and_forces(records, scenario, held_out_share)
-    if responds or not _by_prediction_errors(records):
-        return identify_from_poses(records, scenario, held_out_share=held_out_share)
-    if any(record.motor_command is not None for record in records):
-        scenario = with_throttles(scenario)
-    return _translated(rotor_identification.identify(records, scenario, share=held_out_share), scenario, records)
-
-
-def _from_attitudes_and_forces(
-    records: Sequence[FlightRecord], scenario: Scenario, held_out_share: float
-) -> Identification:
-    """The answer of the attitude first, whose delay is that of the thrust, too; then the forces in it."""
-    turning = identify_attitude_response(records, scenario, held_out_share=held_out_share)
-    deviation = 0.0 if turning.delay is None else turning.delay.deviation
-    forces = identify_forces(records, turning.vehicle, delay_deviation=deviation, held_out_share=held_out_share)
-    estimates = _joined(turning.estimates, forces.estimates)
-    return Identification(
-        estimates,
-        with_estimates(turning.vehicle, estimates),
-        (*forces.outputs, *turning.outputs),
-        turning.delay,
-        {**forces.further, **(turning.further or {})},
-        (*turning.remarks, *forces.remarks),
-        turning.held_out,
+def _identified(records: Sequence[FlightRecord], scenario: Scenario, share: float) -> Identification:
+    """Identify a vehicle; arguments are those of `identify`."""
+    logs, scenario = prepare(records, scenario)
+    parameters = parameters_of(
+        logs.scenario,
+        logs.signals,
+        own_throttles=logs.own_throttles,
+        delay=max(0.5 * logs.period, min(frame_age(scenario), 0.5 * MAX_DELAY)),
+        max_delay=MAX_DELAY,
     )
+    noise, start, shown, early = initial_noise(logs.outputs), None, None, None
+    if share > 0.0:
+        spared = [held_out(usable, share) for usable in logs.flying]
+        kept = [usable & ~late for usable, late in zip(logs.flying, spared, strict=True)]
+        training = fit(logs.predictor(names_of(parameters), kept), parameters, noise)
+        shown = forecast(logs.predictor(names_of(parameters), spared, horizon=True), training.values, training.noise)
+        check_forecast(shown)
+        start, noise = training.values, training.noise
+        early = _vehicle(logs, scenario, dict(zip(names_of(parameters), map(float, start), strict=True)))
+    predictor = logs.predictor(names_of(parameters), logs.flying)
+    fitted = fit(predictor, parameters, noise, start)
+    check_thrust(logs.scenario, fitted.noise)
+    held = weaker_than_disturbance(logs.scenario, predictor, parameters, fitted) | unexcited(logs, parameters, fitted)
+    if held:
+        kept = [i for i, parameter in enumerate(parameters) if parameter.name not in held]
+        parameters = [parameters[i] for i in kept]
+        predictor = logs.predictor(names_of(parameters), logs.flying)
+        fitted = fit(predictor, parameters, fitted.noise, fitted.values[kept])
+    slow = slow_fit(logs, parameters, fitted)
+    found = _result(logs, scenario, predictor, parameters, fitted, shown, held, slow)
+    return replace(found, training_vehicle=early)
 
 
-def _by_prediction_errors(records: Sequence[FlightRecord]) -> bool:
-    if all(record.specific_force is not None and record.body_rates is not None for record in records):
-        return True
-    poses = all(record.position is not None and record.attitude is not None for record in records)
-    return poses and sum(float(airborne(record).sum()) * record.period for record in records) >= _LONG
+def _vehicle(logs: PreparedLogs, scenario: Scenario, values: dict[str, float]) -> Scenario:
+    """Return the scenario with values of parameters, by name, and with the voltage of the thrust curve."""
+    numbers = {name: value for name, value in values.items() if name != DELAY}
+    if DELAY in values:
+        ticks = (values[DELAY] - frame_age(scenario)) / scenario.laboratory.command_link.period
+        numbers["laboratory.command_link.delay_ticks"] = max(0.0, ticks)
+    vehicle = with_numbers(scenario, numbers)
+    if logs.voltage is not None:
+        motors = vehicle.vehicle.motors.model_copy(update={"voltage": logs.voltage})
+        vehicle = vehicle.model_copy(update={"vehicle": vehicle.vehicle.model_copy(update={"motors": motors})})
+    return vehicle
 
 
-def _translated(
-    found: rotor_identification.RotorIdentification, scenario: Scenario, records: Sequence[FlightRecord]
+def _result(
+    logs: PreparedLogs,
+    scenario: Scenario,
+    predictor: Predictor,
+    parameters: Sequence[Parameter],
+    fitted: PredictionFit,
+    shown: Forecast | None,
+    held: dict[str, str],
+    slow: SlowFit | None,
 ) -> Identification:
-    """The result of prediction errors."""
-    vehicle, delay = with_estimates(scenario, found.estimates), None
-    if found.delay is not None:
-        delay = Spread(found.delay.value, found.delay.deviation, "s", found.delay.degrees_of_freedom)
-        link = scenario.laboratory.command_link
-        vehicle = with_numbers(vehicle, {DELAY: (delay.value - float(delay_of(scenario, 0.0))) / link.period})
-    outputs = () if found.forecast is None else _series(found.forecast, found.noise.measured, records[0].name)
-    told = {*found.estimates.names, rotor_identification.DELAY}
-    covered = {name: each for name, each in hold_out(found.evidence).items() if name in told}
-    return Identification(found.estimates, vehicle, outputs, delay, held_out=covered)
+    """Return the result of a fit.
+
+    Args:
+        logs: logs that were fitted.
+        scenario: scenario that the estimates are put into.
+        predictor: predictor of the outputs in all windows.
+        parameters: parameters that were fitted.
+        fitted: result of the fit.
+        shown: forecast of held-out flight; None if nothing was held out.
+        held: parameters that were held at their initial values, with the reason.
+        slow: fit to the same logs at a longer period, if there is one.
+    """
+    names = names_of(parameters)
+    blocks = window_blocks(predictor)
+    evidence = fitted.evidence(names, [parameter.scale for parameter in parameters], predictor.duration)
+    variation = variation_of(evidence)
+    uncertainty = uncertainty_of_mean(fitted.uncertainty(blocks), evidence, variation)
+    remarks = [*_remarks(predictor, fitted, names), *steep_remarks(logs.records)]
+    if slow is not None:
+        uncertainty, more = with_bandwidth(uncertainty, parameters, fitted.values, slow, logs.period)
+        remarks += more
+    weak = not_identified(parameters, fitted.values, uncertainty)
+    if {*names} <= {*weak, DELAY}:
+        raise InputError(
+            "cannot identify the vehicle: the logs determine none of its parameters: "
+            + "; ".join(f"{name}: {reason}" for name, reason in weak.items())
+        )
+    own = [i for i, name in enumerate(names) if name != DELAY]
+    noise_names, noise_values, noise_covariances, weak_noise = _noise_estimates(predictor, fitted)
+    noise_freedom = np.full(len(noise_names), float(fitted.errors.size))
+    estimates = Estimates(
+        names=(*(names[i] for i in own), *noise_names),
+        values=np.concatenate([fitted.values[own], noise_values]),
+        covariance=scipy.linalg.block_diag(uncertainty.covariance[np.ix_(own, own)], noise_covariances),
+        degrees_of_freedom=np.concatenate([uncertainty.degrees_of_freedom[own], noise_freedom]),
+        sources=Source(
+            f"prediction errors of {' and '.join(sorted(signal.replace('_', ' ') for signal in logs.signals))}",
+            ", ".join(dict.fromkeys(record.name for record in logs.records)),
+        ),
+        explained={} if shown is None else _explained(parameters, fitted, predictor, shown),
+        not_identified=undetermined(logs.scenario, names)
+        | held
+        | weak_noise
+        | {name: reason for name, reason in weak.items() if name != DELAY},
+        variation=None if variation is None else variation.part(own).with_unknown(len(noise_names)),
+    )
+    i = names.index(DELAY)
+    deviation = float(np.sqrt(uncertainty.covariance[i, i]))
+    delay = Spread(float(fitted.values[i]), deviation, "s", float(uncertainty.degrees_of_freedom[i]))
+    numbers = dict(zip(estimates.names, map(float, estimates.values), strict=True))
+    if DELAY in weak:
+        remarks.append(f"the delay is not identified: {weak[DELAY]}")
+    else:
+        numbers[DELAY] = delay.value
+    outputs = () if shown is None else _series(shown, fitted.noise.measured)
+    covered = {name: each for name, each in hold_out(evidence).items() if name not in weak}
+    result_delay = None if DELAY in weak else delay
+    vehicle = _vehicle(logs, scenario, numbers)
+    return Identification(estimates, vehicle, outputs, result_delay, fitted.noise, tuple(remarks), covered)
 
 
-def _series(forecast: Forecast, deviations: np.ndarray, log: str) -> tuple[Fitted, ...]:
-    """What was told of the end of the flights; windows stand one after another."""
-    windows = forecast.measured.shape[2]
-    length = float(forecast.time[-1])
-    time = np.arange(windows)[:, None] * length + forecast.time
+def _noise_estimates(
+    predictor: Predictor, fitted: PredictionFit
+) -> tuple[list[str], np.ndarray, np.ndarray, dict[str, str]]:
+    """Return names, values and covariance of the noise of poses, and the noise that is too small, with the reason."""
+    rows = {name: predictor.outputs.index(Output(name, 0)) for name in _POSE if Output(name, 0) in predictor.outputs}
+    large = {name: row for name, row in rows.items() if fitted.noise.measured[row] > _MIN_POSE_NOISE}
+    weak = {_NOISES[name]: f"it is below {_MIN_POSE_NOISE:g} in SI units" for name in rows if name not in large}
+    if not large:
+        return [], np.empty(0), np.empty((0, 0)), weak
+    places = [*large.values()]
+    values = fitted.noise.measured[places]
+    covariance = noise_covariance(predictor, fitted)[np.ix_(places, places)] * np.outer(values, values)
+    return [_NOISES[name] for name in large], values, covariance, weak
+
+
+def _explained(
+    parameters: Sequence[Parameter], fitted: PredictionFit, predictor: Predictor, shown: Forecast
+) -> dict[str, Explained]:
+    """Return, for each parameter, the explained share of the output that depends on it most."""
+    count = len(predictor.outputs)
+    slopes = fitted.slopes.reshape(len(fitted.slopes), -1, count, len(parameters))
+    outputs = np.argmax(np.einsum("wtop,wtop->op", slopes, slopes), axis=0)
+    return {
+        parameter.name: Explained(float(shown.explained[output]), shown.names[output])
+        for parameter, output in zip(parameters, outputs, strict=True)
+        if parameter.name != DELAY and np.isfinite(shown.explained[output])
+    }
+
+
+def _remarks(predictor: Predictor, fitted: PredictionFit, names: Sequence[str]) -> tuple[str, ...]:
+    length = predictor.duration / len(predictor.windows)
+    found = [f"{len(predictor.windows)} windows of {length:.2g} s in the air were fitted"]
+    if "rotor_time_constant_down" in names:
+        up, down = (fitted.values[names.index(f"rotor_time_constant{end}")] for end in ("", "_down"))
+        found.append(f"small motions lag by the mean of the two time constants, {500.0 * (up + down):.3g} ms")
+    if "rotor_aerodynamics.climb" in names:
+        found.append("climb includes the linear drag along z of the body, which a flight does not distinguish from it")
+    return tuple(found)
+
+
+def _series(shown: Forecast, deviations: np.ndarray) -> tuple[ForecastOutput, ...]:
+    """Return the forecast of each output, one window after another."""
+    windows = shown.measured.shape[2]
+    time = np.arange(windows)[:, None] * float(shown.time[-1]) + shown.time
+    columns = zip(shown.names, shown.explained, deviations, strict=True)
     return tuple(
-        Fitted(
+        ForecastOutput(
             name,
             _UNITS.get(name.split()[0], "rad"),
-            np.array([log] * windows),
             time,
-            forecast.measured[:, i].T,
-            forecast.predicted[:, i].T,
-            np.ones(windows, dtype=bool),
-            float(forecast.explained[i]),
-            np.nan,
-            float(deviations[i]),
+            shown.measured[:, i].T,
+            shown.predicted[:, i].T,
+            float(explained),
+            float(deviation),
         )
-        for i, name in enumerate(forecast.names)
-    )
-
-
-def _joined(first: Estimates, second: Estimates) -> Estimates:
-    """Estimates of different numbers as one, without the correlation of errors of one part with those of the other.
-
-    The error of the delay is in the deviations of the numbers of forces, not in a correlation with the delay.
-    """
-    parts = (first, second)
-    return Estimates(
-        tuple(name for part in parts for name in part.names),
-        np.concatenate([part.values for part in parts]),
-        scipy.linalg.block_diag(*(part.covariance for part in parts)),
-        np.concatenate([np.asarray(part.degrees_of_freedom) for part in parts]),
-        tuple(part.sources_of(i) for part in parts for i in range(len(part.names))),
-        {name: share for part in parts for name, share in part.explained.items()},
-        {name: why for part in parts for name, why in part.not_seen.items()},
-        variation=None if first.variation is None else first.variation.beside(len(second.names)),
+        for i, (name, explained, deviation) in enumerate(columns)
     )

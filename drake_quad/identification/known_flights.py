@@ -1,8 +1,15 @@
-"""Simulated flights of vehicles whose numbers are known, to see whether identification finds them.
+"""Simulated flights of vehicles whose parameters are known, to check whether identification finds them.
 
-A vehicle with numbers of its own flies past waypoints at changing yaw, with the noise, the delays and the losses of a
-laboratory: in that of the paper in low wind, where rotors are commanded, or behind the autopilot of Neural-Fly's
-vehicle, where attitude and thrust are. What is logged is what a laboratory has: what its cameras measure, and commands.
+A vehicle with parameters of its own flies past waypoints at changing yaw, with the noise, the delays and the losses of
+a laboratory. The log contains what a laboratory has: the measurements of its cameras, and the commands. There are six
+conditions, `KNOWN`:
+
+- calm: the laboratory of the paper without wind, where rotor speeds are commanded,
+- wind: the same in low wind, which is not logged,
+- delay: the same in calm air, with camera frames that are 30 ms older,
+- autopilot: commands of attitude and thrust to the autopilot of Neural-Fly's vehicle,
+- slow_log: a control loop of 500 Hz, of which every fifth sample is logged,
+- battery: throttle commands to motors whose battery loses 7 % of the thrust during the flight; its voltage is logged.
 """
 
 import json
@@ -12,60 +19,66 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from drake_quad.assembly.laboratory import vehicle_parameters
 from drake_quad.errors import InputError
 from drake_quad.flight.flight import Flight
 from drake_quad.flight.simulation import simulate_samples
-from drake_quad.identification import rotor_identification
+from drake_quad.identification.delays import delay_of, frame_age
+from drake_quad.identification.identify import identify
 from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.identification.response_identification import identify_from_poses
+from drake_quad.identification.model import DELAY, STATE_ROWS
 from drake_quad.identification.results.estimates import Estimates
 from drake_quad.identification.results.vehicle_numbers import number_of
 from drake_quad.scenario.files.loading import load_scenario
 from drake_quad.scenario.models import Scenario
+from drake_quad.signals import AttitudeTarget, Charge, RotorSpeed
+from drake_quad.vehicle.battery import rotor_power, terminals
 
-# Of the waypoints, along X, Y and Z (m) and in yaw (rad): sines whose phases go on by so much from one to the next
-# (rad), so that none comes again.
+# Waypoints are samples of sines along X, Y and Z (m) and in yaw (rad). Their phases (rad) grow by incommensurable
+# steps, so that no waypoint is visited twice.
 _CENTRE, _AMPLITUDE = np.array([0.0, 0.0, 1.5, 0.0]), np.array([1.2, 1.2, 0.4, 0.5])
-_PHASES, _FIRST = np.array([0.91, 0.73, 1.31, 1.73]), np.array([0.0, 1.0, 2.0, 3.0])
-_WAYPOINTS = 41
+_PHASE_STEPS, _FIRST_PHASES = np.array([0.91, 0.73, 1.31, 1.73]), np.array([0.0, 1.0, 2.0, 3.0])
+_NUM_WAYPOINTS = 41
 # Thrust of a rotor at full throttle as Neural-Fly's autopilot believes it, N: diagrams/vehicles/neural_fly.yaml.
-_FULL = 14.27
+_FULL_THRUST = 14.27
 
 
 class KnownFlights(NamedTuple):
-    """Flights of a kind.
+    """Flights under one condition.
 
     Attributes:
-        scenario: in `diagrams/`.
-        seconds: from a waypoint to the next, s.
-        own: overrides: what each vehicle has of its own.
-        believed: overrides: what the identification begins with.
+        scenario: scenario in `diagrams/`.
+        seconds: time from a waypoint to the next, s.
+        own: overrides with the parameters of each vehicle, and with the condition.
+        believed: overrides of the scenario that the identification begins with.
+        samples_per_row: number of recorded samples for each row of the log.
     """
 
     scenario: str
     seconds: float
     own: tuple[str, ...]
-    believed: tuple[str, ...]
+    believed: tuple[str, ...] = ()
+    samples_per_row: int = 1
 
     def flown(self, diagrams: Path, overrides: Sequence[str] = ()) -> Scenario:
-        """The scenario that flies."""
+        """Return the scenario that flies."""
         route = f"route={json.dumps(wandering(self.seconds))}"
         return load_scenario(diagrams / self.scenario, [route, *self.own, *overrides])
 
     def begun_with(self, diagrams: Path) -> Scenario:
-        """The scenario that the identification begins with."""
+        """Return the scenario that the identification begins with."""
         return load_scenario(diagrams / self.scenario, self.believed)
 
 
 class Checked(NamedTuple):
-    """A number that was identified, beside the true one.
+    """Identified parameter beside its true value.
 
     Attributes:
-        name: as in `Estimates`, or `delay` (s) where rotors are commanded.
-        true: that of the vehicle that flew.
-        value: that was found.
+        name: name as in `Estimates`, or `DELAY` (s).
+        true: value of the vehicle that flew.
+        value: estimate.
         deviation: standard deviation of its error.
-        degrees_of_freedom: of the error.
+        degrees_of_freedom: degrees of freedom of Student's distribution of the error.
     """
 
     name: str
@@ -79,19 +92,19 @@ def _between(low: float, high: float) -> str:
     return f"{{uniform: {{min: {low}, max: {high}}}}}"
 
 
+_BODY = (
+    f"vehicle.inertia=[{_between(0.0056, 0.0084)}, {_between(0.0056, 0.0084)}, {_between(0.0096, 0.0144)}]",
+    f"vehicle.rotor_time_constant={_between(0.03, 0.07)}",
+    f"vehicle.linear_drag={_between(0.05, 0.2)}",
+    f"vehicle.centre_of_mass=[{_between(-0.004, 0.004)}, {_between(-0.004, 0.004)}]",
+)
+_ROTORS = (*_BODY, f"vehicle.thrust_factor={_between(3.6e-5, 4.6e-5)}")
+_THROTTLES = "nominal.motors={kind: throttle, curve: [0.0, 1.0, 3.4]}"
+
 KNOWN = {
-    "rotors": KnownFlights(
-        "laboratory.yaml:low_wind",
-        1.0,
-        (
-            f"vehicle.inertia=[{_between(0.0056, 0.0084)}, {_between(0.0056, 0.0084)}, {_between(0.0096, 0.0144)}]",
-            f"vehicle.thrust_factor={_between(3.6e-5, 4.6e-5)}",
-            f"vehicle.rotor_time_constant={_between(0.03, 0.07)}",
-            f"vehicle.linear_drag={_between(0.05, 0.2)}",
-            f"vehicle.centre_of_mass=[{_between(-0.004, 0.004)}, {_between(-0.004, 0.004)}]",
-        ),
-        (),
-    ),
+    "calm": KnownFlights("laboratory.yaml:nominal", 1.0, _ROTORS),
+    "wind": KnownFlights("laboratory.yaml:low_wind", 1.0, _ROTORS),
+    "delay": KnownFlights("laboratory.yaml:nominal", 1.0, (*_ROTORS, "laboratory.motion_capture.latency_frames=3")),
     "autopilot": KnownFlights(
         "neural_fly.yaml:still",
         1.25,
@@ -111,61 +124,103 @@ KNOWN = {
             "laboratory.command_link.delay_ticks=0",
             "vehicle.body_drag={linear: [0.3, 0.3, 0.0]}",
             "vehicle.rotor_aerodynamics=null",
-            f"vehicle.motors={{kind: throttle, curve: [0.0, {_FULL}, 0.0]}}",
+            f"vehicle.motors={{kind: throttle, curve: [0.0, {_FULL_THRUST}, 0.0]}}",
             "vehicle.rotor_time_constant=0.05",
         ),
+    ),
+    "slow_log": KnownFlights(
+        "laboratory.yaml:nominal",
+        1.0,
+        (
+            *_ROTORS,
+            "laboratory.command_link.period=0.002",
+            "laboratory.motion_capture.period=0.002",
+            "vehicle.time_step=0.001",
+        ),
+        samples_per_row=5,
+    ),
+    "battery": KnownFlights(
+        "laboratory.yaml:nominal",
+        1.0,
+        (
+            *_BODY,
+            _THROTTLES,
+            "vehicle.motors={kind: throttle, curve:"
+            f" [{_between(0.0, 0.2)}, {_between(0.5, 1.5)}, {_between(2.9, 3.9)}]}}",
+            "vehicle.battery={voltage: 12.6, empty_voltage: 10.5, capacity: 0.2, resistance: 0.02, efficiency: 0.6}",
+        ),
+        # The thrust curve of the vehicle holds at the voltage of the full battery.
+        (_THROTTLES, "vehicle.motors={kind: throttle, curve: [0.0, 1.0, 3.4], voltage: 12.6}"),
     ),
 }
 
 
 def wandering(seconds: float) -> dict[str, object]:
-    """A route past waypoints at changing yaw, so many seconds apart, as the scenario language has it."""
-    places = _CENTRE + _AMPLITUDE * np.sin(np.outer(np.arange(_WAYPOINTS), _PHASES) + _FIRST)
-    waypoints = [{"point": row[:3], "yaw": row[3]} for row in places.round(3).tolist()]
-    times = [round(seconds * i, 6) for i in range(_WAYPOINTS)]
+    """Return a route past waypoints at changing yaw in the scenario language.
+
+    Args:
+        seconds: time from a waypoint to the next, s.
+    """
+    phases = np.outer(np.arange(_NUM_WAYPOINTS), _PHASE_STEPS) + _FIRST_PHASES
+    waypoints = [{"point": row[:3], "yaw": row[3]} for row in (_CENTRE + _AMPLITUDE * np.sin(phases)).round(3).tolist()]
+    times = [round(seconds * i, 6) for i in range(_NUM_WAYPOINTS)]
     free = {"heading": "waypoints", "top_speed": None, "top_acceleration": None}
     return {"kind": "waypoints", "waypoints": waypoints, "times": times, **free}
 
 
-def record_of(flight: Flight) -> FlightRecord:
-    """The log of a flight: what cameras measured, and what rotors or an autopilot were told."""
-    seen = flight.signals["measurement"]
-    pose: Any = {"position": seen[:, :3], "attitude": seen[:, 3:6], "velocity": seen[:, 6:9], "body_rates": seen[:, 9:]}
-    target = flight.signals.get("attitude_target")
-    if target is None:
-        return FlightRecord("flight", flight.time, **pose, rotor_speed_command=flight.signals["rotor_speed_command"])
-    share, angles = target[:, 0] / (4.0 * _FULL), target[:, 1:4]
-    return FlightRecord("flight", flight.time, **pose, thrust_share=share, attitude_command=angles)
+def record_of(flight: Flight, samples_per_row: int = 1) -> FlightRecord:
+    """Return the log of a flight: camera measurements, commands, and the battery voltage if there is a battery."""
+    signals = flight.signals
+    values: dict[str, Any] = dict(
+        zip(STATE_ROWS, np.split(signals["measurement"], len(STATE_ROWS), axis=1), strict=True)
+    )
+    if "attitude_target" in signals:
+        target = AttitudeTarget(*signals["attitude_target"].T)
+        values["thrust_share"] = target.thrust / (4.0 * _FULL_THRUST)
+        values["attitude_command"] = np.column_stack([target.roll, target.pitch, target.yaw])
+    elif "throttle_command" in signals:
+        values["motor_command"] = signals["throttle_command"]
+    else:
+        values["rotor_speed_command"] = signals["rotor_speed_command"]
+    if "charge" in signals:
+        vehicle: Any = flight.scenario.vehicle
+        power = rotor_power(RotorSpeed(*signals["rotor_speed"].T), vehicle_parameters(vehicle))
+        charge = Charge(*signals["charge"].T)
+        values["battery_voltage"] = terminals(charge, power, vehicle.effect_numbers().battery).voltage
+    every = slice(None, None, samples_per_row)
+    return FlightRecord("flight", flight.time[every], **{name: rows[every] for name, rows in values.items()})
 
 
-def checked(flight: Flight, believed: Scenario) -> list[Checked]:
-    """Identifies the vehicle of a flight, and puts what was found beside what flew; empty if the log tells nothing.
+def checked(flight: Flight, believed: Scenario, samples_per_row: int = 1) -> list[Checked]:
+    """Identify the vehicle of a flight, and return each identified parameter beside its true value.
 
     Args:
-        flight: of a known vehicle.
-        believed: to begin with.
+        flight: flight of a known vehicle.
+        believed: scenario that the identification begins with.
+        samples_per_row: number of recorded samples for each row of the log.
+
+    Returns:
+        Identified parameters; empty if the identification is refused.
     """
-    record = record_of(flight)
     try:
-        if record.rotor_speed_command is None:
-            return _beside(identify_from_poses([record], believed, held_out_share=0.0).estimates, flight.scenario)
-        found = rotor_identification.identify([record], believed, share=0.0)
+        found = identify([record_of(flight, samples_per_row)], believed, held_out_share=0.0)
     except InputError:
         return []
     rows = _beside(found.estimates, flight.scenario)
     if found.delay is not None:
-        rows.append(Checked(rotor_identification.DELAY, _late(flight.scenario), *found.delay))
+        delay, deviation, _, freedom = found.delay
+        rows.append(Checked(DELAY, _delay(flight.scenario), delay, deviation, freedom))
     return rows
 
 
 class Task(NamedTuple):
-    """Flights to be flown together and identified one by one.
+    """Flights that are simulated together, and identified one by one.
 
     Attributes:
-        flights: which of `KNOWN`.
-        diagrams: the folder of the shipped scenarios.
-        overrides: of what flies.
-        samples: their numbers.
+        flights: name of the condition in `KNOWN`.
+        diagrams: folder of the shipped scenarios.
+        overrides: overrides of the scenario that flies.
+        samples: numbers of the samples.
     """
 
     flights: str
@@ -175,20 +230,31 @@ class Task(NamedTuple):
 
 
 def check_batch(task: Task) -> dict[int, list[Checked]]:
-    """What was found of each flight of a task, by the number of the sample."""
+    """Return the identified parameters of each flight of a task, by the number of the sample."""
     known = KNOWN[task.flights]
     flown = simulate_samples(known.flown(task.diagrams, task.overrides), task.samples, compiled=True)
     believed = known.begun_with(task.diagrams)
-    return {sample: checked(flight, believed) for sample, flight in zip(task.samples, flown, strict=True)}
+    return {
+        sample: checked(flight, believed, known.samples_per_row)
+        for sample, flight in zip(task.samples, flown, strict=True)
+    }
 
 
 def _beside(estimates: Estimates, scenario: Scenario) -> list[Checked]:
     freedom = np.asarray(estimates.degrees_of_freedom)
     columns = zip(estimates.names, estimates.values, estimates.deviations, freedom, strict=True)
-    return [Checked(name, number_of(scenario, name), *map(float, rest)) for name, *rest in columns]
+    return [
+        Checked(name, number_of(scenario, name), *map(float, rest))
+        for name, *rest in columns
+        if name in estimates.identified
+    ]
 
 
-def _late(scenario: Scenario) -> float:
-    """By how much cameras show the vehicle later than it is, less the time that a logged command was held before, s."""
-    capture, link = scenario.laboratory.motion_capture, scenario.laboratory.command_link
-    return float(capture.period * (1 + capture.latency_frames) - link.period)
+def _delay(scenario: Scenario) -> float:
+    """Return the delay from a logged command to the logged measurement of its effect, s.
+
+    A flight records the command that was held over the tick before a sample.
+    """
+    if scenario.laboratory.autopilot.models_vehicle:
+        return delay_of(scenario)
+    return frame_age(scenario) - float(scenario.laboratory.command_link.period)

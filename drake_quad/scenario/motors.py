@@ -26,6 +26,9 @@ class ThrottleMotors(Model):
 
     kind: Literal["throttle"]
     curve: Annotated[tuple[Number, Number, Number], Field(strict=False)] = Field(description="K0, K1, K2 (N)")
+    voltage: Annotated[float, Field(gt=0.0)] | None = Field(
+        default=None, description="voltage of the battery for which the curve holds (V), used for logs only"
+    )
     take_throttles: ClassVar = True
 
     def thrust_curve(self) -> ThrustCurve | None:

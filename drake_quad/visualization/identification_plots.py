@@ -1,4 +1,4 @@
-"""Pictures of an identification: fit and residuals, thrust, correlations, and how far ahead the vehicle predicts."""
+"""Plots of an identification: forecast and residuals, thrust, correlations, and errors of open-loop prediction."""
 
 import math
 import textwrap
@@ -10,20 +10,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from drake_quad.identification.flown_again.prediction import Predictions
-from drake_quad.identification.identified import Fitted, Identification
+from drake_quad.identification.flown_again.prediction import UNITS, Predictions
+from drake_quad.identification.result import ForecastOutput, Identification
 from drake_quad.identification.results.estimates import CONFIDENCE, Estimates
 from drake_quad.vehicle.motors import ThrustCurve, thrust_of
 from drake_quad.visualization.panels import new_panels, plot_intervals
 from drake_quad.visualization.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, REFERENCE, VERMILION
 
-# Windows on each side of where those begin that are held out.
-_WINDOWS = 5
-# Characters of a line beside an axis.
-_LABEL = 15
-_HELD_OUT = "0.92"
+_MAX_WINDOWS = 10  # windows of a plot of the fit
+_LABEL = 15  # characters of a line beside an axis
+_BAND = "0.92"
 _COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, BLACK)
-# Of units, for the eye: factor and how it is written.
+# Conversion factor and label of each display unit.
 _SHOWN = {"m": (1e2, "cm"), "rad": (180.0 / math.pi, "°"), "rad/s": (180.0 / math.pi, "°/s"), "m/s": (1.0, "m/s")}
 _SHORT = {
     "laboratory.motion_capture.": "",
@@ -36,56 +34,41 @@ _SHORT = {
 
 
 def plot_fit(identification: Identification) -> Figure:
-    """Plots what was measured and predicted in windows around those that are held out, and what is left."""
+    """Plot measurements, their forecast and its errors in the first windows of held-out flight."""
     outputs = identification.outputs
     size = 10.0, 0.6 + 1.25 * len(outputs)
     with new_panels(*size, len(outputs), 2, sharex=True, width_ratios=[1.6, 1.0]) as (figure, rows):
         for (left, right), output in zip(rows, outputs, strict=True):
             _draw_windows(left, right, output)
-        rows[0][0].set_title("measured, and predicted in windows")
-        rows[0][1].set_title("measured minus predicted", loc="left")
+        rows[0][0].set_title("measured and forecast")
+        rows[0][1].set_title("measured minus forecast", loc="left")
         for axes in rows[-1]:
-            axes.set_xlabel(f"time (s) in {outputs[0].log[_shown_windows(outputs[0])[0]]}")
+            axes.set_xlabel("time in held-out windows (s)")
         handles, labels = rows[0][0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside upper right", ncols=3)
+        figure.legend(handles, labels, loc="outside upper right", ncols=2)
         figure.align_ylabels(rows[:, 0])
         return figure
 
 
-def _shown_windows(output: Fitted) -> np.ndarray:
-    """The windows that are drawn: of the first log, around where those begin that are held out."""
-    places = np.flatnonzero(output.log == output.log[0])
-    unseen = np.flatnonzero(output.held_out[places])
-    first = unseen[0] if len(unseen) else len(places)
-    return places[max(0, first - _WINDOWS) : first + _WINDOWS]
-
-
-def _draw_windows(left: Axes, right: Axes, output: Fitted) -> None:
+def _draw_windows(left: Axes, right: Axes, output: ForecastOutput) -> None:
     factor, unit = _SHOWN.get(output.unit, (1.0, output.unit))
-    for place, window in enumerate(_shown_windows(output)):
+    for window in range(min(_MAX_WINDOWS, len(output.time))):
         time = output.time[window]
-        if output.held_out[window]:
+        if window % 2:
             for axes in (left, right):
-                axes.axvspan(time[0], time[-1], color=_HELD_OUT, linewidth=0.0, zorder=0)
-        label = place == 0
-        left.plot(
-            time, factor * output.measured[window], color="0.45", linewidth=2.2, label="measured" if label else None
-        )
-        left.plot(
-            time, factor * output.predicted[window], color=BLUE, linewidth=1.1, label="predicted" if label else None
-        )
+                axes.axvspan(time[0], time[-1], color=_BAND, linewidth=0.0, zorder=0)
+        measured, predicted = ("measured", "forecast") if window == 0 else (None, None)
+        left.plot(time, factor * output.measured[window], color="0.45", linewidth=2.2, label=measured)
+        left.plot(time, factor * output.predicted[window], color=BLUE, linewidth=1.1, label=predicted)
         right.plot(time, factor * output.residual[window], color=VERMILION, linewidth=0.8)
-    if output.held_out.any():
-        left.fill_between([], [], [], color=_HELD_OUT, label="held out")
     left.set_ylabel("\n".join([*textwrap.wrap(output.name, _LABEL), f"({unit})"]))
     right.axhline(0.0, color="0.3", linewidth=0.8)
-    share = output.share if math.isfinite(output.share) else output.share_fitted
-    said = f"explained {100.0 * share:.1f} %" if share > -1.0 else "nothing explained"
+    said = f"explained {100.0 * output.explained:.1f} %" if output.explained > -1.0 else "nothing explained"
     right.set_title(said, loc="right", fontsize=8, pad=2.0)
 
 
 def plot_residuals(identification: Identification) -> Figure:
-    """Plots the autocorrelation and the spectrum of what is left in windows: flat where it is white noise."""
+    """Plot the autocorrelation and the spectrum of the forecast errors; a flat spectrum is that of white noise."""
     with new_panels(9.0, 3.4, 1, 2) as (figure, ((left, right),)):
         for i, output in enumerate(identification.outputs):
             colour, style = _COLOURS[i % len(_COLOURS)], ("-", "--", ":")[i // len(_COLOURS) % 3]
@@ -94,7 +77,7 @@ def plot_residuals(identification: Identification) -> Figure:
             frequency, density = _spectrum(output)
             right.loglog(frequency, density, color=colour, linestyle=style, linewidth=1.1)
         reach = 1.96 / math.sqrt(identification.outputs[0].residual.size)
-        left.axhspan(-reach, reach, color=_HELD_OUT, zorder=0)
+        left.axhspan(-reach, reach, color=_BAND, zorder=0)
         left.set(xlabel="lag (s)", ylabel="autocorrelation (1)", ylim=(-0.6, 1.05))
         right.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         right.xaxis.set_major_formatter("{x:g}")
@@ -104,7 +87,7 @@ def plot_residuals(identification: Identification) -> Figure:
         return figure
 
 
-def _autocorrelation(output: Fitted) -> tuple[np.ndarray, np.ndarray]:
+def _autocorrelation(output: ForecastOutput) -> tuple[np.ndarray, np.ndarray]:
     residual = output.residual - output.residual.mean()
     samples = residual.shape[1]
     most = samples // 2
@@ -113,7 +96,7 @@ def _autocorrelation(output: Fitted) -> tuple[np.ndarray, np.ndarray]:
     return (output.time[0, :most] - output.time[0, 0]), np.array(found)
 
 
-def _spectrum(output: Fitted) -> tuple[np.ndarray, np.ndarray]:
+def _spectrum(output: ForecastOutput) -> tuple[np.ndarray, np.ndarray]:
     residual, samples = output.residual, output.residual.shape[1]
     period = float(np.median(np.diff(output.time[0])))
     taper = np.hanning(samples)
@@ -123,11 +106,11 @@ def _spectrum(output: Fitted) -> tuple[np.ndarray, np.ndarray]:
 
 
 def plot_thrust(identification: Identification, commands: np.ndarray | None = None) -> Figure | None:
-    """Plots the thrust of a rotor over its throttle with its 95 % band; None if no curve was identified.
+    """Plot the thrust of a rotor over its throttle with a 95 % band; return None if no curve was estimated.
 
     Args:
-        identification: that was made.
-        commands: throttles that were flown, to mark them.
+        identification: identification.
+        commands: logged throttles, whose range is marked.
     """
     estimates = identification.estimates
     names = [f"motors.curve[{i}]" for i in range(3)]
@@ -150,14 +133,14 @@ def plot_thrust(identification: Identification, commands: np.ndarray | None = No
         axes.axhline(hover, **REFERENCE, label="hover")
         if commands is not None:
             low, high = np.quantile(commands, [0.01, 0.99])
-            axes.axvspan(low, high, color=_HELD_OUT, zorder=0, label="flown")
+            axes.axvspan(low, high, color=_BAND, zorder=0, label="flown")
         axes.set(xlabel="throttle (1)", ylabel="thrust of a rotor (N)", xlim=(0.0, 1.0), ylim=(0.0, None))
         figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=4)
         return figure
 
 
 def plot_correlations(estimates: Estimates) -> Figure:
-    """Plots the correlations of the errors of estimates, as shades and numbers."""
+    """Plot the correlations of the errors of estimates, as colours and numbers."""
     count = len(estimates.names)
     labels = [short_name(name) for name in estimates.names]
     size = 2.6 + 0.42 * count
@@ -177,26 +160,18 @@ def plot_correlations(estimates: Estimates) -> Figure:
 
 
 def short_name(name: str) -> str:
-    """The name of a number as axes and tables have it."""
+    """Return the short name of a parameter for axes and tables."""
     for long, short in _SHORT.items():
         name = name.replace(long, short)
     return name
 
 
 def plot_predictions(predictions: Predictions, quantities: Sequence[str] = ("position", "attitude")) -> Figure:
-    """Plots the RMS errors of vehicles that predict flights over the horizon, with 95 % intervals."""
+    """Plot the RMS errors of open-loop predictions over the horizon, with 95 % intervals."""
     there = [name for name in quantities if name in predictions.errors] or list(predictions.errors)[:2]
-    units = {
-        "position": "m",
-        "height": "m",
-        "velocity": "m/s",
-        "climb": "m/s",
-        "attitude": "rad",
-        "body_rates": "rad/s",
-    }
     with new_panels(4.4 * len(there) + 0.4, 3.6, 1, len(there)) as (figure, (row,)):
         for axes, quantity in zip(row, there, strict=True):
-            factor, unit = _SHOWN[units[quantity]]
+            factor, unit = _SHOWN[UNITS[quantity]]
             for i, vehicle in enumerate(predictions.vehicles):
                 errors = [predictions.rmse(quantity, vehicle, horizon) for horizon in predictions.horizons]
                 value, low, high = factor * np.transpose(errors)

@@ -1,8 +1,8 @@
-"""Checks whether identification finds known vehicles: how many of the 95 % intervals hold the true number.
+"""Check how many of the 95 % intervals of an identification contain the true parameter.
 
-Flies vehicles that are drawn anew, each with the noise, the delays and the losses of the laboratory, identifies each by
-its log, and prints for each number in how many flights its interval holds, with the interval of that share. What was
-found is saved after each batch of flights, and a run that was interrupted goes on where it was.
+The script simulates vehicles with random parameters under one of six conditions, identifies each from its log, and
+prints for each parameter how many intervals contain the true value. Results are saved after each batch of flights, and
+an interrupted run continues where it stopped.
 """
 
 import csv
@@ -36,9 +36,9 @@ _RANGES = {"samples": (1, 10_000), "processes": (1, 256), "seed": (0, 2**31)}
 
 def main() -> None:
     options = bare_parser(
-        __doc__, "python scripts/development/check_identification.py rotors --samples 100 --processes 2"
+        __doc__, "python scripts/development/check_identification.py wind --samples 100 --processes 2"
     )
-    options.add_argument("flights", choices=[*KNOWN], help="what is commanded: rotors, or an autopilot")
+    options.add_argument("flights", choices=[*KNOWN], help="condition of the flights")
     options.add_argument("--samples", type=int, default=100, help="flights (default: %(default)s)")
     options.add_argument("--processes", type=int, default=1, help="that identify at a time (default: %(default)s)")
     options.add_argument("--seed", type=int, default=11, help="of what is drawn (default: %(default)s)")

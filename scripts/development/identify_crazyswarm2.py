@@ -1,8 +1,9 @@
-"""Writes diagrams/crazyswarm2.yaml: the vehicles of four Crazyflies, each from its own log.
+"""Write diagrams/crazyswarm2.yaml: the vehicles of four Crazyflies, each from its own log.
 
-What stands before the vehicles in that file, gains and masses of their info*.yaml, stays as it is. From the signals of
-a log, and from no tracking error: thrust, lag, inertia and centre of mass by `identify`, drag by the force that
-acceleration shows, and by how much the estimate of the velocity is off by the derivative of the estimated position.
+The beginning of that file, gains and masses of their info*.yaml, stays as it is. Everything else follows from the
+signals of a log, and nothing from a tracking error: thrust, lag, inertia and centre of mass from `identify`, drag from
+the force that the acceleration shows, and the error of the estimated velocity from the derivative of the estimated
+position.
 """
 
 import os
@@ -19,12 +20,10 @@ from drake_quad import InputError
 from drake_quad.command_line.options import bare_parser
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.files import output_folder, write_whole
-from drake_quad.identification.fitting.open_loop import DELAY
-from drake_quad.identification.flown_again.estimator import VelocityEstimate, velocity_estimate
-from drake_quad.identification.force_identification import linear_drag
-from drake_quad.identification.identified import Identification, Spread
+from drake_quad.identification.flown_again.estimator import VelocityEstimate, linear_drag, velocity_estimate
 from drake_quad.identification.identify import identify
 from drake_quad.identification.logs.reading import read_log
+from drake_quad.identification.result import Identification, Spread
 from drake_quad.identification.results.estimates import Estimates
 from drake_quad.identification.results.vehicle_numbers import number_of, with_numbers
 from drake_quad.linear.closed_loop import closed_loop
@@ -99,8 +98,9 @@ def vehicle(
     log: str, base: Scenario, found: Identification, estimate: VelocityEstimate, drag: tuple[Spread, Spread]
 ) -> str:
     """The scenario of a log, in YAML."""
-    ticks, numbers = with_whole_ticks(found.estimates)
-    numbers = that_flies(numbers, load_undesigned(f"{_FILE}:sheet_{log}", [*_LAG, f"{DELAY}={ticks}"]))
+    ticks = round(found.vehicle.laboratory.command_link.delay_ticks)
+    flown = load_undesigned(f"{_FILE}:sheet_{log}", [*_LAG, f"laboratory.command_link.delay_ticks={ticks}"])
+    numbers = that_flies(found.estimates.part(_WRITTEN), flown)
     values = dict(zip(_WRITTEN, numbers.values, strict=True))
     drawn = correlated_normals(_WRITTEN, numbers.values, numbers.covariance, prefix=f"log{log}")
     told = {name: in_yaml(drawn[name]["normal"], signed=name.startswith("centre_of_mass")) for name in _WRITTEN}
@@ -139,18 +139,6 @@ def vehicle(
         f"      drift_time: {estimate.time:.2g}",
     ]
     return "\n".join(lines) + "\n"
-
-
-def with_whole_ticks(estimates: Estimates) -> tuple[int, Estimates]:
-    """The delay as a whole number of ticks, and what the other numbers are if it is that."""
-    part = estimates.part([*_WRITTEN, DELAY] if DELAY in estimates.names else _WRITTEN)
-    if DELAY not in estimates.names:
-        return 0, part
-    ticks = max(0, round(part.value(DELAY)))
-    slope = part.covariance[:-1, -1] / part.covariance[-1, -1]
-    values = part.values[:-1] + slope * (ticks - part.values[-1])
-    covariance = part.covariance[:-1, :-1] - np.outer(slope, part.covariance[-1, :-1])
-    return ticks, replace(part.part(_WRITTEN), values=values, covariance=covariance)
 
 
 def that_flies(estimates: Estimates, base: Scenario) -> Estimates:

@@ -219,11 +219,14 @@ def test_a_vehicle_is_identified_from_the_logs_with_what_is_given(run, replaced,
         "a.csv": FlightRecord("a", time, motor_command=np.full((3, 4), 0.5), vehicle="vehicles/hummingbird"),
         "b.csv": FlightRecord("b", time, vehicle="vehicles/hummingbird"),
     }
-    found = SimpleNamespace(estimates="estimates", vehicle="identified")
+    motors = SimpleNamespace(take_throttles=True, voltage=11.1)
+    vehicle = SimpleNamespace(vehicle=SimpleNamespace(motors=motors))
+    found = SimpleNamespace(estimates="estimates", vehicle=vehicle, training_vehicle="from the rest")
+    predictions = SimpleNamespace(losses=lambda vehicle: [f"{vehicle} loses"])
     prints = dict.fromkeys(("print_logs", "print_estimates", "print_score", "print_hover", "print_predictions"))
     calls = replaced(
         "identify", read_log=lambda log, mapping: records[log.name], identify=found, predict="prediction",
-        joined="predictions", write_vehicle=None, save_figures=lambda figures, folder, vector: [*figures], **prints,
+        joined=predictions, write_vehicle=None, save_figures=lambda figures, folder, vector: [*figures], **prints,
     )  # fmt: skip
     for name in ("fit", "residuals", "correlations", "predictions"):
         calls |= replaced("identify.plots", **{f"plot_{name}": name})
@@ -231,7 +234,7 @@ def test_a_vehicle_is_identified_from_the_logs_with_what_is_given(run, replaced,
     mine = tmp_path / "mine.yaml"
     given = ["--mapping", "map.yaml", "--mass", 0.55, "--set", "vehicle.linear_drag=0.1", "--output", mine]
     result = run("identify", "a.csv", "b.csv", "--wind", "1,0,0", *given)
-    assert (result.returncode, result.stderr) == (0, "")
+    assert (result.returncode, result.stderr) == (0, "remark: identified loses\n")
     ((logs, base), named) = calls["identify"][0]
     assert [log.name for log in logs] == ["a", "b"]
     assert all((log.wind == [1.0, 0.0, 0.0]).all() for log in logs)
@@ -239,14 +242,20 @@ def test_a_vehicle_is_identified_from_the_logs_with_what_is_given(run, replaced,
     assert (base.nominal.mass, base.vehicle.linear_drag, base.vehicle.motors.kind) == (0.55, 0.1, "throttle")
     assert named == {"held_out_share": pytest.approx(1.0 / 3.0)}
     assert [(log.name, [*vehicles.values()], more["share"]) for (log, vehicles), more in calls["predict"]] == [
-        (name, ["identified", base], pytest.approx(1.0 / 3.0)) for name in "ab"
+        (name, ["from the rest", base], pytest.approx(1.0 / 3.0)) for name in "ab"
     ]
     assert all(more["believed"] is base for _, more in calls["predict"])
     ((path, name, estimates), named) = calls["write_vehicle"][0]
     assert (path, name, estimates, named["base"]) == (mine, "mine", "estimates", "vehicles/hummingbird")
+    assert named["nominal"] is False
     assert named["given"][:2] == ["vehicle.linear_drag=0.1", "nominal.mass=0.55"]
     assert len(named["given"]) == 6
-    assert calls["print_predictions"] == [(("predictions",), {})]
+    # The thrust curve holds for this voltage of the battery.
+    assert named["voltage"] == 11.1
+    # The trim in hover is that of the weighed mass.
+    (((_, weight), _),) = calls["print_hover"]
+    assert weight == pytest.approx(0.55 * base.nominal.gravity)
+    assert calls["print_predictions"] == [((predictions,), {})]
     assert "begins with vehicles/hummingbird\n" in result.stdout
     written = [line.strip() for line in result.stdout.split("wrote\n")[1].splitlines()]
     # There is no figure of a thrust that was not identified.
@@ -254,7 +263,8 @@ def test_a_vehicle_is_identified_from_the_logs_with_what_is_given(run, replaced,
     (((_, commands), _),) = calls["plot_thrust"]
     assert commands.tolist() == [0.5] * 12
     # Without throttles the motors stay as they are.
-    run("identify", "b.csv", *given)
+    run("identify", "b.csv", *given, "--nominal")
+    assert calls["write_vehicle"][1][1]["nominal"] is True
     assert calls["identify"][1][0][1].vehicle.motors.kind == "speed"
 
 

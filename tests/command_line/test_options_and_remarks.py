@@ -128,9 +128,11 @@ def test_a_panel_of_a_map_is_the_linear_model_and_the_flights_of_the_same_gains(
 
 def test_a_vehicle_is_written_beside_others_by_default(run, replaced, monkeypatch, tmp_path):  # noqa: F811
     prints = dict.fromkeys(("print_logs", "print_estimates", "print_score", "print_hover", "print_predictions"))
+    vehicle = SimpleNamespace(vehicle=SimpleNamespace(motors=None))
     replaced(
-        "identify", read_log=FlightRecord("a", np.arange(3.0)), identify=SimpleNamespace(estimates=None, vehicle=None),
-        predicted=None, write_vehicle=None, save_figures=[], **prints,
+        "identify", read_log=FlightRecord("a", np.arange(3.0)),
+        identify=SimpleNamespace(estimates=None, vehicle=vehicle), write_vehicle=None, save_figures=[],
+        predicted=SimpleNamespace(losses=lambda _: []), **prints,
     )  # fmt: skip
     replaced("identify.plots", **{f"plot_{name}": None for name in ("fit", "residuals", "thrust", "correlations")})
     replaced("identify.plots", plot_predictions=None)

@@ -32,11 +32,11 @@ from drake_quad.design.sensitivity import Sensitivities
 from drake_quad.design.stability_map import MappedGains, StabilityMap
 from drake_quad.files import read_table
 from drake_quad.flight.mission import plan_route
-from drake_quad.identification.fitting.random_effects import Variation
 from drake_quad.identification.flown_again.comparison import LogComparison
 from drake_quad.identification.flown_again.prediction import Predictions
-from drake_quad.identification.identified import Fitted, Identification, Spread
 from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.random_effects import Variation
+from drake_quad.identification.result import ForecastOutput, Identification, Spread
 from drake_quad.identification.results.estimates import Estimates, Explained, Source
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.linear.margins import Margins
@@ -100,7 +100,7 @@ def test_predictions_have_a_row_for_each_horizon_that_is_reached(capsys):
     predictions = Predictions(("mine", "other"), (0.5, 1.0), np.array(["a"] * 12), np.arange(12.0), given)
     output.print_predictions(predictions)
     header, *rows = cells(capsys.readouterr().out)
-    assert header == ["horizon", "mine", "other", "better by, %"]
+    assert header == ["horizon", "mine", "other", "better than other by, %"]
     found = [(row[0], row[1], *(float(cell.split()[0]) for cell in row[2:5]), row[5]) for row in rows]
     degrees = math.degrees(0.02)
     assert found == [
@@ -108,14 +108,10 @@ def test_predictions_have_a_row_for_each_horizon_that_is_reached(capsys):
         ("attitude", "0.5 s", pytest.approx(degrees, rel=1e-2), pytest.approx(2.0 * degrees, rel=1e-2), 50.0, "°"),
         ("body rates", "0.5 s", 0.02, 0.04, 50.0, "rad/s"),
     ]
-    alone = {"position": errors[:1], "height": errors[:1]}
-    output.print_predictions(Predictions(("mine",), (0.5, 1.0), predictions.log, predictions.time, alone))
-    header, *rows = cells(capsys.readouterr().out)
-    assert header == ["horizon", "mine"]
-    assert [(row[0], float(row[2].split()[0]), row[-1]) for row in rows] == [
-        ("position", 2.0, "cm"),
-        ("height", 2.0, "cm"),
-    ]
+    height = Predictions(("mine", "other"), (0.5, 1.0), predictions.log, predictions.time, {"height": errors})
+    output.print_predictions(height)
+    _, row = cells(capsys.readouterr().out)
+    assert (row[0], float(row[2].split()[0]), row[-1]) == ("height", 2.0, "cm")
 
 
 def test_compared_controllers_have_means_deviations_and_their_share_of_the_first(capsys, tmp_path):
@@ -340,21 +336,18 @@ def identified():
         1e9,
         Source("m", "a"),
         explained={"mass": Explained(0.123, "climb"), "autopilot.damping[0]": Explained(4e-4, "roll")},
-        not_seen={"quadratic_drag": "it hovers"},
+        not_identified={"quadratic_drag": "it hovers"},
         remarks=("of the estimates",),
         variation=Variation(np.diag([0.0016, np.nan, np.nan]), 4.0, 10.0),
     )
     time = np.arange(4)[:, None] + np.linspace(0.0, 1.0, 5)
     measured = np.zeros_like(time)
-    predicted = np.full_like(time, 0.5)
-    predicted[2:] = 0.25
-    held_out = np.array([False, False, True, True])
-    output = Fitted("height", "m", np.array(["a"] * 4), time, measured, predicted, held_out, 0.9, math.nan, 0.125)
-    none = output._replace(name="pitch", unit="rad", share=-0.1, share_fitted=1.0)
-    further = {"lag": Spread(0.04, 0.001, "s"), "ratio": Spread(2.0, 0.1, "1"), "unknown": Spread(1.0, math.nan, "m")}
+    predicted = np.full_like(time, 0.25)
+    output = ForecastOutput("height", "m", time, measured, predicted, 0.9, 0.125)
+    none = output._replace(name="pitch", unit="rad", explained=-0.1)
     return Identification(
-        estimates, None, (output, none), Spread(0.0321, 0.001, "s"), further, ("of the flights",),
-        {"mass": SimpleNamespace(covered=9, off=np.zeros(10))},
+        estimates, None, (output, none), Spread(0.0321, 0.001, "s"), None, ("of the flights",),
+        {"mass": SimpleNamespace(covered=9, errors=np.zeros(10))},
     )  # fmt: skip
 
 
@@ -371,9 +364,7 @@ def test_estimates_have_their_intervals_and_what_they_explain(capsys):
     assert drag == ["linear_drag", plus_minus(0.1, 1.96 * 0.01), "N s/m", "–"]
     assert lines[5:] == [
         f"a command shows after {plus_minus(32.1, 1.96)} ms",
-        f"lag: {plus_minus(0.04, 1.96e-3)} s",
-        f"ratio: {plus_minus(2.0, 0.196)}",
-        "not told: quadratic_drag: it hovers",
+        "not identified: quadratic_drag: it hovers",
     ]
     assert printed.err == "remark: of the flights\nremark: of the estimates\n"
 
@@ -381,11 +372,10 @@ def test_estimates_have_their_intervals_and_what_they_explain(capsys):
 def test_explained_shares_of_outputs_are_printed(capsys):
     identify.print_score(identified())
     _, header, *rows = cells(capsys.readouterr().out)
-    assert header == ["output", "fitted", "held out", "left, RMS", "white noise"]
-    # The remaining errors are those of the held-out windows.
+    assert header == ["output", "explained variance", "RMS error", "white noise"]
     assert rows == [
-        ["height", "–", "90.0 %", "0.25", "0.12", "m"],
-        ["pitch", "100.0 %", "none", "0.25", "0.12", "rad"],
+        ["height", "90.0 %", "0.25", "0.12", "m"],
+        ["pitch", "none", "0.25", "0.12", "rad"],
     ]
     assert identify.percent(0.0) == "none"
 
@@ -405,9 +395,9 @@ def test_noise_and_trim_of_a_hover_are_printed(capsys, monkeypatch):
         signal="body_rates", unit="rad/s", at_rest=np.full(3, np.nan), in_flight=np.array([0.3, 0.0, 0.4])
     )
     monkeypatch.setattr(identify, "white_noise", lambda _: [noise])
-    monkeypatch.setattr(identify, "trim", lambda _: {"mean roll": Spread(0.1, 0.01, "rad")})
+    monkeypatch.setattr(identify, "trim", lambda _, weight: {"mean roll": Spread(0.01 * weight, 0.01, "rad")})
     monkeypatch.setattr(identify, "delay_by_correlation", lambda _: 0.0456)
-    identify.print_hover([record])
+    identify.print_hover([record], 10.0)
     header, row, *lines = capsys.readouterr().out.splitlines()
     assert cells(header) == [["at rest", "in flight"]]
     assert cells(row) == [["log7: white noise of body rates", "–", f"{math.sqrt(0.25 / 3.0):.2g}", "rad/s"]]
@@ -416,7 +406,7 @@ def test_noise_and_trim_of_a_hover_are_printed(capsys, monkeypatch):
         "log7: attitude is most like its command 46 ms later",
     ]
     monkeypatch.setattr(identify, "delay_by_correlation", lambda _: None)
-    identify.print_hover([record])
+    identify.print_hover([record], 10.0)
     assert "most like" not in capsys.readouterr().out
 
 

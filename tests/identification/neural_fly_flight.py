@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from drake_quad import load_scenario, simulate
+from drake_quad.identification.delays import frame_age
 from drake_quad.scenario.models import Scenario
 
 DIAGRAM = Path(__file__).parent.parent.parent / "diagrams" / "neural_fly.yaml"
@@ -40,7 +41,10 @@ def write_flight(path: Path, scenario: Scenario) -> Path:
     def quaternions(angles: np.ndarray) -> list[str]:
         return cells(Rotation.from_euler("ZYX", angles[:, ::-1]).as_quat())
 
-    state, mass = flight["state"], scenario.vehicle.mass
+    # The force is that of the instant at which the cameras saw the vehicle.
+    seen_at = flight.time - frame_age(scenario)
+    state = np.column_stack([np.interp(seen_at, flight.time, row) for row in flight["state"].T])
+    mass = scenario.vehicle.mass
     up = Rotation.from_euler("ZYX", state[:, 5:2:-1]).apply([0.0, 0.0, 1.0])
     acceleration = np.gradient(state[:, 6:9], flight.time, axis=0) + np.array([0.0, 0.0, 9.81])
     columns = {

@@ -5,8 +5,8 @@ import pytest
 import scipy
 
 from drake_quad import InputError
-from drake_quad.identification.fitting.random_effects import Variation
-from drake_quad.identification.identified import Spread
+from drake_quad.identification.random_effects import Variation
+from drake_quad.identification.result import Spread
 from drake_quad.identification.results.estimates import KINDS, Estimates, Explained, Source, kind_of, scenario_path
 from drake_quad.scenario.description import unit_at
 from drake_quad.scenario.files.loading import load_undesigned
@@ -55,11 +55,11 @@ def names_of(path):
 
 def test_estimates_are_written_with_units_and_intervals():
     """Student's 97.5 % quantile of 12 degrees of freedom is 2.1788."""
-    told = str(estimates(not_seen={"linear_drag": "it did not move"}))
+    told = str(estimates(not_identified={"linear_drag": "it did not move"}))
     assert told.splitlines() == [
         "mass: 0.03300 kg [0.03256, 0.03344]",
         "inertia[2]: 3.000e-05 kg m² [2.978e-05, 3.022e-05]",
-        "not told: linear_drag: it did not move",
+        "not identified: linear_drag: it did not move",
     ]
 
 
@@ -71,11 +71,11 @@ def test_units_and_limits_are_those_of_the_language(vehicles, name):
     number_at(scenario, path)
     if path.startswith("vehicle.inertia"):  # the three moments of inertia of a rigid body limit each other
         scenario = scenario.model_copy(
-            update={"vehicle": scenario.vehicle.model_copy(update={"inertia": (kind.least,) * 3})}
+            update={"vehicle": scenario.vehicle.model_copy(update={"inertia": (kind.lower,) * 3})}
         )
     # How a count is written in words is left to the language.
-    assert kind.whole or unit_at(scenario, path) == kind.unit
-    for limit, beyond in ((kind.least, -1.0), (kind.most, 1.0)):
+    assert kind.integer or unit_at(scenario, path) == kind.unit
+    for limit, beyond in ((kind.lower, -1.0), (kind.upper, 1.0)):
         if abs(limit) < LARGEST:
             with_number(scenario, path, limit)
             with pytest.raises(InputError):
@@ -123,24 +123,24 @@ def test_intervals_are_student_s():
 def test_elsewhere_numbers_are_off_by_the_mean_and_by_what_varies():
     """Degrees of freedom are Satterthwaite's: near those of the larger part."""
     varies = Variation(np.array([[12e-8, 0.0], [0.0, 0.0]]), 9.0, 8.0)
-    found = estimates(variation=varies).elsewhere()
+    found = estimates(variation=varies).for_new_flight()
     np.testing.assert_allclose(found.covariance, [[16e-8, 1e-11], [1e-11, 1e-14]])
     np.testing.assert_allclose(found.degrees_of_freedom, [16.0**2 / (4.0**2 / 12.0 + 12.0**2 / 9.0), 12.0])
     assert found.variation is None
     plain = estimates()
-    assert plain.elsewhere() is plain
+    assert plain.for_new_flight() is plain
     part = estimates(variation=varies).part(["inertia[2]", "mass"])
     np.testing.assert_array_equal(part.variation.covariance, [[0.0, 0.0], [0.0, 12e-8]])
 
 
 def test_numbers_that_nobody_looked_at_are_elsewhere_as_they_are():
-    varies = Variation(np.array([[12e-8]]), 9.0, 8.0).beside(1)
+    varies = Variation(np.array([[12e-8]]), 9.0, 8.0).with_unknown(1)
     np.testing.assert_array_equal(varies.covariance, np.diag([12e-8, np.nan]))
     found = estimates(variation=varies)
     np.testing.assert_array_equal(found.variation_known, [True, False])
     np.testing.assert_array_equal(estimates().variation_known, [False, False])
-    np.testing.assert_allclose(found.elsewhere().covariance, [[16e-8, 1e-11], [1e-11, 1e-14]])
-    assert found.elsewhere().degrees_of_freedom[1] == pytest.approx(12.0)
+    np.testing.assert_allclose(found.for_new_flight().covariance, [[16e-8, 1e-11], [1e-11, 1e-14]])
+    assert found.for_new_flight().degrees_of_freedom[1] == pytest.approx(12.0)
 
 
 def test_an_interval_of_few_degrees_of_freedom_is_students():
@@ -162,7 +162,7 @@ def test_a_part_has_what_belongs_to_it():
         degrees_of_freedom=[1.0, 2.0, 3.0],
         sources=((FLIGHT,), (FLIGHT, Source("scale", "none")), (FLIGHT,)),
         explained={"mass": Explained(0.5, "thrust"), "arm_length": Explained(0.1, "roll")},
-        not_seen={"drag_factor": "yaw was not moved", "mass": "it was"},
+        not_identified={"drag_factor": "yaw was not moved", "mass": "it was"},
     )
     part = found.part(["arm_length", "inertia[2]"])
     assert part.names == ("arm_length", "inertia[2]")
@@ -170,8 +170,9 @@ def test_a_part_has_what_belongs_to_it():
     np.testing.assert_array_equal(part.covariance, [[9.1, 0.1], [0.1, 4.1]])
     assert (tuple(part.degrees_of_freedom), part.sources_of(1)) == ((3.0, 2.0), (FLIGHT, Source("scale", "none")))
     assert part.explained == {"arm_length": Explained(0.1, "roll")}
-    # What is estimated is seen.
-    assert found.not_seen == part.not_seen == {"drag_factor": "yaw was not moved"}
+    # An estimate may be one that the log does not determine; it is then the value of the data sheet.
+    assert found.identified == ("inertia[2]", "arm_length")
+    assert found.not_identified == part.not_identified == {"drag_factor": "yaw was not moved", "mass": "it was"}
     assert part.value("arm_length") == 0.05
     with pytest.raises(InputError, match="no estimate of drag_factor: yaw was not moved"):
         part.value("drag_factor")
@@ -188,7 +189,7 @@ def test_a_part_has_what_belongs_to_it():
         ({"covariance": np.diag([1.0, 0.0])}, "variance 0"),
         ({"degrees_of_freedom": 0.0}, "degrees of freedom"),
         ({"sources": ((FLIGHT,),)}, "2 estimates need as many sources"),
-        ({"not_seen": {"weight": "it was not weighed"}}, "'weight' is no number"),
+        ({"not_identified": {"weight": "it was not weighed"}}, "'weight' is no number"),
     ],
 )
 def test_what_is_no_record_of_estimates_is_refused(changes, words):

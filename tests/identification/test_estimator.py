@@ -1,13 +1,14 @@
 """How an estimator sees velocity, of made flights whose error of velocity is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 from drake_quad.errors import InputError
 from drake_quad.identification.flown_again import estimator
-from drake_quad.identification.flown_again.estimator import _share, velocity_estimate
-from drake_quad.identification.force_identification import linear_drag
+from drake_quad.identification.flown_again.estimator import _share, linear_drag, velocity_estimate
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.scenario.files.loading import load_undesigned
 
@@ -193,3 +194,22 @@ def test_a_rest_is_correlated_until_its_autocorrelation_is_a_share_of_that_witho
     # White noise alone is not correlated, and what is the same throughout always is.
     assert estimator._correlation_time(random.normal(size=500), 0.0) == 1
     assert estimator._correlation_time(np.ones(50), 0.0) == 50
+
+
+def test_drag_is_the_slope_of_the_force_over_the_air_speed():
+    """Along y, which is not flown, the drag is that along x; the deviation follows from blocks of half a second."""
+    base = load_undesigned("diagrams/vehicles/crazyflie.yaml", [f"nominal.mass={MASS}"])
+    time = PERIOD * np.arange(2500)
+    drag, speed = 0.03, np.sin(2.0 * time)
+    # The wind blows so that the air speed and the acceleration obey m a = -drag v + m g tan(tilt) with no tilt.
+    velocity = np.column_stack([speed, 0.0 * time, 0.0 * time])
+    acceleration = 2.0 * np.cos(2.0 * time)
+    wind = velocity + np.column_stack([MASS * acceleration / drag, 0.0 * time, 0.0 * time])
+    log = FlightRecord("made", time, velocity=velocity, attitude=np.zeros((2500, 3)), wind=wind)
+    along, across = linear_drag(log, base)
+    assert along.value == pytest.approx(drag, rel=1e-3)
+    assert across == along
+    noisy = replace(log, velocity=velocity + 0.002 * np.random.default_rng(1).normal(size=velocity.shape))
+    found = linear_drag(noisy, base)[0]
+    assert abs(found.value - drag) < 4.0 * found.deviation
+    assert found.degrees_of_freedom == pytest.approx(20, abs=2)

@@ -91,7 +91,7 @@ def test_both_count_from_when_the_reference_moves_or_from_what_is_said(scenario,
 
 
 def test_samples_are_those_of_the_study_whatever_the_fleet(uncertain, flown, monkeypatch):
-    monkeypatch.setattr("drake_quad.identification.flown_again.comparison._FLEET", 3)
+    monkeypatch.setattr("drake_quad.identification.flown_again.comparison._FLEET_SIZE", 3)
     told = []
     found = compare_with_log(flown, uncertain, samples=7, rest=REST, progress=lambda *done: told.append(done))
     assert told == [(3, 7), (6, 7), (7, 7)]

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from drake_quad.identification.fitting.forecast import forecast, named
-from drake_quad.identification.fitting.predictor import FORCE
+from drake_quad.identification.forecast import forecast, named
+from drake_quad.identification.prediction_errors import FORCE
 
 PERIOD = 0.1  # s
 NUM_SETTLING_SAMPLES = 3

@@ -8,6 +8,7 @@ from drake_quad.identification.logs.record import FlightRecord
 
 RNG = np.random.default_rng(8)
 TIME = np.arange(3000) * 0.01
+WEIGHT = 0.3
 FLYING = (TIME > 8.0) & (TIME < 25.0)
 
 
@@ -49,14 +50,14 @@ def test_a_log_that_begins_in_the_air_has_nothing_at_rest(record):
 
 
 def test_trim_is_the_mean_of_hover(record):
-    found = trim(record)
+    found = trim(record, WEIGHT)
     assert found["mean roll"].value == pytest.approx(0.02, abs=4.0 * found["mean roll"].deviation)
     assert found["mean pitch"].value == pytest.approx(-0.01, abs=1e-3)
     assert found["mean torque about y"].value == pytest.approx(-2e-5, rel=0.02)
     assert found["mean thrust"].value == pytest.approx(0.3)
     assert found["mean roll"].deviation < 5e-4
     moving = (TIME > 15.5) & (TIME < 17.0)
-    assert trim(record.part(moving)) == {}
+    assert trim(record.part(moving), WEIGHT) == {}
 
 
 def test_the_attitude_is_behind_its_command(record):
@@ -121,14 +122,14 @@ def test_trim_is_of_what_is_slower_than_its_limits(signal, limit):
     direction = np.array([2.0, 1.0, 2.0]) / 3.0
     for speed, expected in ((1.01 * limit, 0.1), (0.99 * limit, 0.1 + 0.4 * 0.2)):
         logged = hovering(**{signal: np.where(moving, speed, 0.0)[:, None] * direction, "attitude": attitude})
-        assert trim(logged)["mean roll"].value == pytest.approx(expected)
+        assert trim(logged, WEIGHT)["mean roll"].value == pytest.approx(expected)
 
 
 def test_the_deviation_of_trim_is_that_of_blocks_of_half_a_second():
     random = np.random.default_rng(4)
     torque = random.normal(size=(2000, 3))
     logged = hovering(torque_command=torque)
-    found = trim(logged)
+    found = trim(logged, WEIGHT)
     means = torque.reshape(40, 50, 3).mean(axis=1)
     for i, axis in enumerate("xyz"):
         spread = found[f"mean torque about {axis}"]
@@ -139,12 +140,11 @@ def test_the_deviation_of_trim_is_that_of_blocks_of_half_a_second():
     assert {*found} == {"mean roll", "mean pitch", "mean thrust", *(f"mean torque about {axis}" for axis in "xyz")}
     # A quantity without a command has no mean.
     bare = hovering(thrust_command=None)
-    assert {*trim(bare)} == {"mean roll", "mean pitch"}
+    assert {*trim(bare, WEIGHT)} == {"mean roll", "mean pitch"}
     # A second of hover is enough, and less is not.
-    assert trim(hovering(1.0))
-    assert not trim(hovering(0.99))
-    for signal in ("velocity", "attitude", "body_rates"):
-        assert trim(hovering(**{signal: None})) == {}
+    assert trim(hovering(1.0), WEIGHT)
+    assert not trim(hovering(0.99), WEIGHT)
+    assert trim(hovering(velocity=None), WEIGHT) == {}
 
 
 @pytest.mark.parametrize("lag", [0, 7, 29])
@@ -163,3 +163,19 @@ def test_the_delay_is_that_of_the_angle_that_answers_best(lag, axis):
     assert delay_by_correlation(logged) == pytest.approx(0.01 * lag)
     bare = FlightRecord("bare", time, attitude_command=command)
     assert delay_by_correlation(bare) is None
+
+
+def test_throttles_in_hover_give_the_thrust_of_a_motor_and_show_a_weak_propeller():
+    """With T = K u², a motor that gives 0.8 of the thrust of the others takes 1 / sqrt(0.8) times their throttle."""
+    level, weak = 0.9, np.array([1.0, 1.0, 0.8, 1.0])
+    throttles = np.sqrt(0.25 * WEIGHT / (level * weak))
+    found = trim(hovering(motor_command=np.tile(throttles, (2000, 1))), WEIGHT)
+    ratio = found["mean throttle of motor 3"].value / found["mean throttle of motor 1"].value
+    assert ratio == pytest.approx(1.0 / np.sqrt(0.8))
+    # The four curves in the mean of 1 / K, since thrusts are equal.
+    expected = level / np.mean(1.0 / weak)
+    assert found["thrust of a motor over the square of its throttle"].value == pytest.approx(expected)
+
+
+def test_hover_without_attitude_is_told_by_velocity():
+    assert {*trim(hovering(attitude=None, body_rates=None), WEIGHT)} == {"mean thrust"}

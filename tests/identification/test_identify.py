@@ -1,4 +1,4 @@
-"""The choice of an identification method, and the merging of partial identifications."""
+"""What an identification predicts, estimates, holds and refuses."""
 
 from types import SimpleNamespace
 
@@ -6,22 +6,23 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError, load_scenario
+from drake_quad.identification import identifiability, prepared_logs
 from drake_quad.identification import identify as module
-from drake_quad.identification.fitting.forecast import Forecast
-from drake_quad.identification.fitting.random_effects import Variation
-from drake_quad.identification.identified import Identification, Spread
+from drake_quad.identification.evidence import Uncertainty
+from drake_quad.identification.forecast import Forecast
 from drake_quad.identification.identify import identify
 from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.identification.results.estimates import Estimates, Explained, Source
+from drake_quad.identification.parameters import Parameter, parameters_of
+from drake_quad.identification.prediction_errors import FORCE, Output, PredictionNoise
 
 PERIOD = 0.02
+POSES = ("position", "attitude")
 
 
 def record(seconds, *names, **signals):
     """Return an airborne log with constant signals."""
     count = round(seconds / PERIOD)
-    widths = {"specific_force": 3, "body_rates": 3, "attitude": 3, "position": 3, "residual_force": 3, "velocity": 3}
-    values = {name: np.zeros((count, widths[name])) for name in names}
+    values = {name: np.zeros((count, 3)) for name in names}
     commands = {"rotor_speed_command": np.full((count, 4), 200.0)} | signals
     return FlightRecord("log", PERIOD * np.arange(count), **values, **commands)
 
@@ -37,81 +38,77 @@ def attitudes(root):
     return load_scenario(root / "diagrams" / "neural_fly.yaml:still")
 
 
-@pytest.fixture
-def chosen(monkeypatch):
-    """Return a function that gives the chosen method, its scenario and the held-out share of the flight."""
-    calls = []
-
-    def instead(name):
-        def call(records, scenario, *_, held_out_share=None, share=None, **__):
-            calls.append((name, scenario, held_out_share if share is None else share))
-            raise StopIteration
-
-        return call
-
-    monkeypatch.setattr(module, "identify_from_poses", instead("poses"))
-    monkeypatch.setattr(module, "identify_attitude_response", instead("attitude and forces"))
-    monkeypatch.setattr(module.rotor_identification, "identify", instead("prediction errors"))
-
-    def way(records, scenario, **options):
-        with pytest.raises(StopIteration):
-            identify(records, scenario, **options)
-        return calls.pop()
-
-    return way
+@pytest.mark.parametrize(
+    ("logged", "predicted"),
+    [
+        (("position", "attitude", "velocity", "body_rates"), ("position", "attitude")),
+        (("position", "attitude", "body_rates", FORCE), ("position", "attitude", "body_rates", FORCE)),
+        (("body_rates", FORCE), ("body_rates", FORCE)),
+        (("velocity", "attitude"), ("attitude", "velocity")),
+        (("body_rates",), ("body_rates",)),
+    ],
+)
+def test_what_sensors_measure_is_predicted_and_what_estimators_derive_is_not(logged, predicted):
+    found = prepared_logs._outputs([record(1.0, *logged)])
+    assert found == [Output(name, column) for name in predicted for column in range(3)]
 
 
-INERTIAL = ("specific_force", "body_rates")
-POSES = ("position", "attitude")
+def test_only_signals_that_all_logs_have_are_predicted():
+    found = prepared_logs._outputs([record(1.0, *POSES, "body_rates", FORCE), record(1.0, "body_rates", FORCE)])
+    assert {output.signal for output in found} == {"body_rates", FORCE}
+    assert prepared_logs._outputs([record(1.0, "position")]) == [Output("position", 2)]
+    with pytest.raises(InputError, match="to identify a vehicle, a log needs body_rates and specific_force, position"):
+        prepared_logs._outputs([record(1.0, "specific_force")])
 
 
-def test_prediction_errors_are_used_with_an_accelerometer_or_half_a_minute_of_poses(chosen, rotors):
-    assert chosen([record(5.0, *INERTIAL)], rotors)[0] == "prediction errors"
-    assert chosen([record(31.0, *POSES)], rotors)[0] == "prediction errors"
-    assert chosen([record(16.0, *POSES)] * 2, rotors)[0] == "prediction errors"
-    assert chosen([record(29.0, *POSES)], rotors)[0] == "poses"
-    assert chosen([record(31.0, "position", "velocity")], rotors)[0] == "poses"
-    assert chosen([record(31.0, "attitude")], rotors)[0] == "poses"
-    # A single log without an accelerometer or a gyroscope rules prediction errors out.
-    assert chosen([record(5.0, *INERTIAL), record(5.0, "body_rates")], rotors)[0] == "poses"
-    assert chosen([record(5.0, *INERTIAL), record(5.0, "specific_force")], rotors)[0] == "poses"
+def test_a_log_of_throttles_gives_the_vehicle_throttle_motors(rotors):
+    throttles = record(5.0, *POSES, motor_command=np.full((250, 4), 0.5))
+    logs, scenario = prepared_logs.prepare([throttles], rotors)
+    assert logs.scenario.vehicle.motors.take_throttles
+    assert scenario.vehicle.motors.take_throttles
+    assert logs.own_throttles
+    logs, scenario = prepared_logs.prepare([record(5.0, *POSES)], rotors)
+    assert scenario is rotors
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seconds", [8.0, 31.0], ids=["multiple shooting", "prediction errors"])
-def test_a_flight_without_motion_identifies_only_the_thrust(rotors, seconds):
-    """No estimate is divided by a variance of zero: a NumPy warning fails the test."""
-    vehicle = rotors.vehicle
-    speed = np.sqrt(0.25 * vehicle.mass * vehicle.gravity / vehicle.thrust_factor)
-    commands = np.full((round(seconds / PERIOD), 4), speed)
-    still = record(seconds, *POSES, "body_rates", "velocity", rotor_speed_command=commands)
-    found = identify([still], rotors)
-    told = dict(zip(found.estimates.names, found.estimates.values, strict=True))
-    assert told["thrust_factor"] == pytest.approx(vehicle.thrust_factor, rel=1e-3)
-    assert {"inertia[0]", "inertia[1]", "rotor_time_constant"} <= {*found.estimates.not_seen}
-    assert np.isfinite(found.estimates.intervals()).all()
+def test_the_thrust_curve_holds_for_the_voltage_of_the_vehicle_or_for_the_median_in_flight(rotors):
+    def voltage(scenario, **signals):
+        logs, _ = prepared_logs.prepare([record(6.0, *POSES, **signals)], scenario)
+        return logs.voltage
+
+    throttles = {"motor_command": np.full((300, 4), 0.5), "battery_voltage": np.linspace(12.0, 11.0, 300)}
+    assert voltage(rotors, **throttles) == pytest.approx(11.5, abs=0.01)
+    motors = "motors={kind: throttle, curve: [0.0, 1.0, 3.4]}"
+    given = [f"nominal.{motors}", f"vehicle.{motors}", "vehicle.motors.voltage=12.3"]
+    known = load_scenario("laboratory:low_wind", given)
+    assert voltage(known, **throttles) == 12.3
+    battery = "{voltage: 12.6, empty_voltage: 10.5, capacity: 0.2, resistance: 0.02, efficiency: 0.6}"
+    full = load_scenario("laboratory:low_wind", [*given[:2], f"vehicle.battery={battery}"])
+    assert voltage(full, **throttles) == 12.6
+    assert voltage(rotors, motor_command=throttles["motor_command"]) is None
+    assert voltage(rotors, battery_voltage=throttles["battery_voltage"]) is None
 
 
-def test_forces_are_used_behind_an_autopilot_if_all_logs_have_them(chosen, attitudes):
-    whole = ("residual_force", "attitude", "velocity", "position")
-    commands = {"attitude_command": np.zeros((500, 3)), "thrust_share": np.full(500, 0.5)}
-    with_forces = record(10.0, *whole, wind=np.zeros((500, 3)), **commands)
-    without = record(10.0, "attitude", "velocity", "position", **commands)
-    assert chosen([with_forces], attitudes)[0] == "attitude and forces"
-    assert chosen([with_forces, without], attitudes)[0] == "poses"
-    assert chosen([record(40.0, *POSES)], attitudes)[0] == "poses"
-
-
-def test_a_third_of_the_airborne_time_is_held_out_by_default(chosen, rotors, attitudes):
-    assert chosen([record(5.0, *INERTIAL)], rotors)[2] == pytest.approx(1.0 / 3.0)
-    assert chosen([record(5.0, *INERTIAL)], rotors, held_out_share=0.2)[2] == 0.2
-    assert chosen([record(5.0, *POSES)], attitudes, held_out_share=0.2)[2] == 0.2
-
-
-def test_a_log_of_throttles_gives_the_vehicle_throttle_motors(chosen, rotors):
-    throttles = record(5.0, *INERTIAL, motor_command=np.full((250, 4), 0.5))
-    assert chosen([record(5.0, *INERTIAL), throttles], rotors)[1].vehicle.motors.kind == "throttle"
-    assert chosen([record(5.0, *INERTIAL)], rotors)[1] is rotors
+def test_a_residual_force_becomes_the_specific_force_of_an_accelerometer(attitudes):
+    """The residual is the force beside the weight and the commanded thrust, along the axes of W."""
+    angles = np.tile([0.3, -0.2, 1.0], (5, 1))
+    force = np.array([0.5, -1.0, 2.0])
+    log = FlightRecord(
+        "log",
+        0.02 * np.arange(5),
+        attitude=angles,
+        residual_force=np.tile(force, (5, 1)),
+        thrust_command=np.full(5, 20.0),
+    )
+    mass = attitudes.vehicle.mass
+    (s_r, s_p, s_y), (c_r, c_p, c_y) = np.sin(angles[0]), np.cos(angles[0])
+    yaw = np.array([[c_y, -s_y, 0.0], [s_y, c_y, 0.0], [0.0, 0.0, 1.0]])
+    pitch = np.array([[c_p, 0.0, s_p], [0.0, 1.0, 0.0], [-s_p, 0.0, c_p]])
+    roll = np.array([[1.0, 0.0, 0.0], [0.0, c_r, -s_r], [0.0, s_r, c_r]])
+    expected = ((yaw @ pitch @ roll).T @ force + [0.0, 0.0, 20.0]) / mass
+    np.testing.assert_allclose(
+        prepared_logs._with_specific_force(log, attitudes).specific_force, np.tile(expected, (5, 1))
+    )
 
 
 def test_without_a_log_there_is_nothing_to_identify(rotors):
@@ -119,102 +116,30 @@ def test_without_a_log_there_is_nothing_to_identify(rotors):
         identify([], rotors)
 
 
-def estimates(names, deviations, *, freedom=9.0, **options):
-    values = np.arange(1.0, 1.0 + len(names))
-    return Estimates(names, values, np.diag(np.square(deviations)), freedom, Source("m", names[0]), **options)
+def test_a_short_flight_is_refused(rotors):
+    with pytest.raises(InputError, match=r"^only 3 windows of .* s in the air can be cut from the logs; at least 4"):
+        identify([record(2.0, *POSES)], rotors, held_out_share=0.0)
 
 
-def test_identifications_of_attitude_and_forces_are_merged(monkeypatch, attitudes):
-    """The forces take into account the deviation of the attitude's delay, and both parts are uncorrelated."""
-    turning = estimates(
-        ("autopilot.damping[0]",),
-        [0.1],
-        explained={"autopilot.damping[0]": Explained("roll", 0.4)},
-        variation=Variation(np.array([[0.04]]), 9.0, 5.0),
-    )
-    forces = estimates(
-        ("body_drag.linear[0]", "body_drag.linear[1]"), [0.2, 0.3], freedom=5.0, not_seen={"mass": "why"}
-    )
-    given = {}
-
-    def identify_forces(records, vehicle, *, delay_deviation, held_out_share):
-        given.update(vehicle=vehicle, deviation=delay_deviation, share=held_out_share)
-        return Identification(forces, vehicle, ("force",), None, {"a": Spread(1.0, 0.1, "N")}, ("one",))
-
-    delay = Spread(0.03, 0.004, "s")
-    response = Identification(
-        turning,
-        attitudes,
-        ("angle",),
-        delay,
-        {"b": Spread(2.0, 0.2, "rad")},
-        ("other",),
-        {"autopilot.damping[0]": "held"},
-    )
-    monkeypatch.setattr(module, "tells_forces", lambda _: True)
-    monkeypatch.setattr(module, "identify_attitude_response", lambda *_, **__: response)
-    monkeypatch.setattr(module, "identify_forces", identify_forces)
-    found = identify([record(5.0)], attitudes, held_out_share=0.25)
-    assert given == {"vehicle": attitudes, "deviation": 0.004, "share": 0.25}
-    assert found.estimates.names == (*turning.names, *forces.names)
-    np.testing.assert_array_equal(found.estimates.values, [1.0, 1.0, 2.0])
-    np.testing.assert_allclose(found.estimates.covariance, np.diag([0.01, 0.04, 0.09]))
-    np.testing.assert_array_equal(found.estimates.degrees_of_freedom, [9.0, 5.0, 5.0])
-    assert found.estimates.explained == {"autopilot.damping[0]": Explained("roll", 0.4)}
-    assert found.estimates.not_seen == {"mass": "why"}
-    np.testing.assert_array_equal(np.diag(found.estimates.variation.covariance), [0.04, np.nan, np.nan])
-    assert found.outputs == ("force", "angle")
-    assert found.delay is delay
-    assert set(found.further) == {"a", "b"}
-    assert found.remarks == ("other", "one")
-    assert found.held_out == {"autopilot.damping[0]": "held"}
-    assert found.vehicle.vehicle.body_drag.linear[:2] == pytest.approx((1.0, 2.0))
-    assert found.vehicle.laboratory.autopilot.damping[0] == pytest.approx(1.0)
+def test_logs_of_different_rates_are_refused(rotors):
+    slow = FlightRecord("slow", 0.05 * np.arange(400), rotor_speed_command=np.full((400, 4), 200.0), **{
+        name: np.zeros((400, 3)) for name in POSES
+    })  # fmt: skip
+    with pytest.raises(InputError, match="identify from logs of one rate"):
+        identify([record(20.0, *POSES), slow], rotors)
 
 
-def test_windows_of_a_forecast_are_listed_one_after_another():
-    """The outputs have the units of their signals, and all of them are held out."""
-    random = np.random.default_rng(1)
-    time = PERIOD * np.arange(5)
-    measured, predicted = random.normal(size=(2, 5, 3, 4))
-    names = ("position x", "roll", "specific force along z")
-    forecast = Forecast(names, time, measured, predicted, np.array([0.9, 0.8, 0.7]))
-    outputs = module._series(forecast, np.array([1e-3, 2e-3, 3e-3]), "a log")
-    assert [output.name for output in outputs] == list(names)
-    assert [output.unit for output in outputs] == ["m", "rad", "m/s²"]
-    for i, output in enumerate(outputs):
-        np.testing.assert_allclose(output.time, [time + 0.08 * window for window in range(4)])
-        np.testing.assert_array_equal(output.measured, measured[:, i].T)
-        np.testing.assert_array_equal(output.predicted, predicted[:, i].T)
-        np.testing.assert_allclose(output.residual, (measured - predicted)[:, i].T)
-        assert output.held_out.all()
-        assert output.log.tolist() == ["a log"] * 4
-        assert (output.share, output.deviation) == (forecast.explained[i], 1e-3 * (i + 1))
-        assert np.isnan(output.share_fitted)
-    (rate,) = module._series(forecast._replace(names=("body rate q",)), np.ones(1), "a log")
-    assert rate.unit == "rad/s"
-
-
-def test_a_delay_is_added_to_the_link_of_the_vehicle(monkeypatch, rotors):
-    """The delay is in ticks of the link, beyond the delay that the laboratory has with zero ticks."""
-    found = estimates(("thrust_factor",), [1e-7])
-    result = SimpleNamespace(
-        estimates=found,
-        delay=SimpleNamespace(value=0.053, deviation=0.002, degrees_of_freedom=7.0),
-        forecast=None,
-        noise=None,
-        evidence=None,
-    )
-    monkeypatch.setattr(module, "hold_out", lambda _: {"thrust_factor": 1, "delay": 2, "other": 3})
-    own = module._translated(result, rotors, [])
-    assert own.delay == Spread(0.053, 0.002, "s", 7.0)
-    assert float(module.delay_of(own.vehicle)) == pytest.approx(0.053)
-    assert own.held_out == {"thrust_factor": 1, module.rotor_identification.DELAY: 2}
-    assert own.outputs == ()
-    result.delay = None
-    own = module._translated(result, rotors, [])
-    assert own.delay is None
-    assert own.vehicle.laboratory == rotors.laboratory
+@pytest.mark.slow
+def test_a_flight_without_motion_identifies_only_the_thrust(rotors):
+    """No estimate is divided by a variance of zero: a NumPy warning fails the test."""
+    vehicle = rotors.vehicle
+    speed = np.sqrt(0.25 * vehicle.mass * vehicle.gravity / vehicle.thrust_factor)
+    still = record(6.0, *POSES, "body_rates", "velocity", rotor_speed_command=np.full((300, 4), speed))
+    found = identify([still], rotors)
+    assert found.estimates.value("thrust_factor") == pytest.approx(vehicle.thrust_factor, rel=1e-3)
+    assert "thrust_factor" in found.estimates.identified
+    assert {"inertia[0]", "inertia[1]", "rotor_time_constant"} <= {*found.estimates.not_identified}
+    assert np.isfinite(found.estimates.intervals()).all()
 
 
 def test_equations_without_a_solution_are_refused_in_one_sentence(monkeypatch):
@@ -223,9 +148,126 @@ def test_equations_without_a_solution_are_refused_in_one_sentence(monkeypatch):
     def fail(*_, **__):
         np.linalg.cholesky(np.zeros((2, 2)))
 
-    monkeypatch.setattr(module, "identify_from_poses", fail)
+    monkeypatch.setattr(module, "_identified", fail)
     nothing = FlightRecord("log", np.array([0.0, 0.1]))
     with pytest.raises(
         InputError, match=r"^the logs cannot be fitted \(Matrix is not positive definite\): their values are not"
     ):
         identify([nothing], load_scenario("hover"))
+
+
+def forecast_of(*explained):
+    names = tuple(f"position {axis}" for axis, _ in zip("xyz", explained, strict=False))
+    none = np.zeros((2, len(explained), 1))
+    return Forecast(names, np.array([0.0, 0.1]), none, none, np.array(explained))
+
+
+def test_a_vehicle_that_forecasts_nothing_better_than_persistence_is_refused():
+    with pytest.raises(InputError, match=r"^cannot identify the vehicle: .* forecasts no output .* \(best: position y"):
+        identifiability.check_forecast(forecast_of(-3.0, -0.1, np.nan))
+    identifiability.check_forecast(forecast_of(-3.0, 0.1, np.nan))
+    # Nothing moves, so persistence is exact and nothing can be told.
+    identifiability.check_forecast(forecast_of(np.nan, np.nan, np.nan))
+
+
+def test_a_vehicle_that_a_disturbance_carries_is_refused(rotors):
+    gravity = rotors.vehicle.gravity
+    for share in (0.1, 0.2):
+        noise = PredictionNoise(np.ones(3), np.array([9.0, 9.0, share * gravity, 1.0, 1.0, 1.0]), np.full(6, 20.0))
+        if share < 0.15:
+            identifiability.check_thrust(rotors, noise)
+        else:
+            with pytest.raises(InputError, match="a force of 20 % of the weight is left along z"):
+                identifiability.check_thrust(rotors, noise)
+
+
+def test_a_parameter_with_a_wide_interval_or_at_a_limit_is_not_identified():
+    parameters = [
+        Parameter("thrust_factor", 3.0, 1.0, 0.1, 9.0),
+        Parameter("linear_drag", 0.2, 0.2, 0.0),
+        Parameter("inertia[0]", 0.01, 0.01, 1e-4, 1.0),
+    ]
+    values, deviations = np.array([3.1, 0.0, 0.002]), np.array([0.1, 0.01, 0.0015])
+    uncertainty = Uncertainty(np.diag(deviations**2), np.full(3, 30.0), np.eye(3))
+    found = identifiability.not_identified(parameters, values, uncertainty)
+    assert "at the limit of what is physically possible" in found["linear_drag"]
+    # The interval of a positive parameter would reach below zero.
+    assert "its 95 % interval is 0.0020 ± 0.0031" in found["inertia[0]"]
+    assert set(found) == {"linear_drag", "inertia[0]"}
+
+
+def test_drag_below_the_disturbing_force_is_held_with_a_reason(rotors):
+    """The vehicle moves at 1 m/s in x and y, so a drag of 0.2 N s/m is 0.2 N; the wind pushes with 0.1 or 0.3 m/s²."""
+    time = 0.02 * np.arange(50)
+    measured = np.zeros((50, 3, 1))
+    measured[:, :2, 0] = time[:, None]
+    outputs = [Output("position", column) for column in range(3)]
+    predictor = SimpleNamespace(outputs=outputs, measured=measured, counted=np.full(50, True), period=0.02)
+    parameters = [Parameter("linear_drag", 0.1, 0.1, 0.0), Parameter("inertia[0]", 0.01, 0.01)]
+    mass = rotors.vehicle.mass
+    for push, held in ((0.1, False), (0.4, True)):
+        noise = PredictionNoise(np.ones(3), np.full(6, push), np.ones(6))
+        fitted = SimpleNamespace(noise=noise, values=np.array([0.2, 0.01]))
+        found = identifiability.weaker_than_disturbance(rotors, predictor, parameters, fitted)
+        assert set(found) == ({"linear_drag"} if held else set())
+        if held:
+            expected = f"the disturbing force, such as wind, is {mass * push:.2g} N, and the drag itself 0.2 N"
+            assert found["linear_drag"] == expected
+
+
+def test_the_response_of_an_angle_whose_command_is_below_the_noise_is_held_with_a_reason():
+    commands = np.zeros((300, 3))
+    commands[:, 0] = 0.2 * np.sin(np.arange(300))
+    log = record(6.0, *POSES, attitude_command=commands)
+    logs = SimpleNamespace(
+        outputs=[Output("attitude", column) for column in range(3)], records=[log], flying=[np.full(300, True)]
+    )
+    parameters = [Parameter(f"autopilot.damping[{i}]", 0.5, 0.5, 0.01, 5.0) for i in range(3)]
+    noise = PredictionNoise(np.full(3, 4e-3), np.ones(6), np.ones(6))
+    found = identifiability.unexcited(logs, parameters, SimpleNamespace(noise=noise))
+    assert set(found) == {"autopilot.damping[1]", "autopilot.damping[2]"}
+    assert found["autopilot.damping[1]"].startswith("the command of pitch varies by 0 rad, less than the noise")
+
+
+def test_windows_of_a_forecast_are_listed_one_after_another():
+    """The outputs have the units of their signals."""
+    random = np.random.default_rng(1)
+    time = PERIOD * np.arange(5)
+    measured, predicted = random.normal(size=(2, 5, 3, 4))
+    names = ("position x", "roll", "specific force along z")
+    forecast = Forecast(names, time, measured, predicted, np.array([0.9, 0.8, 0.7]))
+    outputs = module._series(forecast, np.array([1e-3, 2e-3, 3e-3]))
+    assert [output.name for output in outputs] == list(names)
+    assert [output.unit for output in outputs] == ["m", "rad", "m/s²"]
+    for i, output in enumerate(outputs):
+        np.testing.assert_allclose(output.time, [time + 0.08 * window for window in range(4)])
+        np.testing.assert_array_equal(output.measured, measured[:, i].T)
+        np.testing.assert_array_equal(output.predicted, predicted[:, i].T)
+        np.testing.assert_allclose(output.residual, (measured - predicted)[:, i].T)
+        assert (output.explained, output.deviation) == (forecast.explained[i], 1e-3 * (i + 1))
+    (rate,) = module._series(forecast._replace(names=("body rate q",), explained=np.zeros(1)), np.ones(1))
+    assert rate.unit == "rad/s"
+
+
+def test_a_parameter_is_a_candidate_if_the_outputs_can_determine_it(rotors, attitudes):
+    def names(scenario, *signals, own_throttles=False):
+        options = {"own_throttles": own_throttles, "delay": 0.01, "max_delay": 0.1}
+        return {parameter.name for parameter in parameters_of(scenario, {*signals}, **options)}
+
+    assert {"thrust_factor", "rotor_time_constant", "inertia[2]", "linear_drag", "delay"} <= names(rotors, *POSES)
+    # An accelerometer alone determines drag and velocity only as a product.
+    assert "linear_drag" not in names(rotors, "body_rates", FORCE)
+    # Heights alone determine no rotation.
+    assert names(rotors, "position") >= {"thrust_factor", "rotor_time_constant"}
+    assert "inertia[0]" not in names(rotors, "position")
+    behind = names(attitudes, *POSES)
+    assert {"autopilot.damping[0]", "motors.curve[0]", "motors.curve[1]"} <= behind
+    assert not behind & {"inertia[0]", "motors.curve[2]"}
+
+
+def test_positive_parameters_have_limits_around_their_value(rotors):
+    options = {"own_throttles": False, "delay": 0.01, "max_delay": 0.1}
+    for parameter in parameters_of(rotors, {*POSES}, **options):
+        assert parameter.lower <= parameter.start <= parameter.upper
+        if parameter.name.startswith(("inertia", "thrust_factor", "rotor_time_constant")):
+            assert parameter.lower > 0.0

@@ -1,10 +1,9 @@
 """Simulated flights of known vehicles, which are used to check identification."""
 
-import math
-
 import numpy as np
 import pytest
 
+from drake_quad.errors import InputError
 from drake_quad.flight.mission import plan_route
 from drake_quad.flight.simulation import simulate
 from drake_quad.identification import known_flights
@@ -52,57 +51,64 @@ def test_waypoints_are_whole_millimetres_and_times_whole_microseconds():
 
 @pytest.mark.parametrize("kind", KNOWN)
 def test_the_log_of_a_flight_has_the_signals_of_a_laboratory(kind, diagrams):
-    flight = simulate(middle_of(KNOWN[kind].flown(diagrams, ["duration=0.5"])), compiled=True)
-    record = record_of(flight)
-    seen = flight["measurement"]
-    for name, columns in (
-        ("position", slice(0, 3)),
-        ("attitude", slice(3, 6)),
-        ("velocity", slice(6, 9)),
-        ("body_rates", slice(9, 12)),
-    ):
-        np.testing.assert_array_equal(getattr(record, name), seen[:, columns])
-    if kind == "rotors":
-        np.testing.assert_array_equal(record.rotor_speed_command, flight["rotor_speed_command"])
-        assert record.thrust_share is None
-    else:
-        target = flight.record("attitude_target")
-        np.testing.assert_array_equal(record.attitude_command, np.transpose(target[1:4]))
+    known = KNOWN[kind]
+    flight = simulate(middle_of(known.flown(diagrams, ["duration=0.5"])), compiled=True)
+    record = record_of(flight, known.samples_per_row)
+    every = slice(None, None, known.samples_per_row)
+    pose = np.split(flight["measurement"], 4, axis=1)
+    for name, rows in zip(("position", "attitude", "velocity", "body_rates"), pose, strict=True):
+        np.testing.assert_array_equal(getattr(record, name), rows[every])
+    if kind == "autopilot":
+        target = flight["attitude_target"]
+        thrust, angles, _ = np.split(target, [1, 4], axis=1)
+        np.testing.assert_array_equal(record.attitude_command, angles)
         # Each of the four rotors gives 14.27 N at full throttle.
-        np.testing.assert_allclose(record.thrust_share, target[0] / 57.08)
+        np.testing.assert_allclose(record.thrust_share[:, None], thrust / 57.08)
         assert record.rotor_speed_command is None
+    elif kind == "battery":
+        np.testing.assert_array_equal(record.motor_command, flight["throttle_command"])
+        # The voltage sags below that of the full battery by the current times 20 mΩ, and falls with the charge.
+        assert 12.0 < record.battery_voltage.min() < record.battery_voltage.max() < 12.6
+        assert record.rotor_speed_command is None
+    else:
+        np.testing.assert_array_equal(record.rotor_speed_command, flight["rotor_speed_command"][every])
+        assert record.thrust_share is None
+    assert record.period == pytest.approx({"slow_log": 0.01}.get(kind, flight.time[1] - flight.time[0]))
 
 
 @pytest.mark.slow
 def test_identified_values_are_paired_with_the_true_ones(diagrams, monkeypatch):
-    """Each sample has its own true values."""
-    kept = []
+    """Each sample has its own true values, and parameters that are not identified are left out."""
 
     class Found:
-        def __init__(self, record):
-            kept.append(record)
-            self.delay = (0.01, 0.002, 9.0)
-            self.estimates = Estimates()
+        delay = (0.01, 0.002, "s", 9.0)
 
-    class Estimates:
-        names = ("thrust_factor", "inertia[1]")
-        values = np.array([4e-5, 0.007])
-        deviations = np.array([1e-6, 1e-4])
-        degrees_of_freedom = np.array([9.0, 8.0])
+        class estimates:  # noqa: N801
+            names = ("thrust_factor", "inertia[1]", "linear_drag")
+            identified = names[:2]
+            values = np.array([4e-5, 0.007, 0.1])
+            deviations = np.array([1e-6, 1e-4, 0.1])
+            degrees_of_freedom = np.array([9.0, 8.0, 3.0])
 
-    monkeypatch.setattr(known_flights.rotor_identification, "identify", lambda records, *_, **__: Found(records[0]))
-    found = check_batch(Task("rotors", diagrams, ["duration=0.3"], [4, 7]))
+    monkeypatch.setattr(known_flights, "identify", lambda *_, **__: Found())
+    found = check_batch(Task("wind", diagrams, ["duration=0.3"], [4, 7]))
     assert list(found) == [4, 7]
-    own = KNOWN["rotors"].flown(diagrams, ["duration=0.3"])
+    own = KNOWN["wind"].flown(diagrams, ["duration=0.3"])
     for sample, rows in found.items():
         flown = draw_sample(own, sample)
-        assert rows[:2] == [
-            Checked("thrust_factor", number_of(flown, "thrust_factor"), 4e-5, 1e-6, 9.0),
-            Checked("inertia[1]", number_of(flown, "inertia[1]"), 0.007, 1e-4, 8.0),
-        ]
+        thrust, inertia, delay = rows
+        assert thrust == Checked("thrust_factor", number_of(flown, "thrust_factor"), 4e-5, 1e-6, 9.0)
+        assert inertia == Checked("inertia[1]", number_of(flown, "inertia[1]"), 0.007, 1e-4, 8.0)
         # Cameras deliver the state one frame of 10 ms late, and the command of a row was held over the 20 ms before.
         frames = flown.laboratory.motion_capture.latency_frames
-        assert rows[2].name == known_flights.rotor_identification.DELAY
-        assert math.isclose(rows[2].true, 0.01 * (1 + frames) - 0.02)
-        assert rows[2][2:] == (0.01, 0.002, 9.0)
-    assert len({rows[0].true for rows in found.values()}) == 2
+        assert delay == Checked(known_flights.DELAY, pytest.approx(0.01 * (1 + frames) - 0.02), 0.01, 0.002, 9.0)
+    first, second = (rows[0].true for rows in found.values())
+    assert first != second
+
+
+def test_a_flight_whose_log_is_refused_has_no_rows(diagrams, monkeypatch):
+    def refuse(*_, **__):
+        raise InputError("no")
+
+    monkeypatch.setattr(known_flights, "identify", refuse)
+    assert check_batch(Task("wind", diagrams, ["duration=0.3"], [4])) == {4: []}

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, f
 
-from drake_quad.identification.fitting.evidence import Evidence, Uncertainty, jackknife, of_blocks
-from drake_quad.identification.fitting.random_effects import (
-    STRETCHES,
+from drake_quad.identification.evidence import Evidence, Uncertainty, jackknife, sums_over_blocks
+from drake_quad.identification.random_effects import (
+    NUM_STRETCHES,
     Stretches,
     Variation,
-    of_the_mean,
+    uncertainty_of_mean,
     variation_of,
 )
 from drake_quad.identification.results.held_out import hold_out
@@ -20,8 +20,8 @@ SCALES = np.full(2, 1e6)
 def evidence(rng, *, deviation: float, windows: int = 60, samples: int = 8) -> Evidence:
     """Of a line through samples of unit noise, whose slope is another in each stretch by a standard deviation."""
     rows = rng.normal(size=(windows, samples, 2)) * rng.uniform(0.7, 1.4, size=(windows, 1, 1))
-    slopes = np.stack([np.ones(STRETCHES), -2.0 + deviation * rng.normal(size=STRETCHES)], axis=1)
-    own = slopes[np.arange(windows) * STRETCHES // windows]
+    slopes = np.stack([np.ones(NUM_STRETCHES), -2.0 + deviation * rng.normal(size=NUM_STRETCHES)], axis=1)
+    own = slopes[np.arange(windows) * NUM_STRETCHES // windows]
     values = np.einsum("wkp,wp->wk", rows, own) + rng.normal(size=(windows, samples))
     found = np.linalg.lstsq(rows.reshape(-1, 2), values.ravel(), rcond=None)[0]
     errors = values - rows @ found
@@ -55,7 +55,7 @@ def test_a_number_that_no_stretch_tells_does_not_vary() -> None:
     np.testing.assert_array_equal(found.covariance[2], [*nothing, 0.0])
     # If the jackknife finds no variance, the variance of the mean is zero, too.
     of_both = jackknife(both.information, both.scores)
-    mean = of_the_mean(of_both, both, found)
+    mean = uncertainty_of_mean(of_both, both, found)
     assert np.isfinite(mean.covariance).all()
     assert mean.covariance[2, 2] == 0.0
 
@@ -68,14 +68,14 @@ def test_a_stretch_is_fitted_by_itself() -> None:
     found = np.linalg.lstsq(rows.reshape(-1, 2), values.ravel(), rcond=None)[0]
     scores = -np.einsum("wkp,wk->wp", rows, values - rows @ found)
     stretches = Stretches.of(Evidence(("a", "b"), found, SCALES, rows.swapaxes(1, 2) @ rows, scores, 20.0))
-    for b in range(STRETCHES):
+    for b in range(NUM_STRETCHES):
         own = slice(2 * b, 2 * b + 2)
         by_hand = np.linalg.lstsq(rows[own].reshape(-1, 2), values[own].ravel(), rcond=None)[0]
         np.testing.assert_allclose(stretches.estimates[b], by_hand, rtol=1e-6)
     rest = stretches.without(4)
     kept = np.arange(20) // 2 != 4
     by_hand = np.linalg.lstsq(rows[kept].reshape(-1, 2), values[kept].ravel(), rcond=None)[0]
-    np.testing.assert_allclose(found - rest.move(), by_hand, rtol=1e-9)
+    np.testing.assert_allclose(found + rest.step(), by_hand, rtol=1e-9)
 
 
 @pytest.mark.parametrize("windows", [20, 23, 37])
@@ -93,18 +93,18 @@ def test_errors_follow_from_the_scatter_of_windows_within_a_stretch(windows, noi
     stretches = Stretches.of(
         Evidence(("drag",), np.zeros(1), np.full(1, 1e6), np.full((windows, 1, 1), h), scores, 5.0)
     )
-    blocks = [scores[np.arange(windows) * STRETCHES // windows == b] for b in range(STRETCHES)]
+    blocks = [scores[np.arange(windows) * NUM_STRETCHES // windows == b] for b in range(NUM_STRETCHES)]
     sizes = np.array([len(block) for block in blocks])
     assert len(set(sizes)) == (1 if windows == 20 else 2)
     differ = sum(len(block) * np.var(block, ddof=1) for block in blocks) / windows
     np.testing.assert_allclose(stretches.variances[:, 0], max(1.0, differ / h) / (sizes * h), rtol=1e-9)
     assert (differ > h) == (noise > 1.0)
-    assert stretches.degrees_of_freedom == windows - STRETCHES
-    assert stretches.seconds == pytest.approx(0.5)
+    assert stretches.degrees_of_freedom == windows - NUM_STRETCHES
+    assert stretches.duration == pytest.approx(0.5)
 
 
 def test_errors_are_those_of_the_model_with_one_window_in_a_stretch() -> None:
-    own = evidence(np.random.default_rng(12), deviation=3.0, windows=STRETCHES, samples=40)
+    own = evidence(np.random.default_rng(12), deviation=3.0, windows=NUM_STRETCHES, samples=40)
     stretches = Stretches.of(own._replace(scales=np.full(2, 0.3)))
     believed = np.linalg.inv(own.information + np.eye(2) / 0.09)
     np.testing.assert_allclose(stretches.variances, np.diagonal(believed, axis1=1, axis2=2), rtol=1e-9)
@@ -118,9 +118,9 @@ def test_a_number_varies_if_its_scatter_is_significant_at_ten_per_cent() -> None
     for freedom, critical in ((np.inf, chi2.isf(0.1, 9) / 9.0), (10.0, f.isf(0.1, 9, 10)), (50.0, f.isf(0.1, 9, 50))):
         for factor, varies in ((0.99, False), (1.01, True)):
             own = stretches_of(np.sqrt(factor * critical) * unit, np.ones(10))._replace(degrees_of_freedom=freedom)
-            assert (own.between()[0] > 0.0) == varies
+            assert (own.variance_between()[0] > 0.0) == varies
             if varies:
-                assert own.between()[0] == pytest.approx(factor * critical - 1.0)
+                assert own.variance_between()[0] == pytest.approx(factor * critical - 1.0)
 
 
 def test_numbers_that_vary_together_are_correlated() -> None:
@@ -141,35 +141,35 @@ def test_numbers_that_vary_together_are_correlated() -> None:
     varied = variation_of(evidences)
     stretches = Stretches.of(evidences)
     sizes = np.sqrt(np.diag(varied.covariance))
-    np.testing.assert_allclose(sizes**2, stretches.between())
+    np.testing.assert_allclose(sizes**2, stretches.variance_between())
     np.testing.assert_allclose(varied.covariance, stretches.correlation(sizes**2) * np.outer(sizes, sizes))
-    assert varied.degrees_of_freedom == STRETCHES - 1
-    assert varied.seconds == 8.0
+    assert varied.degrees_of_freedom == NUM_STRETCHES - 1
+    assert varied.duration == 8.0
 
 
 def test_a_variation_can_be_reduced_and_extended() -> None:
     whole = Variation(np.arange(9.0).reshape(3, 3), 9.0, 8.0)
     part = whole.part([2, 0])
     np.testing.assert_array_equal(part.covariance, [[8.0, 6.0], [2.0, 0.0]])
-    beside = part.beside(2)
-    np.testing.assert_array_equal(beside.covariance[:2, :2], part.covariance)
-    assert np.isnan(np.diag(beside.covariance)[2:]).all()
-    assert not beside.covariance[:2, 2:].any()
+    extended = part.with_unknown(2)
+    np.testing.assert_array_equal(extended.covariance[:2, :2], part.covariance)
+    assert np.isnan(np.diag(extended.covariance)[2:]).all()
+    assert not extended.covariance[:2, 2:].any()
 
 
 def test_variance_between_stretches_alike_is_what_errors_leave_of_it() -> None:
     """With errors of one size v it is s² - v."""
     estimates = np.array([1.0, 3.0, -2.0, 5.0, 0.0, 4.0, -1.0, 2.0, 6.0, -3.0])
-    found = stretches_of(estimates, np.full(10, 2.0)).between()
+    found = stretches_of(estimates, np.full(10, 2.0)).variance_between()
     assert found[0] == pytest.approx(np.var(estimates, ddof=1) - 2.0)
     # Whatever the unit.
-    tiny = stretches_of(1e-8 * estimates, np.full(10, 2e-16)).between()
+    tiny = stretches_of(1e-8 * estimates, np.full(10, 2e-16)).variance_between()
     assert tiny[0] == pytest.approx(1e-16 * found[0], rel=1e-9)
 
 
 def test_the_mean_square_is_as_large_as_it_should_be_with_other_variances() -> None:
     estimates, variances = np.array([0.0, 1.0, 9.0, -4.0, 2.0, 7.0]), np.array([0.1, 4.0, 1.0, 0.5, 2.0, 0.3])
-    (between,) = stretches_of(estimates, variances).between()
+    (between,) = stretches_of(estimates, variances).variance_between()
     weights = 1.0 / (variances + between)
     mean = np.sum(weights * estimates) / weights.sum()
     assert np.sum(weights * (estimates - mean) ** 2) == pytest.approx(5.0)
@@ -203,17 +203,17 @@ def test_few_windows_tell_no_variation() -> None:
     assert hold_out(first(10)).keys() == {"drag", "lag"}
     assert hold_out(few) == {}
     unsure = Uncertainty(np.eye(2), np.full(2, 8.0), np.eye(2))
-    assert of_the_mean(unsure, few, None) is unsure
+    assert uncertainty_of_mean(unsure, few, None) is unsure
 
 
 def test_the_mean_of_what_varies_is_as_sure_as_stretches_say() -> None:
     """And that of what does not vary as it was."""
     own = evidence(np.random.default_rng(4), deviation=2.0)
-    blocks = np.arange(60) * STRETCHES // 60
-    by_stretches = jackknife(of_blocks(own.information, blocks), of_blocks(own.scores, blocks))
+    blocks = np.arange(60) * NUM_STRETCHES // 60
+    by_stretches = jackknife(sums_over_blocks(own.information, blocks), sums_over_blocks(own.scores, blocks))
     before = Uncertainty(np.array([[4e-3, 1e-3], [1e-3, 5e-3]]), np.full(2, 30.0), np.eye(2))
     varies = Variation(np.diag([0.0, 4.0]), 9.0, 8.0)
-    mean = of_the_mean(before, own, varies)
+    mean = uncertainty_of_mean(before, own, varies)
     assert mean.covariance[0, 0] == before.covariance[0, 0]
     assert mean.covariance[1, 1] == pytest.approx(by_stretches.covariance[1, 1])
     assert mean.covariance[1, 1] > 10.0 * before.covariance[1, 1]
@@ -227,43 +227,39 @@ def test_intervals_hold_for_stretches_that_were_held_out(deviation) -> None:
     """Whether numbers vary by little or by much: nineteen of twenty, to three standard deviations of chance."""
     rng = np.random.default_rng(5)
     held = [[each.covered for each in hold_out(evidence(rng, deviation=deviation)).values()] for _ in range(60)]
-    share = np.mean(held, axis=0) / STRETCHES
+    share = np.mean(held, axis=0) / NUM_STRETCHES
     # Of 600 intervals each.
     assert np.all(share > 0.95 - 3.0 * 0.009)
     assert np.all(share < 0.95 + 4.0 * 0.009)
-
-
-def test_numbers_that_are_held_are_given() -> None:
-    """Of a linear model: what the others are with one held."""
-    rng = np.random.default_rng(6)
-    own = evidence(rng, deviation=0.0)
-    given = own.given(["lag"])
-    assert given.names == ("lag",)
-    off = own._replace(scores=own.scores + 0.1 * own.information[:, 0])
-    moved = off.given(["lag"])
-    by_hand = 0.1 * own.information[:, 0, 1].sum() / own.information[:, 1, 1].sum()
-    assert np.linalg.solve(moved.information.sum(axis=0), moved.scores.sum(axis=0))[0] == pytest.approx(by_hand)
 
 
 @pytest.mark.filterwarnings("error")
 def test_a_number_that_one_stretch_tells_is_as_sure_as_before() -> None:
     """The other stretches say nothing of it: it has one degree of freedom, and the rest is as if it were not there."""
     own = evidence(np.random.default_rng(7), deviation=0.0)
-    alone = np.arange(60) * STRETCHES // 60 == 3
+    alone = np.arange(60) * NUM_STRETCHES // 60 == 3
     kept = np.where(alone, 1.0, 0.0)[:, None] * [0.0, 1.0] + [1.0, 0.0]
     apart = own._replace(
         scales=np.ones(2),
         information=own.information * np.eye(2) * kept[:, :, None],
         scores=(own.scores - np.mean(own.scores[alone], axis=0)) * kept,
     )
-    mean = Stretches.of(apart).mean()
-    assert mean.covariance[1, 1] == pytest.approx(0.0, abs=1e-12)
+    mean = Stretches.of(apart).uncertainty()
+    # Its estimate does not move when a block is left out, so it is as sure as the model says.
+    assert mean.covariance[1, 1] == pytest.approx(1.0 / apart.information[:, 1, 1].sum())
     assert mean.degrees_of_freedom[1] == 1.0
-    alike = Stretches.of(apart.given(["drag"])).mean()
+    drag = apart._replace(
+        names=("drag",),
+        values=apart.values[:1],
+        scales=apart.scales[:1],
+        information=apart.information[:, :1, :1],
+        scores=apart.scores[:, :1],
+    )
+    alike = Stretches.of(drag).uncertainty()
     assert mean.covariance[0, 0] == pytest.approx(alike.covariance[0, 0])
-    before = Uncertainty(np.diag([4e-3, 5e-3]), np.full(2, 30.0), np.eye(2))
-    after = of_the_mean(before, apart, Variation(np.diag([0.0, 1.0]), 9.0, 8.0))
+    before = Uncertainty(np.diag([4e-3, 2e-2]), np.full(2, 30.0), np.eye(2))
+    after = uncertainty_of_mean(before, apart, Variation(np.diag([0.0, 1.0]), 9.0, 8.0))
     np.testing.assert_array_equal(after.covariance, before.covariance)
     held = hold_out(apart)
     assert np.all(np.isfinite(held["lag"].reach))
-    np.testing.assert_allclose(held["drag"].off, hold_out(apart.given(["drag"]))["drag"].off)
+    np.testing.assert_allclose(held["drag"].errors, hold_out(drag)["drag"].errors)

@@ -6,11 +6,10 @@ from tumbling import degrees_apart, flown, random_tumbles
 
 from drake_quad import load_scenario
 from drake_quad.assembly.laboratory import vehicle_parameters
-from drake_quad.identification.fitting.flown_model import BODY, PUSH, Flown, FlownVehicle, Inputs
-from drake_quad.identification.fitting.open_loop import OpenLoop, Starts
-from drake_quad.identification.fitting.predictor import Output, PredictionNoise, Predictor
-from drake_quad.identification.fitting.windows import Cut, LogWindow
 from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.model import NUM_BODY, NUM_DISTURBANCE, LogModel, ModelFlight, WindowInputs
+from drake_quad.identification.prediction_errors import Output, PredictionNoise, Predictor
+from drake_quad.identification.windows import LogWindow, WindowSizes
 
 PERIOD = 0.01  # s
 DURATION = 1.0  # s
@@ -46,23 +45,16 @@ def end(scenario, tumbles):
     return position, rotation
 
 
-def test_an_open_loop_follows_a_tumbling_vehicle(scenario, tumbles, record, end):
-    starts = Starts(np.full(12, 200), round(DURATION / PERIOD))
-    states = OpenLoop(scenario, record).fly(starts, tumbles.states[None], every=starts.length)[-1, 0]
-    assert degrees_apart(states[:, 3:6], end[1]).max() < 1e-3
-    np.testing.assert_allclose(states[:, :3], end[0], atol=1e-5)
-
-
 def test_the_model_of_a_predictor_follows_a_tumbling_vehicle(scenario, tumbles, record, end):
-    vehicle = FlownVehicle(scenario.vehicle, [("mass",)], "rotor_speed_command", kind="world")
-    sizes = Cut(length=150, settle=0, warm_up=10)
-    inputs = Inputs.of([record], vehicle.signal, [LogWindow(0, 200)] * 12, sizes, split=1, longest=0.02)
-    model = Flown(vehicle, np.array([[scenario.vehicle.mass]]), inputs, sizes.warm_up)
-    state = np.zeros((BODY + PUSH, 1, 12))
-    state[:BODY, 0] = tumbles.states.T
+    vehicle = LogModel(scenario, ["mass"])
+    sizes = WindowSizes(length=150, settle=0, warm_up=10)
+    inputs = WindowInputs.of([record], vehicle, [LogWindow(0, 200)] * 12, sizes, split=1, max_delay=0.02)
+    model = ModelFlight(vehicle, np.array([[scenario.vehicle.mass]]), inputs, sizes.warm_up)
+    state = np.zeros((NUM_BODY + NUM_DISTURBANCE, 1, 12))
+    state[:NUM_BODY, 0] = tumbles.states.T
     for _ in range(round(DURATION / PERIOD)):
         model.step(state)
-    found = state[:BODY, 0].T
+    found = state[:NUM_BODY, 0].T
     assert degrees_apart(found[:, 3:6], end[1]).max() < 1e-3
     np.testing.assert_allclose(found[:, :3], end[0], atol=1e-5)
 
@@ -73,7 +65,7 @@ def test_a_predictor_follows_a_vehicle_that_rolls_over(diagrams):
     At one sample its roll is 180° to the bit, so half of the perturbed angles around it wrap.
     """
     scenario = load_scenario(diagrams / "figure_eight.yaml")
-    vehicle = FlownVehicle(scenario.vehicle, [("mass",)], "rotor_speed_command", kind="world")
+    vehicle = LogModel(scenario, ["mass"])
     time = PERIOD * np.arange(200)
     roll = np.pi - 3.0 * (time - time[100])
     mass = scenario.vehicle.mass
@@ -85,7 +77,7 @@ def test_a_predictor_follows_a_vehicle_that_rolls_over(diagrams):
     attitude = np.column_stack([np.arctan2(np.sin(roll), np.cos(roll)), 0.0 * time, 0.0 * time])
     record = FlightRecord("rolling", time, position=position, attitude=attitude, rotor_speed_command=command)
     outputs = [Output(signal, column) for signal in ("position", "attitude") for column in range(3)]
-    predictor = Predictor(vehicle, [record], [LogWindow(0, 80)], Cut(length=60, settle=50, warm_up=10), outputs)
+    predictor = Predictor(vehicle, [record], [LogWindow(0, 80)], WindowSizes(length=60, settle=50, warm_up=10), outputs)
     noise = PredictionNoise(np.repeat([1e-5, 1e-5], 3), np.full(6, 1e-3), np.ones(6))
     gains = predictor.gains(np.array([mass]), noise)
     assert np.abs(gains.transition).max() < 2.0

@@ -9,16 +9,15 @@ import pytest
 import scipy
 
 from drake_quad import InputError, load_scenario, run_monte_carlo, simulate
-from drake_quad.identification.fitting.random_effects import Variation
+from drake_quad.identification.random_effects import Variation
 from drake_quad.identification.results import vehicle_file
 from drake_quad.identification.results.estimates import Estimates, Explained, Source, scenario_path
-from drake_quad.identification.results.vehicle_file import rising_curve, write_vehicle
+from drake_quad.identification.results.vehicle_file import write_vehicle
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.correlation import joint_normal
 from drake_quad.scenario.distributions import Normal
 from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.paths import distributions_in, value_at
-from drake_quad.vehicle.motors import ThrustCurve, thrust_of
 
 # As flights of a Crazyflie give them, or nearly so: value and standard deviation.
 FOUND = {
@@ -27,7 +26,7 @@ FOUND = {
     "inertia[1]": (1.6e-5, 1.2e-6),
     "rotor_time_constant": (0.072, 0.002),
     "motors.curve[0]": (0.0227, 0.002),
-    "motors.curve[1]": (-0.0119, 0.007),
+    "motors.curve[1]": (0.0019, 0.007),
     "motors.curve[2]": (0.1284, 0.006),
     "body_drag.linear[0]": (0.0102, 0.004),
     "body_drag.linear[1]": (-0.001, 0.004),
@@ -61,7 +60,7 @@ def estimates():
     return estimates_of(
         FOUND,
         explained={"mass": Explained(0.43, "acceleration along z")},
-        not_seen={"inertia[2]": "the vehicle never turned about its vertical axis"},
+        not_identified={"inertia[2]": "the vehicle never turned about its vertical axis"},
         remarks=("A gap of 0.2 s at 12.3 s was left out.",),
     )
 
@@ -74,6 +73,13 @@ def base(root):
 @pytest.fixture(scope="module")
 def written(estimates, base, tmp_path_factory):
     return write_vehicle(tmp_path_factory.mktemp("own") / "folder" / "my_drone.yaml", "my-drone", estimates, base=base)
+
+
+@pytest.fixture(scope="module")
+def believed(estimates, base, tmp_path_factory):
+    """The vehicle whose nominal part has the estimates, too."""
+    path = tmp_path_factory.mktemp("believed") / "my_drone.yaml"
+    return load_undesigned(write_vehicle(path, "my-drone", estimates, base=base, nominal=True))
 
 
 @pytest.fixture(scope="module")
@@ -124,7 +130,7 @@ def test_variation_that_nobody_looked_at_is_not_said_to_be_there(base, tmp_path)
     found = {name: FOUND[name] for name in ("mass", "inertia[0]")}
     text = text_of(write_vehicle(tmp_path / "none.yaml", "mine", estimates_of(found), base=base))
     assert "say of a number. Fields" in text
-    some = estimates_of(found, variation=Variation(np.array([[1e-8]]), 40.0, 8.2).beside(1))
+    some = estimates_of(found, variation=Variation(np.array([[1e-8]]), 40.0, 8.2).with_unknown(1))
     text = text_of(write_vehicle(tmp_path / "some.yaml", "mine", some, base=base))
     assert "how it varies among them, which is not known of inertia[0]. Fields" in text
 
@@ -142,48 +148,48 @@ def test_what_is_drawn_has_the_covariance_of_the_estimates(estimates, vehicle):
         assert np.mean((drawn > least) & (drawn < most)) == pytest.approx(0.95, abs=0.006)
 
 
-def test_the_ground_believes_the_values(estimates, vehicle):
-    """Numbers, and those that are not estimated as in the base."""
-    assert vehicle.nominal.mass == pytest.approx(0.03345)
-    assert vehicle.nominal.inertia == pytest.approx((1.7e-5, 1.6e-5, 2.98e-5))
-    assert distributions_in(vehicle.nominal) == {}
+def test_controllers_believe_what_they_did_unless_the_estimates_are_asked_for(base, vehicle, believed):
+    """A controller that flew the log knew nothing of its identification."""
+    own = {"motors": vehicle.nominal.motors, "max_rotor_speed": vehicle.nominal.max_rotor_speed}
+    assert vehicle.nominal == load_undesigned(base).nominal.model_copy(update=own)
+    assert believed.nominal.mass == pytest.approx(0.03345)
+    assert believed.nominal.inertia == pytest.approx((1.7e-5, 1.6e-5, 2.98e-5))
+    assert believed.nominal.motors.curve == pytest.approx((0.0227, 0.0019, 0.1284))
+    assert distributions_in(believed.nominal) == {}
+    assert believed.vehicle == vehicle.vehicle
     assert vehicle.vehicle.inertia[2] == 2.98e-5
     assert vehicle.vehicle.body_drag.linear[2] == 0.01278
     assert vehicle.laboratory.command_link.delay_ticks == 1.0
     assert vehicle.laboratory.autopilot == load_undesigned(CRAZYFLIE).laboratory.autopilot
 
 
-def test_a_measured_curve_flies_and_a_rising_one_is_believed(vehicle):
-    """The measured one falls at first; they agree at hover, and nearly so above."""
-    curve = vehicle.vehicle.motors.curve
-    assert curve[1].normal.mean < 0.0
-    believed = ThrustCurve(*vehicle.nominal.motors.curve)
-    measured = ThrustCurve(*(each.normal.mean for each in curve))
-    hover = 0.25 * 0.03345 * 9.81
-    throttle = scipy.optimize.brentq(lambda u: thrust_of(u, measured) - hover, 0.3, 1.0)
-    assert thrust_of(throttle, believed) == pytest.approx(hover, rel=2e-3)
-    above = np.linspace(throttle, 1.0)
-    np.testing.assert_allclose(thrust_of(above, believed), thrust_of(above, measured), rtol=0.03)
-    # The limit of the rotors' speed, which is the data sheet's, cuts nothing off.
-    assert vehicle.nominal.thrust_factor * vehicle.nominal.max_rotor_speed**2 > 1.15 * thrust_of(1.0, measured)
-    assert vehicle.vehicle.max_rotor_speed == vehicle.nominal.max_rotor_speed
+def test_a_curve_is_believed_where_the_base_believes_in_no_throttles(root, tmp_path):
+    found = estimates_of({f"motors.curve[{place}]": FOUND[f"motors.curve[{place}]"] for place in range(3)})
+    sheet = root / "diagrams" / "vehicles" / "crazyflie.yaml"
+    vehicle = load_undesigned(write_vehicle(tmp_path / "new.yaml", "new", found, base=sheet))
+    assert vehicle.nominal.motors.curve == pytest.approx((0.0227, 0.0019, 0.1284))
 
 
-@pytest.mark.parametrize("curve", [(0.0, 0.1, 0.2), (0.02, 0.0, 0.1), (0.01, 0.4, -0.2)])
-def test_a_curve_that_rises_is_believed_as_it_is(curve):
-    np.testing.assert_allclose(rising_curve(ThrustCurve(*curve), hover_thrust=0.08), curve, atol=1e-9)
+def test_the_voltage_of_a_curve_is_written_with_it(base, tmp_path):
+    found = estimates_of({f"motors.curve[{place}]": FOUND[f"motors.curve[{place}]"] for place in range(3)})
+    written = write_vehicle(tmp_path / "new.yaml", "new", found, base=base, voltage=3.85)
+    motors = load_undesigned(written).vehicle.motors
+    assert (motors.kind, motors.voltage) == ("throttle", 3.85)
+    assert motors.curve[2].normal.mean == pytest.approx(0.1284)
 
 
-@pytest.mark.parametrize("curve", [(-0.05, 0.1, 0.3), (0.1, -0.2, 0.4), (0.01, 0.5, -0.4), (-0.01, -0.1, 0.5)])
-def test_a_curve_that_does_not_rise_is_believed_as_near_as_one_that_does(curve):
-    """Nearer than others that rise, where it flies as well as on the whole."""
-    measured = ThrustCurve(*curve)
-    rising = rising_curve(measured, hover_thrust=0.1)
-    k_0, k_1, k_2 = rising
-    assert min(k_0, k_1, k_1 + 2.0 * k_2) >= -1e-12
-    throttles = np.linspace(0.0, 1.0, 101)
-    there = throttles[np.argmin(np.abs(thrust_of(throttles, measured) - 0.1))]
-    assert thrust_of(there, rising) == pytest.approx(thrust_of(there, measured), abs=1e-4)
+def test_a_curve_that_falls_cannot_be_believed(base, tmp_path):
+    """The autopilot could not invert it; nothing is written."""
+    falling = {**{f"motors.curve[{i}]": FOUND[f"motors.curve[{i}]"] for i in range(3)}, "motors.curve[1]": (-0.1, 0.01)}
+    with pytest.raises(InputError, match="the vehicle cannot be written: .*must rise from throttle 0 to 1"):
+        write_vehicle(tmp_path / "new.yaml", "new", estimates_of(falling), base=base, nominal=True)
+    assert not (tmp_path / "new.yaml").exists()
+
+
+@pytest.mark.parametrize("part", ["vehicle", "nominal"])
+def test_the_limit_of_the_rotor_speed_does_not_cut_a_curve_off(believed, part):
+    limited = getattr(believed, part)
+    assert limited.thrust_factor * limited.max_rotor_speed**2 > 1.15 * (0.0227 + 0.0019 + 0.1284)
 
 
 def test_what_would_contradict_an_estimate_is_switched_off(vehicle, base):
@@ -205,7 +211,7 @@ def test_a_limit_that_the_base_has_for_its_vehicle_cuts_no_curve_off(base, tmp_p
     own.write_text(f"own: {{extends: {base}, vehicle: {{max_rotor_speed: 2400.0}}}}")
     found = estimates_of({f"motors.curve[{place}]": FOUND[f"motors.curve[{place}]"] for place in range(3)})
     vehicle = load_undesigned(write_vehicle(tmp_path / "new.yaml", "new", found, base=own)).vehicle
-    assert vehicle.thrust_factor * vehicle.max_rotor_speed**2 > 1.15 * (0.0227 - 0.0119 + 0.1284)
+    assert vehicle.thrust_factor * vehicle.max_rotor_speed**2 > 1.15 * (0.0227 + 0.0019 + 0.1284)
 
 
 def test_numbers_are_written_with_the_digits_that_their_deviation_asks_for(base, tmp_path):
@@ -225,10 +231,9 @@ def test_every_number_says_what_is_known_of_it(written):
         "0.0720 s [0.0679, 0.0761] with 95 % confidence; multiple shooting, hover_1.bin\n    rotor_time_constant:",
         "1.20 [0.99, 1.41] with 95 % confidence; multiple shooting, hover_1.bin; written as a whole number\n"
         "      delay_ticks: 1",
-        "inertia[2] is as in what this extends: the vehicle never turned about its vertical axis",
+        "inertia[2] is not identified: the vehicle never turned about its vertical axis",
         "A gap of 0.2 s at 12.3 s was left out.",
         "one lag was found for both directions\n    rotor_time_constant_down: null",
-        "a curve that the autopilot can invert: it rises, and is the measured one at hover\n        - ",
     ):
         assert words in text
     assert all(len(line) <= 120 for line in written.read_text().splitlines() if line.lstrip().startswith("#"))
@@ -360,7 +365,8 @@ def test_what_a_base_draws_is_still_drawn(base, tmp_path):
 def test_an_impossible_inertia_is_written_as_the_nearest_possible_one_with_a_remark(base, tmp_path, distributions):
     """The estimates of I_xx and I_yy are too small for the I_zz of the base, by more than rounding."""
     found = {"inertia[0]": (1.3e-5, 1e-6), "inertia[1]": (1.2e-5, 1e-6)}
-    path = write_vehicle(tmp_path / "new.yaml", "new", estimates_of(found), base=base, distributions=distributions)
+    options = {"base": base, "distributions": distributions, "nominal": True}
+    path = write_vehicle(tmp_path / "new.yaml", "new", estimates_of(found), **options)
     excess = 2.98e-5 - 2.5e-5
     expected = [1.3e-5 + excess / 3, 1.2e-5 + excess / 3, 2.98e-5 - excess / 3]
     vehicle = load_undesigned(path)
@@ -447,4 +453,4 @@ def test_a_number_beyond_its_limit_is_written_as_the_limit_which_is_said(value, 
     number = vehicle_file._values(estimates, "v", drawn)["linear_drag"]
     assert (number["normal"]["mean"] if drawn else number) == written
     comment = vehicle_file._comment(estimates, "linear_drag", number)
-    assert comment.endswith("; beyond the limit of what there is, which is written") == said
+    assert comment.endswith("; the estimate is outside the limits of the language, and the limit is written") == said

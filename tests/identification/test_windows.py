@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from drake_quad.errors import InputError
-from drake_quad.identification.fitting.windows import (
-    Cut,
+from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.windows import (
     LogWindow,
+    WindowSizes,
     airborne,
     coarser,
     common_period,
@@ -16,7 +17,6 @@ from drake_quad.identification.fitting.windows import (
     steep_remarks,
     within_half_a_turn,
 )
-from drake_quad.identification.logs.record import FlightRecord
 
 PERIOD = 0.01
 
@@ -60,7 +60,7 @@ def test_windows_lie_one_after_another_and_none_spans_a_gap() -> None:
     time = base.time + np.where(np.arange(1000) > 500, 0.1, 0.0)
     broken = FlightRecord("gap", time, motor_command=base.motor_command)
     assert pieces(broken)[[500, 501]].tolist() == [0, 1]
-    found = cut([broken], [np.ones(1000, dtype=bool)], Cut(length=100, settle=50, warm_up=0))
+    found = cut([broken], [np.ones(1000, dtype=bool)], WindowSizes(length=100, settle=50, warm_up=0))
     assert found == [LogWindow(0, start) for start in (50, 150, 250, 350, 551, 651, 751, 851)]
 
 
@@ -68,7 +68,7 @@ def test_windows_use_flight_only() -> None:
     """Sample 130 is no flight: no window, nor what settles before it, holds it."""
     usable = np.ones(1000, dtype=bool)
     usable[130] = False
-    found = cut([record(10.0)], [usable], Cut(length=100, settle=20, warm_up=0))
+    found = cut([record(10.0)], [usable], WindowSizes(length=100, settle=20, warm_up=0))
     assert [start for _, start in found][:2] == [20, 151]
 
 
@@ -195,7 +195,7 @@ def test_angles_within_half_a_turn_are_the_same_angles() -> None:
 
 def test_windows_of_several_logs_are_those_of_each() -> None:
     """A window and what settles before it fit to the last sample but one."""
-    sizes = Cut(length=100, settle=50, warm_up=30)
+    sizes = WindowSizes(length=100, settle=50, warm_up=30)
     logs = [record(2.52), record(2.5), record(1.51)]
     found = cut(logs, [np.ones(len(each.time), dtype=bool) for each in logs], sizes)
     assert found == [LogWindow(0, 50), LogWindow(0, 150), LogWindow(1, 50), LogWindow(2, 50)]

@@ -14,7 +14,7 @@ from drake_quad import load_scenario, simulate
 from drake_quad.design.cascade import design_cascade
 from drake_quad.flight.mission import plan_route
 from drake_quad.identification.flown_again.prediction import Predictions
-from drake_quad.identification.identified import Fitted, Identification
+from drake_quad.identification.result import ForecastOutput, Identification
 from drake_quad.identification.results.estimates import Estimates, Source
 from drake_quad.planning.believed import planned_parameters
 from drake_quad.signals import Reference, State
@@ -200,9 +200,8 @@ def identification(*units, share=0.9):
     time = np.arange(12)[:, None] + np.linspace(0.0, 1.0, 26)
     measured = np.sin(time)
     outputs = tuple(
-        Fitted(
-            "angular velocity about x", unit, np.array(["a"] * 12), time, measured, measured - 0.1 * (time % 0.2 < 0.1),
-            np.arange(12) >= 8, share, share, 0.1,
+        ForecastOutput(
+            "angular velocity about x", unit, time, measured, measured - 0.1 * (time % 0.2 < 0.1), share, 0.1
         )
         for unit in units
     )  # fmt: skip
@@ -224,8 +223,8 @@ def test_outputs_are_drawn_in_the_unit_of_their_label(unit, factor, shown):
     left, right = identification_plots.plot_fit(found).axes
     output = found.outputs[0]
     assert left.get_ylabel() == f"angular\nvelocity about\nx\n({shown})"
-    np.testing.assert_allclose(left.lines[0].get_ydata(), factor * output.measured[3])
-    np.testing.assert_allclose(right.lines[0].get_ydata(), factor * output.residual[3])
+    np.testing.assert_allclose(left.lines[0].get_ydata(), factor * output.measured[0])
+    np.testing.assert_allclose(right.lines[0].get_ydata(), factor * output.residual[0])
     # No error is a line, too.
     assert right.lines[-1].get_ydata()[0] == 0.0
 

@@ -10,9 +10,9 @@ from scipy import signal
 from drake_quad import load_scenario
 from drake_quad.identification.flown_again.comparison import LogComparison
 from drake_quad.identification.flown_again.prediction import Predictions
-from drake_quad.identification.identified import Fitted, Identification
+from drake_quad.identification.result import ForecastOutput, Identification
 from drake_quad.identification.results.estimates import Estimates, Source
-from drake_quad.identification.results.vehicle_numbers import with_estimates
+from drake_quad.identification.results.vehicle_numbers import with_numbers
 from drake_quad.visualization import identification_plots as plots
 from drake_quad.visualization.log_comparison_plots import plot_log_comparison
 
@@ -28,26 +28,28 @@ def identification(root):
     time = np.arange(12)[:, None] * 1.0 + np.linspace(0.0, 1.0, 26)
     measured = np.sin(time)
     predicted = measured + RNG.normal(scale=0.1, size=time.shape)
-    held_out = np.arange(12) >= 8
-    log = np.array(["a"] * 12)
     outputs = tuple(
-        Fitted(name, unit, log, time, measured, predicted, held_out, 0.92, 0.93, 0.1)
+        ForecastOutput(name, unit, time, measured, predicted, 0.92, 0.1)
         for name, unit in (("position x", "m"), ("pitch", "rad"))
     )
-    return Identification(estimates, with_estimates(scenario, estimates), outputs)
+    return Identification(
+        estimates,
+        with_numbers(scenario, dict(zip(estimates.names, map(float, estimates.values), strict=True))),
+        outputs,
+    )
 
 
-def test_the_fit_has_a_row_for_each_output_and_shades_what_was_held_out(identification):
+def test_the_fit_has_a_row_for_each_output_and_shades_every_other_window(identification):
     figure = plots.plot_fit(identification)
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["measured", "predicted", "held out"]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["measured", "forecast"]
     left, right = figure.axes[:2]
     assert len(figure.axes) == 4
     assert left.get_ylabel() == "position x\n(cm)"
     assert figure.axes[2].get_ylabel() == "pitch\n(°)"
     spans = [patch for patch in left.patches if patch.get_width() == pytest.approx(1.0)]
-    assert [patch.get_x() for patch in spans] == [8.0, 9.0, 10.0, 11.0]
+    assert [patch.get_x() for patch in spans] == [1.0, 3.0, 5.0, 7.0, 9.0]
     first = left.lines[0]
-    assert first.get_xdata()[0] == 3.0
+    assert first.get_xdata()[0] == 0.0
     np.testing.assert_allclose(first.get_ydata(), 100.0 * np.sin(first.get_xdata()))
     assert "explained 92.0 %" in right.get_title(loc="right")
 
@@ -124,37 +126,23 @@ def test_predictions_are_drawn_in_units_for_the_eye():
     np.testing.assert_allclose(drawn, expected)
 
 
-def test_windows_around_the_first_held_out_one_are_drawn(identification):
-    """Five windows before the first held-out one and five from there on are drawn, of the first log alone."""
+def test_the_first_ten_windows_are_drawn(identification):
     output = identification.outputs[0]
-    log = np.array(["a"] * 10 + ["b"] * 2)
-    two = output._replace(log=log, held_out=np.arange(12) >= 9)
-    fitted = Identification(identification.estimates, identification.vehicle, (two,))
+    fitted = Identification(identification.estimates, identification.vehicle, (output,))
     left, right = plots.plot_fit(fitted).axes
-    windows = [4, 5, 6, 7, 8, 9]
     measured, predicted = left.lines[0::2], left.lines[1::2]
-    for place, window in enumerate(windows):
-        np.testing.assert_allclose(measured[place].get_xydata().T, [two.time[window], 100.0 * two.measured[window]])
-        np.testing.assert_allclose(predicted[place].get_xydata().T, [two.time[window], 100.0 * two.predicted[window]])
-        np.testing.assert_allclose(right.lines[place].get_ydata(), 100.0 * two.residual[window])
-    assert len(measured) == len(predicted) == len(windows)
-    assert [line.get_label() for line in left.lines[:2]] == ["measured", "predicted"]
-    assert left.get_xlabel() == "time (s) in a"
-    # If no window is held out, the last windows are drawn.
-    none = Identification(
-        identification.estimates, identification.vehicle, (two._replace(held_out=np.zeros(12, bool)),)
-    )
-    left, right = plots.plot_fit(none).axes
-    assert [line.get_xdata()[0] for line in left.lines[0::2]] == [5.0, 6.0, 7.0, 8.0, 9.0]
-    assert not left.patches
+    for i in range(10):
+        np.testing.assert_allclose(measured[i].get_xydata().T, [output.time[i], 100.0 * output.measured[i]])
+        np.testing.assert_allclose(predicted[i].get_xydata().T, [output.time[i], 100.0 * output.predicted[i]])
+        np.testing.assert_allclose(right.lines[i].get_ydata(), 100.0 * output.residual[i])
+    assert len(measured) == len(predicted) == 10
+    assert [line.get_label() for line in left.lines[:2]] == ["measured", "forecast"]
+    assert left.get_xlabel() == "time in held-out windows (s)"
 
 
-@pytest.mark.parametrize(
-    ("share", "fitted", "words"),
-    [(0.5, 0.9, "explained 50.0 %"), (np.nan, 0.9, "explained 90.0 %"), (-3.0, 0.9, "nothing explained")],
-)
-def test_the_explained_share_is_that_of_held_out_windows(identification, share, fitted, words):
-    output = identification.outputs[0]._replace(share=share, share_fitted=fitted)
+@pytest.mark.parametrize(("share", "words"), [(0.5, "explained 50.0 %"), (-3.0, "nothing explained")])
+def test_the_explained_share_is_in_the_title(identification, share, words):
+    output = identification.outputs[0]._replace(explained=share)
     _, right = plots.plot_fit(Identification(identification.estimates, identification.vehicle, (output,))).axes
     assert right.get_title(loc="right") == words
 

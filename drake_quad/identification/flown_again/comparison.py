@@ -1,4 +1,4 @@
-"""A flight of a log beside the same flight as a scenario predicts it: its reference, under the scenario's control."""
+"""Comparison of a logged flight with simulated flights of the same reference, under the control of a scenario."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -21,25 +21,23 @@ from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.models import Scenario
 from drake_quad.signals import Reference, State
 
-# Of what an error is told: along each axis of W, and its norm.
 AXES = ("x", "y", "z", "all")
-# Probabilities between which a prediction lies.
+"""Columns of `ErrorFigures`: the axes of W, and the norm of the error."""
 INTERVAL = (0.025, 0.975)
-# Before the log, s: integrators of on-board controllers find what they have to hold within some seconds.
-REST = 8.0
-# What the reference has moved by when it is on its way, m.
-_MOVED = 1e-2
-# Vehicles that fly side by side, and so are recorded at once.
-_FLEET = 32
+"""Probabilities of the ends of the interval of predictions."""
+DEFAULT_REST = 8.0
+"""Duration of the hover before the log, s. The integrators of on-board controllers settle within some seconds."""
+_MIN_MOVEMENT = 1e-2  # m, of the reference, at which the comparison starts
+_FLEET_SIZE = 32  # vehicles whose flights are recorded at the same time
 
 
 class ErrorFigures(NamedTuple):
-    """What is told of position errors along x, y, z, and of their norm, m.
+    """Statistics of position errors along x, y and z, and of their norm, m.
 
     Attributes:
-        rmse: (..., 4) root of the mean square.
-        mean: (..., 4) mean, with its sign along an axis.
-        largest: (..., 4) what 95 % of the errors do not exceed in size.
+        rmse: (..., 4) root mean square.
+        mean: (..., 4) mean; signed along the axes.
+        largest: (..., 4) 95th percentile of the magnitude.
     """
 
     rmse: np.ndarray
@@ -48,24 +46,24 @@ class ErrorFigures(NamedTuple):
 
     @classmethod
     def of(cls, error: np.ndarray) -> "ErrorFigures":
-        """Those of errors (..., samples, 3) in m; NaN where a vehicle did not get to the end."""
+        """Return the statistics of errors (..., samples, 3) in m; NaN if an error is NaN because of a crash."""
         size = np.concatenate([error, np.linalg.norm(error, axis=-1, keepdims=True)], axis=-1)
         return cls(np.sqrt(np.mean(size**2, axis=-2)), np.mean(size, axis=-2), np.quantile(np.abs(size), 0.95, axis=-2))
 
 
 @dataclass(frozen=True, eq=False)
 class LogComparison:
-    """A flown flight and its predictions.
+    """Logged flight and its predictions.
 
     Attributes:
-        record: of the log.
-        scenario: that predicts, with the reference of the log as its route.
-        reference: of the log.
-        plan: of the route.
-        time: (n,) the log's samples from which on both are compared, s of the log.
-        target: (n, 3) position of the route then, in W, m.
-        flown: (n, 3) position error as it is logged, reference minus position in W, m.
-        predicted: (samples, n, 3) the same of each flight of the scenario, as it is measured, NaN from a crash on, m.
+        record: record of the log.
+        scenario: scenario that predicts, with the reference of the log as its route.
+        reference: reference of the log.
+        plan: plan of the route.
+        time: (n,) times of the samples that are compared, on the clock of the log, s.
+        target: (n, 3) position of the route at these times, in W, m.
+        flown: (n, 3) logged position error, reference minus position in W, m.
+        predicted: (samples, n, 3) measured position error of each simulated flight, m; NaN after a crash.
     """
 
     record: FlightRecord
@@ -79,39 +77,39 @@ class LogComparison:
 
     @property
     def crashes(self) -> int:
-        """Number of predictions that end in a crash."""
+        """Number of predicted flights that end in a crash."""
         return int(np.isnan(self.predicted).any(axis=(1, 2)).sum())
 
     @property
     def varies(self) -> bool:
-        """Whether the predictions differ; they do not without distributions, wind and noise."""
+        """Whether the predicted flights differ. They are equal without distributions, wind and noise."""
         return not np.allclose(self.predicted, self.predicted[:1], rtol=0.0, atol=1e-9, equal_nan=True)
 
     @property
     def flown_figures(self) -> ErrorFigures:
-        """(4,) of the log."""
+        """Statistics (4,) of the logged errors."""
         return ErrorFigures.of(self.flown)
 
     def predicted_figures(self) -> ErrorFigures:
-        """(samples, 4) of each flight; a crash is an infinite error."""
+        """Return the statistics (samples, 4) of each predicted flight; infinite for a flight with a crash."""
         figures = ErrorFigures.of(self.predicted)
         return ErrorFigures(*(np.where(np.isnan(values), np.inf, values) for values in figures))
 
     def interval(self, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(4,) median, lower and upper end of the 95 % interval of a figure, by its name."""
+        """Return median, lower and upper end (4,) of the 95 % interval of a statistic, given by its name."""
         values = getattr(self.predicted_figures(), name)
-        # Ranks, not interpolation: a share of flights may be at infinity.
+        # The method "nearest" does not interpolate, since some values may be infinite.
         median, low, high = np.quantile(values, (0.5, *INTERVAL), axis=0, method="nearest")
         return median, low, high
 
     def within(self, name: str) -> np.ndarray:
-        """(4,) whether a figure of the log lies within the interval of the predictions."""
+        """Return a mask (4,) of the axes on which a statistic of the log is inside the interval of the predictions."""
         _, low, high = self.interval(name)
         flown = getattr(self.flown_figures, name)
         return np.asarray((flown >= low) & (flown <= high))
 
     def typical_sample(self) -> int:
-        """Number of the sample whose RMSE is the median of all."""
+        """Return the number of the sample with the median RMSE."""
         rmse = self.predicted_figures().rmse[:, -1]
         return int(np.argsort(rmse, kind="stable")[(len(rmse) - 1) // 2])
 
@@ -121,7 +119,7 @@ def compare_with_log(
     scenario: Scenario,
     *,
     samples: int = 1000,
-    rest: float = REST,
+    rest: float = DEFAULT_REST,
     start: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> LogComparison:
@@ -149,10 +147,10 @@ def compare_with_log(
         raise InputError("vehicle.time_step is 0; flights are compared with a log only with a time step")
     flown = record.of("reference_position") - record.of("position")
     reference = logged_reference(record, rest=rest)
-    begun = _moves_from(record) if start is None else start
-    chosen = record.time >= begun
+    begin = _first_movement(record) if start is None else start
+    chosen = record.time >= begin
     if chosen.sum() < 2:
-        raise InputError(f"nothing of the log {shown(record.name)} is left to compare from {begun:g} s on")
+        raise InputError(f"nothing of the log {shown(record.name)} is left to compare from {begin:g} s on")
     flying = on_route(scenario, reference)
     plan = plan_route(flying)
     instants = record.time[chosen] + reference.start
@@ -164,7 +162,7 @@ def compare_with_log(
 
 
 def on_route(scenario: Scenario, reference: LoggedReference) -> Scenario:
-    """The scenario with the reference of a log in the place of its route; its whole flight is flown and counts."""
+    """Return the scenario with the reference of a log as its route, and with metrics over the whole log."""
     window = scenario.metrics.model_copy(update={"start": reference.start, "first_lap": None, "end": None})
     return scenario.model_copy(update={"route": reference.route, "duration": None, "metrics": window})
 
@@ -186,8 +184,8 @@ def side_by_side(comparison: LogComparison) -> dict[str, Flight]:
         "rotor_speed": rotor_speed,
         "wind": np.zeros((len(record.time), 3)),
     }
-    nothing = Metrics._make(np.nan for _ in Metrics._fields)._replace(crash_time=np.inf)
-    flights = {"flown": replace(flight, time=record.time, signals=signals, metrics=nothing)}
+    unknown = Metrics._make(np.nan for _ in Metrics._fields)._replace(crash_time=np.inf)
+    flights = {"flown": replace(flight, time=record.time, signals=signals, metrics=unknown)}
     kept = flight.time >= start
     if kept.any():
         shown_signals = {name: flight[name][kept] for name in signals} | {"state": flight["measurement"][kept]}
@@ -195,18 +193,18 @@ def side_by_side(comparison: LogComparison) -> dict[str, Flight]:
     return flights
 
 
-def _moves_from(record: FlightRecord) -> float:
-    """The last moment at which the reference is still where it began, s; 0 if it stays there."""
+def _first_movement(record: FlightRecord) -> float:
+    """Return the last time at which the reference is still at its first position, s; 0 if it never moves."""
     position = record.of("reference_position")
-    moved = np.linalg.norm(position - position[0], axis=1) > _MOVED
+    moved = np.linalg.norm(position - position[0], axis=1) > _MIN_MOVEMENT
     return float(record.time[max(int(np.argmax(moved)) - 1, 0)])
 
 
 def _positions(
     scenario: Scenario, plan: Plan, instants: np.ndarray, samples: int, progress: Callable[[int, int], None] | None
 ) -> np.ndarray:
-    """(samples, n, 3) the measured positions of samples of a scenario at instants (n,), m; NaN from a crash on."""
-    size = min(samples, _FLEET)
+    """Return the measured positions (samples, n, 3) of simulated flights at instants (n,), m; NaN after a crash."""
+    size = min(samples, _FLEET_SIZE)
     duration = flight_duration(scenario, plan)
     simulation = simulate_fleet(Batch.draw(scenario, range(size)), plan, record=True, compiled=True)
     found = np.empty((samples, len(instants), 3))
@@ -228,12 +226,12 @@ def _positions(
 
 
 def _at(instants: np.ndarray, time: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """(n, columns) rows at other instants (n,), by linear interpolation."""
+    """Return rows at other instants (n,) by linear interpolation, (n, columns)."""
     return np.column_stack([np.interp(instants, time, column) for column in rows.T])
 
 
 def _state(record: FlightRecord) -> np.ndarray:
-    """(n, 12) the logged state; at rest and level where it is not logged."""
-    nothing = np.zeros((len(record.time), 3))
+    """Return the logged state (n, 12); signals that are not logged are zero."""
+    zero = np.zeros((len(record.time), 3))
     parts = (record.of("position"), record.attitude, record.velocity, record.body_rates)
-    return np.hstack([nothing if part is None else part for part in parts])
+    return np.hstack([zero if part is None else part for part in parts])

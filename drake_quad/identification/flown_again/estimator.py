@@ -1,13 +1,12 @@
-"""What an estimator on board makes of velocity, beside the motion that it estimates.
+"""Errors of an on-board estimate of the velocity, and the drag that its rate shows.
 
-Where the same estimator logs position p̂ and velocity v̂, the derivative of its position is no independent measurement,
-but measurements of position keep it true for good: what v̂ has beside it is an error of v̂. Over means of 0.1 s
+Where the same estimator logs position p̂ and velocity v̂, the derivative of the position is no independent measurement,
+but position measurements keep it right in the long run. What v̂ has beside it is an error of v̂. Over means of 0.1 s
 
     v̂ - dp̂/dt = s v + d
 
-with a share s on axes along which the vehicle was flown, and a rest d that stays on for a while. White noise of the
-position, which adds 14 mm/s for each mm, is no part of d: its variance is that by which
-p̂ - ∫ v̂ dt scatters within 20 ms.
+with a scale error s on axes along which the vehicle was flown, and a correlated rest d. White noise of the position,
+which adds 14 mm/s for each mm, is no part of d: its variance follows from the scatter of p̂ - ∫ v̂ dt within 20 ms.
 """
 
 from typing import NamedTuple
@@ -16,28 +15,31 @@ import numpy as np
 import scipy
 
 from drake_quad.errors import InputError
-from drake_quad.identification.identified import Spread
+from drake_quad.identification.logs.attitudes import rotations
 from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.result import Spread
+from drake_quad.scenario.models import Scenario
+from drake_quad.scenario.winds.source import steady_wind
 
-# Of the mean in which single corrections of an estimator vanish, of the blocks for deviations, and of the beginning of
-# a log in which an estimator may still settle, s.
-_MEAN, _BLOCK, _BEGINNING = 0.1, 0.5, 0.5
-# An axis along which speed varies more is flown, m/s.
-_FLOWN = 0.15
-# In which a rest hardly changes, s: two steps of a Crazyflie's estimator, which stays the same for 10 ms each time.
-_STEP = 0.02
-# Blocks by which deviations can be told.
-_FEWEST = 2
+_MEAN = 0.1  # s, long enough to average out single corrections of an estimator
+_BLOCK = 0.5  # s, blocks whose scatter gives standard deviations
+_BEGINNING = 0.5  # s, in which an estimator may still settle
+_MIN_FLOWN_SPEED = 0.15  # m/s, standard deviation of the speed along an axis that counts as flown
+_STEP = 0.02  # s, two steps of a Crazyflie's estimator, over which the velocity error hardly changes
+_MIN_BLOCKS = 2
+_DRAG_MEAN = 0.1  # s, of force and air speed
+_MIN_AIR_SPEED = 0.2  # m/s, standard deviation of the air speed that determines drag
+_MIN_SPEED_RATIO = 0.3  # an axis with less air speed than this, relative to the other, takes the drag of the other
 
 
 class VelocityEstimate(NamedTuple):
-    """By how much an estimated velocity is off.
+    """Error of an estimated velocity.
 
     Attributes:
-        share: of the velocity on each axis by which it is seen too large; of an axis that was not flown 0, with the
-            deviation that those have that were flown.
-        drift: (3,) standard deviation of the rest on each axis, in means of 0.1 s, m/s.
-        time: correlation time of the rest, mean of the axes, s.
+        share: scale error along each axis; 0 for an axis that was not flown, with the mean standard deviation of the
+            axes that were flown.
+        drift: (3,) standard deviation of the correlated error along each axis, in means of 0.1 s, m/s.
+        time: correlation time of that error, mean of the axes, s.
     """
 
     share: tuple[Spread, Spread, Spread]
@@ -46,19 +48,19 @@ class VelocityEstimate(NamedTuple):
 
 
 def velocity_estimate(record: FlightRecord) -> VelocityEstimate:
-    """How an estimator on board sees velocity.
+    """Return the error of the velocity that an on-board estimator logs.
 
     Args:
-        record: of a vehicle in the air, with estimated position and velocity.
+        record: record of a vehicle in the air, with estimated position and velocity.
 
     Raises:
-        InputError: one of them is not logged, the log is too short, or the vehicle hovers.
+        InputError: if one of them is not logged, the log is too short, or the vehicle hovers.
     """
     position, velocity = record.of("position"), record.of("velocity")
     inside = (record.time > record.time[0] + _BEGINNING) & (record.time < record.time[-1] - _MEAN)
     after, before = record.time[inside] + 0.5 * _MEAN, record.time[inside] - 0.5 * _MEAN
     blocks = np.floor(record.time / _BLOCK).astype(int)[inside]
-    if len(np.unique(blocks)) < _FEWEST or len(blocks) <= 2 * _steps(record):
+    if len(np.unique(blocks)) < _MIN_BLOCKS or len(blocks) <= 2 * _steps(record):
         raise InputError(f"{record.name}: is too short to tell how an estimator sees velocity")
     shares, drifts, times = [], [], []
     for axis in range(3):
@@ -70,7 +72,7 @@ def velocity_estimate(record: FlightRecord) -> VelocityEstimate:
         )
         off = seen - true
         share = Spread(0.0, np.nan, "1")
-        if true.std() > _FLOWN:
+        if true.std() > _MIN_FLOWN_SPEED:
             share = _share(true, off, blocks)
         rest = off - share.value * true
         noise = (1.0 + share.value) ** 2 * _noise((position[:, axis] - gone)[inside], record, (before, after))
@@ -82,6 +84,53 @@ def velocity_estimate(record: FlightRecord) -> VelocityEstimate:
     usual = float(np.nanmean([share.deviation for share in shares]))
     filled = [share if np.isfinite(share.deviation) else share._replace(deviation=usual) for share in shares]
     return VelocityEstimate((filled[0], filled[1], filled[2]), np.array(drifts), float(np.mean(times)))
+
+
+def linear_drag(record: FlightRecord, scenario: Scenario) -> tuple[Spread, Spread]:
+    """Return the linear drag along x and y of the body, N s/m, for a flight too short to show quadratic drag.
+
+    It is the slope of the force over the air speed by least squares, with deviations from the scatter of blocks. An
+    axis along which the air hardly moves takes the drag of the other.
+
+    Args:
+        record: record with velocity and attitude.
+        scenario: scenario with the mass, and with the steady wind if the record has none.
+
+    Raises:
+        InputError: if a signal is not logged, the log is too short, or the vehicle hovers.
+    """
+    turned = rotations(record.of("attitude")).inv()
+    velocity = record.of("velocity")
+    wind = np.asarray(steady_wind(scenario.laboratory.wind), dtype=float) if record.wind is None else record.wind
+    weight = np.array([0.0, 0.0, scenario.vehicle.gravity])
+    forces = turned.apply(scenario.vehicle.mass * (np.gradient(velocity, record.time, axis=0) + weight))
+    speeds = turned.apply(wind - velocity)
+    width = max(1, round(_DRAG_MEAN / record.period))
+    box, inside = np.ones(width) / width, slice(2 * width, -2 * width)
+    blocks = np.floor(record.time / _BLOCK).astype(int)[inside]
+    if len(np.unique(blocks)) < _MIN_BLOCKS:
+        raise InputError(f"{record.name}: is too short to determine drag")
+    if speeds[:, :2].std(axis=0).max() < _MIN_AIR_SPEED:
+        raise InputError(f"{record.name}: hovers, which does not determine drag")
+    airs, pushes = (
+        np.stack([np.convolve(column, box, "same")[inside] for column in each[:, :2].T]) for each in (speeds, forces)
+    )
+    moved = airs.std(axis=1)
+    chosen = [axis if moved[axis] > _MIN_SPEED_RATIO * moved.max() else int(np.argmax(moved)) for axis in range(2)]
+    along, across = (_slope(airs[axis], pushes[axis], blocks) for axis in chosen)
+    return along, across
+
+
+def _slope(air: np.ndarray, force: np.ndarray, blocks: np.ndarray) -> Spread:
+    """Return the slope of a line, with the deviation from the scatter of (n,) blocks."""
+    rows = np.column_stack([air, np.ones_like(air)])
+    inverse = np.linalg.inv(rows.T @ rows)
+    values = inverse @ rows.T @ force
+    left = rows * (force - rows @ values)[:, None]
+    scores = np.stack([left[blocks == block].sum(axis=0) for block in np.unique(blocks)])
+    variance, _ = np.diag(len(scores) / (len(scores) - 1) * inverse @ scores.T @ scores @ inverse)
+    slope, _ = values
+    return Spread(float(slope), float(np.sqrt(variance)), "N s/m", len(scores) - 1.0)
 
 
 def _share(true: np.ndarray, off: np.ndarray, blocks: np.ndarray) -> Spread:

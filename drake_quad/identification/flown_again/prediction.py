@@ -1,52 +1,54 @@
-"""How far ahead a vehicle predicts a flight: open loop, from the logged commands, over horizons of 0.1 to 2 s.
+"""How far ahead a vehicle predicts a flight in open loop, over horizons of 0.1 to 2 s.
 
-From starts all over a log the vehicle flies on without any further measurement. Its start state is estimated from the
-past alone: the state from which the vehicle, driven by the logged commands, fits best what was measured in the 0.15 s
-before (least squares; each signal is weighted by what is left of it). Where several vehicles are compared, all begin at
-the state that the first of them finds, each with rotors that followed the commands with its own lag.
+Up to each start, the Kalman filter of `drake_quad.identification.prediction_errors` follows the measurements, with the
+vehicle as its model. From the start on, the vehicle flies on with the logged commands and without any measurement. The
+filter knows the past only. Its noise is the likeliest for the log and the vehicle. The force and the torque that the
+filter has estimated beside the model, such as a wind that is not logged, act no longer from the start on. With them,
+the first vehicle is shown once more: this is how well a controller with a disturbance observer predicts.
+
+Two predictors without a model set the scale. They begin at the end of a parabola through the last 50 ms of each
+measured signal. *Constant velocity* continues with the velocity and the body rates at the start; *constant
+acceleration* also with the acceleration and the angular acceleration. A vehicle that loses to them predicts nothing
+over this horizon.
 
 Errors are those at the horizon: distance, length of the difference of velocities and of body rates, and angle of the
-rotation between the two attitudes. Errors of starts close by are correlated, so intervals are of Student's t over
-blocks of at least a second, and of at least the horizon. Vehicles are compared start by start.
+rotation between the two attitudes. A velocity or body rate that the filter does not use, since an estimator made it of
+other measurements, is predicted as its value at the start plus the predicted change. Errors of neighbouring starts are
+correlated, so intervals are of Student's t over blocks of at least one second and at least the horizon. Vehicles are
+compared start by start.
 """
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 from drake_quad.errors import InputError, shown
-from drake_quad.identification.fitting.multiple_shooting import Problem, fit
-from drake_quad.identification.fitting.open_loop import (
-    UNKNOWN,
-    OpenLoop,
-    Starts,
-    delay_of,
-    level_vehicle,
-    with_level_commands,
-)
-from drake_quad.identification.fitting.windows import airborne, held_out, pieces, within_half_a_turn
+from drake_quad.identification.delays import delay_of
+from drake_quad.identification.fit import fit
 from drake_quad.identification.logs.attitudes import rotations
 from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.model import STATE_ROWS
+from drake_quad.identification.prepared_logs import WARM_UP, PreparedLogs, initial_noise, prepare
 from drake_quad.identification.results.estimates import quantile
+from drake_quad.identification.windows import LogWindow, WindowSizes, airborne, held_out, pieces
 from drake_quad.scenario.models import Scenario
 from drake_quad.statistics.interval import Interval
 
 HORIZONS = (0.1, 0.2, 0.5, 1.0, 2.0)
-# Between starts, s.
-SPACING = 0.1
-# In which the start state is fitted, s.
-_PAST = 0.15
-# Of a block, at least, s.
-_BLOCK = 1.0
-# Of each signal, standard deviations to begin with.
-_USUAL = {"position": 2e-3, "velocity": 3e-2, "attitude": 5e-3, "body_rates": 5e-2}
-_ROWS = {"position": 0, "attitude": 3, "velocity": 6, "body_rates": 9}
+CONSTANT_VELOCITY, CONSTANT_ACCELERATION = "constant velocity", "constant acceleration"
+WITH_DISTURBANCE = "with disturbance"
+"""Name of the first vehicle, flown on with the disturbance that its filter has estimated before the start."""
+SPACING = 0.1  # s, between starts
+_PAST = 0.05  # s, length of the parabola at whose end a prediction begins
+_MIN_PAST = 4  # samples of the parabola
+_SETTLE = 0.5  # s, in which the filter settles before a start
+_UNKNOWN = 0.4  # s, after the start of a log the rotors still follow commands from before it
+_MIN_BLOCK = 1.0  # s
 UNITS = {"position": "m", "height": "m", "velocity": "m/s", "climb": "m/s", "attitude": "rad", "body_rates": "rad/s"}
-_STATE_SCALES = np.array([0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.5, 0.5, 0.5, 1.0, 1.0, 1.0])
-# Beliefs about states that nothing measures.
-_BELIEFS = np.array([1e3, 1e3, 1e3, 1.0, 1.0, 1e3, 10.0, 10.0, 10.0, 30.0, 30.0, 30.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +97,22 @@ class Predictions:
         ratio = math.sqrt(float(np.mean(own) / np.mean(others)))
         return Interval(1.0 - ratio, 1.0 - ratio * math.exp(reach), 1.0 - ratio * math.exp(-reach))
 
+    def losses(self, vehicle: str) -> list[str]:
+        """Return a sentence on each quantity that a vehicle predicts worse than a predictor without a model does."""
+        found = []
+        for quantity in self.errors:
+            for other in (CONSTANT_VELOCITY, CONSTANT_ACCELERATION):
+                worse = []
+                for horizon in self.horizons:
+                    better = self.better(quantity, vehicle, other, horizon)
+                    if better.value < 0.0:
+                        sure = "" if better.high < 0.0 else ", perhaps by chance"
+                        worse.append(f"{horizon:g} s (by {-better.value:.0%}{sure})")
+                if worse:
+                    name = quantity.replace("_", " ")
+                    found.append(f"{vehicle} predicts {name} worse than {other} after {', '.join(worse)}")
+        return found
+
     def starts(self, horizon: float) -> int:
         """How many starts there are from which the flight goes on as far."""
         errors = next(iter(self.errors.values()))
@@ -104,7 +122,7 @@ class Predictions:
         """Squared errors of a vehicle, and the block of each."""
         errors = self.errors[quantity][self.vehicles.index(vehicle), self.horizons.index(horizon)]
         there = np.isfinite(errors)
-        length = max(_BLOCK, horizon)
+        length = max(_MIN_BLOCK, horizon)
         places = [f"{log} {int(time // length)}" for log, time in zip(self.log[there], self.time[there], strict=True)]
         _, blocks = np.unique(places, return_inverse=True)
         return errors[there] ** 2, blocks
@@ -137,58 +155,146 @@ def predict(
     horizons: Sequence[float] = HORIZONS,
     share: float = 1.0,
 ) -> Predictions:
-    """Predicts a flight with vehicles, from starts all over it.
+    """Predict a flight with vehicles, and with two predictors without a model, from starts all over it.
+
+    Names of the result are those of the vehicles, `CONSTANT_VELOCITY`, `CONSTANT_ACCELERATION` and `WITH_DISTURBANCE`.
 
     Args:
-        record: of the flight.
-        vehicles: of which each predicts it, by a name; the first finds the start states.
-        believed: whose `nominal` vehicle the firmware's allocation knows; by default that of each vehicle.
-        horizons: s.
-        share: of the time in the air, at its end, in which starts are; 1 for all of it.
+        record: record of the flight.
+        vehicles: scenarios of the vehicles, by name.
+        believed: scenario whose `nominal` vehicle the firmware's allocation uses; by default that of each vehicle.
+        horizons: horizons, s.
+        share: share of the airborne time, at its end, that contains the starts; 1 for all of it.
 
     Raises:
-        InputError: the log has nothing that could be predicted, no commands for a vehicle, or is too short.
+        InputError: if the log contains nothing that can be predicted or no commands for a vehicle, or is too short.
     """
-    measured = [name for name in _USUAL if getattr(record, name) is not None]
-    if not measured:
+    if not any(getattr(record, name) is not None for name in STATE_ROWS):
         raise InputError(
             f"the log {shown(record.name)} has nothing that could be predicted: it needs position, velocity, attitude"
             f" or body_rates, and has {', '.join(record.names)}"
         )
+    prepared = {name: prepare([record], each, believed)[0] for name, each in vehicles.items()}
+    (record,) = next(iter(prepared.values())).records
+    measured = [name for name in STATE_ROWS if getattr(record, name) is not None]
     level = "attitude" not in measured and "body_rates" not in measured
-    if level:
-        vehicles = {name: level_vehicle(vehicle) for name, vehicle in vehicles.items()}
-        record = with_level_commands(record)
-    loops = {
-        name: OpenLoop(each, record, believed=believed or each, delay=float(delay_of(each)))
-        for name, each in vehicles.items()
-    }
-    past = max(3, round(_PAST / record.period))
+    past = max(_MIN_PAST, round(_PAST / record.period) + 1)
     starts = _starts(record, past, horizons, share)
     if not len(starts):
         raise InputError(
-            f"the log {shown(record.name)} has no stretch in the air that lasts {_PAST + min(horizons):.2g} s"
+            f"the log {shown(record.name)} has no airborne stretch of {_SETTLE + min(horizons):.2g} s to predict"
         )
-    states = _begun(next(iter(loops.values())), record, measured, starts, past, level)
     steps = [round(horizon / record.period) for horizon in horizons]
-    reached = [_reached(record, starts, step) for step in steps]
+    motion = _Motion.at(record, measured, starts, past)
+    reached = np.stack([_reached(record, starts, step) for step in steps])
+    times = [record.time[np.minimum(starts + step, len(record.time) - 1)] - record.time[starts] for step in steps]
+    both = {name: _flown(each, vehicles[name], motion, starts, steps) for name, each in prepared.items()}
+    flown = {name: [state[:, 0] for state in states] for name, states in both.items()}
+    flown[CONSTANT_VELOCITY] = [motion.after(time) for time in times]
+    flown[CONSTANT_ACCELERATION] = [motion.after(time, accelerated=True) for time in times]
+    flown[WITH_DISTURBANCE] = [state[:, 1] for state in next(iter(both.values()))]
     errors: dict[str, list[np.ndarray]] = {}
-    for loop in loops.values():
-        flown = loop.fly(Starts(starts, max(steps)), states[None])[:, 0]
-        for quantity, values in _errors(record, measured, loop.shown(flown), starts, steps, level).items():
+    for states in flown.values():
+        for quantity, values in _errors(record, measured, states, starts, steps, level).items():
             errors.setdefault(quantity, []).append(np.where(reached, values, np.nan))
     log = np.array([record.name] * len(starts))
     stacked = {quantity: np.stack(values) for quantity, values in errors.items()}
-    return Predictions(tuple(vehicles), tuple(horizons), log, record.time[starts], stacked)
+    return Predictions(tuple(flown), tuple(horizons), log, record.time[starts], stacked)
+
+
+class _Motion(NamedTuple):
+    """Measured state at S starts, and its rates.
+
+    Attributes:
+        state: (12, S) state, at rest and level where it is not measured.
+        acceleration: (3, S) in W, m/s².
+        angular_acceleration: (3, S) about the axes of B, rad/s².
+    """
+
+    state: np.ndarray
+    acceleration: np.ndarray
+    angular_acceleration: np.ndarray
+
+    @classmethod
+    def at(cls, record: FlightRecord, measured: Sequence[str], starts: np.ndarray, past: int) -> "_Motion":
+        """Return the motion at the ends of parabolas through the last samples before each start."""
+        ends = {name: _parabola(record, name, starts, past) for name in measured}
+        none = np.zeros((3, len(starts)))
+        position, velocity, acceleration = ends.get("position", (none, none, none))
+        if "velocity" in ends:
+            velocity, acceleration, _ = ends["velocity"]
+        attitude, *_ = ends.get("attitude", (none, none, none))
+        if "body_rates" in ends:
+            rates, angular, _ = ends["body_rates"]
+        else:
+            # The rotation from one sample before the start to the start, and how it changes.
+            rates, angular = _body_rates(record, starts, past) if "attitude" in ends else (none, none)
+        return cls(np.concatenate([position, attitude, velocity, rates]), acceleration, angular)
+
+    def after(self, time: np.ndarray, *, accelerated: bool = False) -> np.ndarray:
+        """Return the states (12, S) after times (S,) in s, at constant rates or constant accelerations."""
+        position, attitude, velocity, rates = np.split(self.state, 4)
+        acceleration, angular = (self.acceleration, self.angular_acceleration) if accelerated else (0.0, 0.0)
+        turn = scipy.spatial.transform.Rotation.from_rotvec(((rates + 0.5 * angular * time) * time).T)
+        turned = rotations(attitude.T) * turn
+        return np.concatenate(
+            [
+                position + velocity * time + 0.5 * acceleration * time**2,
+                turned.as_euler("ZYX").T[::-1],
+                velocity + acceleration * time,
+                rates + angular * time,
+            ]
+        )
+
+
+def _parabola(record: FlightRecord, name: str, starts: np.ndarray, past: int) -> tuple[np.ndarray, ...]:
+    """Return value, rate and acceleration (3, S) at ends of parabolas through the last samples before each start."""
+    values = record.of(name)
+    if name == "attitude":
+        values = np.unwrap(values, axis=0)
+    at = starts[:, None] + np.arange(1 - past, 1)
+    time = record.time[at] - record.time[starts][:, None]
+    inverse = np.linalg.pinv(np.stack([np.ones_like(time), time, 0.5 * time**2], axis=2))
+    return tuple(np.moveaxis(inverse @ values[at], 0, 2))
+
+
+def _body_rates(record: FlightRecord, starts: np.ndarray, past: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return body rates and angular accelerations (3, S) from parabolas through the rotations before each start."""
+    attitudes = rotations(record.of("attitude"))
+    at = starts[:, None] + np.arange(1 - past, 1)
+    last = attitudes[np.repeat(starts, past)]
+    turned = (last.inv() * attitudes[at.ravel()]).as_rotvec().reshape(len(starts), past, 3)
+    time = record.time[at] - record.time[starts][:, None]
+    inverse = np.linalg.pinv(np.stack([np.ones_like(time), time, 0.5 * time**2], axis=2))
+    _, rates, angular = np.moveaxis(inverse @ turned, 0, 2)
+    return rates, angular
+
+
+def _flown(
+    logs: PreparedLogs, scenario: Scenario, motion: _Motion, starts: np.ndarray, steps: Sequence[int]
+) -> list[np.ndarray]:
+    """Return the predicted states (12, 2, S) after each number of samples, without and with the disturbance."""
+    delay, none = delay_of(scenario), np.zeros(0)
+    noise = fit(logs.predictor((), logs.flying, delay=delay), (), initial_noise(logs.outputs)).noise
+    sizes = WindowSizes(max(steps), *(max(1, round(time / logs.period)) for time in (_SETTLE, WARM_UP)))
+    predictor = logs.predictor_in([LogWindow(0, int(start) + 1) for start in starts], sizes, delay=delay)
+    begin, *ends = predictor.open_loop(none, predictor.gains(none, noise), noise, steps)
+    for signal, row in STATE_ROWS.items():
+        if signal not in logs.signals:
+            rows = slice(row, row + 3)
+            for end in ends:
+                end[rows] += motion.state[rows, None] - begin[rows]
+    return ends
 
 
 def _starts(record: FlightRecord, past: int, horizons: Sequence[float], share: float) -> np.ndarray:
-    """(S,) samples at which predictions begin."""
+    """Return the samples (S,) at which predictions begin."""
     flying = airborne(record)
     wanted = held_out(flying, share) if share < 1.0 and flying.any() else flying
     apart = max(1, round(SPACING / record.period))
     last = round(min(horizons) / record.period)
-    first = max(past, round(UNKNOWN / record.period))
+    past = max(past, round(_SETTLE / record.period))
+    first = max(past, round(_UNKNOWN / record.period))
     samples = np.arange(first, len(record.time) - last, apart)
     piece = pieces(record)
     whole = _reached(record, samples - past, past) & (piece[samples - first] == piece[samples])
@@ -196,7 +302,7 @@ def _starts(record: FlightRecord, past: int, horizons: Sequence[float], share: f
 
 
 def _reached(record: FlightRecord, starts: np.ndarray, steps: int) -> np.ndarray:
-    """(S,) True where the flight goes on for so many samples, in the air and without a gap."""
+    """Return a mask (S,) of the starts after which the flight goes on for so many samples without a gap."""
     ends = starts + steps
     inside = ends < len(record.time)
     ends = np.minimum(ends, len(record.time) - 1)
@@ -204,76 +310,30 @@ def _reached(record: FlightRecord, starts: np.ndarray, steps: int) -> np.ndarray
     return np.asarray(inside & (piece[starts] == piece[ends]) & (landed[ends + 1] == landed[starts]))
 
 
-def _begun(
-    loop: OpenLoop, record: FlightRecord, measured: Sequence[str], starts: np.ndarray, past: int, level: bool
-) -> np.ndarray:
-    """Return the states (S, 12) at the starts, fitted to the measurements before them."""
-    before = Starts(starts - past, past)
-    at = before.samples[:, None] + np.arange(past + 1)
-    values = {name: _continuous(record, name)[at] for name in measured}
-    states = np.zeros((len(starts), 12))
-    for name in measured:
-        states[:, _ROWS[name] : _ROWS[name] + 3] = values[name][:, 0]
-    deviations = {name: _USUAL[name] for name in measured}
-    beliefs, first = (_BELIEFS if not level else np.where(np.arange(12) % 6 < 3, 1e3, 1e-6)), states
-    for _ in range(2):
-
-        def residuals(_: np.ndarray, states: np.ndarray) -> np.ndarray:
-            flown = np.moveaxis(loop.shown(loop.fly(before, states)), 0, 2)
-            off = [
-                _difference(name, flown[..., _ROWS[name] : _ROWS[name] + 3], values[name]) / deviations[name]
-                for name in measured
-            ]
-            shapes = [each.reshape(*each.shape[:2], -1) for each in off]
-            return np.concatenate([*shapes, (states - first) / beliefs], axis=2)
-
-        none = np.zeros(0)
-        fitted = fit(Problem(residuals, none, _STATE_SCALES, none, none, none), none, states, iterations=8)
-        states = fitted.states
-        left = fitted.slopes.residuals[:, : 3 * (past + 1) * len(measured)].reshape(len(starts), len(measured), -1)
-        for i, name in enumerate(measured):
-            deviations[name] *= max(float(np.sqrt(np.mean(left[:, i] ** 2))), 0.05)
-    return np.asarray(loop.fly(before, states[None])[-1, 0])
-
-
-def _difference(name: str, predicted: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return predicted minus measured values, with differences of angles wrapped to [-π, π]."""
-    return within_half_a_turn(predicted - values) if name == "attitude" else predicted - values
-
-
-def _continuous(record: FlightRecord, name: str) -> np.ndarray:
-    values = record.of(name)
-    return np.unwrap(values, axis=0) if name == "attitude" else values
-
-
 def _errors(
     record: FlightRecord,
     measured: Sequence[str],
-    flown: np.ndarray,
+    states: Sequence[np.ndarray],
     starts: np.ndarray,
     steps: Sequence[int],
     level: bool,
 ) -> dict[str, np.ndarray]:
-    """(h, S) errors by quantity, of (T, S, 12) states."""
+    """Return the errors (h, S) of states (12, S) after numbers of samples, by quantity."""
     found: dict[str, list[np.ndarray]] = {}
-    for step in steps:
+    for step, state in zip(steps, states, strict=True):
         at = np.minimum(starts + step, len(record.time) - 1)
         for name in measured:
-            predicted = flown[step, :, _ROWS[name] : _ROWS[name] + 3]
+            predicted = state[STATE_ROWS[name] : STATE_ROWS[name] + 3].T
             actual = record.of(name)[at]
             if level:
                 quantity, error = {"position": "height", "velocity": "climb"}[name], np.abs(predicted - actual)[:, 2]
             elif name == "attitude":
-                quantity, error = name, _angle_between(predicted, actual)
+                one, other = rotations(predicted), rotations(actual)
+                quantity, error = name, (one.inv() * other).magnitude()
             else:
                 quantity, error = name, np.linalg.norm(predicted - actual, axis=1)
             found.setdefault(quantity, []).append(error)
     return {quantity: np.stack(errors) for quantity, errors in found.items()}
-
-
-def _angle_between(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """(S,) angle of the rotation between attitudes, rad."""
-    return np.asarray((rotations(one).inv() * rotations(other)).magnitude())
 
 
 def _totals(values: np.ndarray, blocks: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The reference of a log as a route that can be flown: a smooth path through its samples."""
+"""Conversion of a logged reference to a route: a smooth path through its samples."""
 
 import math
 from typing import NamedTuple
@@ -10,26 +10,25 @@ from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, hermite_path, power_basis
 from drake_quad.scenario.routes.trajectory import Knot, TrajectoryRoute, YawKnot
 
-# Between knots, s: from wide to as narrow as a path of degree 7 that nobody could fly anyway.
+# Distances between knots that are tried, s. With the last one, the path follows any reference that can be flown.
 _SPACINGS = (0.5, 0.25, 0.125, 0.0625)
-# Largest distance from the logged reference: what is cut to mm on three axes is off by up to 1.7 mm.
 TOLERANCE = 2e-3
-# References are sent at 20 Hz or faster, s; what stays as it is for longer stands still.
-_LONGEST_HOLD = 0.05
-# Weight of snap beside the position, for what the samples leave open, as in a gap.
-_RIDGE = 1e-9
-# Share of the rest before the log that is spent on getting to the speed with which it begins.
-_RUN_UP = 0.5
-# Weight of a first knot that is known to be at rest.
-_AT_REST = 1e3
+"""Largest distance from the logged reference, m. Positions that are truncated to mm are off by up to 1.7 mm."""
+# References are sent at 20 Hz or faster. A value that does not change for longer belongs to a reference at rest.
+_MAX_HOLD = 0.05  # s
+# Weight of the snap, relative to that of the position, where the samples do not determine the path, as in a gap.
+_SNAP_WEIGHT = 1e-9
+# Share of the rest before the log in which the vehicle accelerates to the first velocity of the log.
+_ACCELERATION_SHARE = 0.5
+_REST_WEIGHT = 1e3  # of the derivatives of a first knot that is known to be at rest
 
 
 class LoggedReference(NamedTuple):
-    """The reference of a log as a route.
+    """Reference of a log as a route.
 
     Attributes:
-        route: that is at rest first, and then goes where the log's reference went.
-        start: time in the route of the log's first sample, s.
+        route: route that starts at rest and then follows the reference of the log.
+        start: time in the route of the first sample of the log, s.
         deviation: largest distance of the route from the logged position, m.
     """
 
@@ -39,29 +38,29 @@ class LoggedReference(NamedTuple):
 
 
 def logged_reference(record: FlightRecord, *, rest: float = 0.0, tolerance: float = TOLERANCE) -> LoggedReference:
-    """Returns the reference of a log as a path of degree 7 with a continuous jerk.
+    """Return the reference of a log as a path of degree 7 with continuous jerk.
 
-    The path is the one of least squares through the logged positions and velocities (if any), between knots as wide
-    apart as the tolerance allows. A value that is held for some samples, since it is sent more slowly than it is
-    logged, counts in the middle of them. Yaw is the logged one, or that in which the vehicle flew (median) if there is
-    none.
+    The path is the least-squares fit to the logged positions, and to the velocities if they are logged. Its knots are
+    as far apart as the tolerance allows. If a value is repeated for some samples, because the reference is sent at a
+    lower rate than it is logged, it counts once, in the middle of these samples. Yaw is the logged yaw of the
+    reference, or the median yaw of the vehicle if that is not logged.
 
-    Before it the route is at rest, so that integrators find what they have to hold; a log that begins on its way is
-    run up to.
+    Before the log, the route is at rest, so that the integrators of the controller settle. If the log starts in motion,
+    the route accelerates to the first velocity.
 
     Args:
-        record: of a flight, with the position of the reference.
-        rest: duration of what comes before the first sample, s.
+        record: record of a flight, with the position of the reference.
+        rest: duration of the route before the first sample, s.
         tolerance: largest distance from the logged position, m.
 
     Raises:
-        InputError: no position of the reference is logged, it is on its way at the first sample and there is no
-            time to run up to it, or no smooth path is so near, as where it jumps.
+        InputError: if no reference position is logged, if the reference moves at the first sample and `rest` is 0, or
+            if no smooth path is within the tolerance, because the reference jumps.
     """
     logged = [record.of("reference_position")]
     if record.reference_velocity is not None:
         logged.append(record.reference_velocity)
-    # Where a gap follows, nothing else tells.
+    # If a gap follows the first samples, only their values show that the reference is at rest.
     at_rest = np.array_equal(logged[0][0], logged[0][1]) and not any(values[0].any() for values in logged[1:])
     time, position, *faster = _sent(record.time, logged)
     samples, end = [position, *faster], float(record.time[-1])
@@ -86,38 +85,41 @@ def logged_reference(record: FlightRecord, *, rest: float = 0.0, tolerance: floa
 
 
 def _sent(time: np.ndarray, logged: list[np.ndarray]) -> list[np.ndarray]:
-    """(m,) times and (m, 3) signals in which each value that is held for a short while stands once, in its middle."""
+    """Return times (m,) and signals (m, 3) in which each value that is repeated for at most 50 ms occurs once.
+
+    Its time is the middle of the repetition.
+    """
     first = np.flatnonzero(np.append(True, np.any(np.diff(np.hstack(logged), axis=0) != 0.0, axis=1)))
     last = np.append(first[1:], len(time)) - 1
-    for_long = np.repeat(time[last] - time[first] > _LONGEST_HOLD, last - first + 1)
+    at_standstill = np.repeat(time[last] - time[first] > _MAX_HOLD, last - first + 1)
     run = np.repeat(np.arange(len(first)), last - first + 1)
-    middle = np.where(for_long, time, 0.5 * (time[first] + time[last])[run])
-    kept = for_long | np.isin(np.arange(len(time)), first)
+    middle = np.where(at_standstill, time, 0.5 * (time[first] + time[last])[run])
+    kept = at_standstill | np.isin(np.arange(len(time)), first)
     return [middle[kept], *(values[kept] for values in logged)]
 
 
 def _fitted(
     time: np.ndarray, samples: list[np.ndarray], *, end: float, spacing: float, orders: int, at_rest: bool = False
 ) -> PolynomialPath:
-    """The path from 0 to the end of least squares through the derivatives (n, axes) of order 0, 1, ... at times (n,).
+    """Return the least-squares path to samples of a signal and its derivatives.
 
     Args:
-        time: s.
-        samples: derivatives of each order that is known, in m and s.
-        end: s.
-        spacing: of the knots, at most, s.
-        orders: derivatives that go on through a knot, the position included.
-        at_rest: whether it begins at rest.
+        time: (n,) times of the samples, s.
+        samples: derivatives (n, axes) of order 0, 1, ..., as far as they are known, in SI units.
+        end: end of the path, which starts at 0, s.
+        spacing: largest distance between knots, s.
+        orders: number of derivatives that are continuous at the knots, including order 0.
+        at_rest: whether the path starts at rest.
     """
     count = max(math.ceil(end / spacing), 1)
     knots, h = np.linspace(0.0, end, count + 1), end / count
     segment = np.clip((time / h).astype(int), 0, count - 1)
     s = (time - knots[segment]) / h
-    # What derivatives of the knots before and after a sample, times powers of h, do to it.
+    # Hermite basis: the derivatives at the two knots around a sample, times powers of h, give the polynomial there.
     unit = np.eye(2 * orders).reshape(2 * orders, 2, orders).transpose(1, 2, 0)
     basis = hermite_path(np.array([0.0, 1.0]), unit).coefficients[0]
     rows = [power_basis(order, s, 2 * orders) @ basis * h**-order for order in range(len(samples))]
-    ends = power_basis(orders, np.linspace(0.0, 1.0, orders), 2 * orders) @ basis * np.sqrt(_RIDGE)
+    ends = power_basis(orders, np.linspace(0.0, 1.0, orders), 2 * orders) @ basis * np.sqrt(_SNAP_WEIGHT)
     normal, right = np.zeros(((count + 1) * orders,) * 2), np.zeros(((count + 1) * orders, samples[0].shape[1]))
     for k in range(count):
         place, chosen = slice(k * orders, (k + 2) * orders), segment == k
@@ -127,12 +129,13 @@ def _fitted(
             right[place] += row[chosen].T @ values[chosen]
     if at_rest:
         moving = np.arange(1, orders)
-        normal[moving, moving] += _AT_REST
+        normal[moving, moving] += _REST_WEIGHT
     derivatives = np.linalg.solve(normal, right).reshape(count + 1, orders, -1)
     return hermite_path(knots, derivatives * h ** -np.arange(orders)[:, np.newaxis])
 
 
 def _knots(path: PolynomialPath) -> list[Knot]:
+    """Return the knots of a path with the derivatives of position there."""
     derivatives = [evaluate(path, path.times, order).T.tolist() for order in range(4)]
     return [
         Knot(time=time, position=position, velocity=velocity, acceleration=acceleration, jerk=jerk)
@@ -141,15 +144,14 @@ def _knots(path: PolynomialPath) -> list[Knot]:
 
 
 def _approach(first: Knot, rest: float) -> list[Knot]:
-    """Rest, and then a run-up to the first knot of a path; at rest where that begins so."""
-    run_up = _RUN_UP * rest
-    back = np.array(first.position) - 0.5 * run_up * np.array(first.velocity)
-    place = tuple(back.tolist())
-    return [Knot(time=0.0, position=place), Knot(time=rest - run_up, position=place)]
+    """Return two knots at rest from which the vehicle accelerates to the first knot of a path."""
+    duration = _ACCELERATION_SHARE * rest
+    position = tuple((np.array(first.position) - 0.5 * duration * np.array(first.velocity)).tolist())
+    return [Knot(time=0.0, position=position), Knot(time=rest - duration, position=position)]
 
 
 def _yaw_knots(record: FlightRecord, rest: float) -> tuple[YawKnot, ...]:
-    """The yaw of the reference over the whole route."""
+    """Return the yaw of the reference over the whole route."""
     end = float(record.time[-1]) + rest
     if record.reference_yaw is None:
         flown = 0.0 if record.attitude is None else float(np.median(np.unwrap(record.attitude[:, 2])))

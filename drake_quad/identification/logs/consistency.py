@@ -7,8 +7,8 @@ fault whose repair makes the log agree best is reported. What then agrees is com
 """
 
 import math
-from collections.abc import Iterator, Mapping
-from typing import NamedTuple
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -40,6 +40,8 @@ _MAX_SHIFT = 0.3  # s
 _SHIFTED_AMPLITUDE = 0.1  # SI units; smaller than the threshold of signals whose mean counts
 _MIN_SHIFT = 0.025  # s; filters and radio links of healthy logs shift by up to 20 ms
 _SHIFT_SIGMAS = 4.0
+# Clocks are compared in parts of a log, with shifts up to a limit, where what remains is a small share of the power.
+_CLOCK_PART, _MAX_CLOCK_SHIFT, _MAX_CLOCK_ERROR = 2.0, 0.1, 0.4
 # A command is compared with the signal that follows it later by up to this time, s.
 _MAX_RESPONSE_TIME = 0.5
 # Two signals whose disagreement is at least this large, and which no single fault explains, contradict each other.
@@ -221,19 +223,24 @@ def _integral(values: np.ndarray, steps: np.ndarray | float) -> np.ndarray:
     return np.vstack([np.zeros(values.shape[1]), np.cumsum(areas, axis=0)])
 
 
-def _pairs(grid: _Grid, *, stride: int = 1, changed: Fault | None = None) -> list[_Pair | None]:
+def _pairs(
+    grid: _Grid, *, stride: int = 1, changed: Fault | None = None, only: Callable[..., Any] | None = None
+) -> list[_Pair | None]:
     """Return the pairs of signals that the log has, without the windows that touch a gap.
 
     Args:
         grid: signals of the log.
         stride: number of grid steps between windows.
         changed: only pairs that a fault of a signal changes.
+        only: function of the only pair.
 
     Returns:
         The pairs, and None for those that are not asked for, too short, or without motion.
     """
     found: list[_Pair | None] = []
     for build, needed in _COMPARISONS:
+        if only not in (None, build):
+            continue
         if not all(any(name in grid.signals for name in names) for names in needed):
             continue
         is_changed = changed is None or {name for names in needed for name in names}.intersection(changed.signals)
@@ -417,6 +424,42 @@ def _is_other_frame(pair: _Pair, other: _Pair) -> bool:
     return bool(np.sum(new < old) >= _MIN_BETTER_PARTS and new.sum() < _MAX_FRAME_REMAINDER * old.sum())
 
 
+def clock_shifts(signals: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndarray:
+    """Return by how much body rates lag the derivative of the attitude in parts of two seconds (parts,), s.
+
+    Parts in which the two do not follow each other are left out. If shifts differ, the clocks of the two sensors are
+    not synchronised, as when one of them is received over a radio link.
+
+    Args:
+        signals: (n, columns) values of attitude and body_rates among others, in SI units and the frames of a record.
+        time: (n,) rising times, s.
+    """
+    grid = _on_grid(signals, time)
+    (pair,) = [None] if grid is None else _pairs(grid, only=_attitude_and_rates)
+    if grid is None or pair is None:
+        return np.zeros(0)
+    expected, measured = pair.clipped()
+    most, count = grid.samples(_MAX_CLOCK_SHIFT), grid.samples(_CLOCK_PART)
+    found = []
+    for first in range(most, len(expected) - count - most, count):
+        part = measured[first : first + count]
+        errors = [np.sum((part - expected[first - s : first - s + count]) ** 2) for s in range(-most, most + 1)]
+        lowest = _lowest(np.array(errors))
+        if lowest is not None and min(errors) < _MAX_CLOCK_ERROR * np.sum(part**2):
+            found.append(grid.step * (lowest - most))
+    return np.array(found)
+
+
+def _lowest(errors: np.ndarray) -> float | None:
+    """Return the place of the lowest of some errors, by a parabola through its neighbours; None at an end."""
+    low = int(np.argmin(errors))
+    if not 0 < low < len(errors) - 1:
+        return None
+    before, here, after = errors[low - 1 : low + 2]
+    bend = before - 2.0 * here + after
+    return low + (0.5 * (before - after) / bend if bend > 0.0 else 0.0)
+
+
 def _shift(pair: _Pair, step: float, excited: np.ndarray) -> Iterator[str]:
     """Yield a sentence if one side of a pair lags the other by the same time in all parts of the log."""
     most = round(_MAX_SHIFT / step)
@@ -431,13 +474,10 @@ def _shift(pair: _Pair, step: float, excited: np.ndarray) -> Iterator[str]:
     )
     shifts = []
     for part in np.array_split(errors, _NUM_PARTS, axis=1):
-        total = part.sum(axis=1)
-        low = int(np.argmin(total))
-        if not 0 < low < 2 * most:
+        lowest = _lowest(part.sum(axis=1))
+        if lowest is None:
             return
-        before, here, after = total[low - 1 : low + 2]
-        bend = before - 2.0 * here + after
-        shifts.append(low - most + (0.5 * (before - after) / bend if bend > 0.0 else 0.0))
+        shifts.append(lowest - most)
     mean = step * float(np.mean(shifts))
     error = step * float(np.std(shifts, ddof=1)) / math.sqrt(_NUM_PARTS)
     if abs(mean) > _MIN_SHIFT + _SHIFT_SIGMAS * error:

@@ -1,4 +1,4 @@
-"""What an identification found: numbers with their covariance, what they rest on, and what the log does not tell."""
+"""Estimates of an identification: values, covariance, sources, and reasons for parameters that are not identified."""
 
 import difflib
 import re
@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from drake_quad.errors import InputError, listed, shortened, shown
-from drake_quad.identification.fitting.random_effects import Variation
+from drake_quad.identification.random_effects import Variation
 from drake_quad.scenario.correlation import checked_deviations
 from drake_quad.scenario.limits import LARGEST, LONGEST, SHORTEST, SMALLEST
 from drake_quad.scenario.paths import joined
@@ -18,21 +18,21 @@ from drake_quad.statistics.interval import CONFIDENCE, Interval
 
 
 class Kind(NamedTuple):
-    """What numbers of a kind are.
+    """Unit and range of a parameter.
 
     Attributes:
-        unit: of them; "1" for a ratio.
-        least: that the scenario language allows.
-        most: that it allows.
-        items: of its list; 0 for a single number.
-        whole: whether it counts something.
+        unit: unit; "1" for a ratio.
+        lower: smallest value that the scenario language allows.
+        upper: largest value that it allows.
+        items: number of items of a list; 0 for a single number.
+        integer: whether the parameter is an integer.
     """
 
     unit: str
-    least: float = -LARGEST
-    most: float = LARGEST
+    lower: float = -LARGEST
+    upper: float = LARGEST
     items: int = 0
-    whole: bool = False
+    integer: bool = False
 
 
 def _positive(unit: str, items: int = 0) -> Kind:
@@ -43,10 +43,10 @@ def _not_negative(unit: str, items: int = 0) -> Kind:
     return Kind(unit, 0.0, items=items)
 
 
-_TICKS = Kind("1", 0.0, 50.0, whole=True)
+_TICKS = Kind("1", 0.0, 50.0, integer=True)
 _SHARE = Kind("1", 0.0, 1.0)
 
-# By the path in `vehicle`, or from `autopilot` or `laboratory` on; units and limits are those of the scenario language.
+# Keys are paths inside `vehicle`, or paths that start with `autopilot` or `laboratory`.
 KINDS = {
     "mass": _positive("kg"),
     "inertia": _positive("kg m²", 3),
@@ -84,18 +84,18 @@ KINDS = {
 }
 
 
-def split(name: str) -> tuple[str, int | None]:
-    """The path of a list and the place in it, counted from 0, of the name of a number; no place if it is no item.
+def split_name(name: str) -> tuple[str, int | None]:
+    """Return the path of a parameter, and its place in a list, counted from 0; None if it is a single number.
 
     Raises:
-        InputError: no number of a vehicle or its laboratory is called so.
+        InputError: if no number of a vehicle or its laboratory has this name.
     """
     found = re.fullmatch(r"([\w.]+?)(?:\[(\d)\])?", name)
     path, place = (found[1], found[2]) if found else (name, None)
     if path not in KINDS:
         close = difflib.get_close_matches(path, KINDS, 1)
-        more = f"; did you mean {close[0]}?" if close else f"; allowed are {listed([*KINDS], len(KINDS))}"
-        raise InputError(f"{shown(name)} is no number that can be identified{more}")
+        hint = f"; did you mean {close[0]}?" if close else f"; allowed are {listed([*KINDS], len(KINDS))}"
+        raise InputError(f"{shown(name)} is no number that can be identified{hint}")
     count = KINDS[path].items
     if (place is None) != (count == 0) or (place is not None and int(place) >= count):
         allowed = f"{path}[0] to {path}[{count - 1}]" if count else path
@@ -104,37 +104,38 @@ def split(name: str) -> tuple[str, int | None]:
 
 
 def kind_of(name: str) -> Kind:
-    """What kind a number is of.
+    """Return unit and range of a parameter.
 
     Raises:
-        InputError: no number is called so.
+        InputError: if no parameter has this name.
     """
-    return KINDS[split(name)[0]]
+    path, _ = split_name(name)
+    return KINDS[path]
 
 
 def scenario_path(name: str) -> str:
-    """The path of a number in a scenario: `vehicle.inertia.0` of `inertia[0]`.
+    """Return the path of a parameter in a scenario: `vehicle.inertia.0` for `inertia[0]`.
 
     Raises:
-        InputError: no number is called so.
+        InputError: if no parameter has this name.
     """
-    path, place = split(name)
+    path, place = split_name(name)
     return field_path(path) if place is None else joined(field_path(path), place)
 
 
 def field_path(path: str) -> str:
-    """The path in a scenario of a field of `KINDS`: `laboratory.autopilot.damping` of `autopilot.damping`."""
+    """Return the path in a scenario of a field of `KINDS`: `laboratory.autopilot.damping` for `autopilot.damping`."""
     if path.startswith("laboratory."):
         return path
     return joined("laboratory" if path.startswith("autopilot.") else "vehicle", path)
 
 
 class Source(NamedTuple):
-    """Where an estimate is from.
+    """Source of an estimate.
 
     Attributes:
-        method: of identification, as in "multiple shooting on body rates".
-        log: that it was applied to.
+        method: method of identification, as in "prediction errors of attitude and position".
+        log: name of the log that it was applied to.
     """
 
     method: str
@@ -145,11 +146,11 @@ class Source(NamedTuple):
 
 
 class Explained(NamedTuple):
-    """What a number is good for.
+    """Share of an output that a vehicle explains, for the output that a parameter affects most.
 
     Attributes:
-        share: of the variance of an output that it explains, on flights that were held out, 1.
-        output: which, as in "acceleration along z".
+        share: explained share of the variance of the output in held-out flight, 1.
+        output: name of the output, as in "specific force along z".
     """
 
     share: float
@@ -157,31 +158,32 @@ class Explained(NamedTuple):
 
 
 def quantile(degrees_of_freedom: np.ndarray | float, level: float = CONFIDENCE) -> np.ndarray:
-    """By how many standard deviations an interval reaches to each side, by Student's distribution.
+    """Return half of the length of a confidence interval in standard deviations, by Student's distribution.
 
     Args:
-        degrees_of_freedom: of any shape; with infinitely many the distribution is the normal one.
-        level: of confidence.
+        degrees_of_freedom: degrees of freedom, of any shape; infinite for the normal distribution.
+        level: confidence level.
     """
     return np.asarray(scipy.stats.t.ppf(0.5 * (1.0 + level), degrees_of_freedom))
 
 
 @dataclass(frozen=True, eq=False)
 class Estimates:
-    """Numbers of a vehicle and its laboratory, with a covariance.
+    """Estimated parameters of a vehicle and its laboratory, with their covariance.
 
     Attributes:
-        names: (n,) as in the scenario language, items in brackets: `mass`, `inertia[0]`, `motors.curve[1]`,
+        names: (n,) names as in the scenario language, with places in brackets: `mass`, `inertia[0]`, `motors.curve[1]`,
             `autopilot.damping[2]`, `laboratory.motion_capture.position_noise`; see `KINDS`.
-        values: (n,) in SI units.
-        covariance: (n, n) of the values' errors.
-        degrees_of_freedom: (n,) of Student's distribution of each error; one number stands for all.
-        sources: (n,) what each is from, one or several; a single source stands for all.
-        explained: share of variance, by name, where it is known.
-        not_seen: why the log does not tell a number, a sentence by its name.
-        remarks: further sentences on how the numbers came about.
-        variation: what the numbers vary by from one stretch of flight to the next, beside the errors of their mean;
-            None if it is known of none.
+        values: (n,) values in SI units.
+        covariance: (n, n) covariance of their errors.
+        degrees_of_freedom: (n,) degrees of freedom of Student's distribution of each error, or one number for all.
+        sources: (n,) sources of each estimate, or a single source for all.
+        explained: share of an output that is explained, by the name of the parameter, where it is known.
+        not_identified: reason why the log does not identify a parameter, by its name. The estimate of such a parameter,
+            if there is one, is the value of the data sheet, as far as the log narrows it.
+        remarks: further sentences on the estimates.
+        variation: variation of the parameters from one stretch of flight to the next, in addition to the errors of
+            their means; None if it is unknown.
     """
 
     names: tuple[str, ...]
@@ -190,23 +192,23 @@ class Estimates:
     degrees_of_freedom: np.ndarray | float
     sources: tuple[tuple[Source, ...], ...] | Source
     explained: Mapping[str, Explained] = field(default_factory=dict)
-    not_seen: Mapping[str, str] = field(default_factory=dict)
+    not_identified: Mapping[str, str] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     variation: Variation | None = None
 
     def __post_init__(self) -> None:
-        """Refuses what is no record.
+        """Check the fields, and convert them to arrays with one item per parameter.
 
         Raises:
-            InputError: a name is unknown or there twice, shapes do not fit, a variance is not positive, or degrees of
-                freedom are not.
+            InputError: if a name is unknown or occurs twice, shapes do not agree, a variance is not positive, or the
+                degrees of freedom are not.
         """
         names = tuple(self.names)
-        for name in (*names, *self.explained, *self.not_seen):
-            split(name)
-        twice = next((name for name in names if names.count(name) > 1), None)
-        if twice is not None:
-            raise InputError(f"{shown(twice)} is estimated twice")
+        for name in (*names, *self.explained, *self.not_identified):
+            split_name(name)
+        repeated = next((name for name in names if names.count(name) > 1), None)
+        if repeated is not None:
+            raise InputError(f"{shown(repeated)} is estimated twice")
         values, covariance = np.array(self.values, dtype=float), np.array(self.covariance, dtype=float)
         checked_deviations(names, values, covariance)
         freedom = np.broadcast_to(np.asarray(self.degrees_of_freedom, dtype=float), (len(names),)).copy()
@@ -221,75 +223,80 @@ class Estimates:
             ("covariance", 0.5 * (covariance + covariance.T)),
             ("degrees_of_freedom", freedom),
             ("sources", sources),
-            ("not_seen", {name: why for name, why in self.not_seen.items() if name not in names}),
         ):
             object.__setattr__(self, name, value)
 
     def __str__(self) -> str:
         """Return a line for each parameter with its unit and 95 % interval, and one for each not identified."""
         rows = zip(self.names, self.values, self.intervals(), self.units, strict=True)
-        told = [
+        found = [
             f"{name}: {Interval(value, *ends).text(unit='' if unit == '1' else unit)}"
             for name, value, ends, unit in rows
+            if name not in self.not_identified
         ]
-        return "\n".join([*told, *(f"not told: {name}: {why}" for name, why in self.not_seen.items())])
+        return "\n".join([*found, *(f"not identified: {name}: {why}" for name, why in self.not_identified.items())])
+
+    @property
+    def identified(self) -> tuple[str, ...]:
+        """Names of the parameters that the logs identify."""
+        return tuple(name for name in self.names if name not in self.not_identified)
 
     @property
     def deviations(self) -> np.ndarray:
-        """(n,) standard deviations of the errors."""
+        """Standard deviations (n,) of the errors."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     @property
     def correlation(self) -> np.ndarray:
-        """(n, n) correlations of the errors."""
+        """Correlations (n, n) of the errors."""
         return self.covariance / np.outer(self.deviations, self.deviations)
 
     @property
     def units(self) -> tuple[str, ...]:
-        """(n,) units of the values."""
+        """Units (n,) of the values."""
         return tuple(kind_of(name).unit for name in self.names)
 
     @property
     def variation_known(self) -> np.ndarray:
-        """(n,) True for numbers of which it is known what they vary by."""
+        """Mask (n,) of the parameters whose variation is known."""
         if self.variation is None:
             return np.zeros(len(self.names), dtype=bool)
         return np.isfinite(np.diag(self.variation.covariance))
 
     def quantiles(self, level: float = CONFIDENCE) -> np.ndarray:
-        """(n,) by how many standard deviations an interval reaches to each side, by Student's distribution."""
+        """Return half of the length of each confidence interval (n,) in standard deviations."""
         return quantile(self.degrees_of_freedom, level)
 
     def intervals(self, level: float = CONFIDENCE) -> np.ndarray:
-        """(n, 2) ends of the interval of each value.
+        """Return lower and upper end of the confidence interval of each value, (n, 2).
 
         Args:
-            level: of confidence.
+            level: confidence level.
         """
         reach = self.quantiles(level) * self.deviations
         return np.stack([self.values - reach, self.values + reach], axis=1)
 
     def value(self, name: str) -> float:
-        """The estimate of a number.
+        """Return the estimate of a parameter.
 
         Raises:
-            InputError: there is none.
+            InputError: if it is not estimated.
         """
         if name not in self.names:
-            why = f": {self.not_seen[name]}" if name in self.not_seen else ""
+            why = f": {self.not_identified[name]}" if name in self.not_identified else ""
             raise InputError(f"there is no estimate of {shortened(name)}{why}")
         return float(self.values[self.names.index(name)])
 
     def sources_of(self, place: int) -> tuple[Source, ...]:
-        """What the number at a place among the names is from."""
+        """Return the sources of the estimate at a place among the names."""
         assert not isinstance(self.sources, Source)
         return self.sources[place]
 
     def part(self, names: Sequence[str]) -> "Estimates":
-        """Some of the estimates, in this order.
+        """Return some of the estimates, in this order.
 
         Raises:
-            InputError: one of them is not there.
+            InputError: if one of them is not estimated.
         """
         for name in names:
             self.value(name)
@@ -305,20 +312,21 @@ class Estimates:
             variation=None if self.variation is None else self.variation.part(places),
         )
 
-    def elsewhere(self) -> "Estimates":
-        """The same as another stretch of flight will show it: off by the error of the mean, and by what varies.
+    def for_new_flight(self) -> "Estimates":
+        """Return the estimates with the covariance for another stretch of flight.
 
-        Degrees of freedom of the sum are those of F. E. Satterthwaite (Biometrics Bulletin 2, 1946). Numbers are as
-        they are where it is not known what they vary by.
+        The covariance is the sum of that of the errors and of the variation from stretch to stretch, with the degrees
+        of freedom of F. E. Satterthwaite (Biometrics Bulletin 2, 1946). A parameter of unknown variation keeps its
+        covariance.
         """
         if self.variation is None:
             return self
-        more = np.nan_to_num(self.variation.covariance)
-        own, varied = np.diag(self.covariance), np.diag(more)
-        parts = own**2 / self.degrees_of_freedom + varied**2 / self.variation.degrees_of_freedom
+        variation = np.nan_to_num(self.variation.covariance)
+        own, between = np.diag(self.covariance), np.diag(variation)
+        parts = own**2 / self.degrees_of_freedom + between**2 / self.variation.degrees_of_freedom
         return replace(
             self,
-            covariance=self.covariance + more,
-            degrees_of_freedom=(own + varied) ** 2 / parts,
+            covariance=self.covariance + variation,
+            degrees_of_freedom=(own + between) ** 2 / parts,
             variation=None,
         )

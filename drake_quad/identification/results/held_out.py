@@ -1,52 +1,54 @@
-"""Do intervals hold for flight that was not seen? A tenth of the flights is held out at a time.
+"""Check of confidence intervals on flight that was held out, one tenth at a time.
 
-Nine stretches give the numbers, what the numbers' mean is off by, P, and what they vary by from stretch to stretch, d².
-The tenth alone gives an estimate whose own error has the variance v. It should be within
+Nine stretches give the estimates, the variance P of their errors, and the variance d² between stretches. The tenth
+stretch alone gives an estimate with an error of variance v. It should differ from that of the nine by no more than
 
-    ± t √(P + d² + v)
+    ± t √(P + d² + v),
 
-of that of the nine, t of Student's distribution with eight degrees of freedom: for 95 %, in 9.5 of ten stretches in the
-mean, and at least in nine with a probability of 0.91. Estimates of stretches are one step of Gauss and Newton from the
-fit to all. What is held out is not in P but for the noise that weighs the errors; d² and v also have by how much
-windows within all stretches differ. A stretch that hardly tells a number is drawn to the fit to all, and says little.
+where t is the quantile of Student's distribution with eight degrees of freedom. For 95 % intervals, 9.5 of ten
+stretches are inside on average, and at least nine with a probability of 0.91.
+
+Three approximations limit this check. Estimates of stretches are one Gauss-Newton step from the fit to all windows. The
+variances d² and v contain the scatter of the windows within all stretches. A stretch that hardly determines a parameter
+keeps the value of the fit to all windows.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.identification.fitting.evidence import Evidence
-from drake_quad.identification.fitting.random_effects import STRETCHES, Stretches
+from drake_quad.identification.evidence import Evidence
+from drake_quad.identification.random_effects import NUM_STRETCHES, Stretches
 from drake_quad.identification.results.estimates import quantile
 
 
 class HeldOut(NamedTuple):
-    """What stretches say of a number that were held out, one after another.
+    """Estimates of a parameter from stretches that were held out one after another.
 
     Attributes:
-        off: (B,) estimate of each minus that of the others.
-        reach: (B,) of the interval to each side.
+        errors: (B,) estimate from each stretch minus that from the other stretches.
+        reach: (B,) half of the length of each interval.
     """
 
-    off: np.ndarray
+    errors: np.ndarray
     reach: np.ndarray
 
     @property
     def covered(self) -> int:
-        """In how many stretches the interval holds."""
-        return int(np.sum(np.abs(self.off) <= self.reach))
+        """Number of stretches whose estimate is inside the interval."""
+        return int(np.sum(np.abs(self.errors) <= self.reach))
 
 
 def hold_out(evidence: Evidence) -> dict[str, HeldOut]:
-    """What stretches say that are held out, by the name of each number; empty if windows are too few."""
-    if len(evidence.scores) < STRETCHES:
+    """Return the check for each parameter, by its name; empty if there are too few windows."""
+    if len(evidence.scores) < NUM_STRETCHES:
         return {}
     stretches = Stretches.of(evidence)
-    off, reach = [], []
-    for b in range(STRETCHES):
+    errors, reach = [], []
+    for b in range(NUM_STRETCHES):
         others = stretches.without(b)
-        mean = np.diag(others.mean().covariance)
-        off.append(stretches.estimates[b] - (evidence.values - others.move()))
-        reach.append(quantile(STRETCHES - 2) * np.sqrt(mean + others.between() + stretches.variances[b]))
-    pairs = zip(evidence.names, np.transpose(off), np.transpose(reach), strict=True)
+        mean = np.diag(others.uncertainty().covariance)
+        errors.append(stretches.estimates[b] - (evidence.values + others.step()))
+        reach.append(quantile(NUM_STRETCHES - 2) * np.sqrt(mean + others.variance_between() + stretches.variances[b]))
+    pairs = zip(evidence.names, np.transpose(errors), np.transpose(reach), strict=True)
     return {name: HeldOut(*pair) for name, *pair in pairs}

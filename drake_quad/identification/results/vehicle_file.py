@@ -1,10 +1,14 @@
-"""What was identified as a vehicle of the scenario language: a file that is ready for `extends` and for studies.
+"""File of an identified vehicle in the scenario language, for `extends` and for studies.
 
-It extends the vehicle that the identification began with. `nominal` has the values, as planner and controllers believe
-them; `vehicle` and `laboratory` have the same as numbers, or as normal distributions with the correlation of the
-estimates' errors. They are as wide as what another stretch of flight will show: the error of the mean, and what varies
-from stretch to stretch, where that is known. What Student's distribution makes wider than the normal one is in the
-standard deviations, too: 95 % of what is drawn is within the interval for another stretch.
+The file extends the vehicle that the identification began with. `vehicle` and `laboratory` have the estimates as
+numbers, or as normal distributions with the covariance of the estimates. The distributions are as wide as another
+stretch of flight may show: they contain the error of the mean and, where it is known, the variation from stretch to
+stretch. Their standard deviations also account for Student's distribution, so that 95 % of the samples are within the
+interval for another stretch.
+
+`nominal`, which the planner and the controllers believe, stays as in the base unless the estimates are asked for there,
+too: a controller that flew a log believed its own numbers, and a prediction of its flights must let it do so. Whoever
+designs a controller for the identified vehicle wants the estimates in `nominal`.
 """
 
 import math
@@ -23,7 +27,7 @@ from ruamel.yaml.representer import RoundTripRepresenter
 
 from drake_quad.errors import InputError, shown
 from drake_quad.files import output_folder, write_whole
-from drake_quad.identification.results.estimates import CONFIDENCE, KINDS, Estimates, field_path, kind_of, split
+from drake_quad.identification.results.estimates import CONFIDENCE, KINDS, Estimates, field_path, kind_of, split_name
 from drake_quad.scenario.correlation import correlated_normals
 from drake_quad.scenario.files.library import Library, is_shipped, split_spec
 from drake_quad.scenario.files.loading import load_undesigned
@@ -34,23 +38,18 @@ from drake_quad.statistics.interval import Interval
 from drake_quad.vehicle.motors import ThrustCurve, thrust_of
 from drake_quad.vehicle.rigid_body import inertia_flaw, nearest_rigid
 
-# Characters of a line of comment, and of the file: what an estimate shares stands on one line.
-_COMMENT, _WIDTH = 100, 400
-# Of a positive number, that it is at least: it cannot vanish, and a vehicle that weighs nothing cannot be flown.
-_AT_LEAST = 0.1
-# Standard deviations on each side of a number whose kind needs limits that are far away.
-_FAR = 6.0
-# Decimals of a number beyond the first of its standard deviation.
-_DIGITS = 5
-# Of the rows of a curve's fit, that at hover: there the believed thrust is the measured one to a thousandth.
-_AT_HOVER = 1e3
-_THROTTLES = np.linspace(0.0, 1.0, 101)
-# Of the top speed, above that of full throttle: with it a fifth more thrust, which is more than a curve is off by.
-_ABOVE = 1.1
+_COMMENT_WIDTH = 100  # characters
+_FILE_WIDTH = 400  # characters, so that the coefficients of shared variables are on one line
+_MIN_RATIO = 0.1  # lower limit of a positive parameter, relative to its mean
+_LIMIT_SIGMA = 6.0  # distance of a limit from the mean, in standard deviations, where the language requires a limit
+_NUM_EXTRA_DECIMALS = 5  # decimals beyond the first digit of the standard deviation
+# Limit of the rotor speed, relative to that at full throttle. The limit allows a fifth more thrust, which is more than
+# the error of a thrust curve.
+_SPEED_MARGIN = 1.1
 
 
 class _Entry(NamedTuple):
-    """A value of the file with lines of comment above it."""
+    """Value in the file, and the comment above it."""
 
     value: Any
     comment: str = ""
@@ -63,24 +62,29 @@ def write_vehicle(
     *,
     base: str | Path,
     distributions: bool = True,
+    nominal: bool = False,
     given: Sequence[str] = (),
+    voltage: float | None = None,
 ) -> Path:
-    """Writes what was identified as a vehicle, whole or not at all, and returns the path.
+    """Write an identified vehicle to a file, and return its path.
 
-    What was not estimated is as in `base`, but for what would contradict an estimate: a lag of rotors that slow down
-    beside one that was found for both directions, and drag that is alike from all sides beside drag of the body.
+    The file is written completely or not at all. Fields without an estimate are as in `base`, except those that would
+    contradict an estimate: a separate lag of rotors that slow down, if one lag was found for both directions, and
+    `linear_drag` and `quadratic_drag` in addition to `body_drag`.
 
     Args:
-        path: of the file, `.yaml` or `.yml`; its folder is made if need be.
-        name: of the scenario in it.
-        estimates: at least one.
-        base: FILE or FILE:NAME of the vehicle that it extends, or a shipped one.
-        distributions: whether `vehicle` and `laboratory` have distributions, for studies; else they have numbers.
-        given: what was set beside the base, such as a mass that was weighed: `nominal.mass=0.03`, values in YAML.
+        path: path of the file, `.yaml` or `.yml`; its folder is created if needed.
+        name: name of the scenario in the file.
+        estimates: at least one estimate.
+        base: FILE or FILE:NAME of the vehicle that the file extends, or a shipped one.
+        distributions: True to write distributions to `vehicle` and `laboratory`, False to write numbers.
+        nominal: True to write the estimates to `nominal` as well, which planner and controllers believe.
+        given: overrides of the base, such as a weighed mass, `nominal.mass=0.03`, with values in YAML.
+        voltage: voltage of the battery for which an identified thrust curve holds, V; None if it is unknown.
 
     Raises:
-        InputError: a name or a path is wrong, the base cannot be loaded, estimates lack what they need beside them, or
-            their vehicle cannot fly.
+        InputError: if a name or a path is wrong, the base cannot be loaded, an estimate needs others that are missing,
+            or the vehicle cannot fly.
     """
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(f"{shown(str(path))} must end in .yaml or .yml")
@@ -90,7 +94,8 @@ def write_vehicle(
         raise InputError("there is no estimate to write")
     believed = load_undesigned(base, given)
     folder = output_folder(path.parent)
-    scenario = {"extends": _Entry(_relative(base, folder)), **_fields(name, estimates, believed, distributions, given)}
+    fields = _fields(name, estimates, believed, distributions, nominal, given, voltage)
+    scenario = {"extends": _Entry(_relative(base, folder)), **fields}
     document = CommentedMap({name: _commented(scenario, 2)})
     document.yaml_set_start_comment(_wrapped(_introduction(estimates, distributions)))
 
@@ -107,7 +112,7 @@ def write_vehicle(
 
 
 def _relative(base: str | Path, folder: Path) -> str:
-    """The base as the file names it: from its own folder on."""
+    """Return the base as a path relative to the folder of the file, or as the name of a shipped scenario."""
     if is_shipped(str(base)):
         file = str(base).partition(":")[0]
         return f"{file}:{Library().find(str(base))[0]}"
@@ -120,37 +125,43 @@ def _relative(base: str | Path, folder: Path) -> str:
 
 
 def _fields(
-    name: str, estimates: Estimates, base: Scenario, distributions: bool, given: Sequence[str]
+    name: str,
+    estimates: Estimates,
+    base: Scenario,
+    distributions: bool,
+    nominal: bool,
+    given: Sequence[str],
+    voltage: float | None,
 ) -> dict[str, Any]:
     """Return the mappings of the scenario, with an entry at each leaf."""
     prefix = re.sub(r"\W", "_", name, flags=re.ASCII)[:50]
     written = _values(estimates, f"v_{prefix}" if prefix[0].isdecimal() else prefix, distributions)
     comments = {each: _comment(estimates, each, written[each]) for each in estimates.names}
     tree: dict[str, Any] = {"nominal": {}, "vehicle": {}, "laboratory": {}, "control": {}}
-    for path in dict.fromkeys(split(each)[0] for each in estimates.names):
-        whole = {each: _Entry(written[each], comments[each]) for each in estimates.names if split(each)[0] == path}
+    for path in dict.fromkeys(split_name(each)[0] for each in estimates.names):
+        whole = {each: _Entry(written[each], comments[each]) for each in estimates.names if split_name(each)[0] == path}
         value = _rigid(path, _listed(path, whole, base)) if KINDS[path].items else whole[path]
         *steps, last = field_path(path).split(".")
         node = tree
         for step in steps:
             node = node.setdefault(step, {})
         node[last] = value
-        if path in Nominal.model_fields:
+        if nominal and path in Nominal.model_fields:
             believed = _believed(path, estimates, base)
             tree["nominal"][path] = _rigid(path, believed) if isinstance(believed, list) else believed
     for assignment in given:
         _put(tree, assignment)
-    _with_motors(tree, base)
+    _with_motors(tree, base, nominal, voltage)
     _with_response(tree, base)
     _without_contradictions(tree["vehicle"])
     return {field: value for field, value in tree.items() if value}
 
 
 def _put(tree: dict[str, Any], assignment: str) -> None:
-    """Puts what was given in its place, unless an estimate is there.
+    """Add an override to the fields, unless there is an estimate.
 
     Raises:
-        InputError: it is no whole field of the vehicle, its laboratory or its control.
+        InputError: if it does not set a whole field of the vehicle, its laboratory or its control.
     """
     path, _, value = assignment.partition("=")
     top, *steps = path.strip().split(".")
@@ -167,16 +178,16 @@ def _put(tree: dict[str, Any], assignment: str) -> None:
 
 
 def _values(estimates: Estimates, prefix: str, distributions: bool) -> dict[str, Any]:
-    """What is written for each estimate: a number, or a distribution within the limits of its kind."""
+    """Return the number, or the distribution with the limits that the language requires, for each estimate."""
     numbers = {
         name: _number(name, _rounded(value, deviation))
         for name, value, deviation in zip(estimates.names, estimates.values, estimates.deviations, strict=True)
     }
-    drawn = [name for name in estimates.names if not kind_of(name).whole]
+    drawn = [name for name in estimates.names if not kind_of(name).integer]
     if not (distributions and drawn):
         return numbers
-    part = estimates.elsewhere().part(drawn)
-    # So that the normal distribution has the interval of Student's.
+    part = estimates.for_new_flight().part(drawn)
+    # The normal distribution gets the 95 % interval of Student's distribution.
     wider = part.quantiles() / scipy.stats.norm.ppf(0.5 * (1.0 + CONFIDENCE))
     covariance = part.covariance * np.outer(wider, wider)
     for name, each in correlated_normals(drawn, part.values, covariance, prefix=prefix).items():
@@ -189,40 +200,40 @@ def _values(estimates: Estimates, prefix: str, distributions: bool) -> dict[str,
 
 
 def _rounded(value: float, deviation: float) -> float:
-    """A number to the decimals that its deviation leaves."""
-    return round(float(value), _DIGITS - math.floor(math.log10(deviation)))
+    """Return a number with the decimals that its standard deviation justifies."""
+    return round(float(value), _NUM_EXTRA_DECIMALS - math.floor(math.log10(deviation)))
 
 
 def _number(name: str, value: float) -> Any:
-    """An estimate as a number that its kind allows.
+    """Return an estimate as a number that the language allows.
 
     Raises:
-        InputError: it must be positive, and is not.
+        InputError: if it must be positive, and is not.
     """
     kind = kind_of(name)
-    if kind.least > 0.0 >= value:
+    if kind.lower > 0.0 >= value:
         raise InputError(
-            f"the estimate of {name}, {value:.4g} {kind.unit}, must be larger than 0; one that is not belongs to what"
-            " the log does not tell"
+            f"the estimate of {name}, {value:.4g} {kind.unit}, must be larger than 0; list such a parameter as not"
+            " identified"
         )
-    value = min(max(value, kind.least), kind.most)
-    return round(value) if kind.whole else value
+    value = min(max(value, kind.lower), kind.upper)
+    return round(value) if kind.integer else value
 
 
 def _limits(name: str, mean: float, deviation: float) -> dict[str, float]:
-    """The limits of a distribution that its kind needs, none but these."""
+    """Return the limits of a distribution that the language requires."""
     kind = kind_of(name)
     limits: dict[str, float] = {}
-    if kind.least > 0.0:
-        limits["min"] = max(kind.least, float(f"{_AT_LEAST * mean:.4g}"))
-    elif kind.least == 0.0:
+    if kind.lower > 0.0:
+        limits["min"] = max(kind.lower, float(f"{_MIN_RATIO * mean:.4g}"))
+    elif kind.lower == 0.0:
         limits["min"] = 0.0
-    elif kind.least > -LARGEST:
-        limits["min"] = max(kind.least, float(f"{mean - _FAR * deviation:.4g}"))
+    elif kind.lower > -LARGEST:
+        limits["min"] = max(kind.lower, float(f"{mean - _LIMIT_SIGMA * deviation:.4g}"))
     if name.startswith("rotor_time_constant"):
-        limits["max"] = min(kind.most, float(f"{mean + _FAR * deviation:.4g}"))
-    elif kind.most <= 1.0:
-        limits["max"] = kind.most
+        limits["max"] = min(kind.upper, float(f"{mean + _LIMIT_SIGMA * deviation:.4g}"))
+    elif kind.upper <= 1.0:
+        limits["max"] = kind.upper
     return limits
 
 
@@ -231,29 +242,31 @@ def _comment(estimates: Estimates, name: str, written: Any) -> str:
     place = estimates.names.index(name)
     unit = "" if kind_of(name).unit == "1" else kind_of(name).unit
     value = float(estimates.values[place])
-    own, elsewhere = (
-        Interval(value, *each.intervals()[place]).text(unit=unit) for each in (estimates, estimates.elsewhere())
+    own, new_flight = (
+        Interval(value, *each.intervals()[place]).text(unit=unit) for each in (estimates, estimates.for_new_flight())
     )
+    if name in estimates.not_identified:
+        return f"not identified, {own}: as in what this extends, as far as the log narrows it"
     parts = [f"{own} with 95 % confidence"]
     if estimates.variation is not None and estimates.variation.covariance[place, place] > 0.0:
-        parts.append(f"{elsewhere} in another {estimates.variation.seconds:.2g} s of flight")
+        parts.append(f"{new_flight} in another {estimates.variation.duration:.2g} s of flight")
     if name in estimates.explained:
         share, output = estimates.explained[name]
         parts.append(f"explains {100.0 * share:.3g} % of the variance of {output}")
     parts.append(" and ".join(map(str, estimates.sources_of(place))))
     mean = written["normal"]["mean"] if isinstance(written, dict) else written
-    if kind_of(name).whole:
+    if kind_of(name).integer:
         parts.append("written as a whole number")
     elif abs(mean - value) > estimates.deviations[place]:
-        parts.append("beyond the limit of what there is, which is written")
+        parts.append("the estimate is outside the limits of the language, and the limit is written")
     return "; ".join(parts)
 
 
 def _listed(path: str, whole: Mapping[str, _Entry], base: Scenario) -> list[_Entry]:
-    """All items of a list, what was not estimated as in the base.
+    """Return all items of a list; items that are not estimated are those of the base.
 
     Raises:
-        InputError: the base has no such list.
+        InputError: if the base has no such list.
     """
     items = []
     for place in range(KINDS[path].items):
@@ -263,10 +276,10 @@ def _listed(path: str, whole: Mapping[str, _Entry], base: Scenario) -> list[_Ent
 
 
 def _of_base(base: Scenario, path: str, place: int) -> Any:
-    """An item of a list as the base has it, in YAML.
+    """Return an item of a list of the base, as YAML.
 
     Raises:
-        InputError: it has none, and a default would be an invention.
+        InputError: if the base has no such list.
     """
     holder, _, field = field_path(path).rpartition(".")
     owner = value_at(base, holder)
@@ -282,7 +295,7 @@ def _of_base(base: Scenario, path: str, place: int) -> Any:
 
 
 def _believed(path: str, estimates: Estimates, base: Scenario) -> Any:
-    """The same for `nominal`: numbers, whatever the vehicle has."""
+    """Return the estimates of a field as numbers for `nominal`."""
 
     def number(name: str) -> float:
         place = estimates.names.index(name)
@@ -319,26 +332,29 @@ def _moved(value: Any, step: float) -> Any:
     return _significant(value + step)
 
 
-def _with_motors(tree: dict[str, Any], base: Scenario) -> None:
-    """Throttles, where their curve was estimated: as measured in the vehicle, and in `nominal` so that it rises."""
+def _with_motors(tree: dict[str, Any], base: Scenario, nominal: bool, voltage: float | None) -> None:
+    """Complete the motors, if their thrust curve was estimated, and raise speed limits that would cut it off.
+
+    `nominal` gets the curve if it is asked for, or if the base has no throttle motors that could be believed.
+    """
     if "motors" not in tree["vehicle"]:
         return
     curve = tree["vehicle"]["motors"]["curve"]
     numbers = [_median(entry.value) for entry in curve]
     tree["vehicle"]["motors"] = {"kind": _Entry("throttle"), "curve": curve}
-    factor = tree["nominal"].get("thrust_factor", _Entry(base.nominal.thrust_factor)).value
-    mass = tree["nominal"].get("mass", _Entry(base.nominal.mass)).value
-    rising = rising_curve(ThrustCurve(*numbers), hover_thrust=0.25 * mass * base.nominal.gravity)
-    same = np.allclose(rising, numbers, rtol=1e-6, atol=1e-6 * max(map(abs, numbers)))
-    comment = "" if same else "a curve that the autopilot can invert: it rises, and is the measured one at hover"
-    believed = numbers if same else [_significant(each) for each in rising]
-    tree["nominal"]["motors"] = {"kind": _Entry("throttle"), "curve": [_Entry(each) for each in believed]}
-    tree["nominal"]["motors"]["curve"][0] = _Entry(believed[0], comment)
-    top = math.sqrt(max(0.0, float(thrust_of(1.0, ThrustCurve(*numbers)))) / factor)
-    if base.nominal.max_rotor_speed < _ABOVE * top:
-        why = "above that of full throttle by the measured curve, which a lower one would cut off"
-        for part in ("nominal", "vehicle"):
-            tree[part]["max_rotor_speed"] = _Entry(float(f"{_ABOVE * top:.4g}"), why)
+    if voltage is not None:
+        tree["vehicle"]["motors"]["voltage"] = _Entry(float(f"{voltage:.5g}"))
+    parts = ["vehicle"]
+    if nominal or not base.nominal.motors.take_throttles:
+        parts.append("nominal")
+        tree["nominal"]["motors"] = {"kind": _Entry("throttle"), "curve": [_Entry(each) for each in numbers]}
+    full = max(0.0, float(thrust_of(1.0, ThrustCurve(*numbers))))
+    top = _SPEED_MARGIN * math.sqrt(full / base.nominal.thrust_factor)
+    for part in parts:
+        limit = getattr(base, part).max_rotor_speed
+        if isinstance(limit, float) and limit < top:
+            why = "higher than at full throttle, so that it does not limit the thrust curve"
+            tree[part]["max_rotor_speed"] = _Entry(float(f"{top:.4g}"), why)
 
 
 def _significant(number: float) -> float:
@@ -349,29 +365,12 @@ def _median(value: Any) -> float:
     return float(value["normal"]["mean"] if isinstance(value, dict) else value)
 
 
-def rising_curve(curve: ThrustCurve, *, hover_thrust: float) -> ThrustCurve:
-    """The curve next to a measured one that rises over all throttles and is never negative.
-
-    Least squares over throttles from 0 to 1 on 1, u - u²/2 and u²/2, whose factors K0, K1 and K1 + 2 K2 must not be
-    negative; the measured curve's throttle of hover counts so much that the thrust there is the same.
-
-    Args:
-        curve: as measured.
-        hover_thrust: of a rotor, N.
-    """
-    evenly: Any = _THROTTLES
-    measured = np.asarray(thrust_of(evenly, curve))
-    hover = _THROTTLES[int(np.argmin(np.abs(measured - hover_thrust)))]
-    throttles: Any = np.append(_THROTTLES, hover)
-    weights = np.append(np.ones(len(_THROTTLES)), _AT_HOVER)
-    thrusts = np.asarray(thrust_of(throttles, curve))
-    basis = np.stack([np.ones(len(throttles)), throttles - 0.5 * throttles**2, 0.5 * throttles**2], axis=1)
-    k_0, slope, end_slope = scipy.optimize.nnls(weights[:, None] * basis, weights * thrusts)[0]
-    return ThrustCurve(float(k_0), float(slope), float(0.5 * (end_slope - slope)))
-
-
 def _with_response(tree: dict[str, Any], base: Scenario) -> None:
-    """What a response of the attitude needs beside it, where the base has none."""
+    """Complete the autopilot and the control, if an attitude response was estimated and the base has none.
+
+    Raises:
+        InputError: if only one of natural frequency and damping is estimated.
+    """
     autopilot = tree["laboratory"].get("autopilot", {})
     responds = "natural_frequency" in autopilot or "damping" in autopilot
     if not responds or base.laboratory.autopilot.models_vehicle:
@@ -387,7 +386,7 @@ def _with_response(tree: dict[str, Any], base: Scenario) -> None:
 
 
 def _without_contradictions(vehicle: dict[str, Any]) -> None:
-    """Switches off what is in an estimate already, whatever lies beneath."""
+    """Switch off the effects of the base that an estimate already includes."""
     if "rotor_time_constant" in vehicle and "rotor_time_constant_down" not in vehicle:
         vehicle["rotor_time_constant_down"] = _Entry(None, "one lag was found for both directions")
     if "body_drag" in vehicle:
@@ -396,7 +395,7 @@ def _without_contradictions(vehicle: dict[str, Any]) -> None:
 
 
 def _introduction(estimates: Estimates, distributions: bool) -> list[str]:
-    """The comment at the top, a paragraph an item."""
+    """Return the paragraphs of the comment at the top of the file."""
     logs = dict.fromkeys(source.log for i in range(len(estimates.names)) for source in estimates.sources_of(i))
     drawn = ""
     if distributions:
@@ -408,17 +407,17 @@ def _introduction(estimates: Estimates, distributions: bool) -> list[str]:
             f" A distribution has what the flights say of a number{among}{but}. Fields that share a variable are"
             " correlated."
         )
-    unseen = [f"{name} is as in what this extends: {why}" for name, why in estimates.not_seen.items()]
+    unseen = [f"{name} is not identified: {why}" for name, why in estimates.not_identified.items()]
     return [f"Identified from {', '.join(logs)}.{drawn}", *estimates.remarks, *unseen]
 
 
-def _wrapped(paragraphs: list[str], width: int = _COMMENT) -> str:
+def _wrapped(paragraphs: list[str], width: int = _COMMENT_WIDTH) -> str:
     lines: Iterator[str] = (line for text in paragraphs for line in textwrap.wrap(text, width, break_long_words=False))
     return "\n".join(lines)
 
 
 def _commented(node: Any, indent: int) -> Any:
-    """Mappings and lists of entries in YAML with comments."""
+    """Return mappings and lists of entries as YAML with comments."""
     if isinstance(node, _Entry):
         return _block(node.value)
     if isinstance(node, dict):
@@ -441,7 +440,7 @@ def _with_comments(container: Any, items: Any, indent: int) -> Any:
 
 
 def _block(value: Any) -> Any:
-    """A number, or a distribution whose innermost mapping is on one line."""
+    """Return a number, or a distribution whose innermost mapping is on one line."""
     if not isinstance(value, dict):
         return value
     mapping = CommentedMap({key: _block(each) for key, each in value.items()})
@@ -451,7 +450,7 @@ def _block(value: Any) -> Any:
 
 
 class _Representer(RoundTripRepresenter):
-    """Says `null` where a field is switched off."""
+    """Representer that writes `null` for a field that is switched off."""
 
     def represent_none(self, data: None) -> Any:
         return self.represent_scalar("tag:yaml.org,2002:null", "null")
@@ -463,6 +462,6 @@ _Representer.add_representer(type(None), _Representer.represent_none)
 def _yaml() -> YAML:
     yaml = YAML()
     yaml.Representer = _Representer
-    yaml.width = _WIDTH
+    yaml.width = _FILE_WIDTH
     yaml.indent(mapping=2, sequence=4, offset=2)
     return yaml

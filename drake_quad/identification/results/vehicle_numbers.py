@@ -1,25 +1,24 @@
-"""Scenarios with other numbers: estimates put in, effects switched on that estimates speak of."""
+"""Scenarios with other values of parameters, and with the effects to which the parameters belong."""
 
 from collections.abc import Mapping
 
 import numpy as np
 
-from drake_quad.identification.results.estimates import Estimates, scenario_path
+from drake_quad.identification.results.estimates import scenario_path
 from drake_quad.scenario.effects.effect import EFFECTS
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.motors import ThrottleMotors
 from drake_quad.scenario.paths import leaves, replaced
 
-# Of the top speed, beyond which throttles do not bring rotors.
-_AMPLE = 2.0
+_SPEED_FACTOR = 2.0  # of the largest rotor speed, so that it does not limit a thrust curve that turns out to be higher
 
 
 def with_effects(scenario: Scenario, names: tuple[str, ...]) -> Scenario:
-    """The scenario with all effects switched on that numbers of these names belong to, at zero.
+    """Return the scenario with the effects to which parameters belong, with zero coefficients if they were absent.
 
     Args:
-        scenario: with numbers.
-        names: as in `Estimates`.
+        scenario: scenario without distributions.
+        names: names of the parameters as in `Estimates`.
     """
     vehicle = scenario.vehicle
     wanted = {
@@ -30,36 +29,31 @@ def with_effects(scenario: Scenario, names: tuple[str, ...]) -> Scenario:
 
 
 def with_throttles(scenario: Scenario) -> Scenario:
-    """The scenario with a vehicle that takes throttles; one that takes speeds gets a curve up to its full thrust.
+    """Return the scenario with a vehicle that takes throttles.
 
-    Its rotors may turn twice as fast as before, so that no limit bends a curve that turns out to be higher.
+    A vehicle that takes rotor speeds gets a thrust curve up to its full thrust, and a larger limit of the rotor speed.
 
     Args:
-        scenario: with numbers.
+        scenario: scenario without distributions.
     """
     vehicle = scenario.vehicle
     if vehicle.motors.take_throttles:
         return scenario
     full = vehicle.thrust_factor * vehicle.max_rotor_speed**2
     motors = ThrottleMotors(kind="throttle", curve=(0.0, 0.0, full))
-    changes = {"motors": motors, "min_rotor_speed": 0.0, "max_rotor_speed": _AMPLE * vehicle.max_rotor_speed}
+    changes = {"motors": motors, "min_rotor_speed": 0.0, "max_rotor_speed": _SPEED_FACTOR * vehicle.max_rotor_speed}
     return scenario.model_copy(update={"vehicle": vehicle.model_copy(update=changes)})
 
 
 def with_numbers(scenario: Scenario, numbers: Mapping[str, float]) -> Scenario:
-    """The scenario with these numbers, by name as in `Estimates`; effects that they belong to are switched on."""
+    """Return the scenario with values of parameters, by their names in `Estimates`, and with their effects."""
     own = with_effects(scenario, tuple(numbers))
     values = {scenario_path(name): value for name, value in numbers.items()}
     found: Scenario = replaced(own, lambda path, old: values.get(path, old))
     return found
 
 
-def with_estimates(scenario: Scenario, estimates: Estimates) -> Scenario:
-    """The scenario with the values of estimates."""
-    return with_numbers(scenario, dict(zip(estimates.names, map(float, estimates.values), strict=True)))
-
-
 def number_of(scenario: Scenario, name: str) -> float:
-    """A number of a scenario, by its name as in `Estimates`; 0 of an effect that is switched off."""
+    """Return a parameter of a scenario, by its name in `Estimates`; 0 if its effect is absent."""
     found = dict(leaves(with_effects(scenario, (name,)))).get(scenario_path(name), np.nan)
     return float(found)

@@ -1,10 +1,10 @@
-"""Windows of flight records: where a vehicle is in the air, without gaps, taken apart into stretches of equal length.
+"""Division of flight records into windows of equal length in which the vehicle is airborne.
 
-A predictor runs in each window from some time before it, in which it forgets where it began, and rotors follow their
-commands from longer before:
+A predictor starts some time before each window, in which it forgets its initial state. The rotors follow their commands
+for a further time before that:
 
-    |- rotors follow -|- the predictor settles -|- what is predicted counts -|
-    start - settle - warm-up   start - settle     start                        start + length
+    |- rotors follow -|- the predictor settles -|- predictions count -|
+    start - settle - warm-up   start - settle   start                 start + length
 """
 
 from collections.abc import Sequence
@@ -17,41 +17,37 @@ from drake_quad.errors import InputError, shown
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.logs.units import QUANTITIES
 
-# Steps of the clock beyond so many medians are gaps.
+# Steps of the clock that are longer than this, relative to the median step, are gaps.
 _GAP = 3.0
-# Of the specific force beyond which something was hit, m/s²; a vehicle's rotors give two to three times its weight at
-# most along z, and hardly anything across it.
+# Specific force of a collision, m/s². Rotors give at most two to three times the weight along z, and little across it.
 _COLLISION = 2.0 * 9.81
-# What is left out before a collision and after a gap that ends a landing, s: a vehicle on its way into a crash, and
-# rotors in the wash of the ground.
+# Time that is excluded around unusable samples, s: the vehicle may be about to crash, or in ground effect.
 _MARGIN = 1.0
 # Largest pitch of usable samples, rad. At 75° the noise of roll and yaw is four times that in level flight.
 _MAX_PITCH = np.radians(75.0)
-# Of the median command of the flight, below which rotors do not carry.
-_IDLE = 0.5
-# Of the median period, by which that of a log of the same rate is another at most.
-_ODD = 0.1
+_IDLE = 0.5  # of the median command; the rotors do not carry the vehicle with less
+_PERIOD_TOLERANCE = 0.1  # relative difference of the periods of logs of the same rate
 
 
 class LogWindow(NamedTuple):
-    """A stretch of a record.
+    """Window of a record.
 
     Attributes:
-        record: which, by its place among the records.
-        start: sample at which predictions begin to count.
+        record: place of the record among the records.
+        start: number of the first sample whose prediction counts.
     """
 
     record: int
     start: int
 
 
-class Cut(NamedTuple):
-    """How records are cut into windows, in samples.
+class WindowSizes(NamedTuple):
+    """Sizes of windows, in samples.
 
     Attributes:
-        length: of what counts.
-        settle: before it, in which the predictor settles.
-        warm_up: before that, in which rotors follow their commands.
+        length: number of samples whose prediction counts.
+        settle: number of samples before them in which the predictor settles.
+        warm_up: number of samples before those in which the rotors follow their commands.
     """
 
     length: int
@@ -60,13 +56,13 @@ class Cut(NamedTuple):
 
 
 def common_period(records: Sequence[FlightRecord]) -> float:
-    """The time between samples of logs of one rate, s.
+    """Return the time between the samples of logs of the same rate, s.
 
     Raises:
-        InputError: the logs are of different rates.
+        InputError: if the logs have different rates.
     """
     period = float(np.median([record.period for record in records]))
-    odd = next((record for record in records if abs(record.period / period - 1.0) > _ODD), None)
+    odd = next((record for record in records if abs(record.period / period - 1.0) > _PERIOD_TOLERANCE), None)
     if odd is not None:
         raise InputError(
             f"the log {shown(odd.name)} has {1.0 / odd.period:.0f} samples a second, and others {1.0 / period:.0f};"
@@ -76,7 +72,7 @@ def common_period(records: Sequence[FlightRecord]) -> float:
 
 
 def pieces(record: FlightRecord) -> np.ndarray:
-    """(n,) number of the piece that each sample is in; a new one begins after each gap."""
+    """Return the number (n,) of the piece of each sample. A new piece starts after each gap."""
     steps = np.diff(record.time)
     return np.concatenate([[0], np.cumsum(steps > _GAP * np.median(steps))])
 
@@ -166,7 +162,7 @@ def _steep(record: FlightRecord) -> np.ndarray:
 
 
 def _near(found: np.ndarray, samples: int) -> np.ndarray:
-    """(n,) True within so many samples of those that are found."""
+    """Return a mask (n,) of the samples within a number of samples of those in a mask."""
     total = np.concatenate([[0], np.cumsum(found)])
     index = np.arange(len(found))
     return np.asarray(
@@ -174,13 +170,13 @@ def _near(found: np.ndarray, samples: int) -> np.ndarray:
     )
 
 
-def cut(records: Sequence[FlightRecord], flying: Sequence[np.ndarray], sizes: Cut) -> list[LogWindow]:
-    """Cuts records into windows, one after another.
+def cut(records: Sequence[FlightRecord], flying: Sequence[np.ndarray], sizes: WindowSizes) -> list[LogWindow]:
+    """Divide records into consecutive windows.
 
     Args:
-        records: that are cut.
-        flying: (n,) of each record, True for samples that may be used.
-        sizes: of the windows.
+        records: records of flights.
+        flying: (n,) mask of the usable samples of each record.
+        sizes: sizes of the windows.
     """
     found = []
     for number, (record, usable) in enumerate(zip(records, flying, strict=True)):
@@ -193,7 +189,7 @@ def cut(records: Sequence[FlightRecord], flying: Sequence[np.ndarray], sizes: Cu
                 found.append(LogWindow(number, start))
                 start += sizes.length
             else:
-                # The next place at which a window can begin at the earliest.
+                # The next window can start only after the last unusable sample or gap.
                 bad = np.flatnonzero(~usable[first : last + 1] | (piece[first : last + 1] != piece[last]))
                 start = first + int(bad[-1]) + 1 + sizes.settle
     return found
@@ -205,6 +201,6 @@ def within_half_a_turn(angles: np.ndarray) -> np.ndarray:
 
 
 def held_out(flying: np.ndarray, share: float) -> np.ndarray:
-    """(n,) True for the last samples in the air, of which there is this share."""
+    """Return a mask (n,) of the last airborne samples, which are a share of all airborne samples."""
     total = np.cumsum(flying)
     return np.asarray(flying & (total > (1.0 - share) * total[-1]), dtype=bool)

@@ -5,18 +5,19 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import scipy
 
 from drake_quad import load_scenario
-from drake_quad.identification.fitting import prediction_error
-from drake_quad.identification.fitting import predictor as predicting
-from drake_quad.identification.fitting.flown_model import BODY, PUSH
-from drake_quad.identification.fitting.flown_model import FlownVehicle as Model
-from drake_quad.identification.fitting.predictor import FORCE, Output, PredictionNoise, Predictor
-from drake_quad.identification.fitting.windows import Cut, LogWindow
+from drake_quad.identification import fit as fitting
+from drake_quad.identification import prediction_errors
 from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.model import NUM_BODY, NUM_DISTURBANCE, STATE_ROWS, LogModel
+from drake_quad.identification.parameters import Parameter
+from drake_quad.identification.prediction_errors import FORCE, Output, PredictionNoise, Predictor
+from drake_quad.identification.windows import LogWindow, WindowSizes
 
 PERIOD = 0.01
-SIZES = Cut(length=20, settle=10, warm_up=5)
+SIZES = WindowSizes(length=20, settle=10, warm_up=5)
 POSE = [Output(signal, column) for signal in ("position", "attitude") for column in range(3)]
 IMU = [Output(signal, column) for signal in ("body_rates", FORCE) for column in range(3)]
 
@@ -50,8 +51,8 @@ def log(scenario):
 def made(
     scenario, log, outputs=POSE, windows=(LogWindow(0, 30), LogWindow(0, 50), LogWindow(0, 90)), sizes=SIZES, **options
 ):
-    vehicle = Model(scenario.vehicle, [("mass",), ("linear_drag",)], "rotor_speed_command", kind="world")
-    return Predictor(vehicle, [log], windows, sizes, outputs, **options)
+    model = LogModel(scenario, ["mass", "linear_drag"])
+    return Predictor(model, [log], windows, sizes, outputs, **options)
 
 
 @pytest.fixture
@@ -72,7 +73,7 @@ def test_a_measurement_corrects_as_a_kalman_filter_does():
     random = np.random.default_rng(0)
     root, output = random.normal(size=(3, 5, 5)), random.normal(size=(3, 2, 5))
     covariance, variances = root @ root.swapaxes(1, 2), np.diag([0.3, 0.7])
-    found = predicting._updated(covariance, output, variances)
+    found = prediction_errors._update(covariance, output, variances)
     for P, H, *update in zip(covariance, output, *found, strict=True):
         S = H @ P @ H.T + variances
         K = P @ H.T @ np.linalg.inv(S)
@@ -85,21 +86,34 @@ def test_a_measurement_corrects_as_a_kalman_filter_does():
 
 
 def test_a_disturbance_keeps_its_variance_while_it_forgets(scenario, log):
-    """It fades by exp(-Δ/T) between two measurements, and the added noise restores its variance."""
+    """It decays by exp(-Δ/T) between two measurements, and the added noise restores its variance."""
     noise = noise_of(POSE)
     for split in (1, 2):
         predictor = made(scenario, log, split=split)
         assert predictor.period == pytest.approx(PERIOD)
-        pushes = predictor.pushes(noise)
-        np.testing.assert_array_equal(pushes[:BODY], 0.0)
+        added = predictor.process_noise(noise)
+        np.testing.assert_array_equal(added[:NUM_BODY], 0.0)
+        forgetting = added[NUM_BODY : NUM_BODY + 6]
         faded = np.exp(-2.0 * PERIOD / noise.memory) * noise.disturbance**2
-        np.testing.assert_allclose(faded + pushes[BODY:], noise.disturbance**2)
+        np.testing.assert_allclose(faded + forgetting, noise.disturbance**2)
+        # The constant part of the horizontal force stays as it is.
+        np.testing.assert_array_equal(added[NUM_BODY + 6 :], [0.0, 0.0])
+
+
+@pytest.mark.parametrize("duration", [0.05, 0.5, 5.0])
+def test_the_mean_of_a_force_has_the_variance_of_its_mean_correlation(duration):
+    """The variance of a mean is the mean of the correlation exp(-|t - s| / T) over all pairs of times."""
+    noise = noise_of(POSE)
+    found = noise.mean_force(duration)
+    for deviation, force, memory in zip(found, noise.force, noise.memory, strict=False):
+        integral, _ = scipy.integrate.quad(lambda t, T=memory: 2.0 * (duration - t) * np.exp(-t / T), 0.0, duration)
+        assert deviation == pytest.approx(force * np.sqrt(integral) / duration)
 
 
 def test_noise_is_one_number_for_what_is_alike(scenario, log):
     """For a pose all axes are alike, for rates and forces x and y are."""
     both = POSE + IMU
-    alike = made(scenario, log, both).alike
+    alike = made(scenario, log, both).noise_groups
     groups = [
         *([f"{signal}"] * 3 for signal in ("position", "attitude")),
         *([f"{what}xy", f"{what}xy", f"{what}z"] for what in ("rates", "felt", "push", "turn", "memory", "forget")),
@@ -114,20 +128,20 @@ def test_noise_is_one_number_for_what_is_alike(scenario, log):
 
 
 def test_what_decides_nothing_that_is_measured_is_no_state_of_the_filter(scenario, log):
-    """Without positions these are the places; then without attitudes yaw, and without forces velocities and pushes."""
+    """Without positions these are the places; then without attitudes yaw, and without forces velocities and forces."""
     rates = [Output("body_rates", column) for column in range(3)]
     for outputs, left_out in (
         (POSE, set()),
         (IMU, {0, 1, 2, 5}),
-        (POSE[3:], {0, 1, 2, 6, 7, 8, 12, 13, 14}),
-        (rates, {0, 1, 2, 5, 6, 7, 8, 12, 13, 14}),
+        (POSE[3:], {0, 1, 2, 6, 7, 8, 12, 13, 14, 18, 19}),
+        (rates, {0, 1, 2, 5, 6, 7, 8, 12, 13, 14, 18, 19}),
     ):
-        assert {*made(scenario, log, outputs).free.tolist()} == set(range(BODY + PUSH)) - left_out
+        assert {*made(scenario, log, outputs).rows.tolist()} == set(range(NUM_BODY + NUM_DISTURBANCE)) - left_out
 
 
 def test_windows_begin_as_measured_and_at_rest_where_nothing_is(scenario, log, values):
     predictor = made(scenario, log)
-    state = predictor.beginnings.state
+    state = predictor.initial.state
     for w, start in enumerate((30, 50, 90)):
         first = start - SIZES.settle
         np.testing.assert_array_equal(state[:3, w], log.position[first])
@@ -135,12 +149,12 @@ def test_windows_begin_as_measured_and_at_rest_where_nothing_is(scenario, log, v
         np.testing.assert_array_equal(state[9:12, w], log.body_rates[first])
         np.testing.assert_array_equal(predictor.measured[:, :3, w], log.position[first : start + SIZES.length])
         np.testing.assert_array_equal(predictor.measured[:, 3:, w], log.attitude[first : start + SIZES.length])
-    np.testing.assert_array_equal(state[[6, 7, 8, *range(BODY, BODY + PUSH)]], 0.0)
+    np.testing.assert_array_equal(state[[6, 7, 8, *range(NUM_BODY, NUM_BODY + NUM_DISTURBANCE)]], 0.0)
     np.testing.assert_array_equal(predictor.counted, np.arange(30) >= 10)
-    # Initial standard deviations are 1 m, 0.5 rad, 2 m/s, 10 rad/s, and those of the disturbance.
+    # Initial standard deviations are 1 m, 0.5 rad, 2 m/s, 10 rad/s, and those of the disturbance and the wind's force.
     noise = noise_of(POSE)
-    first = predictor.gains(values, noise).beginning
-    unknown = np.concatenate([np.repeat([1.0, 0.5, 2.0, 10.0], 3), noise.disturbance])
+    first = predictor.gains(values, noise).initial_covariance
+    unknown = np.concatenate([np.repeat([1.0, 0.5, 2.0, 10.0], 3), noise.disturbance, [1.0, 1.0]])
     np.testing.assert_allclose(first, np.tile(np.diag(unknown**2), (3, 1, 1)))
 
 
@@ -149,26 +163,29 @@ def test_gains_are_those_of_a_kalman_filter_along_its_own_predictions(scenario, 
     """Its covariance goes through the transition and gains what pushes; the next window begins a settling later."""
     predictor, noise = made(scenario, log, outputs), noise_of(outputs)
     gains = predictor.gains(values, noise)
-    R, Q = np.diag(noise.measured**2), np.diag(predictor.pushes(noise))
+    R, Q = np.diag(noise.measured**2), np.diag(predictor.process_noise(noise))
     for w in range(3):
-        P = gains.beginning[w]
+        P = gains.initial_covariance[w]
         for j in range(30):
             if j == SIZES.length:
-                np.testing.assert_allclose(gains.handed_on[w], P, rtol=1e-6, atol=1e-9)
+                np.testing.assert_allclose(gains.final_covariance[w], P, rtol=1e-6, atol=1e-9)
             H, F = gains.output[j, w], gains.transition[j, w]
             S = H @ P @ H.T + R
             K = P @ H.T @ np.linalg.inv(S)
             np.testing.assert_allclose(gains.gain[j, :, :, w], K, rtol=1e-6, atol=1e-8)
             np.testing.assert_allclose(gains.whitening[j, w] @ S @ gains.whitening[j, w].T, np.eye(6), atol=1e-6)
             P = F @ (P - K @ H @ P) @ F.T + Q
-    # A disturbance fades in the transition, and a force moves the velocity.
-    own = predictor.free.tolist()
-    place = [own.index(BODY + i) for i in range(PUSH)]
+    # A disturbance decays in the transition, and a force moves the velocity.
+    own = predictor.rows.tolist()
+    place = [own.index(NUM_BODY + i) for i in range(6)]
     np.testing.assert_allclose(
         gains.transition[:, :, place, place], np.broadcast_to(np.exp(-PERIOD / noise.memory), (30, 3, 6)), rtol=1e-5
     )
-    speed = [own.index(6 + i) for i in range(3)]
+    speed = [own.index(STATE_ROWS["velocity"] + i) for i in range(3)]
     np.testing.assert_allclose(gains.transition[:, :, speed, place[:3]], PERIOD, rtol=1e-3)
+    constant = [own.index(NUM_BODY + i) for i in (6, 7)]
+    np.testing.assert_allclose(gains.transition[:, :, constant, constant], 1.0, rtol=1e-5)
+    np.testing.assert_allclose(gains.transition[:, :, speed[:2], constant], PERIOD, rtol=1e-3)
 
 
 @pytest.mark.parametrize("outputs", [POSE, IMU], ids=["pose", "imu"])
@@ -192,25 +209,25 @@ def test_a_window_goes_on_where_the_one_before_it_ended(scenario, log, values):
     gains = predictor.gains(values, noise)
     _, states = predictor.errors(np.stack([values, values * [1.0, 1.1]]), gains, noise)
     slopes = np.stack([0.0 * states[:, 0], (states[:, 1] - states[:, 0]) / (0.1 * values[1])], axis=1)
-    before = predictor.beginnings.state.copy()
-    predictor.hand_on(states[:, 0], slopes, values, gains)
-    after = predictor.beginnings
-    np.testing.assert_array_equal(after.known, [False, True, False])
+    before = predictor.initial.state.copy()
+    predictor.continue_windows(states[:, 0], slopes, values, gains)
+    after = predictor.initial
+    np.testing.assert_array_equal(after.continued, [False, True, False])
     np.testing.assert_array_equal(after.state[:, 1], states[:, 0, 0])
     np.testing.assert_array_equal(after.state[:, [0, 2]], before[:, [0, 2]])
     np.testing.assert_array_equal(after.slopes[:, :, 1], slopes[:, :, 0])
     again = predictor.gains(values, noise)
-    np.testing.assert_array_equal(again.beginning[1], gains.handed_on[0])
-    np.testing.assert_array_equal(again.beginning[0], gains.beginning[0])
+    np.testing.assert_array_equal(again.initial_covariance[1], gains.final_covariance[0])
+    np.testing.assert_array_equal(again.initial_covariance[0], gains.initial_covariance[0])
     # The whole filter goes on: the second window foresees as if it were one with the first.
     long = made(scenario, log, windows=[LogWindow(0, 30)])
-    whole = Predictor(long.vehicle, [log], [LogWindow(0, 30)], SIZES._replace(length=40), POSE).gains(values, noise)
+    whole = Predictor(long.model, [log], [LogWindow(0, 30)], SIZES._replace(length=40), POSE).gains(values, noise)
     np.testing.assert_allclose(again.errors[:, :, 1], whole.errors[20:, :, 0], atol=1e-6)
     # Other parameters begin where the one before would have ended with them, to first order.
-    flown, begun = predictor._fly(values[None] * [1.0, 1.1])
+    flown, begun = predictor._begin(values[None] * [1.0, 1.1])
     np.testing.assert_allclose(begun[:, 0, 1], states[:, 1, 0], atol=1e-9)
     np.testing.assert_allclose(begun[:, 0, 0], before[:, 0])
-    assert flown.count == 1
+    assert flown.shape == (1, 3)
 
 
 @pytest.mark.parametrize(("outputs", "left"), [(POSE, 0.01), (IMU, 0.2)], ids=["pose", "imu"])
@@ -219,7 +236,7 @@ def test_what_filters_of_other_noise_do_not_foresee_follows_to_first_order(scena
     predictor, noise = made(scenario, log, outputs), noise_of(outputs)
     gains, chosen = predictor.gains(values, noise), np.array([0, 2])
     others = [noise, noise_of(outputs, white=1.1), noise_of(outputs, push=1.1), noise_of(outputs, memory=0.9)]
-    errors, spreads = predictor.expected(gains, noise, others, chosen)
+    errors, spreads = predictor.linearised_errors(gains, noise, others, chosen)
     assert errors.shape == (20, 4, 2, 6)
     levels = noise.measured
 
@@ -247,19 +264,22 @@ def test_the_likeliest_noise_is_that_with_which_a_log_was_made(scenario, values)
         attitude=np.zeros((260, 3)),
         rotor_speed_command=np.full((260, 4), hover),
     )
-    predictor = made(scenario, still, windows=[LogWindow(0, 55)] * 5, sizes=Cut(length=150, settle=50, warm_up=5))
-    flown, state = predictor._fly(values[None])
-    state[BODY:, 0] = true.disturbance[:, None] * random.normal(size=(PUSH, 5))
-    fades, measured = np.exp(-PERIOD / true.memory), []
+    predictor = made(
+        scenario, still, windows=[LogWindow(0, 55)] * 5, sizes=WindowSizes(length=150, settle=50, warm_up=5)
+    )
+    flown, state = predictor._begin(values[None])
+    forgetting = slice(NUM_BODY, NUM_BODY + 6)
+    state[forgetting, 0] = true.disturbance[:, None] * random.normal(size=(6, 5))
+    decay, measured = np.exp(-PERIOD / true.memory), []
     for _ in range(200):
         measured.append(predictor._predicted(flown, state)[:, 0])
         flown.step(state)
-        pushed = true.disturbance * np.sqrt(1.0 - fades**2)
-        state[BODY:, 0] = fades[:, None] * state[BODY:, 0] + pushed[:, None] * random.normal(size=(PUSH, 5))
+        pushed = true.disturbance * np.sqrt(1.0 - decay**2)
+        state[forgetting, 0] = decay[:, None] * state[forgetting, 0] + pushed[:, None] * random.normal(size=(6, 5))
     predictor.measured = np.stack(measured) + true.measured[:, None] * random.normal(size=(200, 6, 5))
     found = PredictionNoise(2.0 * true.measured, 0.5 * true.disturbance, true.memory)
     for _ in range(2):
-        found = prediction_error._noise_of(predictor, predictor.gains(values, found), found)
+        found = fitting._noise_of(predictor, predictor.gains(values, found), found)
     np.testing.assert_allclose(found.measured, true.measured, rtol=0.1)
     np.testing.assert_allclose(found.disturbance, true.disturbance, rtol=0.4)
 
@@ -268,20 +288,22 @@ def test_the_likeliest_noise_is_that_with_which_a_log_was_made(scenario, values)
 def test_a_fit_ends_where_whitened_errors_are_least_and_windows_go_on_from_one_another(scenario, log, values):
     """No parameter that is within its limits changes the sum of squares, and those that would leave them stay there."""
     predictor, noise = made(scenario, log), noise_of(POSE)
-    choice = prediction_error.ParameterChoice(1.2 * values, values, 0.5 * values, 2.0 * values)
-    found = prediction_error.fit(predictor, choice, noise)
+    parameters = [
+        Parameter(name, 1.2 * value, value, 0.5 * value, 2.0 * value)
+        for name, value in zip(("mass", "linear_drag"), values, strict=True)
+    ]
+    found = fitting.fit(predictor, parameters, noise)
     assert found.slopes.shape == (3, 20 * 6, 2)
     assert found.errors.shape == (3, 20 * 6)
-    np.testing.assert_array_equal(predictor.beginnings.known, [False, True, False])
-    np.testing.assert_array_equal(predictor.beginnings.parameters, found.parameters)
-    assert found.rounds > 2
-    inside = (found.parameters > 0.501 * values) & (found.parameters < 1.999 * values)
-    slopes = np.einsum("wkp,wk->p", found.slopes, found.errors)
-    deviations = 1.0 / np.sqrt(np.einsum("wkp,wkp->p", found.slopes, found.slopes))
+    np.testing.assert_array_equal(predictor.initial.continued, [False, True, False])
+    np.testing.assert_array_equal(predictor.initial.parameters, found.values)
+    inside = (found.values > 0.501 * values) & (found.values < 1.999 * values)
+    slopes = np.einsum("wkp,wk->p", found.slopes, found.errors) + found.prior * (found.values - 1.2 * values)
+    deviations = 1.0 / np.sqrt(np.einsum("wkp,wkp->p", found.slopes, found.slopes) + found.prior)
     assert np.abs(slopes * deviations)[inside].max(initial=0.0) < 0.5
     # The mass carries the thrust of the log.
     assert inside[0]
-    assert found.parameters[0] == pytest.approx(values[0], rel=0.2)
+    assert found.values[0] == pytest.approx(values[0], rel=0.2)
 
 
 def test_a_yaw_that_jumps_between_half_turns_is_predicted_like_one_that_does_not(scenario, log, values):
@@ -303,7 +325,7 @@ def test_the_covariance_of_the_noise_is_large_where_the_log_does_not_identify_it
     predictor = made(scenario, log)
     noise = PredictionNoise(np.repeat([1e-3, 4e-3], 3), np.full(6, 1e-6), np.full(6, 0.5))
     fitted = SimpleNamespace(noise=noise, gains=predictor.gains(values, noise))
-    variances = np.diag(prediction_error.noise_covariance(predictor, fitted))
+    variances = np.diag(fitting.noise_covariance(predictor, fitted))
     num_measurements = 3 * 3 * SIZES.length
     np.testing.assert_allclose(variances[:6], 0.5 / num_measurements, rtol=0.3)
     assert (variances[6:] > 100.0).all()
@@ -317,20 +339,20 @@ def test_every_window_counts_once_in_the_estimate_of_the_noise(scenario, values)
     log = FlightRecord(
         "still", PERIOD * np.arange(130), position=still, attitude=still, rotor_speed_command=np.full((130, 4), hover)
     )
-    predictor = made(scenario, log, windows=[LogWindow(0, 30)] * 3, sizes=Cut(length=100, settle=20, warm_up=5))
+    predictor = made(scenario, log, windows=[LogWindow(0, 30)] * 3, sizes=WindowSizes(length=100, settle=20, warm_up=5))
     white = np.repeat([1e-3, 4e-3], 3)
     predictor.measured = white[:, None] * [1.0, 1.0, 3.0] * random.normal(size=(120, 6, 3))
     quiet = PredictionNoise(2.0 * white, np.full(6, 1e-2), np.full(6, 0.5))
-    found = prediction_error._noise_of(predictor, predictor.gains(values, quiet), quiet)
+    found = fitting._noise_of(predictor, predictor.gains(values, quiet), quiet)
     np.testing.assert_allclose(found.measured, white * np.sqrt((1.0 + 1.0 + 9.0) / 3.0), rtol=0.1)
 
 
 def test_the_limit_of_the_memory_of_a_force_limits_no_other_number_of_the_noise(scenario, log, values):
     """Forces along the axes of the body last a quarter of a second at most; longer ones are errors of the thrust."""
-    vehicle = Model(scenario.vehicle, [("mass",)], "rotor_speed_command", kind="body")
-    predictor = Predictor(vehicle, [log], [LogWindow(0, 30), LogWindow(0, 90)], SIZES, IMU)
+    model = LogModel(scenario, ["mass"], frame="body")
+    predictor = Predictor(model, [log], [LogWindow(0, 30), LogWindow(0, 90)], SIZES, IMU)
     begun = PredictionNoise(noise_of(IMU, white=30.0).measured, np.full(6, 5.0), np.full(6, 0.2))
-    found = prediction_error._noise_of(predictor, predictor.gains(values[:1], begun), begun)
+    found = fitting._noise_of(predictor, predictor.gains(values[:1], begun), begun)
     assert found.memory[:3].max() <= 0.25 * (1.0 + 1e-9)
     # A number changes by a factor of 12 at most.
     assert found.disturbance.min() > 5.0 / 12.2

@@ -6,31 +6,33 @@ from scipy.spatial.transform import Rotation
 
 from drake_quad import load_scenario
 from drake_quad.assembly.laboratory import vehicle_parameters
-from drake_quad.identification.fitting.flown_model import (
-    BODY,
+from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.model import (
     DELAY,
-    PUSH,
+    NUM_BODY,
+    NUM_DISTURBANCE,
     Disturbance,
-    Flown,
-    FlownVehicle,
-    Inputs,
+    LogModel,
+    ModelFlight,
     Numbers,
     Span,
-    felt,
+    WindowInputs,
+    relative_voltage,
     rotors_after,
     rotors_at_rest,
+    specific_force,
     step,
 )
-from drake_quad.identification.fitting.windows import Cut, LogWindow
-from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.vehicle_numbers import with_throttles
-from drake_quad.signals import RotorSpeed, State, Throttle
+from drake_quad.identification.windows import LogWindow, WindowSizes
+from drake_quad.signals import Attitude, RotorSpeed, State, Throttle, Wind
 
 PERIOD = 0.01
 STATE = State(1.0, -2.0, 3.0, 0.4, -0.5, 1.2, 0.6, -0.3, 0.2, 1.1, -0.7, 0.4)
 SPEEDS = RotorSpeed(190.0, 204.0, 197.0, 211.0)
-PUSHED = Disturbance(0.3, -0.8, 0.5, 2.0, -3.0, 1.5)
-NOTHING = Disturbance(*(0.0,) * 6)
+PUSHED = Disturbance(0.3, -0.8, 0.5, 2.0, -3.0, 1.5, 0.2, -0.4)
+NOTHING = Disturbance(*(0.0,) * NUM_DISTURBANCE)
+LEVEL, STILL = Attitude(0.0, 0.0, 0.0), Wind(0.0, 0.0, 0.0)
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +47,7 @@ def scenario():
 
 @pytest.fixture(scope="module")
 def numbers(scenario):
-    return Numbers(vehicle_parameters(scenario.vehicle), scenario.vehicle.effect_numbers())
+    return Numbers(vehicle_parameters(scenario.vehicle), scenario.vehicle.effect_numbers(), None)
 
 
 def in_world():
@@ -57,47 +59,79 @@ def in_world():
 def test_a_disturbance_adds_constant_accelerations_to_a_step(numbers, kind):
     """A force moves the vehicle by h²/2, along the axes of W or those of the body at the beginning of the step."""
     h = 0.02
-    quiet, pushed = (np.array(step(STATE, SPEEDS, SPEEDS, d, Span(h), numbers, kind).body) for d in (NOTHING, PUSHED))
-    force = np.array(PUSHED[:3])
+    quiet, pushed = (
+        np.array(step(STATE, SPEEDS, SPEEDS, LEVEL, STILL, d, Span(h, 1.0), numbers, kind).body)
+        for d in (NOTHING, PUSHED)
+    )
+    force = np.array([PUSHED.x + PUSHED.constant_x, PUSHED.y + PUSHED.constant_y, PUSHED.z])
     if kind == "body":
         force = in_world().apply(force)
     moved = pushed - quiet
     np.testing.assert_allclose(moved[:3], 0.5 * h**2 * force, atol=1e-12)
     np.testing.assert_allclose(moved[3:6], 0.0, atol=1e-12)
     np.testing.assert_allclose(moved[6:9], h * force, atol=1e-12)
-    np.testing.assert_allclose(moved[9:], h * np.array(PUSHED[3:]), atol=1e-12)
+    np.testing.assert_allclose(moved[9:], h * np.array([PUSHED.p, PUSHED.q, PUSHED.r]), atol=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["world", "body"])
 def test_what_is_felt_is_the_acceleration_beside_that_of_free_fall(numbers, kind):
     """The expected value is in body axes, from the change of velocity in a very short step."""
     h = 1e-6
-    after = step(STATE, SPEEDS, SPEEDS, PUSHED, Span(h), numbers, kind).body
+    after = step(STATE, SPEEDS, SPEEDS, LEVEL, STILL, PUSHED, Span(h, 1.0), numbers, kind).body
     acceleration = (np.array(after[6:9]) - np.array(STATE[6:9])) / h
     expected = in_world().inv().apply(acceleration + np.array([0.0, 0.0, numbers.parameters.gravity]))
-    np.testing.assert_allclose(felt(STATE, SPEEDS, SPEEDS, PUSHED, numbers, kind), expected, atol=1e-4)
+    np.testing.assert_allclose(
+        specific_force(STATE, SPEEDS, SPEEDS, STILL, PUSHED, Span(h, 1.0), numbers, kind), expected, atol=1e-4
+    )
 
 
 def test_rotors_follow_their_commands_with_lags_of_their_own_up_and_down(scenario, numbers):
     """A first-order lag leaves exp(-h/T) of the difference after a step of any length."""
     vehicle, h = scenario.vehicle, 0.03
     command = RotorSpeed(220.0, 180.0, 240.0, 150.0)
-    found = np.array(rotors_after(SPEEDS, command, Span(h), numbers))
+    found = np.array(rotors_after(SPEEDS, command, Span(h, 1.0), numbers))
     for now, told, after in zip(SPEEDS, command, found, strict=True):
         lag = vehicle.rotor_time_constant if told > now else vehicle.rotor_time_constant_down
         assert after == pytest.approx(told + (now - told) * np.exp(-h / lag))
-    np.testing.assert_allclose(found, step(STATE, SPEEDS, command, NOTHING, Span(h), numbers, "world").rotors)
-    assert rotors_at_rest(command, numbers) == pytest.approx(command)
+    np.testing.assert_allclose(
+        found, step(STATE, SPEEDS, command, LEVEL, STILL, NOTHING, Span(h, 1.0), numbers, "world").rotors
+    )
+    assert rotors_at_rest(command, Span(h, 1.0), numbers) == pytest.approx(command)
 
 
 def test_throttles_at_rest_give_the_thrust_of_their_curve(scenario):
     vehicle = with_throttles(scenario).vehicle
-    own = Numbers(vehicle_parameters(vehicle), vehicle.effect_numbers())
+    own = Numbers(vehicle_parameters(vehicle), vehicle.effect_numbers(), None)
     throttles = Throttle(0.3, 0.4, 0.5, 0.6)
     k_0, k_1, k_2 = vehicle.motors.curve
-    thrusts = vehicle.thrust_factor * np.square(rotors_at_rest(throttles, own))
+    thrusts = vehicle.thrust_factor * np.square(rotors_at_rest(throttles, Span(PERIOD, 1.0), own))
     shares = np.array(throttles)
     np.testing.assert_allclose(thrusts, k_0 + k_1 * shares + k_2 * shares**2)
+
+
+@pytest.mark.parametrize("throttles", [True, False])
+def test_rotor_speeds_are_proportional_to_the_voltage(scenario, throttles):
+    vehicle = (with_throttles(scenario) if throttles else scenario).vehicle
+    own = Numbers(vehicle_parameters(vehicle), vehicle.effect_numbers(), None)
+    command = Throttle(0.3, 0.4, 0.5, 0.6) if throttles else SPEEDS
+    full, low = (np.array(rotors_at_rest(command, Span(PERIOD, voltage), own)) for voltage in (1.0, 0.9))
+    np.testing.assert_allclose(low, 0.9 * full)
+
+
+def test_a_voltage_is_relative_to_that_of_the_thrust_curve_and_averaged_over_a_tenth_of_a_second(scenario):
+    """The average of a signal that rises evenly is the signal itself; noise is attenuated by the number of samples."""
+    random = np.random.default_rng(0)
+    time = PERIOD * np.arange(2000)
+    ramp = 12.0 - 0.02 * time
+    log = FlightRecord("log", time, battery_voltage=ramp + 0.1 * random.normal(size=2000))
+    model = LogModel(with_throttles(scenario), (), voltage=12.0)
+    found = relative_voltage(log, model)
+    inside = slice(50, -50)
+    error = (12.0 * found - ramp)[inside]
+    assert abs(error.std() / (0.1 / np.sqrt(11)) - 1.0) < 0.1
+    # Rotors that are commanded by speed do not depend on the voltage, and neither does a log without it.
+    for record, other in ((log, LogModel(scenario, (), voltage=12.0)), (uneven_record(), model)):
+        np.testing.assert_array_equal(relative_voltage(record, other), 1.0)
 
 
 def uneven_record():
@@ -111,42 +145,41 @@ def uneven_record():
 
 
 @pytest.mark.parametrize("split", [1, 2, 3])
-def test_inputs_are_the_commands_and_steps_of_each_window(split):
+def test_inputs_are_the_commands_and_steps_of_each_window(scenario, split):
     """The expected values are found step by step, with several steps per sample."""
     log = uneven_record()
-    windows, sizes = [LogWindow(0, 40), LogWindow(0, 70), LogWindow(0, 199)], Cut(length=6, settle=3, warm_up=2)
-    inputs = Inputs.of([log], "rotor_speed_command", windows, sizes, split=split, longest=0.025)
+    windows, sizes = [LogWindow(0, 40), LogWindow(0, 70), LogWindow(0, 199)], WindowSizes(length=6, settle=3, warm_up=2)
+    inputs = WindowInputs.of([log], LogModel(scenario, ()), windows, sizes, split=split, max_delay=0.025)
     assert inputs.period == pytest.approx(PERIOD / split)
     # The margin is the longest delay in whole steps, plus two.
     assert inputs.margin == int(np.ceil(0.025 * split / PERIOD)) + 2
     count = split * (2 + 3 + 6)
-    assert inputs.commands.shape == (count + 2 * inputs.margin, 4, 3)
-    assert inputs.spans.shape == (count, 3)
+    assert inputs.commands.shape == (count + 2 * inputs.margin, 7, 3)
+    assert inputs.spans.shape == (count, 2, 3)
+    np.testing.assert_array_equal(inputs.spans[:, 1], 1.0)
     for w, (_, start) in enumerate(windows):
         for k in range(-inputs.margin, count + inputs.margin):
             # Half steps before a sample still have the command of the one before.
             sample = min(max(start - 5 + k // split, 0), 199)
-            np.testing.assert_array_equal(inputs.commands[k + inputs.margin, :, w], log.rotor_speed_command[sample])
+            np.testing.assert_array_equal(inputs.commands[k + inputs.margin, :4, w], log.rotor_speed_command[sample])
             if 0 <= k < count:
                 step_after = log.time[sample + 1] - log.time[sample] if sample < 199 else log.period
-                assert inputs.spans[k, w] == pytest.approx(min(step_after, 3.0 * PERIOD) / split)
+                assert inputs.spans[k, 0, w] == pytest.approx(min(step_after, 3.0 * PERIOD) / split)
 
 
 def test_rotors_begin_at_rest_and_then_follow_the_commands_of_the_warm_up(scenario):
     """A lag of first order over each step, from the command before the warm-up on."""
     log = uneven_record()
-    sizes = Cut(length=5, settle=3, warm_up=7)
-    inputs = Inputs.of([log], "rotor_speed_command", [LogWindow(0, 65)], sizes, split=1, longest=0.02)
-    model = Flown(
-        FlownVehicle(scenario.vehicle, [("mass",)], "rotor_speed_command", kind="world"), np.array([[1.0]]), inputs, 7
-    )
+    sizes = WindowSizes(length=5, settle=3, warm_up=7)
+    inputs = WindowInputs.of([log], LogModel(scenario, ()), [LogWindow(0, 65)], sizes, split=1, max_delay=0.02)
+    model = ModelFlight(LogModel(scenario, ["mass"]), np.array([[1.0]]), inputs, 7)
     expected = log.rotor_speed_command[55].copy()
     for sample in range(55, 62):
         span = min(log.time[sample + 1] - log.time[sample], 3.0 * PERIOD)
         target = log.rotor_speed_command[sample]
         expected = target + (expected - target) * np.exp(-span / scenario.vehicle.rotor_time_constant)
     np.testing.assert_allclose(model._rotors.reshape(4, -1)[:, 0], expected)
-    assert model.span[0] == pytest.approx(log.time[63] - log.time[62])
+    assert model._span[0, 0, 0] == pytest.approx(log.time[63] - log.time[62])
 
 
 @pytest.mark.parametrize("delay", [-0.013, 0.0, 0.004, 0.01, 0.0175])
@@ -155,71 +188,71 @@ def test_a_command_that_comes_late_by_a_part_of_a_sample_is_a_mean_of_two(scenar
     time = PERIOD * np.arange(200)
     ramp = np.tile((150.0 + 10.0 * time)[:, None], 4)
     log = FlightRecord("log", time, rotor_speed_command=ramp)
-    sizes = Cut(length=5, settle=3, warm_up=20)
-    inputs = Inputs.of(
-        [log], "rotor_speed_command", [LogWindow(0, 100), LogWindow(0, 130)], sizes, split=1, longest=0.02
-    )
-    vehicle = FlownVehicle(scenario.vehicle, [("mass",), (DELAY,)], "rotor_speed_command", kind="world")
-    assert vehicle.delay == 1
+    sizes = WindowSizes(length=5, settle=3, warm_up=20)
+    vehicle = LogModel(scenario, ["mass", DELAY])
+    windows = [LogWindow(0, 100), LogWindow(0, 130)]
+    inputs = WindowInputs.of([log], vehicle, windows, sizes, split=1, max_delay=0.02)
+    assert vehicle.delay_place == 1
     # Each set of parameters has a delay of its own.
-    model = Flown(vehicle, np.array([[0.7, 0.0], [0.7, delay], [0.9, delay]]), inputs, 20)
+    model = ModelFlight(vehicle, np.array([[0.7, 0.0], [0.7, delay], [0.9, delay]]), inputs, 20)
     for w, start in enumerate((97, 127)):
-        told = model._told[:, :, w]
+        told = model._command[:4, :, w]
         np.testing.assert_allclose(told[:, 0], 150.0 + 10.0 * time[start])
         np.testing.assert_allclose(told[:, 1:], 150.0 + 10.0 * (time[start] - delay))
-    state = np.zeros((BODY + PUSH, 3, 2))
+    state = np.zeros((NUM_BODY + NUM_DISTURBANCE, 3, 2))
     state[2] = 5.0
     model.step(state)
-    np.testing.assert_allclose(model._told[:, 1, 0], 150.0 + 10.0 * (time[98] - delay))
+    np.testing.assert_allclose(model._command[:4, 1, 0], 150.0 + 10.0 * (time[98] - delay))
     # A heavier vehicle falls more.
     assert (state[8, 2] < state[8, 1]).all()
-    without = FlownVehicle(scenario.vehicle, [("mass",)], "rotor_speed_command", kind="world")
-    assert without.delay is None
-    np.testing.assert_array_equal(without.delays(np.ones((4, 1))), np.zeros(4))
+    without = LogModel(scenario, ["mass"], delay=0.03)
+    assert without.delay_place is None
+    np.testing.assert_array_equal(without.delays(np.ones((4, 1))), np.full(4, 0.03))
 
 
 @pytest.mark.parametrize("kind", ["world", "body"])
 def test_machine_code_steps_and_feels_as_the_formulas_do(scenario, numbers, kind):
     """For each set of parameters and each window by itself."""
     log = FlightRecord("log", PERIOD * np.arange(50), rotor_speed_command=np.tile(SPEEDS, (50, 1)))
-    inputs = Inputs.of(
-        [log],
-        "rotor_speed_command",
-        [LogWindow(0, 30)] * 2,
-        Cut(length=5, settle=0, warm_up=3),
-        split=1,
-        longest=0.02,
-    )
-    vehicle = FlownVehicle(scenario.vehicle, [("mass",)], "rotor_speed_command", kind=kind)
+    vehicle = LogModel(scenario, ["mass"], frame=kind)
+    sizes = WindowSizes(length=5, settle=0, warm_up=3)
+    inputs = WindowInputs.of([log], vehicle, [LogWindow(0, 30)] * 2, sizes, split=1, max_delay=0.02)
+    air = Wind(*inputs.wind[0, :, 0])
     masses = np.array([[0.5], [0.8]])
-    model = Flown(vehicle, masses, inputs, 3)
-    states = np.random.default_rng(1).normal(scale=0.3, size=(BODY + PUSH, 2, 2))
-    found, forces = states.copy(), model.felt(states)
+    model = ModelFlight(vehicle, masses, inputs, 3)
+    states = np.random.default_rng(1).normal(scale=0.3, size=(NUM_BODY + NUM_DISTURBANCE, 2, 2))
+    found, forces = states.copy(), model.specific_force(states)
     model.step(found)
     for k, (mass,) in enumerate(masses):
         own = numbers._replace(parameters=numbers.parameters._replace(mass=mass))
         for w in range(2):
-            body, push = State(*states[:BODY, k, w]), Disturbance(*states[BODY:, k, w])
+            body, push = State(*states[:NUM_BODY, k, w]), Disturbance(*states[NUM_BODY:, k, w])
             np.testing.assert_allclose(
-                found[:BODY, k, w], step(body, SPEEDS, SPEEDS, push, Span(PERIOD), own, kind).body, atol=1e-9
+                found[:NUM_BODY, k, w],
+                step(body, SPEEDS, SPEEDS, LEVEL, air, push, Span(PERIOD, 1.0), own, kind).body,
+                atol=1e-9,
             )
-            np.testing.assert_allclose(forces[:, k, w], felt(body, SPEEDS, SPEEDS, push, own, kind), atol=1e-9)
-    np.testing.assert_array_equal(found[BODY:], states[BODY:])
+            np.testing.assert_allclose(
+                forces[:, k, w],
+                specific_force(body, SPEEDS, SPEEDS, air, push, Span(PERIOD, 1.0), own, kind),
+                atol=1e-9,
+            )
+    np.testing.assert_array_equal(found[NUM_BODY:], states[NUM_BODY:])
 
 
 def test_a_payload_stays_all_along_whenever_it_is_dropped():
     """Windows of a log have no clock of their own: the vehicle is as at the beginning."""
     payload = "vehicle.payload={{mass: 0.2, position: [0.02, 0.0, -0.05], time: {}, event: dropped}}"
     soon, late, never = (
-        Numbers(vehicle_parameters(own.vehicle), own.vehicle.effect_numbers())
+        Numbers(vehicle_parameters(own.vehicle), own.vehicle.effect_numbers(), None)
         for own in (
             load_scenario("laboratory:low_wind", overrides)
             for overrides in ([payload.format(0.5)], [payload.format(99.0)], [])
         )
     )
     for formula in (
-        lambda own: step(STATE, SPEEDS, SPEEDS, PUSHED, Span(0.1), own, "world").body,
-        lambda own: felt(STATE, SPEEDS, SPEEDS, PUSHED, own, "world"),
+        lambda own: step(STATE, SPEEDS, SPEEDS, LEVEL, STILL, PUSHED, Span(0.1, 1.0), own, "world").body,
+        lambda own: specific_force(STATE, SPEEDS, SPEEDS, STILL, PUSHED, Span(0.1, 1.0), own, "world"),
     ):
         np.testing.assert_array_equal(formula(soon), formula(late))
         assert np.abs(np.subtract(formula(soon), formula(never))).max() > 1e-3

@@ -1,0 +1,15 @@
+"""Delay from a command to the measurement of its effect, in a scenario."""
+
+from drake_quad.scenario.models import Scenario
+
+
+def frame_age(scenario: Scenario) -> float:
+    """Return the age of a frame of the cameras when it is received, s."""
+    cameras = scenario.laboratory.motion_capture
+    return float((1 + cameras.latency_frames) * cameras.period)
+
+
+def delay_of(scenario: Scenario) -> float:
+    """Return the delay from a command to the measurement of its effect in a scenario, s."""
+    link = scenario.laboratory.command_link
+    return float(link.delay_ticks * link.period) + frame_age(scenario)

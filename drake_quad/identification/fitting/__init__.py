@@ -1,1 +1,0 @@
-"""From windows of a log to parameters: models that fly with its commands, and what measurements say of them."""

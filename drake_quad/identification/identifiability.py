@@ -1,0 +1,151 @@
+"""Checks of whether logs identify a vehicle, and each of its parameters.
+
+The functions return the parameters that the logs do not identify, by their names, with the reason.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from drake_quad.errors import InputError
+from drake_quad.identification.evidence import Uncertainty
+from drake_quad.identification.fit import PredictionFit
+from drake_quad.identification.forecast import Forecast
+from drake_quad.identification.parameters import Parameter
+from drake_quad.identification.physical_limits import SearchVariables
+from drake_quad.identification.prediction_errors import Output, PredictionNoise, Predictor
+from drake_quad.identification.prepared_logs import PreparedLogs
+from drake_quad.identification.results.estimates import quantile
+from drake_quad.scenario.models import Scenario
+from drake_quad.statistics.interval import plus_minus
+
+# A parameter is identified if half of the length of its 95 % interval is at most its scale.
+_MAX_REACH = 1.0
+_MAX_VERTICAL_FORCE = 0.15  # of the weight, in means over `_FORCE_WINDOW`; flights in strong wind leave 0.03
+_FORCE_WINDOW = 0.5  # s
+_SPEED_WINDOW = 0.1  # s, long enough to average out position noise
+
+
+def check_forecast(shown: Forecast) -> None:
+    """Refuse a vehicle that forecasts no output of held-out flight better than persistence does.
+
+    Raises:
+        InputError: if some outputs vary, and the vehicle explains nothing of any of them.
+    """
+    varying = np.isfinite(shown.explained)
+    if varying.any() and np.all(shown.explained[varying] <= 0.0):
+        best = int(np.nanargmax(shown.explained))
+        raise InputError(
+            "cannot identify the vehicle: after a fit to the rest of the logs it forecasts no output of the held-out"
+            f" part better than motion that continues at constant rates does (best: {shown.names[best]}); a log that"
+            " only hovers does not identify a vehicle; otherwise check the mapping and the vehicle to begin with"
+        )
+
+
+def check_thrust(scenario: Scenario, noise: PredictionNoise) -> None:
+    """Refuse a vehicle whose thrust does not follow from the commands, so that a disturbance has to lift it.
+
+    Raises:
+        InputError: if the disturbing force along z is a large share of the weight.
+    """
+    *_, vertical = noise.mean_force(_FORCE_WINDOW) / float(scenario.vehicle.gravity)
+    if vertical > _MAX_VERTICAL_FORCE:
+        raise InputError(
+            f"cannot identify the vehicle: its thrust does not follow from the logged commands, since a force of"
+            f" {100.0 * vertical:.0f} % of the weight is left along z; a log that only hovers identifies nothing else"
+        )
+
+
+def not_identified(parameters: Sequence[Parameter], values: np.ndarray, uncertainty: Uncertainty) -> dict[str, str]:
+    """Return the parameters with a wide interval or at a physical limit, with the reason.
+
+    Args:
+        parameters: p parameters.
+        values: (p,) estimates.
+        uncertainty: uncertainty of the estimates.
+    """
+    reaches = quantile(uncertainty.degrees_of_freedom) * np.sqrt(np.diag(uncertainty.covariance))
+    found = {}
+    limited = SearchVariables.of(parameters).limited(values)
+    for parameter, value, reach, at_limit in zip(parameters, values, reaches, limited, strict=True):
+        size = min(parameter.scale, value) if parameter.lower > 0.0 else parameter.scale
+        if reach > _MAX_REACH * size:
+            found[parameter.name] = (
+                f"its 95 % interval is {plus_minus(value, reach)}, wider than the usual error of a data sheet,"
+                f" {parameter.scale:.2g}"
+            )
+        elif at_limit:
+            found[parameter.name] = f"its estimate, {value:.3g}, is at the limit of what is physically possible"
+    return found
+
+
+def weaker_than_disturbance(
+    scenario: Scenario, predictor: Predictor, parameters: Sequence[Parameter], fitted: PredictionFit
+) -> dict[str, str]:
+    """Return the parameters of a drag that is smaller than the disturbing force, with the reason.
+
+    A wind that is not logged depends on the position, so it is correlated with the velocity. The interval of the drag
+    does not include this error. If the force of the wind is as large as the drag, the estimate is mostly one of the
+    wind.
+    """
+    places = [i for i, output in enumerate(predictor.outputs) if output.signal == "position"]
+    if len(places) < 3:
+        return {}
+    positions = predictor.measured[predictor.counted][:, places]
+    samples = max(1, round(_SPEED_WINDOW / predictor.period))
+    speed = np.sqrt(np.mean((positions[samples:] - positions[:-samples]) ** 2, axis=(0, 2))) / (
+        samples * predictor.period
+    )
+    force = float(scenario.vehicle.mass) * fitted.noise.force
+    found = {}
+    for parameter, value in zip(parameters, fitted.values, strict=True):
+        name = parameter.name
+        axes = [0, 1] if name == "linear_drag" else [int(name[-2])] if "drag.linear" in name else []
+        if axes and np.any(force[axes] > value * speed[axes]):
+            found[name] = (
+                f"the disturbing force, such as wind, is {force[axes].max():.2g} N, and the drag itself"
+                f" {(value * speed[axes]).min():.2g} N"
+            )
+    return found
+
+
+def unexcited(logs: PreparedLogs, parameters: Sequence[Parameter], fitted: PredictionFit) -> dict[str, str]:
+    """Return the parameters of the response of an angle whose command varies less than its noise, with the reason.
+
+    The motion of such an angle is mostly noise, to which any response can be fitted.
+    """
+    found = {}
+    for parameter in parameters:
+        if parameter.name.startswith("autopilot."):
+            axis = int(parameter.name[-2])
+            noise = fitted.noise.measured[logs.outputs.index(Output("attitude", axis))]
+            commands = [
+                record.of("attitude_command")[usable, axis]
+                for record, usable in zip(logs.records, logs.flying, strict=True)
+            ]
+            varying = max(float(np.std(command)) for command in commands if len(command))
+            if varying < noise:
+                found[parameter.name] = (
+                    f"the command of {('roll', 'pitch', 'yaw')[axis]} varies by {varying:.2g} rad, less than the noise"
+                    f" of its measurement, {noise:.2g} rad"
+                )
+    return found
+
+
+def undetermined(scenario: Scenario, names: Sequence[str]) -> dict[str, str]:
+    """Return the parameters that no log determines, with the reason.
+
+    Args:
+        scenario: scenario with the vehicle.
+        names: names of the estimated parameters.
+    """
+    reasons = {"mass": "motion determines forces only relative to the mass; weigh the vehicle"}
+    if "inertia[2]" in names:
+        reasons["drag_factor"] = "yaw determines only its ratio to inertia[2], which assumes its value in the scenario"
+    if scenario.vehicle.motors.take_throttles:
+        reasons["thrust_factor"] = "motors that take throttles show their thrust, not their speed"
+    if "linear_drag" in names and scenario.vehicle.quadratic_drag > 0.0:
+        reasons["quadratic_drag"] = (
+            "in a wind that is not logged it looks like linear drag, so linear_drag includes that part of it"
+        )
+    return reasons

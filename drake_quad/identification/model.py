@@ -1,0 +1,535 @@
+"""The vehicle of the library as the forward model of a log.
+
+The formulas are those of the simulation: `step_of_flight`, or `responding_step` for an autopilot whose closed attitude
+loop is modelled as a whole. The model simulates windows of a log for several sets of parameters at once, driven by the
+logged commands.
+
+A disturbance represents model errors: a specific force, and an angular acceleration about the axes of B (for an
+attitude response, accelerations of the angles). During a step, the force is constant along the axes of W if attitudes
+or velocities are measured, otherwise along those of B. A vehicle leans into the wind, so along the axes of B the force
+of a constant wind would always have a component along the thrust.
+
+Commands act after a delay. A command that is held between samples and delayed by n + f samples has the mean
+
+    (1 - f) u[k - n] + f u[k - n - 1],  0 ≤ f < 1,
+
+over one step. The model uses this mean, which is continuous in the delay. Its effect on the rotors is correct to first
+order in the step relative to their time constant.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from drake_quad.assembly.laboratory import vehicle_parameters
+from drake_quad.errors import InputError, shown
+from drake_quad.framework.formulas import kernel
+from drake_quad.framework.records import layout_of
+from drake_quad.geometry.axes import BodyAxes, Vector, plus
+from drake_quad.geometry.kinematics import small_rotation
+from drake_quad.identification.firmware import allocated_commands
+from drake_quad.identification.logs.attitudes import rotations
+from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.results.estimates import scenario_path
+from drake_quad.identification.windows import LogWindow, WindowSizes
+from drake_quad.laboratory.motion_capture import attitude_of_markers
+from drake_quad.laboratory.sensors.accelerometer import SpecificForce
+from drake_quad.scenario.autopilots.response import AttitudeResponseSettings
+from drake_quad.scenario.models import Scenario
+from drake_quad.scenario.paths import replaced
+from drake_quad.scenario.winds.source import steady_wind
+from drake_quad.signals import (
+    AccelerationB,
+    Attitude,
+    AttitudeTarget,
+    BodyAccelerationB,
+    Number,
+    RotorSpeed,
+    State,
+    Throttle,
+    Time,
+    Wind,
+)
+from drake_quad.vehicle.attitude_kinematics import RIGID_KINEMATICS
+from drake_quad.vehicle.dynamics import Motion
+from drake_quad.vehicle.effects import Effects
+from drake_quad.vehicle.motion import accelerations, turning
+from drake_quad.vehicle.motors import decays, lagging
+from drake_quad.vehicle.parameters import QuadrotorParameters
+from drake_quad.vehicle.responding import (
+    AttitudeResponse,
+    DampingRatios,
+    NaturalFrequencies,
+    RespondingBody,
+    responding_step,
+    shown_state,
+)
+from drake_quad.vehicle.stepping import VehicleState, rotor_target, step_of_flight
+
+NUM_BODY = len(State._fields)
+NUM_DISTURBANCE = 8
+NUM_ROTORS = len(RotorSpeed._fields)
+# Rows of the signals of a record in the state of the model.
+STATE_ROWS = {"position": 0, "attitude": 3, "velocity": 6, "body_rates": 9}
+
+DELAY = "delay"
+"""Name of the delay from a logged command to the logged measurement of its effect, s."""
+MISALIGNMENT = tuple(f"laboratory.motion_capture.misalignment[{axis}]" for axis in range(3))
+"""Names of the angles of the markers' frame in B, rad."""
+
+# Natural frequency of a vehicle that is assumed to stay level, rad/s. The result does not depend on it.
+_LEVEL_FREQUENCY = 20.0
+_VOLTAGE_WINDOW = 0.1  # s, over which the logged voltage is averaged
+
+DisturbanceFrame = Literal["world", "body"]
+
+
+class Disturbance(NamedTuple):
+    """Specific force and angular acceleration of model errors, and a constant part of the horizontal force."""
+
+    x: AccelerationB
+    y: AccelerationB
+    z: AccelerationB
+    p: BodyAccelerationB
+    q: BodyAccelerationB
+    r: BodyAccelerationB
+    constant_x: AccelerationB
+    constant_y: AccelerationB
+
+    @property
+    def force(self) -> Vector:
+        """Specific force with its constant part."""
+        return Vector(self.x + self.constant_x, self.y + self.constant_y, self.z)
+
+
+class Span(NamedTuple):
+    """Duration of a step, and the voltage of the battery during it relative to that of the thrust curve."""
+
+    span: Time
+    voltage: Number
+
+
+class Numbers(NamedTuple):
+    """Numbers of a vehicle, and of its attitude response if it has one."""
+
+    parameters: QuadrotorParameters
+    effects: Effects
+    response: AttitudeResponse | None
+
+
+class ModelStep(NamedTuple):
+    """Body and rotors at the end of a step."""
+
+    body: State
+    rotors: RotorSpeed
+
+
+def step(
+    body: State,
+    rotors: RotorSpeed,
+    command: RotorSpeed | Throttle,
+    attitude: Attitude,
+    wind: Wind,
+    disturbance: Disturbance,
+    span: Span,
+    numbers: Numbers,
+    frame: DisturbanceFrame,
+) -> ModelStep:
+    """Return the vehicle at the end of a step from time 0 on, during which inputs and disturbance are constant.
+
+    A payload that is dropped later is present in every step. With an attitude response, the body rates in the state are
+    the rates of the angles.
+    """
+    h = span.span
+    parameters, effects, response = numbers
+    target = _target(rotors, command, span, numbers)
+    after: Any
+    if response is None:
+        before = VehicleState(body, rotors)
+        after = step_of_flight(before, target, wind, parameters, effects, h, h, RIGID_KINEMATICS)
+    else:
+        wanted = AttitudeTarget(0.0, *attitude, 0.0, 0.0, 0.0)
+        rest = wind, None, parameters, response, None, effects, 0.0, h, "exact"
+        after = responding_step(RespondingBody(*body), rotors, command, wanted, *rest)  # type: ignore[arg-type]
+    force = disturbance.force
+    if frame == "body":
+        force = BodyAxes.of(body.roll, body.pitch, body.yaw).in_world(force)
+    moved = State(*after.body)
+    half = 0.5 * h * h
+    disturbed = moved._replace(
+        x=moved.x + half * force.x,
+        y=moved.y + half * force.y,
+        z=moved.z + half * force.z,
+        v_x=moved.v_x + h * force.x,
+        v_y=moved.v_y + h * force.y,
+        v_z=moved.v_z + h * force.z,
+        p=moved.p + h * disturbance.p,
+        q=moved.q + h * disturbance.q,
+        r=moved.r + h * disturbance.r,
+    )
+    return ModelStep(disturbed, after.rotors)
+
+
+def rotors_after(rotors: RotorSpeed, command: RotorSpeed | Throttle, span: Span, numbers: Numbers) -> RotorSpeed:
+    """Return the rotors at the end of a step."""
+    target = _target(rotors, command, span, numbers)
+    lags = decays(rotors, target, span.span, numbers.parameters, numbers.effects.spin_down)
+    return lagging(rotors, target, lags)
+
+
+def rotors_at_rest(command: RotorSpeed | Throttle, span: Span, numbers: Numbers) -> RotorSpeed:
+    """Return the rotors a long time after a command."""
+    return _target(RotorSpeed(0.0, 0.0, 0.0, 0.0), command, span, numbers)
+
+
+def specific_force(
+    body: State,
+    rotors: RotorSpeed,
+    command: RotorSpeed | Throttle,
+    wind: Wind,
+    disturbance: Disturbance,
+    span: Span,
+    numbers: Numbers,
+    frame: DisturbanceFrame,
+) -> SpecificForce:
+    """Return the specific force that an accelerometer at the centre of mass measures."""
+    parameters, effects, response = numbers
+    turned = turning(rotors, _target(rotors, command, span, numbers), parameters, effects)
+    axes = BodyAxes.of(body.roll, body.pitch, body.yaw)
+    motion = Motion.of(body) if response is None else Motion(body.v_x, body.v_y, body.v_z, 0.0, 0.0, 0.0)
+    rates = accelerations(axes, motion, None, body.z, turned, wind, parameters, effects).motion
+    own = Vector(rates.v_x, rates.v_y, rates.v_z + parameters.gravity)
+    if frame == "body":
+        return SpecificForce(*plus(axes.in_body(own), disturbance.force))
+    return SpecificForce(*axes.in_body(plus(own, disturbance.force)))
+
+
+def measured_attitude(attitude: Attitude, misalignment: Attitude) -> Attitude:
+    """Return roll, pitch and yaw of the markers' frame in W, given those of B in W and of the markers' frame in B."""
+    return attitude_of_markers(attitude, BodyAxes.of(misalignment.roll, misalignment.pitch, misalignment.yaw))
+
+
+def _target(rotors: RotorSpeed, command: RotorSpeed | Throttle, span: Span, numbers: Numbers) -> RotorSpeed:
+    """Return the speeds that the rotors approach; at full throttle they are proportional to the voltage."""
+    state = VehicleState(State(*(0.0,) * NUM_BODY), rotors)
+    target = rotor_target(state, command, numbers.parameters, None, numbers.effects, 0.0)
+    return RotorSpeed(*(span.voltage * speed for speed in target))
+
+
+def thrust_of_share(record: FlightRecord, weight: float) -> np.ndarray:
+    """Return the commanded thrust (n,) in N of a log with the autopilot's estimate of its hover thrust.
+
+    Args:
+        record: record with thrust_share and hover_share.
+        weight: weight of the vehicle, N.
+
+    Raises:
+        InputError: if hover_share is not positive throughout.
+    """
+    hover = record.of("hover_share")
+    if np.any(hover <= 0.0):
+        raise InputError(f"hover_share of the log {shown(record.name)} is zero or negative; it must be positive")
+    return np.asarray(weight * record.of("thrust_share") / hover)
+
+
+def with_commands(record: FlightRecord, scenario: Scenario, believed: Scenario) -> FlightRecord:
+    """Return a record with the commands that the vehicle takes as input.
+
+    These are `motor_command` for a vehicle with throttles, and otherwise `rotor_speed_command`; with an attitude
+    response also `attitude_command`. If the log lacks the commands of the rotors, they follow from the logged thrust
+    and torque, or from the thrust alone with an attitude response, through the allocation of the firmware. If the
+    autopilot logs its estimate of the hover thrust, thrust is taken as a multiple of the weight, so that a battery that
+    discharges does not distort the thrust curve.
+
+    Args:
+        record: record of the flight.
+        scenario: scenario with the vehicle that takes the commands.
+        believed: scenario whose `nominal` vehicle the allocation of the firmware uses.
+
+    Raises:
+        InputError: if the log has no commands for this vehicle.
+    """
+    throttles, responds = scenario.vehicle.motors.take_throttles, scenario.laboratory.autopilot.models_vehicle
+    signal = "motor_command" if throttles else "rotor_speed_command"
+    if responds:
+        record = replace(record, attitude_command=np.unwrap(record.of("attitude_command"), axis=0))
+    if getattr(record, signal) is not None:
+        return record
+    thrust, torque = record.thrust_command, record.torque_command
+    if throttles and responds and record.thrust_share is not None:
+        if record.hover_share is None:
+            return replace(record, motor_command=np.repeat(record.thrust_share[:, None], NUM_ROTORS, axis=1))
+        thrust = thrust_of_share(record, believed.nominal.mass * believed.nominal.gravity)
+    if thrust is None or (torque is None and not responds):
+        other = {"rotor_speed_command": "throttles", "motor_command": "speeds"}[signal]
+        logged = record.motor_command is not None or record.rotor_speed_command is not None
+        hint = f"; its motors take {other}, so use a vehicle whose vehicle.motors do" if logged else ""
+        wanted = f"{signal}, or thrust_command" + ("" if responds else " and torque_command")
+        raise InputError(
+            f"the log {shown(record.name)} has no commands for the vehicle {scenario.name}: it needs {wanted}, and has"
+            f" {', '.join(record.names)}{hint}"
+        )
+    torques = np.zeros((len(record.time), 3)) if responds or torque is None else torque
+    commands: Any = allocated_commands(thrust, torques, believed, throttles=throttles)
+    return replace(record, **{signal: commands})
+
+
+def relative_voltage(record: FlightRecord, model: "LogModel") -> np.ndarray:
+    """Return the voltage (n,) of the battery relative to that of the thrust curve, averaged over a tenth of a second.
+
+    The thrust curve is that at `LogModel.voltage`. The result is 1 if no voltage is logged, or if the rotors are
+    commanded by speed.
+    """
+    if record.battery_voltage is None or not model.throttles or model.voltage is None:
+        return np.ones(len(record.time))
+    width = max(1, round(_VOLTAGE_WINDOW / record.period)) // 2 * 2 + 1
+    padded = np.pad(record.battery_voltage, width // 2, mode="edge")
+    return np.convolve(padded, np.full(width, 1.0 / width), "valid") / model.voltage
+
+
+def level_vehicle(scenario: Scenario) -> Scenario:
+    """Return the scenario with a vehicle that stays level, for logs of heights alone."""
+    angles = (_LEVEL_FREQUENCY,) * 3
+    autopilot = AttitudeResponseSettings(kind="response", natural_frequency=angles, damping=(1.0, 1.0, 1.0))
+    laboratory = scenario.laboratory.model_copy(update={"autopilot": autopilot})
+    return scenario.model_copy(update={"laboratory": laboratory})
+
+
+def level_record(record: FlightRecord) -> FlightRecord:
+    """Return the record of a vehicle that is assumed to stay level."""
+    return replace(record, attitude_command=np.zeros((len(record.time), 3)))
+
+
+class LogModel:
+    """Vehicle as a function of p parameters.
+
+    Args:
+        scenario: scenario without distributions, with the vehicle and its autopilot.
+        names: names of the parameters, as in `Estimates`, and `DELAY`.
+        frame: axes along which the disturbing force is constant during a step.
+        delay: delay if it is not a parameter, s.
+        voltage: voltage of the battery for which the thrust curve holds, V; None if the thrust does not depend on it.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        names: Sequence[str],
+        *,
+        frame: DisturbanceFrame = "world",
+        delay: float = 0.0,
+        voltage: float | None = None,
+    ) -> None:
+        self.scenario, self.names, self.frame = scenario, tuple(names), frame
+        self.throttles = scenario.vehicle.motors.take_throttles
+        self.responds = scenario.laboratory.autopilot.models_vehicle
+        self._delay, self.voltage = delay, voltage
+        self._paths = {
+            scenario_path(name): i for i, name in enumerate(names) if name != DELAY and name not in MISALIGNMENT
+        }
+        command = layout_of(Throttle if self.throttles else RotorSpeed)
+        numbers = self.numbers(np.empty((1, len(names))) + 1.0)
+        self.layout = layout_of(Numbers, numbers)
+        body, rotors, span, wind = (layout_of(kind) for kind in (State, RotorSpeed, Span, Wind))
+        disturbance, force, attitude = (layout_of(kind) for kind in (Disturbance, SpecificForce, Attitude))
+        inputs = body, rotors, command, attitude, wind, disturbance, span, self.layout, frame
+        self.step = kernel(step, inputs, (body, rotors), lone=False)
+        self.rotors_after = kernel(rotors_after, (rotors, command, span, self.layout), (rotors,), lone=False)
+        self.rotors_at_rest = kernel(rotors_at_rest, (command, span, self.layout), (rotors,), lone=False)
+        without_attitude = body, rotors, command, wind, disturbance, span, self.layout, frame
+        self.specific_force = kernel(specific_force, without_attitude, (force,), lone=False)
+        self.measured_attitude = kernel(measured_attitude, (attitude, attitude), (attitude,), lone=False)
+
+    @property
+    def command_signal(self) -> str:
+        """Signal of a record with the commands of the rotors."""
+        return "motor_command" if self.throttles else "rotor_speed_command"
+
+    @property
+    def delay_place(self) -> int | None:
+        """Place of the delay among the parameters; None if it is fixed."""
+        return self.names.index(DELAY) if DELAY in self.names else None
+
+    def numbers(self, parameters: np.ndarray) -> Numbers:
+        """Return the numbers for (K, p) parameters, each a number or a (K,) array."""
+        scenario = replaced(
+            self.scenario, lambda path, old: parameters[:, self._paths[path]] if path in self._paths else old
+        )
+        response = None
+        if self.responds:
+            autopilot = scenario.laboratory.autopilot
+            frequency, damping = autopilot.natural_frequency, autopilot.damping
+            response = AttitudeResponse(NaturalFrequencies(*frequency), DampingRatios(*damping))
+        return Numbers(vehicle_parameters(scenario.vehicle), scenario.vehicle.effect_numbers(), response)
+
+    def misalignment(self, parameters: np.ndarray) -> np.ndarray:
+        """Return roll, pitch and yaw (3, K) of the markers' frame in B for (K, p) parameters."""
+        believed = self.scenario.laboratory.motion_capture.misalignment
+        angles = [
+            parameters[:, self.names.index(name)] if name in self.names else np.full(len(parameters), own, dtype=float)
+            for name, own in zip(MISALIGNMENT, believed, strict=True)
+        ]
+        return np.stack(angles)
+
+    def delays(self, parameters: np.ndarray) -> np.ndarray:
+        """Return the delays (K,) of the commands in s."""
+        place = self.delay_place
+        return np.full(len(parameters), self._delay) if place is None else parameters[:, place]
+
+    def measured_state(self, state: np.ndarray) -> np.ndarray:
+        """Return measured states (12, S) of states of the model, for the misalignment in the scenario."""
+        if self.responds:
+            state = np.stack(shown_state(RespondingBody(*state), small_rotation))
+        return self._turned(state)
+
+    def _turned(self, state: np.ndarray) -> np.ndarray:
+        """Return states (12, S) of the markers' frame, given those of the body."""
+        misalignment = np.array(self.scenario.laboratory.motion_capture.misalignment, dtype=float)
+        if not misalignment.any():
+            return state
+        turn = rotations(misalignment)
+        position, attitude, *rest = np.split(state, len(STATE_ROWS))
+        angles = (rotations(attitude.T) * turn).as_euler("ZYX").T[::-1]
+        return np.concatenate([position, angles, *rest])
+
+
+class WindowInputs(NamedTuple):
+    """Inputs of the model in windows, in T steps from the beginning of the warm-up to the end of each window.
+
+    Attributes:
+        commands: (T + 2 · margin, 7, W) commands of rotors and attitude, with `margin` further steps at both ends.
+        wind: (T, 3, W) velocity of the air, m/s.
+        spans: (T, 2, W) durations of the steps, s, and relative voltages of the battery.
+        period: median duration of a step, s.
+        margin: largest delay, in steps.
+    """
+
+    commands: np.ndarray
+    wind: np.ndarray
+    spans: np.ndarray
+    period: float
+    margin: int
+
+    @classmethod
+    def of(
+        cls,
+        records: Sequence[FlightRecord],
+        model: LogModel,
+        windows: Sequence[LogWindow],
+        sizes: WindowSizes,
+        *,
+        split: int,
+        max_delay: float,
+    ) -> "WindowInputs":
+        """Return the inputs of windows of records.
+
+        Args:
+            records: records that contain the windows, with commands of the model, see `with_commands`.
+            model: model that takes the inputs.
+            windows: W windows.
+            sizes: sizes of the windows.
+            split: number of steps per sample.
+            max_delay: largest delay in either direction, s.
+        """
+        period = float(np.median([record.period for record in records])) / split
+        margin = int(np.ceil(max_delay / period)) + 2
+        first = -split * (sizes.settle + sizes.warm_up) - margin
+        offsets = np.arange(first, split * sizes.length + margin) // split
+        still = np.asarray(steady_wind(model.scenario.laboratory.wind), dtype=float)
+        rows, winds, spans = [], [], []
+        for record in records:
+            voltage = relative_voltage(record, model)
+            steps = np.diff(record.time, append=record.time[-1] + record.period)
+            size = len(steps)
+            attitude = record.of("attitude_command") if model.responds else np.zeros((size, 3))
+            rows.append(np.hstack([record.of(model.command_signal), attitude]))
+            winds.append(np.tile(still, (size, 1)) if record.wind is None else record.wind)
+            spans.append(np.column_stack([np.minimum(steps, 3.0 * split * period) / split, voltage]))
+        index = [(number, np.clip(start + offsets, 0, len(spans[number]) - 1)) for number, start in windows]
+        inner = slice(margin, -margin)
+        commands = np.stack([rows[number][at] for number, at in index], axis=2)
+        wind = np.stack([winds[number][at[inner]] for number, at in index], axis=2)
+        both = np.stack([spans[number][at[inner]] for number, at in index], axis=2)
+        return cls(commands, wind, both, period, margin)
+
+
+class ModelFlight:
+    """Flight of the model in W windows at once, for K sets of parameters.
+
+    The rows of a state are those of the body, then those of the disturbance: (NUM_BODY + NUM_DISTURBANCE, K, W).
+
+    Args:
+        model: model of the vehicle.
+        parameters: (K, p) parameters.
+        inputs: inputs in the windows.
+        warm_up: number of steps during which only the rotors follow their commands.
+    """
+
+    def __init__(self, model: LogModel, parameters: np.ndarray, inputs: WindowInputs, warm_up: int) -> None:
+        self.model, self.parameters = model, parameters
+        count, windows = len(parameters), inputs.commands.shape[2]
+        self.shape, self._size = (count, windows), count * windows
+        flat = model.layout.flatten(model.numbers(parameters))
+        rows = [np.broadcast_to(np.asarray(row, float), (count,)) for row in flat]
+        self._numbers = np.repeat(np.array(rows), windows, axis=1).ravel()
+        self._misalignment = np.repeat(model.misalignment(parameters), windows, axis=1).ravel()
+        whole = model.delays(parameters) / inputs.period
+        late = np.floor(whole).astype(int)
+        pairs = list(zip(late.tolist(), (whole - late).tolist(), strict=True))
+        self._lags = [(*pair, [k for k in range(count) if pairs[k] == pair]) for pair in dict.fromkeys(pairs)]
+        self._inputs, self._k = inputs, 0
+        self._rotors = np.empty(NUM_ROTORS * self._size)
+        self._command = np.empty((inputs.commands.shape[1], count, windows))
+        self._span, self._wind = np.empty((2, count, windows)), np.empty((3, count, windows))
+        self._read_inputs()
+        span = self._span.reshape(-1)
+        model.rotors_at_rest(self._size, 0.0, self._rotors, self._rotor_command, span, self._numbers)
+        for _ in range(warm_up):
+            model.rotors_after(self._size, 0.0, self._rotors, self._rotors, self._rotor_command, span, self._numbers)
+            self._next()
+
+    @property
+    def _rotor_command(self) -> np.ndarray:
+        return self._command[:NUM_ROTORS].reshape(-1)
+
+    def _read_inputs(self) -> None:
+        """Read commands, wind and duration of the step that begins now."""
+        commands, at = self._inputs.commands, self._k + self._inputs.margin
+        for lag, share, which in self._lags:
+            self._command[:, which] = ((1.0 - share) * commands[at - lag] + share * commands[at - lag - 1])[:, None, :]
+        last = min(self._k, len(self._inputs.spans) - 1)
+        self._span[:], self._wind[:] = self._inputs.spans[last][:, None, :], self._inputs.wind[last][:, None, :]
+
+    def _next(self) -> None:
+        self._k += 1
+        self._read_inputs()
+
+    def step(self, state: np.ndarray) -> None:
+        """Advance a state by one step, with a constant disturbance."""
+        body = state[:NUM_BODY].reshape(-1)
+        attitude, wind = self._command[NUM_ROTORS:].reshape(-1), self._wind.reshape(-1)
+        disturbance, span = state[NUM_BODY:].reshape(-1), self._span.reshape(-1)
+        inputs = body, self._rotors, self._rotor_command, attitude, wind, disturbance, span, self._numbers
+        self.model.step(self._size, 0.0, body, self._rotors, *inputs)
+        self._next()
+
+    def specific_force(self, state: np.ndarray) -> np.ndarray:
+        """Return the specific force (3, K, W) in a state, m/s²."""
+        force = np.empty(3 * self._size)
+        body, disturbance = state[:NUM_BODY].reshape(-1), state[NUM_BODY:].reshape(-1)
+        wind, span = self._wind.reshape(-1), self._span.reshape(-1)
+        inputs = body, self._rotors, self._rotor_command, wind, disturbance, span, self._numbers
+        self.model.specific_force(self._size, 0.0, force, *inputs)
+        return force.reshape(3, *self.shape)
+
+    def measured_attitude(self, state: np.ndarray) -> np.ndarray:
+        """Return roll, pitch and yaw (3, K, W) of the markers' frame in a state."""
+        row = STATE_ROWS["attitude"]
+        attitude = state[row : row + 3]
+        if not self._misalignment.any():
+            return attitude
+        measured = np.empty(3 * self._size)
+        self.model.measured_attitude(self._size, 0.0, measured, attitude.reshape(-1), self._misalignment)
+        return measured.reshape(3, *self.shape)

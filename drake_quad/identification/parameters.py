@@ -1,0 +1,138 @@
+"""Parameters that an identification may estimate, with their priors.
+
+The prior of a parameter is a normal distribution around its value in the scenario. Its standard deviation is
+`_PRIOR_SCALES` times the scale of the parameter, the size of a usual error of a data sheet. A new parameter is one more
+row of `_candidates`.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from drake_quad.identification.model import DELAY, MISALIGNMENT
+from drake_quad.identification.prediction_errors import FORCE
+from drake_quad.identification.results.vehicle_numbers import number_of, with_effects
+from drake_quad.scenario.layouts import arm_length_of
+from drake_quad.scenario.models import Scenario
+
+# Standard deviation of a prior, in scales. Weak, so that it counts only where the data say little.
+_PRIOR_SCALES = 1.0
+# Limits of a positive parameter, relative to its value in the scenario.
+_MIN_RATIO = 0.02
+_MAX_RATIO = 50.0
+# Scales of time constant and delay do not depend on their values, so that they can be fitted if these are zero.
+_TIME_CONSTANT_SCALE = 0.04  # s
+_MIN_TIME_CONSTANT = 2e-3  # s
+_DELAY_SCALE = 0.02  # s
+
+
+class Parameter(NamedTuple):
+    """Parameter with its prior.
+
+    Attributes:
+        name: name as in `Estimates`, or `DELAY`.
+        start: mean of the prior.
+        scale: usual error of the prior mean.
+        lower: lower bound.
+        upper: upper bound.
+    """
+
+    name: str
+    start: float
+    scale: float
+    lower: float = -np.inf
+    upper: float = np.inf
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of the prior."""
+        return _PRIOR_SCALES * self.scale
+
+
+def parameters_of(
+    scenario: Scenario, signals: set[str], *, own_throttles: bool, delay: float, max_delay: float
+) -> list[Parameter]:
+    """Return the parameters that outputs may determine.
+
+    Args:
+        scenario: scenario with the initial values.
+        signals: signals that are predicted.
+        own_throttles: whether the log has a command for each motor, rather than a common share of the thrust.
+        delay: initial delay, s.
+        max_delay: largest delay in either direction, s.
+    """
+    candidates = [*_candidates(scenario, signals, own_throttles)]
+    scenario = with_effects(scenario, tuple(name for name, *_ in candidates))
+    found = []
+    for name, scale, kind in candidates:
+        start = number_of(scenario, name)
+        lower, upper = -np.inf, np.inf
+        if kind == "positive":
+            lower, upper = _MIN_RATIO * start, _MAX_RATIO * start
+            if name.startswith("rotor_time_constant"):
+                lower = min(max(lower, _MIN_TIME_CONSTANT), start)
+        elif kind == "not negative":
+            lower = 0.0
+        found.append(Parameter(name, start, scale, lower, upper))
+    found.append(Parameter(DELAY, delay, _DELAY_SCALE, -max_delay, max_delay))
+    return found
+
+
+def _candidates(scenario: Scenario, signals: set[str], own_throttles: bool) -> Iterator[tuple[str, float, str]]:
+    """Yield name, scale and range of each parameter."""
+    vehicle: Any = scenario.vehicle
+    autopilot: Any = scenario.laboratory.autopilot
+    responds = scenario.laboratory.autopilot.models_vehicle
+    turning, moving = bool({"attitude", "body_rates"} & signals), bool({"position", "velocity"} & signals)
+    mass, hover, arm = vehicle.mass, 0.25 * vehicle.mass * vehicle.gravity, arm_length_of(vehicle)
+    if vehicle.motors.take_throttles:
+        # A log of heights or of a common share of the thrust varies around hover, and determines fewer numbers.
+        places = (0, 1, 2) if own_throttles and turning else (0, 1) if turning else (0, 2)
+        for i in places:
+            yield f"motors.curve[{i}]", hover, "any"
+    else:
+        yield "thrust_factor", vehicle.thrust_factor, "positive"
+    yield "rotor_time_constant", _TIME_CONSTANT_SCALE, "positive"
+    if vehicle.rotor_time_constant_down is not None and not responds:
+        yield "rotor_time_constant_down", _TIME_CONSTANT_SCALE, "positive"
+    if turning and responds:
+        for i, frequency in enumerate(autopilot.natural_frequency):
+            yield f"autopilot.natural_frequency[{i}]", 0.5 * frequency, "positive"
+        for i in range(3):
+            yield f"autopilot.damping[{i}]", 0.5, "positive"
+    elif turning:
+        for i in range(3):
+            yield f"inertia[{i}]", vehicle.inertia[i], "positive"
+        for i in range(2):
+            yield f"centre_of_mass[{i}]", 0.2 * arm, "any"
+        if vehicle.reaction_torque:
+            yield "rotor_inertia", vehicle.rotor_inertia, "positive"
+    if not responds and turning and FORCE in signals and vehicle.body_drag is not None:
+        yield "body_drag.centre_of_pressure[2]", 0.2 * arm, "any"
+    # An accelerometer alone determines drag and velocity only as a product.
+    if not moving:
+        return
+    if "attitude" in signals and "position" in signals:
+        for name in MISALIGNMENT[:2]:
+            yield name, 0.05, "any"
+    if vehicle.linear_drag > 0.0:
+        yield "linear_drag", vehicle.linear_drag, "not negative"
+    if turning and (responds or vehicle.body_drag is not None):
+        believed = (0.0,) * 3 if vehicle.body_drag is None else vehicle.body_drag.linear
+        for i in range(2):
+            yield f"body_drag.linear[{i}]", max(0.3 * mass, believed[i]), "not negative"
+        if responds or FORCE in signals:
+            for i in range(3):
+                yield f"body_drag.quadratic[{i}]", 0.05 * mass, "not negative"
+        if not responds and FORCE not in signals:
+            yield "body_drag.centre_of_pressure[2]", 0.2 * arm, "any"
+    if responds or vehicle.rotor_aerodynamics is not None:
+        if responds:
+            yield "rotor_aerodynamics.lift", 0.05 * mass, "not negative"
+        yield "rotor_aerodynamics.climb", 0.3 * mass, "any"
+
+
+def names_of(parameters: Sequence[Parameter]) -> list[str]:
+    """Return the names of parameters."""
+    return [parameter.name for parameter in parameters]

@@ -1,0 +1,239 @@
+"""Logs as the forward model takes them: commands, outputs, usable samples and one period."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from drake_quad.errors import InputError, listed
+from drake_quad.identification.logs.attitudes import rotations
+from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.model import (
+    DELAY,
+    DisturbanceFrame,
+    LogModel,
+    level_record,
+    level_vehicle,
+    thrust_of_share,
+    with_commands,
+)
+from drake_quad.identification.prediction_errors import FORCE, Output, PredictionNoise, Predictor
+from drake_quad.identification.results.vehicle_numbers import with_effects, with_throttles
+from drake_quad.identification.windows import LogWindow, WindowSizes, airborne, coarser, common_period, cut
+from drake_quad.scenario.models import Scenario
+from drake_quad.vehicle.motors import thrust_of
+
+# s, a tenth of the time constant of a small motor; faster logs are averaged to this period.
+_PERIOD = 0.008
+SLOW_PERIOD = 0.03  # s, half of the time constant of a small motor
+_MAX_STEP = 0.01  # s, longest step of the model
+# s, length of a window and time before it in which the filter settles. Without poses, attitude and velocity drift.
+_POSE_WINDOW, _IMU_WINDOW = (1.25, 0.4), (1.0, 0.4)
+_MIN_WINDOW = 0.5  # s
+WARM_UP = 0.4  # s, about five time constants of a small motor
+_POSE_HORIZON, _IMU_HORIZON = 0.5, 0.1  # s, of the forecast of held-out flight
+MAX_DELAY = 0.15  # s
+MIN_BLOCKS = 15
+_BLOCK = 4.0  # s, longer than the correlation time of model errors
+_MIN_WINDOWS = 4
+_POSE = ("position", "attitude")
+
+
+class PreparedLogs(NamedTuple):
+    """Logs as the model takes them.
+
+    Attributes:
+        records: records with the commands and outputs of the model.
+        scenario: scenario with the vehicle that flies them.
+        outputs: outputs that are predicted.
+        flying: (n,) mask of the usable samples of each record.
+        own_throttles: whether each motor has a command of its own.
+    """
+
+    records: list[FlightRecord]
+    scenario: Scenario
+    outputs: list[Output]
+    flying: list[np.ndarray]
+    own_throttles: bool
+
+    @property
+    def period(self) -> float:
+        """Time between samples, s."""
+        return common_period(self.records)
+
+    @property
+    def voltage(self) -> float | None:
+        """Voltage for which the thrust curve holds, V.
+
+        It is `motors.voltage` of the vehicle, otherwise that of its full battery, otherwise the median of the logs. It
+        is None if the rotors are not commanded one by one, or if a log lacks the voltage.
+        """
+        if not self.own_throttles or any(record.battery_voltage is None for record in self.records):
+            return None
+        vehicle: Any = self.scenario.vehicle
+        if vehicle.motors.voltage is not None:
+            return float(vehicle.motors.voltage)
+        if vehicle.battery is not None:
+            return float(vehicle.battery.voltage)
+        voltages = [
+            record.of("battery_voltage")[usable] for record, usable in zip(self.records, self.flying, strict=True)
+        ]
+        return float(np.median(np.concatenate(voltages)))
+
+    @property
+    def signals(self) -> set[str]:
+        """Signals that are predicted."""
+        return {output.signal for output in self.outputs}
+
+    @property
+    def poses(self) -> bool:
+        """Whether positions, attitudes or velocities are predicted."""
+        return bool({"position", "attitude", "velocity"} & self.signals)
+
+    def coarser(self) -> "PreparedLogs | None":
+        """Return the logs at the period of `SLOW_PERIOD`; None if their own is not much shorter."""
+        step = int(SLOW_PERIOD / self.period + 0.05)
+        if step < 2:
+            return None
+        records = [coarser(record, step) for record in self.records]
+        return self._replace(records=records, flying=[airborne(record) for record in records])
+
+    def predictor(
+        self, names: Sequence[str], flying: Sequence[np.ndarray], *, horizon: bool = False, delay: float = 0.0
+    ) -> Predictor:
+        """Return the predictor of the outputs in windows of the usable parts of the records."""
+        length, settle = _POSE_WINDOW if self.poses else _IMU_WINDOW
+        time = self.period * sum(int(usable.sum()) for usable in flying)
+        if horizon:
+            length = min(_POSE_HORIZON if self.poses else _IMU_HORIZON, time / (2.0 * _MIN_WINDOWS))
+            settle = min(settle, length)
+        else:
+            length = min(length, max(_MIN_WINDOW, time / (MIN_BLOCKS + 1)))
+        sizes = WindowSizes(*(max(1, round(time / self.period)) for time in (length, settle, WARM_UP)))
+        windows = cut(self.records, flying, sizes)
+        if len(windows) < _MIN_WINDOWS:
+            raise InputError(
+                f"only {len(windows)} windows of {length + settle:.2g} s in the air can be cut from"
+                f" {'the held-out part of the logs' if horizon else 'the logs'}; at least {_MIN_WINDOWS} are needed"
+            )
+        return self.predictor_in(windows, sizes, names, delay=delay)
+
+    def predictor_in(
+        self, windows: Sequence[LogWindow], sizes: WindowSizes, names: Sequence[str] = (), *, delay: float = 0.0
+    ) -> Predictor:
+        """Return the predictor of the outputs in some windows.
+
+        Args:
+            windows: windows of the records.
+            sizes: sizes of the windows.
+            names: names of the parameters.
+            delay: delay if it is no parameter, s.
+        """
+        scenario = with_effects(self.scenario, tuple(name for name in names if name != DELAY))
+        frame: DisturbanceFrame = "world" if self.poses else "body"
+        model = LogModel(scenario, names, frame=frame, delay=delay, voltage=self.voltage)
+        split = max(1, int(np.ceil(self.period / _MAX_STEP - 0.05)))
+        max_delay = max(MAX_DELAY, delay) + self.period
+        return Predictor(model, self.records, windows, sizes, self.outputs, split=split, max_delay=max_delay)
+
+
+def window_blocks(predictor: Predictor) -> np.ndarray:
+    """Return the number (W,) of the block of each window, for the covariance of the estimates."""
+    windows = len(predictor.windows)
+    number = min(windows, max(MIN_BLOCKS, round(predictor.duration / _BLOCK)))
+    return np.asarray(np.arange(windows) * number // windows)
+
+
+def prepare(
+    records: Sequence[FlightRecord], scenario: Scenario, believed: Scenario | None = None
+) -> tuple[PreparedLogs, Scenario]:
+    """Return logs as the model takes them, and the scenario that estimates are put into.
+
+    Args:
+        records: records of flights of the same vehicle.
+        scenario: scenario with the vehicle.
+        believed: scenario whose `nominal` vehicle the firmware's allocation uses; by default `scenario`.
+
+    Raises:
+        InputError: if a log lacks commands or outputs, or the logs have different rates.
+    """
+    own_throttles = any(record.motor_command is not None for record in records)
+    if own_throttles:
+        scenario = with_throttles(scenario)
+    flown = scenario
+    responds = scenario.laboratory.autopilot.models_vehicle
+    if responds:
+        vehicle = scenario.vehicle.model_copy(update={"rotor_time_constant_down": None})
+        flown = scenario = scenario.model_copy(update={"vehicle": vehicle})
+    elif any(record.attitude is None and record.body_rates is None for record in records):
+        records = [level_record(record) for record in records]
+        flown = level_vehicle(scenario)
+    believed = believed or scenario
+    prepared = [_with_specific_force(record, believed) for record in records]
+    prepared = [with_commands(record, flown, believed) for record in prepared]
+    prepared = [coarser(record, max(1, int(_PERIOD / record.period + 0.05))) for record in prepared]
+    logs = PreparedLogs(prepared, flown, _outputs(prepared), [airborne(record) for record in prepared], own_throttles)
+    common_period(prepared)  # refuses logs of different rates
+    return logs, scenario
+
+
+def _with_specific_force(record: FlightRecord, scenario: Scenario) -> FlightRecord:
+    """Return a record whose residual force is converted to the specific force that an accelerometer would measure.
+
+    An autopilot logs as residual force the force other than the weight and the thrust that it commanded.
+    """
+    if record.residual_force is None or record.attitude is None or record.specific_force is not None:
+        return record
+    if record.thrust_share is not None and record.hover_share is not None:
+        thrust = thrust_of_share(record, scenario.vehicle.mass * scenario.vehicle.gravity)
+    elif record.thrust_command is not None:
+        thrust = record.thrust_command
+    else:
+        curve = scenario.nominal.motors.thrust_curve()
+        if record.thrust_share is None or curve is None:
+            return record
+        shares: Any = np.repeat(record.thrust_share[:, None], 4, axis=1)
+        thrust = np.asarray(thrust_of(shares, curve)).sum(axis=1)
+    turned = rotations(record.attitude).inv()
+    force = turned.apply(record.residual_force) + thrust[:, None] * np.array([0.0, 0.0, 1.0])
+    return replace(record, specific_force=force / scenario.vehicle.mass)
+
+
+def _outputs(records: Sequence[FlightRecord]) -> list[Output]:
+    """Return the outputs that are predicted, which all records contain.
+
+    Velocities are left out if positions are logged, and body rates if attitudes but no specific forces are logged: an
+    estimator derives them from positions and attitudes, with the same noise and with an additional delay.
+    """
+    have = set.intersection(*(set(record.names) for record in records))
+    signals = [name for name in _POSE if name in have]
+    if "position" not in have and "velocity" in have and "attitude" in have:
+        signals.append("velocity")
+    if "body_rates" in have and ("attitude" not in have or FORCE in have):
+        signals.append("body_rates")
+    if FORCE in have and ("body_rates" in have or "attitude" in have):
+        signals.append(FORCE)
+    if not signals:
+        raise InputError(
+            "to identify a vehicle, a log needs body_rates and specific_force, position or velocity with attitude, or"
+            f" position; all of these logs have {listed(sorted(have), len(have)) or 'nothing'}"
+        )
+    if signals == ["position"]:
+        return [Output("position", 2)]
+    return [Output(name, column) for name in signals for column in range(3)]
+
+
+def initial_noise(outputs: Sequence[Output]) -> PredictionNoise:
+    """Return the initial noise.
+
+    The disturbance is large, so that an initial model that is far off is corrected by the measurements, and does not
+    diverge within a window. Its likelihood soon makes it smaller.
+    """
+    measured = {"position": 1e-3, "velocity": 2e-2, "attitude": 4e-3, "body_rates": 2e-2, FORCE: 0.3}
+    memory = [0.1, 0.1, 0.1, 0.05, 0.05, 0.05]
+    return PredictionNoise(
+        np.array([measured[output.signal] for output in outputs]),
+        np.array([1.0, 1.0, 1.0, 8.0, 8.0, 3.0]),
+        np.array(memory),
+    )

@@ -1,0 +1,88 @@
+"""Result of an identification: estimates, the vehicle with them, and its forecast of held-out flight."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from drake_quad.identification.prediction_errors import PredictionNoise
+from drake_quad.identification.results.estimates import Estimates, quantile
+from drake_quad.identification.results.held_out import HeldOut
+from drake_quad.scenario.models import Scenario
+
+
+class ForecastOutput(NamedTuple):
+    """Forecast of one output beside its measurements, in windows of held-out flight.
+
+    Attributes:
+        name: name of the output, as in "position x".
+        unit: unit of the output.
+        time: (W, T) flight time in the windows, which follow one another, s.
+        measured: (W, T) measurements.
+        predicted: (W, T) forecast, which uses no measurement of its window.
+        explained: share of the variance that the forecast explains, see `drake_quad.identification.forecast`; NaN if
+            nothing varies.
+        deviation: standard deviation of the white noise of the measurements.
+    """
+
+    name: str
+    unit: str
+    time: np.ndarray
+    measured: np.ndarray
+    predicted: np.ndarray
+    explained: float
+    deviation: float
+
+    @property
+    def residual(self) -> np.ndarray:
+        """(W, T) measured minus predicted."""
+        return self.measured - self.predicted
+
+
+class Spread(NamedTuple):
+    """Estimate with its uncertainty.
+
+    Attributes:
+        value: estimate.
+        deviation: standard deviation of its error.
+        unit: unit of both.
+        degrees_of_freedom: degrees of freedom of Student's distribution of the error.
+    """
+
+    value: float
+    deviation: float
+    unit: str
+    degrees_of_freedom: float = np.inf
+
+    @property
+    def reach(self) -> float:
+        """Half of the length of the 95 % interval."""
+        return float(quantile(self.degrees_of_freedom)) * self.deviation
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """Vehicle identified from logs.
+
+    Attributes:
+        estimates: estimates of the parameters with their covariance, and the reason for each parameter that is not
+            identified.
+        vehicle: initial scenario with the estimates in place of its values.
+        outputs: forecasts of the held-out flight, beside the measurements; empty if nothing was held out.
+        delay: delay from a logged command to the logged measurement of its effect; None if it is not identified.
+        noise: noise of the measurements and of the disturbance.
+        remarks: sentences on the fit.
+        held_out: coverage of the intervals when a tenth of the flight at a time is left out, by the name of the
+            parameter; empty if there is too little flight.
+        training_vehicle: scenario with the estimates of a fit to the flight that is not held out; None if nothing is.
+    """
+
+    estimates: Estimates
+    vehicle: Scenario
+    outputs: tuple[ForecastOutput, ...]
+    delay: Spread | None = None
+    noise: PredictionNoise | None = None
+    remarks: tuple[str, ...] = ()
+    held_out: Mapping[str, HeldOut] = field(default_factory=dict)
+    training_vehicle: Scenario | None = None

@@ -1,0 +1,248 @@
+"""Covariances, degrees of freedom and noise, against closed forms and against leaving blocks out by hand."""
+
+import numpy as np
+import pytest
+import scipy
+
+from drake_quad.errors import InputError
+from drake_quad.identification import fit as fitting
+from drake_quad.identification.evidence import jackknife, sums_over_blocks
+from drake_quad.identification.fit import PredictionFit, noise_likelihood
+from drake_quad.identification.parameters import Parameter
+from drake_quad.identification.prediction_errors import Gains, PredictionNoise
+
+NOTHING = Gains(*(np.empty(0) for _ in Gains._fields))
+NO_NOISE = PredictionNoise(np.ones(1), np.ones(6), np.ones(6))
+
+
+def line_fit(windows: int, samples: int, seed: int) -> tuple[PredictionFit, np.ndarray, np.ndarray]:
+    """A least-squares fit of two parameters to windows of samples; its rows and values."""
+    rng = np.random.default_rng(seed)
+    rows = rng.normal(size=(windows, samples, 2)) * rng.uniform(0.5, 2.0, size=(windows, 1, 1))
+    values = rows @ [1.0, -2.0] + rng.normal(size=(windows, 1)) + 0.3 * rng.normal(size=(windows, samples))
+    found = np.linalg.lstsq(rows.reshape(-1, 2), values.ravel(), rcond=None)[0]
+    # An error is measured minus predicted.
+    return PredictionFit(found, NO_NOISE, NOTHING, -rows, values - rows @ found, np.zeros(2)), rows, values
+
+
+@pytest.mark.parametrize("prior", [np.zeros(2), np.array([30.0, 0.5])], ids=["without a prior", "with a prior"])
+@pytest.mark.parametrize("adjacent", [False, True])
+def test_covariance_is_the_jackknife_over_blocks(prior: np.ndarray, adjacent: bool) -> None:
+    """For a linear model one step of Gauss and Newton is exact: each block is left out by hand."""
+    _, rows, values = line_fit(12, 7, seed=0)
+    blocks, mean = np.arange(12) // 3, np.array([0.5, -1.0])
+
+    def fitted(kept: np.ndarray) -> np.ndarray:
+        own, measured = rows[kept].reshape(-1, 2), values[kept].ravel()
+        return np.linalg.solve(own.T @ own + np.diag(prior), own.T @ measured + prior * mean)
+
+    whole = fitted(np.full(12, True))
+    moves = np.array([fitted(blocks != b) - whole for b in range(4)])
+    expected = 3 / 4 * moves.T @ moves
+    if adjacent:
+        first, then = moves[:-1], moves[1:]
+        expected += 3 / 4 * 0.5 * (first.T @ then + then.T @ first)
+    inverse = np.linalg.inv(np.einsum("wkp,wkq->pq", rows, rows) + np.diag(prior))
+    expected += inverse @ np.diag(prior) @ inverse
+    # No variance is smaller than that of the model.
+    wider = np.sqrt(np.maximum(1.0, np.diag(inverse) / np.diag(expected)))
+    found = PredictionFit(whole, NO_NOISE, NOTHING, -rows, values - rows @ whole, prior)
+    if adjacent:
+        own = found.uncertainty(blocks)
+    else:
+        told = sums_over_blocks(np.einsum("wkp,wkq->wpq", found.slopes, found.slopes), blocks)
+        scores = sums_over_blocks(np.einsum("wkp,wk->wp", found.slopes, found.errors), blocks)
+        own = jackknife(told, scores, prior=prior)
+    np.testing.assert_allclose(own.covariance, expected * np.outer(wider, wider), rtol=1e-9)
+    np.testing.assert_allclose(own.model, inverse, rtol=1e-9)
+
+
+def test_blocks_that_agree_by_chance_do_not_make_an_estimate_surer_than_the_model() -> None:
+    information = np.tile(np.diag([4.0, 1.0]), (10, 1, 1))
+    scores = np.stack([np.full(10, 1e-6), np.tile([3.0, -3.0], 5)], axis=1)
+    found = jackknife(information, scores)
+    assert found.covariance[0, 0] == pytest.approx(1.0 / 40.0)
+    assert found.covariance[1, 1] == pytest.approx(9.0 / 10.0 * 10 * (3.0 / 9.0) ** 2)
+
+
+def test_a_condensed_problem_has_the_same_squares_and_products() -> None:
+    """Parameters differ by eight orders of magnitude, as an inertia and a lag do."""
+    rng = np.random.default_rng(4)
+    slopes, residuals = rng.normal(size=(300, 4)) * [1e-4, 1.0, 1e4, 1.0], rng.normal(size=300)
+    few, short = fitting._condensed(residuals, slopes)
+    assert (few.shape, short.shape) == ((5,), (5, 4))
+    np.testing.assert_allclose(few @ few, residuals @ residuals)
+    np.testing.assert_allclose(short.T @ short, slopes.T @ slopes, rtol=1e-9)
+    np.testing.assert_allclose(short.T @ few, slopes.T @ residuals, rtol=1e-9)
+
+
+def test_what_a_window_gives_back_to_the_one_before_makes_intervals_shorter() -> None:
+    """Of a mean, with errors n_k - 0.8 n_(k-1): its true deviation is a fifth of that of independent windows."""
+    said, off = {}, []
+    for seed in range(300):
+        noise = 30.0 * np.random.default_rng(seed).normal(size=41)  # far more than the model expects
+        errors = (noise[1:] - 0.8 * noise[:-1])[:, None, None]
+        off.append(errors.mean())
+        information, scores = np.ones((40, 1, 1)), -(errors - errors.mean())[:, 0]
+        for adjacent in (True, False):
+            found = jackknife(information, scores, adjacent=adjacent)
+            said.setdefault(adjacent, []).append(float(found.covariance[0, 0]))
+    variance = float(np.mean(np.square(off)))
+    assert np.mean(said[False]) > 20.0 * variance
+    assert np.mean(said[True]) < 0.55 * np.mean(said[False])
+
+
+def test_degrees_of_freedom_are_those_of_the_blocks_that_tell() -> None:
+    """Of ten blocks alike nine; if only two of them tell a parameter, one."""
+    slopes = np.zeros((10, 5, 2))
+    slopes[:, :3, 0] = 1.0
+    slopes[:2, 3:, 1] = 1.0
+    fitted = PredictionFit(np.zeros(2), NO_NOISE, NOTHING, slopes, np.zeros((10, 5)), np.zeros(2))
+    found = fitted.uncertainty(np.arange(10)).degrees_of_freedom
+    np.testing.assert_allclose(found, [9.0, 1.0])
+
+
+@pytest.mark.slow
+def test_intervals_of_correlated_errors_cover() -> None:
+    """Errors that are shared by a window make intervals of independent samples far too short; these cover."""
+    inside = 0
+    for seed in range(400):
+        fitted, *_ = line_fit(15, 6, seed)
+        found = fitted.uncertainty(np.arange(15))
+        reach = scipy.stats.t.ppf(0.975, found.degrees_of_freedom) * np.sqrt(np.diag(found.covariance))
+        inside += np.sum(np.abs(fitted.values - [1.0, -2.0]) < reach)
+    assert 0.93 < inside / 800 < 0.99
+
+
+def test_score_and_information_are_those_of_normal_errors() -> None:
+    """For e of variance s², by log s: score Σ e²/s² - 1, information 2 a sample."""
+    rng = np.random.default_rng(1)
+    errors, deviation, step = rng.normal(0.0, 2.0, size=(50, 1, 3, 1)), 1.5, 1e-4
+    spreads = np.full((50, 2, 3, 1, 1), deviation**2)
+    spreads[:, 1] *= np.exp(2.0 * step)
+    found, score, information = noise_likelihood(np.tile(errors, (1, 2, 1, 1)), spreads, step)
+    squares = (errors / deviation) ** 2
+    assert found == pytest.approx(-150 * np.log(deviation) - 0.5 * squares.sum())
+    assert score[0] == pytest.approx((squares - 1.0).sum(), rel=1e-3)
+    assert information[0, 0] == pytest.approx(300.0, rel=1e-3)
+
+
+@pytest.mark.parametrize(("windows", "parts"), [(7, 9), (30, 2), (60, 1), (90, 1)])
+def test_few_windows_are_taken_apart_into_sixty_parts_in_the_order_of_flight(windows: int, parts: int) -> None:
+    """Samples of several outputs stay together, and all parts together say what the windows say."""
+    fitted, _, _ = line_fit(windows, 24, seed=1)
+    fitted = fitted._replace(noise=PredictionNoise(np.ones(2), np.ones(6), np.ones(6)))
+    found = fitted.evidence(["a", "b"], np.array([1.0, 2.0]), 30.0)
+    assert len(found.scores) == windows * parts
+    pieces = [
+        (rows, errors)
+        for window, own in zip(fitted.slopes, fitted.errors, strict=True)
+        for rows, errors in zip(
+            np.array_split(window.reshape(12, 2, 2), parts), np.array_split(own.reshape(12, 2), parts), strict=True
+        )
+    ]
+    for part, (rows, errors) in enumerate(pieces):
+        np.testing.assert_allclose(found.information[part], np.einsum("kmp,kmq->pq", rows, rows))
+        np.testing.assert_allclose(found.scores[part], np.einsum("kmp,km->p", rows, errors))
+    assert (found.names, found.duration) == (("a", "b"), 30.0)
+    np.testing.assert_array_equal(found.values, fitted.values)
+    np.testing.assert_array_equal(found.scales, [1.0, 2.0])
+
+
+class LinearPredictor:
+    """Predictor whose errors are those of a line: e = y - rows θ, with white noise of unit variance."""
+
+    class Model:
+        delay_place = None
+
+    model = Model()
+
+    def __init__(self, rows: np.ndarray, measured: np.ndarray) -> None:
+        self.rows, self.target = rows, measured
+        self.windows = range(rows.shape[1])
+        self.counted = np.full(len(rows), True)
+
+    def gains(self, values: np.ndarray, noise: PredictionNoise) -> Gains:
+        whitening = np.ones((*self.target.shape, 1, 1))
+        return NOTHING._replace(whitening=whitening)
+
+    def errors(self, parameters: np.ndarray, *_: object) -> tuple[np.ndarray, np.ndarray]:
+        found = self.target[:, :, None] - self.rows @ parameters.T
+        return found.transpose(0, 2, 1)[:, None], np.zeros((1, len(parameters), len(self.windows)))
+
+    def continue_windows(self, *_: object) -> None: ...
+
+
+def linear_parameters(starts: dict[str, tuple[float, float]]) -> list[Parameter]:
+    return [Parameter(name, start, scale) for name, (start, scale) in starts.items()]
+
+
+def fitted_line(monkeypatch: pytest.MonkeyPatch, rows: np.ndarray, measured: np.ndarray, starts: dict) -> PredictionFit:
+    monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, noise, chosen=None: noise)
+    noise = PredictionNoise(np.ones(1), np.full(6, 1e-3), np.ones(6))
+    return fitting.fit(LinearPredictor(rows, measured), linear_parameters(starts), noise)  # type: ignore[arg-type]
+
+
+def test_a_linear_problem_has_the_posterior_mean_as_its_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(2)
+    rows = rng.normal(size=(30, 4, 2))
+    measured = rows @ [2.0, -0.5] + rng.normal(size=(30, 4))
+    found = fitted_line(monkeypatch, rows, measured, {"mass": (1.0, 0.1), "linear_drag": (0.2, 0.5)})
+    flat, prior = rows.reshape(-1, 2), np.array([100.0, 4.0])
+    information = flat.T @ flat + np.diag(prior)
+    np.testing.assert_allclose(
+        found.values, np.linalg.solve(information, flat.T @ measured.ravel() + prior * [1.0, 0.2]), rtol=1e-4
+    )
+    np.testing.assert_allclose(found.prior, prior)
+
+
+@pytest.mark.parametrize("true", [[5.0, -3.0, 1.0], [-1.0, 4.0, 0.5], [1.0, 6.0, -5.0]])
+def test_a_thrust_curve_is_the_best_that_does_not_fall(monkeypatch: pytest.MonkeyPatch, true: list[float]) -> None:
+    """The fit is that of non-negative least squares on thrust at zero, slope at zero and slope at one."""
+    u = np.random.default_rng(3).uniform(0.0, 1.0, size=(200, 1))
+    rows = np.stack([np.ones_like(u), u, u**2], axis=2)
+    scale = 1e3  # hardly any prior
+    names = {f"motors.curve[{i}]": (start, scale) for i, start in enumerate((0.1, 1.0, 2.0))}
+    k_0, k_1, k_2 = fitted_line(monkeypatch, rows, rows @ true, names).values
+    basis = np.stack([np.ones_like(u), u - 0.5 * u**2, 0.5 * u**2], axis=2)
+    expected, _ = scipy.optimize.nnls(basis.reshape(-1, 3), (rows @ true).ravel())
+    np.testing.assert_allclose([k_0, k_1, k_1 + 2.0 * k_2], expected, atol=2e-3)
+    assert min(k_0, k_1, k_1 + 2.0 * k_2) > -1e-9
+
+
+def test_an_inertia_is_that_of_a_body(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Measured moments violate the triangle inequality; the fit is the nearest that do not."""
+    rows = np.tile(np.eye(3), (20, 1, 1))
+    measured = np.tile([1.0, 1.0, 3.0], (20, 1))
+    names = {f"inertia[{i}]": (start, 1e3) for i, start in enumerate((1.0, 1.0, 1.5))}
+    found = fitted_line(monkeypatch, rows, measured, names).values
+    # The distance to I_x + I_y = I_z, 1, is shared in three equal parts; second moments keep 2 % of the start.
+    np.testing.assert_allclose(found, [4.0 / 3.0, 4.0 / 3.0, 8.0 / 3.0], atol=0.03)
+    assert found[0] + found[1] >= found[2]
+
+
+def test_a_fit_that_diverges_is_refused_in_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    rows, measured = np.ones((5, 2, 1)), np.ones((5, 2))
+    largest = PredictionNoise(np.array([100.0]), np.full(6, 1e-3), np.ones(6))
+    monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, noise, chosen=None: largest)
+    noise = PredictionNoise(np.ones(1), np.full(6, 1e-3), np.ones(6))
+    with pytest.raises(InputError, match="^the fit diverged: "):
+        fitting.fit(LinearPredictor(rows, measured), linear_parameters({"mass": (1.0, 1.0)}), noise)  # type: ignore[arg-type]
+
+
+def test_a_step_to_where_the_model_diverges_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beyond θ = 1.2 squared errors overflow. The minimum is at 1, and the first Gauss-Newton step goes to 2."""
+
+    class Diverging(LinearPredictor):
+        def errors(self, parameters: np.ndarray, *_: object) -> tuple[np.ndarray, np.ndarray]:
+            theta = parameters[:, 0]
+            error = np.where(theta > 1.2, 1e200 * theta, np.sqrt(np.abs(1.0 - theta)) * np.sign(1.0 - theta))
+            shape = (len(self.counted), 1, len(theta), len(self.windows))
+            found = np.broadcast_to(error[None, None, :, None], shape)
+            return found.copy(), np.zeros((1, len(theta), len(self.windows)))
+
+    monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, noise, chosen=None: noise)
+    noise = PredictionNoise(np.ones(1), np.full(6, 1e-3), np.ones(6))
+    parameters = linear_parameters({"mass": (0.0, 1e2)})
+    found = fitting.fit(Diverging(np.ones((50, 4, 1)), np.ones((50, 4))), parameters, noise)  # type: ignore[arg-type]
+    assert 0.5 < found.values[0] < 1.2

@@ -1,0 +1,178 @@
+"""Vehicles are identified from their simulated flights, and published ones from real flights."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy
+from neural_fly_flight import DIAGRAM, guessed, write_flight
+
+from drake_quad.errors import InputError
+from drake_quad.flight.simulation import simulate, simulate_samples
+from drake_quad.identification.delays import delay_of
+from drake_quad.identification.identify import identify
+from drake_quad.identification.known_flights import KNOWN, record_of
+from drake_quad.identification.logs.reading import read_log
+from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.model import DELAY, LogModel
+from drake_quad.identification.prediction_errors import Output, PredictionNoise, Predictor
+from drake_quad.identification.result import Identification
+from drake_quad.identification.results.vehicle_numbers import number_of
+from drake_quad.identification.windows import WindowSizes, cut
+from drake_quad.scenario.files.loading import load_scenario
+from drake_quad.scenario.models import Scenario
+
+# The last command of a tick of 20 ms is logged with a camera frame that is 10 ms old.
+DELAY_IN_LABORATORY = 0.01 - 0.02
+
+
+def flown(kind: str, diagrams: Path, *overrides: str) -> tuple[FlightRecord, Scenario, Scenario]:
+    """Return the log of a known flight, the scenario that flew, and the scenario to begin with."""
+    known = KNOWN[kind]
+    (flight,) = simulate_samples(known.flown(diagrams, overrides), [1], compiled=True)
+    return record_of(flight, known.samples_per_row), flight.scenario, known.begun_with(diagrams)
+
+
+def outside(found: Identification, true: Scenario) -> dict[str, tuple[float, float]]:
+    """Return the identified parameters that are outside of their interval, with distance and reach."""
+    estimates = found.estimates
+    rows = zip(estimates.names, estimates.values, estimates.quantiles() * estimates.deviations, strict=True)
+    off = {name: (value - number_of(true, name), reach) for name, value, reach in rows if name in estimates.identified}
+    return {name: (error, reach) for name, (error, reach) in off.items() if abs(error) > reach}
+
+
+@pytest.mark.slow
+def test_prediction_errors_of_the_right_vehicle_are_white(diagrams: Path) -> None:
+    """With its own parameters, delay and noise they have unit variance and no autocorrelation, in calm air."""
+    record, scenario, _ = flown("calm", diagrams, "duration=16", "laboratory.command_link.loss_rate=0")
+    sizes = WindowSizes(length=100, settle=50, warm_up=25)
+    windows = cut([record], [record.time > 1.0], sizes)
+    outputs = [Output(signal, column) for signal in ("position", "attitude") for column in range(3)]
+    predictor = Predictor(LogModel(scenario, [DELAY]), [record], windows, sizes, outputs, split=2)
+    noise = PredictionNoise(np.repeat([1e-3, 4e-3], 3), np.full(6, 1e-3), np.full(6, 0.1))
+    gains = predictor.gains(np.array([DELAY_IN_LABORATORY]), noise)
+    errors = gains.errors[predictor.counted]
+    white = (gains.whitening[predictor.counted] @ errors.transpose(0, 2, 1)[..., None])[..., 0]
+    count = white[..., 0].size
+    np.testing.assert_allclose(np.mean(white**2, axis=(0, 1)), 1.0, atol=5.0 * np.sqrt(2.0 / count))
+    for lag in (1, 2, 5):
+        correlation = np.mean(white[lag:] * white[:-lag], axis=(0, 1))
+        np.testing.assert_allclose(correlation, 0.0, atol=5.0 / np.sqrt(count))
+    wrong = predictor.gains(np.array([0.01]), noise).errors[predictor.counted]
+    assert np.mean(wrong**2) > 2.0 * np.mean(errors**2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["calm", "autopilot"])
+def test_a_simulated_vehicle_is_identified(diagrams: Path, kind: str) -> None:
+    """Of about fifteen 95 % intervals at most two do not contain the true value, and none by as much as its reach."""
+    record, scenario, begun = flown(kind, diagrams, "duration=16")
+    found = identify([record], begun, held_out_share=0.0)
+    assert len(found.estimates.identified) >= 10
+    missed = outside(found, scenario)
+    assert len(missed) <= 2, missed
+    assert all(abs(error) < 2.0 * reach for error, reach in missed.values()), missed
+    assert found.delay is not None
+    true = delay_of(scenario) if kind == "autopilot" else DELAY_IN_LABORATORY
+    assert abs(found.delay.value - true) < 1.5 * found.delay.reach
+
+
+@pytest.mark.slow
+def test_a_thrust_curve_is_identified_for_the_voltage_of_the_full_battery(diagrams: Path) -> None:
+    """At the voltage in flight, the thrust is smaller by at least 1.4 %."""
+    record, scenario, begun = flown("battery", diagrams, "duration=12")
+    found = identify([record], begun, held_out_share=0.0).vehicle.vehicle.motors
+    assert found.voltage == 12.6
+    assert np.all((record.of("battery_voltage")[100:] / 12.6) ** 2 < 0.986)
+    throttle = np.median(record.of("motor_command"))
+    thrust, true = (np.polyval(motors.curve[::-1], throttle) for motors in (found, scenario.vehicle.motors))
+    assert thrust == pytest.approx(true, rel=0.003)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["hover", "figure_eight", "crazyswarm2:sheet_100", "crazyswarm2:log145"])
+def test_the_flight_of_a_shipped_scenario_is_identified(name: str, tmp_path: Path) -> None:
+    """The log is the flight.csv that was saved; true values are in the intervals of the parameters."""
+    flight = simulate(load_scenario(name), sample=0, compiled=True)
+    flight.save(tmp_path)
+    found = identify([read_log(tmp_path / "flight.csv")], flight.scenario, held_out_share=0.0)
+    assert not outside(found, flight.scenario)
+
+
+@pytest.mark.slow
+def test_heights_alone_determine_thrust(diagrams: Path) -> None:
+    """In hover-like flight: the vehicle climbs and descends, and the log has neither attitudes nor velocities."""
+    route = (
+        "route={kind: waypoints, top_speed: null, top_acceleration: null, times: [0, 1, 2, 3, 4.2, 5, 6.5, 7.5, 9],"
+        " waypoints: [[0,0,1],[0,0,1.6],[0,0,1.2],[0,0,2],[0,0,1.1],[0,0,1.5],[0,0,0.9],[0,0,1.8],[0,0,1]]}"
+    )
+    own = ["vehicle.thrust_factor=3.9e-5", "vehicle.linear_drag=0", "vehicle.quadratic_drag=0"]
+    scenario = load_scenario(diagrams / "laboratory.yaml:nominal", [route, *own])
+    (flight,) = simulate_samples(scenario, [0], compiled=True)
+    record = record_of(flight)
+    heights = replace(record, attitude=None, velocity=None, body_rates=None)
+    found = identify([heights], load_scenario(diagrams / "laboratory.yaml:nominal"), held_out_share=0.0)
+    assert found.estimates.value("thrust_factor") == pytest.approx(3.9e-5, rel=0.01)
+    assert not outside(found, scenario)
+    assert "inertia[0]" not in found.estimates.names
+
+
+@pytest.mark.slow
+def test_a_residual_force_determines_drag(tmp_path: Path) -> None:
+    """A log in Neural-Fly's form: drag along x, where the vehicle flies, and the thrust curve."""
+    overrides = ["laboratory.command_link.loss_rate=0", "laboratory.motion_capture.misalignment=[0.0, 0.02, 0.0]"]
+    scenario = load_scenario(f"{DIAGRAM}:still", [*overrides, "duration=12", "metrics.start=0"])
+    found = identify([read_log(write_flight(tmp_path / "still.csv", scenario))], guessed(), held_out_share=0.0)
+    missed = outside(found, scenario)
+    assert len(missed) <= 2, missed
+    assert "body_drag.linear[0]" in found.estimates.identified
+    assert found.estimates.value("motors.curve[1]") == pytest.approx(18.27, rel=0.05)
+    assert "autopilot.damping[2]" in found.estimates.not_identified
+
+
+@pytest.mark.slow
+def test_a_log_that_only_hovers_gives_no_thrust_curve(root: Path) -> None:
+    """The shipped log of PX4 varies its throttles by a few per cent: thrust without throttle would be left."""
+    base = load_scenario("hover", ["nominal.mass=2.0"], layers=["vehicles/hummingbird"])
+    record = read_log(root / "tests" / "data" / "px4" / "sample_px4_events.ulg.xz")
+    with pytest.raises(InputError, match="^cannot identify the vehicle: "):
+        identify([record], base, held_out_share=0.0)
+
+
+def crazyflie() -> Scenario:
+    """The vehicle of the logs before it is identified: its weighed mass, its layout, and the data sheet's numbers."""
+    return load_scenario(
+        "diagrams/hover.yaml",
+        [
+            "nominal.mass=0.027",
+            "nominal.layout={kind: x, length: 0.056, width: 0.056, rotor_1_turns: anticlockwise}",
+            "nominal.motors={kind: throttle, curve: [0.0, 0.0, 0.14]}",
+            "nominal.min_rotor_speed=0",
+            "nominal.max_rotor_speed=5000",
+            "vehicle.motors={kind: throttle, curve: [0.0, 0.0, 0.14]}",
+            "vehicle.body_drag={linear: [0.0147, 0.0147, 0.0128], centre_of_pressure: [0, 0, 0.005]}",
+            "vehicle.rotor_time_constant=0.06",
+            "vehicle.rotor_time_constant_down=0.07",
+        ],
+        layers=["diagrams/vehicles/crazyflie.yaml"],
+    )
+
+
+@pytest.mark.slow
+def test_the_published_crazyflie_is_identified() -> None:
+    """arXiv 2404.07837, of the same logs by another method: lag, inertia about x and y, thrust curve."""
+    logs = sorted(Path("tests/data/crazyflie/arpl").glob("log*"))
+    estimates = identify([read_log(path) for path in logs], crazyflie(), held_out_share=0.0).estimates
+    lag = 0.5 * (estimates.value("rotor_time_constant") + estimates.value("rotor_time_constant_down"))
+    assert lag == pytest.approx(0.072, abs=0.007)
+    assert estimates.value("inertia[0]") == pytest.approx(1.029e-5, rel=0.2)
+    assert estimates.value("inertia[1]") == pytest.approx(1.105e-5, rel=0.2)
+    places = [estimates.names.index(f"motors.curve[{i}]") for i in range(3)]
+    elsewhere = estimates.for_new_flight()
+    covariance = elsewhere.covariance[np.ix_(places, places)]
+    reach = scipy.stats.t.ppf(0.975, np.asarray(elsewhere.degrees_of_freedom)[places].min())
+    for throttle in (0.3, 0.4, 0.5, 0.6, 0.7, 0.85):
+        powers = throttle ** np.arange(3.0)
+        published, value = powers @ [0.0227, -0.0119, 0.1284], powers @ estimates.values[places]
+        assert abs(value - published) < reach * np.sqrt(powers @ covariance @ powers), throttle

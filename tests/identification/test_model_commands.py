@@ -1,0 +1,187 @@
+"""Commands that the model of a log takes: those of the log, or those that the firmware makes of thrust and torque."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from drake_quad import InputError, load_scenario, simulate
+from drake_quad.identification.delays import delay_of
+from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.model import (
+    LogModel,
+    level_record,
+    level_vehicle,
+    thrust_of_share,
+    with_commands,
+)
+from drake_quad.identification.results.vehicle_numbers import number_of, with_numbers
+from drake_quad.planning.believed import nominal_parameters
+from drake_quad.scenario.motors import SpeedMotors
+from drake_quad.signals import RotorSpeed
+from drake_quad.vehicle.dynamics import rotor_action
+
+
+@pytest.fixture(scope="module")
+def flight(root):
+    overrides = ["laboratory.command_link.loss_rate=0", "duration=3"]
+    return simulate(load_scenario(root / "diagrams" / "laboratory.yaml:low_wind", overrides), compiled=True)
+
+
+@pytest.fixture(scope="module")
+def record(flight):
+    wrench = flight["wrench"]
+    return FlightRecord(
+        "flown",
+        flight.time,
+        rotor_speed_command=flight["rotor_speed_command"],
+        thrust_command=wrench[:, 0],
+        torque_command=wrench[:, 1:4],
+        wind=flight["wind"],
+    )
+
+
+@pytest.fixture(scope="module")
+def responding(root):
+    """The scenario of an autopilot, and a log of commands to it."""
+    random = np.random.default_rng(2)
+    commands = {"thrust_share": random.uniform(0.3, 0.6, 100), "attitude_command": random.normal(size=(100, 3))}
+    return load_scenario(root / "diagrams" / "neural_fly.yaml:wind_8"), FlightRecord(
+        "responding", 0.02 * np.arange(100), **commands
+    )
+
+
+def test_thrust_and_torque_go_through_the_allocation_of_the_firmware(flight, record):
+    """The link brings a command two ticks later; the identified vehicle does not change what the firmware does."""
+    wrench_alone = replace(record, rotor_speed_command=None)
+    found = with_commands(wrench_alone, flight.scenario, flight.scenario).rotor_speed_command
+    np.testing.assert_allclose(found[:-2], record.rotor_speed_command[2:], rtol=1e-9)
+    lighter = with_numbers(flight.scenario, {"thrust_factor": 2e-5})
+    np.testing.assert_array_equal(with_commands(wrench_alone, lighter, flight.scenario).rotor_speed_command, found)
+
+
+@pytest.mark.parametrize(("priority", "given"), [("roll_pitch", 0.1), ("thrust", 0.0)])
+def test_the_firmware_gives_up_the_part_without_priority(root, record, priority, given):
+    """The command is a thrust beyond the rotors' limits together with a roll torque."""
+    number = len(record.time)
+    thrust, torque = np.full(number, 100.0), np.tile([0.1, 0.0, 0.0], (number, 1))
+    wrench_alone = replace(record, rotor_speed_command=None, thrust_command=thrust, torque_command=torque)
+    firmware = load_scenario(
+        root / "diagrams" / "laboratory.yaml:low_wind", {"laboratory.allocation.priority": priority}
+    )
+    speeds = RotorSpeed(*with_commands(wrench_alone, firmware, firmware).rotor_speed_command.T)
+    believed = nominal_parameters(firmware)
+    first = RotorSpeed(*(row[0] for row in speeds))
+    assert rotor_action(first, believed).wrench.tau_x == pytest.approx(given, abs=1e-9)
+    assert max(first) == pytest.approx(believed.max_rotor_speed)
+
+
+def test_own_commands_of_a_log_come_first(flight, record, responding):
+    assert with_commands(record, flight.scenario, flight.scenario) is record
+    vehicle, log = responding
+    found = with_commands(log, vehicle, vehicle)
+    np.testing.assert_array_equal(found.motor_command, np.tile(log.thrust_share[:, None], 4))
+    np.testing.assert_allclose(found.attitude_command, np.unwrap(log.attitude_command, axis=0))
+    motors = np.random.default_rng(1).uniform(size=(len(log.time), 4))
+    np.testing.assert_array_equal(
+        with_commands(replace(log, motor_command=motors), vehicle, vehicle).motor_command, motors
+    )
+
+
+def test_throttles_follow_from_the_believed_thrust_curve(responding, record):
+    thrust = replace(record, rotor_speed_command=None, attitude_command=np.zeros((len(record.time), 3)))
+    vehicle, _ = responding
+    shares = with_commands(thrust, vehicle, vehicle).motor_command
+    k_0, k_1, k_2 = vehicle.nominal.motors.curve
+    inside = ((shares > 1e-6) & (shares < 1.0 - 1e-6)).all(axis=1)
+    total = np.sum(k_0 + k_1 * shares + k_2 * shares**2, axis=1)
+    np.testing.assert_allclose(total[inside], record.thrust_command[inside], rtol=1e-9)
+    assert inside.any()
+    nominal = vehicle.nominal.model_copy(update={"motors": SpeedMotors(kind="speed")})
+    with pytest.raises(InputError, match=f"{vehicle.name} has no nominal.motors; add them, since throttles follow"):
+        with_commands(thrust, vehicle, vehicle.model_copy(update={"nominal": nominal}))
+
+
+def test_the_thrust_of_a_share_is_relative_to_the_share_of_hover(responding):
+    scenario, log = responding
+    shares, hover = np.linspace(0.1, 0.9, len(log.time)), np.full(len(log.time), 0.45)
+    weight = scenario.nominal.mass * scenario.nominal.gravity
+    told = replace(log, thrust_share=shares, hover_share=hover)
+    np.testing.assert_allclose(thrust_of_share(told, weight), weight * shares / 0.45)
+    throttles = with_commands(told, scenario, scenario).motor_command
+    k_0, k_1, k_2 = scenario.nominal.motors.curve
+    total = np.sum(k_0 + k_1 * throttles + k_2 * throttles**2, axis=1)
+    inside = (throttles < 1.0 - 1e-6).all(axis=1)
+    np.testing.assert_allclose(total[inside], (weight * shares / 0.45)[inside])
+    assert inside.sum() > 10
+    with pytest.raises(InputError, match="hover_share of the log 'responding' is zero or negative"):
+        thrust_of_share(replace(told, hover_share=0.0 * hover), weight)
+
+
+def test_a_torque_behind_an_autopilot_does_not_turn_the_vehicle(responding, record):
+    scenario, _ = responding
+    number = len(record.time)
+    told = replace(record, rotor_speed_command=None, attitude_command=np.zeros((number, 3)))
+    torque = np.tile([0.1, 0.2, 0.05], (number, 1))
+    one, other = (
+        with_commands(replace(told, torque_command=each), scenario, scenario).motor_command for each in (None, torque)
+    )
+    np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize(
+    ("left_out", "words"),
+    [
+        (
+            ("rotor_speed_command", "torque_command"),
+            r"it needs rotor_speed_command, or thrust_command and torque_command, and has thrust_command, wind$",
+        ),
+        (("rotor_speed_command", "thrust_command"), "and has torque_command, wind$"),
+    ],
+)
+def test_a_log_without_commands_is_refused(flight, record, left_out, words):
+    without = replace(record, **dict.fromkeys(left_out))
+    with pytest.raises(InputError, match=words):
+        with_commands(without, flight.scenario, flight.scenario)
+    motors = replace(without, motor_command=np.zeros((len(record.time), 4)))
+    with pytest.raises(InputError, match="its motors take speeds|its motors take throttles"):
+        with_commands(motors, flight.scenario, flight.scenario)
+
+
+def test_the_delay_of_a_scenario_is_that_of_link_and_cameras(responding):
+    assert delay_of(responding[0]) == pytest.approx(0.02 + 0.01)
+
+
+def test_a_parameter_of_an_effect_that_is_off_is_zero(flight):
+    assert number_of(flight.scenario, "rotor_aerodynamics.climb") == 0.0
+    assert number_of(flight.scenario, "linear_drag") == flight.scenario.vehicle.linear_drag
+    assert with_numbers(flight.scenario, {"rotor_aerodynamics.climb": 0.1}).vehicle.rotor_aerodynamics.climb == 0.1
+
+
+def test_a_level_vehicle_takes_level_commands(flight, record):
+    log = level_record(record)
+    np.testing.assert_array_equal(log.attitude_command, np.zeros((len(record.time), 3)))
+    assert LogModel(level_vehicle(flight.scenario), ()).responds
+
+
+def test_measured_states_are_those_of_markers_that_are_misaligned(responding):
+    """Behind an autopilot the model has rates of angles, which are those of the matrix of the kinematics."""
+    scenario, _ = responding
+    misalignment = [0.02, -0.03, 0.1]
+    turned = load_scenario("neural_fly:wind_8", [f"laboratory.motion_capture.misalignment={misalignment}"])
+    state = 0.4 * np.random.default_rng(3).normal(size=(12, 50))
+    roll, pitch, _ = state[3:6]
+    d_roll, d_pitch, d_yaw = state[9:12]
+    rates = [
+        d_roll - d_yaw * np.sin(pitch),
+        d_pitch * np.cos(roll) + d_yaw * np.sin(roll) * np.cos(pitch),
+        -d_pitch * np.sin(roll) + d_yaw * np.cos(roll) * np.cos(pitch),
+    ]
+    for vehicle, angles in ((scenario, [0.0, 0.0, 0.0]), (turned, misalignment)):
+        measured = LogModel(vehicle, ()).measured_state(state.copy())
+        expected = Rotation.from_euler("ZYX", state[5:2:-1].T) * Rotation.from_euler("ZYX", angles[::-1])
+        np.testing.assert_allclose(measured[5:2:-1].T, expected.as_euler("ZYX"), atol=1e-9)
+        np.testing.assert_allclose(measured[9:12], rates, atol=1e-9)
+        np.testing.assert_array_equal(measured[[0, 1, 2, 6, 7, 8]], state[[0, 1, 2, 6, 7, 8]])
+    assert scenario.laboratory.autopilot.models_vehicle
