@@ -1,5 +1,7 @@
 """Covariances, degrees of freedom and noise, against closed forms and against leaving blocks out by hand."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 import scipy
@@ -246,3 +248,138 @@ def test_a_step_to_where_the_model_diverges_is_not_taken(monkeypatch: pytest.Mon
     parameters = linear_parameters({"mass": (0.0, 1e2)})
     found = fitting.fit(Diverging(np.ones((50, 4, 1)), np.ones((50, 4))), parameters, noise)  # type: ignore[arg-type]
     assert 0.5 < found.values[0] < 1.2
+
+
+class DriftingPredictor(LinearPredictor):
+    """Predictor of a mean that changes whenever the windows are continued."""
+
+    def __init__(self, moves: list[float]) -> None:
+        super().__init__(np.ones((40, 5, 1)), np.zeros((40, 5)))
+        self.moves, self.rounds = moves, 0
+
+    def continue_windows(self, *_: object) -> None:
+        if self.rounds < len(self.moves):
+            self.target = self.target + self.moves[self.rounds]
+        self.rounds += 1
+
+
+@pytest.mark.parametrize(
+    ("moves", "rounds"),
+    [
+        # At least three rounds, and eight at most.
+        ([], 3),
+        ([1.0] * 20, 8),
+        ([-1.0] * 20, 8),
+        # The mean of 200 measurements has a standard deviation of 0.071, a fifth of which is 0.014.
+        ([1.0, 1.0, 0.02, 0.02, 0.01], 6),
+        ([-1.0, -1.0, -0.02, -0.02, -0.01], 6),
+        ([-1.0, 0.01], 3),
+    ],
+)
+def test_rounds_go_on_while_an_estimate_moves(monkeypatch: pytest.MonkeyPatch, moves: list[float], rounds: int) -> None:
+    """They end when it moves by less than a fifth of its standard deviation."""
+    monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, noise, chosen=None: noise)
+    predictor = DriftingPredictor(moves)
+    noise = PredictionNoise(np.ones(1), np.full(6, 1e-3), np.ones(6))
+    found = fitting.fit(predictor, linear_parameters({"mass": (0.0, 100.0)}), noise)  # type: ignore[arg-type]
+    assert predictor.rounds == rounds
+    assert found.values[0] == pytest.approx(sum(moves[: rounds - 1]), abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("factors", "rounds"),
+    [([0.9, 0.9, 0.9], 3), ([1.5, 1.5, 1.5, 1.5, 1.1], 5), ([0.5, 0.5, 0.7, 0.7, 0.9], 5), ([2.0] * 20, 8)],
+)
+def test_rounds_go_on_while_a_disturbance_changes(
+    monkeypatch: pytest.MonkeyPatch, factors: list[float], rounds: int
+) -> None:
+    """They end when its logarithm changes by less than a fifth. The other five axes do not change."""
+    predictor = DriftingPredictor([])
+
+    def noise_of(predictor: DriftingPredictor, gains: Gains, noise: PredictionNoise, chosen: object = None) -> object:
+        if chosen is not None:
+            return noise
+        changed = noise.disturbance.copy()
+        changed[4] *= factors[min(predictor.rounds, len(factors) - 1)]
+        return noise._replace(disturbance=changed)
+
+    monkeypatch.setattr(fitting, "_noise_of", noise_of)
+    # No smaller disturbance is tried: it has its lower limit.
+    monkeypatch.setattr(fitting, "_with_smaller_disturbance", lambda predictor, parameters, at, factors: at)
+    noise = PredictionNoise(np.ones(1), np.ones(6), np.ones(6))
+    found = fitting.fit(predictor, linear_parameters({"mass": (0.0, 100.0)}), noise)  # type: ignore[arg-type]
+    assert predictor.rounds == rounds
+    assert found.noise.disturbance[4] == pytest.approx(
+        np.prod([factors[min(i, len(factors) - 1)] for i in range(rounds)])
+    )
+
+
+class WhiteningPredictor(LinearPredictor):
+    """Predictor of a mean with a filter whose prediction errors have a deviation that depends on the disturbance."""
+
+    def __init__(self, mean: float, deviation: Callable[[float], float]) -> None:
+        super().__init__(np.ones((40, 5, 1)), np.full((40, 5), mean))
+        self.deviation = deviation
+        self.filters: list[tuple[float, float]] = []
+
+    def gains(self, values: np.ndarray, noise: PredictionNoise) -> Gains:
+        self.filters.append((float(values[0]), float(noise.disturbance[3])))
+        errors, _ = self.errors(values[None])
+        whitening = np.full((*self.target.shape, 1, 1), 1.0 / self.deviation(noise.disturbance[3]))
+        return NOTHING._replace(whitening=whitening, errors=errors[:, :, 0])
+
+
+def noise_with(torque: float) -> PredictionNoise:
+    return PredictionNoise(np.ones(1), np.array([0.5, 0.5, 0.5, torque, torque, torque]), np.ones(6))
+
+
+@pytest.mark.parametrize(("best", "expected"), [(8.0, 8.0), (0.3, 8.0 * 0.2**2), (1e-9, 1e-3)])
+def test_a_disturbance_becomes_smaller_by_fifths_as_long_as_that_is_more_likely(best: float, expected: float) -> None:
+    """It stays above its lower limit, and axes with a factor of one keep theirs."""
+    predictor = WhiteningPredictor(0.0, lambda torque: np.exp(np.log(torque / best) ** 2))
+    parameters = linear_parameters({"mass": (0.0, 1.0)})
+    at = fitting._Point.of(predictor, parameters, np.zeros(1), noise_with(8.0))  # type: ignore[arg-type]
+    found = fitting._with_smaller_disturbance(predictor, parameters, at, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
+    np.testing.assert_allclose(found.noise.disturbance, [0.5] * 3 + [expected] * 3)
+    assert (found is at) == (best == 8.0)
+    # What is returned belongs to this noise.
+    deviation = predictor.deviation(expected)
+    assert found.likelihood == pytest.approx(-200.0 * np.log(deviation))
+    np.testing.assert_allclose(found.gains.whitening, 1.0 / deviation)
+
+
+@pytest.mark.parametrize("scattered", [False, True])
+def test_a_smaller_disturbance_may_be_likely_only_for_other_parameters(scattered: bool) -> None:
+    """At the initial value, errors of 1 have the right size; a fifth of it needs the value of data that agree."""
+    predictor = WhiteningPredictor(1.0, lambda torque: torque)
+    parameters = linear_parameters({"mass": (0.0, 100.0)})
+    at = fitting._Point.of(predictor, parameters, np.zeros(1), noise_with(1.0))  # type: ignore[arg-type]
+    if scattered:
+        predictor.target = 1.0 + np.tile([1.0, -1.0], 100).reshape(40, 5)
+    at = at._replace(values=np.zeros(1), likelihood=-100.0)
+    found = fitting._with_smaller_disturbance(predictor, parameters, at, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
+    if scattered:
+        assert found is at
+    else:
+        assert found.noise.disturbance[3] == 0.2
+        assert found.values[0] == pytest.approx(1.0, abs=1e-4)
+
+
+@pytest.mark.parametrize(("mean", "far"), [(1.9, False), (2.1, True), (-1.9, False), (-2.1, True)])
+@pytest.mark.parametrize("likelier", [True, False])
+def test_a_search_that_ends_far_from_the_prior_starts_again_with_a_smaller_disturbance(
+    monkeypatch: pytest.MonkeyPatch, mean: float, far: bool, likelier: bool
+) -> None:
+    """From two deviations of the prior on, once, from the mean of the prior; the likelier of the two results counts."""
+    monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, noise, chosen=None: noise)
+    monkeypatch.setattr(fitting, "_with_smaller_disturbance", lambda predictor, parameters, at, factors: at)
+    small = 0.01
+    other = small * (0.5 if likelier else 2.0)
+    predictor = WhiteningPredictor(mean, lambda torque: other if torque < 1.0 else small)
+    found = fitting.fit(predictor, linear_parameters({"mass": (0.0, 1.0)}), noise_with(4.0))  # type: ignore[arg-type]
+    assert found.values[0] == pytest.approx(mean, abs=1e-3)
+    again = [(value, torque) for value, torque in predictor.filters if torque < 1.0]
+    assert bool(again) == far
+    if far:
+        assert again[0] == (0.0, pytest.approx(0.05 * 4.0))
+    assert found.noise.disturbance[3] == pytest.approx(0.2 if far and likelier else 4.0)

@@ -156,6 +156,59 @@ def test_equations_without_a_solution_are_refused_in_one_sentence(monkeypatch):
         identify([nothing], load_scenario("hover"))
 
 
+THRUST_RATIO, LAG, TRANSPORT_DELAY, HEIGHT_NOISE = 1.2, 0.06, 0.03, 1e-3
+
+
+def climbing(vehicle, seconds):
+    """Return a log of heights and rotor speeds of a vehicle whose height is controlled, from a simulation in 1 ms steps.
+
+    Its rotors have `THRUST_RATIO` times the thrust factor of the vehicle. They follow their commands with `LAG`, and the
+    commands arrive after `TRANSPORT_DELAY`.
+    """
+    random, step = np.random.default_rng(0), 1e-3
+    count, held = round(seconds / PERIOD), round(PERIOD / step)
+    hover = np.sqrt(0.25 * vehicle.mass * vehicle.gravity / (THRUST_RATIO * vehicle.thrust_factor))
+    wanted = 1.0 + 0.3 * np.sign(np.sin(2.8 * PERIOD * np.arange(count)))
+    height, climb, speed, late = 1.0, 0.0, hover, round(TRANSPORT_DELAY / step)
+    heights, commands = np.zeros(count), np.full(count * held + late, hover)
+    for i in range(count):
+        heights[i] = height
+        share = 1.0 + (6.0 * (wanted[i] - height) - 4.0 * climb) / vehicle.gravity
+        commands[i * held + late : (i + 1) * held + late] = hover * np.sqrt(max(0.2, share))
+        for command in commands[i * held : (i + 1) * held]:
+            before = speed
+            speed = command + (speed - command) * np.exp(-step / LAG)
+            acceleration = vehicle.gravity * ((0.5 * (before + speed) / hover) ** 2 - 1.0)
+            height += step * climb + 0.5 * step**2 * acceleration
+            climb += step * acceleration
+    position = np.zeros((count, 3))
+    position[:, 2] = heights + HEIGHT_NOISE * random.normal(size=count)
+    speeds = np.tile(commands[late::held][:count, None], 4)
+    return FlightRecord("climbing", PERIOD * np.arange(count), position=position, rotor_speed_command=speeds)
+
+
+@pytest.mark.slow
+def test_heights_of_a_vehicle_that_climbs_and_descends_identify_thrust_lag_and_delay(rotors):
+    """The log is from an independent simulation of one axis; 95 % intervals contain the values of its rotors."""
+    calm = load_scenario("laboratory:low_wind", ["vehicle.linear_drag=0", "vehicle.quadratic_drag=0"])
+    found = identify([climbing(calm.vehicle, 8.0)], calm)
+    estimates = found.estimates
+    low, high = np.transpose(estimates.intervals())
+    for name, true in (
+        ("thrust_factor", THRUST_RATIO * calm.vehicle.thrust_factor),
+        ("rotor_time_constant", LAG),
+        ("rotor_aerodynamics.climb", 0.0),
+    ):
+        place = estimates.names.index(name)
+        assert name in estimates.identified
+        assert low[place] < true < high[place], name
+    assert abs(found.delay.value - TRANSPORT_DELAY) < found.delay.reach < 0.1 * TRANSPORT_DELAY
+    assert estimates.value("thrust_factor") == pytest.approx(THRUST_RATIO * calm.vehicle.thrust_factor, rel=1e-3)
+    assert estimates.value("rotor_time_constant") == pytest.approx(LAG, rel=0.05)
+    # 400 samples determine the noise to within 1 / √800.
+    assert found.noise.measured == pytest.approx([HEIGHT_NOISE], rel=0.15)
+
+
 def forecast_of(*explained):
     names = tuple(f"position {axis}" for axis, _ in zip("xyz", explained, strict=False))
     none = np.zeros((2, len(explained), 1))
