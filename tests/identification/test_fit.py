@@ -383,3 +383,25 @@ def test_a_search_that_ends_far_from_the_prior_starts_again_with_a_smaller_distu
     if far:
         assert again[0] == (0.0, pytest.approx(0.05 * 4.0))
     assert found.noise.disturbance[3] == pytest.approx(0.2 if far and likelier else 4.0)
+
+
+@pytest.mark.parametrize("kind", ["force", "torque"])
+def test_a_fit_tries_a_smaller_force_and_a_smaller_torque_on_their_own(
+    monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    """If the likelihood depends on one of the two, that one is found, and the other stays as it was."""
+    monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, noise, chosen=None: noise)
+    predictor, own = WhiteningPredictor(0.0, lambda _: 1.0), slice(0, 3) if kind == "force" else slice(3, 6)
+    filters = predictor.gains
+
+    def gains(values: np.ndarray, noise: PredictionNoise) -> Gains:
+        # Away from 0.04 the deviation grows, so that each error is less likely.
+        deviation = np.exp(np.sum(np.log(noise.disturbance[own] / 0.04) ** 2))
+        return filters(values, noise)._replace(whitening=np.full((40, 5, 1, 1), 1.0 / deviation))
+
+    predictor.gains = gains  # type: ignore[method-assign]
+    noise = PredictionNoise(np.ones(1), np.ones(6), np.ones(6))
+    found = fitting.fit(predictor, linear_parameters({"mass": (0.0, 1.0)}), noise).noise.disturbance  # type: ignore[arg-type]
+    expected = np.ones(6)
+    expected[own] = 0.2**2
+    np.testing.assert_allclose(found, expected)

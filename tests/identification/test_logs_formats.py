@@ -89,6 +89,9 @@ def test_an_ardupilot_log_is_in_our_frames_and_order_of_rotors(read):
     np.testing.assert_allclose(record.position[0, 1:], [-5.0, 2.0])
     np.testing.assert_allclose(record.velocity[0], [1.0, -2.0, -3.0])
     np.testing.assert_allclose(record.motor_command[0], [0.1, 0.4, 0.2, 0.3])
+    # The clock of a message is no signal that is left out.
+    assert said(record, "not read: FMT, IMU.I, PARM, XKF1.C, XKF1.FS")
+    assert not said(record, "TimeUS")
 
 
 def test_the_first_instance_of_a_sensor_is_read(read):
