@@ -1,6 +1,7 @@
 """Covariances, degrees of freedom and noise, against closed forms and against leaving blocks out by hand."""
 
 from collections.abc import Callable
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -405,3 +406,117 @@ def test_a_fit_tries_a_smaller_force_and_a_smaller_torque_on_their_own(
     expected = np.ones(6)
     expected[own] = 0.2**2
     np.testing.assert_allclose(found, expected)
+
+
+class QuadraticLikelihood:
+    """Log-likelihood of a noise that is a quadratic function of its logarithms, and what it is asked for.
+
+    Args:
+        best: (14,) logarithms at the maximum, of two outputs and the disturbance.
+        share: ratio of the information that is returned to the true one.
+    """
+
+    def __init__(self, best: np.ndarray, share: float = 1.0) -> None:
+        self.best, self.share = best, share
+        self.asked: list[np.ndarray] = []
+        self.chosen = self.free = np.empty(0, dtype=int)
+
+    def __call__(
+        self, predictor: object, gains: object, own: object, logs: np.ndarray, chosen: np.ndarray, free: np.ndarray
+    ) -> tuple[float, np.ndarray, np.ndarray]:
+        self.asked.append(logs)
+        self.chosen, self.free = chosen, free
+        missing = (self.best - logs)[free]
+        return float(-50.0 * missing @ missing), 100.0 * missing, self.share * 100.0 * np.eye(len(free))
+
+
+START = PredictionNoise(np.array([1e-2, 3e-2]), np.linspace(0.5, 1.0, 6), np.linspace(0.5, 1.0, 6))
+START_LOGS = np.log(np.concatenate(START))
+
+
+def noise_found(
+    monkeypatch: pytest.MonkeyPatch,
+    likelihood: QuadraticLikelihood,
+    start: PredictionNoise = START,
+    *,
+    frame: str = "world",
+    windows: int = 3,
+    rows: int = 10,
+) -> np.ndarray:
+    """Return the logarithms (14,) of the likeliest noise."""
+    monkeypatch.setattr(fitting, "_likelihood_of", likelihood)
+    predictor = SimpleNamespace(
+        noise_groups=np.arange(14),
+        counted=np.arange(rows + 5) >= 5,
+        windows=range(windows),
+        model=SimpleNamespace(frame=frame),
+    )
+    return np.log(np.concatenate(fitting._noise_of(predictor, NOTHING, start)))  # type: ignore[arg-type]
+
+
+def test_the_likeliest_noise_is_found_in_three_evaluations_if_the_likelihood_is_quadratic(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The search ends when it gains less than a tenth."""
+    best = START_LOGS + np.linspace(-0.7, 0.9, 14)
+    likelihood = QuadraticLikelihood(best)
+    np.testing.assert_allclose(noise_found(monkeypatch, likelihood), best, atol=1e-4)
+    assert len(likelihood.asked) == 3
+    # A search that begins at the maximum gains nothing, and stays there.
+    np.testing.assert_allclose(noise_found(monkeypatch, QuadraticLikelihood(START_LOGS)), START_LOGS)
+
+
+def test_a_step_that_makes_a_noise_less_likely_is_shortened(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a quarter of the true information, a full step goes four times too far."""
+    best = START_LOGS + np.linspace(-0.7, 0.9, 14)
+    likelihood = QuadraticLikelihood(best, share=0.25)
+    found = noise_found(monkeypatch, likelihood)
+    assert np.all(np.abs(found - best) < 0.5 * np.abs(START_LOGS - best))
+    distances = [float(np.linalg.norm(each - best)) for each in likelihood.asked]
+    assert distances[1] > 2.0 * distances[0]
+    assert np.linalg.norm(found - best) == pytest.approx(min(distances))
+    assert len(likelihood.asked) == 6
+
+
+@pytest.mark.parametrize("direction", [-1.0, 1.0])
+def test_noise_changes_by_a_factor_of_twelve_and_stays_within_its_limits(
+    monkeypatch: pytest.MonkeyPatch, direction: float
+) -> None:
+    """Limits are 1e-5 to 100 for noise, 1e-3 to 1e3 for the disturbance, and 0.02 to 20 s for its memory."""
+    best = START_LOGS + 30.0 * direction
+    np.testing.assert_allclose(noise_found(monkeypatch, QuadraticLikelihood(best)), START_LOGS + 2.5 * direction)
+    near = PredictionNoise(np.full(2, 2e-5), np.full(6, 2e-3), np.full(6, 0.04))
+    limits = np.repeat([1e-5, 1e-3, 0.02], [2, 6, 6])
+    if direction > 0.0:
+        near = PredictionNoise(np.full(2, 60.0), np.full(6, 500.0), np.full(6, 8.0))
+        limits = np.repeat([100.0, 1e3, 20.0], [2, 6, 6])
+    found = np.exp(noise_found(monkeypatch, QuadraticLikelihood(best), near))
+    np.testing.assert_allclose(found, limits)
+    if direction > 0.0:
+        # A force along the axes of the body that lasts longer than a quarter of a second is an error of the thrust.
+        body = PredictionNoise(near.measured, near.disturbance, np.full(6, 0.1))
+        found = np.exp(noise_found(monkeypatch, QuadraticLikelihood(best), body, frame="body"))
+        np.testing.assert_allclose(found[8:], [0.25] * 3 + [0.1 * np.exp(2.5)] * 3)
+
+
+def test_the_memory_of_a_negligible_disturbance_is_not_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    disturbance = np.array([1.0, 1.005e-3, 1.0, 1.02e-3, 1e-3, 1.0])
+    start = START._replace(disturbance=disturbance)
+    best = np.log(np.concatenate(start)) + 0.4
+    likelihood = QuadraticLikelihood(best)
+    found = noise_found(monkeypatch, likelihood, start)
+    fixed = [8 + 1, 8 + 4]
+    np.testing.assert_array_equal(likelihood.free, [i for i in range(14) if i not in fixed])
+    np.testing.assert_allclose(np.delete(found, fixed), np.delete(best, fixed), atol=1e-4)
+    np.testing.assert_allclose(found[fixed], best[fixed] - 0.4)
+
+
+@pytest.mark.parametrize(("windows", "rows", "used"), [(1000, 100, 15), (1000, 1000, 5), (12, 100, 12), (3, 2000, 3)])
+def test_noise_is_estimated_from_about_1500_measurements_over_the_whole_flight(
+    monkeypatch: pytest.MonkeyPatch, windows: int, rows: int, used: int
+) -> None:
+    likelihood = QuadraticLikelihood(START_LOGS)
+    noise_found(monkeypatch, likelihood, windows=windows, rows=rows)
+    assert len(likelihood.chosen) == used
+    assert (likelihood.chosen[0], likelihood.chosen[-1]) == (0, windows - 1)
+    assert np.ptp(np.diff(likelihood.chosen)) <= 1

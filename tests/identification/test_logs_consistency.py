@@ -9,7 +9,7 @@ import pytest
 from written_logs import DATA
 
 from drake_quad.identification.logs.attitudes import rotations
-from drake_quad.identification.logs.consistency import _on_grid, contradictions
+from drake_quad.identification.logs.consistency import _on_grid, _Pair, contradictions
 from drake_quad.identification.logs.reading import read_log
 
 GRAVITY = 9.81
@@ -85,6 +85,59 @@ def test_windows_that_touch_a_gap_are_left_out():
     np.testing.assert_allclose(edges[~grid.usable][[0, -1]], [7.99, 9.5], atol=0.011)
     whole = grid.whole(20)
     assert (whole.sum(), len(whole)) == (len(whole) - (~grid.usable).sum() - 20, len(grid.usable) - 20)
+
+
+@pytest.mark.parametrize(
+    ("period", "step", "is_gap"), [(0.01, 0.045, False), (0.01, 0.055, True), (0.05, 0.145, False), (0.05, 0.155, True)]
+)
+def test_a_gap_is_longer_than_three_samples_and_than_half_of_a_short_window(period, step, is_gap):
+    """What a fast log leaves out for less than 50 ms is on a line between its neighbours."""
+    time = period * np.arange(400.0)
+    time[200:] += step - period
+    grid = _on_grid({"position": np.zeros((400, 3))}, time)
+    assert grid.step == pytest.approx(period)
+    assert grid.usable.all() != is_gap
+    edges = grid.step * np.arange(len(grid.usable) + 1)
+    inside = (edges[:-1] > time[199] - 1e-9) & (edges[1:] < time[200] + 1e-9)
+    beside = (edges[1:] < time[199] + 1e-9 - period) | (edges[:-1] > time[200] - 1e-9 + period)
+    assert (grid.usable[inside] != is_gap).all()
+    assert grid.usable[beside].all()
+
+
+@pytest.mark.parametrize(("period", "seconds"), [(0.002, 4.0), (0.01, 100.0), (0.03, 100.0), (0.03, 300.0)])
+def test_a_grid_has_means_over_its_steps_in_the_middle_of_a_log(period, seconds):
+    """It has at most 6000 steps of at least 10 ms. The mean of a line is its value in the middle of a step."""
+    time = period * np.arange(round(seconds / period) + 1.0)
+    grid = _on_grid({"position": np.column_stack([time, 2.0 * time, -time])}, time)
+    assert grid.step == pytest.approx(max(period, 0.01))
+    count = min(6000, int(seconds / grid.step + 1e-6))
+    middles, _, _ = grid.signals["position"].T
+    assert len(middles) == pytest.approx(count, abs=1)
+    np.testing.assert_allclose(np.diff(middles), grid.step)
+    assert np.mean(middles) == pytest.approx(0.5 * seconds, abs=2.0 * grid.step)
+    # A constant velocity shows no acceleration.
+    assert not grid.is_moving
+    assert _on_grid({"position": np.zeros((49, 3))}, 0.01 * np.arange(49.0)) is None
+    assert _on_grid({"position": np.zeros((51, 3))}, 0.01 * np.arange(51.0)) is not None
+
+
+def test_two_signals_disagree_by_nothing_if_they_are_equal_and_by_two_if_they_are_opposite():
+    random = np.random.default_rng(3)
+    one, other = random.normal(size=(2, 5000, 1))
+    for measured, expected in ((one, 0.0), (other, 1.0), (-one, 2.0), (3.0 * one, 4.0 / 10.0)):
+        pair = _Pair("velocity", "the derivative of position", one, measured, 0.5, ("x",))
+        assert pair.disagreement()[0] == pytest.approx(expected, abs=0.05)
+        assert pair.excited()[0]
+    # A constant offset counts only if the means count.
+    for centred, expected in ((True, 0.0), (False, 0.9)):
+        pair = _Pair("specific_force", "gravity", one, one + 9.8, 0.5, ("x",), centred=centred)
+        assert pair.disagreement()[0] == pytest.approx(expected, abs=0.1)
+    # The size is that of typical values: the largest of the two, without the largest tenth of each.
+    spikes = np.where(np.arange(5000)[:, None] % 20 == 0, 100.0, 0.1)
+    for threshold, excited in ((0.09, True), (0.11, False)):
+        pair = _Pair("velocity", "", np.zeros((5000, 1)), spikes, threshold, ("x",), centred=False)
+        assert pair.excited()[0] == excited
+        assert pair._replace(threshold=0.5 * threshold).excited(factor=2.0)[0] == excited
 
 
 @pytest.mark.parametrize("name", ["position", "velocity", "attitude", "body_rates", "specific_force"])

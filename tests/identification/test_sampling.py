@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from drake_quad.identification import sampling
 from drake_quad.identification.evidence import Uncertainty
 from drake_quad.identification.logs.consistency import clock_shifts
 from drake_quad.identification.logs.record import FlightRecord
@@ -79,6 +80,72 @@ def test_without_an_accelerometer_a_drift_is_only_remarked():
     kept, (remark,) = on_one_clock([record])
     assert kept == [record]
     assert remark.endswith("their clocks are not synchronised")
+
+
+@pytest.mark.parametrize(
+    ("shifts", "drifts"),
+    [
+        # Four parts at least, with a standard deviation of 8 ms.
+        ([[0.01, -0.01, 0.01]], False),
+        ([[0.01, -0.01, 0.01, -0.01]], True),
+        ([[0.0078, -0.0078] * 4], False),
+        ([[0.0082, -0.0082] * 4], True),
+        # Each log has a shift of its own, and the parts of all of them count together.
+        ([[0.05, 0.05], [-0.05, -0.05]], False),
+        ([[0.05, 0.03], [0.01, -0.01]], True),
+        ([[], [0.01, -0.01, 0.01, -0.01]], True),
+        ([[], []], False),
+    ],
+)
+def test_a_drift_is_a_scatter_of_the_shifts_within_logs(monkeypatch, shifts, drifts):
+    records = [replace(rolling(np.zeros(20)), name=f"{i}") for i in range(len(shifts))]
+    parts = iter(shifts)
+    monkeypatch.setattr(sampling, "clock_shifts", lambda signals, time: np.array(next(parts)))
+    kept, remarks = on_one_clock(records)
+    if drifts:
+        assert [record.attitude for record in kept] == [None] * len(records)
+        deviations = np.concatenate([np.array(each) - np.mean(each) for each in shifts if each])
+        assert f"by {1e3 * np.std(deviations):.0f} ms (standard deviation over parts of two seconds)" in remarks[0]
+        assert "the rest is averaged over 30 ms" in remarks[0]
+    else:
+        assert (kept, remarks) == (records, [])
+
+
+def test_clocks_are_compared_where_both_sensors_are_logged(monkeypatch):
+    """A record of a slower log keeps its rate, and one without a gyroscope keeps all records as they are."""
+    compared = []
+
+    def shifts_of_part(signals, time):
+        compared.append(len(time))
+        return np.array([0.02, -0.02] * 3)
+
+    monkeypatch.setattr(sampling, "clock_shifts", shifts_of_part)
+    fast = rolling(np.zeros(20))
+    slow = FlightRecord("slow", 4.0 * TIME, **dict(fast.signals()))
+    kept, _ = on_one_clock([fast, slow])
+    assert [record.period for record in kept] == pytest.approx([0.03, 0.04])
+    for lost in ("attitude", "body_rates"):
+        one, (remark,) = on_one_clock([fast, rolling(np.zeros(20), lost=(lost,)).part(slice(1000))])
+        assert remark.endswith("not synchronised") == (lost == "body_rates")
+        assert (one[0] is fast) == (lost == "body_rates")
+    assert compared == [4000] * 4
+
+
+def test_a_log_of_less_than_256_samples_in_flight_has_no_spectrum():
+    random = np.random.default_rng(3)
+    whole = rolling(np.zeros(20))
+    white = replace(whole, motor_command=0.5 + 0.1 * random.normal(size=(len(TIME), 4)))
+    assert fast_command_share(white.part(slice(255))) == 0.0
+    assert fast_command_share(white.part(slice(256))) > 0.3
+    # Commands that are constant have no power, and rotor speeds are commands as well.
+    assert fast_command_share(whole) == 0.0
+    speeds = replace(white, motor_command=None, rotor_speed_command=400.0 * white.motor_command)
+    assert fast_command_share(speeds) == pytest.approx(fast_command_share(white))
+    # Only flight counts, and a slow drift of the commands is none of their power.
+    landed = np.where((TIME > 20.0)[:, None], 0.0, white.motor_command)
+    assert fast_command_share(replace(white, motor_command=landed)) == pytest.approx(0.5, abs=0.05)
+    drifting = white.motor_command + np.outer(TIME, [0.1, -0.1, 0.05, -0.05])
+    assert fast_command_share(replace(white, motor_command=drifting)) == pytest.approx(0.5, abs=0.05)
 
 
 def test_the_share_of_fast_commands_is_that_of_white_and_of_smooth_commands():
