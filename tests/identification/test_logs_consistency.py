@@ -200,6 +200,44 @@ def test_a_time_shift_is_measured(name, other, shift):
     assert ("behind" if shift > 0.0 else "ahead of") + f" the derivative of {other}" in remark
 
 
+@pytest.mark.parametrize(("amplitude", "seen"), [(0.15, False), (0.4, True), (1.5, True)])
+def test_a_vertical_force_that_is_shifted_is_seen_in_small_motions(amplitude, seen):
+    """The weight counts in a comparison of sizes, but not in one of times."""
+    random = np.random.default_rng(2)
+    phases = np.outer(TIME, [2.1, 3.4]) + [0.0, 1.0]
+    still = np.zeros((len(TIME), 2))
+    # Effective amplitudes are those of a sum of two sines.
+    acceleration = amplitude * np.sin(phases).sum(axis=1)
+    velocity = -amplitude * (np.cos(phases) / [2.1, 3.4]).sum(axis=1)
+    late = np.interp(TIME - 0.1, TIME, acceleration) + 0.01 * random.normal(size=len(TIME))
+    remarks = list(
+        contradictions(
+            {
+                "attitude": np.zeros((len(TIME), 3)),
+                "velocity": np.column_stack([still, velocity]),
+                "specific_force": np.column_stack([still, GRAVITY + late]),
+            },
+            TIME,
+        )
+    )
+    if seen:
+        (remark,) = remarks
+        assert re.match(r"specific_force is (99|100|101) ± \d ms behind the acceleration and gravity: ", remark)
+    else:
+        assert remarks == []
+
+
+def test_one_axis_that_agrees_keeps_a_signal_from_contradicting_another():
+    """An axis may disagree for reasons of its own, as noise of a yaw does."""
+    clean = flight()
+    for name, columns, contradicts in (
+        ("velocity", [2], False), ("velocity", [0, 1], False), ("body_rates", [2], False), ("body_rates", [0, 1, 2], True)
+    ):  # fmt: skip
+        values = clean[name].copy()
+        values[:, columns] = 0.7 * np.sin(np.outer(TIME, [3.3, 2.3, 4.1]))[:, columns]
+        assert any(f"{name} contradicts the" in remark for remark in found({name: values})) == contradicts, columns
+
+
 def test_what_a_message_says_is_by_how_much():
     """A pitch rate with the wrong sign correlates by -1 with the derivative of the pitch."""
     (remark,) = found({"body_rates": flight()["body_rates"] * [1.0, -1.0, 1.0]})
