@@ -187,3 +187,16 @@ def test_remarks_say_at_which_rates_signals_were():
     assert list(conversion._origin_remarks([clock, slow])) == [
         "read: body_rates from somewhere; position from somewhere"
     ]
+
+
+@pytest.mark.parametrize("reverse", [False, True])
+def test_a_column_that_two_tables_have_is_read_from_the_longer_one(reverse):
+    """A crazyflie logs the same variable in two blocks, and ArduPilot the same field in two messages."""
+    mapping = Mapping(signals={"body_rates": {"columns": ["p", "q", "r"]}})
+    tables = [
+        Table(f"{count}", np.linspace(0.0, 1.0, count), {name: np.full(count, float(count)) for name in "pqr"})
+        for count in (20, 50, 30)
+    ]
+    record = conversion.record_of(tables[::-1] if reverse else tables, mapping, name="log", mark="log")
+    assert len(record.time) == 50
+    np.testing.assert_array_equal(record.body_rates, 50.0)

@@ -204,6 +204,21 @@ def test_a_mat_file_has_structs_and_matrices(read, tmp_path):
         read(mat_file(MAT_CONTENT))
 
 
+def test_variables_of_a_mat_file_that_are_not_as_long_as_the_time_are_left_out(read, tmp_path):
+    """A remark names each of them once."""
+    (tmp_path / "mine.yaml").write_text(MAT_MAPPING)
+    content = {"log": {**MAT_CONTENT["log"], "gains": np.ones(5), "inertia": np.eye(3), "rpm": np.ones(COUNT)}}
+    record = read(mat_file(content), tmp_path / "mine.yaml")
+    for name in ("gains", "inertia"):
+        (remark,) = [each for each in record.remarks if name in each]
+        assert remark == f"log.{name} is not read: it is not as long as log.t"
+    assert any(each.startswith("not read: ") and "log.rpm" in each for each in record.remarks)
+    content["log"]["p"] = np.ones((COUNT - 1, 3))
+    shorter = read(mat_file(content), tmp_path / "mine.yaml")
+    assert shorter.position is None
+    assert said(shorter, "log.p is not read: it is not as long as log.t")
+
+
 def test_a_mat_file_of_the_hdf5_kind_is_refused_in_a_sentence(read):
     with pytest.raises(InputError, match="MAT-file of version 7.3, which is HDF5; save it in MATLAB with -v7"):
         read(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + b"\x89HDF\r\n\x1a\n")
