@@ -520,3 +520,126 @@ def test_noise_is_estimated_from_about_1500_measurements_over_the_whole_flight(
     assert len(likelihood.chosen) == used
     assert (likelihood.chosen[0], likelihood.chosen[-1]) == (0, windows - 1)
     assert np.ptp(np.diff(likelihood.chosen)) <= 1
+
+
+@pytest.mark.parametrize("delay", [None, 0, 2])
+def test_derivatives_are_forward_differences_and_central_ones_for_a_delay(delay: int | None) -> None:
+    """Of squares, forward differences are off by the step and central ones are exact."""
+    up = np.array([1e-3, 2e-3, 5e-3])
+    point = np.array([2.0, -1.0, 0.5])
+    sizes = np.random.default_rng(1).normal(size=(4, 5, 3))
+
+    def squares(x: np.ndarray) -> np.ndarray:
+        return sizes @ (x**2)
+
+    moved = [point + step for step in np.diag(up)]
+    reduced = point.copy()
+    if delay is not None:
+        reduced[delay] -= up[delay]
+    values = np.stack([squares(each) for each in (point, *moved, reduced)], axis=2)
+    expected = sizes * (2.0 * point + up)
+    if delay is not None:
+        expected[:, :, delay] -= sizes[:, :, delay] * up[delay]
+    np.testing.assert_allclose(fitting._slopes(values, up, delay), expected, rtol=1e-6, atol=1e-9)
+
+
+class DelayedPredictor:
+    """Predictor of two outputs, with errors and states that have a kink at a delay of one sample."""
+
+    period, number = 0.01, 3
+
+    def __init__(self) -> None:
+        self.model = SimpleNamespace(delay_place=1)
+        self.inputs = SimpleNamespace(period=self.period)
+        self.counted = np.array([False, True, True])
+        random = np.random.default_rng(7)
+        self.outputs, self.states = random.normal(size=(3, 2, 4)), random.normal(size=(5, 4))
+        self.gains = NOTHING._replace(whitening=np.tile(np.diag([2.0, 10.0]), (3, 4, 1, 1)))
+
+    def errors(self, parameters: np.ndarray, *_: object) -> tuple[np.ndarray, np.ndarray]:
+        mass, delay = parameters.T
+        size = 3.0 * mass + np.abs(delay - self.period) + 5.0 * (delay - self.period)
+        return np.einsum("tmw,k->tmkw", self.outputs, size), np.einsum("rw,k->rkw", self.states, size)
+
+
+def test_whitened_errors_come_with_derivatives_of_errors_and_states() -> None:
+    """Half a sample on both sides of the kink, its two slopes of 4 and 6 have the mean 5."""
+    predictor = DelayedPredictor()
+    at = np.array([0.7, predictor.period])
+    errors, slopes, states, state_slopes = fitting._whitened(
+        predictor, np.array([0.7, 0.02]), at, predictor.gains, NO_NOISE  # type: ignore[arg-type]
+    )  # fmt: skip
+    white = np.einsum("m,tmw->wtm", [2.0, 10.0], predictor.outputs[1:]).reshape(4, 4)
+    np.testing.assert_allclose(errors, 2.1 * white)
+    np.testing.assert_allclose(slopes, white[:, :, None] * [3.0, 5.0], rtol=1e-6)
+    np.testing.assert_allclose(states, 2.1 * predictor.states)
+    np.testing.assert_allclose(state_slopes, predictor.states[:, None, :] * np.array([[3.0], [5.0]]), rtol=1e-6)
+    # Beyond the kink, there is one slope.
+    _, slopes, *_ = fitting._whitened(
+        predictor, np.array([0.7, 0.02]), at + [0.0, 0.0051], predictor.gains, NO_NOISE  # type: ignore[arg-type]
+    )  # fmt: skip
+    np.testing.assert_allclose(slopes, white[:, :, None] * [3.0, 6.0], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("value", "noise", "disturbance", "diverged"),
+    [
+        (1.0, 98.9, 989.0, False),
+        (1.0, 99.1, 1.0, True),
+        (1.0, 1.0, 991.0, True),
+        (np.nan, 1.0, 1.0, True),
+        (np.inf, 1.0, 1.0, True),
+        (1.0, np.nan, 1.0, True),
+    ],
+)
+def test_a_fit_diverged_if_a_value_is_no_number_or_the_noise_is_near_its_limit(
+    value: float, noise: float, disturbance: float, diverged: bool
+) -> None:
+    found = PredictionNoise(np.array([1.0, noise]), np.array([1.0] * 5 + [disturbance]), np.ones(6))
+    values = np.array([0.5, value])
+    if diverged:
+        with pytest.raises(InputError, match="^the fit diverged: "):
+            fitting._check_convergence(values, found)
+    else:
+        fitting._check_convergence(values, found)
+
+
+def test_the_likelihood_counts_measurements_after_the_filter_has_settled() -> None:
+    """For independent errors of deviation s: -Σ log s - ½ Σ (e / s)²."""
+    deviations = np.array([0.5, 2.0])
+    whitening = np.tile(np.diag(1.0 / deviations), (5, 3, 1, 1))
+    whitening[:2] *= 100.0
+    counted = np.arange(5) >= 2
+    errors = np.random.default_rng(2).normal(size=(3, 3, 2))
+    found = fitting._likelihood(
+        SimpleNamespace(counted=counted), NOTHING._replace(whitening=whitening), errors / deviations  # type: ignore[arg-type]
+    )  # fmt: skip
+    normal = scipy.stats.norm(scale=deviations)
+    constant = 0.5 * np.log(2.0 * np.pi) * errors.size
+    assert found == pytest.approx(normal.logpdf(errors).sum() + constant)
+
+
+def test_the_variance_of_a_noise_is_the_inverse_of_its_information(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All windows count. Equal numbers of a group have the same error, and one without information a large variance."""
+    groups = np.array([0, 0, 1, *([2] * 6), *([3] * 6)])
+    information = np.diag([50.0, 200.0, 8.0, 0.0])
+    information[0, 1] = information[1, 0] = 30.0
+    asked = []
+
+    def likelihood_of(predictor: object, gains: object, own: object, logs: np.ndarray, *given: np.ndarray) -> object:
+        asked.append((logs, *given))
+        return 0.0, np.zeros(4), information
+
+    monkeypatch.setattr(fitting, "_likelihood_of", likelihood_of)
+    predictor = SimpleNamespace(noise_groups=groups, windows=range(7))
+    noise = PredictionNoise(np.array([1e-3, 1e-3, 0.5]), np.full(6, 2.0), np.full(6, 0.3))
+    found = fitting.noise_covariance(predictor, SimpleNamespace(noise=noise, gains=NOTHING))  # type: ignore[arg-type]
+    ((logs, windows, numbers),) = asked
+    np.testing.assert_allclose(logs, np.log([1e-3, 0.5, 2.0, 0.3]))
+    np.testing.assert_array_equal(windows, np.arange(7))
+    np.testing.assert_array_equal(numbers, np.arange(4))
+    expected = np.linalg.inv(information[:2, :2])
+    np.testing.assert_allclose(found[np.ix_([0, 2], [0, 2])], expected, rtol=1e-3)
+    assert found[0, 1] == found[0, 0] == found[1, 1]
+    assert found[3, 3] == pytest.approx(1.0 / 8.0, rel=1e-3)
+    assert found[-1, -1] >= 999.0

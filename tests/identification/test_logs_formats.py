@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import scipy.io
 from mcap.writer import Writer as McapWriter
+from rosbags import typesys
 from rosbags.rosbag2 import StoragePlugin
 from written_logs import (
     blackbox_log,
@@ -21,6 +22,7 @@ from written_logs import (
 
 from drake_quad import InputError
 from drake_quad.identification.logs.formats.log_format import FORMATS
+from drake_quad.identification.logs.formats.ros import _Decoder
 from drake_quad.identification.logs.mapping import load_mapping, shipped_mappings
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.source import LogFile
@@ -242,6 +244,18 @@ def test_a_ros_2_bag_is_read_as_a_folder_and_as_a_file(tmp_path, plugin, version
     file = ros_2_bag(tmp_path / "bag", plugin=plugin, version=version)
     for path in (tmp_path / "bag", file):
         check_ros(read_log(path))
+
+
+def test_messages_of_ros_are_decoded_by_the_definitions_of_the_bag_or_else_by_those_of_ros():
+    store = typesys.get_typestore(typesys.Stores.LATEST)
+    kind = "geometry_msgs/msg/Vector3"
+    data = store.serialize_cdr(store.types[kind](x=1.0, y=2.0, z=3.0), kind)
+    own = {"geometry_msgs/Vector3": "float64 a\nfloat64 b\nfloat64 c"}
+    for definitions, names in (({}, "xyz"), (own, "abc"), ({"other_msgs/Other": "float64 a"}, "xyz")):
+        decoder = _Decoder(typesys, definitions)
+        for spelt in (kind, "geometry_msgs/Vector3"):
+            found = decoder(data, spelt)
+            assert [getattr(found, name) for name in names] == [1.0, 2.0, 3.0]
 
 
 @pytest.mark.slow

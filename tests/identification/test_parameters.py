@@ -193,6 +193,13 @@ def test_priors_of_drag_grow_with_the_mass_and_those_of_places_with_the_arm(
         2.0 * behind["rotor_aerodynamics.lift"].deviation
     )
     assert behind["rotor_aerodynamics.lift"].deviation * 8.0**2 < attitudes.vehicle.mass * gravity
+    # The prior of an effect that a vehicle lacks is that of an effect whose coefficients are zero.
+    lacking = attitudes.model_copy(update={"vehicle": attitudes.vehicle.model_copy(update={"body_drag": None})})
+    bare, light = found_in(lacking, POSE), found_in(load_scenario("neural_fly:still", ["vehicle.mass=0.02"]), POSE)
+    for name in LINEAR:
+        assert bare[name].deviation == pytest.approx(0.3 * attitudes.vehicle.mass)
+        assert light[name].deviation == behind[name].start
+        assert bare[name].start == 0.0
     # Each of four motors carries a quarter of the weight in hover.
     curve = found_in(throttles, POSE, own_throttles=True)
     assert [curve[f"motors.curve[{i}]"].deviation for i in range(3)] == pytest.approx(

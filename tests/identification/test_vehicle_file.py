@@ -166,8 +166,11 @@ def test_controllers_believe_what_they_did_unless_the_estimates_are_asked_for(ba
 def test_a_curve_is_believed_where_the_base_believes_in_no_throttles(root, tmp_path):
     found = estimates_of({f"motors.curve[{place}]": FOUND[f"motors.curve[{place}]"] for place in range(3)})
     sheet = root / "diagrams" / "vehicles" / "crazyflie.yaml"
-    vehicle = load_undesigned(write_vehicle(tmp_path / "new.yaml", "new", found, base=sheet))
+    written = write_vehicle(tmp_path / "new.yaml", "new", found, base=sheet)
+    vehicle = load_undesigned(written)
     assert vehicle.nominal.motors.curve == pytest.approx((0.0227, 0.0019, 0.1284))
+    # Numbers without comments are on one line.
+    assert re.search(r"^ +curve: \[0\.0227\d*, 0\.0019\d*, 0\.1284\d*\]$", written.read_text(), re.MULTILINE)
 
 
 def test_the_voltage_of_a_curve_is_written_with_it(base, tmp_path):
