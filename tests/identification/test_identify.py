@@ -282,6 +282,72 @@ def test_the_response_of_an_angle_whose_command_is_below_the_noise_is_held_with_
     assert found["autopilot.damping[1]"].startswith("the command of pitch varies by 0 rad, less than the noise")
 
 
+def test_drag_is_compared_with_the_force_along_its_own_axis(rotors):
+    """The speed is that over a tenth of a second, so neither noise nor vibration of 10 Hz is one."""
+    time = 0.02 * np.arange(200)
+    outputs = [Output("position", column) for column in range(3)]
+    names = ("linear_drag", "body_drag.linear[0]", "body_drag.linear[1]", "body_drag.quadratic[0]", "mass")
+    parameters = [Parameter(name, 0.1, 0.1) for name in names]
+
+    def held(position, force, *, outputs=outputs, first=0):
+        predictor = SimpleNamespace(
+            outputs=outputs, measured=position[:, :, None], counted=np.arange(200) >= first, period=0.02
+        )
+        noise = PredictionNoise(np.ones(3), np.array([*force, 1.0, 1.0, 1.0]), np.ones(6))
+        fitted = SimpleNamespace(noise=noise, values=np.full(5, 0.2))
+        return set(identifiability.weaker_than_disturbance(rotors, predictor, parameters, fitted))
+
+    still, moving = 0.0 * time, np.sin(2.0 * time)
+    # RMS speeds of a sine with an amplitude of 2 m/s are √2 m/s: the drag is 0.28 N.
+    limit = 0.2 * np.sqrt(2.0) / rotors.vehicle.mass
+    both = np.column_stack([moving, moving, still])
+    assert held(both, [0.9 * limit, 0.9 * limit, 99.0]) == set()
+    assert held(both, [1.1 * limit, 0.9 * limit, 0.0]) == {"linear_drag", "body_drag.linear[0]"}
+    assert held(both, [0.9 * limit, 1.1 * limit, 0.0]) == {"linear_drag", "body_drag.linear[1]"}
+    vibration = np.column_stack([np.sin(20.0 * np.pi * time), moving, still])
+    assert held(vibration, [0.1 * limit, 0.1 * limit, 0.0]) == {"linear_drag", "body_drag.linear[0]"}
+    # Samples in which the filter settles do not count, nor do logs without positions.
+    late = np.where(time[:, None] < 2.0, both, both[100])
+    assert held(late, [0.5 * limit] * 3, first=100) == {"linear_drag", "body_drag.linear[0]", "body_drag.linear[1]"}
+    assert held(both, [99.0] * 3, outputs=[Output("attitude", column) for column in range(3)]) == set()
+    assert held(both[:, :1], [99.0] * 3, outputs=[Output("position", 2)]) == set()
+
+
+def test_a_command_is_excited_if_it_varies_in_the_flight_of_any_log():
+    def command(size, *, flying):
+        values = np.zeros((300, 3))
+        values[:, 1] = size * np.sin(np.arange(300))
+        values[~flying] = 3.0 * np.arange(np.sum(~flying))[:, None]
+        return record(6.0, *POSES, attitude_command=values), flying
+
+    whole, half = np.full(300, True), np.arange(300) < 150
+    parameters = [Parameter("autopilot.natural_frequency[1]", 0.5, 0.5, 0.01, 5.0), Parameter("mass", 1.0, 1.0)]
+    noise = PredictionNoise(np.array([1e-9, 1e-9, 1e-9, 1e-9, 4e-3, 1e-9]), np.ones(6), np.ones(6))
+    outputs = [Output(name, column) for name in POSES for column in range(3)]
+    for sizes, flying, held in (
+        ([1e-3, 1e-2], [whole, whole], False),
+        ([1e-2, 1e-3], [whole, whole], False),
+        ([1e-3, 1e-3], [half, half], True),
+        # A sine with the amplitude a has the standard deviation a / √2.
+        ([6e-3], [half], False),
+        ([5e-3], [half], True),
+        ([6e-3, 6e-3], [half, ~whole], False),
+    ):
+        records, masks = zip(*map(lambda size, usable: command(size, flying=usable), sizes, flying), strict=True)
+        logs = SimpleNamespace(outputs=outputs, records=records, flying=masks)
+        found = identifiability.unexcited(logs, parameters, SimpleNamespace(noise=noise))
+        assert set(found) == ({"autopilot.natural_frequency[1]"} if held else set()), sizes
+
+
+@pytest.mark.parametrize(("lower", "deviation", "identified"), [(0.0, 0.39, True), (0.0, 0.41, False), (0.1, 0.39, False)])
+def test_an_interval_reaches_at_most_the_usual_error_and_a_positive_parameter(lower, deviation, identified):
+    """With thirty degrees of freedom, it reaches 2.04 deviations."""
+    parameters = [Parameter("inertia[0]", 1.0, 0.8, lower)]
+    uncertainty = Uncertainty(np.array([[deviation**2]]), np.full(1, 30.0), np.eye(1))
+    found = identifiability.not_identified(parameters, np.array([0.7]), uncertainty)
+    assert (found == {}) == identified
+
+
 def test_windows_of_a_forecast_are_listed_one_after_another():
     """The outputs have the units of their signals."""
     random = np.random.default_rng(1)

@@ -9,7 +9,7 @@ import pytest
 from written_logs import DATA
 
 from drake_quad.identification.logs.attitudes import rotations
-from drake_quad.identification.logs.consistency import _on_grid, _Pair, contradictions
+from drake_quad.identification.logs.consistency import _on_grid, _Pair, _response, contradictions
 from drake_quad.identification.logs.reading import read_log
 
 GRAVITY = 9.81
@@ -138,6 +138,25 @@ def test_two_signals_disagree_by_nothing_if_they_are_equal_and_by_two_if_they_ar
         pair = _Pair("velocity", "", np.zeros((5000, 1)), spikes, threshold, ("x",), centred=False)
         assert pair.excited()[0] == excited
         assert pair._replace(threshold=0.5 * threshold).excited(factor=2.0)[0] == excited
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+@pytest.mark.parametrize("delay", [0.0, 0.1, 0.3, 0.4])
+def test_a_command_is_compared_with_what_follows_it_by_up_to_half_a_second(delay, sign):
+    """The sign of a command does not change by how much it is ahead."""
+    phases = np.outer(TIME, [1.1, 1.7, 2.3])
+    commands = np.sin(phases) + 0.4 * np.sin(2.3 * phases)
+    followed = np.column_stack([np.interp(TIME - delay, TIME, column) for column in commands.T])
+    grid = _on_grid({"attitude_command": sign * commands, "attitude": 0.8 * followed}, TIME)
+    for columns in (2, 3):
+        pair, width = _response(grid, "attitude_command", "attitude", 0.03, columns)
+        assert width == 10
+        assert pair.axes == ("roll", "pitch", "yaw")[:columns]
+        assert pair.expected.shape == pair.measured.shape == (len(grid.usable) - 10 - round(delay / PERIOD), columns)
+        np.testing.assert_allclose(pair.expected[100:], 0.8 * sign * pair.measured[100:], atol=0.02)
+        # Sides with amplitudes of 0.8 and 1 disagree by (1 - 0.8)² / (1 + 0.8²), or by their sum.
+        expected = (1.0 - 0.8 * sign) ** 2 / 1.64
+        np.testing.assert_allclose(pair.disagreement(), expected, atol=0.02)
 
 
 @pytest.mark.parametrize("name", ["position", "velocity", "attitude", "body_rates", "specific_force"])

@@ -8,6 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from drake_quad import InputError, load_scenario, simulate
+from drake_quad.identification.flown_again import prediction
 from drake_quad.identification.flown_again.prediction import (
     CONSTANT_ACCELERATION,
     CONSTANT_VELOCITY,
@@ -258,6 +259,77 @@ def test_predictions_end_where_the_vehicle_lands_or_the_log_has_a_gap(scenario):
         after = found.time[found.time > 9.2]
         assert after.min() >= 9.3 + 0.04
     assert np.isfinite(found.errors["position"][0, 0]).sum() > np.isfinite(found.errors["position"][0, 1]).sum() > 20
+
+
+def test_starts_are_a_tenth_of_a_second_apart_where_the_filter_settles_and_the_shortest_horizon_ends():
+    """The filter needs half a second without a gap before a start, and rotors follow commands from before the log."""
+    log = moving([0.0, 0.0, 0.1], seconds=4.0)
+    starts = prediction._starts(log, 6, (0.2, 3.0), 1.0)
+    assert (starts[0], set(np.diff(starts))) == (50, {10})
+    assert starts[-1] + 20 < len(log.time) <= starts[-1] + 20 + 10
+    # A parabola may be longer than that.
+    assert prediction._starts(log, 77, (0.2,), 1.0)[0] == 77
+    gapped = log.part((log.time < 2.0) | (log.time > 2.3))
+    starts = prediction._starts(gapped, 6, (0.2,), 1.0)
+    times = gapped.time[starts]
+    assert times[times < 2.0].max() + 0.2 < 2.0
+    # After a gap as well, the rotors follow commands that are not known.
+    assert times[times > 2.0].min() == pytest.approx(2.31 + 0.5, abs=0.1)
+    # Of a part of the flight, only the starts at its end count.
+    late = prediction._starts(log, 6, (0.2,), 0.25)
+    np.testing.assert_array_equal(late, [start for start in prediction._starts(log, 6, (0.2,), 1.0) if start >= 300])
+
+
+def test_a_flight_reaches_a_horizon_if_it_goes_on_without_a_gap_in_the_air():
+    log = moving([0.0, 0.0, 0.1], seconds=10.0)
+    landed = np.where((log.time >= 5.0) & (log.time < 9.0), 0.0, 200.0)
+    log = replace(log, rotor_speed_command=np.tile(landed[:, None], 4))
+    log = log.part((log.time < 2.0) | (log.time >= 2.2))
+    flying = prediction.airborne(log)
+    piece = np.cumsum(np.append(0.0, np.diff(log.time)) > 0.05)
+    starts = np.arange(0, len(log.time), 7)
+    for steps in (1, 20, 100):
+        expected = [
+            start + steps < len(log.time)
+            and piece[start] == piece[start + steps]
+            and bool(flying[start : start + steps + 1].all())
+            for start in starts
+        ]
+        np.testing.assert_array_equal(prediction._reached(log, starts, steps), expected)
+    assert 0 < np.sum(prediction._reached(log, starts, 20)) < len(starts)
+
+
+def test_errors_are_distances_and_the_angle_between_two_attitudes():
+    """Without attitudes, only the vertical motion is predicted."""
+    random = np.random.default_rng(5)
+    log = moving([0.3, -0.4, 0.9], seconds=1.0)
+    starts, steps = np.array([10, 30, 60]), [5, 20]
+    predicted = [random.normal(size=(12, 3)) for _ in steps]
+    measured = ("position", "attitude", "velocity", "body_rates")
+    found = prediction._errors(log, measured, predicted, starts, steps, False)
+    assert set(found) == {*measured}
+    for h, (step, state) in enumerate(zip(steps, predicted, strict=True)):
+        for s, start in enumerate(starts):
+            position, attitude, velocity, rates = np.split(state[:, s], 4)
+            for name, value in (("position", position), ("velocity", velocity), ("body_rates", rates)):
+                expected = np.linalg.norm(value - log.of(name)[start + step])
+                assert found[name][h, s] == pytest.approx(expected)
+            turn = Rotation.from_euler("ZYX", attitude[::-1]).inv() * Rotation.from_euler(
+                "ZYX", log.attitude[start + step][::-1]
+            )
+            assert found["attitude"][h, s] == pytest.approx(np.linalg.norm(turn.as_rotvec()))
+    level = prediction._errors(log, ("position", "velocity"), predicted, starts, steps, True)
+    assert set(level) == {"height", "climb"}
+    np.testing.assert_allclose(level["height"][1], np.abs(predicted[1][2] - log.position[starts + 20, 2]))
+    np.testing.assert_allclose(level["climb"][0], np.abs(predicted[0][8] - log.velocity[starts + 5, 2]))
+
+
+def test_the_interval_of_a_sum_is_that_of_independent_blocks():
+    totals = np.array([1.0, -2.0, 0.5, 3.0])
+    expected = quantile(3) * math.sqrt(4.0 / 3.0 * np.sum(totals**2))
+    assert prediction._reach(totals) == pytest.approx(float(expected))
+    assert prediction._reach(totals[:1]) == math.inf
+    assert math.isfinite(prediction._reach(totals[:2]))
 
 
 def test_only_the_end_is_predicted_where_that_is_asked_for(record, scenario):
