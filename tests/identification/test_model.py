@@ -308,6 +308,37 @@ def test_machine_code_steps_and_feels_as_the_formulas_do(scenario, numbers, kind
     np.testing.assert_array_equal(found[NUM_BODY:], states[NUM_BODY:])
 
 
+@pytest.mark.parametrize("base", ["laboratory:low_wind", "neural_fly:still"])
+def test_machine_code_takes_throttles_at_the_voltage_of_each_step(base):
+    """For a body whose rotors take throttles, and for the response of an attitude."""
+    own = with_throttles(load_scenario(base))
+    vehicle = LogModel(own, ["mass"], voltage=12.0)
+    random = np.random.default_rng(2)
+    throttles, angles = random.uniform(0.3, 0.7, size=(50, 4)), 0.3 * random.normal(size=(50, 3))
+    voltages = np.linspace(12.0, 10.0, 50)
+    log = FlightRecord(
+        "log", PERIOD * np.arange(50), motor_command=throttles, attitude_command=angles, battery_voltage=voltages
+    )
+    sizes = WindowSizes(length=5, settle=0, warm_up=3)
+    inputs = WindowInputs.of([log], vehicle, [LogWindow(0, 30)], sizes, split=1, max_delay=0.0)
+    mass = own.vehicle.mass
+    model = ModelFlight(vehicle, np.array([[mass]]), inputs, 3)
+    states = random.normal(scale=0.3, size=(NUM_BODY + NUM_DISTURBANCE, 1, 1))
+    body, push = State(*states[:NUM_BODY, 0, 0]), Disturbance(*states[NUM_BODY:, 0, 0])
+    rotors = RotorSpeed(*model._rotors.copy())
+    numbers_of_row = LogModel(own, ()).numbers(np.ones((1, 0)))
+    span, command, air = Span(PERIOD, voltages[30] / 12.0), Throttle(*throttles[30]), Wind(*inputs.wind[3, :, 0])
+    expected = specific_force(body, rotors, command, air, push, span, numbers_of_row, "world")
+    np.testing.assert_allclose(model.specific_force(states)[:, 0, 0], np.ravel(expected), atol=1e-9)
+    attitude = Attitude(*angles[30]) if vehicle.responds else LEVEL
+    after = step(body, rotors, command, attitude, air, push, span, numbers_of_row, "world")
+    model.step(states)
+    np.testing.assert_allclose(states[:NUM_BODY, 0, 0], np.ravel(after.body), atol=1e-9)
+    np.testing.assert_allclose(model._rotors, np.ravel(after.rotors), atol=1e-9)
+    # After a step, the inputs are those of the next sample.
+    np.testing.assert_allclose(model._command[:4, 0, 0], throttles[31])
+
+
 def test_a_payload_stays_all_along_whenever_it_is_dropped():
     """Windows of a log have no clock of their own: the vehicle is as at the beginning."""
     payload = "vehicle.payload={{mass: 0.2, position: [0.02, 0.0, -0.05], time: {}, event: dropped}}"

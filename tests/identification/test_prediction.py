@@ -193,6 +193,11 @@ def test_a_model_without_errors_is_better_than_all_others():
     assert given.better("position", "exact", "other", 0.5) == (1.0, 1.0, 1.0)
     assert np.isnan(given.better("position", "other", "exact", 0.5)).all()
     assert np.isnan(given.better("position", "exact", "exact", 0.5)).all()
+    # A vehicle that is exact at some starts alone is compared like any other.
+    errors = np.stack([np.array([0.0, 1.0, 2.0, 1.0]), np.array([2.0, 2.0, 0.0, 4.0])])
+    some = of_errors(errors).better("position", "one", "other", 0.5)
+    assert some.value == pytest.approx(1.0 - math.sqrt(6.0 / 24.0))
+    assert some.low < some.value < some.high
 
 
 def test_joined_predictions_have_the_quantities_that_all_logs_have():
@@ -322,6 +327,23 @@ def test_errors_are_distances_and_the_angle_between_two_attitudes():
     assert set(level) == {"height", "climb"}
     np.testing.assert_allclose(level["height"][1], np.abs(predicted[1][2] - log.position[starts + 20, 2]))
     np.testing.assert_allclose(level["climb"][0], np.abs(predicted[0][8] - log.velocity[starts + 5, 2]))
+
+
+@pytest.mark.parametrize(("period", "samples"), [(0.005, 11), (0.01, 6), (0.012, 5), (0.02, 4), (0.05, 4)])
+def test_motion_at_a_start_is_that_of_fifty_milliseconds_or_four_samples(scenario, monkeypatch, period, samples):
+    """Both ends of the fifty milliseconds are samples."""
+    given = []
+
+    def starts_of(record, past, horizons, share):
+        given.append((past, share))
+        return np.array([], dtype=int)
+
+    monkeypatch.setattr(prediction, "_starts", starts_of)
+    log = moving([0.0, 0.0, 0.1])
+    log = replace(log, time=period / 0.01 * log.time)
+    with pytest.raises(InputError, match="no airborne stretch of 0.7 s"):
+        predict(log, {"vehicle": scenario}, horizons=(0.2, 0.5), share=0.3)
+    assert given == [(samples, 0.3)]
 
 
 def test_the_interval_of_a_sum_is_that_of_independent_blocks():

@@ -61,6 +61,18 @@ def test_a_constant_shift_is_the_same_in_all_parts(shift):
     np.testing.assert_allclose(found, -shift, atol=1e-3)
 
 
+def test_logs_that_are_short_and_sensors_that_do_not_agree_have_no_shifts():
+    """Fifty windows of a tenth of a second are the least; parts without a common motion are left out."""
+    record = rolling(np.zeros(20))
+    for count in (10, 40, 58, 300):
+        assert len(shifts_of(record.part(slice(count)))) == 0
+    random = np.random.default_rng(1)
+    noise = replace(record, body_rates=random.normal(size=(len(TIME), 3)))
+    assert len(shifts_of(noise)) == 0
+    half = replace(record, body_rates=np.where(TIME[:, None] < 20.0, record.body_rates, noise.body_rates))
+    assert 8 <= len(shifts_of(half)) <= 10
+
+
 def test_clocks_that_drift_leave_the_sensors_on_board_alone():
     drifting = rolling(DRIFT)
     np.testing.assert_allclose(np.std(shifts_of(drifting)), np.std(DRIFT), rtol=0.2)
