@@ -349,6 +349,17 @@ def test_a_disturbance_becomes_smaller_by_fifths_as_long_as_that_is_more_likely(
     np.testing.assert_allclose(found.gains.whitening, 1.0 / deviation)
 
 
+def test_nothing_is_fitted_again_if_the_disturbance_cannot_become_smaller() -> None:
+    predictor = WhiteningPredictor(1.0, lambda torque: 1.0)
+    parameters = linear_parameters({"mass": (0.0, 100.0)})
+    noise = PredictionNoise(np.ones(1), np.array([0.5, 0.5, 0.5, 1e-3, 1e-3, 1e-3]), np.ones(6))
+    at = fitting._Point.of(predictor, parameters, np.zeros(1), noise)  # type: ignore[arg-type]
+    searches = len(predictor.filters)
+    found = fitting._with_smaller_disturbance(predictor, parameters, at, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
+    assert found is at
+    assert len(predictor.filters) == searches
+
+
 @pytest.mark.parametrize("scattered", [False, True])
 def test_a_smaller_disturbance_may_be_likely_only_for_other_parameters(scattered: bool) -> None:
     """At the initial value, errors of 1 have the right size; a fifth of it needs the value of data that agree."""

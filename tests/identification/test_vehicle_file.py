@@ -111,6 +111,18 @@ def test_values_and_covariance_are_read_back(estimates, vehicle):
     np.testing.assert_allclose(np.einsum("ji,jk,ki->i", vectors, found, vectors), size, rtol=0.02)
 
 
+def test_each_distribution_is_on_one_line(written):
+    """Comments have at most 100 characters besides their indentation."""
+    lines = written.read_text(encoding="utf-8").splitlines()
+    shared = [line for line in lines if "shared: {" in line]
+    assert max(map(len, shared)) > 150
+    for line in lines:
+        assert line.count("{") == line.count("}")
+        assert line.count("[") == line.count("]") or line.lstrip().startswith("#")
+    comments = [line.lstrip().removeprefix("# ") for line in lines if line.lstrip().startswith("#")]
+    assert 80 < max(map(len, comments)) <= 100
+
+
 def test_what_varies_between_stretches_is_drawn_and_said(base, tmp_path):
     """The error of the mean alone would be an interval a third as wide."""
     mean = Variation(np.diag([0.0, 8.0 * 1.5e-6**2]), 40.0, 8.2)
