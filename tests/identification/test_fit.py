@@ -587,7 +587,7 @@ def test_whitened_errors_come_with_derivatives_of_errors_and_states() -> None:
     np.testing.assert_allclose(state_slopes, predictor.states[:, None, :] * np.array([[3.0], [5.0]]), rtol=1e-6)
     # Beyond the kink, there is one slope.
     _, slopes, *_ = fitting._whitened(
-        predictor, np.array([0.7, 0.02]), at + [0.0, 0.0051], predictor.gains, NO_NOISE  # type: ignore[arg-type]
+        predictor, np.array([0.7, 0.02]), at + np.array([0.0, 0.0051]), predictor.gains, NO_NOISE  # type: ignore[arg-type]
     )  # fmt: skip
     np.testing.assert_allclose(slopes, white[:, :, None] * [3.0, 6.0], rtol=1e-6)
 

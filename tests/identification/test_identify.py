@@ -160,10 +160,10 @@ THRUST_RATIO, LAG, TRANSPORT_DELAY, HEIGHT_NOISE = 1.2, 0.06, 0.03, 1e-3
 
 
 def climbing(vehicle, seconds):
-    """Return a log of heights and rotor speeds of a vehicle whose height is controlled, from a simulation in 1 ms steps.
+    """Return a log of heights and rotor speeds of a vehicle with a controlled height, simulated in steps of 1 ms.
 
-    Its rotors have `THRUST_RATIO` times the thrust factor of the vehicle. They follow their commands with `LAG`, and the
-    commands arrive after `TRANSPORT_DELAY`.
+    Its rotors have `THRUST_RATIO` times the thrust factor of the vehicle. They follow their commands with `LAG`, and
+    the commands arrive after `TRANSPORT_DELAY`.
     """
     random, step = np.random.default_rng(0), 1e-3
     count, held = round(seconds / PERIOD), round(PERIOD / step)
@@ -339,7 +339,9 @@ def test_a_command_is_excited_if_it_varies_in_the_flight_of_any_log():
         assert set(found) == ({"autopilot.natural_frequency[1]"} if held else set()), sizes
 
 
-@pytest.mark.parametrize(("lower", "deviation", "identified"), [(0.0, 0.39, True), (0.0, 0.41, False), (0.1, 0.39, False)])
+@pytest.mark.parametrize(
+    ("lower", "deviation", "identified"), [(0.0, 0.39, True), (0.0, 0.41, False), (0.1, 0.39, False)]
+)
 def test_an_interval_reaches_at_most_the_usual_error_and_a_positive_parameter(lower, deviation, identified):
     """With thirty degrees of freedom, it reaches 2.04 deviations."""
     parameters = [Parameter("inertia[0]", 1.0, 0.8, lower)]

@@ -46,7 +46,7 @@ def noise_of(outputs, *, force=1e-3):
 
 
 def fitted_to(predictor: Predictor, parameters: list[Parameter], *, seed=0, noise=None, strength=1e3) -> PredictionFit:
-    """Return a fit with the prior means, whose errors depend on each parameter with some strength relative to its prior."""
+    """Return a fit with the prior means, whose errors depend on each parameter relative to its prior deviation."""
     random = np.random.default_rng(seed)
     size = len(predictor.outputs) * predictor.sizes.length
     scales = np.array([parameter.scale for parameter in parameters])
@@ -152,15 +152,15 @@ def test_the_initial_delay_is_the_age_of_a_frame_within_limits(monkeypatch, peri
     assert frame_age(scenario) == pytest.approx(0.01 * (1 + latency))
     given = []
 
-    class Stop(Exception):
+    class StopError(Exception):
         pass
 
     def parameters_of(*_, delay, max_delay, **__):
         given.extend([delay, max_delay])
-        raise Stop
+        raise StopError
 
     monkeypatch.setattr(module, "parameters_of", parameters_of)
-    with pytest.raises(Stop):
+    with pytest.raises(StopError):
         module.identify([log_of(20.0, period=period)], scenario)
     assert given == pytest.approx([start, MAX_DELAY])
 
@@ -329,7 +329,9 @@ def test_remarks_name_what_a_log_does_not_distinguish():
 def test_no_noise_is_estimated_of_logs_without_poses(rotors):
     outputs = [Output("body_rates", column) for column in range(3)]
     noise = PredictionNoise(np.full(3, 0.02), np.ones(6), np.ones(6))
-    names, values, covariance, weak = module._noise_estimates(SimpleNamespace(outputs=outputs), SimpleNamespace(noise=noise))
+    names, values, covariance, weak = module._noise_estimates(
+        SimpleNamespace(outputs=outputs), SimpleNamespace(noise=noise)
+    )
     assert (names, len(values), covariance.shape, weak) == ([], 0, (0, 0), {})
 
 

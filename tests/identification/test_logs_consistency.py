@@ -223,7 +223,7 @@ def test_a_time_shift_is_measured(name, other, shift):
 def test_a_vertical_force_that_is_shifted_is_seen_in_small_motions(amplitude, seen):
     """The weight counts in a comparison of sizes, but not in one of times."""
     random = np.random.default_rng(2)
-    phases = np.outer(TIME, [2.1, 3.4]) + [0.0, 1.0]
+    phases = np.outer(TIME, [2.1, 3.4]) + np.array([0.0, 1.0])
     still = np.zeros((len(TIME), 2))
     # Effective amplitudes are those of a sum of two sines.
     acceleration = amplitude * np.sin(phases).sum(axis=1)
@@ -250,8 +250,11 @@ def test_one_axis_that_agrees_keeps_a_signal_from_contradicting_another():
     """An axis may disagree for reasons of its own, as noise of a yaw does."""
     clean = flight()
     for name, columns, contradicts in (
-        ("velocity", [2], False), ("velocity", [0, 1], False), ("body_rates", [2], False), ("body_rates", [0, 1, 2], True)
-    ):  # fmt: skip
+        ("velocity", [2], False),
+        ("velocity", [0, 1], False),
+        ("body_rates", [2], False),
+        ("body_rates", [0, 1, 2], True),
+    ):
         values = clean[name].copy()
         values[:, columns] = 0.7 * np.sin(np.outer(TIME, [3.3, 2.3, 4.1]))[:, columns]
         assert any(f"{name} contradicts the" in remark for remark in found({name: values})) == contradicts, columns

@@ -41,8 +41,16 @@ def test_a_wrong_sign_counts_the_axes_that_have_it(known: dict[str, Fault]) -> N
 @pytest.mark.parametrize(
     ("names", "what", "factor"),
     [
-        (("position", "velocity", "reference_position", "reference_velocity"), "millimetres were taken for metres", 1e3),
-        (("position", "velocity", "reference_position", "reference_velocity"), "metres were taken for centimetres", 0.01),
+        (
+            ("position", "velocity", "reference_position", "reference_velocity"),
+            "millimetres were taken for metres",
+            1e3,
+        ),
+        (
+            ("position", "velocity", "reference_position", "reference_velocity"),
+            "metres were taken for centimetres",
+            0.01,
+        ),
         (("velocity", "reference_velocity"), "km/h were taken for m/s", 3.6),
         ((*ANGLES, "body_rates", "body_rate_command"), "degrees were taken for radians", 180.0 / np.pi),
         ((*ANGLES, "body_rates", "body_rate_command"), "radians were taken for degrees", np.pi / 180.0),

@@ -406,7 +406,9 @@ def test_a_reference_out_of_reach_is_reported(write):
 def test_the_first_of_several_damaged_columns_is_named(tmp_path):
     """Columns are sorted by name, whatever their order in the file."""
     names = ["time", *(f"c{i:02d}" for i in range(11, -1, -1))]
-    (tmp_path / "log.csv").write_text("\n".join([",".join(names), *(f"{t}" + 12 * ",bad" for t in (0.0, 0.1, 0.2))]) + "\n")
+    (tmp_path / "log.csv").write_text(
+        "\n".join([",".join(names), *(f"{t}" + 12 * ",bad" for t in (0.0, 0.1, 0.2))]) + "\n"
+    )
     signals = ("position", "velocity", "attitude", "body_rates")
     sources = [f"  {name}: {{columns: [{', '.join(names[3 * i + 1 : 3 * i + 4])}]}}" for i, name in enumerate(signals)]
     (tmp_path / "mapping.yaml").write_text("\n".join(["time: {column: time}", "signals:", *sources]) + "\n")

@@ -167,7 +167,7 @@ def test_a_time_constant_may_be_tens_of_milliseconds_off_whatever_its_value(cons
 def test_priors_of_drag_grow_with_the_mass_and_those_of_places_with_the_arm(
     full: Scenario, attitudes: Scenario, throttles: Scenario
 ) -> None:
-    """A force relative to the weight, and a place relative to the arm, are as uncertain for small and large vehicles."""
+    """Forces relative to the weight and places relative to the arm are as uncertain for small and large vehicles."""
 
     def larger(scenario: Scenario, **update: float) -> Scenario:
         changed = {"mass": 2.0 * scenario.vehicle.mass} | update
