@@ -9,7 +9,16 @@ import pytest
 from written_logs import DATA
 
 from drake_quad.identification.logs.attitudes import rotations
-from drake_quad.identification.logs.consistency import _on_grid, _Pair, _response, contradictions
+from drake_quad.identification.logs.consistency import (
+    _on_grid,
+    _Pair,
+    _pairs,
+    _response,
+    _shift,
+    _size_of_force,
+    _tilt,
+    contradictions,
+)
 from drake_quad.identification.logs.reading import read_log
 
 GRAVITY = 9.81
@@ -244,6 +253,95 @@ def test_a_vertical_force_that_is_shifted_is_seen_in_small_motions(amplitude, se
         assert re.match(r"specific_force is (99|100|101) ± \d ms behind the acceleration and gravity: ", remark)
     else:
         assert remarks == []
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_horizontal_force_that_is_shifted_is_seen_as_well(axis):
+    """A vehicle that stays level is pushed, and its accelerometer is late or early."""
+    phases = np.outer(TIME, [2.1, 3.4]) + np.array([0.0, 1.0])
+    acceleration, velocity = np.zeros((len(TIME), 3)), np.zeros((len(TIME), 3))
+    acceleration[:, axis] = np.sin(phases).sum(axis=1)
+    velocity[:, axis] = -(np.cos(phases) / [2.1, 3.4]).sum(axis=1)
+    for shift, words in ((0.1, "behind"), (-0.1, "ahead of")):
+        force = np.zeros((len(TIME), 3))
+        force[:, axis] = np.interp(TIME - shift, TIME, acceleration[:, axis])
+        force[:, 2] = GRAVITY
+        signals = {"attitude": np.zeros((len(TIME), 3)), "velocity": velocity, "specific_force": force}
+        (remark,) = contradictions(signals, TIME)
+        assert re.match(rf"specific_force is (99|100|101) ± \d ms {words} the acceleration and the tilt: ", remark)
+
+
+@pytest.mark.parametrize("shift", [-31, -29, -3, -2, 0, 2, 3, 29, 31])
+def test_shifts_of_25_to_300_milliseconds_are_reported(shift):
+    """Filters and radio links of healthy logs shift by less."""
+    time = PERIOD * np.arange(-100.0, 1600.0)
+    signal = sum(np.sin(rate * time + rate) for rate in (0.9, 2.1, 3.4))
+    pair = _Pair("velocity", "it", signal[100:1600, None], signal[100 - shift : 1600 - shift, None], 0.1, ("x",))
+    remarks = list(_shift(pair, PERIOD, np.array([True])))
+    if 2 < abs(shift) < 30:
+        (remark,) = remarks
+        words = "behind" if shift > 0 else "ahead of"
+        assert remark.startswith(f"velocity is {10 * abs(shift)} ± 0 ms {words} it: their clocks are shifted")
+    else:
+        assert remarks == []
+    assert list(_shift(pair, PERIOD, np.array([False]))) == []
+
+
+def test_a_thrust_along_the_body_pushes_by_the_tangent_of_its_tilt():
+    """With a vertical acceleration c, the horizontal one is (g + c) tan(tilt); the vehicle yaws by 90°."""
+    phases = np.outer(TIME, [1.1, 1.7, 0.9])
+    frequencies, sizes = np.array([1.1, 1.7, 0.9]), np.array([9.0, 5.0, 2.0])
+    acceleration, velocity = sizes * np.sin(phases), -sizes / frequencies * np.cos(phases)
+    thrust = acceleration + [0.0, 0.0, GRAVITY]
+    # At a yaw of 90°, the body's x axis is along W's y: pitch leans along y, and roll along x.
+    pitch = np.arctan2(thrust[:, 1], thrust[:, 2])
+    roll = np.arctan2(thrust[:, 0], np.hypot(thrust[:, 1], thrust[:, 2]))
+    attitude = np.column_stack([roll, pitch, np.full(len(TIME), 0.5 * np.pi)])
+    np.testing.assert_allclose(
+        np.cross(rotations(attitude).apply([0.0, 0.0, 1.0]), thrust), 0.0, atol=1e-9
+    )  # the thrust is along the body's z axis
+    grid = _on_grid({"attitude": attitude, "velocity": velocity}, TIME)
+    (pair,) = _pairs(grid, only=_tilt)
+    assert np.abs(pair.expected).max() > 8.0  # a tilt of about 40°
+    np.testing.assert_allclose(pair.measured, pair.expected, atol=0.25)
+    assert (pair.disagreement() < 1e-3).all()
+
+
+def test_the_size_of_a_force_counts_outside_of_gaps():
+    kept = (TIME < 8.0) | (TIME > 9.5)
+    grid = _on_grid({"specific_force": flight()["specific_force"][kept]}, TIME[kept])
+    (pair,) = _pairs(grid, only=_size_of_force)
+    assert len(pair.measured) == len(pair.expected) == grid.usable.sum()
+    np.testing.assert_array_equal(pair.expected, GRAVITY)
+    sizes = np.linalg.norm(grid.signals["specific_force"], axis=1)
+    np.testing.assert_allclose(pair.measured[:, 0], sizes[grid.usable])
+    # A force that points down has the opposite sign.
+    upside_down = _on_grid({"specific_force": -flight()["specific_force"]}, TIME)
+    (pair,) = _pairs(upside_down, only=_size_of_force)
+    assert (pair.measured < 0.0).all()
+
+
+@pytest.mark.parametrize(("correlation", "named"), [(-0.45, False), (-0.85, True)])
+def test_a_wrong_sign_is_named_if_its_repair_explains_most_of_the_disagreement(correlation, named):
+    """Signals disagree by one minus their correlation. A repair must gain 0.4 more than what it leaves."""
+    rates, others = np.array([1.1, 1.7, 0.9]), np.array([2.9, 2.3, 3.7])
+    velocity = np.sin(np.outer(TIME, rates))
+    position = -np.cos(np.outer(TIME, rates)) / rates
+    mixed = correlation * velocity + np.sqrt(1.0 - correlation**2) * np.sin(np.outer(TIME, others))
+    remarks = list(contradictions({"position": position, "velocity": mixed}, TIME))
+    assert any("the sign of" in remark for remark in remarks) == named
+
+
+@pytest.mark.parametrize(("multiple", "contradicts"), [(1.8, False), (2.2, True), (4.0, True)])
+def test_signals_contradict_each_other_if_one_moves_by_twice_the_threshold(multiple, contradicts):
+    """The threshold of a velocity is 0.05 m/s, as an RMS value without the largest tenth."""
+    velocity = np.sin(np.outer(TIME, [1.1, 1.7, 0.9]))
+    position = 1e-3 * np.sin(np.outer(TIME, [2.9, 2.3, 3.7]))
+    (pair,) = _pairs(_on_grid({"position": position, "velocity": velocity}, TIME))
+    _, measured = pair.clipped()
+    sizes = multiple * 0.05 / np.sqrt(np.mean(measured**2, axis=0))
+    remarks = list(contradictions({"position": position, "velocity": sizes * velocity}, TIME))
+    assert any(remark.startswith("velocity contradicts the derivative of position") for remark in remarks) == contradicts
 
 
 def test_one_axis_that_agrees_keeps_a_signal_from_contradicting_another():
