@@ -285,6 +285,10 @@ def test_shifts_of_25_to_300_milliseconds_are_reported(shift):
     else:
         assert remarks == []
     assert list(_shift(pair, PERIOD, np.array([False]))) == []
+    # Beside the largest shifts on both sides, each of eight parts has 25 windows.
+    for count, enough in ((259, False), (260, True)) if abs(shift) < 20 else ():
+        short = pair._replace(expected=pair.expected[:count], measured=pair.measured[:count])
+        assert len(list(_shift(short, PERIOD, np.array([True])))) == (enough and bool(remarks))
 
 
 def test_a_thrust_along_the_body_pushes_by_the_tangent_of_its_tilt():
