@@ -345,7 +345,9 @@ def test_signals_contradict_each_other_if_one_moves_by_twice_the_threshold(multi
     _, measured = pair.clipped()
     sizes = multiple * 0.05 / np.sqrt(np.mean(measured**2, axis=0))
     remarks = list(contradictions({"position": position, "velocity": sizes * velocity}, TIME))
-    assert any(remark.startswith("velocity contradicts the derivative of position") for remark in remarks) == contradicts
+    assert (
+        any(remark.startswith("velocity contradicts the derivative of position") for remark in remarks) == contradicts
+    )
 
 
 def test_one_axis_that_agrees_keeps_a_signal_from_contradicting_another():
