@@ -296,7 +296,7 @@ def test_a_thrust_along_the_body_pushes_by_the_tangent_of_its_tilt():
     phases = np.outer(TIME, [1.1, 1.7, 0.9])
     frequencies, sizes = np.array([1.1, 1.7, 0.9]), np.array([9.0, 5.0, 2.0])
     acceleration, velocity = sizes * np.sin(phases), -sizes / frequencies * np.cos(phases)
-    thrust = acceleration + [0.0, 0.0, GRAVITY]
+    thrust = acceleration + np.array([0.0, 0.0, GRAVITY])
     # At a yaw of 90°, the body's x axis is along W's y: pitch leans along y, and roll along x.
     pitch = np.arctan2(thrust[:, 1], thrust[:, 2])
     roll = np.arctan2(thrust[:, 0], np.hypot(thrust[:, 1], thrust[:, 2]))
