@@ -102,6 +102,12 @@ def test_the_first_instance_of_a_sensor_is_read(read):
     np.testing.assert_allclose(record.body_rates, np.tile([0.1, -0.2, -0.3], (COUNT, 1)), rtol=1e-6)
 
 
+def test_an_ardupilot_log_without_a_known_message_is_refused(read):
+    barometer = dataflash_log({"BARO": ("f", ["Alt"], rows(1.0))})
+    with pytest.raises(InputError, match=r"is an ArduPilot log without any of the messages ATT, .*XKQ$"):
+        read(barometer)
+
+
 def test_an_ardupilot_log_of_another_vehicle_needs_a_mapping(read):
     hexarotor = dataflash_log(
         {"ATT": ("ccc", ["Roll", "Pitch", "Yaw"], rows(1, 2, 3))}, parameters={"FRAME_CLASS": 2.0}
@@ -129,6 +135,8 @@ def test_a_betaflight_log_is_in_shares_and_si(read):
     np.testing.assert_allclose(np.degrees(record.body_rates[:, 1]), -2.0 * np.arange(COUNT))
     np.testing.assert_allclose(record.specific_force[0], [0.0, 0.5 * 9.80665, 9.80665])
     np.testing.assert_allclose(record.motor_command[0], [1.0, 0.0, 999.0 / 1999.0, 500.0 / 1999.0])
+    # The number of the loop and the clock are no signals that are left out.
+    assert not said(record, "not read")
 
 
 def test_the_longest_flight_of_a_betaflight_log_is_read(read):

@@ -123,6 +123,13 @@ def test_each_distribution_is_on_one_line(written):
     assert 80 < max(map(len, comments)) <= 100
 
 
+def test_a_long_name_in_a_comment_is_not_broken(base, tmp_path):
+    source = Source("prediction errors", 12 * "a_long_name_")
+    found = estimates_of({"mass": FOUND["mass"]}, sources=source)
+    path = write_vehicle(tmp_path / "mine.yaml", "mine", found, base=base)
+    assert path.read_text(encoding="utf-8").count(source.log) == 2
+
+
 def test_what_varies_between_stretches_is_drawn_and_said(base, tmp_path):
     """The error of the mean alone would be an interval a third as wide."""
     mean = Variation(np.diag([0.0, 8.0 * 1.5e-6**2]), 40.0, 8.2)
