@@ -119,6 +119,25 @@ def test_an_ardupilot_log_of_another_vehicle_needs_a_mapping(read):
     assert said(read(plus), "the frame has another layout")
 
 
+def test_frame_classes_have_the_numbers_that_ardupilot_publishes(read):
+    """Its parameter list has Quad as 1; a log without the parameter is that of a quadrotor."""
+    classes = {
+        2: "a hexarotor", 3: "an octorotor", 4: "an octorotor", 5: "a hexarotor with coaxial rotors", 6: "a helicopter",
+        7: "a tricopter", 8: "a vehicle with one rotor", 9: "a vehicle with coaxial rotors",
+        10: "a vehicle on two rotors", 11: "a helicopter", 12: "a dodecarotor", 13: "a helicopter", 14: "a decarotor",
+    }  # fmt: skip
+    message = {"ATT": ("ccc", ["Roll", "Pitch", "Yaw"], rows(1, 2, 3))}
+    for number in range(1, 16):
+        log = dataflash_log(message, parameters={"FRAME_CLASS": float(number), "FRAME_TYPE": 1.0})
+        remarks = [each for each in read(log, "ardupilot").remarks if each.startswith("the log is of")]
+        assert remarks == ([f"the log is of {classes[number]}"] if number in classes else []), number
+    assert not said(read(dataflash_log(message)), "the log is of")
+    # The parameter was called FRAME before.
+    for frame, other in ((0.0, True), (1.0, False)):
+        log = dataflash_log(message, parameters={"FRAME": frame})
+        assert said(read(log), "the frame has another layout") == other
+
+
 BLACKBOX_FIELDS = [
     f"{name}[{i}]" for name, count in (("gyroADC", 3), ("accSmooth", 3), ("motor", 4)) for i in range(count)
 ]
@@ -144,6 +163,13 @@ def test_the_longest_flight_of_a_betaflight_log_is_read(read):
     record = read(short + BLACKBOX)
     assert len(record.time) == COUNT
     assert said(record, "the log has 2 flights; the longest is read, number 2")
+
+
+def test_the_longest_flight_may_be_the_first(read):
+    short = blackbox_log(BLACKBOX_FIELDS, [(int(time), *[0] * 10) for time in TIMES[:5]])
+    record = read(BLACKBOX + short + short)
+    assert len(record.time) == COUNT
+    assert said(record, "the log has 3 flights; the longest is read, number 1")
 
 
 def test_damaged_frames_of_a_betaflight_log_are_counted(read):
@@ -173,6 +199,10 @@ def test_blocks_of_an_old_crazyflie_log_with_a_wrong_checksum_are_left_out(read)
     record = read(bytes(damaged))
     assert len(record.time) == COUNT - 7
     assert said(record, "1 block of records is left out because of a wrong checksum")
+    damaged[len(damaged) // 4] ^= 1
+    fewer = read(bytes(damaged))
+    assert said(fewer, "2 blocks of records are left out because of a wrong checksum")
+    assert COUNT > len(record.time) > len(fewer.time) > COUNT // 2
     cut = read(OLD_CRAZYFLIE[:-1])
     assert len(cut.time) == COUNT - COUNT % 7
     assert said(cut, "bytes are not read: no whole block of records")
