@@ -120,8 +120,8 @@ def with_bandwidth(
 ) -> tuple[Uncertainty, list[str]]:
     """Return the uncertainty with what parameters depend on the bandwidth of the logs, and remarks.
 
-    Averages over a period h distort an estimate by about h², so a share h² / (H² - h²) of the difference to the estimate
-    for a period H is added to its standard deviation (Richardson's extrapolation).
+    Averages over a period h distort an estimate by about h², so a share h² / (H² - h²) of the difference to the
+    estimate for a period H is added to its standard deviation (Richardson's extrapolation).
 
     If the model holds, the two differ besides by an error whose variance is the difference of the two variances (J. A.
     Hausman, Econometrica 46, 1978). The interval of a parameter that differs by more contains both estimates.

@@ -19,7 +19,7 @@ def channel(signal, begin, end, period, *, known=None, values=None):
     rows = np.arange(len(clock)) if known is None else np.flatnonzero(known(clock))
     if values is None:
         values = np.repeat(clock[rows][:, None], WIDTHS.get(signal, 3), axis=1)
-    return conversion._Channel(signal, clock, rows, values, "somewhere")
+    return conversion._Channel(signal, clock, rows, values, "somewhere", crossed=False)
 
 
 def test_commands_hold_and_measurements_do_not():

@@ -133,7 +133,7 @@ def test_priors_are_around_the_values_of_the_scenario(full: Scenario, attitudes:
     for delay in (found["delay"], behind["delay"]):
         assert (delay.start, delay.lower, delay.upper) == (DELAY, -MAX_DELAY, MAX_DELAY)
         # A delay that is a frame of a camera or a tick of a link longer is usual; one of a second is not.
-        assert 0.005 <= delay.deviation <= 0.05
+        assert 0.005 <= delay.scale <= 0.05
 
 
 def test_a_data_sheet_gives_positive_parameters_to_within_their_own_size(full: Scenario, attitudes: Scenario) -> None:
@@ -144,10 +144,10 @@ def test_a_data_sheet_gives_positive_parameters_to_within_their_own_size(full: S
         assert parameter.lower == pytest.approx(0.02 * parameter.start)
         assert parameter.upper == pytest.approx(50.0 * parameter.start)
     for name in ("thrust_factor", *INERTIA, "rotor_inertia"):
-        assert found[name].deviation == pytest.approx(found[name].start)
+        assert found[name].scale == pytest.approx(found[name].start)
     for i, name in enumerate(RESPONSE):
         # Half of a natural frequency, and half of the critical damping.
-        assert found[name].deviation == (0.5 * found[name].start if i < 3 else 0.5)
+        assert found[name].scale == (0.5 * found[name].start if i < 3 else 0.5)
     for name in (*LINEAR, *QUADRATIC, "rotor_aerodynamics.lift"):
         assert (found[name].lower, found[name].upper) == (0.0, np.inf)
     for name in (*CENTRE, *PRESSURE, *MARKERS, "rotor_aerodynamics.climb", "motors.curve[0]", "motors.curve[1]"):
@@ -159,7 +159,7 @@ def test_a_time_constant_may_be_tens_of_milliseconds_off_whatever_its_value(cons
     """It stays above 2 ms, or above the value of the data sheet if that is shorter."""
     own = load_scenario("laboratory:low_wind", [f"vehicle.rotor_time_constant={constant}"])
     found = found_in(own, POSE)["rotor_time_constant"]
-    assert 0.02 <= found.deviation <= 0.1
+    assert 0.02 <= found.scale <= 0.1
     assert found.lower == pytest.approx(min(constant, max(0.002, 0.02 * constant)))
     assert found.upper == pytest.approx(50.0 * constant)
 
@@ -176,35 +176,33 @@ def test_priors_of_drag_grow_with_the_mass_and_those_of_places_with_the_arm(
     twice = larger(full, arm_length=3.0 * full.vehicle.arm_length)
     found, other = found_in(full, POSE | IMU), found_in(twice, POSE | IMU)
     for name in (*QUADRATIC, "body_drag.linear[1]", "rotor_aerodynamics.climb"):
-        assert other[name].deviation == pytest.approx(2.0 * found[name].deviation), name
+        assert other[name].scale == pytest.approx(2.0 * found[name].scale), name
     for name in (*CENTRE, *PRESSURE):
-        assert other[name].deviation == pytest.approx(3.0 * found[name].deviation)
+        assert other[name].scale == pytest.approx(3.0 * found[name].scale)
         # The centre of mass is between the rotors.
-        assert found[name].deviation < 0.5 * arm_length_of(full.vehicle)
+        assert found[name].scale < 0.5 * arm_length_of(full.vehicle)
     # A drag that is known to be large is as uncertain as it is large.
-    assert found["body_drag.linear[0]"].deviation == other["body_drag.linear[0]"].deviation == 0.5
+    assert found["body_drag.linear[0]"].scale == other["body_drag.linear[0]"].scale == 0.5
     mass, gravity = full.vehicle.mass, full.vehicle.gravity
     # The drag that no data sheet states is less than the weight at 8 m/s.
-    assert found["body_drag.linear[1]"].deviation * 8.0 < mass * gravity
-    assert found["rotor_aerodynamics.climb"].deviation * 8.0 < mass * gravity
-    assert found["body_drag.quadratic[0]"].deviation * 8.0**2 < mass * gravity
+    assert found["body_drag.linear[1]"].scale * 8.0 < mass * gravity
+    assert found["rotor_aerodynamics.climb"].scale * 8.0 < mass * gravity
+    assert found["body_drag.quadratic[0]"].scale * 8.0**2 < mass * gravity
     behind, heavy = found_in(attitudes, POSE), found_in(larger(attitudes), POSE)
-    assert heavy["rotor_aerodynamics.lift"].deviation == pytest.approx(
-        2.0 * behind["rotor_aerodynamics.lift"].deviation
-    )
-    assert behind["rotor_aerodynamics.lift"].deviation * 8.0**2 < attitudes.vehicle.mass * gravity
+    assert heavy["rotor_aerodynamics.lift"].scale == pytest.approx(2.0 * behind["rotor_aerodynamics.lift"].scale)
+    assert behind["rotor_aerodynamics.lift"].scale * 8.0**2 < attitudes.vehicle.mass * gravity
     # The prior of an effect that a vehicle lacks is that of an effect whose coefficients are zero.
     lacking = attitudes.model_copy(update={"vehicle": attitudes.vehicle.model_copy(update={"body_drag": None})})
     bare, light = found_in(lacking, POSE), found_in(load_scenario("neural_fly:still", ["vehicle.mass=0.02"]), POSE)
     for name in LINEAR:
-        assert bare[name].deviation == pytest.approx(0.3 * attitudes.vehicle.mass)
-        assert light[name].deviation == behind[name].start
+        assert bare[name].scale == pytest.approx(0.3 * attitudes.vehicle.mass)
+        assert light[name].scale == behind[name].start
         assert bare[name].start == 0.0
     # Each of four motors carries a quarter of the weight in hover.
     curve = found_in(throttles, POSE, own_throttles=True)
-    assert [curve[f"motors.curve[{i}]"].deviation for i in range(3)] == pytest.approx(
+    assert [curve[f"motors.curve[{i}]"].scale for i in range(3)] == pytest.approx(
         [0.25 * throttles.vehicle.mass * gravity] * 3
     )
-    assert [found[name].deviation < 0.1 for name in MARKERS] == [True, True]
+    assert [found[name].scale < 0.1 for name in MARKERS] == [True, True]
     # The prior of a drag that is on the data sheet is as wide as the drag.
-    assert found_in(load_scenario("laboratory:low_wind"), POSE)["linear_drag"].deviation == 0.1
+    assert found_in(load_scenario("laboratory:low_wind"), POSE)["linear_drag"].scale == 0.1

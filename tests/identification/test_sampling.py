@@ -1,11 +1,13 @@
 """Commands between samples, clocks that drift, and estimates that depend on the bandwidth of a log."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from drake_quad.errors import InputError
 from drake_quad.identification import sampling
 from drake_quad.identification.evidence import Uncertainty
 from drake_quad.identification.logs.consistency import clock_shifts
@@ -16,6 +18,7 @@ from drake_quad.identification.sampling import (
     fast_command_remarks,
     fast_command_share,
     on_one_clock,
+    slow_fit,
     with_bandwidth,
 )
 
@@ -173,6 +176,41 @@ def test_the_share_of_fast_commands_is_that_of_white_and_of_smooth_commands():
     assert fast_command_share(replace(still, motor_command=None)) == 0.0
     (remark,) = fast_command_remarks([smooth, white])
     assert remark.startswith(("rolling: 50% of the power", "rolling: 49% of the power"))
+
+
+def test_a_slow_fit_starts_from_the_fast_one_and_is_left_out_if_the_logs_are_too_short(monkeypatch):
+    parameters = [Parameter("mass", 1.0, 0.5), Parameter("linear_drag", 0.1, 0.1)]
+    fast = SimpleNamespace(noise="noise", values=np.array([1.1, 0.2]))
+    covariance = np.array([[0.04, 0.01], [0.01, 0.09]])
+    asked = []
+
+    class Logs:
+        period, flying = 0.03, ["flying"]
+
+        def predictor(self, names, flying):
+            asked.append((names, flying))
+            return "predictor"
+
+    def fit(*given):
+        asked.append(given)
+        return SimpleNamespace(
+            values=np.array([1.2, 0.3]),
+            uncertainty=lambda blocks: SimpleNamespace(covariance=covariance if blocks == "blocks" else None),
+        )
+
+    def refuse(*_):
+        raise InputError("only 3 windows")
+
+    monkeypatch.setattr(sampling, "fit", fit)
+    monkeypatch.setattr(sampling, "window_blocks", lambda predictor: "blocks")
+    found = slow_fit(SimpleNamespace(coarser=Logs), parameters, fast)
+    assert asked == [(["mass", "linear_drag"], ["flying"]), ("predictor", parameters, "noise", fast.values)]
+    np.testing.assert_array_equal(found.values, [1.2, 0.3])
+    np.testing.assert_array_equal(found.variances, [0.04, 0.09])
+    assert found.period == 0.03
+    assert slow_fit(SimpleNamespace(coarser=lambda: None), parameters, fast) is None
+    monkeypatch.setattr(sampling, "fit", refuse)
+    assert slow_fit(SimpleNamespace(coarser=Logs), parameters, fast) is None
 
 
 def test_an_interval_contains_the_estimate_of_another_bandwidth_if_it_differs_by_more_than_chance():
