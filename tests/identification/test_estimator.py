@@ -227,3 +227,8 @@ def test_drag_is_the_slope_of_the_force_over_the_air_speed():
     found = linear_drag(noisy, base)[0]
     assert abs(found.value - drag) < 4.0 * found.deviation
     assert found.degrees_of_freedom == pytest.approx(20, abs=2)
+
+
+@pytest.mark.parametrize(("period", "steps"), [(0.002, 10), (0.005, 4), (0.01, 2), (0.03, 1), (0.1, 1)])
+def test_a_velocity_error_hardly_changes_within_twenty_milliseconds(period, steps):
+    assert estimator._steps(FlightRecord("log", period * np.arange(10.0))) == steps
