@@ -78,10 +78,11 @@ def moving(turning, *, acceleration=(0.0, 0.0, 0.0), angular=0.0, seconds=6.0):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("left_out", [(), ("velocity",), ("body_rates",), ("velocity", "body_rates")])
 def test_constant_velocity_predicts_such_a_motion_exactly(scenario, left_out):
     """Rates that are not logged follow from positions and attitudes."""
-    log = replace(moving([0.02, -0.03, 0.2]), **dict.fromkeys(left_out))
+    log = replace(moving([0.02, -0.03, 0.2], seconds=3.0), **dict.fromkeys(left_out))
     found = predict(log, {"vehicle": scenario}, horizons=(0.1, 1.0))
     for quantity in found.errors:
         for horizon in found.horizons:
@@ -89,11 +90,12 @@ def test_constant_velocity_predicts_such_a_motion_exactly(scenario, left_out):
                 assert found.rmse(quantity, simple, horizon).value < 1e-6, (quantity, simple)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("left_out", [(), ("velocity", "body_rates")])
 def test_constant_acceleration_predicts_such_a_motion_exactly(scenario, left_out):
     """Constant velocity is off by the path of the acceleration, its change of velocity, and the angle likewise."""
     acceleration, angular, axis = [0.4, 0.0, -0.3], 0.2, [0.0, 0.0, 0.3]
-    log = replace(moving(axis, acceleration=acceleration, angular=angular), **dict.fromkeys(left_out))
+    log = replace(moving(axis, acceleration=acceleration, angular=angular, seconds=3.0), **dict.fromkeys(left_out))
     found = predict(log, {"vehicle": scenario}, horizons=(0.1, 1.0))
     expected = {
         "position": lambda h: 0.5 * 0.5 * h**2,
@@ -108,6 +110,7 @@ def test_constant_acceleration_predicts_such_a_motion_exactly(scenario, left_out
             assert velocity == pytest.approx(expected[quantity](horizon), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_right_vehicle_predicts_a_flight_without_noise(predictions):
     """What is left is of the start, the end of a parabola through 50 ms of a motion with jerk."""
     assert predictions.rmse("position", "right", 0.5).value < 2e-3
@@ -118,6 +121,7 @@ def test_a_right_vehicle_predicts_a_flight_without_noise(predictions):
     assert predictions.losses("right") == []
 
 
+@pytest.mark.slow
 def test_a_vehicle_starts_from_more_than_the_last_samples(record, scenario):
     """Noise of positions adds much to a velocity that is the slope of a few of them, and little to a filter's."""
     random = np.random.default_rng(1)
@@ -127,6 +131,7 @@ def test_a_vehicle_starts_from_more_than_the_last_samples(record, scenario):
         assert found.better("position", "right", CONSTANT_VELOCITY, horizon).low > 0.5
 
 
+@pytest.mark.slow
 def test_the_disturbance_makes_up_for_a_wrong_thrust(record, scenario):
     """A filter whose vehicle has a tenth too much thrust estimates a force that takes it away again."""
     stronger = with_numbers(scenario, {"thrust_factor": 1.1 * scenario.vehicle.thrust_factor})
@@ -135,6 +140,7 @@ def test_the_disturbance_makes_up_for_a_wrong_thrust(record, scenario):
     assert found.better("position", WITH_DISTURBANCE, "stronger", 0.5).low > 0.8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("horizon", [0.1, 0.5])
 def test_a_tenth_more_thrust_lifts_by_that_of_gravity(predictions, horizon):
     """The rotors have followed the same commands and lift a tenth more at once."""
@@ -147,6 +153,7 @@ def test_a_tenth_more_thrust_lifts_by_that_of_gravity(predictions, horizon):
     )
 
 
+@pytest.mark.slow
 def test_fewer_starts_reach_farther_horizons(predictions):
     starts = [predictions.starts(horizon) for horizon in predictions.horizons]
     assert starts[0] > starts[1] > starts[2] > 50
@@ -247,6 +254,7 @@ def test_vehicles_are_compared_start_by_start():
     assert better == pytest.approx((1.0 - ratio, 1.0 - ratio * math.exp(reach), 1.0 - ratio * math.exp(-reach)))
 
 
+@pytest.mark.slow
 def test_predictions_end_where_the_vehicle_lands_or_the_log_has_a_gap(scenario):
     """No start is within 0.4 s after the start of the log, nor within 50 ms after a gap."""
     log = moving([0.0, 0.0, 0.1], seconds=12.0)
@@ -354,6 +362,7 @@ def test_the_interval_of_a_sum_is_that_of_independent_blocks():
     assert math.isfinite(prediction._reach(totals[:2]))
 
 
+@pytest.mark.slow
 def test_only_the_end_is_predicted_where_that_is_asked_for(record, scenario):
     late = predict(record, {"right": scenario}, share=0.25, horizons=(0.1,))
     whole = predict(record, {"right": scenario}, horizons=(0.1,))
