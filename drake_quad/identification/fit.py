@@ -146,7 +146,7 @@ def fit(
     """
     mean = np.array([parameter.start for parameter in parameters])
     values = mean if start is None else start
-    prior = np.array([parameter.deviation**-2.0 for parameter in parameters])
+    prior = np.array([parameter.scale**-2.0 for parameter in parameters])
     at = _Point.of(predictor, parameters, values, noise)
     untried: list[tuple[float, ...]] = []
     for number in range(1, _MAX_ROUNDS + 1):
@@ -265,11 +265,10 @@ def _least_squares(
     """Return the parameters (p,) with the least squares of whitened errors and of the distance to the prior."""
     if not parameters:
         return start
-    mean, scale, deviation = (
-        np.array([getattr(parameter, name) for parameter in parameters], dtype=float)
-        for name in ("start", "scale", "deviation")
+    mean, scale = (
+        np.array([getattr(parameter, name) for parameter in parameters], dtype=float) for name in ("start", "scale")
     )
-    weights, variables = np.diag(1.0 / deviation), SearchVariables.of(parameters)
+    weights, variables = np.diag(1.0 / scale), SearchVariables.of(parameters)
 
     known: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
 
