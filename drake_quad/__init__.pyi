@@ -17,6 +17,7 @@ from .identification.flown_again.comparison import compare_with_log as compare_w
 from .identification.flown_again.prediction import predict as predict
 from .identification.identify import identify as identify
 from .identification.logs.reading import read_log as read_log
+from .identification.position_law.law import identify_position_law as identify_position_law
 from .identification.results.vehicle_file import write_vehicle as write_vehicle
 from .linear.closed_loop import closed_loop as closed_loop
 from .linear.closed_loop import laboratory_plant as laboratory_plant

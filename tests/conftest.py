@@ -34,10 +34,16 @@ def pytest_collection_modifyitems(items) -> None:
     items.sort(key=lambda item: item.path.stem not in _FIRST)
 
 
+def pytest_configure() -> None:
+    """What is imported while tests are collected lives until the end, so no garbage is looked for meanwhile."""
+    gc.disable()
+
+
 def pytest_collection_finish() -> None:
     """A quarter of the time would go by looking for garbage among what has been imported."""
     gc.freeze()
     gc.set_threshold(100_000, 50, 100)
+    gc.enable()
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -49,11 +55,12 @@ def _no_kept_results():
 
 
 @pytest.fixture(autouse=True)
-def _ctrl_c():
-    """Ctrl-C is an exception in every test, however pytest was started and whatever a script has made of it before."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+def _process_as_before():
+    """Ctrl-C is an exception in every test, and what commands set for their process ends with the test."""
+    handler, thresholds = signal.signal(signal.SIGINT, signal.default_int_handler), gc.get_threshold()
     yield
-    signal.signal(signal.SIGINT, before)
+    signal.signal(signal.SIGINT, handler)
+    gc.set_threshold(*thresholds)
 
 
 @pytest.fixture(autouse=True)
@@ -138,12 +145,23 @@ def run(capsys, monkeypatch):
 
 
 @pytest.fixture
+def undrawn(monkeypatch):
+    """Figures are made and written, but not drawn, for tests of commands whose figures have tests of their own."""
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda figure, file, **_: _write_blank(file))
+
+
+@pytest.fixture
 def unpainted(monkeypatch):
     """Figures are made, drawn and written, but neither laid out nor painted, which takes three quarters of the time."""
 
     def drawn_only(figure, file, **_):
         figure.set_layout_engine("none")
         figure.draw_without_rendering()
-        Image.new("RGB", (8, 8)).save(file, format="png")
+        _write_blank(file)
 
     monkeypatch.setattr("matplotlib.figure.Figure.savefig", drawn_only)
+
+
+def _write_blank(file) -> None:
+    """Write a picture without content."""
+    Image.new("RGB", (8, 8)).save(file, format="png")

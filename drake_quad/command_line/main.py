@@ -29,6 +29,7 @@ COMMANDS = {
     "map": "map which gains are stable",
     "sensitivities": "differentiate the metrics of a flight by numbers of its scenario",
     "identify": "make a vehicle, with its uncertainty, of flight logs",
+    "identify-controller": "identify the position law that flew a log, as a controller",
     "compare-log": "fly the reference of a flight log again, and compare errors flown and predicted",
     "judge": "tune and judge the field's controllers by one protocol, with a report",
     "replicate": "fly the paper's experiment again, with a report",

@@ -1,7 +1,6 @@
 """What happens at an event, in two parts: what follows from parameters alone, and the rest, which reads that."""
 
-import functools
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -83,38 +82,70 @@ def divided(listing: Listing, changes: Mapping[int, Any], logged: Sequence[Any])
     targets = [*((STATE, row) for row in changes), *((LOG, row) for row in range(len(logged)))]
     lines = [result.line if result.__class__ is Symbol else listing.constant(result).line for result in results]
     fixed = _follow_from_parameters(listing)
-    before, rest = Listing(), Listing()
-    kept: list[Symbol] = []
-
-    @functools.cache
-    def in_before(line: int) -> Symbol:
-        return _copied(before, listing.operations[line], in_before)
-
-    @functools.cache
-    def in_rest(line: int) -> Symbol:
-        operation = listing.operations[line]
-        # Truth values are quickly computed again.
-        if fixed[line] and operation.name != "constant" and operation.kind is not SymbolKind.TRUTH:
-            kept.append(in_before(line))
-            return rest.row(KEPT, len(kept) - 1, operation.kind)
-        return _copied(rest, operation, in_rest)
-
+    before = _Copy(listing)
+    rest = _Rest(listing, fixed, before)
     # In their order, so that nothing is asked for in depth.
     for line in _needed(listing, lines):
         if not fixed[line]:
-            in_rest(line)
+            rest.symbol(line)
         elif listing.operations[line].name != "row":
-            in_before(line)
-    stores = list(zip(targets, map(in_rest, lines), strict=True))
-    return Part(before, [((KEPT, row), symbol) for row, symbol in enumerate(kept)]), Part(rest, stores)
+            before.symbol(line)
+    stores = list(zip(targets, map(rest.symbol, lines), strict=True))
+    kept = [((KEPT, row), symbol) for row, symbol in enumerate(rest.kept)]
+    return Part(before.listing, kept), Part(rest.listing, stores)
 
 
-def _copied(listing: Listing, operation: Operation, symbol_of: Callable[[int], Symbol]) -> Symbol:
-    """The symbol of a line of another listing in this one, given those of its operands."""
-    operands = operation.operands
-    if operation.name not in LEAVES:
-        operands = tuple([symbol_of(operand).line for operand in operands])
-    return listing.add(operation.name, operands, operation.kind, operation.inside)
+class _Copy:
+    """A listing with lines of another one, each of which is copied when it is asked for first.
+
+    Args:
+        source: the other listing.
+
+    Attributes:
+        listing: the copy.
+    """
+
+    def __init__(self, source: Listing) -> None:
+        self.listing, self._source = Listing(), source
+        self._symbols: dict[int, Symbol] = {}
+
+    def symbol(self, line: int) -> Symbol:
+        """Return the symbol of a line of the source in the copy."""
+        symbol = self._symbols.get(line)
+        if symbol is None:
+            symbol = self._symbols[line] = self._copied(line, self._source.operations[line])
+        return symbol
+
+    def _copied(self, line: int, operation: Operation) -> Symbol:
+        operands = operation.operands
+        if operation.name not in LEAVES:
+            operands = tuple([self.symbol(operand).line for operand in operands])
+        return self.listing.add(operation.name, operands, operation.kind, operation.inside)
+
+
+class _Rest(_Copy):
+    """A copy that reads what follows from parameters, instead of computing it.
+
+    Args:
+        source: the other listing.
+        fixed: which of its lines follow from parameters.
+        before: copy in which these are computed.
+
+    Attributes:
+        kept: what is read, symbols of `before`.
+    """
+
+    def __init__(self, source: Listing, fixed: Sequence[bool], before: _Copy) -> None:
+        super().__init__(source)
+        self.kept: list[Symbol] = []
+        self._fixed, self._before = fixed, before
+
+    def _copied(self, line: int, operation: Operation) -> Symbol:
+        # Truth values are quickly computed again.
+        if self._fixed[line] and operation.name != "constant" and operation.kind is not SymbolKind.TRUTH:
+            self.kept.append(self._before.symbol(line))
+            return self.listing.row(KEPT, len(self.kept) - 1, operation.kind)
+        return super()._copied(line, operation)
 
 
 def _follow_from_parameters(listing: Listing) -> list[bool]:

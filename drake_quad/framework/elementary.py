@@ -16,7 +16,7 @@ from pydrake import symbolic
 from pydrake.autodiffutils import AutoDiffXd
 
 from drake_quad.framework import approximations
-from drake_quad.framework.symbols import Matrix, Symbol, branched, layer
+from drake_quad.framework.symbols import Matrix, Symbol, are_same, branched, layer
 from drake_quad.signals import Row
 
 _Rows = TypeVar("_Rows")
@@ -146,7 +146,7 @@ def where(mask: bool, x: _Rows, y: _Rows) -> _Rows:
     if x is None:
         return x
     if mask.__class__ is Symbol:
-        return untyped(x if x is y else approximations.select(mask, x, y))
+        return untyped(x if are_same(x, y) else approximations.select(mask, x, y))
     return untyped(_of_one_type(np.where(mask, x, y)))
 
 

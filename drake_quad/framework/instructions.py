@@ -19,6 +19,7 @@ What is done only where it is needed is a function of its own, which is called i
 A layer of a network is a function, too, with a loop over blocks of its rows and one over its columns.
 """
 
+import functools
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -146,7 +147,7 @@ def function(
             names[number] = _written(lines, names, listing, number, sources, shared, lanes)
         else:
             names[number] = calls.written(lines, names, listing, number)
-        for count, (target, place, symbol) in due[k]:
+        for count, (target, place, symbol) in due.get(k, ()):
             pointer = f"%store_{count}"
             lines += _pointer(pointer, target, place)
             lines.append(f"store {_type(symbol.kind, lanes)} {names[symbol.line]}, ptr {pointer}, align 8")
@@ -336,6 +337,7 @@ def _layer_function(name: str, layer: SymbolLayer, activation: str, lanes: int) 
     )
 
 
+@functools.cache
 def _type(kind: SymbolKind, lanes: int) -> str:
     return f"<{lanes} x {_ELEMENTS[kind]}>"
 
@@ -368,12 +370,16 @@ def _written(
         lines += _pointer(f"{name}_at", rows, place)
         lines.append(f"{name} = load {type_}, ptr {name}_at, align 8")
         return name
-    first = listing.operations[operation.operands[0]].kind
-    templates = INSTRUCTIONS if first is SymbolKind.NUMBER or operation.name not in _BITWISE else _BITWISE
-    operands = [names[operand] for operand in operation.operands]
-    text = templates[operation.name].format(*operands, t=_type(first, lanes), r=type_, s=f"v{lanes}f64")
-    lines.append(f"{name} = {text}")
+    template = _template(operation.name, listing.operations[operation.operands[0]].kind, kind, lanes)
+    lines.append(f"{name} = {template.format(*[names[operand] for operand in operation.operands])}")
     return name
+
+
+@functools.cache
+def _template(name: str, first: SymbolKind, kind: SymbolKind, lanes: int) -> str:
+    """Return an instruction without its operands, given the kinds of the first of them and of the result."""
+    templates = INSTRUCTIONS if first is SymbolKind.NUMBER or name not in _BITWISE else _BITWISE
+    return templates[name].format("{0}", "{1}", "{2}", t=_type(first, lanes), r=_type(kind, lanes), s=f"v{lanes}f64")
 
 
 def _spread(result: str, pointer: str, place: int, lanes: int) -> list[str]:

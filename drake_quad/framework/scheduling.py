@@ -39,17 +39,16 @@ def scheduled(listing: Listing) -> list[int]:
     operations = listing.operations
     lines = [line for line, operation in enumerate(operations) if operation.name not in LEAVES]
     users: dict[int, list[int]] = {line: [] for line in lines}
-    missing: dict[int, int] = {}
+    missing, at = [0] * len(operations), [0] * len(operations)
     for line in lines:
-        takes = {operand for operand in operations[line].operands if operand in users}
-        missing[line] = len(takes)
-        for operand in takes:
-            users[operand].append(line)
+        for operand in {*operations[line].operands}:
+            if operand in users:
+                users[operand].append(line)
+                missing[line] += 1
     ready = [line for line in lines if not missing[line]]  # sorted, and so a heap
-    at: dict[int, int] = dict.fromkeys(lines, 0)
     waiting: list[tuple[int, int]] = []
     order: list[int] = []
-    written: set[int] = set()
+    written = bytearray(len(operations))
     cycle, first = 0, 0
     while first < len(lines):
         while waiting and waiting[0][0] <= cycle:
@@ -58,18 +57,19 @@ def scheduled(listing: Listing) -> list[int]:
         while ready and room and ready[0] <= last:
             line = heappop(ready)
             order.append(line)
-            written.add(line)
+            written[line] = True
             latency = _LATENCY.get(operations[line].name, 1)
             room -= latency > 0
             for user in users[line]:
                 missing[user] -= 1
-                at[user] = max(at[user], cycle + latency)
+                if at[user] < cycle + latency:
+                    at[user] = cycle + latency
                 if not missing[user]:
                     if at[user] > cycle:
                         heappush(waiting, (at[user], user))
                     else:
                         heappush(ready, user)
-        while first < len(lines) and lines[first] in written:
+        while first < len(lines) and written[lines[first]]:
             first += 1
         cycle += 1
     return _with_leaves(listing, order)
@@ -79,7 +79,8 @@ def _with_leaves(listing: Listing, order: list[int]) -> list[int]:
     """The same order with constants and rows: each before what takes it first, or at the end if nothing does."""
     whole: dict[int, None] = {}
     for line in order:
-        whole.update(dict.fromkeys(listing.operations[line].operands))
+        for operand in listing.operations[line].operands:
+            whole[operand] = None
         whole[line] = None
     whole.update(dict.fromkeys(range(len(listing.operations))))
     return list(whole)

@@ -8,6 +8,7 @@ would be thousands of lines that are alike is a loop, a `SymbolLayer`: `drake_qu
 """
 
 import hashlib
+import struct
 from collections.abc import Callable, Iterator, Sequence
 from enum import IntEnum
 from typing import Any, NamedTuple
@@ -126,7 +127,8 @@ class Listing:
 
     def __init__(self) -> None:
         self.operations: list[Operation] = []
-        self._symbols: dict[tuple[Any, ...], Symbol] = {}
+        # Numbers instead of symbols, which refer to their listing: without such circles it is freed at once.
+        self._lines: dict[tuple[Any, ...], int] = {}
 
     def add(
         self,
@@ -137,11 +139,12 @@ class Listing:
     ) -> "Symbol":
         """The symbol of a line, which is added unless it is there."""
         key = name, operands, kind, inside
-        symbol = self._symbols.get(key)
-        if symbol is None:
-            symbol = self._symbols[key] = Symbol(self, len(self.operations), kind)
-            self.operations.append(Operation(*key))
-        return symbol
+        line = self._lines.get(key)
+        if line is None:
+            line = self._lines[key] = len(self.operations)
+            # This skips the constructor, which is in Python and takes as long as all else here.
+            self.operations.append(tuple.__new__(Operation, key))
+        return Symbol(self, line, kind)
 
     def row(self, group: int, place: int, kind: SymbolKind = SymbolKind.NUMBER) -> "Symbol":
         """The symbol of a row of a group that is read."""
@@ -153,6 +156,8 @@ class Listing:
 
     def constant(self, value: Any) -> "Symbol":
         """Return the symbol of a number, of a NumPy uint64 or of a truth value."""
+        if value.__class__ is float:  # most of them
+            return self.add("constant", _WORD.unpack(_FLOAT.pack(value)), SymbolKind.NUMBER)
         if isinstance(value, np.ndarray) and value.ndim:
             raise TypeError(f"an array of shape {value.shape} stands where a number or a row is wanted; {ALLOWED}")
         if isinstance(value, bool | np.bool):
@@ -162,13 +167,31 @@ class Listing:
         return self.add("constant", (int(np.float64(value).view(np.uint64)),), SymbolKind.NUMBER)
 
 
+_NUMBER = SymbolKind.NUMBER
+_TRUTH = SymbolKind.TRUTH
+_COMPARISONS = ("less", "less_equal", "greater", "greater_equal", "equal", "not_equal")
+_LOGICAL = ("bitwise_and", "bitwise_or", "bitwise_xor")
+# A number and the word with the same bits.
+_FLOAT, _WORD = struct.Struct("<d"), struct.Struct("<Q")
+
+
 def _binary(name: str) -> tuple[Callable[..., "Symbol"], Callable[..., "Symbol"]]:
     """An operator of two operands, and the same with its operands the other way round."""
+    takes_numbers, kind = name not in _LOGICAL, _TRUTH if name in _COMPARISONS else _NUMBER
 
+    # Two numbers of one listing, as most operands are, need none of the checks of `operation`.
     def operator(self: "Symbol", other: Any) -> "Symbol":
+        if takes_numbers and self.kind is _NUMBER:
+            listing = self.listing
+            if other.__class__ is float:
+                other = listing.constant(other)
+            if other.__class__ is Symbol and other.kind is _NUMBER and other.listing is listing:
+                return listing.add(name, (self.line, other.line), kind)
         return operation(name, self, other)
 
     def reflected(self: "Symbol", other: Any) -> "Symbol":
+        if takes_numbers and self.kind is _NUMBER and other.__class__ is float:
+            return self.listing.add(name, (self.listing.constant(other).line, self.line), kind)
         return operation(name, other, self)
 
     return operator, reflected
@@ -224,10 +247,6 @@ class Symbol:
         raise TypeError("a formula cannot branch on a row, which differs from vehicle to vehicle: select with `where`")
 
 
-_NUMBER = SymbolKind.NUMBER
-_TRUTH = SymbolKind.TRUTH
-_COMPARISONS = ("less", "less_equal", "greater", "greater_equal", "equal", "not_equal")
-_LOGICAL = ("bitwise_and", "bitwise_or", "bitwise_xor")
 # NumPy's names of the operations that a symbol can be an operand of.
 _UFUNCS = (
     *("add", "subtract", "multiply", "divide", "negative", "absolute", "left_shift", "right_shift"),
@@ -300,10 +319,20 @@ def lifted(*operands: Any) -> list[Symbol]:
         TypeError: they are of several listings.
     """
     listing = next(operand.listing for operand in operands if operand.__class__ is Symbol)
-    symbols = [operand if operand.__class__ is Symbol else listing.constant(operand) for operand in operands]
-    if any(symbol.listing is not listing for symbol in symbols):
-        raise TypeError(_FOREIGN)
+    symbols = []
+    for operand in operands:
+        symbol = operand if operand.__class__ is Symbol else listing.constant(operand)
+        if symbol.listing is not listing:
+            raise TypeError(_FOREIGN)
+        symbols.append(symbol)
     return symbols
+
+
+def are_same(x: Any, y: Any) -> bool:
+    """Return whether two rows are one object, or symbols of the same line."""
+    if x.__class__ is Symbol and y.__class__ is Symbol:
+        return x.listing is y.listing and x.line == y.line
+    return x is y
 
 
 _FOREIGN = "what is computed only where it is needed must take all its rows as arguments"

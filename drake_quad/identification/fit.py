@@ -34,6 +34,8 @@ _MAX_ROUNDS = 8
 _CONVERGED_MOVE = 0.2
 _CONVERGED_LOG_CHANGE = 0.2
 _MAX_EVALUATIONS = 5
+# Rounds from which on smaller disturbances are tried: at the beginning, and once the parameters are about right.
+_TRIAL_ROUNDS = (1, 4)
 # Factors of the disturbance that are tried, because scoring reduces a disturbance that is much too large only slowly.
 _SMALLER_TORQUE = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)
 _SMALLER_FORCE = (0.2, 0.2, 0.2, 1.0, 1.0, 1.0)
@@ -62,7 +64,7 @@ _MIN_MEMORY = 0.02  # s
 _MAX_MEMORY = 20.0  # s
 # Limit of the memory of a force along the axes of B, s. A longer force along z is an error of the thrust curve. If the
 # disturbance could absorb it, the level of the curve would follow from large motions of the rotors alone.
-_MAX_BODY_FORCE_MEMORY = 0.25
+_MAX_THRUST_MEMORY = 0.25
 # The fit diverged if the noise reaches this share of a limit.
 _DIVERGED_SHARE = 0.99
 # Fewer windows than this are divided, so that their scatter can be estimated.
@@ -144,10 +146,12 @@ def fit(
     """
     mean = np.array([parameter.start for parameter in parameters])
     values = mean if start is None else start
-    prior = np.array([parameter.deviation**-2.0 for parameter in parameters])
+    prior = np.array([parameter.scale**-2.0 for parameter in parameters])
     at = _Point.of(predictor, parameters, values, noise)
-    untried = [_SMALLER_TORQUE, _SMALLER_FORCE]
+    untried: list[tuple[float, ...]] = []
     for number in range(1, _MAX_ROUNDS + 1):
+        if number in _TRIAL_ROUNDS:
+            untried = [_SMALLER_TORQUE, _SMALLER_FORCE]
         before, disturbance = at.values, at.noise.disturbance
         noise = _noise_of(predictor, predictor.gains(before, at.noise), at.noise)
         at = _Point.of(predictor, parameters, before, noise)
@@ -261,11 +265,10 @@ def _least_squares(
     """Return the parameters (p,) with the least squares of whitened errors and of the distance to the prior."""
     if not parameters:
         return start
-    mean, scale, deviation = (
-        np.array([getattr(parameter, name) for parameter in parameters], dtype=float)
-        for name in ("start", "scale", "deviation")
+    mean, scale = (
+        np.array([getattr(parameter, name) for parameter in parameters], dtype=float) for name in ("start", "scale")
     )
-    weights, variables = np.diag(1.0 / deviation), SearchVariables.of(parameters)
+    weights, variables = np.diag(1.0 / scale), SearchVariables.of(parameters)
 
     known: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
 
@@ -389,8 +392,8 @@ def _noise_of(
     logs = start = np.log(np.concatenate(noise))[first]
     smallest = np.repeat([MIN_NOISE, _MIN_DISTURBANCE, _MIN_MEMORY], [m, 6, 6])
     largest = np.repeat([_MAX_NOISE, _MAX_DISTURBANCE, _MAX_MEMORY], [m, 6, 6])
-    if predictor.model.frame == "body":
-        largest[m + 6 : m + 9] = _MAX_BODY_FORCE_MEMORY
+    along_thrust = slice(m + 6, m + 9) if predictor.model.frame == "body" else slice(m + 8, m + 9)
+    largest[along_thrust] = _MAX_THRUST_MEMORY
     lower = np.maximum(np.log(smallest)[first], start - _MAX_LOG_CHANGE)
     upper = np.minimum(np.log(largest)[first], start + _MAX_LOG_CHANGE)
     # The memory of a negligible disturbance has no influence.

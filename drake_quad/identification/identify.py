@@ -42,7 +42,15 @@ from drake_quad.identification.results.held_out import hold_out
 from drake_quad.identification.results.vehicle_numbers import (
     with_numbers,
 )
-from drake_quad.identification.sampling import SlowFit, fast_command_remarks, on_one_clock, slow_fit, with_bandwidth
+from drake_quad.identification.sampling import (
+    SlowFit,
+    Synchronised,
+    fast_command_remarks,
+    lack_commands,
+    slow_fit,
+    synchronised,
+    with_bandwidth,
+)
 from drake_quad.identification.windows import (
     held_out,
     steep_remarks,
@@ -73,24 +81,24 @@ def identify(
     """
     if not records:
         raise InputError("there is no log to identify a vehicle from")
-    records, doubts = on_one_clock(records)
+    logs = synchronised(records)
     try:
-        found = _identified(records, scenario, held_out_share)
+        found = _identified(logs, scenario, held_out_share)
     except (np.linalg.LinAlgError, FloatingPointError) as error:
         raise InputError(
             f"the logs cannot be fitted ({error}): their values are not those of a flying vehicle; check the units in"
             " the mapping"
         ) from error
-    remarks = [*found.remarks, *doubts, *fast_command_remarks(records)]
+    remarks = [*found.remarks, *logs.remarks, *fast_command_remarks(records)]
     flaw = inertia_flaw(found.vehicle.vehicle.inertia)
     if flaw:
         remarks.append(f"the identified inertia is not that of a rigid body, because of its error: {flaw}")
     return replace(found, remarks=tuple(remarks))
 
 
-def _identified(records: Sequence[FlightRecord], scenario: Scenario, share: float) -> Identification:
+def _identified(given: Synchronised, scenario: Scenario, share: float) -> Identification:
     """Identify a vehicle; arguments are those of `identify`."""
-    logs, scenario = prepare(records, scenario)
+    logs, scenario = prepare(given.records, scenario, late_attitude=given.late_attitude)
     parameters = parameters_of(
         logs.scenario,
         logs.signals,
@@ -163,7 +171,9 @@ def _result(
     uncertainty = uncertainty_of_mean(fitted.uncertainty(blocks), evidence, variation)
     remarks = [*_remarks(predictor, fitted, names), *steep_remarks(logs.records)]
     if slow is not None:
-        uncertainty, more = with_bandwidth(uncertainty, parameters, fitted.values, slow, logs.period)
+        uncertainty, more = with_bandwidth(
+            uncertainty, parameters, fitted.values, slow, logs.period, lacks_commands=lack_commands(logs.records)
+        )
         remarks += more
     weak = not_identified(parameters, fitted.values, uncertainty)
     if {*names} <= {*weak, DELAY}:

@@ -1,8 +1,8 @@
 """Parameters that an identification may estimate, with their priors.
 
-The prior of a parameter is a normal distribution around its value in the scenario. Its standard deviation is
-`_PRIOR_SCALES` times the scale of the parameter, the size of a usual error of a data sheet. A new parameter is one more
-row of `_candidates`.
+The prior of a parameter is a normal distribution around its value in the scenario. Its standard deviation is the scale
+of the parameter, the size of a usual error of a data sheet. So the prior counts only where the data say little. A new
+parameter is one more row of `_candidates`.
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,8 +16,6 @@ from drake_quad.identification.results.vehicle_numbers import number_of, with_ef
 from drake_quad.scenario.layouts import arm_length_of
 from drake_quad.scenario.models import Scenario
 
-# Standard deviation of a prior, in scales. Weak, so that it counts only where the data say little.
-_PRIOR_SCALES = 1.0
 # Limits of a positive parameter, relative to its value in the scenario.
 _MIN_RATIO = 0.02
 _MAX_RATIO = 50.0
@@ -33,7 +31,7 @@ class Parameter(NamedTuple):
     Attributes:
         name: name as in `Estimates`, or `DELAY`.
         start: mean of the prior.
-        scale: usual error of the prior mean.
+        scale: usual error of the prior mean, which is the standard deviation of the prior.
         lower: lower bound.
         upper: upper bound.
     """
@@ -43,11 +41,6 @@ class Parameter(NamedTuple):
     scale: float
     lower: float = -np.inf
     upper: float = np.inf
-
-    @property
-    def deviation(self) -> float:
-        """Standard deviation of the prior."""
-        return _PRIOR_SCALES * self.scale
 
 
 def parameters_of(

@@ -42,6 +42,7 @@ _CONSTANT_FORCE_DEVIATION = 1.0
 # Standard deviations of the state at the start of a window: position (m), attitude (rad), velocity (m/s), body rates
 # (rad/s).
 _INITIAL_DEVIATIONS = np.repeat([1.0, 0.5, 2.0, 10.0], 3)
+_LOGGED_ATTITUDE = 0.03  # rad, of a logged attitude that is not predicted
 
 
 class Output(NamedTuple):
@@ -175,6 +176,9 @@ class Predictor:
         signals = {signal for signal, _ in outputs}
         self._angles = np.array([signal == "attitude" for signal, _ in outputs])
         self.rows = _estimated_rows(signals, model.frame)
+        self._deviations = _INITIAL_DEVIATIONS.copy()
+        if "attitude" not in signals and all(record.attitude is not None for record in records):
+            self._deviations[_ATTITUDE] = _LOGGED_ATTITUDE
         p = len(model.names)
         state, n, W = self._measured_states(records, index[0]), len(self.rows), len(windows)
         slopes, nothing = np.zeros((NUM_BODY + NUM_DISTURBANCE, p, W)), np.zeros((W, n, n))
@@ -302,7 +306,7 @@ class Predictor:
 
     def _first_covariance(self, noise: PredictionNoise) -> np.ndarray:
         """Return the covariance (W, n, n) of the state at the first measurement."""
-        variances = np.concatenate([_INITIAL_DEVIATIONS, _disturbance_deviations(noise)]) ** 2
+        variances = np.concatenate([self._deviations, _disturbance_deviations(noise)]) ** 2
         _, _, _, covariance, continued = self.initial
         return np.where(continued[:, None, None], covariance, np.diag(variances[self.rows]))
 

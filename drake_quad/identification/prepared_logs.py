@@ -146,7 +146,11 @@ def window_blocks(predictor: Predictor) -> np.ndarray:
 
 
 def prepare(
-    records: Sequence[FlightRecord], scenario: Scenario, believed: Scenario | None = None
+    records: Sequence[FlightRecord],
+    scenario: Scenario,
+    believed: Scenario | None = None,
+    *,
+    late_attitude: bool = False,
 ) -> tuple[PreparedLogs, Scenario]:
     """Return logs as the model takes them, and the scenario that estimates are put into.
 
@@ -154,6 +158,7 @@ def prepare(
         records: records of flights of the same vehicle.
         scenario: scenario with the vehicle.
         believed: scenario whose `nominal` vehicle the firmware's allocation uses; by default `scenario`.
+        late_attitude: whether attitudes are late, so that only body rates are predicted.
 
     Raises:
         InputError: if a log lacks commands or outputs, or the logs have different rates.
@@ -173,7 +178,9 @@ def prepare(
     prepared = [_with_specific_force(record, believed) for record in records]
     prepared = [with_commands(record, flown, believed) for record in prepared]
     prepared = [coarser(record, max(1, int(_PERIOD / record.period + 0.05))) for record in prepared]
-    logs = PreparedLogs(prepared, flown, _outputs(prepared), [airborne(record) for record in prepared], own_throttles)
+    logs = PreparedLogs(
+        prepared, flown, _outputs(prepared, late_attitude), [airborne(record) for record in prepared], own_throttles
+    )
     common_period(prepared)  # refuses logs of different rates
     return logs, scenario
 
@@ -200,13 +207,15 @@ def _with_specific_force(record: FlightRecord, scenario: Scenario) -> FlightReco
     return replace(record, specific_force=force / scenario.vehicle.mass)
 
 
-def _outputs(records: Sequence[FlightRecord]) -> list[Output]:
+def _outputs(records: Sequence[FlightRecord], late_attitude: bool) -> list[Output]:
     """Return the outputs that are predicted, which all records contain.
 
     Velocities are left out if positions are logged, and body rates if attitudes but no specific forces are logged: an
     estimator derives them from positions and attitudes, with the same noise and with an additional delay.
     """
     have = set.intersection(*(set(record.names) for record in records))
+    if late_attitude:
+        have -= {"attitude"}
     signals = [name for name in _POSE if name in have]
     if "position" not in have and "velocity" in have and "attitude" in have:
         signals.append("velocity")

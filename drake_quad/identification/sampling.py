@@ -28,6 +28,7 @@ _DIFFERS = 2.0  # standard deviations by which estimates of two bandwidths diffe
 # radio logs 12 to 26 ms.
 _MAX_CLOCK_SCATTER = 8e-3
 _MIN_CLOCK_PARTS = 4
+_MIN_LEAD = 2e-3  # s
 
 
 class SlowFit(NamedTuple):
@@ -44,12 +45,29 @@ class SlowFit(NamedTuple):
     period: float
 
 
-def on_one_clock(records: Sequence[FlightRecord]) -> tuple[Sequence[FlightRecord], list[str]]:
-    """Return records whose signals are from one clock, and remarks.
+class Synchronised(NamedTuple):
+    """Records whose signals are of the same time.
 
-    If poses are from another clock than the sensors on board, they are left out, since commands are logged on board.
-    What is left has uncertain times as well, so its samples are averaged. Without gyroscope and accelerometer, all
-    signals are kept.
+    Attributes:
+        records: records.
+        late_attitude: whether the attitude is that of an estimator with a gyroscope, and late.
+        remarks: sentences on what was changed.
+    """
+
+    records: Sequence[FlightRecord]
+    late_attitude: bool
+    remarks: list[str]
+
+
+def synchronised(records: Sequence[FlightRecord]) -> Synchronised:
+    """Return records whose signals are of the same time.
+
+    Body rates that lead the attitude cannot have been derived from it, so they are those of a gyroscope. The attitude
+    is then that of an estimator, whose errors are not white noise, and it is not predicted.
+
+    If the shift varies, poses are from another clock than the sensors on board. They are left out, since commands are
+    logged on board. What is left has uncertain times as well, so its samples are averaged. Without gyroscope and
+    accelerometer, all signals are kept.
     """
     has = [{"attitude", "body_rates"} <= {*record.names} for record in records]
     shifts = [
@@ -57,22 +75,33 @@ def on_one_clock(records: Sequence[FlightRecord]) -> tuple[Sequence[FlightRecord
         for record, both in zip(records, has, strict=True)
     ]
     deviations = np.concatenate([each - each.mean() for each in shifts if len(each)] or [np.zeros(0)])
-    if len(deviations) < _MIN_CLOCK_PARTS or np.std(deviations) < _MAX_CLOCK_SCATTER:
-        return records, []
-    scatter = 1e3 * float(np.std(deviations))
+    if len(deviations) >= _MIN_CLOCK_PARTS and np.std(deviations) > _MAX_CLOCK_SCATTER:
+        return _on_board(records, float(np.std(deviations)))
+    lead = -float(np.mean(np.concatenate(shifts))) if len(deviations) else 0.0
+    if lead < _MIN_LEAD or any(record.position is None and record.specific_force is None for record in records):
+        return Synchronised(records, False, [])
+    remark = (
+        f"the attitude lags the body rates by {1e3 * lead:.0f} ms, as that of an estimator does; it is not predicted"
+    )
+    return Synchronised(records, True, [remark])
+
+
+def _on_board(records: Sequence[FlightRecord], scatter: float) -> Synchronised:
+    """Return the records without poses, given the standard deviation of their shift in s."""
     doubt = (
-        f"attitude and body rates are shifted against each other by {scatter:.0f} ms (standard deviation over parts of"
-        " two seconds), so their clocks are not synchronised"
+        f"attitude and body rates are shifted against each other by {1e3 * scatter:.0f} ms (standard deviation over"
+        " parts of two seconds), so their clocks are not synchronised"
     )
     if any(record.body_rates is None or record.specific_force is None for record in records):
-        return records, [doubt]
-    steps = [max(1, round(SLOW_PERIOD / record.period)) for record in records]
+        return Synchronised(records, False, [doubt])
     kept = [
-        coarser(replace(record, position=None, velocity=None, attitude=None), step)
-        for record, step in zip(records, steps, strict=True)
+        coarser(
+            replace(record, position=None, velocity=None, attitude=None), max(1, round(SLOW_PERIOD / record.period))
+        )
+        for record in records
     ]
     what = f"position, velocity and attitude are left out, and the rest is averaged over {1e3 * SLOW_PERIOD:.0f} ms"
-    return kept, [f"{doubt}; {what}"]
+    return Synchronised(kept, False, [f"{doubt}; {what}"])
 
 
 def fast_command_remarks(records: Sequence[FlightRecord]) -> list[str]:
@@ -83,6 +112,11 @@ def fast_command_remarks(records: Sequence[FlightRecord]) -> list[str]:
         for record in records
         if (share := fast_command_share(record)) > _FAST_COMMANDS
     ]
+
+
+def lack_commands(records: Sequence[FlightRecord]) -> bool:
+    """Return whether logs may lack commands between their samples."""
+    return any(fast_command_share(record) > _FAST_COMMANDS for record in records)
 
 
 def fast_command_share(record: FlightRecord) -> float:
@@ -116,15 +150,22 @@ def slow_fit(logs: PreparedLogs, parameters: Sequence[Parameter], fitted: Predic
 
 
 def with_bandwidth(
-    uncertainty: Uncertainty, parameters: Sequence[Parameter], values: np.ndarray, slow: SlowFit, period: float
+    uncertainty: Uncertainty,
+    parameters: Sequence[Parameter],
+    values: np.ndarray,
+    slow: SlowFit,
+    period: float,
+    *,
+    lacks_commands: bool,
 ) -> tuple[Uncertainty, list[str]]:
     """Return the uncertainty with what parameters depend on the bandwidth of the logs, and remarks.
 
-    Averages over a period h distort an estimate by about h², so a share h² / (H² - h²) of the difference to the estimate
-    for a period H is added to its standard deviation (Richardson's extrapolation).
+    Averages over a period h distort an estimate by about h². So a share h² / (H² - h²) of the difference to the
+    estimate for a period H is added to its standard deviation (Richardson's extrapolation).
 
     If the model holds, the two differ besides by an error whose variance is the difference of the two variances (J. A.
-    Hausman, Econometrica 46, 1978). The interval of a parameter that differs by more contains both estimates.
+    Hausman, Econometrica 46, 1978). Where logs lack commands between their samples, the interval of a parameter that
+    differs by more contains both estimates.
 
     Args:
         uncertainty: uncertainty of the parameters.
@@ -132,10 +173,11 @@ def with_bandwidth(
         values: (p,) estimates.
         slow: estimates from slower logs.
         period: period of the logs, s.
+        lacks_commands: whether commands between the samples may be missing.
     """
     squares = (values - slow.values) ** 2
     own = np.diag(uncertainty.covariance)
-    differs = squares > _DIFFERS**2 * (slow.variances + own)
+    differs = np.full(len(own), lacks_commands) & (squares > _DIFFERS**2 * (slow.variances + own))
     excess = np.maximum(squares - np.maximum(slow.variances - own, 0.0), 0.0)
     distortion = squares * (period**2 / (slow.period**2 - period**2)) ** 2
     wider = np.sqrt(1.0 + (np.where(differs, excess, 0.0) + distortion) / own)

@@ -84,7 +84,7 @@ def airborne(record: FlightRecord) -> np.ndarray:
     first and the last second of each flight are excluded. So are samples within a second of a collision, or of a pitch
     beyond 75°, where roll and yaw are mostly noise.
     """
-    command = _effort(record)
+    command = effort(record)
     flying = np.ones(len(record.time), dtype=bool)
     around = min(max(1, round(_MARGIN / record.period)), len(record.time))
     if command is not None:
@@ -145,8 +145,8 @@ def coarser(record: FlightRecord, step: int) -> FlightRecord:
     return replace(record, time=record.time[first], **values)
 
 
-def _effort(record: FlightRecord) -> np.ndarray | None:
-    """(n,) something that rises with the thrust that is commanded; None if nothing is logged of it."""
+def effort(record: FlightRecord) -> np.ndarray | None:
+    """Return (n,) a signal that rises with the commanded thrust; None if no command is logged."""
     if record.motor_command is not None:
         return np.asarray(record.motor_command.mean(axis=1))
     if record.rotor_speed_command is not None:

@@ -147,7 +147,8 @@ def evaluate_at(path: PolynomialPath, segment: np.ndarray, s: np.ndarray, order:
 
 def refined(path: PolynomialPath, times: np.ndarray) -> PolynomialPath:
     """Returns the same path with further times (instants,), s, at which one polynomial ends and the next begins."""
-    distance = np.abs(np.subtract.outer(times, path.times)).min(axis=1)
+    after = np.clip(np.searchsorted(path.times, times), 1, len(path.times) - 1)
+    distance = np.minimum(np.abs(times - path.times[after - 1]), np.abs(times - path.times[after]))
     inside = (times > path.times[0]) & (times < path.times[-1])
     # Times that differ by rounding only are one.
     joined = np.union1d(path.times, times[inside & (distance > 1e-9 * path.durations.min())])

@@ -10,18 +10,32 @@ Crazyflie's firmware (Bitcraze, crazyflie-firmware 2025.12, `attitude_pid_contro
     rate        PID with integral, filtered derivative, feed-forward and limits
 """
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 from pydrake.common import RandomDistribution
 
-from drake_quad.framework.elementary import arctan2, sin_cos, sqrt, where
+from drake_quad.framework.elementary import arctan2, exp, sin_cos, sqrt, where
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import layout_of
-from drake_quad.geometry.axes import TINY
+from drake_quad.geometry.axes import TINY, Vector
+from drake_quad.geometry.flatness import in_heading
 from drake_quad.geometry.quaternion import Quaternion
 from drake_quad.pid.filters import EMPTY, Delayed, LowPass, filtered
 from drake_quad.pid.loop import Memory, Terms, pid, within
-from drake_quad.signals import Angle, Attitude, AttitudeTarget, BodyRateB, BodyRates, Gain, Number, State, Time, Wrench
+from drake_quad.signals import (
+    Angle,
+    Attitude,
+    AttitudeTarget,
+    BodyRateB,
+    BodyRates,
+    Gain,
+    Number,
+    Quantity,
+    Row,
+    State,
+    Time,
+    Wrench,
+)
 from drake_quad.vehicle.parameters import Inertia
 from drake_quad.vehicle.runge_kutta import moved
 
@@ -44,6 +58,29 @@ class Gyroscope(NamedTuple):
 
     noise: BodyRateB = 0.0
     bias: BodyRates = BodyRates(0.0, 0.0, 0.0)
+
+
+class NeglectedDrag(NamedTuple):
+    """Drag that an estimator of the attitude neglects.
+
+    Where the model of the estimator has no drag, it takes the force of the air for a tilt. In flight at v the estimated
+    thrust points by d v / g less in the direction of flight than the true one, once the correction of the attitude by
+    the position has settled. The lag of this correction is first order.
+
+    Attributes:
+        lean: d / g, error of the tilt over the velocity.
+        time: time constant of the correction.
+    """
+
+    lean: Annotated[Row, Quantity("rad s/m")]
+    time: Time
+
+
+class LeanError(NamedTuple):
+    """Error of the estimated direction of the thrust along X and Y."""
+
+    x: Angle
+    y: Angle
 
 
 class LoopAxisTerms(NamedTuple):
@@ -69,6 +106,7 @@ class AutopilotNumbers(NamedTuple):
         gyroscope_filter: filter of the gyroscope.
         max_rates: largest commanded body rates.
         yaw_weight: weight of the yaw in the error of the rotation; None for errors of roll, pitch and yaw.
+        neglected_drag: drag that the estimator of the attitude neglects; None if it is exact.
     """
 
     k_attitude: LoopGains
@@ -82,6 +120,7 @@ class AutopilotNumbers(NamedTuple):
     gyroscope_filter: LowPass | None = None
     max_rates: BodyRates | None = None
     yaw_weight: Number | None = None
+    neglected_drag: NeglectedDrag | None = None
 
 
 class LoopRules(NamedTuple):
@@ -118,17 +157,20 @@ class AutopilotMemory(NamedTuple):
         attitude: memory of the loop of the attitude.
         rate: memory of the loop of the body rates.
         gyroscope: states of the filters of p, q and r; None without a filter.
+        lean: error of the estimated tilt; None without one.
     """
 
     attitude: LoopMemory
     rate: LoopMemory
     gyroscope: tuple[Delayed, Delayed, Delayed] | None
+    lean: LeanError | None
 
     @classmethod
     def of(cls, numbers: AutopilotNumbers) -> "AutopilotMemory":
         """Return the memory before the first instant."""
         gyroscope = None if numbers.gyroscope_filter is None else (EMPTY, EMPTY, EMPTY)
-        return cls(LoopMemory.of(numbers.attitude), LoopMemory.of(numbers.rate), gyroscope)
+        lean = None if numbers.neglected_drag is None else LeanError(0.0, 0.0)
+        return cls(LoopMemory.of(numbers.attitude), LoopMemory.of(numbers.rate), gyroscope, lean)
 
 
 class SensorNoise(NamedTuple):
@@ -138,21 +180,35 @@ class SensorNoise(NamedTuple):
     attitude: tuple[Number, Number, Number]
 
 
-def sensed(state: State, noise: SensorNoise | None, numbers: AutopilotNumbers) -> tuple[Attitude, BodyRates]:
-    """Attitude and body rates as the autopilot has them.
+def sensed(
+    state: State, noise: SensorNoise | None, numbers: AutopilotNumbers, lean: LeanError | None = None
+) -> tuple[Attitude, BodyRates]:
+    """Return attitude and body rates as the autopilot estimates them.
 
     Args:
-        state: of the vehicle.
-        noise: None if there is none.
-        numbers: of the autopilot.
+        state: state of the vehicle.
+        noise: normal numbers for the noise; None if there is none.
+        numbers: numbers of the autopilot.
+        lean: error of the estimated tilt; None without one.
     """
     bias = numbers.gyroscope.bias
     attitude = Attitude(state.roll, state.pitch, state.yaw)
     rates = BodyRates(state.p + bias.p, state.q + bias.q, state.r + bias.r)
+    if lean is not None:
+        forward, left, _ = in_heading(Vector(lean.x, lean.y, 0.0), *sin_cos(state.yaw))
+        attitude = attitude._replace(roll=attitude.roll - left, pitch=attitude.pitch + forward)
     if noise is None:
         return attitude, rates
     turning, leaning = numbers.gyroscope.noise, numbers.attitude_noise
     return moved(attitude, noise.attitude, leaning), moved(rates, noise.rates, turning)
+
+
+def lean_after(lean: LeanError, state: State, drag: NeglectedDrag, period: Time) -> LeanError:
+    """Return the error of the estimated tilt a period (s) later, for the velocity at its end."""
+    gain = 1.0 - exp(-period / drag.time)
+    return LeanError(
+        lean.x + gain * (-drag.lean * state.v_x - lean.x), lean.y + gain * (-drag.lean * state.v_y - lean.y)
+    )
 
 
 def rotation_error(attitude: Attitude, target: Attitude, yaw_weight: Number) -> BodyRates:
@@ -235,8 +291,11 @@ def autopilot_law(
         rules: variants of the loops.
     """
     i_xx, i_yy, i_zz = numbers.inertia
-    attitude, rates = sensed(state, noise, numbers)
-    attitude_memory, rate_memory, gyroscope = memory or AutopilotMemory.of(numbers)
+    attitude_memory, rate_memory, gyroscope, lean = memory or AutopilotMemory.of(numbers)
+    if numbers.neglected_drag is not None:
+        assert lean is not None
+        lean = lean_after(lean, state, numbers.neglected_drag, period)
+    attitude, rates = sensed(state, noise, numbers, lean)
     if numbers.gyroscope_filter is not None:
         assert gyroscope is not None
         low_pass = numbers.gyroscope_filter
@@ -259,7 +318,7 @@ def autopilot_law(
     wrench = Wrench(target.thrust, tau_x, tau_y, tau_z)
     if memory is None:
         return wrench, None
-    return wrench, AutopilotMemory(attitude_memory, LoopMemory(*[after for _, after in answers]), gyroscope)
+    return wrench, AutopilotMemory(attitude_memory, LoopMemory(*[after for _, after in answers]), gyroscope, lean)
 
 
 @fleet_system(float, AutoDiffXd)

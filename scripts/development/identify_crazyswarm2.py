@@ -6,6 +6,7 @@ the force that the acceleration shows, and the error of the estimated velocity f
 position.
 """
 
+import math
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -176,7 +177,9 @@ def in_yaml(bell: dict[str, Any], *, signed: bool) -> str:
     """A normal distribution in YAML, of a positive number within half and one and a half of its mean."""
     mean = bell["mean"]
     ends = "" if signed else f", min: {0.5 * mean:.4g}, max: {1.5 * mean:.4g}"
-    names = ", ".join(f"{name}: {weight:.4g}" for name, weight in bell.get("shared", {}).items())
+    # Cut off rather than rounded, so that the squares do not add up to more than 1.
+    weights = {name: math.trunc(1e4 * weight) / 1e4 for name, weight in bell.get("shared", {}).items()}
+    names = ", ".join(f"{name}: {weight}" for name, weight in weights.items())
     shared = f", shared: {{{names}}}" if names else ""
     return f"{{normal: {{mean: {mean:.5g}, standard_deviation: {bell['standard_deviation']:.3g}{ends}{shared}}}}}"
 

@@ -20,7 +20,7 @@ from drake_quad.scenario.batch import draw_sample
 
 # Commands of a scenario that write nothing, and those that have no scenario.
 LISTS = {"scenarios"}
-WITHOUT_SCENARIO = {"judge", "replicate", "identify", "completion"}
+WITHOUT_SCENARIO = {"judge", "replicate", "identify", "identify-controller", "completion"}
 DRAWS = {
     "fly", "study", "compare", "plan", "design", "map", "sensitivities", "identify", "compare-log", "replicate",
 }  # fmt: skip
@@ -36,7 +36,7 @@ def test_commands_of_scenarios_have_overrides_and_those_with_figures_write_drawi
     for command in COMMANDS:
         flags = options_of(command)
         assert ("--seed" in flags) == (command not in WITHOUT_SCENARIO)
-        assert ("--set" in flags) == (command not in WITHOUT_SCENARIO - {"identify"})
+        assert ("--set" in flags) == (command not in WITHOUT_SCENARIO - {"identify", "identify-controller"})
         assert ("--output" in flags) == (command not in LISTS | {"completion"})
         assert ("--vector" in flags) == (command in DRAWS)
         assert ("--wired" in flags) == (command in {"fly", "study", "compare", "map", "replicate"})

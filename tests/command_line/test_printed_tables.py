@@ -34,6 +34,7 @@ from drake_quad.files import read_table
 from drake_quad.flight.mission import plan_route
 from drake_quad.identification.flown_again.comparison import LogComparison
 from drake_quad.identification.flown_again.prediction import Predictions
+from drake_quad.identification.flown_again.reference import LoggedReference
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.random_effects import Variation
 from drake_quad.identification.result import ForecastOutput, Identification, Spread
@@ -150,7 +151,7 @@ def compared():
     predicted = 0.01 + 0.001 * rng.normal(size=(20, 50, 3))
     flown = predicted[0] * [1.0, 1.0, 0.1]
     predicted[[3, 7], 30:] = np.nan
-    reference = SimpleNamespace(deviation=0.00123, route=SimpleNamespace(knots=(0.0, 1.0, 2.0)))
+    reference = LoggedReference(SimpleNamespace(knots=(0.0, 1.0, 2.0)), 0.0, 0.00123)
     record = FlightRecord("log7", np.arange(2.0))
     return LogComparison(record, None, reference, None, time, np.zeros((50, 3)), flown, predicted)
 
@@ -158,7 +159,7 @@ def compared():
 def test_a_log_is_compared_in_centimetres_axis_by_axis(compared, capsys):
     compare_log.print_comparison(compared)
     first, second, header, *rows, crashes, last = capsys.readouterr().out.splitlines()
-    assert first == "log7: 50 samples, from 3.00 s of the log on"
+    assert first == "log7: 50 samples, from 3.00 to 3.49 s of the log"
     assert second == "reference: 2 pieces of degree 7, within 1.23 mm of the log's"
     assert cells(header) == [["error, cm", "axis", "flown", "predicted, median and 95 %", "flown lies"]]
     rows = cells("\n".join(rows))

@@ -234,6 +234,7 @@ def test_trouble_ends_in_a_crash_with_finite_metrics(diagrams, trouble):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unpainted")
 def test_a_vehicle_that_diverged_is_still_drawn(diagrams, tmp_path):
     flight = simulate(load_scenario(diagrams / "outdoor.yaml", ["duration=1"]))
     flight["state"][-1] = np.nan

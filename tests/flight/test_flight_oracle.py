@@ -28,7 +28,7 @@ PD = "k_p: [1.3, 1.0, 5.0], k_d: [1.5, 1.3, 3.2]"
 FLIGHTS = {
     "pid": ("pid", []),
     "pd_t2fnn": ("pd_t2fnn", []),
-    "a sign law and triangles": ("pd_t1fnn", ["duration=3"]),
+    "a sign law and triangles": ("pd_t1fnn", ["duration=2"]),
     "a gradient law, three ticks of delay and none lost, frames as they come": (
         "pd_t1fnn",
         [
@@ -116,7 +116,7 @@ FLIGHTS = {
     "a disturbance observer and geometric attitude control": (
         "pid",
         [
-            "duration=2.5",
+            "duration=1.6",
             f"control.position={{kind: disturbance_observer, {PD}, feed_forward: snap, position_noise: 0.002,"
             " deviation: [0.3, 0.4, 0.2], time_constant: [0.5, 0.6, 0.7], response: {kind: commanded, delay_ticks: 2,"
             " lag: [0.25, 0.27, 0.06], feed_forward_lag: [0.07, 0.08, 0.05]}}",
@@ -126,7 +126,7 @@ FLIGHTS = {
     "geometric attitude control with an integral, velocity that is seen too large and drifts, filtered": (
         "pid",
         [
-            "duration=2.5",
+            "duration=1.6",
             "control.attitude={kind: geometric, k_p: [17.0, 14.0, 5.0], k_d: [7.5, 6.8, 3.1], k_i: [9.0, 6.0, 2.0],"
             " integral_limit: 0.1}",
             "laboratory.motion_capture.velocity_error=[0.1, -0.05, 0.2]",
@@ -159,7 +159,7 @@ FLIGHTS = {
     "L1 and INDI of the attitude, within limits": (
         "pid",
         [
-            "duration=2.5",
+            "duration=1.6",
             f"control.position={{kind: l1, {PD}, feed_forward: acceleration, adaptation: 2.5,"
             " bandwidth: [1.7, 2.1, 3.3], disturbance_limit: 0.4,"
             " response: {kind: commanded, delay_ticks: 0, lag: [0.25, 0.27, 0.06]}}",
@@ -170,7 +170,7 @@ FLIGHTS = {
     "INDI of position and attitude": (
         "pid",
         [
-            "duration=2.5",
+            "duration=1.6",
             f"control.position={{kind: indi, {PD}, feed_forward: jerk, bandwidth: [2.7, 3.1, 4.3],"
             " response: {kind: commanded, lag: [0.25, 0.27, 0.06], feed_forward_lag: [0.07, 0.08, 0.05]}}",
             "control.attitude={kind: indi, k_p: [17.0, 14.0, 5.0], k_d: [7.5, 6.8, 3.1], lag: 0.08, bandwidth: 3.5,"
@@ -180,7 +180,7 @@ FLIGHTS = {
     "INDI that sees where the thrust points": (
         "pid",
         [
-            "duration=2.5",
+            "duration=1.6",
             f"control.position={{kind: indi, {PD}, feed_forward: snap, bandwidth: [2.7, 3.1, 4.3],"
             " response: {kind: tilt, delay_ticks: 2, lag: 0.07}}",
         ],
@@ -188,7 +188,7 @@ FLIGHTS = {
     "a map around the same, ahead of time, that learns from all feedback": (
         "pd_t2fnn",
         [
-            "duration=2.5",
+            "duration=1.6",
             f"control.position={{kind: indi, {PD}, feed_forward: snap, bandwidth: [2.7, 3.1, 4.3],"
             " response: {kind: tilt, delay_ticks: 2, lag: 0.07}}",
             "control.network.lead=0.17",
@@ -216,7 +216,7 @@ FLIGHTS = {
             " response: {kind: commanded, delay_ticks: 1, lag: [0.25, 0.27, 0.06]}}",
         ],
     ),
-    "an autopilot on board": ("pid", [*ON_BOARD, "duration=3", "control.position.feed_forward=jerk"]),
+    "an autopilot on board": ("pid", [*ON_BOARD, "duration=2", "control.position.feed_forward=jerk"]),
     "an autopilot without noise that works every other step, and a heading along the path": (
         "pd_t2fnn",
         [
@@ -227,7 +227,7 @@ FLIGHTS = {
             "laboratory.autopilot={gyroscope_noise: 0, attitude_noise: 0, k_rate: [9.0, 7.0, 5.0]}",
         ],
     ),
-    "an attitude that responds": ("pid", [*RESPONDING, "duration=3"]),
+    "an attitude that responds": ("pid", [*RESPONDING, "duration=2"]),
     "an attitude that responds with small angles, from frames without a filter": (
         "pd_t1fnn",
         [

@@ -373,6 +373,14 @@ def test_truths_and_words_are_taken_and_given_where_needed():
     np.testing.assert_array_equal(formula(x, y), expected)
 
 
+def test_a_choice_between_one_row_and_itself_is_the_row():
+    listing = Listing()
+    x = listing.row(0, 0)
+    assert elementary.where(x > 0.0, x, listing.row(0, 0)).line == x.line
+    assert elementary.where(x > 0.0, x, listing.row(0, 1)).line != x.line
+    assert [operation.name for operation in listing.operations].count("select") == 1
+
+
 def test_what_is_needed_is_apart_from_what_is_always_done():
     listing = Listing()
     x, y, bound = (listing.row(0, place) for place in range(3))
@@ -395,7 +403,7 @@ def test_what_is_known_when_machine_code_is_made_is_no_branch():
 
     assert elementary.where_needed(False, doubled, (x, 2.0), 7.0) == 7.0
     assert taken == []
-    assert elementary.where_needed(True, doubled, (x, 2.0), 7.0) is doubled(x, 2.0)
+    assert elementary.where_needed(True, doubled, (x, 2.0), 7.0).line == doubled(x, 2.0).line
     assert "branch" not in {operation.name for operation in listing.operations}
     elementary.where_needed(x > 0.0, doubled, (x, 2.0), 7.0)
     assert taken == [2.0, 2.0, 2.0]

@@ -64,7 +64,7 @@ def test_a_vehicle_flies_as_alone_under_drake_s_simulator(action):
     over = [columns(steps[1:], place) for place in (2, 3)]
     ended = over[0] | over[1]
     episodes = 0
-    for vehicle in range(9):
+    for vehicle in (0, 4, 8):  # of the first and the last vector of the processor's
         first, sample = 0, 0
         for last in [*np.flatnonzero(ended[:, vehicle]), len(actions) - 1]:
             flown = actions[first : last + 1, vehicle]
@@ -95,21 +95,22 @@ def test_a_vehicle_flies_as_alone_under_drake_s_simulator(action):
                 episodes += 1
             # The step after the last one is that of the new beginning.
             first, sample = last + 2, sample + 1
-    assert episodes > 9
+    assert episodes > 3
     # By accelerations alone nothing crashes so soon.
-    assert over[0].any() == (action != "acceleration")
+    assert over[0][:, [0, 4, 8]].any() == (action != "acceleration")
 
 
 def test_a_rollout_is_reproducible_from_its_seed_and_what_a_vehicle_flies_depends_on_no_other():
-    actions = random_actions(envs_of(12), 0, 120)
-    one, again = (rollout(envs_of(12), actions, seed=5) for _ in range(2))
+    envs = envs_of(12)
+    actions = random_actions(envs, 0, 120)
+    one, again = (rollout(each, actions, seed=5) for each in (envs, envs_of(12)))
     for first, second in zip(one, again, strict=True):
         assert data_equivalence(first, second, exact=True)
     few = rollout(envs_of(3), actions[:, 4:7], seed=9)
     for whole, part in zip(one, few, strict=True):
         for place in range(4 if len(part) == 5 else 1):
             np.testing.assert_array_equal(whole[place][4:7], part[place])
-    other = rollout(envs_of(12), actions, seed=6)
+    other = rollout(envs, actions, seed=6)
     assert not np.array_equal(one[60][0], other[60][0])
 
 
@@ -161,8 +162,9 @@ def test_episodes_without_a_seed_begin_with_one_of_chance():
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 def test_vehicles_begin_anew_when_gymnasium_wants_it(mode):
     """The same episodes in both modes: what is seen first and last of each, and what they are worth."""
-    n, actions = 5, random_actions(envs_of(5), 2, 160)
+    n = 3
     envs, apart = envs_of(n, autoreset_mode=mode), [envs_of(1, autoreset_mode=AutoresetMode.DISABLED) for _ in range(n)]
+    actions = random_actions(envs, 2, 160)
     assert envs.metadata["autoreset_mode"] is mode
     seen, _ = envs.reset(seed=3)
     lone = [each.reset(seed=3 + i)[0][0] for i, each in enumerate(apart)]

@@ -196,6 +196,20 @@ def test_a_rest_is_correlated_until_its_autocorrelation_is_a_share_of_that_witho
     assert estimator._correlation_time(np.ones(50), 0.0) == 50
 
 
+@pytest.mark.parametrize("yaw", [0.0, 0.5 * np.pi])
+def test_drag_along_the_axes_of_the_body_is_that_along_x_and_that_along_y(yaw):
+    """The wind blows so that the air drags with exactly the force that accelerates a level vehicle."""
+    base = load_undesigned("diagrams/vehicles/crazyflie.yaml", [f"nominal.mass={MASS}"])
+    time = PERIOD * np.arange(2500)
+    drag = np.array([0.03, 0.05, 1.0])
+    rates = np.array([2.0, 3.1, 0.0])
+    velocity, acceleration = np.sin(np.outer(time, rates)), rates * np.cos(np.outer(time, rates))
+    attitude = np.tile([0.0, 0.0, yaw], (2500, 1))
+    log = FlightRecord("made", time, velocity=velocity, attitude=attitude, wind=velocity + MASS * acceleration / drag)
+    found = [each.value for each in linear_drag(log, base)]
+    assert found == pytest.approx([0.03, 0.05] if yaw == 0.0 else [0.05, 0.03], rel=2e-3)
+
+
 def test_drag_is_the_slope_of_the_force_over_the_air_speed():
     """Along y, which is not flown, the drag is that along x; the deviation follows from blocks of half a second."""
     base = load_undesigned("diagrams/vehicles/crazyflie.yaml", [f"nominal.mass={MASS}"])
@@ -213,3 +227,8 @@ def test_drag_is_the_slope_of_the_force_over_the_air_speed():
     found = linear_drag(noisy, base)[0]
     assert abs(found.value - drag) < 4.0 * found.deviation
     assert found.degrees_of_freedom == pytest.approx(20, abs=2)
+
+
+@pytest.mark.parametrize(("period", "steps"), [(0.002, 10), (0.005, 4), (0.01, 2), (0.03, 1), (0.1, 1)])
+def test_a_velocity_error_hardly_changes_within_twenty_milliseconds(period, steps):
+    assert estimator._steps(FlightRecord("log", period * np.arange(10.0))) == steps

@@ -1,5 +1,8 @@
 """Covariances, degrees of freedom and noise, against closed forms and against leaving blocks out by hand."""
 
+from collections.abc import Callable
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import scipy
@@ -246,3 +249,417 @@ def test_a_step_to_where_the_model_diverges_is_not_taken(monkeypatch: pytest.Mon
     parameters = linear_parameters({"mass": (0.0, 1e2)})
     found = fitting.fit(Diverging(np.ones((50, 4, 1)), np.ones((50, 4))), parameters, noise)  # type: ignore[arg-type]
     assert 0.5 < found.values[0] < 1.2
+
+
+class DriftingPredictor(LinearPredictor):
+    """Predictor of a mean that changes whenever the windows are continued."""
+
+    def __init__(self, moves: list[float]) -> None:
+        super().__init__(np.ones((40, 5, 1)), np.zeros((40, 5)))
+        self.moves, self.rounds = moves, 0
+
+    def continue_windows(self, *_: object) -> None:
+        if self.rounds < len(self.moves):
+            self.target = self.target + self.moves[self.rounds]
+        self.rounds += 1
+
+
+@pytest.mark.parametrize(
+    ("moves", "rounds"),
+    [
+        # At least three rounds, and eight at most.
+        ([], 3),
+        ([1.0] * 20, 8),
+        ([-1.0] * 20, 8),
+        # The mean of 200 measurements has a standard deviation of 0.071, a fifth of which is 0.014.
+        ([1.0, 1.0, 0.02, 0.02, 0.01], 6),
+        ([-1.0, -1.0, -0.02, -0.02, -0.01], 6),
+        ([-1.0, 0.01], 3),
+    ],
+)
+def test_rounds_go_on_while_an_estimate_moves(monkeypatch: pytest.MonkeyPatch, moves: list[float], rounds: int) -> None:
+    """They end when it moves by less than a fifth of its standard deviation."""
+    monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, noise, chosen=None: noise)
+    predictor = DriftingPredictor(moves)
+    noise = PredictionNoise(np.ones(1), np.full(6, 1e-3), np.ones(6))
+    found = fitting.fit(predictor, linear_parameters({"mass": (0.0, 100.0)}), noise)  # type: ignore[arg-type]
+    assert predictor.rounds == rounds
+    assert found.values[0] == pytest.approx(sum(moves[: rounds - 1]), abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("factors", "rounds"),
+    [([0.9, 0.9, 0.9], 3), ([1.5, 1.5, 1.5, 1.5, 1.1], 5), ([0.5, 0.5, 0.7, 0.7, 0.9], 5), ([2.0] * 20, 8)],
+)
+def test_rounds_go_on_while_a_disturbance_changes(
+    monkeypatch: pytest.MonkeyPatch, factors: list[float], rounds: int
+) -> None:
+    """They end when its logarithm changes by less than a fifth. The other five axes do not change."""
+    predictor = DriftingPredictor([])
+
+    def noise_of(predictor: DriftingPredictor, gains: Gains, noise: PredictionNoise, chosen: object = None) -> object:
+        if chosen is not None:
+            return noise
+        changed = noise.disturbance.copy()
+        changed[4] *= factors[min(predictor.rounds, len(factors) - 1)]
+        return noise._replace(disturbance=changed)
+
+    monkeypatch.setattr(fitting, "_noise_of", noise_of)
+    # No smaller disturbance is tried: it has its lower limit.
+    monkeypatch.setattr(fitting, "_with_smaller_disturbance", lambda predictor, parameters, at, factors: at)
+    noise = PredictionNoise(np.ones(1), np.ones(6), np.ones(6))
+    found = fitting.fit(predictor, linear_parameters({"mass": (0.0, 100.0)}), noise)  # type: ignore[arg-type]
+    assert predictor.rounds == rounds
+    assert found.noise.disturbance[4] == pytest.approx(
+        np.prod([factors[min(i, len(factors) - 1)] for i in range(rounds)])
+    )
+
+
+class WhiteningPredictor(LinearPredictor):
+    """Predictor of a mean with a filter whose prediction errors have a deviation that depends on the disturbance."""
+
+    def __init__(self, mean: float, deviation: Callable[[float], float]) -> None:
+        super().__init__(np.ones((40, 5, 1)), np.full((40, 5), mean))
+        self.deviation = deviation
+        self.filters: list[tuple[float, float]] = []
+
+    def gains(self, values: np.ndarray, noise: PredictionNoise) -> Gains:
+        self.filters.append((float(values[0]), float(noise.disturbance[3])))
+        errors, _ = self.errors(values[None])
+        whitening = np.full((*self.target.shape, 1, 1), 1.0 / self.deviation(noise.disturbance[3]))
+        return NOTHING._replace(whitening=whitening, errors=errors[:, :, 0])
+
+
+def noise_with(torque: float) -> PredictionNoise:
+    return PredictionNoise(np.ones(1), np.array([0.5, 0.5, 0.5, torque, torque, torque]), np.ones(6))
+
+
+@pytest.mark.parametrize(("best", "expected"), [(8.0, 8.0), (0.3, 8.0 * 0.2**2), (1e-9, 1e-3)])
+def test_a_disturbance_becomes_smaller_by_fifths_as_long_as_that_is_more_likely(best: float, expected: float) -> None:
+    """It stays above its lower limit, and axes with a factor of one keep theirs."""
+    predictor = WhiteningPredictor(0.0, lambda torque: np.exp(np.log(torque / best) ** 2))
+    parameters = linear_parameters({"mass": (0.0, 1.0)})
+    at = fitting._Point.of(predictor, parameters, np.zeros(1), noise_with(8.0))  # type: ignore[arg-type]
+    found = fitting._with_smaller_disturbance(predictor, parameters, at, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
+    np.testing.assert_allclose(found.noise.disturbance, [0.5] * 3 + [expected] * 3)
+    assert (found is at) == (best == 8.0)
+    # What is returned belongs to this noise.
+    deviation = predictor.deviation(expected)
+    assert found.likelihood == pytest.approx(-200.0 * np.log(deviation))
+    np.testing.assert_allclose(found.gains.whitening, 1.0 / deviation)
+
+
+def test_nothing_is_fitted_again_if_the_disturbance_cannot_become_smaller() -> None:
+    predictor = WhiteningPredictor(1.0, lambda torque: 1.0)
+    parameters = linear_parameters({"mass": (0.0, 100.0)})
+    noise = PredictionNoise(np.ones(1), np.array([0.5, 0.5, 0.5, 1e-3, 1e-3, 1e-3]), np.ones(6))
+    at = fitting._Point.of(predictor, parameters, np.zeros(1), noise)  # type: ignore[arg-type]
+    searches = len(predictor.filters)
+    found = fitting._with_smaller_disturbance(predictor, parameters, at, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
+    assert found is at
+    assert len(predictor.filters) == searches
+
+
+@pytest.mark.parametrize("scattered", [False, True])
+def test_a_smaller_disturbance_may_be_likely_only_for_other_parameters(scattered: bool) -> None:
+    """At the initial value, errors of 1 have the right size; a fifth of it needs the value of data that agree."""
+    predictor = WhiteningPredictor(1.0, lambda torque: torque)
+    parameters = linear_parameters({"mass": (0.0, 100.0)})
+    at = fitting._Point.of(predictor, parameters, np.zeros(1), noise_with(1.0))  # type: ignore[arg-type]
+    if scattered:
+        predictor.target = 1.0 + np.tile([1.0, -1.0], 100).reshape(40, 5)
+    at = at._replace(values=np.zeros(1), likelihood=-100.0)
+    found = fitting._with_smaller_disturbance(predictor, parameters, at, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
+    if scattered:
+        assert found is at
+    else:
+        assert found.noise.disturbance[3] == 0.2
+        assert found.values[0] == pytest.approx(1.0, abs=1e-4)
+
+
+@pytest.mark.parametrize(("mean", "far"), [(1.9, False), (2.1, True), (-1.9, False), (-2.1, True)])
+@pytest.mark.parametrize("likelier", [True, False])
+def test_a_search_that_ends_far_from_the_prior_starts_again_with_a_smaller_disturbance(
+    monkeypatch: pytest.MonkeyPatch, mean: float, far: bool, likelier: bool
+) -> None:
+    """From two deviations of the prior on, once, from the mean of the prior; the likelier of the two results counts."""
+    monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, noise, chosen=None: noise)
+    monkeypatch.setattr(fitting, "_with_smaller_disturbance", lambda predictor, parameters, at, factors: at)
+    small = 0.01
+    other = small * (0.5 if likelier else 2.0)
+    predictor = WhiteningPredictor(mean, lambda torque: other if torque < 1.0 else small)
+    found = fitting.fit(predictor, linear_parameters({"mass": (0.0, 1.0)}), noise_with(4.0))  # type: ignore[arg-type]
+    assert found.values[0] == pytest.approx(mean, abs=1e-3)
+    again = [(value, torque) for value, torque in predictor.filters if torque < 1.0]
+    assert bool(again) == far
+    if far:
+        assert again[0] == (0.0, pytest.approx(0.05 * 4.0))
+    assert found.noise.disturbance[3] == pytest.approx(0.2 if far and likelier else 4.0)
+
+
+@pytest.mark.parametrize("kind", ["force", "torque"])
+def test_a_fit_tries_a_smaller_force_and_a_smaller_torque_on_their_own(
+    monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    """If the likelihood depends on one of the two, that one is found, and the other stays as it was."""
+    monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, noise, chosen=None: noise)
+    predictor, own = WhiteningPredictor(0.0, lambda _: 1.0), slice(0, 3) if kind == "force" else slice(3, 6)
+    filters = predictor.gains
+
+    def gains(values: np.ndarray, noise: PredictionNoise) -> Gains:
+        # Away from 0.04 the deviation grows, so that each error is less likely.
+        deviation = np.exp(np.sum(np.log(noise.disturbance[own] / 0.04) ** 2))
+        return filters(values, noise)._replace(whitening=np.full((40, 5, 1, 1), 1.0 / deviation))
+
+    predictor.gains = gains  # type: ignore[method-assign]
+    noise = PredictionNoise(np.ones(1), np.ones(6), np.ones(6))
+    found = fitting.fit(predictor, linear_parameters({"mass": (0.0, 1.0)}), noise).noise.disturbance  # type: ignore[arg-type]
+    expected = np.ones(6)
+    expected[own] = 0.2**2
+    np.testing.assert_allclose(found, expected)
+
+
+class QuadraticLikelihood:
+    """Log-likelihood of a noise that is a quadratic function of its logarithms, and what it is asked for.
+
+    Args:
+        best: (14,) logarithms at the maximum, of two outputs and the disturbance.
+        share: ratio of the information that is returned to the true one.
+    """
+
+    def __init__(self, best: np.ndarray, share: float = 1.0) -> None:
+        self.best, self.share = best, share
+        self.asked: list[np.ndarray] = []
+        self.chosen = self.free = np.empty(0, dtype=int)
+
+    def __call__(
+        self, predictor: object, gains: object, own: object, logs: np.ndarray, chosen: np.ndarray, free: np.ndarray
+    ) -> tuple[float, np.ndarray, np.ndarray]:
+        self.asked.append(logs)
+        self.chosen, self.free = chosen, free
+        missing = (self.best - logs)[free]
+        return float(-50.0 * missing @ missing), 100.0 * missing, self.share * 100.0 * np.eye(len(free))
+
+
+# The memory of a force along the thrust is limited.
+START = PredictionNoise(np.array([1e-2, 3e-2]), np.linspace(0.5, 1.0, 6), np.array([0.5, 0.6, 0.1, 0.8, 0.9, 1.0]))
+START_LOGS = np.log(np.concatenate(START))
+
+
+def noise_found(
+    monkeypatch: pytest.MonkeyPatch,
+    likelihood: QuadraticLikelihood,
+    start: PredictionNoise = START,
+    *,
+    frame: str = "world",
+    windows: int = 3,
+    rows: int = 10,
+) -> np.ndarray:
+    """Return the logarithms (14,) of the likeliest noise."""
+    monkeypatch.setattr(fitting, "_likelihood_of", likelihood)
+    predictor = SimpleNamespace(
+        noise_groups=np.arange(14),
+        counted=np.arange(rows + 5) >= 5,
+        windows=range(windows),
+        model=SimpleNamespace(frame=frame),
+    )
+    return np.log(np.concatenate(fitting._noise_of(predictor, NOTHING, start)))  # type: ignore[arg-type]
+
+
+def test_the_likeliest_noise_is_found_in_three_evaluations_if_the_likelihood_is_quadratic(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The search ends when it gains less than a tenth."""
+    best = START_LOGS + np.linspace(-0.7, 0.9, 14)
+    likelihood = QuadraticLikelihood(best)
+    np.testing.assert_allclose(noise_found(monkeypatch, likelihood), best, atol=1e-4)
+    assert len(likelihood.asked) == 3
+    # A search that begins at the maximum gains nothing, and stays there.
+    np.testing.assert_allclose(noise_found(monkeypatch, QuadraticLikelihood(START_LOGS)), START_LOGS)
+
+
+def test_a_step_that_makes_a_noise_less_likely_is_shortened(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a quarter of the true information, a full step goes four times too far."""
+    best = START_LOGS + np.linspace(-0.7, 0.9, 14)
+    likelihood = QuadraticLikelihood(best, share=0.25)
+    found = noise_found(monkeypatch, likelihood)
+    assert np.all(np.abs(found - best) < 0.5 * np.abs(START_LOGS - best))
+    distances = [float(np.linalg.norm(each - best)) for each in likelihood.asked]
+    assert distances[1] > 2.0 * distances[0]
+    assert np.linalg.norm(found - best) == pytest.approx(min(distances))
+    assert len(likelihood.asked) == 6
+
+
+@pytest.mark.parametrize("direction", [-1.0, 1.0])
+def test_noise_changes_by_a_factor_of_twelve_and_stays_within_its_limits(
+    monkeypatch: pytest.MonkeyPatch, direction: float
+) -> None:
+    """Limits are 1e-5 to 100 for noise, 1e-3 to 1e3 for the disturbance, and 0.02 to 20 s for its memory.
+
+    A force along the thrust that lasts longer than a quarter of a second is an error of the thrust.
+    """
+    thrust = 8 + 2
+    best = START_LOGS + 30.0 * direction
+    expected = START_LOGS + 2.5 * direction
+    expected[thrust] = np.log(0.25 if direction > 0.0 else 0.02)
+    np.testing.assert_allclose(noise_found(monkeypatch, QuadraticLikelihood(best)), expected)
+    near = PredictionNoise(np.full(2, 2e-5), np.full(6, 2e-3), np.full(6, 0.04))
+    limits = np.repeat([1e-5, 1e-3, 0.02], [2, 6, 6])
+    if direction > 0.0:
+        near = PredictionNoise(np.full(2, 60.0), np.full(6, 500.0), np.full(6, 8.0))
+        near.memory[2] = 0.1
+        limits = np.repeat([100.0, 1e3, 20.0], [2, 6, 6])
+        limits[thrust] = 0.25
+    found = np.exp(noise_found(monkeypatch, QuadraticLikelihood(best), near))
+    np.testing.assert_allclose(found, limits)
+    if direction > 0.0:
+        # Along the axes of the body, any force may be one of the thrust.
+        body = PredictionNoise(near.measured, near.disturbance, np.full(6, 0.1))
+        found = np.exp(noise_found(monkeypatch, QuadraticLikelihood(best), body, frame="body"))
+        np.testing.assert_allclose(found[8:], [0.25] * 3 + [0.1 * np.exp(2.5)] * 3)
+
+
+def test_the_memory_of_a_negligible_disturbance_is_not_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    disturbance = np.array([1.0, 1.005e-3, 1.0, 1.02e-3, 1e-3, 1.0])
+    start = START._replace(disturbance=disturbance)
+    best = np.log(np.concatenate(start)) + 0.4
+    likelihood = QuadraticLikelihood(best)
+    found = noise_found(monkeypatch, likelihood, start)
+    fixed = [8 + 1, 8 + 4]
+    np.testing.assert_array_equal(likelihood.free, [i for i in range(14) if i not in fixed])
+    np.testing.assert_allclose(np.delete(found, fixed), np.delete(best, fixed), atol=1e-4)
+    np.testing.assert_allclose(found[fixed], best[fixed] - 0.4)
+
+
+@pytest.mark.parametrize(("windows", "rows", "used"), [(1000, 100, 15), (1000, 1000, 5), (12, 100, 12), (3, 2000, 3)])
+def test_noise_is_estimated_from_about_1500_measurements_over_the_whole_flight(
+    monkeypatch: pytest.MonkeyPatch, windows: int, rows: int, used: int
+) -> None:
+    likelihood = QuadraticLikelihood(START_LOGS)
+    noise_found(monkeypatch, likelihood, windows=windows, rows=rows)
+    assert len(likelihood.chosen) == used
+    assert (likelihood.chosen[0], likelihood.chosen[-1]) == (0, windows - 1)
+    assert np.ptp(np.diff(likelihood.chosen)) <= 1
+
+
+@pytest.mark.parametrize("delay", [None, 0, 2])
+def test_derivatives_are_forward_differences_and_central_ones_for_a_delay(delay: int | None) -> None:
+    """Of squares, forward differences are off by the step and central ones are exact."""
+    up = np.array([1e-3, 2e-3, 5e-3])
+    point = np.array([2.0, -1.0, 0.5])
+    sizes = np.random.default_rng(1).normal(size=(4, 5, 3))
+
+    def squares(x: np.ndarray) -> np.ndarray:
+        return sizes @ (x**2)
+
+    moved = [point + step for step in np.diag(up)]
+    reduced = point.copy()
+    if delay is not None:
+        reduced[delay] -= up[delay]
+    values = np.stack([squares(each) for each in (point, *moved, reduced)], axis=2)
+    expected = sizes * (2.0 * point + up)
+    if delay is not None:
+        expected[:, :, delay] -= sizes[:, :, delay] * up[delay]
+    np.testing.assert_allclose(fitting._slopes(values, up, delay), expected, rtol=1e-6, atol=1e-9)
+
+
+class DelayedPredictor:
+    """Predictor of two outputs, with errors and states that have a kink at a delay of one sample."""
+
+    period, number = 0.01, 3
+
+    def __init__(self) -> None:
+        self.model = SimpleNamespace(delay_place=1)
+        self.inputs = SimpleNamespace(period=self.period)
+        self.counted = np.array([False, True, True])
+        random = np.random.default_rng(7)
+        self.outputs, self.states = random.normal(size=(3, 2, 4)), random.normal(size=(5, 4))
+        self.gains = NOTHING._replace(whitening=np.tile(np.diag([2.0, 10.0]), (3, 4, 1, 1)))
+
+    def errors(self, parameters: np.ndarray, *_: object) -> tuple[np.ndarray, np.ndarray]:
+        mass, delay = parameters.T
+        size = 3.0 * mass + np.abs(delay - self.period) + 5.0 * (delay - self.period)
+        return np.einsum("tmw,k->tmkw", self.outputs, size), np.einsum("rw,k->rkw", self.states, size)
+
+
+def test_whitened_errors_come_with_derivatives_of_errors_and_states() -> None:
+    """Half a sample on both sides of the kink, its two slopes of 4 and 6 have the mean 5."""
+    predictor = DelayedPredictor()
+    at = np.array([0.7, predictor.period])
+    errors, slopes, states, state_slopes = fitting._whitened(
+        predictor, np.array([0.7, 0.02]), at, predictor.gains, NO_NOISE  # type: ignore[arg-type]
+    )  # fmt: skip
+    white = np.einsum("m,tmw->wtm", [2.0, 10.0], predictor.outputs[1:]).reshape(4, 4)
+    np.testing.assert_allclose(errors, 2.1 * white)
+    np.testing.assert_allclose(slopes, white[:, :, None] * [3.0, 5.0], rtol=1e-6)
+    np.testing.assert_allclose(states, 2.1 * predictor.states)
+    np.testing.assert_allclose(state_slopes, predictor.states[:, None, :] * np.array([[3.0], [5.0]]), rtol=1e-6)
+    # Beyond the kink, there is one slope.
+    _, slopes, *_ = fitting._whitened(
+        predictor, np.array([0.7, 0.02]), at + np.array([0.0, 0.0051]), predictor.gains, NO_NOISE  # type: ignore[arg-type]
+    )  # fmt: skip
+    np.testing.assert_allclose(slopes, white[:, :, None] * [3.0, 6.0], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("value", "noise", "disturbance", "diverged"),
+    [
+        (1.0, 98.9, 989.0, False),
+        (1.0, 99.1, 1.0, True),
+        (1.0, 1.0, 991.0, True),
+        (np.nan, 1.0, 1.0, True),
+        (np.inf, 1.0, 1.0, True),
+        (1.0, np.nan, 1.0, True),
+    ],
+)
+def test_a_fit_diverged_if_a_value_is_no_number_or_the_noise_is_near_its_limit(
+    value: float, noise: float, disturbance: float, diverged: bool
+) -> None:
+    found = PredictionNoise(np.array([1.0, noise]), np.array([1.0] * 5 + [disturbance]), np.ones(6))
+    values = np.array([0.5, value])
+    if diverged:
+        with pytest.raises(InputError, match="^the fit diverged: "):
+            fitting._check_convergence(values, found)
+    else:
+        fitting._check_convergence(values, found)
+
+
+def test_the_likelihood_counts_measurements_after_the_filter_has_settled() -> None:
+    """For independent errors of deviation s: -Σ log s - ½ Σ (e / s)²."""
+    deviations = np.array([0.5, 2.0])
+    whitening = np.tile(np.diag(1.0 / deviations), (5, 3, 1, 1))
+    whitening[:2] *= 100.0
+    counted = np.arange(5) >= 2
+    errors = np.random.default_rng(2).normal(size=(3, 3, 2))
+    found = fitting._likelihood(
+        SimpleNamespace(counted=counted), NOTHING._replace(whitening=whitening), errors / deviations  # type: ignore[arg-type]
+    )  # fmt: skip
+    normal = scipy.stats.norm(scale=deviations)
+    constant = 0.5 * np.log(2.0 * np.pi) * errors.size
+    assert found == pytest.approx(normal.logpdf(errors).sum() + constant)
+
+
+def test_the_variance_of_a_noise_is_the_inverse_of_its_information(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All windows count. Equal numbers of a group have the same error, and one without information a large variance."""
+    groups = np.array([0, 0, 1, *([2] * 6), *([3] * 6)])
+    information = np.diag([50.0, 200.0, 8.0, 0.0])
+    information[0, 1] = information[1, 0] = 30.0
+    asked = []
+
+    def likelihood_of(predictor: object, gains: object, own: object, logs: np.ndarray, *given: np.ndarray) -> object:
+        asked.append((logs, *given))
+        return 0.0, np.zeros(4), information
+
+    monkeypatch.setattr(fitting, "_likelihood_of", likelihood_of)
+    predictor = SimpleNamespace(noise_groups=groups, windows=range(7))
+    noise = PredictionNoise(np.array([1e-3, 1e-3, 0.5]), np.full(6, 2.0), np.full(6, 0.3))
+    found = fitting.noise_covariance(predictor, SimpleNamespace(noise=noise, gains=NOTHING))  # type: ignore[arg-type]
+    ((logs, windows, numbers),) = asked
+    np.testing.assert_allclose(logs, np.log([1e-3, 0.5, 2.0, 0.3]))
+    np.testing.assert_array_equal(windows, np.arange(7))
+    np.testing.assert_array_equal(numbers, np.arange(4))
+    expected = np.linalg.inv(information[:2, :2])
+    np.testing.assert_allclose(found[np.ix_([0, 2], [0, 2])], expected, rtol=1e-3)
+    assert found[0, 1] == found[0, 0] == found[1, 1]
+    assert found[3, 3] == pytest.approx(1.0 / 8.0, rel=1e-3)
+    assert found[-1, -1] >= 999.0

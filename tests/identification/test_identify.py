@@ -49,16 +49,19 @@ def attitudes(root):
     ],
 )
 def test_what_sensors_measure_is_predicted_and_what_estimators_derive_is_not(logged, predicted):
-    found = prepared_logs._outputs([record(1.0, *logged)])
+    found = prepared_logs._outputs([record(1.0, *logged)], False)
     assert found == [Output(name, column) for name in predicted for column in range(3)]
 
 
 def test_only_signals_that_all_logs_have_are_predicted():
-    found = prepared_logs._outputs([record(1.0, *POSES, "body_rates", FORCE), record(1.0, "body_rates", FORCE)])
+    found = prepared_logs._outputs([record(1.0, *POSES, "body_rates", FORCE), record(1.0, "body_rates", FORCE)], False)
     assert {output.signal for output in found} == {"body_rates", FORCE}
-    assert prepared_logs._outputs([record(1.0, "position")]) == [Output("position", 2)]
+    # An estimator's late attitude is replaced by the body rates of its gyroscope.
+    found = prepared_logs._outputs([record(1.0, *POSES, "body_rates")], True)
+    assert {output.signal for output in found} == {"position", "body_rates"}
+    assert prepared_logs._outputs([record(1.0, "position")], False) == [Output("position", 2)]
     with pytest.raises(InputError, match="to identify a vehicle, a log needs body_rates and specific_force, position"):
-        prepared_logs._outputs([record(1.0, "specific_force")])
+        prepared_logs._outputs([record(1.0, "specific_force")], False)
 
 
 def test_a_log_of_throttles_gives_the_vehicle_throttle_motors(rotors):
@@ -156,6 +159,59 @@ def test_equations_without_a_solution_are_refused_in_one_sentence(monkeypatch):
         identify([nothing], load_scenario("hover"))
 
 
+THRUST_RATIO, LAG, TRANSPORT_DELAY, HEIGHT_NOISE = 1.2, 0.06, 0.03, 1e-3
+
+
+def climbing(vehicle, seconds):
+    """Return a log of heights and rotor speeds of a vehicle with a controlled height, simulated in steps of 1 ms.
+
+    Its rotors have `THRUST_RATIO` times the thrust factor of the vehicle. They follow their commands with `LAG`, and
+    the commands arrive after `TRANSPORT_DELAY`.
+    """
+    random, step = np.random.default_rng(0), 1e-3
+    count, held = round(seconds / PERIOD), round(PERIOD / step)
+    hover = np.sqrt(0.25 * vehicle.mass * vehicle.gravity / (THRUST_RATIO * vehicle.thrust_factor))
+    wanted = 1.0 + 0.3 * np.sign(np.sin(2.8 * PERIOD * np.arange(count)))
+    height, climb, speed, late = 1.0, 0.0, hover, round(TRANSPORT_DELAY / step)
+    heights, commands = np.zeros(count), np.full(count * held + late, hover)
+    for i in range(count):
+        heights[i] = height
+        share = 1.0 + (6.0 * (wanted[i] - height) - 4.0 * climb) / vehicle.gravity
+        commands[i * held + late : (i + 1) * held + late] = hover * np.sqrt(max(0.2, share))
+        for command in commands[i * held : (i + 1) * held]:
+            before = speed
+            speed = command + (speed - command) * np.exp(-step / LAG)
+            acceleration = vehicle.gravity * ((0.5 * (before + speed) / hover) ** 2 - 1.0)
+            height += step * climb + 0.5 * step**2 * acceleration
+            climb += step * acceleration
+    position = np.zeros((count, 3))
+    position[:, 2] = heights + HEIGHT_NOISE * random.normal(size=count)
+    speeds = np.tile(commands[late::held][:count, None], 4)
+    return FlightRecord("climbing", PERIOD * np.arange(count), position=position, rotor_speed_command=speeds)
+
+
+@pytest.mark.slow
+def test_heights_of_a_vehicle_that_climbs_and_descends_identify_thrust_lag_and_delay(rotors):
+    """The log is from an independent simulation of one axis; 95 % intervals contain the values of its rotors."""
+    calm = load_scenario("laboratory:low_wind", ["vehicle.linear_drag=0", "vehicle.quadratic_drag=0"])
+    found = identify([climbing(calm.vehicle, 8.0)], calm)
+    estimates = found.estimates
+    low, high = np.transpose(estimates.intervals())
+    for name, true in (
+        ("thrust_factor", THRUST_RATIO * calm.vehicle.thrust_factor),
+        ("rotor_time_constant", LAG),
+        ("rotor_aerodynamics.climb", 0.0),
+    ):
+        place = estimates.names.index(name)
+        assert name in estimates.identified
+        assert low[place] < true < high[place], name
+    assert abs(found.delay.value - TRANSPORT_DELAY) < found.delay.reach < 0.1 * TRANSPORT_DELAY
+    assert estimates.value("thrust_factor") == pytest.approx(THRUST_RATIO * calm.vehicle.thrust_factor, rel=1e-3)
+    assert estimates.value("rotor_time_constant") == pytest.approx(LAG, rel=0.05)
+    # 400 samples determine the noise to within 1 / √800.
+    assert found.noise.measured == pytest.approx([HEIGHT_NOISE], rel=0.15)
+
+
 def forecast_of(*explained):
     names = tuple(f"position {axis}" for axis, _ in zip("xyz", explained, strict=False))
     none = np.zeros((2, len(explained), 1))
@@ -227,6 +283,74 @@ def test_the_response_of_an_angle_whose_command_is_below_the_noise_is_held_with_
     found = identifiability.unexcited(logs, parameters, SimpleNamespace(noise=noise))
     assert set(found) == {"autopilot.damping[1]", "autopilot.damping[2]"}
     assert found["autopilot.damping[1]"].startswith("the command of pitch varies by 0 rad, less than the noise")
+
+
+def test_drag_is_compared_with_the_force_along_its_own_axis(rotors):
+    """The speed is that over a tenth of a second, so neither noise nor vibration of 10 Hz is one."""
+    time = 0.02 * np.arange(200)
+    outputs = [Output("position", column) for column in range(3)]
+    names = ("linear_drag", "body_drag.linear[0]", "body_drag.linear[1]", "body_drag.quadratic[0]", "mass")
+    parameters = [Parameter(name, 0.1, 0.1) for name in names]
+
+    def held(position, force, *, outputs=outputs, first=0):
+        predictor = SimpleNamespace(
+            outputs=outputs, measured=position[:, :, None], counted=np.arange(200) >= first, period=0.02
+        )
+        noise = PredictionNoise(np.ones(3), np.array([*force, 1.0, 1.0, 1.0]), np.ones(6))
+        fitted = SimpleNamespace(noise=noise, values=np.full(5, 0.2))
+        return set(identifiability.weaker_than_disturbance(rotors, predictor, parameters, fitted))
+
+    still, moving = 0.0 * time, np.sin(2.0 * time)
+    # RMS speeds of a sine with an amplitude of 2 m/s are √2 m/s: the drag is 0.28 N.
+    limit = 0.2 * np.sqrt(2.0) / rotors.vehicle.mass
+    both = np.column_stack([moving, moving, still])
+    assert held(both, [0.9 * limit, 0.9 * limit, 99.0]) == set()
+    assert held(both, [1.1 * limit, 0.9 * limit, 0.0]) == {"linear_drag", "body_drag.linear[0]"}
+    assert held(both, [0.9 * limit, 1.1 * limit, 0.0]) == {"linear_drag", "body_drag.linear[1]"}
+    vibration = np.column_stack([np.sin(20.0 * np.pi * time), moving, still])
+    assert held(vibration, [0.1 * limit, 0.1 * limit, 0.0]) == {"linear_drag", "body_drag.linear[0]"}
+    # Samples in which the filter settles do not count, nor do logs without positions.
+    late = np.where(time[:, None] < 2.0, both, both[100])
+    assert held(late, [0.5 * limit] * 3, first=100) == {"linear_drag", "body_drag.linear[0]", "body_drag.linear[1]"}
+    assert held(both, [99.0] * 3, outputs=[Output("attitude", column) for column in range(3)]) == set()
+    assert held(both[:, :1], [99.0] * 3, outputs=[Output("position", 2)]) == set()
+
+
+def test_a_command_is_excited_if_it_varies_in_the_flight_of_any_log():
+    def command(size, *, flying):
+        values = np.zeros((300, 3))
+        values[:, 1] = size * np.sin(np.arange(300))
+        values[~flying] = 3.0 * np.arange(np.sum(~flying))[:, None]
+        return record(6.0, *POSES, attitude_command=values), flying
+
+    whole, half = np.full(300, True), np.arange(300) < 150
+    parameters = [Parameter("autopilot.natural_frequency[1]", 0.5, 0.5, 0.01, 5.0), Parameter("mass", 1.0, 1.0)]
+    noise = PredictionNoise(np.array([1e-9, 1e-9, 1e-9, 1e-9, 4e-3, 1e-9]), np.ones(6), np.ones(6))
+    outputs = [Output(name, column) for name in POSES for column in range(3)]
+    for sizes, flying, held in (
+        ([1e-3, 1e-2], [whole, whole], False),
+        ([1e-2, 1e-3], [whole, whole], False),
+        ([1e-3, 1e-3], [half, half], True),
+        # A sine with the amplitude a has the standard deviation a / √2.
+        ([6e-3], [half], False),
+        ([5e-3], [half], True),
+        ([6e-3, 6e-3], [half, ~whole], False),
+    ):
+        records, masks = zip(*map(lambda size, usable: command(size, flying=usable), sizes, flying), strict=True)
+        logs = SimpleNamespace(outputs=outputs, records=records, flying=masks)
+        found = identifiability.unexcited(logs, parameters, SimpleNamespace(noise=noise))
+        assert set(found) == ({"autopilot.natural_frequency[1]"} if held else set()), sizes
+
+
+@pytest.mark.parametrize(
+    ("lower", "deviation", "identified"), [(0.0, 0.39, True), (0.0, 0.41, False), (0.1, 0.39, False)]
+)
+def test_an_interval_reaches_at_most_the_usual_error_and_a_positive_parameter(lower, deviation, identified):
+    """With thirty degrees of freedom, it reaches 2.04 deviations."""
+    parameters = [Parameter("inertia[0]", 1.0, 0.8, lower)]
+    uncertainty = Uncertainty(np.array([[deviation**2]]), np.full(1, 30.0), np.eye(1))
+    found = identifiability.not_identified(parameters, np.array([0.7]), uncertainty)
+    assert (found == {}) == identified
 
 
 def test_windows_of_a_forecast_are_listed_one_after_another():

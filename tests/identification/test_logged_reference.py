@@ -1,5 +1,7 @@
 """The reference of a log as a route, against paths that are known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -130,12 +132,45 @@ def test_without_a_yaw_it_is_that_which_was_flown(attitude):
     assert {knot.yaw for knot in logged_reference(record, rest=1.0).route.yaw_knots} == {attitude or 0.0}
 
 
-def test_a_reference_that_jumps_is_refused_with_the_place():
-    record = logged(PATH, velocity=False)
+def jumping(*, period=0.004, **signals):
+    """Return a record whose reference jumps by 10 cm at 2.4 s."""
+    record = logged(PATH, period=period, velocity=False, **signals)
     position = record.reference_position.copy()
     position[600:] += [0.1, 0.0, 0.0]
+    return replace(record, reference_position=position)
+
+
+def test_a_reference_that_jumps_consists_of_its_setpoints():
+    """Every logged value is held from its sample to the next, to the bit."""
+    record = replace(jumping(), reference_yaw=np.linspace(3.0, 3.4, 1100) % (2.0 * np.pi) - 2.0 * np.pi)
+    found = logged_reference(record, rest=1.5)
+    assert (found.start, found.deviation, found.jump) == (1.5, 0.0, pytest.approx(2.4))
+    rows = np.array(found.route.setpoints)
+    assert rows[0, 0] == 0.0
+    held = rows[np.searchsorted(rows[:, 0], record.time + 1.5 + 1e-6) - 1]
+    np.testing.assert_array_equal(held[:, 1:4], record.reference_position)
+    np.testing.assert_allclose(np.diff(rows[:, 4]), 0.4 / 1099, rtol=1e-6)
+    assert rows[-1, 0] + found.route.last_hold == pytest.approx(record.time[-1] + 1.5, abs=1e-3)
+    assert "setpoints, each held until the next, since they jump at 2.40 s" in str(found)
+
+
+def test_a_vehicle_that_takes_off_begins_where_it_stands():
+    """Before the lift-off the setpoints do not count; the clock of the route begins at the lift-off."""
+    standing = np.array([0.3, -0.2, 0.06])
+    record = jumping()
+    record = replace(record, position=np.tile(standing, (len(record.time), 1)))
+    found = logged_reference(record, rest=8.0, lift_off=100)
+    rows = np.array(found.route.setpoints)
+    np.testing.assert_array_equal(rows[0], [0.0, *standing, 0.0])
+    assert found.start == pytest.approx(-record.time[100], abs=1e-3)
+    held = rows[np.searchsorted(rows[:, 0], record.time[100:] + found.start + 1e-6) - 1]
+    np.testing.assert_array_equal(held[:, 1:4], record.reference_position[100:])
+
+
+def test_a_reference_that_jumps_beside_a_logged_velocity_is_refused_with_the_place():
+    record = replace(jumping(), reference_velocity=logged(PATH).reference_velocity)
     with pytest.raises(InputError, match=r"to within 2 mm: at 2\.\d+ s the nearest is \d\d mm away; does it jump"):
-        logged_reference(FlightRecord("a", record.time, reference_position=position), rest=1.0)
+        logged_reference(record, rest=1.0)
 
 
 def test_a_log_without_a_reference_is_refused():

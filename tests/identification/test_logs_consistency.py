@@ -9,7 +9,16 @@ import pytest
 from written_logs import DATA
 
 from drake_quad.identification.logs.attitudes import rotations
-from drake_quad.identification.logs.consistency import _on_grid, contradictions
+from drake_quad.identification.logs.consistency import (
+    _on_grid,
+    _Pair,
+    _pairs,
+    _response,
+    _shift,
+    _size_of_force,
+    _tilt,
+    contradictions,
+)
 from drake_quad.identification.logs.reading import read_log
 
 GRAVITY = 9.81
@@ -87,6 +96,78 @@ def test_windows_that_touch_a_gap_are_left_out():
     assert (whole.sum(), len(whole)) == (len(whole) - (~grid.usable).sum() - 20, len(grid.usable) - 20)
 
 
+@pytest.mark.parametrize(
+    ("period", "step", "is_gap"), [(0.01, 0.045, False), (0.01, 0.055, True), (0.05, 0.145, False), (0.05, 0.155, True)]
+)
+def test_a_gap_is_longer_than_three_samples_and_than_half_of_a_short_window(period, step, is_gap):
+    """What a fast log leaves out for less than 50 ms is on a line between its neighbours."""
+    time = period * np.arange(400.0)
+    time[200:] += step - period
+    grid = _on_grid({"position": np.zeros((400, 3))}, time)
+    assert grid.step == pytest.approx(period)
+    assert grid.usable.all() != is_gap
+    edges = grid.step * np.arange(len(grid.usable) + 1)
+    inside = (edges[:-1] > time[199] - 1e-9) & (edges[1:] < time[200] + 1e-9)
+    beside = (edges[1:] < time[199] + 1e-9 - period) | (edges[:-1] > time[200] - 1e-9 + period)
+    assert (grid.usable[inside] != is_gap).all()
+    assert grid.usable[beside].all()
+
+
+@pytest.mark.parametrize(("period", "seconds"), [(0.002, 4.0), (0.01, 100.0), (0.03, 100.0), (0.03, 300.0)])
+def test_a_grid_has_means_over_its_steps_in_the_middle_of_a_log(period, seconds):
+    """It has at most 6000 steps of at least 10 ms. The mean of a line is its value in the middle of a step."""
+    time = period * np.arange(round(seconds / period) + 1.0)
+    grid = _on_grid({"position": np.column_stack([time, 2.0 * time, -time])}, time)
+    assert grid.step == pytest.approx(max(period, 0.01))
+    count = min(6000, int(seconds / grid.step + 1e-6))
+    middles, _, _ = grid.signals["position"].T
+    assert len(middles) == pytest.approx(count, abs=1)
+    np.testing.assert_allclose(np.diff(middles), grid.step)
+    assert np.mean(middles) == pytest.approx(0.5 * seconds, abs=2.0 * grid.step)
+    # A constant velocity shows no acceleration.
+    assert not grid.is_moving
+    assert _on_grid({"position": np.zeros((49, 3))}, 0.01 * np.arange(49.0)) is None
+    assert _on_grid({"position": np.zeros((51, 3))}, 0.01 * np.arange(51.0)) is not None
+
+
+def test_two_signals_disagree_by_nothing_if_they_are_equal_and_by_two_if_they_are_opposite():
+    random = np.random.default_rng(3)
+    one, other = random.normal(size=(2, 5000, 1))
+    for measured, expected in ((one, 0.0), (other, 1.0), (-one, 2.0), (3.0 * one, 4.0 / 10.0)):
+        pair = _Pair("velocity", "the derivative of position", one, measured, 0.5, ("x",))
+        assert pair.disagreement()[0] == pytest.approx(expected, abs=0.05)
+        assert pair.excited()[0]
+    # A constant offset counts only if the means count.
+    for centred, expected in ((True, 0.0), (False, 0.9)):
+        pair = _Pair("specific_force", "gravity", one, one + 9.8, 0.5, ("x",), centred=centred)
+        assert pair.disagreement()[0] == pytest.approx(expected, abs=0.1)
+    # The size is that of typical values: the largest of the two, without the largest tenth of each.
+    spikes = np.where(np.arange(5000)[:, None] % 20 == 0, 100.0, 0.1)
+    for threshold, excited in ((0.09, True), (0.11, False)):
+        pair = _Pair("velocity", "", np.zeros((5000, 1)), spikes, threshold, ("x",), centred=False)
+        assert pair.excited()[0] == excited
+        assert pair._replace(threshold=0.5 * threshold).excited(factor=2.0)[0] == excited
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+@pytest.mark.parametrize("delay", [0.0, 0.1, 0.3, 0.4])
+def test_a_command_is_compared_with_what_follows_it_by_up_to_half_a_second(delay, sign):
+    """The sign of a command does not change by how much it is ahead."""
+    phases = np.outer(TIME, [1.1, 1.7, 2.3])
+    commands = np.sin(phases) + 0.4 * np.sin(2.3 * phases)
+    followed = np.column_stack([np.interp(TIME - delay, TIME, column) for column in commands.T])
+    grid = _on_grid({"attitude_command": sign * commands, "attitude": 0.8 * followed}, TIME)
+    for columns in (2, 3):
+        pair, width = _response(grid, "attitude_command", "attitude", 0.03, columns)
+        assert width == 10
+        assert pair.axes == ("roll", "pitch", "yaw")[:columns]
+        assert pair.expected.shape == pair.measured.shape == (len(grid.usable) - 10 - round(delay / PERIOD), columns)
+        np.testing.assert_allclose(pair.expected[100:], 0.8 * sign * pair.measured[100:], atol=0.02)
+        # Sides with amplitudes of 0.8 and 1 disagree by (1 - 0.8)² / (1 + 0.8²), or by their sum.
+        expected = (1.0 - 0.8 * sign) ** 2 / 1.64
+        np.testing.assert_allclose(pair.disagreement(), expected, atol=0.02)
+
+
 @pytest.mark.parametrize("name", ["position", "velocity", "attitude", "body_rates", "specific_force"])
 def test_each_wrong_sign_is_named(name):
     axes = ("roll", "pitch", "yaw") if name == "attitude" else ("x", "y", "z")
@@ -145,6 +226,142 @@ def test_a_time_shift_is_measured(name, other, shift):
     size, error = (float(each) for each in re.search(r"is (\d+) ± (\d+) ms", remark).groups())
     assert abs(size - 1e3 * abs(shift)) <= max(error, 5.0)
     assert ("behind" if shift > 0.0 else "ahead of") + f" the derivative of {other}" in remark
+
+
+@pytest.mark.parametrize(("amplitude", "seen"), [(0.15, False), (0.4, True), (1.5, True)])
+def test_a_vertical_force_that_is_shifted_is_seen_in_small_motions(amplitude, seen):
+    """The weight counts in a comparison of sizes, but not in one of times."""
+    random = np.random.default_rng(2)
+    phases = np.outer(TIME, [2.1, 3.4]) + np.array([0.0, 1.0])
+    still = np.zeros((len(TIME), 2))
+    # Effective amplitudes are those of a sum of two sines.
+    acceleration = amplitude * np.sin(phases).sum(axis=1)
+    velocity = -amplitude * (np.cos(phases) / [2.1, 3.4]).sum(axis=1)
+    late = np.interp(TIME - 0.1, TIME, acceleration) + 0.01 * random.normal(size=len(TIME))
+    remarks = list(
+        contradictions(
+            {
+                "attitude": np.zeros((len(TIME), 3)),
+                "velocity": np.column_stack([still, velocity]),
+                "specific_force": np.column_stack([still, GRAVITY + late]),
+            },
+            TIME,
+        )
+    )
+    if seen:
+        (remark,) = remarks
+        assert re.match(r"specific_force is (99|100|101) ± \d ms behind the acceleration and gravity: ", remark)
+    else:
+        assert remarks == []
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_horizontal_force_that_is_shifted_is_seen_as_well(axis):
+    """A vehicle that stays level is pushed, and its accelerometer is late or early."""
+    phases = np.outer(TIME, [2.1, 3.4]) + np.array([0.0, 1.0])
+    acceleration, velocity = np.zeros((len(TIME), 3)), np.zeros((len(TIME), 3))
+    acceleration[:, axis] = np.sin(phases).sum(axis=1)
+    velocity[:, axis] = -(np.cos(phases) / [2.1, 3.4]).sum(axis=1)
+    for shift, words in ((0.1, "behind"), (-0.1, "ahead of")):
+        force = np.zeros((len(TIME), 3))
+        force[:, axis] = np.interp(TIME - shift, TIME, acceleration[:, axis])
+        force[:, 2] = GRAVITY
+        signals = {"attitude": np.zeros((len(TIME), 3)), "velocity": velocity, "specific_force": force}
+        (remark,) = contradictions(signals, TIME)
+        assert re.match(rf"specific_force is (99|100|101) ± \d ms {words} the acceleration and the tilt: ", remark)
+
+
+@pytest.mark.parametrize("shift", [-31, -29, -3, -2, 0, 2, 3, 29, 31])
+def test_shifts_of_25_to_300_milliseconds_are_reported(shift):
+    """Filters and radio links of healthy logs shift by less."""
+    time = PERIOD * np.arange(-100.0, 1600.0)
+    signal = sum(np.sin(rate * time + rate) for rate in (0.9, 2.1, 3.4))
+    pair = _Pair("velocity", "it", signal[100:1600, None], signal[100 - shift : 1600 - shift, None], 0.1, ("x",))
+    remarks = list(_shift(pair, PERIOD, np.array([True])))
+    if 2 < abs(shift) < 30:
+        (remark,) = remarks
+        words = "behind" if shift > 0 else "ahead of"
+        assert remark.startswith(f"velocity is {10 * abs(shift)} ± 0 ms {words} it: their clocks are shifted")
+    else:
+        assert remarks == []
+    assert list(_shift(pair, PERIOD, np.array([False]))) == []
+    # Beside the largest shifts on both sides, each of eight parts has 25 windows.
+    for count, enough in ((259, False), (260, True)) if abs(shift) < 20 else ():
+        short = pair._replace(expected=pair.expected[:count], measured=pair.measured[:count])
+        assert len(list(_shift(short, PERIOD, np.array([True])))) == (enough and bool(remarks))
+
+
+def test_a_thrust_along_the_body_pushes_by_the_tangent_of_its_tilt():
+    """With a vertical acceleration c, the horizontal one is (g + c) tan(tilt); the vehicle yaws by 90°."""
+    phases = np.outer(TIME, [1.1, 1.7, 0.9])
+    frequencies, sizes = np.array([1.1, 1.7, 0.9]), np.array([9.0, 5.0, 2.0])
+    acceleration, velocity = sizes * np.sin(phases), -sizes / frequencies * np.cos(phases)
+    thrust = acceleration + np.array([0.0, 0.0, GRAVITY])
+    # At a yaw of 90°, the body's x axis is along W's y: pitch leans along y, and roll along x.
+    pitch = np.arctan2(thrust[:, 1], thrust[:, 2])
+    roll = np.arctan2(thrust[:, 0], np.hypot(thrust[:, 1], thrust[:, 2]))
+    attitude = np.column_stack([roll, pitch, np.full(len(TIME), 0.5 * np.pi)])
+    np.testing.assert_allclose(
+        np.cross(rotations(attitude).apply([0.0, 0.0, 1.0]), thrust), 0.0, atol=1e-9
+    )  # the thrust is along the body's z axis
+    grid = _on_grid({"attitude": attitude, "velocity": velocity}, TIME)
+    (pair,) = _pairs(grid, only=_tilt)
+    assert np.abs(pair.expected).max() > 8.0  # a tilt of about 40°
+    np.testing.assert_allclose(pair.measured, pair.expected, atol=0.25)
+    assert (pair.disagreement() < 1e-3).all()
+
+
+def test_the_size_of_a_force_counts_outside_of_gaps():
+    kept = (TIME < 8.0) | (TIME > 9.5)
+    grid = _on_grid({"specific_force": flight()["specific_force"][kept]}, TIME[kept])
+    (pair,) = _pairs(grid, only=_size_of_force)
+    assert len(pair.measured) == len(pair.expected) == grid.usable.sum()
+    np.testing.assert_array_equal(pair.expected, GRAVITY)
+    sizes = np.linalg.norm(grid.signals["specific_force"], axis=1)
+    np.testing.assert_allclose(pair.measured[:, 0], sizes[grid.usable])
+    # A force that points down has the opposite sign.
+    upside_down = _on_grid({"specific_force": -flight()["specific_force"]}, TIME)
+    (pair,) = _pairs(upside_down, only=_size_of_force)
+    assert (pair.measured < 0.0).all()
+
+
+@pytest.mark.parametrize(("correlation", "named"), [(-0.45, False), (-0.85, True)])
+def test_a_wrong_sign_is_named_if_its_repair_explains_most_of_the_disagreement(correlation, named):
+    """Signals disagree by one minus their correlation. A repair must gain 0.4 more than what it leaves."""
+    rates, others = np.array([1.1, 1.7, 0.9]), np.array([2.9, 2.3, 3.7])
+    velocity = np.sin(np.outer(TIME, rates))
+    position = -np.cos(np.outer(TIME, rates)) / rates
+    mixed = correlation * velocity + np.sqrt(1.0 - correlation**2) * np.sin(np.outer(TIME, others))
+    remarks = list(contradictions({"position": position, "velocity": mixed}, TIME))
+    assert any("the sign of" in remark for remark in remarks) == named
+
+
+@pytest.mark.parametrize(("multiple", "contradicts"), [(1.8, False), (2.2, True), (4.0, True)])
+def test_signals_contradict_each_other_if_one_moves_by_twice_the_threshold(multiple, contradicts):
+    """The threshold of a velocity is 0.05 m/s, as an RMS value without the largest tenth."""
+    velocity = np.sin(np.outer(TIME, [1.1, 1.7, 0.9]))
+    position = 1e-3 * np.sin(np.outer(TIME, [2.9, 2.3, 3.7]))
+    (pair,) = _pairs(_on_grid({"position": position, "velocity": velocity}, TIME))
+    _, measured = pair.clipped()
+    sizes = multiple * 0.05 / np.sqrt(np.mean(measured**2, axis=0))
+    remarks = list(contradictions({"position": position, "velocity": sizes * velocity}, TIME))
+    assert (
+        any(remark.startswith("velocity contradicts the derivative of position") for remark in remarks) == contradicts
+    )
+
+
+def test_one_axis_that_agrees_keeps_a_signal_from_contradicting_another():
+    """An axis may disagree for reasons of its own, as noise of a yaw does."""
+    clean = flight()
+    for name, columns, contradicts in (
+        ("velocity", [2], False),
+        ("velocity", [0, 1], False),
+        ("body_rates", [2], False),
+        ("body_rates", [0, 1, 2], True),
+    ):
+        values = clean[name].copy()
+        values[:, columns] = 0.7 * np.sin(np.outer(TIME, [3.3, 2.3, 4.1]))[:, columns]
+        assert any(f"{name} contradicts the" in remark for remark in found({name: values})) == contradicts, columns
 
 
 def test_what_a_message_says_is_by_how_much():

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from drake_quad.identification.logs import conversion
 from drake_quad.identification.logs.conversion import Table
@@ -18,7 +19,7 @@ def channel(signal, begin, end, period, *, known=None, values=None):
     rows = np.arange(len(clock)) if known is None else np.flatnonzero(known(clock))
     if values is None:
         values = np.repeat(clock[rows][:, None], WIDTHS.get(signal, 3), axis=1)
-    return conversion._Channel(signal, clock, rows, values, "somewhere")
+    return conversion._Channel(signal, clock, rows, values, "somewhere", crossed=False)
 
 
 def test_commands_hold_and_measurements_do_not():
@@ -187,3 +188,87 @@ def test_remarks_say_at_which_rates_signals_were():
     assert list(conversion._origin_remarks([clock, slow])) == [
         "read: body_rates from somewhere; position from somewhere"
     ]
+
+
+@pytest.mark.parametrize("reverse", [False, True])
+def test_a_column_that_two_tables_have_is_read_from_the_longer_one(reverse):
+    """A crazyflie logs the same variable in two blocks, and ArduPilot the same field in two messages."""
+    mapping = Mapping(signals={"body_rates": {"columns": ["p", "q", "r"]}})
+    tables = [
+        Table(f"{count}", np.linspace(0.0, 1.0, count), {name: np.full(count, float(count)) for name in "pqr"})
+        for count in (20, 50, 30)
+    ]
+    record = conversion.record_of(tables[::-1] if reverse else tables, mapping, name="log", mark="log")
+    assert len(record.time) == 50
+    np.testing.assert_array_equal(record.body_rates, 50.0)
+
+
+def test_vectors_along_the_axes_of_the_other_frame_are_turned_by_the_attitude():
+    """Without an attitude they are left out. Others stay as they are."""
+    random = np.random.default_rng(2)
+    attitude, velocity, force, rates = random.normal(size=(4, 60, 3))
+    to_world = Rotation.from_euler("ZYX", attitude[:, ::-1])
+    given = {"attitude": attitude, "velocity": velocity, "specific_force": force, "body_rates": rates}
+    channels = [channel(name, 0.0, 5.9, 0.1)._replace(crossed=name in ("velocity", "specific_force")) for name in given]
+    signals = dict(given)
+    assert list(conversion._turn_crossed(signals, channels)) == [
+        "velocity is turned from the axes of the body to those of the world by the attitude",
+        "specific_force is turned from the axes of the world to those of the body by the attitude",
+    ]
+    np.testing.assert_allclose(signals["velocity"], to_world.apply(velocity), atol=1e-12)
+    np.testing.assert_allclose(signals["specific_force"], to_world.inv().apply(force), atol=1e-12)
+    assert (signals["attitude"] is attitude, signals["body_rates"] is rates) == (True, True)
+    signals = {name: values for name, values in given.items() if name != "attitude"}
+    assert list(conversion._turn_crossed(signals, channels[1:])) == [
+        "velocity is left out: it is along the axes of the body, and no attitude is logged",
+        "specific_force is left out: it is along the axes of the world, and no attitude is logged",
+    ]
+    assert set(signals) == {"body_rates"}
+
+
+def test_values_are_scaled_turned_and_sorted_into_our_order():
+    """A factor comes before the unit, and a cell that is no number may stand for a value of the log's unit."""
+    rows = np.arange(12.0).reshape(3, 4)
+    table = Table("", np.arange(3.0), {**{f"c{i}": rows[:, i] for i in range(4)}, "all": rows, "vector": rows[:, :3]})
+
+    def values(signal, **source):
+        mapping = Mapping(signals={signal: source})
+        return conversion._values(signal, mapping.signals[signal][0], table)
+
+    three = ["c0", "c1", "c2"]
+    np.testing.assert_allclose(values("velocity", columns=three, unit="mm/s", factor=2.0), 2e-3 * rows[:, :3])
+    np.testing.assert_allclose(
+        values("velocity", columns=three, factor=[1.0, -1.0, 3.0]), rows[:, :3] * np.array([1.0, -1.0, 3.0])
+    )
+    np.testing.assert_allclose(values("velocity", column="vector", frame="NED"), rows[:, :3] * [1.0, -1.0, -1.0])
+    np.testing.assert_allclose(values("velocity", columns=["c0", 7.0, "c1"]), np.insert(rows[:, :2], 1, 7.0, axis=1))
+    for frame, sign in (("NED", -1.0), ("ENU", 1.0)):
+        yaw = values("reference_yaw", columns=["c1"], unit="deg", frame=frame)
+        np.testing.assert_allclose(yaw[:, 0], sign * np.radians(rows[:, 1]))
+    # Column i belongs to the rotor with the number rotors[i].
+    motors = values("motor_command", column="all", unit="%", rotors=[3, 1, 4, 2])
+    np.testing.assert_allclose(motors[:, [2, 0, 3, 1]], 0.01 * rows)
+    table.columns["c1"][1] = np.nan
+    known = values("body_rates", columns=three, unit="deg/s", missing=90.0)
+    np.testing.assert_allclose(known[1], np.radians([4.0, 90.0, 6.0]))
+    assert np.isnan(values("body_rates", columns=three, unit="deg/s")[1, 1])
+
+
+@pytest.mark.parametrize("order", ["wxyz", "xyzw"])
+@pytest.mark.parametrize("frame", [None, "NED"])
+def test_an_attitude_of_a_quaternion_has_its_angles(order, frame):
+    """Its length may be off by a factor of two; logs begin with zeros, which are no quaternion."""
+    random = np.random.default_rng(8)
+    angles = random.uniform(-1.4, 1.4, size=(20, 3))
+    quaternion = Rotation.from_euler("ZYX", angles[:, ::-1]).as_quat()[:, [3, 0, 1, 2]]
+    if frame == "NED":  # half a turn about x, of world and body
+        quaternion = quaternion * [1.0, 1.0, -1.0, -1.0]
+    quaternion = quaternion * np.where(np.arange(20) % 2, 1.001, -0.999)[:, None]
+    quaternion[5:9] *= np.array([[0.49], [2.02], [0.51], [1.98]])
+    logged = quaternion if order == "wxyz" else np.roll(quaternion, -1, axis=1)
+    table = Table("", np.arange(20.0), {"q": logged})
+    mapping = Mapping(signals={"attitude": {"column": "q", "quaternion": order, **({"frame": frame} if frame else {})}})
+    found = conversion._values("attitude", mapping.signals["attitude"][0], table)
+    known = np.delete(np.arange(20), [5, 6])
+    np.testing.assert_allclose(found[known], angles[known], atol=1e-9)
+    assert np.isnan(found[[5, 6]]).all()

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import scipy.io
 from mcap.writer import Writer as McapWriter
+from rosbags import typesys
 from rosbags.rosbag2 import StoragePlugin
 from written_logs import (
     blackbox_log,
@@ -21,6 +22,7 @@ from written_logs import (
 
 from drake_quad import InputError
 from drake_quad.identification.logs.formats.log_format import FORMATS
+from drake_quad.identification.logs.formats.ros import _Decoder
 from drake_quad.identification.logs.mapping import load_mapping, shipped_mappings
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.source import LogFile
@@ -89,12 +91,21 @@ def test_an_ardupilot_log_is_in_our_frames_and_order_of_rotors(read):
     np.testing.assert_allclose(record.position[0, 1:], [-5.0, 2.0])
     np.testing.assert_allclose(record.velocity[0], [1.0, -2.0, -3.0])
     np.testing.assert_allclose(record.motor_command[0], [0.1, 0.4, 0.2, 0.3])
+    # The clock of a message is no signal that is left out.
+    assert said(record, "not read: FMT, IMU.I, PARM, XKF1.C, XKF1.FS")
+    assert not said(record, "TimeUS")
 
 
 def test_the_first_instance_of_a_sensor_is_read(read):
     instances = [row for time in TIMES.tolist() for row in ((time, 1, 7.0, 8.0, 9.0), (time + 9_000, 0, 0.1, 0.2, 0.3))]
     record = read(dataflash_log({"IMU": ("Bfff", ["I", "GyrX", "GyrY", "GyrZ"], instances)}))
     np.testing.assert_allclose(record.body_rates, np.tile([0.1, -0.2, -0.3], (COUNT, 1)), rtol=1e-6)
+
+
+def test_an_ardupilot_log_without_a_known_message_is_refused(read):
+    barometer = dataflash_log({"BARO": ("f", ["Alt"], rows(1.0))})
+    with pytest.raises(InputError, match=r"is an ArduPilot log without any of the messages ATT, .*XKQ$"):
+        read(barometer)
 
 
 def test_an_ardupilot_log_of_another_vehicle_needs_a_mapping(read):
@@ -106,6 +117,25 @@ def test_an_ardupilot_log_of_another_vehicle_needs_a_mapping(read):
     assert said(read(hexarotor, "ardupilot"), "the log is of a hexarotor")
     plus = dataflash_log({"ATT": ("ccc", ["Roll", "Pitch", "Yaw"], rows(1, 2, 3))}, parameters={"FRAME_TYPE": 0.0})
     assert said(read(plus), "the frame has another layout")
+
+
+def test_frame_classes_have_the_numbers_that_ardupilot_publishes(read):
+    """Its parameter list has Quad as 1; a log without the parameter is that of a quadrotor."""
+    classes = {
+        2: "a hexarotor", 3: "an octorotor", 4: "an octorotor", 5: "a hexarotor with coaxial rotors", 6: "a helicopter",
+        7: "a tricopter", 8: "a vehicle with one rotor", 9: "a vehicle with coaxial rotors",
+        10: "a vehicle on two rotors", 11: "a helicopter", 12: "a dodecarotor", 13: "a helicopter", 14: "a decarotor",
+    }  # fmt: skip
+    message = {"ATT": ("ccc", ["Roll", "Pitch", "Yaw"], rows(1, 2, 3))}
+    for number in range(1, 16):
+        log = dataflash_log(message, parameters={"FRAME_CLASS": float(number), "FRAME_TYPE": 1.0})
+        remarks = [each for each in read(log, "ardupilot").remarks if each.startswith("the log is of")]
+        assert remarks == ([f"the log is of {classes[number]}"] if number in classes else []), number
+    assert not said(read(dataflash_log(message)), "the log is of")
+    # The parameter was called FRAME before.
+    for frame, other in ((0.0, True), (1.0, False)):
+        log = dataflash_log(message, parameters={"FRAME": frame})
+        assert said(read(log), "the frame has another layout") == other
 
 
 BLACKBOX_FIELDS = [
@@ -124,6 +154,8 @@ def test_a_betaflight_log_is_in_shares_and_si(read):
     np.testing.assert_allclose(np.degrees(record.body_rates[:, 1]), -2.0 * np.arange(COUNT))
     np.testing.assert_allclose(record.specific_force[0], [0.0, 0.5 * 9.80665, 9.80665])
     np.testing.assert_allclose(record.motor_command[0], [1.0, 0.0, 999.0 / 1999.0, 500.0 / 1999.0])
+    # The number of the loop and the clock are no signals that are left out.
+    assert not said(record, "not read")
 
 
 def test_the_longest_flight_of_a_betaflight_log_is_read(read):
@@ -131,6 +163,13 @@ def test_the_longest_flight_of_a_betaflight_log_is_read(read):
     record = read(short + BLACKBOX)
     assert len(record.time) == COUNT
     assert said(record, "the log has 2 flights; the longest is read, number 2")
+
+
+def test_the_longest_flight_may_be_the_first(read):
+    short = blackbox_log(BLACKBOX_FIELDS, [(int(time), *[0] * 10) for time in TIMES[:5]])
+    record = read(BLACKBOX + short + short)
+    assert len(record.time) == COUNT
+    assert said(record, "the log has 3 flights; the longest is read, number 1")
 
 
 def test_damaged_frames_of_a_betaflight_log_are_counted(read):
@@ -160,6 +199,10 @@ def test_blocks_of_an_old_crazyflie_log_with_a_wrong_checksum_are_left_out(read)
     record = read(bytes(damaged))
     assert len(record.time) == COUNT - 7
     assert said(record, "1 block of records is left out because of a wrong checksum")
+    damaged[len(damaged) // 4] ^= 1
+    fewer = read(bytes(damaged))
+    assert said(fewer, "2 blocks of records are left out because of a wrong checksum")
+    assert COUNT > len(record.time) > len(fewer.time) > COUNT // 2
     cut = read(OLD_CRAZYFLIE[:-1])
     assert len(cut.time) == COUNT - COUNT % 7
     assert said(cut, "bytes are not read: no whole block of records")
@@ -201,6 +244,21 @@ def test_a_mat_file_has_structs_and_matrices(read, tmp_path):
         read(mat_file(MAT_CONTENT))
 
 
+def test_variables_of_a_mat_file_that_are_not_as_long_as_the_time_are_left_out(read, tmp_path):
+    """A remark names each of them once."""
+    (tmp_path / "mine.yaml").write_text(MAT_MAPPING)
+    content = {"log": {**MAT_CONTENT["log"], "gains": np.ones(5), "inertia": np.eye(3), "rpm": np.ones(COUNT)}}
+    record = read(mat_file(content), tmp_path / "mine.yaml")
+    for name in ("gains", "inertia"):
+        (remark,) = [each for each in record.remarks if name in each]
+        assert remark == f"log.{name} is not read: it is not as long as log.t"
+    assert any(each.startswith("not read: ") and "log.rpm" in each for each in record.remarks)
+    content["log"]["p"] = np.ones((COUNT - 1, 3))
+    shorter = read(mat_file(content), tmp_path / "mine.yaml")
+    assert shorter.position is None
+    assert said(shorter, "log.p is not read: it is not as long as log.t")
+
+
 def test_a_mat_file_of_the_hdf5_kind_is_refused_in_a_sentence(read):
     with pytest.raises(InputError, match="MAT-file of version 7.3, which is HDF5; save it in MATLAB with -v7"):
         read(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + b"\x89HDF\r\n\x1a\n")
@@ -224,6 +282,18 @@ def test_a_ros_2_bag_is_read_as_a_folder_and_as_a_file(tmp_path, plugin, version
     file = ros_2_bag(tmp_path / "bag", plugin=plugin, version=version)
     for path in (tmp_path / "bag", file):
         check_ros(read_log(path))
+
+
+def test_messages_of_ros_are_decoded_by_the_definitions_of_the_bag_or_else_by_those_of_ros():
+    store = typesys.get_typestore(typesys.Stores.LATEST)
+    kind = "geometry_msgs/msg/Vector3"
+    data = store.serialize_cdr(store.types[kind](x=1.0, y=2.0, z=3.0), kind)
+    own = {"geometry_msgs/Vector3": "float64 a\nfloat64 b\nfloat64 c"}
+    for definitions, names in (({}, "xyz"), (own, "abc"), ({"other_msgs/Other": "float64 a"}, "xyz")):
+        decoder = _Decoder(typesys, definitions)
+        for spelt in (kind, "geometry_msgs/Vector3"):
+            found = decoder(data, spelt)
+            assert [getattr(found, name) for name in names] == [1.0, 2.0, 3.0]
 
 
 @pytest.mark.slow

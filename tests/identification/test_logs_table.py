@@ -401,3 +401,16 @@ def test_a_vehicle_that_stays_on_the_ground_is_reported(write):
 def test_a_reference_out_of_reach_is_reported(write):
     record = flown(write, rx=lambda t: np.where(t > 1.0, -17.0, t))
     assert said(record, "reference_position is up to 19 m away from a vehicle that moves by 2 m, first at 1.01 s")
+
+
+def test_the_first_of_several_damaged_columns_is_named(tmp_path):
+    """Columns are sorted by name, whatever their order in the file."""
+    names = ["time", *(f"c{i:02d}" for i in range(11, -1, -1))]
+    (tmp_path / "log.csv").write_text(
+        "\n".join([",".join(names), *(f"{t}" + 12 * ",bad" for t in (0.0, 0.1, 0.2))]) + "\n"
+    )
+    signals = ("position", "velocity", "attitude", "body_rates")
+    sources = [f"  {name}: {{columns: [{', '.join(names[3 * i + 1 : 3 * i + 4])}]}}" for i, name in enumerate(signals)]
+    (tmp_path / "mapping.yaml").write_text("\n".join(["time: {column: time}", "signals:", *sources]) + "\n")
+    with pytest.raises(InputError, match=r"log\.csv:2: 'c00' is 'bad', but must be a number$"):
+        read_log(tmp_path / "log.csv", tmp_path / "mapping.yaml")

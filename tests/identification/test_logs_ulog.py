@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import pyulog
 from written_logs import DATA, message, quaternion_of, ulog
 
 from drake_quad import InputError
@@ -189,6 +190,24 @@ def test_topics_within_topics_do_not_grow_without_bound(read, topic, words):
     messages = [message(b"B", bytes(40)), *(message(b"F", f"{name}:{each}".encode()) for name, each in formats.items())]
     with pytest.raises(InputError, match=words):
         read(GOOD[:16] + b"".join(messages))
+
+
+def test_the_fields_of_topics_are_counted_before_any_data_are_read(read, monkeypatch):
+    """PyULog unfolds a topic into its fields as soon as it reads the data."""
+    header_alone = []
+
+    class Watched(pyulog.ULog):
+        def __init__(self, *arguments, **options):
+            header_alone.append(options.get("parse_header_only", False))
+            super().__init__(*arguments, **options)
+
+    monkeypatch.setattr(pyulog, "ULog", Watched)
+    read(GOOD)
+    assert header_alone == [True, False]
+    header_alone.clear()
+    with pytest.raises(InputError, match="the topic wind has 131,071 fields"):
+        read(ulog({"wind": ([("float[65535]", "a"), ("float[65535]", "b")], [])}))
+    assert header_alone == [True]
 
 
 def test_what_pyulog_would_read_for_ever_is_told(read):

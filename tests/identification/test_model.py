@@ -9,6 +9,7 @@ from drake_quad.assembly.laboratory import vehicle_parameters
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import (
     DELAY,
+    MISALIGNMENT,
     NUM_BODY,
     NUM_DISTURBANCE,
     Disturbance,
@@ -167,6 +168,73 @@ def test_inputs_are_the_commands_and_steps_of_each_window(scenario, split):
                 assert inputs.spans[k, 0, w] == pytest.approx(min(step_after, 3.0 * PERIOD) / split)
 
 
+def test_inputs_have_the_wind_and_the_voltage_of_each_record(scenario):
+    """Without a logged wind it is that of the scenario. Periods are the median over all records."""
+    steady = load_scenario("laboratory:low_wind", ["laboratory.wind=[{kind: steady, velocity: [1.0, -2.0, 0.5]}]"])
+    vehicle = LogModel(with_throttles(steady), (), voltage=12.0)
+    random = np.random.default_rng(4)
+    wind, throttles = random.normal(size=(100, 3)), random.uniform(0.3, 0.6, size=(100, 4))
+    records = [
+        FlightRecord("windy", PERIOD * np.arange(100), motor_command=throttles, wind=wind),
+        FlightRecord("still", 1.02 * PERIOD * np.arange(100), motor_command=throttles[::-1]),
+        FlightRecord(
+            "low", 0.98 * PERIOD * np.arange(100), motor_command=throttles, battery_voltage=np.full(100, 11.4)
+        ),
+    ]
+    sizes = WindowSizes(length=6, settle=3, warm_up=2)
+    windows = [LogWindow(0, 40), LogWindow(1, 50), LogWindow(2, 60)]
+    inputs = WindowInputs.of(records, vehicle, windows, sizes, split=2, max_delay=0.0)
+    assert (inputs.period, inputs.margin) == (pytest.approx(0.5 * PERIOD), 2)
+    samples = np.repeat(np.arange(35, 46), 2)
+    np.testing.assert_array_equal(inputs.wind[:, :, 0], wind[samples])
+    np.testing.assert_allclose(inputs.wind[:, :, 1:], np.tile([[1.0], [-2.0], [0.5]], (22, 1, 2)))
+    np.testing.assert_allclose(inputs.spans[:, 0], np.tile(0.5 * PERIOD * np.array([1.0, 1.02, 0.98]), (22, 1)))
+    np.testing.assert_allclose(inputs.spans[:, 1], np.tile([1.0, 1.0, 0.95], (22, 1)))
+    np.testing.assert_array_equal(inputs.commands[2:-2, :4, 1], throttles[::-1][samples + 10])
+    np.testing.assert_array_equal(inputs.commands[:, 4:], 0.0)
+
+
+def test_an_attitude_response_has_the_commanded_attitude_among_its_inputs():
+    responding = load_scenario("neural_fly:still")
+    vehicle = LogModel(responding, ())
+    angles = np.random.default_rng(4).normal(size=(100, 3))
+    log = FlightRecord("log", PERIOD * np.arange(100), motor_command=np.full((100, 4), 0.5), attitude_command=angles)
+    sizes = WindowSizes(length=6, settle=3, warm_up=2)
+    inputs = WindowInputs.of([log], vehicle, [LogWindow(0, 40)], sizes, split=1, max_delay=0.0)
+    np.testing.assert_array_equal(inputs.commands[:, 4:, 0], angles[33:48])
+    assert (vehicle.responds, vehicle.throttles, vehicle.command_signal) == (True, True, "motor_command")
+    found = vehicle.numbers(np.ones((1, 0))).response
+    autopilot = responding.laboratory.autopilot
+    assert tuple(found.frequencies if hasattr(found, "frequencies") else found[0]) == autopilot.natural_frequency
+    assert tuple(found[1]) == autopilot.damping
+
+
+@pytest.mark.parametrize("named", [(), MISALIGNMENT[:2], MISALIGNMENT[1:], MISALIGNMENT])
+def test_a_measured_attitude_is_that_of_markers_in_the_frame_of_each_set_of_parameters(named):
+    """An angle that is no parameter is that of the scenario."""
+    own = (0.03, -0.05, 0.2)
+    misaligned = load_scenario("laboratory:low_wind", [f"laboratory.motion_capture.misalignment={[*own]}"])
+    vehicle = LogModel(misaligned, ["mass", *named])
+    random = np.random.default_rng(6)
+    angles = 0.1 * random.normal(size=(3, len(named)))
+    log = FlightRecord("log", PERIOD * np.arange(60), rotor_speed_command=np.full((60, 4), 200.0))
+    sizes = WindowSizes(length=5, settle=0, warm_up=0)
+    inputs = WindowInputs.of([log], vehicle, [LogWindow(0, 20)] * 2, sizes, split=1, max_delay=0.0)
+    flight = ModelFlight(vehicle, np.column_stack([np.full(3, 0.7), angles]), inputs, 0)
+    state = np.zeros((NUM_BODY + NUM_DISTURBANCE, 3, 2))
+    state[3:6] = 0.5 * random.normal(size=(3, 3, 2))
+    found = flight.measured_attitude(state)
+    for k in range(3):
+        frame = [angles[k, named.index(name)] if name in named else own[i] for i, name in enumerate(MISALIGNMENT)]
+        for w in range(2):
+            expected = Rotation.from_euler("ZYX", state[5:2:-1, k, w]) * Rotation.from_euler("ZYX", frame[::-1])
+            np.testing.assert_allclose(found[::-1, k, w], expected.as_euler("ZYX"), atol=1e-9)
+    # Aligned markers show the attitude of the body.
+    aligned = LogModel(load_scenario("laboratory:low_wind"), ["mass"])
+    flight = ModelFlight(aligned, np.full((3, 1), 0.7), inputs, 0)
+    np.testing.assert_array_equal(flight.measured_attitude(state), state[3:6])
+
+
 def test_rotors_begin_at_rest_and_then_follow_the_commands_of_the_warm_up(scenario):
     """A lag of first order over each step, from the command before the warm-up on."""
     log = uneven_record()
@@ -238,6 +306,37 @@ def test_machine_code_steps_and_feels_as_the_formulas_do(scenario, numbers, kind
                 atol=1e-9,
             )
     np.testing.assert_array_equal(found[NUM_BODY:], states[NUM_BODY:])
+
+
+@pytest.mark.parametrize("base", ["laboratory:low_wind", "neural_fly:still"])
+def test_machine_code_takes_throttles_at_the_voltage_of_each_step(base):
+    """For a body whose rotors take throttles, and for the response of an attitude."""
+    own = with_throttles(load_scenario(base))
+    vehicle = LogModel(own, ["mass"], voltage=12.0)
+    random = np.random.default_rng(2)
+    throttles, angles = random.uniform(0.3, 0.7, size=(50, 4)), 0.3 * random.normal(size=(50, 3))
+    voltages = np.linspace(12.0, 10.0, 50)
+    log = FlightRecord(
+        "log", PERIOD * np.arange(50), motor_command=throttles, attitude_command=angles, battery_voltage=voltages
+    )
+    sizes = WindowSizes(length=5, settle=0, warm_up=3)
+    inputs = WindowInputs.of([log], vehicle, [LogWindow(0, 30)], sizes, split=1, max_delay=0.0)
+    mass = own.vehicle.mass
+    model = ModelFlight(vehicle, np.array([[mass]]), inputs, 3)
+    states = random.normal(scale=0.3, size=(NUM_BODY + NUM_DISTURBANCE, 1, 1))
+    body, push = State(*states[:NUM_BODY, 0, 0]), Disturbance(*states[NUM_BODY:, 0, 0])
+    rotors = RotorSpeed(*model._rotors.copy())
+    numbers_of_row = LogModel(own, ()).numbers(np.ones((1, 0)))
+    span, command, air = Span(PERIOD, voltages[30] / 12.0), Throttle(*throttles[30]), Wind(*inputs.wind[3, :, 0])
+    expected = specific_force(body, rotors, command, air, push, span, numbers_of_row, "world")
+    np.testing.assert_allclose(model.specific_force(states)[:, 0, 0], np.ravel(expected), atol=1e-9)
+    attitude = Attitude(*angles[30]) if vehicle.responds else LEVEL
+    after = step(body, rotors, command, attitude, air, push, span, numbers_of_row, "world")
+    model.step(states)
+    np.testing.assert_allclose(states[:NUM_BODY, 0, 0], np.ravel(after.body), atol=1e-9)
+    np.testing.assert_allclose(model._rotors, np.ravel(after.rotors), atol=1e-9)
+    # After a step, the inputs are those of the next sample.
+    np.testing.assert_allclose(model._command[:4, 0, 0], throttles[31])
 
 
 def test_a_payload_stays_all_along_whenever_it_is_dropped():

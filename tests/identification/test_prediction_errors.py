@@ -139,6 +139,44 @@ def test_what_decides_nothing_that_is_measured_is_no_state_of_the_filter(scenari
         assert {*made(scenario, log, outputs).rows.tolist()} == set(range(NUM_BODY + NUM_DISTURBANCE)) - left_out
 
 
+def test_heights_determine_the_vertical_motion_and_velocities_all_but_the_place(scenario, log):
+    log = replace(log, velocity=np.zeros((200, 3)))
+    assert made(scenario, log, [Output("position", 2)]).rows.tolist() == [2, 8, 14]
+    velocities = [Output(signal, column) for signal in ("attitude", "velocity") for column in range(3)]
+    everything = set(range(NUM_BODY + NUM_DISTURBANCE))
+    assert {*made(scenario, log, velocities).rows.tolist()} == everything - {0, 1, 2}
+    # A force along the axes of the body has no constant part along those of the world.
+    model = LogModel(scenario, ["mass"], frame="body")
+    windows = [LogWindow(0, 30)]
+    assert {*Predictor(model, [log], windows, SIZES, POSE).rows.tolist()} == everything - {18, 19}
+    assert {*Predictor(model, [log], windows, SIZES, IMU).rows.tolist()} == everything - {0, 1, 2, 5, 18, 19}
+
+
+@pytest.mark.parametrize("split", [1, 2])
+def test_an_open_loop_begins_at_the_last_measurement_of_the_filter(scenario, log, values, split):
+    """From then on, the gains are zero; without a disturbance, its force and torque are missing in the first step."""
+    predictor, noise = made(scenario, log, split=split), noise_of(POSE)
+    gains = predictor.gains(values, noise)
+    steps = [1, 3, 20]
+    begin, *ends = predictor.open_loop(values, gains, noise, steps)
+    last = SIZES.settle - 1
+    errors, before = predictor.errors(values[None], gains, noise, keep=last)
+    after = before[:, 0].copy()
+    after[predictor.rows] += np.einsum("nmw,mw->nw", gains.gain[last], errors[last, :, 0])
+    for column in (0, 1):
+        np.testing.assert_allclose(begin[:, column], after[:NUM_BODY], atol=1e-12)
+    held = gains._replace(gain=np.where(predictor.counted[:, None, None, None], 0.0, gains.gain))
+    for step, end in zip(steps, ends, strict=True):
+        _, expected = predictor.errors(values[None], held, noise, keep=last + step)
+        np.testing.assert_allclose(end[:, 1], expected[:NUM_BODY, 0], atol=1e-9)
+    pushed, free = ends[0][:, 1], ends[0][:, 0]
+    force, torque, constant = after[NUM_BODY : NUM_BODY + 3], after[NUM_BODY + 3 : NUM_BODY + 6], after[NUM_BODY + 6 :]
+    assert min(np.abs(force).max(), np.abs(torque).max(), np.abs(constant).max()) > 0.01
+    force[:2] += constant
+    np.testing.assert_allclose((pushed - free)[6:9], PERIOD * force, rtol=2e-2, atol=1e-4)
+    np.testing.assert_allclose((pushed - free)[9:12], PERIOD * torque, rtol=2e-2, atol=1e-4)
+
+
 def test_windows_begin_as_measured_and_at_rest_where_nothing_is(scenario, log, values):
     predictor = made(scenario, log)
     state = predictor.initial.state

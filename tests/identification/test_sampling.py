@@ -1,11 +1,14 @@
 """Commands between samples, clocks that drift, and estimates that depend on the bandwidth of a log."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from drake_quad.errors import InputError
+from drake_quad.identification import sampling
 from drake_quad.identification.evidence import Uncertainty
 from drake_quad.identification.logs.consistency import clock_shifts
 from drake_quad.identification.logs.record import FlightRecord
@@ -14,7 +17,9 @@ from drake_quad.identification.sampling import (
     SlowFit,
     fast_command_remarks,
     fast_command_share,
-    on_one_clock,
+    lack_commands,
+    slow_fit,
+    synchronised,
     with_bandwidth,
 )
 
@@ -60,25 +65,118 @@ def test_a_constant_shift_is_the_same_in_all_parts(shift):
     np.testing.assert_allclose(found, -shift, atol=1e-3)
 
 
+def test_logs_that_are_short_and_sensors_that_do_not_agree_have_no_shifts():
+    """Fifty windows of a tenth of a second are the least; parts without a common motion are left out."""
+    record = rolling(np.zeros(20))
+    for count in (10, 40, 58, 220):
+        assert len(shifts_of(record.part(slice(count)))) == 0
+    random = np.random.default_rng(1)
+    noise = replace(record, body_rates=random.normal(size=(len(TIME), 3)))
+    assert len(shifts_of(noise)) == 0
+    half = replace(record, body_rates=np.where(TIME[:, None] < 20.0, record.body_rates, noise.body_rates))
+    assert 8 <= len(shifts_of(half)) <= 10
+
+
 def test_clocks_that_drift_leave_the_sensors_on_board_alone():
     drifting = rolling(DRIFT)
     np.testing.assert_allclose(np.std(shifts_of(drifting)), np.std(DRIFT), rtol=0.2)
-    (kept,), (remark,) = on_one_clock([drifting])
+    (kept,), late, (remark,) = synchronised([drifting])
     assert {*kept.names} == {"body_rates", "specific_force", "motor_command"}
     assert kept.period == pytest.approx(0.03)
+    assert not late
     assert "not synchronised; position, velocity and attitude are left out" in remark
 
 
 def test_a_constant_shift_is_no_drift():
-    record = rolling(np.full(20, 0.03))
-    assert on_one_clock([record]) == ([record], [])
+    """Body rates that lag may be derived from the attitude."""
+    record = rolling(np.full(20, -0.03))
+    assert synchronised([record]) == ([record], False, [])
+
+
+def test_an_attitude_that_lags_the_gyroscope_is_late():
+    record = rolling(np.full(20, 0.007))
+    (kept,), late, (remark,) = synchronised([record])
+    assert kept is record
+    assert late
+    assert remark.startswith("the attitude lags the body rates by 7 ms")
+    # Alone, the attitude is still better than nothing.
+    bare = rolling(np.full(20, 0.007), lost=("position", "specific_force"))
+    assert synchronised([bare]) == ([bare], False, [])
 
 
 def test_without_an_accelerometer_a_drift_is_only_remarked():
     record = rolling(DRIFT, lost=("specific_force",))
-    kept, (remark,) = on_one_clock([record])
+    kept, late, (remark,) = synchronised([record])
     assert kept == [record]
+    assert not late
     assert remark.endswith("their clocks are not synchronised")
+
+
+@pytest.mark.parametrize(
+    ("shifts", "drifts"),
+    [
+        # Four parts at least, with a standard deviation of 8 ms.
+        ([[0.01, -0.01, 0.01]], False),
+        ([[0.01, -0.01, 0.01, -0.01]], True),
+        ([[0.0078, -0.0078] * 4], False),
+        ([[0.0082, -0.0082] * 4], True),
+        # Each log has a shift of its own, and the parts of all of them count together.
+        ([[0.05, 0.05], [-0.05, -0.05]], False),
+        ([[0.05, 0.03], [0.01, -0.01]], True),
+        ([[], [0.01, -0.01, 0.01, -0.01]], True),
+        ([[], []], False),
+    ],
+)
+def test_a_drift_is_a_scatter_of_the_shifts_within_logs(monkeypatch, shifts, drifts):
+    records = [replace(rolling(np.zeros(20)), name=f"{i}") for i in range(len(shifts))]
+    parts = iter(shifts)
+    monkeypatch.setattr(sampling, "clock_shifts", lambda signals, time: np.array(next(parts)))
+    kept, late, remarks = synchronised(records)
+    assert not late
+    if drifts:
+        assert [record.attitude for record in kept] == [None] * len(records)
+        deviations = np.concatenate([np.array(each) - np.mean(each) for each in shifts if each])
+        assert f"by {1e3 * np.std(deviations):.0f} ms (standard deviation over parts of two seconds)" in remarks[0]
+        assert "the rest is averaged over 30 ms" in remarks[0]
+    else:
+        assert (kept, remarks) == (records, [])
+
+
+def test_clocks_are_compared_where_both_sensors_are_logged(monkeypatch):
+    """A record of a slower log keeps its rate, and one without a gyroscope keeps all records as they are."""
+    compared = []
+
+    def shifts_of_part(signals, time):
+        compared.append(len(time))
+        return np.array([0.02, -0.02] * 3)
+
+    monkeypatch.setattr(sampling, "clock_shifts", shifts_of_part)
+    fast = rolling(np.zeros(20))
+    slow = FlightRecord("slow", 4.0 * TIME, **dict(fast.signals()))
+    kept, _, _ = synchronised([fast, slow])
+    assert [record.period for record in kept] == pytest.approx([0.03, 0.04])
+    for lost in ("attitude", "body_rates"):
+        one, _, (remark,) = synchronised([fast, rolling(np.zeros(20), lost=(lost,)).part(slice(1000))])
+        assert remark.endswith("not synchronised") == (lost == "body_rates")
+        assert (one[0] is fast) == (lost == "body_rates")
+    assert compared == [4000] * 4
+
+
+def test_a_log_of_less_than_256_samples_in_flight_has_no_spectrum():
+    random = np.random.default_rng(3)
+    whole = rolling(np.zeros(20))
+    white = replace(whole, motor_command=0.5 + 0.1 * random.normal(size=(len(TIME), 4)))
+    assert fast_command_share(white.part(slice(255))) == 0.0
+    assert fast_command_share(white.part(slice(256))) > 0.3
+    # Commands that are constant have no power, and rotor speeds are commands as well.
+    assert fast_command_share(whole) == 0.0
+    speeds = replace(white, motor_command=None, rotor_speed_command=400.0 * white.motor_command)
+    assert fast_command_share(speeds) == pytest.approx(fast_command_share(white))
+    # Only flight counts, and a slow drift of the commands is none of their power.
+    landed = np.where((TIME > 20.0)[:, None], 0.0, white.motor_command)
+    assert fast_command_share(replace(white, motor_command=landed)) == pytest.approx(0.5, abs=0.05)
+    drifting = white.motor_command + np.outer(TIME, [0.1, -0.1, 0.05, -0.05])
+    assert fast_command_share(replace(white, motor_command=drifting)) == pytest.approx(0.5, abs=0.05)
 
 
 def test_the_share_of_fast_commands_is_that_of_white_and_of_smooth_commands():
@@ -92,8 +190,45 @@ def test_the_share_of_fast_commands_is_that_of_white_and_of_smooth_commands():
     common = replace(smooth, motor_command=smooth.motor_command + 0.1 * random.normal(size=(len(TIME), 1)))
     assert fast_command_share(common) < 0.01
     assert fast_command_share(replace(still, motor_command=None)) == 0.0
+    assert lack_commands([smooth, white])
+    assert not lack_commands([smooth, common])
     (remark,) = fast_command_remarks([smooth, white])
     assert remark.startswith(("rolling: 50% of the power", "rolling: 49% of the power"))
+
+
+def test_a_slow_fit_starts_from_the_fast_one_and_is_left_out_if_the_logs_are_too_short(monkeypatch):
+    parameters = [Parameter("mass", 1.0, 0.5), Parameter("linear_drag", 0.1, 0.1)]
+    fast = SimpleNamespace(noise="noise", values=np.array([1.1, 0.2]))
+    covariance = np.array([[0.04, 0.01], [0.01, 0.09]])
+    asked = []
+
+    class Logs:
+        period, flying = 0.03, ["flying"]
+
+        def predictor(self, names, flying):
+            asked.append((names, flying))
+            return "predictor"
+
+    def fit(*given):
+        asked.append(given)
+        return SimpleNamespace(
+            values=np.array([1.2, 0.3]),
+            uncertainty=lambda blocks: SimpleNamespace(covariance=covariance if blocks == "blocks" else None),
+        )
+
+    def refuse(*_):
+        raise InputError("only 3 windows")
+
+    monkeypatch.setattr(sampling, "fit", fit)
+    monkeypatch.setattr(sampling, "window_blocks", lambda predictor: "blocks")
+    found = slow_fit(SimpleNamespace(coarser=Logs), parameters, fast)
+    assert asked == [(["mass", "linear_drag"], ["flying"]), ("predictor", parameters, "noise", fast.values)]
+    np.testing.assert_array_equal(found.values, [1.2, 0.3])
+    np.testing.assert_array_equal(found.variances, [0.04, 0.09])
+    assert found.period == 0.03
+    assert slow_fit(SimpleNamespace(coarser=lambda: None), parameters, fast) is None
+    monkeypatch.setattr(sampling, "fit", refuse)
+    assert slow_fit(SimpleNamespace(coarser=Logs), parameters, fast) is None
 
 
 def test_an_interval_contains_the_estimate_of_another_bandwidth_if_it_differs_by_more_than_chance():
@@ -105,7 +240,8 @@ def test_an_interval_contains_the_estimate_of_another_bandwidth_if_it_differs_by
     own = np.array([[1.0, 0.5], [0.5, 1.0]])
     uncertainty = Uncertainty(own, np.full(2, np.inf), own)
     slow = SlowFit(np.array([4.0, 2.0]), np.array([1.5, 1.5]), 0.03)
-    found, (remark,) = with_bandwidth(uncertainty, parameters, np.array([0.5, 1.0]), slow, 0.01)
+    values = np.array([0.5, 1.0])
+    found, (remark,) = with_bandwidth(uncertainty, parameters, values, slow, 0.01, lacks_commands=True)
     expected = 1.0 + 3.5**2 - 0.5 + (3.5 / 8.0) ** 2
     assert found.covariance[0, 0] == pytest.approx(expected)
     assert found.covariance[1, 1] == pytest.approx(1.0 + (1.0 / 8.0) ** 2)
@@ -115,3 +251,7 @@ def test_an_interval_contains_the_estimate_of_another_bandwidth_if_it_differs_by
         "linear_drag depends on the bandwidth of the log: it is 0.5 at samples of 10 ms, and 4 at 30 ms; the interval"
         " contains both"
     )
+    # With all commands, the difference is an error of the averages.
+    found, remarks = with_bandwidth(uncertainty, parameters, values, slow, 0.01, lacks_commands=False)
+    np.testing.assert_allclose(np.diag(found.covariance), [1.0 + (3.5 / 8.0) ** 2, 1.0 + (1.0 / 8.0) ** 2])
+    assert remarks == []

@@ -111,6 +111,25 @@ def test_values_and_covariance_are_read_back(estimates, vehicle):
     np.testing.assert_allclose(np.einsum("ji,jk,ki->i", vectors, found, vectors), size, rtol=0.02)
 
 
+def test_each_distribution_is_on_one_line(written):
+    """Comments have at most 100 characters besides their indentation."""
+    lines = written.read_text(encoding="utf-8").splitlines()
+    shared = [line for line in lines if "shared: {" in line]
+    assert max(map(len, shared)) > 150
+    for line in lines:
+        assert line.count("{") == line.count("}")
+        assert line.count("[") == line.count("]") or line.lstrip().startswith("#")
+    comments = [line.lstrip().removeprefix("# ") for line in lines if line.lstrip().startswith("#")]
+    assert 80 < max(map(len, comments)) <= 100
+
+
+def test_a_long_name_in_a_comment_is_not_broken(base, tmp_path):
+    source = Source("prediction errors", 12 * "a_long_name_")
+    found = estimates_of({"mass": FOUND["mass"]}, sources=source)
+    path = write_vehicle(tmp_path / "mine.yaml", "mine", found, base=base)
+    assert path.read_text(encoding="utf-8").count(source.log) == 2
+
+
 def test_what_varies_between_stretches_is_drawn_and_said(base, tmp_path):
     """The error of the mean alone would be an interval a third as wide."""
     mean = Variation(np.diag([0.0, 8.0 * 1.5e-6**2]), 40.0, 8.2)
@@ -166,8 +185,11 @@ def test_controllers_believe_what_they_did_unless_the_estimates_are_asked_for(ba
 def test_a_curve_is_believed_where_the_base_believes_in_no_throttles(root, tmp_path):
     found = estimates_of({f"motors.curve[{place}]": FOUND[f"motors.curve[{place}]"] for place in range(3)})
     sheet = root / "diagrams" / "vehicles" / "crazyflie.yaml"
-    vehicle = load_undesigned(write_vehicle(tmp_path / "new.yaml", "new", found, base=sheet))
+    written = write_vehicle(tmp_path / "new.yaml", "new", found, base=sheet)
+    vehicle = load_undesigned(written)
     assert vehicle.nominal.motors.curve == pytest.approx((0.0227, 0.0019, 0.1284))
+    # Numbers without comments are on one line.
+    assert re.search(r"^ +curve: \[0\.0227\d*, 0\.0019\d*, 0\.1284\d*\]$", written.read_text(), re.MULTILINE)
 
 
 def test_the_voltage_of_a_curve_is_written_with_it(base, tmp_path):

@@ -40,10 +40,9 @@ def least(scenario, plan):
     return space.nearest(evaluate(plan.path, np.linspace(0.0, plan.duration, 10_000)).T)[0].min()
 
 
+# The other timings are planned around obstacles in `tests/space/test_rooms.py`.
 TIMES = {
-    "shortest": "route.times=shortest",
     "heuristic": "route.times=heuristic",
-    "least_snap": "route.times={kind: least_snap, duration: 10}",
     "given": "route.times=[0, 5, 12]",
 }
 
@@ -105,6 +104,8 @@ def test_what_is_not_in_the_way_changes_nothing(room):
     np.testing.assert_array_equal(alone.path.coefficients, beside.path.coefficients)
 
 
+# A room that is searched sooner.
+SMALL = "space.bounds={min: [-0.5, -0.5, 0.5], max: [6.5, 3.6, 2.0]}"
 REFUSED = {
     "a waypoint too near": (
         ["space.obstacles.ball.centre=[3, 3, 1.5]"],
@@ -113,11 +114,15 @@ REFUSED = {
     "a waypoint out of bounds": (["space.bounds.max=[5, 5, 2]"], r"waypoint 2, \(6, 0, 1\) m, lies outside the bounds"),
     "no bounds": (["space.bounds=null"], r"m from .* nearer than 0.27 m; space.bounds is needed"),
     "a wall across": (
-        ["space.obstacles.wall.size=[0.2, 9, 2.6]", "space.obstacles.wall.rotation=[0, 0, 0]"],
+        [SMALL, "space.obstacles.wall.size=[0.2, 9, 2.6]", "space.obstacles.wall.rotation=[0, 0, 0]"],
         r"no way from waypoint 1 to waypoint 2 at 0.27 m .* without wall, there would be one",
     ),
     "a corridor that the wall closes": (
-        ["route.corridors=[null, {min: [2.5, -0.5, 0.5], max: [6.5, 3.5, 2.0]}]", "space.obstacles.wall.size.1=4.5"],
+        [
+            SMALL,
+            "route.corridors=[null, {min: [2.5, -0.5, 0.5], max: [6.5, 3.5, 2.0]}]",
+            "space.obstacles.wall.size.1=4.5",
+        ],
         r"no way from waypoint 1 to waypoint 2 in the corridor of segment 1 at .* without wall, there would be one",
     ),
     "a gate in a wall": (

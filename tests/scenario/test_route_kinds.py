@@ -26,6 +26,7 @@ FIELDS = {
         {"knots": [{"time": 0.0, "position": (0.0, 0.0, 1.0)}, {"time": 3.0, "position": (1.0, 0.0, 1.0)}]},
         {"pieces": [{"duration": 3.0, "x": (0.0, 0.1), "y": (0.0,), "z": (1.0,)}], "time_scale": 2.0},
     ],
+    "setpoints": [{"setpoints": [(0.0, 0.0, 0.0, 1.0, 0.0), (2.0, 1.0, 0.0, 1.0, 0.5)], "last_hold": 2.0}],
 }
 
 

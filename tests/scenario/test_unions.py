@@ -315,7 +315,7 @@ def test_a_member_of_a_user_flies_as_the_member_that_it_extends(union, kind, bas
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("unpainted")
+@pytest.mark.usefixtures("undrawn")
 def test_a_command_imports_a_position_controller_of_a_user(run, tmp_path):
     position = f"control.position={{kind: sliding_mode, slope: {SLIDING['slope']}, gain: [2, 2, 4], width: [1, 1, 1]}}"
     mass = "vehicle.mass={uniform: {min: 0.66, max: 0.7}}"

@@ -12,7 +12,7 @@ from rooms import Room, Search, least_distances, random_room
 from drake_quad.errors import InputError
 from drake_quad.reference.path_problem import PathLimits, PathProblem
 from drake_quad.reference.planner import Heuristic, LeastSnap, Shortest
-from drake_quad.reference.polynomial_path import evaluate
+from drake_quad.reference.polynomial_path import evaluate, peak_norm
 from drake_quad.reference.regions import Box
 from drake_quad.space.around import plan_around
 from drake_quad.space.shapes import Cuboid
@@ -76,11 +76,11 @@ PASSAGES = {
 }
 
 
-# Every passage with the fastest timing, and one beside and one above or below the wall with each of the others.
+# Every passage with the fastest timing, and one with each of the others.
 PASSED = [
     *((name, Heuristic()) for name in PASSAGES),
-    *((name, Shortest()) for name in ("a door on the right", "over a beam")),
-    *((name, LeastSnap(8.0)) for name in ("a door on the left", "under a beam")),
+    ("over a beam", Shortest()),
+    ("a door on the left", LeastSnap(8.0)),
 ]
 
 
@@ -92,6 +92,8 @@ def test_the_one_best_passage_is_taken(name, timing):
     room = walled(*PASSAGES[name])
     path = plan(room, timing)
     assert keeps_clear(room, path)
+    for order, limit in LIMITS.by_order.items():
+        assert peak_norm(path, order) <= limit + 1e-9
     way = Search(room).shortest()
     points = evaluate(path, np.linspace(path.times[0], path.times[-1], 2000)).T
     crossed, expected = (each[np.abs(each[:, 0] - 2.0).argmin()] for each in (points, way))

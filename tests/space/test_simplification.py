@@ -107,11 +107,11 @@ def test_the_meshes_of_drones_have_as_many_corners_as_real_ones():
 @pytest.mark.slow
 def test_the_growth_is_a_distance_to_drake_s_convex_set():
     points = sphere(130, 7) * [1.0, 0.5, 0.2]
-    found = surrounding(points, MAX_CORNERS)
-    corner = max(found.corners, key=lambda corner: hull_of(points).distances([corner]).item())
+    found, hull = surrounding(points, MAX_CORNERS), hull_of(points)
+    corner = found.corners[np.argmax(hull.distances(found.corners))]
     program = MathematicalProgram()
     x = program.NewContinuousVariables(3)
-    hull_of(points).convex_set().AddPointInSetConstraints(program, x)
+    hull.convex_set().AddPointInSetConstraints(program, x)
     program.Add2NormSquaredCost(np.eye(3), corner, x)
     nearest = ClarabelSolver().Solve(program).GetSolution(x)
     assert found.growth == pytest.approx(np.linalg.norm(corner - nearest), rel=1e-5)

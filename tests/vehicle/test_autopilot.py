@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.signal
 from pydrake.systems.analysis import Simulator
+from scipy.spatial.transform import Rotation
 
 from drake_quad import load_scenario, simulate
 from drake_quad.pid.filters import butterworth, first_order
@@ -14,11 +15,15 @@ from drake_quad.vehicle.autopilot import (
     AutopilotMemory,
     AutopilotNumbers,
     Gyroscope,
+    LeanError,
     LoopAxisTerms,
     LoopGains,
     LoopRules,
+    NeglectedDrag,
     SensorNoise,
     autopilot_law,
+    lean_after,
+    sensed,
     thrust_alone,
 )
 from drake_quad.vehicle.parameters import Inertia
@@ -117,6 +122,30 @@ def test_the_rate_loop_is_px4_s_tick_by_tick():
         np.testing.assert_allclose(wrench[1:], expected, rtol=1e-9, atol=1e-9)
     assert clipped > 20
     assert np.abs(px4.integral).max() == limit
+
+
+def test_an_estimator_without_drag_takes_the_force_of_the_air_for_a_tilt():
+    """In flight at a constant velocity the error tends to -v d / g with a lag of first order."""
+    drag, period = NeglectedDrag(0.04, 0.5), 0.002
+    lean = LeanError(0.0, 0.0)
+    state = STATE._replace(v_x=1.5, v_y=-0.8)
+    for _ in range(200):
+        lean = lean_after(lean, state, drag, period)
+    np.testing.assert_allclose(lean, -0.04 * np.array([1.5, -0.8]) * (1.0 - np.exp(-200 * period / 0.5)), rtol=1e-12)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.5 * np.pi, 2.3])
+def test_the_estimated_thrust_points_less_in_the_direction_of_flight(yaw):
+    """For small angles the direction of the thrust changes by the error along X and Y, whatever the yaw."""
+
+    def direction(attitude):
+        return Rotation.from_euler("ZYX", [attitude.yaw, attitude.pitch, attitude.roll]).apply([0.0, 0.0, 1.0])
+
+    state = STATE._replace(roll=0.0, pitch=0.0, yaw=yaw)
+    true, _ = sensed(state, None, NUMBERS)
+    seen, _ = sensed(state, None, NUMBERS, LeanError(-2e-3, 1e-3))
+    np.testing.assert_allclose((direction(seen) - direction(true))[:2], [-2e-3, 1e-3], atol=1e-8)
+    assert seen.yaw == true.yaw
 
 
 def test_senses_of_which_nothing_is_said_are_right():

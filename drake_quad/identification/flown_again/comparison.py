@@ -11,6 +11,7 @@ from drake_quad.fleets.fleet_simulation import simulate_fleet
 from drake_quad.flight.flight import Flight
 from drake_quad.flight.mission import plan_route
 from drake_quad.flight.simulation import simulate
+from drake_quad.identification.flown_again.flown_part import flown_part
 from drake_quad.identification.flown_again.reference import LoggedReference, logged_reference
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.laboratory.metrics import Metrics
@@ -125,10 +126,12 @@ def compare_with_log(
 ) -> LogComparison:
     """Simulate the reference of a log under a scenario's control, and compare the simulation with the logged flight.
 
-    The simulated vehicle hovers at the first point of the reference for `rest` and then follows the log's clock. The
-    comparison begins when the reference of the log has moved by 1 cm, so that a take-off before the log does not count.
-    If the reference never moves, it covers the whole log. Both errors are those of measured positions, since a log
-    contains no true positions.
+    The simulated vehicle hovers at the first point of the reference for `rest` and then follows the log's clock. If the
+    reference jumps and the vehicle takes off in the log, the simulated vehicle begins where the flown one lifts off.
+
+    The comparison covers the part of the log in free flight, see `flown_part`. It begins when the reference of the log
+    has moved by 1 cm, so that a take-off before the log does not count. If the reference never moves, it covers the
+    whole log. Both errors are those of measured positions, since a log contains no true positions.
 
     Args:
         record: record of the log, with position and reference position.
@@ -140,15 +143,17 @@ def compare_with_log(
         progress: function that is called with the number of simulated flights and their total number.
 
     Raises:
-        InputError: if the log has no position, its reference cannot be flown, there is nothing to compare, or the
-            vehicle has no time step.
+        InputError: if the log has no position, its vehicle does not fly, its reference cannot be flown, there is
+            nothing to compare, or the vehicle has no time step.
     """
     if scenario.vehicle.time_step == 0.0:
         raise InputError("vehicle.time_step is 0; flights are compared with a log only with a time step")
+    part = flown_part(record)
+    record = record.part(slice(part.end))
     flown = record.of("reference_position") - record.of("position")
-    reference = logged_reference(record, rest=rest)
-    begin = _first_movement(record) if start is None else start
-    chosen = record.time >= begin
+    reference = logged_reference(record, rest=rest, lift_off=part.lift_off)
+    begin = max(_first_movement(record), float(record.time[part.first])) if start is None else start
+    chosen = record.time >= max(begin, -reference.start)
     if chosen.sum() < 2:
         raise InputError(f"nothing of the log {shown(record.name)} is left to compare from {begin:g} s on")
     flying = on_route(scenario, reference)
@@ -163,7 +168,8 @@ def compare_with_log(
 
 def on_route(scenario: Scenario, reference: LoggedReference) -> Scenario:
     """Return the scenario with the reference of a log as its route, and with metrics over the whole log."""
-    window = scenario.metrics.model_copy(update={"start": reference.start, "first_lap": None, "end": None})
+    start = max(reference.start, 0.0)
+    window = scenario.metrics.model_copy(update={"start": start, "first_lap": None, "end": None})
     return scenario.model_copy(update={"route": reference.route, "duration": None, "metrics": window})
 
 

@@ -1,4 +1,4 @@
-"""Conversion of a logged reference to a route: a smooth path through its samples."""
+"""Conversion of a logged reference to a route: a smooth path through its samples, or held setpoints."""
 
 import math
 from typing import NamedTuple
@@ -8,6 +8,8 @@ import numpy as np
 from drake_quad.errors import InputError, shown
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, hermite_path, power_basis
+from drake_quad.scenario.limits import SHORTEST
+from drake_quad.scenario.routes.setpoints import SetpointsRoute
 from drake_quad.scenario.routes.trajectory import Knot, TrajectoryRoute, YawKnot
 
 # Distances between knots that are tried, s. With the last one, the path follows any reference that can be flown.
@@ -21,24 +23,36 @@ _SNAP_WEIGHT = 1e-9
 # Share of the rest before the log in which the vehicle accelerates to the first velocity of the log.
 _ACCELERATION_SHARE = 0.5
 _REST_WEIGHT = 1e3  # of the derivatives of a first knot that is known to be at rest
+_AT_ONCE = 2.0 * SHORTEST  # s, from the lift-off to the first setpoint: less than the period of any control
 
 
 class LoggedReference(NamedTuple):
     """Reference of a log as a route.
 
     Attributes:
-        route: route that starts at rest and then follows the reference of the log.
-        start: time in the route of the first sample of the log, s.
+        route: smooth path from rest through the logged reference; or the logged setpoints, each held until the next.
+        start: time in the route of the log's first sample, s; negative if the route begins later in the log.
         deviation: largest distance of the route from the logged position, m.
+        jump: time in the log at which the reference jumps most, s; None for a smooth path.
     """
 
-    route: TrajectoryRoute
+    route: TrajectoryRoute | SetpointsRoute
     start: float
     deviation: float
+    jump: float | None = None
+
+    def __str__(self) -> str:
+        if isinstance(self.route, SetpointsRoute):
+            number = len(self.route.setpoints)
+            return f"{number:,} setpoints, each held until the next, since they jump at {self.jump:.2f} s"
+        pieces = len(self.route.knots or ()) - 1
+        return f"{pieces} pieces of degree 7, within {1e3 * self.deviation:.2f} mm of the log's"
 
 
-def logged_reference(record: FlightRecord, *, rest: float = 0.0, tolerance: float = TOLERANCE) -> LoggedReference:
-    """Return the reference of a log as a path of degree 7 with continuous jerk.
+def logged_reference(
+    record: FlightRecord, *, rest: float = 0.0, tolerance: float = TOLERANCE, lift_off: int | None = None
+) -> LoggedReference:
+    """Return the reference of a log as a path of degree 7 with a continuous jerk, or as setpoints.
 
     The path is the least-squares fit to the logged positions, and to the velocities if they are logged. Its knots are
     as far apart as the tolerance allows. If a value is repeated for some samples, because the reference is sent at a
@@ -48,14 +62,20 @@ def logged_reference(record: FlightRecord, *, rest: float = 0.0, tolerance: floa
     Before the log, the route is at rest, so that the integrators of the controller settle. If the log starts in motion,
     the route accelerates to the first velocity.
 
+    If no smooth path is near enough, as where the reference jumps, and no velocity of the reference is logged, the
+    route consists of the logged setpoints. Each is held until the next, as an autopilot holds it. If the vehicle takes
+    off in the log, these setpoints begin at the lift-off, with the vehicle at rest where it stands, since a vehicle of
+    the laboratory cannot stand on the ground.
+
     Args:
         record: record of a flight, with the position of the reference.
-        rest: duration of the route before the first sample, s.
+        rest: duration of the rest before the first sample, s.
         tolerance: largest distance from the logged position, m.
+        lift_off: index of the sample at which the vehicle leaves the ground; None if the log begins in the air.
 
     Raises:
         InputError: if no reference position is logged, if the reference moves at the first sample and `rest` is 0, or
-            if no smooth path is within the tolerance, because the reference jumps.
+            if it jumps and its velocity is logged.
     """
     logged = [record.of("reference_position")]
     if record.reference_velocity is not None:
@@ -70,6 +90,8 @@ def logged_reference(record: FlightRecord, *, rest: float = 0.0, tolerance: floa
         if distance.max() <= tolerance:
             break
     else:
+        if record.reference_velocity is None:
+            return _held(record, rest, lift_off)
         worst = int(np.argmax(distance))
         raise InputError(
             f"no smooth path follows the reference of the log {shown(record.name)} to within {1e3 * tolerance:g} mm:"
@@ -82,6 +104,32 @@ def logged_reference(record: FlightRecord, *, rest: float = 0.0, tolerance: floa
         raise InputError(f"the reference of the log {shown(record.name)} is on its way at once: rest must not be 0")
     route = TrajectoryRoute(kind="trajectory", knots=tuple(knots), yaw_knots=_yaw_knots(record, rest))
     return LoggedReference(route, rest, float(distance.max()))
+
+
+def _held(record: FlightRecord, rest: float, lift_off: int | None) -> LoggedReference:
+    """Return the logged setpoints as a route that begins at the lift-off, if any, or after a rest (s) at the first."""
+    position = record.of("reference_position")
+    yaw = np.full(len(position), _flown_yaw(record))
+    if record.reference_yaw is not None:
+        yaw = np.unwrap(record.reference_yaw)
+    steps = np.linalg.norm(np.diff(position, axis=0), axis=1)
+    rows = np.column_stack([record.time, position, yaw])
+    first, start = (0, rest) if lift_off is None else (lift_off, _AT_ONCE - float(record.time[lift_off]))
+    rows = rows[first:]
+    changed = (np.diff(rows[:, 1:], axis=0) != 0.0).any(axis=1)
+    rows = rows[np.append(True, changed & (np.diff(rows[:, 0]) > _AT_ONCE))]
+    rows[:, 0] += start
+    if lift_off is not None:
+        rows = np.vstack([[0.0, *record.of("position")[first], rows[0, 4]], rows])
+    rows[0, 0] = 0.0
+    last_hold = max(_AT_ONCE, float(record.time[-1]) + start - rows[-1, 0])
+    route = SetpointsRoute(kind="setpoints", setpoints=tuple(map(tuple, rows.tolist())), last_hold=last_hold)
+    return LoggedReference(route, start, 0.0, float(record.time[int(np.argmax(steps)) + 1]))
+
+
+def _flown_yaw(record: FlightRecord) -> float:
+    """Return the median of the flown yaw, rad; 0 if it is not logged."""
+    return 0.0 if record.attitude is None else float(np.median(np.unwrap(record.attitude[:, 2])))
 
 
 def _sent(time: np.ndarray, logged: list[np.ndarray]) -> list[np.ndarray]:
@@ -154,7 +202,7 @@ def _yaw_knots(record: FlightRecord, rest: float) -> tuple[YawKnot, ...]:
     """Return the yaw of the reference over the whole route."""
     end = float(record.time[-1]) + rest
     if record.reference_yaw is None:
-        flown = 0.0 if record.attitude is None else float(np.median(np.unwrap(record.attitude[:, 2])))
+        flown = _flown_yaw(record)
         return YawKnot(time=0.0, yaw=flown), YawKnot(time=end, yaw=flown)
     yaw = np.unwrap(record.reference_yaw)[:, np.newaxis]
     path = _fitted(record.time, [yaw], end=float(record.time[-1]), spacing=_SPACINGS[0], orders=2)

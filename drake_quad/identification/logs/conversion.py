@@ -74,7 +74,7 @@ class _Channel(NamedTuple):
     rows: np.ndarray
     values: np.ndarray
     origin: str
-    crossed: bool = False
+    crossed: bool
 
     @property
     def time(self) -> np.ndarray:

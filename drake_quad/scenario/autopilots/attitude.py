@@ -9,6 +9,7 @@ from drake_quad.control.lqg.chains import Answer
 from drake_quad.framework.recipe import Recipe
 from drake_quad.pid.filters import butterworth
 from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS, Autopilot
+from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.loop_terms import LoopTerms
 from drake_quad.scenario.quantities import (
     AngleNoise,
@@ -19,13 +20,22 @@ from drake_quad.scenario.quantities import (
     Position,
     Positive,
     Positives,
+    Span,
     any_nonzero,
     bounded,
+    field_of,
 )
 from drake_quad.signals import BodyRates, Wrench
 from drake_quad.vehicle import autopilot
-from drake_quad.vehicle.autopilot import AutopilotNumbers, Gyroscope, LoopAxisTerms, LoopGains, LoopRules
+from drake_quad.vehicle.autopilot import AutopilotNumbers, Gyroscope, LoopAxisTerms, LoopGains, LoopRules, NeglectedDrag
 from drake_quad.vehicle.parameters import QuadrotorParameters
+
+
+class NeglectedDragSettings(Model):
+    """Drag that an estimator of the attitude neglects, and so takes for a tilt against the direction of flight."""
+
+    lean: Number = field_of(NeglectedDrag, "lean", "error of the tilt over the velocity: drag over mass and gravity")
+    time: Span = field_of(NeglectedDrag, "time", "time constant with which the error follows the velocity")
 
 
 @AUTOPILOTS.member
@@ -76,6 +86,9 @@ class AttitudeAutopilotSettings(Autopilot):
     attitude_noise: AngleNoise = Field(
         default=0.0, description="standard deviation of roll, pitch and yaw as they are estimated on board (rad)"
     )
+    neglected_drag: NeglectedDragSettings | None = Field(
+        default=None, description="drag that the estimator of the attitude on board neglects, if any"
+    )
 
     def answer(self) -> Answer:
         """Return the answer that the loops ask for, which the rotors follow with their lag."""
@@ -100,6 +113,7 @@ class AttitudeAutopilotSettings(Autopilot):
         }
         attitude = self.attitude_terms if heeds_attitude else None
         bandwidth: Any = self.gyroscope_bandwidth
+        drag: Any = self.neglected_drag
         numbers = AutopilotNumbers(
             LoopGains(*self.k_attitude) if heeds_attitude else LoopGains(0.0, 0.0, 0.0),
             LoopGains(*self.k_rate),
@@ -112,6 +126,7 @@ class AttitudeAutopilotSettings(Autopilot):
             None if bandwidth is None else butterworth(bandwidth, self.period),
             None if self.max_rates is None else BodyRates(*self.max_rates),
             self.yaw_weight if heeds_attitude else None,
+            None if drag is None else NeglectedDrag(drag.lean, drag.time),
         )
         return {"autopilot": Recipe(autopilot.AttitudeAutopilot, structure, numbers)}
 

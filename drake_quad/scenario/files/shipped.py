@@ -8,9 +8,8 @@ import difflib
 import re
 from pathlib import Path
 
-from ruamel.yaml import YAML
-
 from drake_quad.errors import shown
+from drake_quad.scenario.files.documents import parse_document
 
 _PACKAGE = Path(__file__).parents[2]
 
@@ -43,7 +42,8 @@ def shipped_scenarios() -> list[str]:
     """Return the names of all scenarios, and of what can be laid over one: `figure_eight`, `laboratory:nominal`."""
     found = []
     for file in shipped_names():
-        names = list(YAML(typ="safe", pure=True).load(shipped_folder() / f"{file}.yaml"))
+        path = shipped_folder() / f"{file}.yaml"
+        names = [*parse_document(path.read_text(encoding="utf-8"), str(path)).value]
         found += [file] if len(names) == 1 else [f"{file}:{name}" for name in names]
     return found
 

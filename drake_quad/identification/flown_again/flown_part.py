@@ -1,0 +1,65 @@
+"""The part of a log in which a vehicle is in free flight, between take-off and landing."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from drake_quad.errors import InputError, shown
+from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.windows import effort
+
+# Share of the median command of a flight below which rotors idle.
+_IDLE = 0.5
+# Height of vehicle and reference above the ground in free flight, m: some rotor diameters of a small vehicle.
+_MIN_HEIGHT = 0.25
+# Height above the ground at which a vehicle has lifted off, m; more than the noise of motion capture.
+_LIFT_OFF = 0.003
+
+
+class FlownPart(NamedTuple):
+    """Samples of a log in free flight.
+
+    Attributes:
+        first: index of the first sample.
+        end: index after the last sample.
+        lift_off: index of the last sample on the ground before the first one; None if the log begins in the air.
+    """
+
+    first: int
+    end: int
+    lift_off: int | None
+
+
+def flown_part(record: FlightRecord) -> FlownPart:
+    """Return the part of a log in which the vehicle flies freely, and so does its reference.
+
+    A log begins or ends on the ground if the rotors idle there: their command is less than half of its median. The
+    ground is at the height of the vehicle then. In free flight, vehicle and reference are 0.25 m above the ground. If
+    the rotors idle at neither end, or no command is logged, the whole log is in the air.
+
+    Args:
+        record: record with position and reference position.
+
+    Raises:
+        InputError: a signal is not logged, or the vehicle never flies.
+    """
+    count, command = len(record.time), effort(record)
+    if command is None or not (command > 0.0).any():
+        return FlownPart(0, count, None)
+    idle = command < _IDLE * np.median(command[command > 0.0])
+    if not (idle[0] or idle[-1]):
+        return FlownPart(0, count, None)
+    height = record.of("position")[:, 2]
+    ground = float(height[0] if idle[0] else height[-1])
+    lowest = np.minimum(height, record.of("reference_position")[:, 2])
+    flying = np.flatnonzero(lowest > ground + _MIN_HEIGHT)
+    if len(flying) < 2:
+        raise InputError(
+            f"the vehicle of the log {shown(record.name)} does not fly: it and its reference are never"
+            f" {_MIN_HEIGHT:g} m above the ground together"
+        )
+    first, end = int(flying[0]), int(flying[-1]) + 1
+    if not idle[0]:
+        return FlownPart(0, end, None)
+    standing = np.flatnonzero(height[:first] < ground + _LIFT_OFF)
+    return FlownPart(first, end if idle[-1] else count, int(standing[-1]))

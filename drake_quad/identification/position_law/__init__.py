@@ -1,0 +1,1 @@
+"""Identification of the position law that flew a log."""

@@ -1,0 +1,119 @@
+"""Acceleration that a flown controller commanded, from its logged commands of attitude and thrust.
+
+Controllers turn the output of their position law into attitude and thrust in different ways, so there are five forms:
+
+    acceleration    thrust T along the commanded thrust axis z_d:  u = (T / m) z_d - g Z
+    heading         the same, where roll and pitch are relative to the measured yaw instead of the commanded one
+    decoupled       u_x and u_y follow from the tilt alone, g z_d,x / z_d,z, so that climbing does not change the
+                    tilt, as in PX4
+    projected       as in acceleration, with T = F · z the component of the force along the measured thrust axis z,
+                    as in geometric control:  u = (T / m) / (z_d · z) z_d - g Z
+    tilt            roll and pitch are outputs of the law themselves, as in the Crazyflie's firmware: along the heading
+                    u is the pitch and minus the roll in rad, and along Z u = T / m - g
+
+The attitude is the exact rotation by roll, pitch and yaw.
+"""
+
+from typing import Literal, get_args
+
+import numpy as np
+
+from drake_quad.errors import InputError, shown
+from drake_quad.identification.logs.attitudes import rotations
+from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.model import thrust_of_share
+from drake_quad.scenario.models import Scenario
+
+Form = Literal["acceleration", "heading", "decoupled", "projected", "tilt"]
+FORMS: tuple[Form, ...] = get_args(Form)
+
+# A command is at a limit if its samples pile up at an extreme. Within a margin δ of the maximum of a smooth signal
+# there are 1 / (√2 - 1) = 2.4 times as many samples as between δ and 2 δ; at a limit there are many more.
+_LIMIT_MARGIN = 0.005  # of the range of the command; the resolution of logs is finer
+_MIN_PILE = 5.0  # ratio of these numbers of samples
+_MIN_LIMITED_SAMPLES = 8
+# A command that is at its extreme for a larger share of the time is constant rather than limited.
+_MAX_LIMITED_SHARE = 0.5
+_MIN_ALIGNMENT = 0.2  # least cosine that is divided by, of an angle of 78°
+
+
+def specific_thrust(record: FlightRecord, scenario: Scenario, usable: np.ndarray) -> tuple[np.ndarray, str | None]:
+    """Return the commanded thrust over the mass (n,) in m/s², and a remark on how it follows from the log.
+
+    Args:
+        record: record of the flight.
+        scenario: scenario whose `nominal` vehicle the controller believes.
+        usable: (n,) mask of the samples in the air.
+
+    Raises:
+        InputError: if the log has no command of the thrust.
+    """
+    mass, gravity = float(scenario.nominal.mass), float(scenario.nominal.gravity)
+    if record.thrust_command is not None:
+        return record.thrust_command / mass, f"the thrust is divided by the nominal mass, {mass:g} kg"
+    if record.thrust_share is None:
+        raise InputError(
+            f"the log {shown(record.name)} has no command of the thrust (thrust_command or thrust_share), so the"
+            " acceleration that its controller commanded is unknown"
+        )
+    if record.hover_share is not None:
+        return thrust_of_share(record, mass * gravity) / mass, None
+    carrying = float(np.median(record.thrust_share[usable]))
+    if carrying <= 0.0:
+        raise InputError(f"thrust_share of the log {shown(record.name)} is zero in the air; check the mapping")
+    why = f"the median thrust command in the air, {carrying:.3g} of full thrust, is taken to carry the weight"
+    return gravity * record.thrust_share / carrying, why
+
+
+def commanded(record: FlightRecord, thrust: np.ndarray, form: Form, gravity: float) -> np.ndarray:
+    """Return the output (n, 3) of the position law in W, in m/s²; with tilt in rad along X and Y.
+
+    Args:
+        record: record with attitude_command, or with attitude in its place.
+        thrust: (n,) commanded thrust over the mass, m/s².
+        form: relation between the output and the commands.
+        gravity: m/s².
+    """
+    attitude = record.attitude if record.attitude_command is None else record.attitude_command
+    assert attitude is not None
+    yaw = attitude[:, 2] if record.attitude is None else record.attitude[:, 2]
+    if form == "tilt":
+        forward, left = attitude[:, 1], -attitude[:, 0]
+        x, y = np.cos(yaw) * forward - np.sin(yaw) * left, np.sin(yaw) * forward + np.cos(yaw) * left
+        return np.column_stack([x, y, thrust - gravity])
+    if form == "heading":
+        attitude = np.column_stack([attitude[:, :2], yaw])
+    axis = rotations(attitude).apply([0.0, 0.0, 1.0])
+    if form == "decoupled":
+        level = gravity * axis[:, :2] / np.maximum(axis[:, 2:], _MIN_ALIGNMENT)
+        return np.column_stack([level, thrust * axis[:, 2] - gravity])
+    size = thrust
+    if form == "projected" and record.attitude is not None:
+        measured = rotations(record.attitude).apply([0.0, 0.0, 1.0])
+        size = thrust / np.maximum(np.sum(axis * measured, axis=1), _MIN_ALIGNMENT)
+    return np.asarray(size[:, None] * axis - [0.0, 0.0, gravity])
+
+
+def at_limit(record: FlightRecord, thrust: np.ndarray, usable: np.ndarray) -> np.ndarray:
+    """Return a mask (n,) of the samples in which thrust, roll, pitch or tilt is at a limit.
+
+    Args:
+        record: record of the flight.
+        thrust: (n,) commanded thrust.
+        usable: (n,) mask of the samples in the air.
+    """
+    signals = [thrust, -thrust]
+    if record.attitude_command is not None:
+        roll, pitch, _ = record.attitude_command.T
+        signals += [roll, -roll, pitch, -pitch, np.arccos(np.cos(roll) * np.cos(pitch))]
+    found = np.zeros(len(thrust), dtype=bool)
+    most = _MAX_LIMITED_SHARE * usable.sum()
+    for signal in signals:
+        largest = float(signal[usable].max())
+        margin = _LIMIT_MARGIN * (largest - float(signal[usable].min()))
+        below = np.where(usable, largest - signal, np.inf)
+        here = below <= margin
+        beside = np.sum((below > margin) & (below <= 2.0 * margin))
+        if margin > 0.0 and max(_MIN_LIMITED_SAMPLES, _MIN_PILE * (beside + 1)) <= here.sum() <= most:
+            found |= here
+    return found

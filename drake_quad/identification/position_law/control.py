@@ -1,0 +1,143 @@
+"""Control of the scenario language that flies an identified position law.
+
+There are two. A PD or PID around the position (`control` of kind `cascade`) stands for laws whose velocity feed-forward
+is all or nothing of the velocity gain. Other laws are a cascade of PIDs on position and velocity (`pid_cascade`), whose
+gains follow from those of the law by the equations of `drake_quad.identification.position_law.law`.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from drake_quad.errors import InputError
+from drake_quad.identification.position_law.law import AxisLaw, PositionLaw
+
+_TOLERANCE = 0.05  # relative; a share that differs less from 0 or 1 is taken for it
+_NEGLIGIBLE = 0.005  # share of the position gain, per power of a second
+_NO_LIMIT = 1000.0  # m/s, stands for a limit that is never reached
+_DIGITS = 5  # significant digits, more than the data determine
+
+
+def control_layer(law: PositionLaw) -> dict[str, Any]:
+    """Return the layer of a scenario with the control that flies a position law.
+
+    Attitude control, limits of tilt and thrust, and delays are not part of it; they are those of the scenario. It must
+    have a control of kind `cascade` for a PD or PID, and an attitude control on board for a `pid_cascade`.
+
+    Raises:
+        InputError: if an axis is not identified, or no control of the scenario language has this law.
+    """
+    if law.not_identified:
+        axes = ", ".join(law.not_identified)
+        raise InputError(f"no controller is written, since the law is not identified on {axes}")
+    x, y, z = (next(each for each in law.axes if axis in each.axes) for axis in ("x", "y", "z"))
+    plain = law.form != "tilt" and all(map(_is_pid, (x, y, z)))
+    shares = [_share(each) for each in (x, y, z) if "reference_velocity" in each.gains]
+    share = sum(shares) / len(shares) if shares else 1.0
+    if plain and share in (0.0, 1.0):
+        # Without a kind of control, the attitude control of the scenario stays.
+        return {"control": {"position": _pid((x, y, z), share)}}
+    return {"control": _pid_cascade((x, y, z), share, law.form)}
+
+
+def _near(value: float, reach: float, target: float) -> bool:
+    return abs(value - target) <= max(reach, _TOLERANCE)
+
+
+def _share(law: AxisLaw) -> float:
+    """Return the share of the reference's velocity that is fed forward, which is 0 or 1 if its interval allows it."""
+    velocity, reference = law.gain("velocity"), law.gains["reference_velocity"]
+    value, reach = reference.value / velocity, reference.reach / abs(velocity)
+    return next((each for each in (0.0, 1.0) if _near(value, reach, each)), value)
+
+
+def _differs_from_zero(law: AxisLaw, name: str) -> bool:
+    """Return whether a gain is not zero, and not negligible beside the position gain."""
+    if name not in law.gains:
+        return False
+    value = abs(law.gains[name].value)
+    return value > law.gains[name].reach and value > _NEGLIGIBLE * law.gain("position")
+
+
+def _is_pid(law: AxisLaw) -> bool:
+    """Return whether a law is that of a PD or PID around the position, with all or nothing of the acceleration."""
+    fed = law.gains.get("reference_acceleration")
+    whole = fed is None or any(_near(fed.value, fed.reach, each) for each in (0.0, 1.0))
+    return whole and not any(
+        _differs_from_zero(law, name) for name in ("displacement", "double_integral", "error_limit")
+    )
+
+
+def _of_axes(laws: tuple[AxisLaw, AxisLaw, AxisLaw], value: Callable[[AxisLaw], float]) -> list[float]:
+    return [float(f"{value(law):.{_DIGITS}g}") for law in laws]
+
+
+def _pid(laws: tuple[AxisLaw, AxisLaw, AxisLaw], share: float) -> dict[str, Any]:
+    """Return the fields of a PD or PID."""
+    integral = any(_differs_from_zero(law, "integral") for law in laws)
+    fed = [law.gain("reference_acceleration") for law in laws if "reference_acceleration" in law.gains]
+    found: dict[str, Any] = {
+        "kind": "pid" if integral else "pd",
+        "k_p": _of_axes(laws, lambda law: law.gain("position")),
+        "k_d": _of_axes(laws, lambda law: law.gain("velocity")),
+        "derivative": "tracking_error" if share else "measurement",
+        "feed_forward": "acceleration" if fed and max(fed) > 0.5 else "none",
+    }
+    if integral:
+        found["k_i"] = _of_axes(laws, lambda law: max(0.0, law.gain("integral")))
+    return found
+
+
+def _pid_cascade(laws: tuple[AxisLaw, AxisLaw, AxisLaw], share: float, form: str) -> dict[str, Any]:
+    """Return the fields of a cascade of PIDs."""
+    gains = {id(law): _cascade_gains(law, share) for law in laws}
+    position: dict[str, Any] = {"k_p": _of_axes(laws, lambda law: gains[id(law)][0])}
+    velocity: dict[str, Any] = {"k_p": _of_axes(laws, lambda law: law.gain("velocity"))}
+    for loop, place in ((position, 1), (velocity, 2)):
+        terms = _of_axes(laws, lambda law: gains[id(law)][place])  # noqa: B023
+        if any(terms):
+            loop["k_i"] = terms
+    if any("error_limit" in law.gains for law in laws):
+        position["limit"] = _of_axes(
+            laws,
+            lambda law: gains[id(law)][0] * law.gain("error_limit") if "error_limit" in law.gains else _NO_LIMIT,
+        )
+    command: dict[str, Any] = {"kind": "tilt"}
+    if form != "tilt":
+        fed = [law.gain("reference_acceleration") for law in laws if "reference_acceleration" in law.gains]
+        mean = sum(fed) / len(fed) if fed else 0.0
+        command = {"kind": "acceleration", "feed_forward": float(f"{max(0.0, mean):.{_DIGITS}g}")}
+    return {
+        "kind": "pid_cascade",
+        "position": position,
+        "velocity": velocity,
+        "velocity_feed_forward": float(f"{max(0.0, share):.{_DIGITS}g}"),
+        "command": command,
+    }
+
+
+def _cascade_gains(law: AxisLaw, share: float) -> tuple[float, float, float]:
+    """Return the position gain, the integral gain of the position loop, and that of the velocity loop.
+
+    Raises:
+        InputError: if no cascade has this law.
+    """
+    velocity, together = law.gain("velocity"), law.gain("position")
+    integral = law.gain("integral") if _differs_from_zero(law, "integral") else 0.0
+    if share == 1.0:
+        # k K² - k_p K + k_i = 0: the larger root is the position gain, the smaller one the integral gain over k.
+        discriminant = together**2 - 4.0 * velocity * integral
+        if discriminant < 0.0:
+            raise InputError(
+                f"no cascade of position and velocity has the law on {' and '.join(law.axes)}: its integral gain,"
+                f" {integral:.3g}, is larger than {together**2 / (4.0 * velocity):.3g}"
+            )
+        position = (together + math.sqrt(discriminant)) / (2.0 * velocity)
+        return position, 0.0, max(0.0, integral / position)
+    of_velocity = law.gain("displacement") / (1.0 - share) if _differs_from_zero(law, "displacement") else 0.0
+    of_velocity = max(0.0, of_velocity)
+    position = (together - share * of_velocity) / velocity
+    of_position = 0.0
+    if _differs_from_zero(law, "double_integral"):
+        of_position = max(0.0, (integral - of_velocity * position) / velocity)
+    return position, of_position, of_velocity

@@ -1,0 +1,244 @@
+"""Identification of the position law that flew a log: gains, integral, feed-forward, filter, limit and delay.
+
+On each axis the output of the law at time t, sampled by the logged commands, is
+
+    u(t) = k_p e + k_v (-v_f) + k_r v_r + k_a a_r + k_i ∫e - k_x p + b,      all at t - delay
+
+with the position error e = p_r - p, which may be limited, the measured velocity v_f behind a lag of first order, the
+reference's velocity v_r and acceleration a_r, and a constant b for each stretch of flight. PD and PID are this law with
+k_r = k_v or 0 and k_x = 0. A cascade P(position) → PI(velocity) with gains K, k, k_i' and the share f of v_r has
+
+    k_p = k K + f k_i',  k_v = k,  k_r = f k,  k_i = k_i' K,  k_x = (1 - f) k_i'
+
+If its position loop has an integral, too, with gain K_i, then k_i = k_i' K + k K_i, and the law also has the integral
+of the integral with the gain k_i' K_i. Filter, limit and this term are part of the law only if a likelihood ratio test
+prefers them (`drake_quad.identification.position_law.regression`). The intervals are those of the jackknife over blocks
+(`drake_quad.identification.evidence`), to which the bias is added that errors of the logged measurements can cause.
+
+The logged signals should be those that the controller used. If they differ by an error, the gains are too small: with
+one regressor by the share 1 - R² of the variance that is not explained (W. A. Fuller, "Measurement Error Models", 1987,
+section 1.1). Axes with 1 - R² above 5 % are therefore not identified.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drake_quad.errors import InputError
+from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.position_law.commands import FORMS, Form
+from drake_quad.identification.position_law.pieces import Piece, prepared_pieces
+from drake_quad.identification.position_law.regression import (
+    ESSENTIAL,
+    OF_REFERENCE,
+    TYPICAL_DELAY,
+    Fit,
+    chosen,
+    excited_terms,
+    limited,
+    searched,
+    uncertainty,
+)
+from drake_quad.identification.result import Spread
+from drake_quad.identification.results.estimates import quantile
+from drake_quad.scenario.models import Scenario
+
+_MIN_EXPLAINED = 0.95
+_MIN_SHARE = 1e-12  # of variance, below which rounding decides
+# A parameter is identified if its 95 % interval reaches no farther than this share of its typical size.
+_MAX_REACH = 0.5
+_TYPICAL_INTEGRAL_TIME = 1.0  # s, k_p / k_i of a usual PID
+_FORM_SAMPLES = 600  # enough to tell the forms apart
+_AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class AxisLaw:
+    """Law of one axis, or of X and Y if they are alike.
+
+    Attributes:
+        axes: axes that have this law.
+        gains: estimate of each identified parameter by name: position, velocity, reference_velocity,
+            reference_acceleration, integral, displacement (k_x), double_integral, delay, filter_time and error_limit.
+        explained: R², share of the variance of the command that the law explains.
+        not_identified: reason for each parameter that the log does not identify.
+        at_error_limit: share of the samples with a position error beyond its limit.
+    """
+
+    axes: tuple[str, ...]
+    gains: Mapping[str, Spread]
+    explained: float
+    not_identified: Mapping[str, str] = field(default_factory=dict)
+    at_error_limit: float = 0.0
+
+    def gain(self, name: str) -> float:
+        """Return the estimate of a parameter, 0 if it is not identified."""
+        return self.gains[name].value if name in self.gains else 0.0
+
+
+@dataclass(frozen=True)
+class PositionLaw:
+    """Position law that flew a log.
+
+    Attributes:
+        axes: laws of the axes that are identified.
+        form: relation between the output of the law and the commands of attitude and thrust.
+        at_limits: share of the samples that are left out, since a command is at a limit.
+        not_identified: reason for each axis that the log does not identify.
+        remarks: sentences on the fit.
+    """
+
+    axes: tuple[AxisLaw, ...]
+    form: Form
+    at_limits: float
+    not_identified: Mapping[str, str] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
+
+
+def identify_position_law(records: Sequence[FlightRecord], scenario: Scenario) -> PositionLaw:
+    """Identify the position law of the controller that flew some logs.
+
+    Args:
+        records: records of flights under the same controller, with position, reference_position, attitude_command (or
+            attitude, whose lag is then part of the delay), and thrust_command or thrust_share.
+        scenario: scenario with the `nominal` vehicle that the controller believed, for mass and gravity.
+
+    Raises:
+        InputError: a log lacks a signal, the reference stays where it is, or no axis is identified.
+    """
+    if not records:
+        raise InputError("there is no log to identify a position law from")
+    remarks: list[str] = []
+    prepared = [prepared_pieces(record, scenario, remarks) for record in records]
+    candidates = {form: [piece for found in prepared for piece in found[0][form]] for form in FORMS}
+    form = min(FORMS, key=lambda each: _unexplained(candidates[each]))
+    pieces = candidates[form]
+    laws, refused = [], {}
+    fits = {axis: chosen(pieces, (axis,)) for axis in range(3)}
+    for axis, fit in fits.items():
+        if not fit.explained >= _MIN_EXPLAINED:
+            refused[_AXES[axis]] = _too_little(fit.explained)
+    alike = not {"x", "y"} & refused.keys() and _alike(pieces, fits)
+    groups = [(0, 1), (2,)] if alike else [(0,), (1,), (2,)]
+    for group in groups:
+        if not {_AXES[axis] for axis in group} & refused.keys():
+            law = _axis_law(pieces, group, form, fits[group[0]] if len(group) == 1 else chosen(pieces, group))
+            weak = [name for name in ESSENTIAL if name in law.not_identified]
+            if weak:
+                names = " and ".join(law.axes)
+                refused[names] = "; ".join(f"{name}: {law.not_identified[name]}" for name in weak)
+            else:
+                laws.append(law)
+    if not laws:
+        reasons = "; ".join(f"{axis}: {reason}" for axis, reason in refused.items())
+        raise InputError(f"cannot identify the position law: {reasons}")
+    share = float(np.mean(np.concatenate([found[1] for found in prepared])))
+    return PositionLaw(tuple(laws), form, share, refused, tuple(dict.fromkeys(remarks)))
+
+
+def _too_little(explained: float) -> str:
+    share = "nothing" if not explained > 0.0 else f"{100.0 * explained:.3g} %"
+    return (
+        f"a linear law of position, velocity and reference explains {share} of the variance of the command, and"
+        f" {100.0 * _MIN_EXPLAINED:g} % are needed; are the logged position and velocity those of the controller?"
+    )
+
+
+def _unexplained(pieces: Sequence[Piece]) -> float:
+    """Return the sum of the logarithms of the shares that the law leaves on each axis, in some of the samples."""
+    step = max(1, sum(int(piece.counted.sum()) for piece in pieces) // _FORM_SAMPLES)
+    thinned = [piece._replace(counted=piece.counted & (np.arange(len(piece.time)) % step == 0)) for piece in pieces]
+    return sum(float(np.log(max(1.0 - limited(thinned, (axis,)).explained, _MIN_SHARE))) for axis in range(3))
+
+
+def _alike(pieces: Sequence[Piece], fits: Mapping[int, Fit]) -> bool:
+    """Return whether X and Y have the same law: all intervals of the differences of their gains contain zero."""
+    x, y = (_spreads(pieces, (axis,), fits[axis], "acceleration") for axis in (0, 1))
+    for name in x.keys() & y.keys():
+        difference = abs(x[name].value - y[name].value)
+        if difference > np.hypot(x[name].reach, y[name].reach):
+            return False
+    return True
+
+
+def _spreads(pieces: Sequence[Piece], axes: tuple[int, ...], fit: Fit, form: Form) -> dict[str, Spread]:
+    """Return the estimates of all parameters of a law."""
+    values = dict(zip(fit.terms, fit.gains.tolist(), strict=True)) | {
+        name: getattr(fit.shape, name) for name in fit.free
+    }
+    units = _units("rad" if form == "tilt" and 2 not in axes else "m/s²")
+    reaches, freedoms = uncertainty(pieces, axes, fit)
+    return {
+        name: Spread(values[name], float(reach / quantile(freedom)), units[name], float(freedom))
+        for name, reach, freedom in zip(values, reaches, freedoms, strict=True)
+    }
+
+
+def _units(output: str) -> dict[str, str]:
+    names = {
+        "rad": ("rad/m", "rad s/m", "rad s²/m", "rad/(m s)", "rad/(m s²)"),
+        "m/s²": ("1/s²", "1/s", "1", "1/s³", "1/s⁴"),
+    }
+    position, velocity, acceleration, integral, twice = names[output]
+    return {
+        "position": position,
+        "velocity": velocity,
+        "reference_velocity": velocity,
+        "reference_acceleration": acceleration,
+        "integral": integral,
+        "displacement": position,
+        "double_integral": twice,
+        "delay": "s",
+        "filter_time": "s",
+        "error_limit": "m",
+    }
+
+
+def _axis_law(pieces: Sequence[Piece], axes: tuple[int, ...], form: Form, fit: Fit) -> AxisLaw:
+    """Return the law of some axes, without the parameters that the log does not identify."""
+    spreads = _spreads(pieces, axes, fit, form)
+    weak = _weak(spreads)
+    dropped = [name for name in weak if name in fit.terms and name not in ESSENTIAL]
+    if dropped:
+        kept = tuple(name for name in fit.terms if name not in dropped)
+        again = searched(pieces, axes, kept, [fit.shape], fit.free)
+        # The uncertainty of a gain that is held at zero widens the intervals of the others.
+        spreads = {
+            name: spread._replace(deviation=max(spread.deviation, spreads[name].deviation))
+            for name, spread in _spreads(pieces, axes, again, form).items()
+        }
+        fit = again
+    if OF_REFERENCE[0] not in excited_terms(pieces, axes):
+        weak |= dict.fromkeys(OF_REFERENCE, "the reference does not move along this axis")
+    errors = np.abs(np.concatenate([piece.error[piece.counted][:, axes] for piece in pieces]))
+    return AxisLaw(
+        tuple(_AXES[axis] for axis in axes),
+        {name: spread for name, spread in spreads.items() if name not in weak},
+        fit.explained,
+        weak,
+        float(np.mean(errors > fit.shape.error_limit)),
+    )
+
+
+def _weak(spreads: Mapping[str, Spread]) -> dict[str, str]:
+    """Return the parameters whose interval is wide beside their typical size, with the reason."""
+    position, velocity = (abs(spreads[name].value) for name in ESSENTIAL)
+    acceleration = 1.0 / 9.81 if spreads["position"].unit == "rad/m" else 1.0
+    typical = {
+        "position": position,
+        "velocity": velocity,
+        "reference_velocity": velocity,
+        "reference_acceleration": acceleration,
+        "integral": position / _TYPICAL_INTEGRAL_TIME,
+        "displacement": position,
+        "double_integral": position / _TYPICAL_INTEGRAL_TIME**2,
+        "delay": TYPICAL_DELAY,
+        "filter_time": TYPICAL_DELAY,
+        "error_limit": np.inf,
+    }
+    return {
+        name: f"its 95 % interval reaches {spread.reach:.2g} {spread.unit} to each side"
+        for name, spread in spreads.items()
+        if spread.reach > _MAX_REACH * typical[name]
+    }

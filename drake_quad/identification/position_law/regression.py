@@ -1,0 +1,241 @@
+"""Regression of a position law: linear least squares in the gains, and a search over delay, filter and limit.
+
+The equations are those of `drake_quad.identification.position_law.law`. For given delay, filter and limit the gains
+are linear least squares; these three minimise what that leaves (separable least squares: G. H. Golub and V. Pereyra,
+Inverse Problems 19, R1, 2003). Each stretch of flight has a constant and a slope of its own, since an integral begins
+at an unknown value, and a constant error of the logged position makes it a ramp.
+"""
+
+from collections.abc import Sequence
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+
+from drake_quad.identification.evidence import inverted, jackknife, sums_over_blocks
+from drake_quad.identification.position_law.pieces import MIN_REFERENCE_SPEED, Piece, block_numbers
+from drake_quad.identification.prepared_logs import MAX_DELAY
+from drake_quad.identification.results.estimates import quantile
+
+ESSENTIAL = ("position", "velocity")
+"""Terms without which there is no position law."""
+OF_REFERENCE = ("reference_velocity", "reference_acceleration", "displacement")
+"""Terms that need a reference that moves."""
+TYPICAL_DELAY = 0.05  # s
+
+# Critical value of χ² with one degree of freedom at 99.9 %: more than a dozen comparisons are made for a log.
+_LIKELIHOOD_RATIO = 10.83
+# Largest share of the unexplained variance that a richer law may leave; a smaller gain does not matter in a simulation.
+_MAX_LEFT = 0.8
+_FILTERS = (0.01, 0.03, 0.1)  # s, time constants where the search begins
+_MAX_FILTER = 0.5  # s
+_LIMIT_QUANTILES = (0.6, 0.75, 0.9)  # of |e|, where the search for its limit begins
+
+
+class Shape(NamedTuple):
+    """Parameters in which the law is not linear.
+
+    Attributes:
+        delay: delay from a logged measurement to the logged command, s.
+        filter_time: time constant of the filter of the velocity, s; 0 without one.
+        error_limit: largest position error, m.
+    """
+
+    delay: float = 0.0
+    filter_time: float = 0.0
+    error_limit: float = np.inf
+
+
+class Fit(NamedTuple):
+    """Law of some axes with the least squares.
+
+    Attributes:
+        terms: names of the linear terms.
+        gains: (k,) their gains.
+        shape: other parameters.
+        free: names of the other parameters that are fitted.
+        left: (n,) command that is not explained.
+        explained: R².
+    """
+
+    terms: tuple[str, ...]
+    gains: np.ndarray
+    shape: Shape
+    free: tuple[str, ...]
+    left: np.ndarray
+    explained: float
+
+
+def chosen(pieces: Sequence[Piece], axes: tuple[int, ...]) -> Fit:
+    """Return the law of some axes with those of limit, filter and displacement that explain more."""
+    fit = limited(pieces, axes)
+    filters = [fit.shape._replace(delay=max(0.0, fit.shape.delay - each), filter_time=each) for each in _FILTERS]
+    fit = _better(pieces, axes, fit, searched(pieces, axes, fit.terms, filters, (*fit.free, "filter_time")))
+    return _better(pieces, axes, fit, searched(pieces, axes, (*fit.terms, "double_integral"), [fit.shape], fit.free))
+
+
+def limited(pieces: Sequence[Piece], axes: tuple[int, ...]) -> Fit:
+    """Return the law of some axes without filter, with a limit of the error if it explains more."""
+    fit = _simplest(pieces, axes)
+    errors = np.abs(np.concatenate([piece.error[piece.counted][:, axes] for piece in pieces]))
+    limits = [fit.shape._replace(error_limit=float(each)) for each in np.quantile(errors, _LIMIT_QUANTILES)]
+    with_limit = searched(pieces, axes, fit.terms, limits, (*fit.free, "error_limit"))
+    return _better(pieces, axes, fit, with_limit)
+
+
+def _simplest(pieces: Sequence[Piece], axes: tuple[int, ...]) -> Fit:
+    """Return the law without filter, limit and displacement."""
+    starts = [Shape(delay) for delay in np.linspace(0.0, MAX_DELAY, 11)]
+    return searched(pieces, axes, excited_terms(pieces, axes), starts, ("delay",))
+
+
+def excited_terms(pieces: Sequence[Piece], axes: tuple[int, ...]) -> tuple[str, ...]:
+    """Return the terms that the flight excites on some axes."""
+    speeds = np.concatenate([piece.reference_velocity[piece.counted][:, axes] for piece in pieces])
+    moves = np.std(speeds) >= MIN_REFERENCE_SPEED
+    return (*ESSENTIAL, *(OF_REFERENCE if moves else ()), "integral")
+
+
+def searched(
+    pieces: Sequence[Piece],
+    axes: tuple[int, ...],
+    terms: tuple[str, ...],
+    starts: Sequence[Shape],
+    free: tuple[str, ...],
+) -> Fit:
+    """Return the law with the least squares, from the best of some starts by the method of Nelder and Mead."""
+    period = float(np.median(np.diff(pieces[0].time)))
+    bounds = {"delay": (-period, MAX_DELAY), "filter_time": (1e-3, _MAX_FILTER), "error_limit": (1e-3, np.inf)}
+    steps = {"delay": period, "filter_time": period, "error_limit": 0.02}
+
+    def at(values: np.ndarray) -> Fit:
+        limited = {name: float(np.clip(value, *bounds[name])) for name, value in zip(free, values, strict=True)}
+        return _solved(pieces, axes, terms, start._replace(**limited), free)
+
+    start = min(starts, key=lambda shape: np.sum(_solved(pieces, axes, terms, shape, free).left ** 2))
+    first = np.array([getattr(start, name) for name in free])
+    simplex = np.vstack([first, first + np.diag([steps[name] for name in free])])
+    found = scipy.optimize.minimize(
+        lambda values: float(np.sum(at(values).left ** 2)),
+        first,
+        method="Nelder-Mead",
+        options={"initial_simplex": simplex, "xatol": 1e-4, "fatol": np.inf, "maxiter": 60 * len(free)},
+    )
+    return at(found.x)
+
+
+def _solved(
+    pieces: Sequence[Piece], axes: tuple[int, ...], terms: tuple[str, ...], shape: Shape, free: tuple[str, ...]
+) -> Fit:
+    """Return the law with the gains of least squares for given other parameters."""
+    regressors, commands = _regression(pieces, axes, terms, shape)
+    # The normal equations cost a tenth of a decomposition of the regressors.
+    products = regressors.T @ regressors
+    gains = inverted(products, products) @ (regressors.T @ commands)
+    left = commands - regressors @ gains
+    power = float(commands @ commands)
+    return Fit(terms, gains, shape, free, left, 1.0 - float(left @ left) / power if power > 0.0 else np.nan)
+
+
+def _regression(
+    pieces: Sequence[Piece], axes: tuple[int, ...], terms: Sequence[str], shape: Shape
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the regressors (n, k) and the commands (n,), each without its mean over the piece and axis."""
+    regressors, commands = [], []
+    for axis, piece in product(axes, pieces):
+        at = piece.time[piece.counted] - shape.delay
+        columns = _columns(piece, axis, terms, shape)
+        delayed = np.column_stack([np.interp(at, piece.time, column) for column in columns.T])
+        command = piece.command[piece.counted, axis]
+        time = at - at.mean()
+        both = np.column_stack([delayed, command])
+        both -= both.mean(axis=0) + np.outer(time, time @ both / (time @ time))
+        regressors.append(both[:, :-1])
+        commands.append(both[:, -1])
+    return np.concatenate(regressors), np.concatenate(commands)
+
+
+def _columns(piece: Piece, axis: int, terms: Sequence[str], shape: Shape) -> np.ndarray:
+    """Return the regressors (m, k) of a piece on an axis, without the delay."""
+    error = np.clip(piece.error[:, axis], -shape.error_limit, shape.error_limit)
+    velocity = piece.velocity[:, axis]
+    if shape.filter_time > 0.0:
+        keep = float(np.exp(-np.median(np.diff(piece.time)) / shape.filter_time))
+        # Exact for a velocity that is a straight line from sample to sample, up to third order in the period.
+        share = 0.5 * (1.0 - keep)
+        velocity, _ = scipy.signal.lfilter([share, share], [1.0, -keep], velocity, zi=[(1.0 - share) * velocity[0]])
+    once = scipy.integrate.cumulative_trapezoid(error, piece.time, initial=0.0)
+    twice = scipy.integrate.cumulative_trapezoid(once, piece.time, initial=0.0)
+    columns = {
+        "position": error,
+        "velocity": -velocity,
+        "reference_velocity": piece.reference_velocity[:, axis],
+        "reference_acceleration": piece.reference_acceleration[:, axis],
+        "integral": once,
+        "displacement": -piece.position[:, axis],
+        "double_integral": twice,
+    }
+    return np.column_stack([columns[name] for name in terms])
+
+
+def _better(pieces: Sequence[Piece], axes: tuple[int, ...], simple: Fit, rich: Fit) -> Fit:
+    """Return the richer of two laws if its last parameter is significant, and otherwise the simpler one.
+
+    A likelihood ratio test, given the correlation of what is left, must prefer the richer law. What is left must fall
+    by a fifth, and the interval of the parameter must not contain zero.
+    """
+    ratio = np.sum(simple.left**2) / max(float(np.sum(rich.left**2)), np.finfo(float).tiny)
+    if ratio < 1.0 / _MAX_LEFT or _independent_samples(rich.left) * np.log(ratio) <= _LIKELIHOOD_RATIO:
+        return simple
+    linear = len(rich.terms) > len(simple.terms)
+    value = rich.gains[-1] if linear else getattr(rich.shape, rich.free[-1])
+    reaches, _ = uncertainty(pieces, axes, rich)
+    return rich if abs(value) > reaches[len(rich.terms) - 1 if linear else -1] else simple
+
+
+def _independent_samples(left: np.ndarray) -> float:
+    """Return the number of independent samples that tell as much as (n,) correlated ones.
+
+    It is n over 1 + 2 Σ ρ_k, with the autocorrelations ρ_k up to the first that is negative (C. J. Geyer, Statistical
+    Science 7, 1992, section 3.3).
+    """
+    size = scipy.fft.next_fast_len(2 * len(left))
+    spectrum = np.abs(np.fft.rfft(left, size)) ** 2
+    correlation = np.fft.irfft(spectrum, size)[: len(left) // 2]
+    correlation /= correlation[0] if correlation[0] > 0.0 else 1.0
+    negative = np.flatnonzero(correlation < 0.0)
+    kept = correlation[1 : negative[0] if len(negative) else None]
+    return float(len(left) / (1.0 + 2.0 * kept.sum()))
+
+
+def uncertainty(pieces: Sequence[Piece], axes: tuple[int, ...], fit: Fit) -> tuple[np.ndarray, np.ndarray]:
+    """Return the half-widths of the 95 % intervals of all parameters and their degrees of freedom.
+
+    The half-width is that of the jackknife, plus the largest bias that errors of the logged position or of the logged
+    velocity can cause, which is n σ² M_ij / θ_j with the variance σ² of what is not explained and M = (Jᵀ J)⁻¹.
+    The rule by which the controller integrates is not known either, which is worth half a period times the integral
+    gain.
+    """
+    regressors, _ = _regression(pieces, axes, fit.terms, fit.shape)
+    slopes = [regressors]
+    for name in fit.free:
+        step = 1e-3 * max(abs(getattr(fit.shape, name)), TYPICAL_DELAY)
+        low, high = (
+            _regression(pieces, axes, fit.terms, fit.shape._replace(**{name: getattr(fit.shape, name) + change}))[0]
+            for change in (-step, step)
+        )
+        slopes.append(((high - low) @ fit.gains / (2.0 * step))[:, None])
+    derivatives = np.hstack(slopes)
+    variance = float(np.mean(fit.left**2))
+    blocks = np.tile(block_numbers(pieces), len(axes))
+    information = sums_over_blocks(derivatives[:, :, None] * derivatives[:, None, :] / variance, blocks)
+    scores = sums_over_blocks(derivatives * fit.left[:, None] / variance, blocks)
+    covariance, freedom, model = jackknife(information, scores)
+    measured = [fit.terms.index(name) for name in ESSENTIAL]
+    bias = len(fit.left) * np.abs(model[:, measured] / fit.gains[measured]).max(axis=1)
+    half = 0.5 * float(np.median(np.diff(pieces[0].time)))
+    for name, integral in (("position", "integral"), ("velocity", "displacement")):
+        if integral in fit.terms:
+            bias[fit.terms.index(name)] += half * abs(fit.gains[fit.terms.index(integral)])
+    return quantile(freedom) * np.sqrt(np.diag(covariance)) + bias, freedom

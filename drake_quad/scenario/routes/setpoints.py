@@ -1,0 +1,63 @@
+"""Setpoints that are held."""
+
+import itertools
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from drake_quad.reference.plan import Plan
+from drake_quad.reference.polynomial_path import PolynomialPath
+from drake_quad.scenario.distributions import Real
+from drake_quad.scenario.limits import SHORTEST
+from drake_quad.scenario.quantities import TWO_TURNS, PlainMoment, PlainSpan, radians_demand
+from drake_quad.scenario.routes.route import ROUTES, KnownEnd, MissionRoute, Planned
+from drake_quad.space.space import Space
+
+Setpoint = Annotated[tuple[PlainMoment, Real, Real, Real, Real], Field(strict=False)]
+
+
+@ROUTES.member
+class SetpointsRoute(MissionRoute):
+    """Setpoints of position and yaw, each held until the next one, as a computer sends them to an autopilot.
+
+    The reference jumps from one setpoint to the next. Its velocity and all further derivatives are zero, so that
+    nothing is fed forward.
+    """
+
+    kind: Literal["setpoints"]
+    setpoints: Annotated[tuple[Setpoint, ...], Field(strict=False, min_length=1)] = Field(
+        description="of each the time in s, x, y, z in W in m and the yaw in rad, at increasing times, from 0 on"
+    )
+    last_hold: PlainSpan = Field(default=1.0, description="how long the last setpoint is held (s)")
+
+    @model_validator(mode="after")
+    def _increasing(self) -> "SetpointsRoute":
+        times = [setpoint[0] for setpoint in self.setpoints]
+        if times[0] != 0.0:
+            raise self.wrong("must be 0", "setpoints", 0, 0)
+        for i, (now, then) in enumerate(itertools.pairwise(times)):
+            if not then - now >= SHORTEST:
+                raise self.wrong(f"must be later than {now}, by {SHORTEST} s or more", "setpoints", i + 1, 0)
+        return self
+
+    @model_validator(mode="after")
+    def _in_radians(self) -> "SetpointsRoute":
+        """Raise an error if the yaw never changes and must have been given in degrees; turns are allowed."""
+        yaws = {setpoint[4] for setpoint in self.setpoints}
+        if len(yaws) == 1 and abs(yaw := yaws.pop()) > TWO_TURNS:
+            raise self.wrong(radians_demand(yaw, TWO_TURNS), "setpoints", 0, 4)
+        return self
+
+    def known_end(self) -> KnownEnd:
+        """Return the field that determines the duration, and the duration, s."""
+        return ("route", "last_hold"), self.setpoints[-1][0] + self.last_hold
+
+    def plan(self, space: Space | None) -> Planned:
+        """Return the setpoints as a plan of constant pieces."""
+        rows = np.array(self.setpoints)
+        times = np.append(rows[:, 0], rows[-1, 0] + self.last_hold)
+        coefficients = np.zeros((len(rows), 8, 4))
+        coefficients[:, 0] = rows[:, 1:]
+        path, yaw = (PolynomialPath(times, part) for part in np.split(coefficients, [3], axis=2))
+        return Planned(Plan(path, yaw))

@@ -1,0 +1,116 @@
+"""The part of a log in free flight, and flights with a take-off beside their predictions."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drake_quad import InputError, load_scenario, simulate
+from drake_quad.identification.flown_again.comparison import compare_with_log
+from drake_quad.identification.flown_again.flown_part import FlownPart, flown_part
+from drake_quad.identification.logs.record import FlightRecord
+
+TIME = 0.01 * np.arange(1000)
+# Seconds 2 to 8 in the air, above a ground at 0.3 m.
+HEIGHT = 0.3 + np.interp(TIME, [2.0, 3.0, 7.0, 8.0], [0.0, 1.0, 1.0, 0.0])
+REFERENCE = 0.3 + np.interp(TIME, [1.0, 2.0, 6.8, 7.8], [0.0, 1.0, 1.0, 0.0])
+WORKING = np.where((TIME > 1.0) & (TIME < 9.0), 0.6, 0.0)
+
+
+def record_of(height=HEIGHT, reference=REFERENCE, command=WORKING):
+    nothing = np.zeros_like(height)
+    return FlightRecord(
+        "log",
+        0.01 * np.arange(len(height)),
+        position=np.column_stack([nothing, nothing, height]),
+        reference_position=np.column_stack([nothing, nothing, reference]),
+        motor_command=None if command is None else np.tile(command[:, np.newaxis], (1, 4)),
+    )
+
+
+def test_free_flight_is_where_vehicle_and_reference_are_a_quarter_of_a_metre_above_the_ground():
+    """The vehicle climbs through 0.55 m at 2.25 s, and its reference comes down through it at 7.55 s."""
+    part = flown_part(record_of())
+    np.testing.assert_allclose([0.01 * part.first, 0.01 * part.end], [2.25, 7.55], atol=0.011)
+    # It leaves the ground at 2 s.
+    assert 0.01 * part.lift_off == pytest.approx(2.0, abs=0.011)
+
+
+@pytest.mark.parametrize("command", [None, np.full(1000, 0.6), np.zeros(1000)])
+def test_a_log_without_idle_rotors_at_its_ends_is_in_the_air(command):
+    assert flown_part(record_of(command=command)) == FlownPart(0, 1000, None)
+
+
+def test_a_log_may_begin_or_end_in_the_air():
+    whole = flown_part(record_of())
+    landing = flown_part(record_of(HEIGHT[400:], REFERENCE[400:], WORKING[400:]))
+    assert landing == FlownPart(0, whole.end - 400, None)
+    take_off = flown_part(record_of(HEIGHT[:500], REFERENCE[:500], WORKING[:500]))
+    assert take_off == FlownPart(whole.first, 500, whole.lift_off)
+
+
+@pytest.mark.parametrize("height", [np.full(1000, 0.3), 0.3 + 0.2 * (HEIGHT - 0.3)])
+def test_a_vehicle_that_never_flies_is_refused(height):
+    with pytest.raises(InputError, match="the vehicle of the log 'log' does not fly: .* never 0.25 m above the ground"):
+        flown_part(record_of(height))
+
+
+@pytest.fixture(scope="module")
+def take_off(diagrams):
+    """A scenario, and the log of its flight from the ground by setpoints, with a second on the ground before it."""
+    route = "route={kind: setpoints, setpoints: [[0, 0.2, 0.1, 0.05, 0], [0.0001, 0.2, 0.1, 0.8, 0],"
+    route += " [1.5, 0.7, 0.1, 0.8, 0], [3, 0.7, -0.2, 0.9, 0]], last_hold: 1.5}"
+    scenario = load_scenario(diagrams / "figure_eight.yaml", [route])
+    flight = simulate(scenario, compiled=True)
+    state, reference = flight.record("measurement"), flight.record("reference")
+    command = flight["rotor_speed_command"]
+    flown = FlightRecord(
+        "log",
+        flight.time,
+        position=np.column_stack([state.x, state.y, state.z]),
+        reference_position=np.column_stack([reference.x, reference.y, reference.z]),
+        rotor_speed_command=command,
+    )
+    ground = round(1.0 / flown.period)
+
+    def prefixed(values, first):
+        return np.vstack([np.tile(first, (ground, 1)), values])
+
+    lead = flown.period * np.arange(ground)
+    return scenario, FlightRecord(
+        "log",
+        np.append(lead, lead[-1] + flown.period + flown.time),
+        position=prefixed(flown.position, flown.position[0]),
+        reference_position=prefixed(flown.reference_position, [0.0, 0.0, 0.0]),
+        rotor_speed_command=prefixed(command, np.zeros(4)),
+    )
+
+
+def test_a_flight_with_a_take_off_is_predicted_from_its_lift_off(take_off):
+    """The same vehicle flies the log again. A log tells the lift-off to some samples, which only the climb shows."""
+    scenario, record = take_off
+    found = compare_with_log(record, scenario, samples=1)
+    assert 1.0 < found.time[0] < 1.6
+    assert np.abs(found.flown).max() > 0.4
+    rmse = found.predicted_figures().rmse[0]
+    np.testing.assert_allclose(rmse[:2], found.flown_figures.rmse[:2], rtol=0.01)
+    # Without the place of the vehicle as the start, the error along z would be that of its slow part alone, 2 cm.
+    np.testing.assert_allclose(rmse[2], found.flown_figures.rmse[2], rtol=0.4)
+    np.testing.assert_allclose(found.predicted[0][-100:], found.flown[-100:], atol=5e-3)
+
+
+def test_a_landing_does_not_count(take_off):
+    """After it the setpoint is elsewhere, as in logs of a Crazyflie, and rotors are off."""
+    scenario, record = take_off
+    after = 200
+    end = record.time[-1] + record.period * np.arange(1, after + 1)
+    landed = replace(
+        record,
+        time=np.append(record.time, end),
+        position=np.vstack([record.position, np.tile([0.7, -0.2, 0.05], (after, 1))]),
+        reference_position=np.vstack([record.reference_position, np.zeros((after, 3))]),
+        rotor_speed_command=np.vstack([record.rotor_speed_command, np.zeros((after, 4))]),
+    )
+    found = compare_with_log(landed, scenario, samples=1)
+    assert found.time[-1] == record.time[-1]
+    np.testing.assert_array_equal(found.flown, compare_with_log(record, scenario, samples=1).flown)

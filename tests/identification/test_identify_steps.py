@@ -1,0 +1,365 @@
+"""Steps of an identification around the fit: what is fitted to which part of the flight, and what becomes of it."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from drake_quad import InputError, load_scenario
+from drake_quad.identification import identify as module
+from drake_quad.identification.delays import delay_of, frame_age
+from drake_quad.identification.fit import PredictionFit
+from drake_quad.identification.forecast import Forecast
+from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.model import DELAY
+from drake_quad.identification.parameters import Parameter, names_of
+from drake_quad.identification.prediction_errors import Gains, Output, PredictionNoise, Predictor
+from drake_quad.identification.prepared_logs import MAX_DELAY, PreparedLogs, prepare, window_blocks
+from drake_quad.identification.results.estimates import Explained, quantile
+
+PERIOD = 0.01
+POSE = [Output(signal, column) for signal in ("position", "attitude") for column in range(3)]
+NOISES = [f"laboratory.motion_capture.{signal}_noise" for signal in ("position", "attitude")]
+NOTHING = Gains(*(np.empty(0) for _ in Gains._fields))
+
+
+def log_of(seconds, *, period=PERIOD, **signals):
+    count = round(seconds / period)
+    random = np.random.default_rng(1)
+    values = {
+        "position": random.normal(size=(count, 3)),
+        "attitude": 0.01 * random.normal(size=(count, 3)),
+        "rotor_speed_command": np.full((count, 4), 200.0),
+    }
+    return FlightRecord("log", period * np.arange(count), **{**values, **signals})
+
+
+@pytest.fixture(scope="module")
+def rotors():
+    return load_scenario("laboratory:low_wind")
+
+
+def noise_of(outputs, *, force=1e-3):
+    usual = {"position": 1e-3, "attitude": 4e-3}
+    disturbance = np.array([force, force, force, 1.0, 1.0, 1.0])
+    return PredictionNoise(np.array([usual[output.signal] for output in outputs]), disturbance, np.full(6, 0.2))
+
+
+def fitted_to(predictor: Predictor, parameters: list[Parameter], *, seed=0, noise=None, strength=1e3) -> PredictionFit:
+    """Return a fit with the prior means, whose errors depend on each parameter relative to its prior deviation."""
+    random = np.random.default_rng(seed)
+    size = len(predictor.outputs) * predictor.sizes.length
+    scales = np.array([parameter.scale for parameter in parameters])
+    slopes = strength * random.normal(size=(len(predictor.windows), size, len(parameters))) / np.sqrt(size) / scales
+    return PredictionFit(
+        np.array([parameter.start for parameter in parameters]),
+        noise_of(predictor.outputs) if noise is None else noise,
+        NOTHING,
+        slopes,
+        random.normal(size=(len(predictor.windows), size)),
+        scales**-2.0,
+    )
+
+
+def forecast_of(explained, outputs=POSE):
+    nothing = np.zeros((4, len(outputs), 2))
+    names = tuple(f"{output.signal} {output.column}" for output in outputs)
+    return Forecast(names, PERIOD * np.arange(4), nothing, nothing, np.full(len(outputs), explained))
+
+
+class Recorded:
+    """Calls of a search that finds the prior means, and of a forecast."""
+
+    def __init__(self, monkeypatch, *, noise=None):
+        self.fits, self.forecasts, self.noise = [], [], noise
+        monkeypatch.setattr(module, "fit", self.fit)
+        monkeypatch.setattr(module, "forecast", self.forecast)
+        monkeypatch.setattr(module, "slow_fit", lambda *_: None)
+        monkeypatch.setattr(module, "noise_covariance", lambda predictor, fitted: 1e-4 * np.eye(18))
+
+    def fit(self, predictor, parameters, noise, start=None):
+        found = fitted_to(predictor, parameters, noise=self.noise, seed=len(self.fits))
+        found = found._replace(values=found.values * (1.0 + 0.01 * (1 + len(self.fits))))
+        self.fits.append(SimpleNamespace(predictor=predictor, names=names_of(parameters), noise=noise, start=start))
+        self.fits[-1].found = found
+        return found
+
+    def forecast(self, predictor, values, noise):
+        self.forecasts.append((predictor, values, noise))
+        return forecast_of(0.8)
+
+
+def times_of(predictor, log, *, settle=True):
+    """Return first and last time of each window, with the time in which the filter settles before it or without."""
+    before = predictor.sizes.settle if settle else 0
+    return [(log.time[start - before], log.time[start + predictor.sizes.length]) for _, start in predictor.windows]
+
+
+def test_the_forecast_is_of_flight_that_its_fit_has_not_seen(monkeypatch, rotors):
+    """The last third of the flight is held out; the final fit uses all of it, and starts from the first one."""
+    log, calls = log_of(24.0), Recorded(monkeypatch)
+    found = module.identify([log], rotors)
+    training, final = calls.fits
+    ((forecast, values, noise),) = calls.forecasts
+    limit = 16.0 - 1e-9
+    assert max(end for _, end in times_of(training.predictor, log)) < limit
+    assert min(begin for begin, _ in times_of(forecast, log)) >= limit
+    assert max(end for _, end in times_of(final.predictor, log)) > 22.0
+    assert forecast.sizes.length == 50
+    assert training.start is None
+    np.testing.assert_array_equal(values, training.found.values)
+    assert noise is training.found.noise
+    np.testing.assert_array_equal(final.start, training.found.values)
+    assert final.noise is training.found.noise
+    assert training.names == final.names
+    # The vehicle of the first fit is kept for a comparison on flight that was held out.
+    assert found.training_vehicle.vehicle.thrust_factor == pytest.approx(1.01 * rotors.vehicle.thrust_factor)
+    assert found.vehicle.vehicle.thrust_factor == pytest.approx(1.02 * rotors.vehicle.thrust_factor)
+    assert len(found.outputs) == 6
+
+
+def test_without_held_out_flight_there_is_one_fit(monkeypatch, rotors):
+    log, calls = log_of(24.0), Recorded(monkeypatch)
+    found = module.identify([log], rotors, held_out_share=0.0)
+    (only,) = calls.fits
+    assert (calls.forecasts, found.outputs, found.training_vehicle) == ([], (), None)
+    assert only.start is None
+    assert dict(found.estimates.explained) == {}
+
+
+def test_parameters_that_a_disturbance_hides_are_held_in_another_fit(monkeypatch, rotors):
+    """The vehicle hardly moves, so its drag is smaller than any force."""
+    hidden = noise_of(POSE, force=0.3)
+    calls = Recorded(monkeypatch, noise=hidden)
+    log = log_of(24.0, position=np.zeros((2400, 3)))
+    found = module.identify([log], rotors, held_out_share=0.0)
+    first, second = calls.fits
+    assert "linear_drag" in first.names
+    assert second.names == [name for name in first.names if name != "linear_drag"]
+    kept = [first.names.index(name) for name in second.names]
+    np.testing.assert_array_equal(second.start, first.found.values[kept])
+    assert second.noise is first.found.noise
+    assert second.predictor.model.names == tuple(second.names)
+    assert "linear_drag" not in found.estimates.names
+    assert found.estimates.not_identified["linear_drag"].startswith("the disturbing force, such as wind, is")
+
+
+@pytest.mark.parametrize(("period", "latency", "start"), [(0.01, 0, 0.01), (0.05, 0, 0.025), (0.01, 12, 0.075)])
+def test_the_initial_delay_is_the_age_of_a_frame_within_limits(monkeypatch, period, latency, start):
+    """It is at least half a sample and at most half of the largest delay."""
+    overrides = [f"laboratory.motion_capture.latency_frames={latency}", "laboratory.motion_capture.period=0.01"]
+    scenario = load_scenario("laboratory:low_wind", overrides)
+    assert frame_age(scenario) == pytest.approx(0.01 * (1 + latency))
+    given = []
+
+    class StopError(Exception):
+        pass
+
+    def parameters_of(*_, delay, max_delay, **__):
+        given.extend([delay, max_delay])
+        raise StopError
+
+    monkeypatch.setattr(module, "parameters_of", parameters_of)
+    with pytest.raises(StopError):
+        module.identify([log_of(20.0, period=period)], scenario)
+    assert given == pytest.approx([start, MAX_DELAY])
+
+
+def test_a_vehicle_has_its_values_and_the_delay_in_ticks_of_its_link(rotors):
+    logs, _ = prepare([log_of(5.0)], rotors)
+    for delay, expected in ((frame_age(rotors) + 0.013, frame_age(rotors) + 0.013), (0.0, frame_age(rotors))):
+        found = module._vehicle(logs, rotors, {"thrust_factor": 5e-5, DELAY: delay})
+        assert found.vehicle.thrust_factor == 5e-5
+        assert delay_of(found) == pytest.approx(expected)
+    kept = module._vehicle(logs, rotors, {"thrust_factor": 5e-5})
+    assert delay_of(kept) == delay_of(rotors)
+    assert kept.vehicle.motors == rotors.vehicle.motors
+    throttles = log_of(
+        5.0, rotor_speed_command=None, motor_command=np.full((500, 4), 0.5), battery_voltage=np.full(500, 11.4)
+    )
+    logs, scenario = prepare([throttles], rotors)
+    assert module._vehicle(logs, scenario, {"motors.curve[1]": 2.0}).vehicle.motors.voltage == pytest.approx(11.4)
+
+
+def result_of(rotors, monkeypatch, *, change=lambda fitted, names: fitted, shown=None, held=None, slow=None):
+    """Return the result of a fit, with the fit and its predictor."""
+    monkeypatch.setattr(module, "noise_covariance", lambda predictor, fitted: np.diag(np.linspace(1e-4, 2e-4, 18)))
+    logs, scenario = prepare([log_of(30.0)], rotors)
+    parameters = module.parameters_of(logs.scenario, logs.signals, own_throttles=False, delay=0.02, max_delay=MAX_DELAY)
+    names = names_of(parameters)
+    predictor = logs.predictor(names, logs.flying)
+    fitted = change(fitted_to(predictor, parameters), names)
+    found = module._result(logs, scenario, predictor, parameters, fitted, shown, held or {}, slow)
+    return found, fitted, predictor, parameters
+
+
+def test_estimates_have_the_uncertainty_of_the_fit_and_the_delay_is_apart(monkeypatch, rotors):
+    found, fitted, predictor, parameters = result_of(rotors, monkeypatch)
+    names, estimates = names_of(parameters), found.estimates
+    own = [i for i, name in enumerate(names) if name != DELAY]
+    assert estimates.names == (*(names[i] for i in own), *NOISES)
+    np.testing.assert_array_equal(estimates.values[: len(own)], fitted.values[own])
+    np.testing.assert_array_equal(estimates.values[len(own) :], [1e-3, 4e-3])
+    expected = fitted.uncertainty(window_blocks(predictor))
+    number = len(own)
+    np.testing.assert_allclose(estimates.covariance[:number, :number], expected.covariance[np.ix_(own, own)])
+    np.testing.assert_allclose(estimates.degrees_of_freedom[:number], expected.degrees_of_freedom[own])
+    # A noise is known relative to its size, and from many measurements.
+    variances = np.linspace(1e-4, 2e-4, 18)[[0, 3]] * np.square([1e-3, 4e-3])
+    np.testing.assert_allclose(estimates.covariance[number:, number:], np.diag(variances))
+    np.testing.assert_array_equal(estimates.covariance[number:, :number], 0.0)
+    np.testing.assert_array_equal(estimates.degrees_of_freedom[number:], fitted.errors.size)
+    place = names.index(DELAY)
+    assert found.delay.value == fitted.values[place]
+    assert found.delay.deviation == pytest.approx(np.sqrt(expected.covariance[place, place]))
+    assert found.delay.degrees_of_freedom == expected.degrees_of_freedom[place]
+    assert found.delay.reach == pytest.approx(
+        quantile(expected.degrees_of_freedom[place]) * np.sqrt(expected.covariance[place, place])
+    )
+    # Thirty seconds are 23 windows of 1.25 s, of which a tenth at a time is held out.
+    assert found.remarks[0] == "23 windows of 1.2 s in the air were fitted"
+    assert set(found.held_out) == {*names}
+    assert estimates.variation.covariance.shape == (number + 2, number + 2)
+    assert np.isnan(np.diag(estimates.variation.covariance)[number:]).all()
+    assert estimates.sources_of(0)[0].method == "prediction errors of attitude and position"
+    assert estimates.sources_of(0)[0].log == "log"
+    assert found.vehicle.vehicle.inertia[1] == pytest.approx(rotors.vehicle.inertia[1])
+    assert delay_of(found.vehicle) == pytest.approx(max(0.02, frame_age(rotors)))
+
+
+@pytest.mark.parametrize("weak", ["inertia[2]", DELAY])
+def test_a_parameter_without_influence_is_not_identified(monkeypatch, rotors, weak):
+    """It keeps a place among the estimates; a delay is remarked, and does not change the link."""
+
+    def without(fitted, names):
+        slopes = fitted.slopes.copy()
+        slopes[:, :, names.index(weak)] = 0.0
+        values = fitted.values.copy()
+        values[names.index(DELAY)] = 0.1
+        return fitted._replace(slopes=slopes, values=values)
+
+    found, *_ = result_of(rotors, monkeypatch, change=without)
+    assert weak not in found.held_out
+    if weak == DELAY:
+        assert found.delay is None
+        assert any(remark.startswith("the delay is not identified: its 95 % interval is") for remark in found.remarks)
+        assert DELAY not in found.estimates.not_identified
+        assert delay_of(found.vehicle) == delay_of(rotors)
+    else:
+        assert found.estimates.not_identified[weak].startswith("its 95 % interval is")
+        assert weak in found.estimates.names
+        assert delay_of(found.vehicle) == pytest.approx(0.1)
+
+
+def test_logs_that_determine_nothing_but_a_delay_are_refused(monkeypatch, rotors):
+    def only(kept):
+        def change(fitted, names):
+            slopes = np.zeros_like(fitted.slopes)
+            for name in kept:
+                slopes[:, :, names.index(name)] = fitted.slopes[:, :, names.index(name)]
+            return fitted._replace(slopes=slopes)
+
+        return change
+
+    for kept in ((), (DELAY,)):
+        with pytest.raises(InputError, match="^cannot identify the vehicle: the logs determine none of its parameters"):
+            result_of(rotors, monkeypatch, change=only(kept))
+    found, *_ = result_of(rotors, monkeypatch, change=only(("thrust_factor",)))
+    assert set(found.estimates.identified) == {"thrust_factor", *NOISES}
+
+
+def test_reasons_of_all_steps_are_kept(monkeypatch, rotors):
+    def quiet(fitted, names):
+        measured = fitted.noise.measured.copy()
+        measured[:3] = 1.5e-5
+        return fitted._replace(noise=fitted.noise._replace(measured=measured))
+
+    found, *_ = result_of(rotors, monkeypatch, change=quiet, held={"linear_drag": "wind"}, shown=forecast_of(0.7))
+    reasons = found.estimates.not_identified
+    assert reasons["linear_drag"] == "wind"
+    assert reasons[NOISES[0]] == "it is below 2e-05 in SI units"
+    assert reasons["mass"].startswith("motion determines forces only relative to the mass")
+    assert NOISES[0] not in found.estimates.names
+    assert found.estimates.value(NOISES[1]) == 4e-3
+    assert found.estimates.explained["thrust_factor"].share == 0.7
+    assert len(found.outputs) == 6
+
+
+def test_estimates_that_depend_on_the_bandwidth_have_wider_intervals(monkeypatch, rotors):
+    plain, fitted, _, parameters = result_of(rotors, monkeypatch)
+    place = names_of(parameters).index("inertia[0]")
+    deviations = np.sqrt(np.diag(plain.estimates.covariance))
+    values = fitted.values.copy()
+    values[place] += 20.0 * deviations[place]
+    slow = module.SlowFit(values, np.full(len(values), 1e-12), 0.03)
+    monkeypatch.setattr(module, "lack_commands", lambda records: True)
+    found, *_ = result_of(rotors, monkeypatch, slow=slow)
+    wider = np.sqrt(np.diag(found.estimates.covariance)) / deviations
+    assert wider[place] > 15.0
+    np.testing.assert_allclose(np.delete(wider, place), 1.0, rtol=1e-6)
+    assert any(remark.startswith("inertia[0] depends on the bandwidth of the log") for remark in found.remarks)
+
+
+def test_the_explained_share_of_a_parameter_is_that_of_the_output_that_shows_it():
+    """The output with the largest sum of squared derivatives, over all windows."""
+    outputs = [Output("position", 0), Output("position", 2), Output("attitude", 1)]
+    parameters = [Parameter(name, 1.0, 1.0) for name in ("mass", DELAY, "inertia[1]", "linear_drag")]
+    slopes = np.full((3, 5, 3, 4), 0.1)
+    slopes[:, :, 1, 0] = -2.0
+    slopes[1, :, 2, 2] = 7.0
+    slopes[:, :, 0, 2] = 3.0
+    slopes[:, :, 0, 3] = 1.0
+    fitted = SimpleNamespace(slopes=slopes.reshape(3, 15, 4))
+    shown = Forecast(("x", "z", "pitch"), np.zeros(1), np.zeros(1), np.zeros(1), np.array([np.nan, 0.5, 0.9]))
+    found = module._explained(parameters, fitted, SimpleNamespace(outputs=outputs), shown)
+    # An output that does not vary explains nothing, and a delay is no parameter of the vehicle.
+    assert found == {"mass": Explained(0.5, "z"), "inertia[1]": Explained(0.9, "pitch")}
+
+
+def test_remarks_name_what_a_log_does_not_distinguish():
+    predictor = SimpleNamespace(windows=range(8), duration=10.0)
+    names = ["rotor_time_constant", "rotor_time_constant_down", "rotor_aerodynamics.climb"]
+    fitted = SimpleNamespace(values=np.array([0.04, 0.06, 0.1]))
+    windows, lag, climb = module._remarks(predictor, fitted, names)
+    assert windows == "8 windows of 1.2 s in the air were fitted"
+    assert lag == "small motions lag by the mean of the two time constants, 50 ms"
+    assert climb.startswith("climb includes the linear drag along z of the body")
+    assert module._remarks(predictor, fitted, names[:1]) == (windows,)
+
+
+def test_no_noise_is_estimated_of_logs_without_poses(rotors):
+    outputs = [Output("body_rates", column) for column in range(3)]
+    noise = PredictionNoise(np.full(3, 0.02), np.ones(6), np.ones(6))
+    names, values, covariance, weak = module._noise_estimates(
+        SimpleNamespace(outputs=outputs), SimpleNamespace(noise=noise)
+    )
+    assert (names, len(values), covariance.shape, weak) == ([], 0, (0, 0), {})
+
+
+def test_undetermined_parameters_have_a_reason():
+    rotors = load_scenario("laboratory:low_wind", ["vehicle.quadratic_drag=0.01"])
+    assert set(module.undetermined(rotors, ["inertia[2]", "linear_drag"])) == {"mass", "drag_factor", "quadratic_drag"}
+    assert set(module.undetermined(rotors, [])) == {"mass"}
+    still = load_scenario("laboratory:low_wind", ["vehicle.quadratic_drag=0"])
+    assert set(module.undetermined(still, ["linear_drag"])) == {"mass"}
+    assert set(module.undetermined(load_scenario("neural_fly:still"), [])) == {"mass", "thrust_factor"}
+
+
+def test_an_inertia_that_no_body_has_is_remarked(monkeypatch, rotors):
+    impossible = rotors.vehicle.model_copy(update={"inertia": (1.0, 1.0, 3.0)})
+    found = module.Identification(None, rotors.model_copy(update={"vehicle": impossible}), (), remarks=("first",))
+    monkeypatch.setattr(module, "_identified", lambda *_: found)
+    monkeypatch.setattr(module, "synchronised", lambda records: module.Synchronised(records, False, ["clocks"]))
+    monkeypatch.setattr(module, "fast_command_remarks", lambda records: ["fast"])
+    *others, last = module.identify([log_of(1.0)], rotors).remarks
+    assert others == ["first", "clocks", "fast"]
+    assert last.startswith("the identified inertia is not that of a rigid body, because of its error: ")
+    monkeypatch.setattr(module, "_identified", lambda *_: module.Identification(None, rotors, ()))
+    assert module.identify([log_of(1.0)], rotors).remarks == ("clocks", "fast")
+
+
+def test_prepared_logs_know_their_signals():
+    logs = PreparedLogs([log_of(3.0)], load_scenario("hover"), POSE, [np.full(300, True)], False)
+    assert (logs.signals, logs.poses, logs.voltage) == ({"position", "attitude"}, True, None)
+    assert not logs._replace(outputs=[Output("body_rates", 0)]).poses
+    assert logs._replace(outputs=[Output("velocity", 0)]).poses

@@ -1,0 +1,208 @@
+"""Parameters that outputs may determine, and their priors."""
+
+import numpy as np
+import pytest
+
+from drake_quad import Scenario, load_scenario
+from drake_quad.identification.parameters import Parameter, names_of, parameters_of
+from drake_quad.identification.prediction_errors import FORCE
+from drake_quad.scenario.layouts import arm_length_of
+
+DELAY, MAX_DELAY = 0.013, 0.15
+POSE, IMU = {"position", "attitude"}, {"body_rates", FORCE}
+INERTIA = [f"inertia[{axis}]" for axis in range(3)]
+CENTRE = ["centre_of_mass[0]", "centre_of_mass[1]"]
+MARKERS = [f"laboratory.motion_capture.misalignment[{axis}]" for axis in range(2)]
+LINEAR = ["body_drag.linear[0]", "body_drag.linear[1]"]
+QUADRATIC = [f"body_drag.quadratic[{axis}]" for axis in range(3)]
+PRESSURE = ["body_drag.centre_of_pressure[2]"]
+RESPONSE = [f"autopilot.{name}[{axis}]" for name in ("natural_frequency", "damping") for axis in range(3)]
+ROTORS = ["thrust_factor", "rotor_time_constant"]
+
+
+@pytest.fixture(scope="module")
+def rotors() -> Scenario:
+    """Return a vehicle with linear drag alone."""
+    return load_scenario("laboratory:low_wind", ["vehicle.inertia=[0.0066, 0.0079, 0.0121]"])
+
+
+@pytest.fixture(scope="module")
+def full() -> Scenario:
+    """Return a vehicle with every effect that may be identified."""
+    effects = [
+        "vehicle.body_drag={linear: [0.5, 0.1, 0.2], centre_of_pressure: [0, 0, 0.01]}",
+        "vehicle.rotor_aerodynamics={climb: 0.02}",
+        "vehicle.reaction_torque=true",
+        "vehicle.rotor_time_constant_down=0.09",
+        "vehicle.linear_drag=0",
+    ]
+    return load_scenario("laboratory:low_wind", effects)
+
+
+@pytest.fixture(scope="module")
+def attitudes() -> Scenario:
+    """Return a vehicle with throttles whose attitude responds as a whole."""
+    return load_scenario("neural_fly:still", ["laboratory.autopilot.natural_frequency=[6.0, 7.0, 3.0]"])
+
+
+@pytest.fixture(scope="module")
+def throttles() -> Scenario:
+    curve = "motors={kind: throttle, curve: [0.0, 1.0, 3.4]}"
+    return load_scenario("laboratory:low_wind", [f"nominal.{curve}", f"vehicle.{curve}"])
+
+
+def found_in(scenario: Scenario, signals: set[str], *, own_throttles: bool = False) -> dict[str, Parameter]:
+    found = parameters_of(scenario, signals, own_throttles=own_throttles, delay=DELAY, max_delay=MAX_DELAY)
+    names = names_of(found)
+    assert len(names) == len({*names})
+    return dict(zip(names, found, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("signals", "expected"),
+    [
+        (POSE, [*ROTORS, *INERTIA, *CENTRE, *MARKERS, "linear_drag"]),
+        # Velocities do not show along which axes the markers measure positions.
+        ({"attitude", "velocity"}, [*ROTORS, *INERTIA, *CENTRE, "linear_drag"]),
+        ({"attitude"}, [*ROTORS, *INERTIA, *CENTRE]),
+        # An accelerometer alone determines drag and velocity only as a product.
+        (IMU, [*ROTORS, *INERTIA, *CENTRE]),
+        # Heights determine no rotation.
+        ({"position"}, [*ROTORS, "linear_drag"]),
+    ],
+)
+def test_parameters_of_rotors_are_those_that_the_outputs_show(
+    rotors: Scenario, signals: set[str], expected: list[str]
+) -> None:
+    assert {*found_in(rotors, signals)} == {*expected, "delay"}
+
+
+@pytest.mark.parametrize(
+    ("signals", "expected"),
+    [
+        (POSE, [*INERTIA, *CENTRE, "rotor_inertia", *MARKERS, *LINEAR, *PRESSURE, "rotor_aerodynamics.climb"]),
+        (
+            POSE | IMU,
+            [*INERTIA, *CENTRE, "rotor_inertia", *MARKERS, *LINEAR, *QUADRATIC, *PRESSURE, "rotor_aerodynamics.climb"],
+        ),
+        (IMU, [*INERTIA, *CENTRE, "rotor_inertia", *PRESSURE]),
+        ({"position"}, ["rotor_aerodynamics.climb"]),
+    ],
+)
+def test_parameters_of_effects_are_candidates_if_the_vehicle_has_the_effect(
+    full: Scenario, signals: set[str], expected: list[str]
+) -> None:
+    assert {*found_in(full, signals)} == {*ROTORS, "rotor_time_constant_down", *expected, "delay"}
+
+
+def test_an_attitude_response_takes_the_place_of_the_rotation_of_a_body(attitudes: Scenario) -> None:
+    """A common share of the thrust varies around hover, so it determines two numbers of the thrust curve."""
+    drag = [*LINEAR, *QUADRATIC, "rotor_aerodynamics.lift", "rotor_aerodynamics.climb"]
+    thrust = ["motors.curve[0]", "motors.curve[1]", "rotor_time_constant"]
+    assert {*found_in(attitudes, POSE)} == {*thrust, *RESPONSE, *MARKERS, *drag, "delay"}
+    heights = {"motors.curve[0]", "motors.curve[2]", "rotor_time_constant", "delay"}
+    vertical = {"rotor_aerodynamics.lift", "rotor_aerodynamics.climb"}
+    assert {*found_in(attitudes, {"position"})} == heights | vertical
+
+
+def test_only_throttles_of_each_motor_determine_a_whole_thrust_curve(throttles: Scenario) -> None:
+    def powers(signals: set[str], *, own: bool) -> str:
+        return "".join(name[-2] for name in found_in(throttles, signals, own_throttles=own) if "curve" in name)
+
+    assert powers(POSE, own=True) == powers(IMU, own=True) == "012"
+    assert powers(POSE, own=False) == "01"
+    assert powers({"position"}, own=True) == powers({"position"}, own=False) == "02"
+    assert "thrust_factor" not in found_in(throttles, POSE, own_throttles=True)
+
+
+def test_priors_are_around_the_values_of_the_scenario(full: Scenario, attitudes: Scenario) -> None:
+    found = found_in(full, POSE | IMU)
+    vehicle = full.vehicle
+    starts = {name: found[name].start for name in (*INERTIA, *LINEAR, *PRESSURE, *ROTORS)}
+    assert starts == dict(
+        zip(
+            starts,
+            [*vehicle.inertia, 0.5, 0.1, 0.01, vehicle.thrust_factor, vehicle.rotor_time_constant],
+            strict=True,
+        )
+    )
+    # An effect that the scenario lacks is zero.
+    assert all(found[name].start == 0.0 for name in QUADRATIC)
+    behind = found_in(attitudes, POSE)
+    assert [behind[name].start for name in RESPONSE] == [6.0, 7.0, 3.0, 0.48, 0.48, 0.48]
+    for delay in (found["delay"], behind["delay"]):
+        assert (delay.start, delay.lower, delay.upper) == (DELAY, -MAX_DELAY, MAX_DELAY)
+        # A delay that is a frame of a camera or a tick of a link longer is usual; one of a second is not.
+        assert 0.005 <= delay.scale <= 0.05
+
+
+def test_a_data_sheet_gives_positive_parameters_to_within_their_own_size(full: Scenario, attitudes: Scenario) -> None:
+    """They may be smaller or larger by any factor up to fifty, but have one sign."""
+    found = found_in(full, POSE | IMU) | found_in(attitudes, POSE)
+    positive = ["thrust_factor", *INERTIA, "rotor_inertia", *RESPONSE]
+    for parameter in (found[name] for name in positive):
+        assert parameter.lower == pytest.approx(0.02 * parameter.start)
+        assert parameter.upper == pytest.approx(50.0 * parameter.start)
+    for name in ("thrust_factor", *INERTIA, "rotor_inertia"):
+        assert found[name].scale == pytest.approx(found[name].start)
+    for i, name in enumerate(RESPONSE):
+        # Half of a natural frequency, and half of the critical damping.
+        assert found[name].scale == (0.5 * found[name].start if i < 3 else 0.5)
+    for name in (*LINEAR, *QUADRATIC, "rotor_aerodynamics.lift"):
+        assert (found[name].lower, found[name].upper) == (0.0, np.inf)
+    for name in (*CENTRE, *PRESSURE, *MARKERS, "rotor_aerodynamics.climb", "motors.curve[0]", "motors.curve[1]"):
+        assert (found[name].lower, found[name].upper) == (-np.inf, np.inf)
+
+
+@pytest.mark.parametrize("constant", [0.0005, 0.004, 0.06, 0.3])
+def test_a_time_constant_may_be_tens_of_milliseconds_off_whatever_its_value(constant: float) -> None:
+    """It stays above 2 ms, or above the value of the data sheet if that is shorter."""
+    own = load_scenario("laboratory:low_wind", [f"vehicle.rotor_time_constant={constant}"])
+    found = found_in(own, POSE)["rotor_time_constant"]
+    assert 0.02 <= found.scale <= 0.1
+    assert found.lower == pytest.approx(min(constant, max(0.002, 0.02 * constant)))
+    assert found.upper == pytest.approx(50.0 * constant)
+
+
+def test_priors_of_drag_grow_with_the_mass_and_those_of_places_with_the_arm(
+    full: Scenario, attitudes: Scenario, throttles: Scenario
+) -> None:
+    """Forces relative to the weight and places relative to the arm are as uncertain for small and large vehicles."""
+
+    def larger(scenario: Scenario, **update: float) -> Scenario:
+        changed = {"mass": 2.0 * scenario.vehicle.mass} | update
+        return scenario.model_copy(update={"vehicle": scenario.vehicle.model_copy(update=changed)})
+
+    twice = larger(full, arm_length=3.0 * full.vehicle.arm_length)
+    found, other = found_in(full, POSE | IMU), found_in(twice, POSE | IMU)
+    for name in (*QUADRATIC, "body_drag.linear[1]", "rotor_aerodynamics.climb"):
+        assert other[name].scale == pytest.approx(2.0 * found[name].scale), name
+    for name in (*CENTRE, *PRESSURE):
+        assert other[name].scale == pytest.approx(3.0 * found[name].scale)
+        # The centre of mass is between the rotors.
+        assert found[name].scale < 0.5 * arm_length_of(full.vehicle)
+    # A drag that is known to be large is as uncertain as it is large.
+    assert found["body_drag.linear[0]"].scale == other["body_drag.linear[0]"].scale == 0.5
+    mass, gravity = full.vehicle.mass, full.vehicle.gravity
+    # The drag that no data sheet states is less than the weight at 8 m/s.
+    assert found["body_drag.linear[1]"].scale * 8.0 < mass * gravity
+    assert found["rotor_aerodynamics.climb"].scale * 8.0 < mass * gravity
+    assert found["body_drag.quadratic[0]"].scale * 8.0**2 < mass * gravity
+    behind, heavy = found_in(attitudes, POSE), found_in(larger(attitudes), POSE)
+    assert heavy["rotor_aerodynamics.lift"].scale == pytest.approx(2.0 * behind["rotor_aerodynamics.lift"].scale)
+    assert behind["rotor_aerodynamics.lift"].scale * 8.0**2 < attitudes.vehicle.mass * gravity
+    # The prior of an effect that a vehicle lacks is that of an effect whose coefficients are zero.
+    lacking = attitudes.model_copy(update={"vehicle": attitudes.vehicle.model_copy(update={"body_drag": None})})
+    bare, light = found_in(lacking, POSE), found_in(load_scenario("neural_fly:still", ["vehicle.mass=0.02"]), POSE)
+    for name in LINEAR:
+        assert bare[name].scale == pytest.approx(0.3 * attitudes.vehicle.mass)
+        assert light[name].scale == behind[name].start
+        assert bare[name].start == 0.0
+    # Each of four motors carries a quarter of the weight in hover.
+    curve = found_in(throttles, POSE, own_throttles=True)
+    assert [curve[f"motors.curve[{i}]"].scale for i in range(3)] == pytest.approx(
+        [0.25 * throttles.vehicle.mass * gravity] * 3
+    )
+    assert [found[name].scale < 0.1 for name in MARKERS] == [True, True]
+    # The prior of a drag that is on the data sheet is as wide as the drag.
+    assert found_in(load_scenario("laboratory:low_wind"), POSE)["linear_drag"].scale == 0.1

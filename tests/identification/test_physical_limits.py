@@ -1,0 +1,111 @@
+"""Limits of the inertia of a body and of the thrust curve of a motor, as bounds of the variables of a search."""
+
+import numpy as np
+import pytest
+
+from drake_quad.identification.parameters import Parameter
+from drake_quad.identification.physical_limits import SearchVariables
+
+MOMENTS = np.array([0.3, 0.5, 0.9])
+INERTIA = MOMENTS.sum() - MOMENTS
+CURVE = np.array([0.1, 0.7, 2.0])
+
+
+def parameters_with(inertia: np.ndarray = INERTIA, curve: np.ndarray = CURVE) -> list[Parameter]:
+    """Return an inertia and a thrust curve among other parameters, in no particular order."""
+    moments = [Parameter(f"inertia[{i}]", inertia[i], 0.1 * (i + 1), 0.02 * inertia[i], 50.0) for i in range(3)]
+    powers = [Parameter(f"motors.curve[{i}]", curve[i], 1.5 + i) for i in range(3)]
+    lag = Parameter("rotor_time_constant", 0.05, 0.04, 0.002, 2.5)
+    centre = Parameter("centre_of_mass[0]", 0.01, 0.02)
+    return [moments[2], lag, powers[1], moments[0], powers[0], centre, powers[2], moments[1]]
+
+
+def values_of(parameters: list[Parameter], **changes: float) -> np.ndarray:
+    return np.array([changes.get(parameter.name, parameter.start) for parameter in parameters])
+
+
+def variables_by_name(parameters: list[Parameter], variables: np.ndarray) -> dict[str, float]:
+    return dict(zip([parameter.name for parameter in parameters], variables.tolist(), strict=True))
+
+
+def test_variables_are_second_moments_of_a_body_and_the_ends_of_a_thrust_curve() -> None:
+    """I_x = m_y + m_z, and a parabola between throttles of 0 and 1 has slopes K1 and K1 + 2 K2 there."""
+    parameters = parameters_with()
+    found = SearchVariables.of(parameters)
+    values = values_of(parameters)
+    variables = variables_by_name(parameters, found.matrix @ values)
+    np.testing.assert_allclose([variables[f"inertia[{i}]"] for i in range(3)], MOMENTS)
+    k_0, k_1, k_2 = CURVE
+    assert [variables[f"motors.curve[{i}]"] for i in range(3)] == pytest.approx([k_0, k_1, k_1 + 2.0 * k_2])
+    assert (variables["rotor_time_constant"], variables["centre_of_mass[0]"]) == (0.05, 0.01)
+    np.testing.assert_allclose(found.inverse @ (found.matrix @ values), values)
+    # The usual change of a sum is at most the sum of the usual changes.
+    scales = variables_by_name(parameters, found.scale)
+    assert [scales[f"inertia[{i}]"] for i in range(3)] == pytest.approx([0.5 * (0.1 + 0.2 + 0.3)] * 3)
+    assert [scales[f"motors.curve[{i}]"] for i in range(3)] == pytest.approx([1.5, 2.5, 2.5 + 2.0 * 3.5])
+    assert scales["rotor_time_constant"] == pytest.approx(0.04)
+
+
+@pytest.mark.parametrize(
+    ("moments", "least"),
+    [
+        # The smallest moment of inertia is 0.8, of which 2 % are 0.016.
+        ([0.3, 0.5, 0.9], [0.016, 0.016, 0.016]),
+        # A plane body has no extent across its plane, and a body that no mass can have starts at its limit.
+        ([0.3, 0.5, 0.0], [0.006, 0.006, 0.0]),
+        ([0.3, 0.5, -0.1], [0.004, 0.004, -0.1]),
+    ],
+)
+def test_second_moments_are_bounded_by_a_share_of_the_data_sheet(moments: list[float], least: list[float]) -> None:
+    parameters = parameters_with(inertia=sum(moments) - np.array(moments))
+    found = SearchVariables.of(parameters)
+    lower, upper = (variables_by_name(parameters, each) for each in (found.lower, found.upper))
+    assert [lower[f"inertia[{i}]"] for i in range(3)] == pytest.approx(least)
+    assert {upper[f"inertia[{i}]"] for i in range(3)} == {np.inf}
+    # Others keep their own bounds.
+    assert (lower["rotor_time_constant"], upper["rotor_time_constant"]) == (0.002, 2.5)
+    assert (lower["centre_of_mass[0]"], upper["centre_of_mass[0]"]) == (-np.inf, np.inf)
+
+
+@pytest.mark.parametrize(("start", "most"), [(0.1, 0.75), (1.2, 1.2)])
+def test_thrust_at_zero_throttle_is_at_most_half_of_hover_or_that_of_the_data_sheet(start: float, most: float) -> None:
+    parameters = parameters_with(curve=np.array([start, 0.7, 2.0]))
+    found = SearchVariables.of(parameters)
+    lower, upper = (variables_by_name(parameters, each) for each in (found.lower, found.upper))
+    assert [lower[f"motors.curve[{i}]"] for i in range(3)] == [0.0, 0.0, 0.0]
+    assert [upper[f"motors.curve[{i}]"] for i in range(3)] == [most, np.inf, np.inf]
+
+
+@pytest.mark.parametrize("missing", ["inertia[1]", "motors.curve[2]"])
+def test_part_of_an_inertia_or_of_a_thrust_curve_has_no_common_limits(missing: str) -> None:
+    parameters = [parameter for parameter in parameters_with() if parameter.name != missing]
+    found = SearchVariables.of(parameters)
+    lower, upper = (variables_by_name(parameters, each) for each in (found.lower, found.upper))
+    for parameter in parameters:
+        if parameter.name.split("[")[0] == missing.split("[")[0]:
+            assert (lower[parameter.name], upper[parameter.name]) == (parameter.lower, parameter.upper)
+    other = "motors.curve[0]" if missing.startswith("inertia") else "inertia[0]"
+    assert lower[other] >= 0.0
+
+
+def test_a_parameter_is_at_its_limit_within_a_thousandth_of_its_scale() -> None:
+    """A limit on several parameters together informs on each of them, so it is left out."""
+    parameters = parameters_with()
+    found = SearchVariables.of(parameters)
+
+    def limited(**changes: float) -> set[str]:
+        mask = found.limited(values_of(parameters, **changes))
+        return {parameter.name for parameter, at_limit in zip(parameters, mask, strict=True) if at_limit}
+
+    assert limited() == set()
+    for distance, at_limit in ((0.9e-3, True), (1.1e-3, False)):
+        expected = {"rotor_time_constant"} if at_limit else set()
+        assert limited(rotor_time_constant=0.002 + 0.04 * distance) == expected
+        assert limited(rotor_time_constant=2.5 - 0.04 * distance) == expected
+        low = {"motors.curve[0]": 1.5 * distance}
+        assert limited(**low) == ({"motors.curve[0]"} if at_limit else set())
+        high = {"motors.curve[0]": 0.75 - 1.5 * distance}
+        assert limited(**high) == ({"motors.curve[0]"} if at_limit else set())
+    # No extent along z, and a thrust that stops rising at full throttle.
+    assert limited(**{"inertia[0]": MOMENTS[1], "inertia[1]": MOMENTS[0]}) == set()
+    assert limited(**{"motors.curve[2]": -0.5 * CURVE[1]}) == set()

@@ -1,0 +1,303 @@
+"""Position laws found in logs, beside those that made the logs."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy
+from ruamel.yaml import YAML
+
+from drake_quad import load_scenario, load_undesigned, read_log
+from drake_quad.command_line.identify_controller import write_controller
+from drake_quad.errors import InputError
+from drake_quad.flight.simulation import simulate_samples
+from drake_quad.identification.known_flights import wandering
+from drake_quad.identification.logs.attitudes import rotations
+from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.model import STATE_ROWS
+from drake_quad.identification.position_law.commands import FORMS, at_limit, commanded
+from drake_quad.identification.position_law.control import control_layer
+from drake_quad.identification.position_law.law import AxisLaw, PositionLaw, identify_position_law
+from drake_quad.identification.result import Spread
+
+PERIOD, SAMPLES, GRAVITY = 0.02, 750, 9.81
+K_P, K_V, K_I, DELAY, FILTER = 4.0, 3.0, 0.8, 0.06, 0.1
+RNG = np.random.default_rng(4)
+
+
+@pytest.fixture(scope="module")
+def vehicle():
+    return load_undesigned("vehicles/crazyflie")
+
+
+def waves(time, amplitude, slow):
+    """Return sums of incommensurable sines (n, 3) with their first two derivatives."""
+    rates = slow * np.outer([1.0, 1.31, 0.83], [1.0, 1.73, 2.9])
+    phases = rates * time[:, None, None] + np.arange(9.0).reshape(3, 3)
+    parts = amplitude * np.array([1.0, 0.5, 0.2])
+    return (
+        (parts * np.sin(phases)).sum(axis=2),
+        (parts * rates * np.cos(phases)).sum(axis=2),
+        -(parts * rates**2 * np.sin(phases)).sum(axis=2),
+    )
+
+
+def attitude_along(force, yaw):
+    """Return roll, pitch and yaw of thrust along forces (n, 3), by the third column of the rotation matrix."""
+    axis = force / np.linalg.norm(force, axis=1, keepdims=True)
+    forward = np.cos(yaw) * axis[:, 0] + np.sin(yaw) * axis[:, 1]
+    left = np.cos(yaw) * axis[:, 1] - np.sin(yaw) * axis[:, 0]
+    return np.column_stack([-np.arcsin(left), np.arctan2(forward, axis[:, 2]), yaw])
+
+
+def flown(vehicle, *, delay=DELAY, filter_time=FILTER, limit=np.inf, noise=0.02):
+    """Return the log of a PID with a filtered velocity, whose command is off by white noise in m/s²."""
+    time = PERIOD * np.arange(SAMPLES)
+
+    def measured(at):
+        reference, error = waves(at, 0.6, 0.9), waves(at + 5.0, 0.15, 2.6)
+        return reference, [one - other for one, other in zip(reference, error, strict=True)]
+
+    late = time - delay
+    (p_r, v_r, a_r), (position, velocity, _) = measured(late)
+    if filter_time > 0.0:
+        fine = np.arange(-3.0, time[-1] + PERIOD, 2e-3)
+        share = 2e-3 / filter_time
+        filtered = scipy.signal.lfilter([share], [1.0, share - 1.0], measured(fine)[1][1], axis=0)
+        velocity = np.column_stack([np.interp(late, fine, column) for column in filtered.T])
+    error = np.clip(p_r - position, -limit, limit)
+    integral = scipy.integrate.cumulative_trapezoid(error, time, axis=0, initial=0.0)
+    output = K_P * error + K_V * (v_r - velocity) + K_I * integral + a_r + noise * RNG.normal(size=error.shape)
+    force = output + np.array([0.0, 0.0, GRAVITY])
+    yaw = 0.3 * np.sin(0.4 * time)
+    (reference, reference_velocity, _), (position, velocity, _) = measured(time)
+    return FlightRecord(
+        "made",
+        time,
+        position=position,
+        velocity=velocity,
+        attitude=attitude_along(force, yaw + 0.02),
+        attitude_command=attitude_along(force, yaw),
+        thrust_command=vehicle.nominal.mass * np.linalg.norm(force, axis=1),
+        reference_position=reference,
+        reference_velocity=reference_velocity,
+    )
+
+
+def assert_in_interval(spread, true):
+    assert spread.value == pytest.approx(true, abs=spread.reach)
+
+
+@pytest.mark.slow
+def test_gains_filter_and_delay_are_those_that_made_the_log(vehicle):
+    law = identify_position_law([flown(vehicle)], vehicle)
+    assert law.form == "acceleration"
+    assert {axis for each in law.axes for axis in each.axes} == {"x", "y", "z"}
+    for axis in law.axes:
+        for name, true in (("position", K_P), ("velocity", K_V), ("integral", K_I), ("delay", DELAY)):
+            assert_in_interval(axis.gains[name], true)
+        assert axis.gains["filter_time"].value == pytest.approx(FILTER, abs=0.02)
+        assert axis.gains["reference_acceleration"].value == pytest.approx(1.0, abs=0.1)
+        assert axis.gains["velocity"].reach < 0.3
+
+
+@pytest.mark.slow
+def test_a_limit_of_the_error_is_found_and_its_share_reported(vehicle):
+    record = flown(vehicle, filter_time=0.0, limit=0.12)
+    law = identify_position_law([record], vehicle)
+    beyond = np.abs(record.reference_position - record.position) > 0.12
+    for axis in law.axes:
+        assert axis.gains["error_limit"].value == pytest.approx(0.12, abs=0.01)
+        assert axis.at_error_limit == pytest.approx(
+            beyond[:, ["xyz".index(each) for each in axis.axes]].mean(), abs=0.03
+        )
+        assert_in_interval(axis.gains["position"], K_P)
+
+
+def test_each_form_gives_back_the_output_of_the_law(vehicle):
+    output = np.array([[1.0, -2.0, 0.5], [-0.3, 0.8, -1.5]])
+    yaw, measured_yaw = np.array([0.4, -0.9]), np.array([0.5, -0.7])
+    force = output + np.array([0.0, 0.0, GRAVITY])
+    size = np.linalg.norm(force, axis=1)
+    measured = np.column_stack([[0.1, -0.2], [0.05, 0.3], measured_yaw])
+    along = attitude_along(force, yaw)
+    aligned = np.sum(force * rotations(measured).apply([0.0, 0.0, 1.0]), axis=1)
+    level = np.column_stack([output[:, :2], np.full(2, GRAVITY)])
+    tilted = attitude_along(level, yaw)
+    upright = (output[:, 2] + GRAVITY) / np.cos(tilted[:, 0]) / np.cos(tilted[:, 1])
+    forward = np.cos(measured_yaw) * output[:, 0] + np.sin(measured_yaw) * output[:, 1]
+    left = np.cos(measured_yaw) * output[:, 1] - np.sin(measured_yaw) * output[:, 0]
+    made = {
+        "acceleration": (along, size),
+        "heading": (np.column_stack([attitude_along(force, measured_yaw)[:, :2], yaw]), size),
+        "decoupled": (tilted, upright),
+        "projected": (along, aligned),
+        "tilt": (np.column_stack([-left, forward, yaw]), output[:, 2] + GRAVITY),
+    }
+    assert made.keys() == set(FORMS)
+    for form, (command, thrust) in made.items():
+        record = FlightRecord("made", np.arange(2.0), attitude=measured, attitude_command=command)
+        np.testing.assert_allclose(commanded(record, thrust, form, GRAVITY), output, atol=1e-12, err_msg=form)
+
+
+def test_samples_at_a_limit_are_told_from_a_smooth_maximum():
+    time = 0.01 * np.arange(2000)
+    smooth = 0.5 * np.sin(time)
+    usable = np.ones(2000, dtype=bool)
+
+    def limited(pitch):
+        command = np.column_stack([0.1 * np.cos(0.7 * time), pitch, 0.0 * time])
+        return at_limit(FlightRecord("made", time, attitude_command=command), 10.0 + np.sin(1.3 * time), usable)
+
+    assert not limited(smooth).any()
+    cut = np.minimum(smooth, 0.4)
+    np.testing.assert_array_equal(limited(np.round(cut, 4))[cut == 0.4], True)
+    assert limited(cut)[smooth < 0.39].sum() == 0
+
+
+def test_a_hover_noise_and_missing_signals_are_refused_in_a_sentence(vehicle):
+    record = flown(vehicle)
+    still = replace(record, reference_position=np.zeros((SAMPLES, 3)))
+    with pytest.raises(InputError, match="a hover does not identify"):
+        identify_position_law([still], vehicle)
+    with pytest.raises(InputError, match="lacks reference_position"):
+        identify_position_law([replace(record, reference_position=None)], vehicle)
+    with pytest.raises(InputError, match="no command of the thrust"):
+        identify_position_law([replace(record, thrust_command=None)], vehicle)
+    with pytest.raises(InputError, match="there is no log"):
+        identify_position_law([], vehicle)
+
+
+@pytest.mark.slow
+def test_commands_of_something_else_are_refused(vehicle):
+    record = flown(vehicle)
+    turned = replace(record, attitude_command=record.attitude_command[::-1], thrust_command=record.thrust_command[::-1])
+    with pytest.raises(InputError, match="of the variance of the command"):
+        identify_position_law([turned], vehicle)
+
+
+def law_of(form="acceleration", **gains):
+    """Return a law with these gains on all axes."""
+    spreads = {name: Spread(value, 1e-4, "", 20.0) for name, value in gains.items()}
+    return PositionLaw((AxisLaw(("x", "y"), spreads, 0.999), AxisLaw(("z",), spreads, 0.999)), form, 0.0)
+
+
+def cascade_law(position, velocity, of_position, of_velocity, share, form="acceleration"):
+    """Return the linear law of a cascade, by expanding its equation."""
+    return law_of(
+        form,
+        position=velocity * position + share * of_velocity,
+        velocity=velocity,
+        reference_velocity=share * velocity,
+        reference_acceleration=0.7,
+        integral=velocity * of_position + of_velocity * position,
+        displacement=(1.0 - share) * of_velocity,
+        double_integral=of_velocity * of_position,
+    )
+
+
+@pytest.mark.parametrize(
+    ("position", "velocity", "of_position", "of_velocity", "share"),
+    [(0.95, 1.8, 0.0, 0.4, 1.0), (2.0, 5.74, 0.5, 3.44, 0.0), (1.5, 3.0, 0.0, 0.9, 0.4)],
+)
+def test_gains_of_a_cascade_follow_from_its_linear_law(position, velocity, of_position, of_velocity, share):
+    control = control_layer(cascade_law(position, velocity, of_position, of_velocity, share))["control"]
+    assert control["kind"] == "pid_cascade"
+    np.testing.assert_allclose(control["position"]["k_p"], position, rtol=1e-4)
+    np.testing.assert_allclose(control["velocity"]["k_p"], velocity, rtol=1e-4)
+    np.testing.assert_allclose(control["velocity"]["k_i"], of_velocity, rtol=1e-4)
+    np.testing.assert_allclose(control["position"].get("k_i", 0.0), of_position, rtol=1e-3)
+    assert control["velocity_feed_forward"] == pytest.approx(share)
+    assert control["command"] == {"kind": "acceleration", "feed_forward": 0.7}
+
+
+def test_an_integral_that_no_cascade_has_is_refused():
+    law = law_of(position=1.0, velocity=1.0, reference_velocity=1.0, reference_acceleration=0.5, integral=2.0)
+    with pytest.raises(InputError, match="no cascade of position and velocity has the law"):
+        control_layer(law)
+
+
+def test_an_axis_that_is_not_identified_is_not_written():
+    law = replace(law_of(position=1.0, velocity=1.0), not_identified={"z": "why"})
+    with pytest.raises(InputError, match="not identified on z"):
+        control_layer(law)
+
+
+@pytest.mark.parametrize(
+    ("law", "base", "kind"),
+    [
+        (law_of(position=4.0, velocity=3.0, reference_velocity=3.0, reference_acceleration=1.0), "figure_eight", "pd"),
+        (law_of(position=4.0, velocity=3.0, reference_velocity=0.0, integral=1.0), "figure_eight", "pid"),
+        (cascade_law(2.0, 0.43, 0.0, 0.1, 0.0, "tilt"), "onboard", "pid_cascade"),
+    ],
+)
+def test_the_written_controller_is_one_of_the_scenario_language(diagrams, law, base, kind, tmp_path):
+    path = tmp_path / "controller.yaml"
+    write_controller(control_layer(law), law, path, "a command")
+    assert YAML(typ="safe").load(path.read_text(encoding="utf-8"))["controller"]
+    control = load_scenario(f"{diagrams}/{base}.yaml", layers=[f"{path}:controller"]).control
+    assert kind in (control.kind, getattr(control.position, "kind", None))
+    np.testing.assert_allclose(control.position.k_p, 4.0 if kind != "pid_cascade" else 2.0, rtol=1e-4)
+
+
+def logged(flight):
+    """Return the log of a flight of this library, rounded to the resolution of a Crazyflie's log."""
+    signals = flight.signals
+    values = dict(zip(STATE_ROWS, np.split(signals["measurement"], len(STATE_ROWS), axis=1), strict=True))
+    if "attitude_target" in signals:
+        thrust, command = signals["attitude_target"][:, 0], signals["attitude_target"][:, 1:4]
+    else:
+        thrust, command = signals["wrench"][:, 0], signals["attitude_command"]
+    values |= {"attitude_command": command, "thrust_command": thrust}
+    values |= {"reference_position": signals["reference"][:, :3], "reference_velocity": signals["reference"][:, 3:6]}
+    return FlightRecord("flight", flight.time, **{name: np.round(each, 3) for name, each in values.items()})
+
+
+PID = (
+    "control={kind: cascade, position: {kind: pid, k_p: [2.5, 2.5, 6.0], k_d: [2.4, 2.4, 4.0], k_i: [0.8, 0.8, 2.0],"
+    " integral_limit: 20.0, derivative: tracking_error, feed_forward: acceleration}}"
+)
+TILT = (
+    "control={kind: pid_cascade, position: {k_p: [1.2, 1.2, 1.5]}, velocity: {k_p: [0.3, 0.3, 4.0],"
+    " k_i: [0.06, 0.06, 1.0]}, velocity_feed_forward: 0.0, command: {kind: tilt}}"
+)
+ON_BOARD = (
+    "laboratory.autopilot={kind: attitude, k_attitude: [8.0, 8.0, 3.0], k_rate: [25.0, 25.0, 8.0]}",
+    "vehicle.time_step=0.0025",
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("overrides", "form", "true"),
+    [
+        ((PID,), "heading", {"position": 6.0, "velocity": 4.0, "integral": 2.0}),
+        ((*ON_BOARD, TILT), "tilt", {"position": 6.0, "velocity": 4.0, "integral": 1.5, "displacement": 1.0}),
+    ],
+)
+def test_the_law_of_a_simulated_flight_is_found(diagrams, overrides, form, true):
+    route = f"route={json.dumps(wandering(1.25))}"
+    exact = "laboratory.motion_capture.derivative_bandwidth=null"
+    scenario = load_scenario(f"{diagrams}/laboratory.yaml:low_wind", [route, "metrics.start=0", exact, *overrides])
+    flight = simulate_samples(scenario, [0], compiled=True)[0]
+    law = identify_position_law([logged(flight).part(slice(1200))], scenario)
+    assert law.form == form
+    vertical = next(axis for axis in law.axes if "z" in axis.axes)
+    for name, value in true.items():
+        assert_in_interval(vertical.gains[name], value)
+
+
+@pytest.mark.slow
+def test_the_gains_of_a_real_flight_are_those_of_its_firmware(root):
+    """The firmware's Lee controller flew with k_p = 10, k_d = 7 and k_i = 5 (info08.yaml of crazyswarm2-tools)."""
+    record = read_log(root / "tests/data/crazyflie/crazyswarm2/log08.xz")
+    law = identify_position_law([record], load_undesigned("vehicles/crazyflie", ["nominal.mass=0.0333"]))
+    level = law.axes[0]
+    assert level.axes == ("x", "y")
+    assert level.explained > 0.999
+    for name, true in (("position", 10.0), ("velocity", 7.0), ("reference_velocity", 7.0), ("integral", 5.0)):
+        assert_in_interval(level.gains[name], true)
+    position = control_layer(law)["control"]["position"]
+    assert (position["kind"], position["derivative"]) == ("pid", "tracking_error")
+    assert position["feed_forward"] == "acceleration"

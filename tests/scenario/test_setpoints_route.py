@@ -1,0 +1,46 @@
+"""Routes of setpoints that are held."""
+
+import numpy as np
+import pytest
+
+from drake_quad import InputError, load_mission, plan_route
+from drake_quad.reference.polynomial_path import evaluate
+
+ROUTE = "route={kind: setpoints, setpoints: %s, last_hold: 0.5}"
+SETPOINTS = [[0.0, 0.1, 0.2, 1.0, 0.3], [1.0, 0.7, -0.2, 1.1, -0.4], [1.5, 0.0, 0.0, 0.9, 0.2]]
+
+
+def plan_of(setpoints):
+    return plan_route(load_mission("vehicles/paper", [ROUTE % setpoints]))
+
+
+def test_each_setpoint_is_held_until_the_next_and_the_last_for_ever():
+    plan = plan_of(SETPOINTS)
+    assert plan.duration == 2.0
+    times = np.array([-1.0, 0.0, 0.999, 1.0, 1.499, 1.5, 1.999, 9.0])
+    expected = np.array([SETPOINTS[k][1:] for k in (0, 0, 0, 1, 1, 2, 2, 2)])
+    np.testing.assert_array_equal(evaluate(plan.flown_path, times).T, expected[:, :3])
+    np.testing.assert_array_equal(evaluate(plan.flown_yaw, times)[0], expected[:, 3])
+
+
+def test_nothing_is_fed_forward():
+    """Velocity to snap of the position, and both derivatives of the yaw, are zero although the setpoints jump."""
+    rows = plan_of(SETPOINTS).reference().vector_values(np.linspace(-0.5, 3.0, 50))
+    moving = [row for row in range(len(rows)) if row not in (0, 1, 2, 9)]
+    assert not rows[moving].any()
+    assert np.ptp(rows[[0, 1, 2, 9]], axis=1).min() > 0.1
+
+
+@pytest.mark.parametrize(
+    ("setpoints", "message"),
+    [
+        ([[0.1, 0, 0, 1, 0]], r"setpoints.0.0 is 0.1, but must be 0"),
+        ([[0, 0, 0, 1, 0], [0, 1, 0, 1, 0]], r"setpoints.1.0 is 0.*must be later than 0.0, by 0.0001 s or more"),
+        ([[0, 0, 0, 1]], r"setpoints.0"),
+        ([[0, 0, 0, 1, 90]], r"setpoints.0.4 is 90.*must be in radians"),
+        ([], r"setpoints is .*at least 1 item"),
+    ],
+)
+def test_setpoints_without_order_are_refused(setpoints, message):
+    with pytest.raises(InputError, match=message):
+        load_mission("vehicles/paper", [ROUTE % setpoints])
