@@ -232,3 +232,18 @@ def test_drag_is_the_slope_of_the_force_over_the_air_speed():
 @pytest.mark.parametrize(("period", "steps"), [(0.002, 10), (0.005, 4), (0.01, 2), (0.03, 1), (0.1, 1)])
 def test_a_velocity_error_hardly_changes_within_twenty_milliseconds(period, steps):
     assert estimator._steps(FlightRecord("log", period * np.arange(10.0))) == steps
+
+
+def test_the_deviation_of_a_slope_follows_from_the_scatter_of_blocks():
+    """The line has an intercept. Blocks scatter with one degree of freedom less than there are blocks."""
+    random = np.random.default_rng(8)
+    air, force = random.normal(size=(2, 40)) + np.array([[0.3], [2.0]])
+    blocks = np.repeat(np.arange(8), 5)
+    found = estimator._slope(air, force, blocks)
+    slope, intercept = np.polyfit(air, force, 1)
+    assert found.value == pytest.approx(slope)
+    # The slope is a sum over samples with the weights (air - mean) / Σ (air - mean)².
+    weights = (air - air.mean()) / np.sum((air - air.mean()) ** 2)
+    sums = (weights * (force - slope * air - intercept)).reshape(8, 5).sum(axis=1)
+    assert found.deviation == pytest.approx(np.sqrt(8.0 / 7.0 * np.sum(sums**2)))
+    assert (found.unit, found.degrees_of_freedom) == ("N s/m", 7.0)

@@ -663,3 +663,22 @@ def test_the_variance_of_a_noise_is_the_inverse_of_its_information(monkeypatch: 
     assert found[0, 1] == found[0, 0] == found[1, 1]
     assert found[3, 3] == pytest.approx(1.0 / 8.0, rel=1e-3)
     assert found[-1, -1] >= 999.0
+
+
+def test_a_smaller_disturbance_is_tried_in_each_round_until_it_is_not_better(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Here it is better twice for the torque, and never for the force, in eight rounds."""
+    monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, noise, chosen=None: noise)
+    tried: list[tuple[float, ...]] = []
+
+    def smaller(predictor: object, parameters: object, at: object, factors: tuple[float, ...]) -> object:
+        tried.append(factors)
+        improves = factors == fitting._SMALLER_TORQUE and tried.count(factors) <= 2
+        return at._replace(likelihood=at.likelihood + 1.0) if improves else at  # type: ignore[attr-defined]
+
+    monkeypatch.setattr(fitting, "_with_smaller_disturbance", smaller)
+    predictor = DriftingPredictor([1.0] * 20)
+    noise = PredictionNoise(np.ones(1), np.ones(6), np.ones(6))
+    fitting.fit(predictor, linear_parameters({"mass": (0.0, 100.0)}), noise)  # type: ignore[arg-type]
+    assert predictor.rounds == 8
+    torque, force = fitting._SMALLER_TORQUE, fitting._SMALLER_FORCE
+    assert tried == [torque, force, torque, torque]

@@ -73,6 +73,8 @@ def test_the_log_of_a_flight_has_the_signals_of_a_laboratory(kind, diagrams):
     else:
         np.testing.assert_array_equal(record.rotor_speed_command, flight["rotor_speed_command"][every])
         assert record.thrust_share is None
+    # Unless told otherwise, a log has a row for each recorded sample.
+    np.testing.assert_array_equal(record_of(flight).time, flight.time)
     assert record.period == pytest.approx({"slow_log": 0.01}.get(kind, flight.time[1] - flight.time[0]))
 
 

@@ -8,6 +8,7 @@ from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.windows import (
     LogWindow,
     WindowSizes,
+    _near,
     airborne,
     coarser,
     common_period,
@@ -223,3 +224,11 @@ def test_a_record_of_the_same_rate_is_the_same_and_a_coarser_one_covers_whole_st
         values = few.specific_force[:, 0]
         np.testing.assert_allclose(values[values > 0.0], expected)
         assert values.sum() * step == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("places", [[], [0], [3], [11], [0, 11], [2, 3, 9]])
+@pytest.mark.parametrize("samples", [1, 2, 5, 20])
+def test_samples_near_others_are_within_a_number_of_samples(places: list[int], samples: int) -> None:
+    found = np.isin(np.arange(12), places)
+    expected = [any(abs(i - place) <= samples for place in places) for i in range(12)]
+    np.testing.assert_array_equal(_near(found, samples), expected)
