@@ -255,7 +255,7 @@ Ahead = tuple[PositionW, ...]
 
 
 class Signals(dict[str, Any]):
-    """What a port of a name holds.
+    """Types of the signals, by the names of their ports.
 
     Sensors add their readings when they are registered. Further sensors of one kind are numbered, as in
     `accelerometer_2`.
@@ -266,7 +266,7 @@ class Signals(dict[str, Any]):
         return super().__contains__(name) or super().__contains__(_without_number(name))
 
     def __missing__(self, name: str) -> Any:
-        """Return what a port of a name with a number holds."""
+        """Return the type of a signal whose name has a number at its end."""
         if name not in self:
             raise KeyError(name)
         return self[_without_number(name)]

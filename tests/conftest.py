@@ -35,7 +35,7 @@ def pytest_collection_modifyitems(items) -> None:
 
 
 def pytest_configure() -> None:
-    """What is imported while tests are collected lives until the end, so no garbage is looked for meanwhile."""
+    """Switch garbage collection off during the collection of tests, whose modules stay until the end."""
     gc.disable()
 
 

@@ -88,7 +88,7 @@ class PreparedLogs(NamedTuple):
 
     @property
     def poses(self) -> bool:
-        """Whether positions, attitudes or velocities are predicted."""
+        """True if positions, attitudes or velocities are predicted."""
         return bool({"position", "attitude", "velocity"} & self.signals)
 
     def coarser(self) -> "PreparedLogs | None":

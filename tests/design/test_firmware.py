@@ -107,7 +107,7 @@ def test_the_mixer_of_a_crazyflie_turns_outputs_into_the_torques_of_its_rotors(r
 
 
 def test_a_normalised_torque_of_px4_is_what_its_mixer_makes_of_an_x():
-    """Of an x each rotor changes by 1/√2 for roll and for pitch and by 1 for yaw, of a unit that hovers at 0.4."""
+    """A unit of roll or pitch changes each rotor of an x by 1/√2, and a unit of yaw by 1; it hovers at 0.4."""
     believed = nominal_parameters(load_scenario("laboratory:nominal", layers=["vehicles/racer"]))
     lever, ratio = abs(believed.rotors[0].y), believed.rotors[0].drag_factor / believed.rotors[0].thrust_factor
     unit = believed.mass * believed.gravity / (4.0 * 0.4)

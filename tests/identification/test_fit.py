@@ -343,7 +343,7 @@ def test_a_disturbance_becomes_smaller_by_fifths_as_long_as_that_is_more_likely(
     found = fitting._with_smaller_disturbance(predictor, parameters, at, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
     np.testing.assert_allclose(found.noise.disturbance, [0.5] * 3 + [expected] * 3)
     assert (found is at) == (best == 8.0)
-    # What is returned belongs to this noise.
+    # Likelihood and gains are those for the returned noise.
     deviation = predictor.deviation(expected)
     assert found.likelihood == pytest.approx(-200.0 * np.log(deviation))
     np.testing.assert_allclose(found.gains.whitening, 1.0 / deviation)
@@ -544,7 +544,7 @@ def test_noise_is_estimated_from_about_1500_measurements_over_the_whole_flight(
 
 @pytest.mark.parametrize("delay", [None, 0, 2])
 def test_derivatives_are_forward_differences_and_central_ones_for_a_delay(delay: int | None) -> None:
-    """Of squares, forward differences are off by the step and central ones are exact."""
+    """For a quadratic function, forward differences err by the step, and central differences are exact."""
     up = np.array([1e-3, 2e-3, 5e-3])
     point = np.array([2.0, -1.0, 0.5])
     sizes = np.random.default_rng(1).normal(size=(4, 5, 3))
@@ -594,7 +594,7 @@ def test_whitened_errors_come_with_derivatives_of_errors_and_states() -> None:
     np.testing.assert_allclose(slopes, white[:, :, None] * [3.0, 5.0], rtol=1e-6)
     np.testing.assert_allclose(states, 2.1 * predictor.states)
     np.testing.assert_allclose(state_slopes, predictor.states[:, None, :] * np.array([[3.0], [5.0]]), rtol=1e-6)
-    # Beyond the kink, there is one slope.
+    # Above the kink, the slopes to both sides are equal.
     _, slopes, *_ = fitting._whitened(
         predictor, np.array([0.7, 0.02]), at + np.array([0.0, 0.0051]), predictor.gains, NO_NOISE  # type: ignore[arg-type]
     )  # fmt: skip

@@ -87,7 +87,7 @@ def take_off(diagrams):
 
 
 def test_a_flight_with_a_take_off_is_predicted_from_its_lift_off(take_off):
-    """The same vehicle flies the log again. A log tells the lift-off to some samples, which only the climb shows."""
+    """The simulated vehicle is the one that flew. Only the climb shows the lift-off, to a few samples."""
     scenario, record = take_off
     found = compare_with_log(record, scenario, samples=1)
     assert 1.0 < found.time[0] < 1.6

@@ -83,7 +83,7 @@ class LogComparison:
 
     @property
     def varies(self) -> bool:
-        """Whether the predicted flights differ. They are equal without distributions, wind and noise."""
+        """True if the predicted flights differ. Without distributions, wind and noise they are equal."""
         return not np.allclose(self.predicted, self.predicted[:1], rtol=0.0, atol=1e-9, equal_nan=True)
 
     @property

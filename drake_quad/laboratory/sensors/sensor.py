@@ -19,7 +19,7 @@ from drake_quad.randomness.noise import Stream, export_streams
 
 
 class SensorLaw(NamedTuple):
-    """What a sensor measures.
+    """Measurement equation of a sensor.
 
     Attributes:
         reading: type of the record of a reading.
