@@ -10,6 +10,7 @@ A kind is known only after its module was imported. A scenario never imports one
 
 import inspect
 from collections.abc import Mapping
+from functools import partial
 from typing import Any, ClassVar, Literal
 
 from pydantic import Field
@@ -97,18 +98,20 @@ def register_controller(system: Any) -> str:
     controller, one with the port `wrench` or `attitude_target` a kind of control.
 
     Args:
-        system: class whose constructor takes `num_vehicles`, the number N of vehicles, and whose ports are those of a
-            `position_controller` or of a `control` of `simulate`.
+        system: class whose ports are those of a `position_controller` or of a `control` of `simulate`. For studies and
+            fleets, its constructor takes `num_vehicles`, the number N of vehicles.
 
     Raises:
         InputError: if it is no such class.
     """
     if not isinstance(system, type):
         raise InputError(f"a controller must be the class of a Drake system, not {system!r}")
-    place, command = _place_of(_built(system, 1))
     kind = system.__name__ if system.__module__ == "__main__" else f"{system.__module__}.{system.__name__}"
+    if _registered(kind, system) is not None:
+        return kind
+    place, command = _place_of(_built(system, 1))
     settings: Any = RegisteredControl if place == "control" else RegisteredPositionController
-    for num_vehicles in (1, 2):
+    for num_vehicles in (1, 2) if "num_vehicles" in inspect.signature(system).parameters else (1,):
         own = UserSystems(**{place: _built(system, num_vehicles)})
         check_user_systems(own, num_vehicles, command=command, sensors=SENSORS.members)
     numbers = _default_numbers(system)
@@ -129,26 +132,42 @@ def register_controller(system: Any) -> str:
     return kind
 
 
-def _built(system: type, num_vehicles: int) -> Any:
-    """Return an object of a class.
+def _built(system: type, num_vehicles: int, **numbers: Any) -> Any:
+    """Return an object of a class. A class whose constructor takes no number of vehicles is for a single one.
 
     Raises:
-        InputError: if the class cannot be called with the number of vehicles.
+        InputError: if the constructor fails.
     """
+    takes_number = "num_vehicles" in inspect.signature(system).parameters
+    if num_vehicles > 1 and not takes_number:
+        raise InputError(
+            f"{system.__name__} flies a single vehicle; for studies and fleets, its constructor must take num_vehicles"
+        )
     try:
-        return system(num_vehicles=num_vehicles)
+        return system(num_vehicles=num_vehicles, **numbers) if takes_number else system(**numbers)
     except TypeError as error:
         raise InputError(
-            f"{system.__name__}(num_vehicles={num_vehicles}) fails: {error}; the constructor of a controller takes the"
-            " number of vehicles, and everything else has a default"
+            f"{system.__name__} cannot be built: {error}; the constructor of a controller takes at most the number of"
+            " vehicles, num_vehicles, and everything else has a default"
         ) from error
 
 
 def _place_of(system: Any) -> tuple[str, str]:
-    """Return the place of a system in the loop, and its command over the link."""
-    ports = {system.get_output_port(i).get_name() for i in range(system.num_output_ports())}
-    command = next((name for name in _COMMANDS if name in ports), "wrench")
-    return ("control" if ports & {*_COMMANDS} else "position_controller"), command
+    """Return the place of a system in the loop, and its command over the link.
+
+    Raises:
+        InputError: if it has the output port of neither place.
+    """
+    count = system.num_output_ports() if hasattr(system, "num_output_ports") else 0
+    ports = {system.get_output_port(i).get_name() for i in range(count)}
+    if "acceleration_command" in ports and not ports & {*_COMMANDS}:
+        return "position_controller", "wrench"
+    command = next((name for name in _COMMANDS if name in ports), None)
+    if command is None:
+        raise InputError(
+            f"{type(system).__name__} has no output port `acceleration_command`, `wrench` or `attitude_target`"
+        )
+    return "control", command
 
 
 def _default_numbers(system: Any) -> Any:
@@ -166,11 +185,15 @@ def _recipe(settings: Any) -> Recipe:
     numbers = _default_numbers(settings.system)
     if numbers is not None:
         numbers = type(numbers)(*(getattr(settings, name) for name in numbers._fields))
-    return Recipe(settings.system, {}, numbers)
+    return Recipe(partial(_built, settings.system), {}, numbers)
+
+
+def _registered(kind: str, system: type) -> Any:
+    """Return the settings of a kind if it is registered for this system; otherwise None."""
+    found = POSITION_CONTROLLERS.get(kind) or CONTROLS.get(kind)
+    return found if getattr(found, "system", None) is system else None
 
 
 def _restored(system: type, fields: dict[str, Any]) -> Any:
     """Return the settings of a system in another process, where its kind may not be registered yet."""
-    kind = register_controller(system)
-    model = POSITION_CONTROLLERS.get(kind) or CONTROLS.get(kind)
-    return model.model_construct(**fields)
+    return _registered(register_controller(system), system).model_construct(**fields)

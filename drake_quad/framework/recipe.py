@@ -11,7 +11,7 @@ class Recipe(NamedTuple):
     """Recipe for a system.
 
     Attributes:
-        system: class of the system, a `FleetSystem`; or another class of a Drake system without numbers.
+        system: class of the system, a `FleetSystem`; or a function that makes another Drake system.
         structure: arguments of the constructor that determine ports and events.
         numbers: record of numbers, each of which may be an (N,) array; None for a system without numbers.
     """
