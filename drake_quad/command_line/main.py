@@ -18,6 +18,7 @@ from drake_quad import __version__
 _COMMANDS_BY_PURPOSE = {
     "fly": {
         "fly": "fly one scenario: metrics, signals, plots, a replay",
+        "live": "fly in the browser in real time, and change wind, mass and gains meanwhile",
         "replay": "replay a hundred samples in one scene, or controllers side by side",
         "scenarios": "list the shipped scenarios, or print one in full",
         "draw": "draw the block diagram of a scenario",

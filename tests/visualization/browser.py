@@ -1,8 +1,8 @@
 """A headless Chromium, spoken to by the DevTools protocol over a pair of pipes.
 
 As a script it takes a picture of a replay: browser.py PAGE MOMENT FILE, with the moment in seconds and, optionally, the
-position of the eye and the point that it looks at, in six numbers in metres. If the moment is a range as in 12:16 and the
-file ends in .webp, it makes an animation in real time.
+position of the eye and the point that it looks at, in six numbers in metres. If the moment is a range as in 12:16, it
+makes an animation in real time, FILE.webp.
 """
 
 import base64
