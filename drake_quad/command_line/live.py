@@ -37,7 +37,8 @@ def main(arguments: argparse.Namespace) -> None:
     sample = scenario.sample if arguments.sample is None else arguments.sample
     meshcat = opened_meshcat()
     flight = LiveFlight(scenario, meshcat, sample=sample or 0, rate=arguments.rate)
-    print("the panel at the top right has the sliders and buttons; click on stop, or press Ctrl-C, to end", flush=True)
+    print("open the controls at the top right of the page for sliders and buttons: keys g, m, r and Escape")
+    print("click on stop, or press Ctrl-C here, to end", flush=True)
     frames = flight.fly(float("inf") if arguments.time is None else arguments.time)
     try:
         for _ in frames:

@@ -140,13 +140,13 @@ class LiveFlight:
         least, most = (round(ratio * mass, 4) for ratio in _MASS_RATIOS)
         sliders.append((_MASS, least, most, 1e-4, mass))
         sliders += [(gain.label, 0.0, _MAX_FACTOR, 0.01, 1.0) for gain in self._gains]
+        for label in _ERRORS:
+            self._meshcat.AddSlider(label, 0.0, _MAX_SHOWN_ERROR, 0.1, 0.0)
         for label, low, high, step, value in sliders:
             self._values[label] = self._meshcat.AddSlider(label, low, high, step, value)
         for button, key in _BUTTONS.items():
             if button != _FAILURE or self._can_fail:
                 self._meshcat.AddButton(button, key)
-        for label in _ERRORS:
-            self._meshcat.AddSlider(label, 0.0, _MAX_SHOWN_ERROR, 0.1, 0.0)
 
     def _start(self) -> None:
         """Begin a flight with the present numbers, and with all motors."""
