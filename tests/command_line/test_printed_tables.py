@@ -497,7 +497,7 @@ def test_default_fields_are_those_of_the_layout_and_the_autopilot():
     attitude = [f"control.attitude.{gain}.{axis}" for gain in ("k_p", "k_d") for axis in (0, 1)]
     turning = [f"{owner}.inertia.{axis}" for owner in ("vehicle", "nominal") for axis in (0, 1)]
     on_board = "laboratory.autopilot."
-    air = ["vehicle.linear_drag"]  # of the vehicle of `onboard`
+    air = ["vehicle.linear_drag", "vehicle.quadratic_drag"]  # of the vehicle of `onboard`
     response = "laboratory.autopilot={kind: response, natural_frequency: [6.8, 6.1, 3], damping: [0.5, 0.5, 0.7]}"
     found = {
         name: [*sensitivities.default_fields(load_scenario(*arguments))]
