@@ -68,7 +68,7 @@ benchmark: $(VENV)/.installed
 mutants: $(VENV)/.installed-test
 	$(VENV)/bin/python tests/mutants/run.py --number $(MUTANTS) --seed $(SEED) $(if $(ONLY),--only $(ONLY))
 
-figures: $(VENV)/.installed
+figures: $(VENV)/.installed $(VENV)/.installed-docs
 	$(VENV)/bin/drake-quad plan slalom
 	cp out/slalom/plan.png docs/pictures/slalom.png
 	$(VENV)/bin/drake-quad plan forest
@@ -98,6 +98,7 @@ figures: $(VENV)/.installed
 		--controller controllers/paper:$(name))
 	cp out/monte_carlo/robustness/distribution.png docs/pictures/robustness.png
 	$(VENV)/bin/python scripts/development/document_scenarios.py --output docs/reference
+	$(VENV)/bin/python scripts/development/run_notebooks.py --output docs/notebooks
 	rm -rf diagrams/drawings
 	for scenario in $(DRAWN); do \
 		$(VENV)/bin/drake-quad draw $$scenario --output diagrams/drawings/$${scenario##*:} || exit; done

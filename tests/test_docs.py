@@ -2,6 +2,7 @@
 
 import argparse
 import csv
+import json
 import pydoc
 import re
 import runpy
@@ -292,3 +293,26 @@ def test_the_table_at_the_top_of_the_readme_has_the_committed_numbers():
         (f"{100.0 * float(rows[name]['rmse']):.1f}", f"{1e3 * float(rows[name]['delay_flown']):.0f}") for name in flown
     ]
     assert len(flown) == 4
+
+
+NOTEBOOKS = [page for page in DOCS if "{code-cell}" in page.read_text(encoding="utf-8")]
+
+
+@pytest.mark.parametrize("page", NOTEBOOKS, ids=lambda page: page.stem)
+def test_notebooks_with_their_figures_are_those_of_the_pages(page):
+    again = "python scripts/development/run_notebooks.py --output docs/notebooks writes it again"
+    text = page.read_text(encoding="utf-8")
+    notebook = json.loads((ROOT / "docs" / "notebooks" / f"{page.stem}.ipynb").read_text(encoding="utf-8"))
+    cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
+    given = re.findall(r"```\{code-cell\} ipython3\n(.*?)\n```", text, re.DOTALL)
+    sources = ["".join(cell["source"]) for cell in cells]
+    # A page may hide or name cells, by lines before their code.
+    assert sources == [re.sub(r"\A(:[\w-]+:.*\n)+\n?", "", cell) for cell in given], again
+    outputs = [output for cell in cells for output in cell["outputs"]]
+    assert outputs
+    assert not any(output["output_type"] == "error" for output in outputs)
+    words = "".join("".join(cell["source"]) for cell in notebook["cells"] if cell["cell_type"] == "markdown")
+    headings = re.findall(r"^#+ .*$", text.partition("\n---\n")[2], re.MULTILINE)
+    assert [heading for heading in headings if heading not in words] == [], again
+    for target in re.findall(r"\]\((?!http|#)([^)#]+)", words):
+        assert (ROOT / "docs" / "notebooks" / target).exists()

@@ -1,0 +1,53 @@
+"""Run the notebooks among the pages, and write them with their results, as code hosts show them.
+
+The needed libraries are those of `make docs`.
+"""
+
+import re
+import tempfile
+from pathlib import Path
+
+from drake_quad.command_line.running import run
+
+import nbformat
+from myst_nb.core.read import read_myst_markdown_notebook
+from nbclient import NotebookClient
+
+from drake_quad.command_line.options import bare_parser
+from drake_quad.command_line.output import print_files
+from drake_quad.files import output_folder, write_text
+
+_DOCS = Path(__file__).parents[2] / "docs"
+_TIMEOUT = 300  # s, of a cell
+
+
+def main() -> None:
+    """Run all notebooks."""
+    options = bare_parser(__doc__, "python scripts/development/run_notebooks.py --output docs/notebooks")
+    options.add_argument("--output", type=Path, default=Path("out/notebooks"), help="folder (default: %(default)s)")
+    folder = output_folder(options.parse_args().output)
+    pages = [page for page in sorted(_DOCS.rglob("*.md")) if "{code-cell}" in page.read_text(encoding="utf-8")]
+    print_files([write_text(folder / f"{page.stem}.ipynb", with_results(page)) for page in pages])
+
+
+def with_results(page: Path) -> str:
+    """Return a page in MyST Markdown as a notebook with its results, in JSON.
+
+    Its links lead to the same files from another folder beside that of the page.
+    """
+    text = re.sub(r"\]\((?!\.\.|http|#)([^)]+)\)", rf"](../{page.parent.name}/\1)", page.read_text(encoding="utf-8"))
+    notebook = read_myst_markdown_notebook(text, path=page)
+    with tempfile.TemporaryDirectory() as folder:
+        NotebookClient(notebook, timeout=_TIMEOUT, resources={"metadata": {"path": folder}}).execute()
+    for number, cell in enumerate(notebook.cells):
+        # What changes from run to run without a change of the results is left out.
+        cell["id"] = f"cell-{number}"
+        cell["metadata"] = {}
+        for output in cell.get("outputs", []):
+            output.get("metadata", {}).clear()
+    notebook.metadata = {"kernelspec": notebook.metadata["kernelspec"]}
+    return str(nbformat.writes(notebook)) + "\n"
+
+
+if __name__ == "__main__":
+    run(main)
