@@ -273,6 +273,17 @@ def test_distributions_keep_to_what_a_vehicle_can_be(vehicle):
     assert all(isinstance(value, Normal) for value in found.values())
 
 
+def test_limits_are_not_beyond_a_mean_that_is_known_very_well(base, tmp_path):
+    """Limits have four digits, which round the larger one down and the smaller one up here."""
+    found = {"rotor_time_constant": (0.07123412345, 1e-9), "thrust_factor_error[2]": (0.01234678912, 1e-9)}
+    drawn = distributions_in(
+        load_undesigned(write_vehicle(tmp_path / "sure.yaml", "sure", estimates_of(found), base=base))
+    )
+    for path, value in zip(("rotor_time_constant", "thrust_factor_error.rotor_3"), found.values(), strict=True):
+        bell = drawn[f"vehicle.{path}"].normal
+        assert bell.mean == pytest.approx(value[0], rel=1e-9)
+
+
 GAINS = (
     "{attitude: null, network: null, position: {kind: pd, feed_forward: acceleration, k_p: [6.1, 6.7, 6.8],"
     " k_d: [3.5, 3.5, 3.9]}}"

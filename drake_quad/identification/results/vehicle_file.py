@@ -27,11 +27,17 @@ from ruamel.yaml.representer import RoundTripRepresenter
 
 from drake_quad.errors import InputError, shown
 from drake_quad.files import output_folder, write_whole
-from drake_quad.identification.results.estimates import CONFIDENCE, KINDS, Estimates, field_path, kind_of, split_name
+from drake_quad.identification.results.estimates import (
+    CONFIDENCE,
+    Estimates,
+    declaration_at,
+    declaration_of,
+    field_path,
+    split_name,
+)
 from drake_quad.scenario.correlation import correlated_normals
 from drake_quad.scenario.files.library import Library, is_shipped, split_spec
 from drake_quad.scenario.files.loading import load_undesigned
-from drake_quad.scenario.limits import LARGEST
 from drake_quad.scenario.models import NAME, Nominal, Scenario, Vehicle
 from drake_quad.scenario.paths import value_at
 from drake_quad.statistics.interval import Interval
@@ -140,7 +146,7 @@ def _fields(
     tree: dict[str, Any] = {"nominal": {}, "vehicle": {}, "laboratory": {}, "control": {}}
     for path in dict.fromkeys(split_name(each)[0] for each in estimates.names):
         whole = {each: _Entry(written[each], comments[each]) for each in estimates.names if split_name(each)[0] == path}
-        value = _rigid(path, _listed(path, whole, base)) if KINDS[path].items else whole[path]
+        value = _rigid(path, _listed(path, whole, base)) if declaration_at(path).items else whole[path]
         *steps, last = field_path(path).split(".")
         node = tree
         for step in steps:
@@ -183,7 +189,7 @@ def _values(estimates: Estimates, prefix: str, distributions: bool) -> dict[str,
         name: _number(name, _rounded(value, deviation))
         for name, value, deviation in zip(estimates.names, estimates.values, estimates.deviations, strict=True)
     }
-    drawn = [name for name in estimates.names if not kind_of(name).integer]
+    drawn = [name for name in estimates.names if not declaration_of(name).is_whole]
     if not (distributions and drawn):
         return numbers
     part = estimates.for_new_flight().part(drawn)
@@ -210,37 +216,32 @@ def _number(name: str, value: float) -> Any:
     Raises:
         InputError: if it must be positive, and is not.
     """
-    kind = kind_of(name)
-    if kind.lower > 0.0 >= value:
+    declared = declaration_of(name)
+    if declared.lower > 0.0 >= value:
         raise InputError(
-            f"the estimate of {name}, {value:.4g} {kind.unit}, must be larger than 0; list such a parameter as not"
+            f"the estimate of {name}, {value:.4g} {declared.unit}, must be larger than 0; list such a parameter as not"
             " identified"
         )
-    value = min(max(value, kind.lower), kind.upper)
-    return round(value) if kind.integer else value
+    value = min(max(value, declared.lower), declared.upper)
+    return round(value) if declared.is_whole else value
 
 
 def _limits(name: str, mean: float, deviation: float) -> dict[str, float]:
     """Return the limits of a distribution that the language requires."""
-    kind = kind_of(name)
+    declared, reach = declaration_of(name), _LIMIT_SIGMA * deviation
     limits: dict[str, float] = {}
-    if kind.lower > 0.0:
-        limits["min"] = max(kind.lower, float(f"{_MIN_RATIO * mean:.4g}"))
-    elif kind.lower == 0.0:
-        limits["min"] = 0.0
-    elif kind.lower > -LARGEST:
-        limits["min"] = max(kind.lower, float(f"{mean - _LIMIT_SIGMA * deviation:.4g}"))
-    if name.startswith("rotor_time_constant"):
-        limits["max"] = min(kind.upper, float(f"{mean + _LIMIT_SIGMA * deviation:.4g}"))
-    elif kind.upper <= 1.0:
-        limits["max"] = kind.upper
+    if declared.needs_min:
+        lowest = _MIN_RATIO * mean if declared.lower > 0.0 else 0.0 if declared.lower == 0.0 else mean - reach
+        limits["min"] = max(declared.lower, min(mean, float(f"{lowest:.4g}")))
+    if declared.needs_max:
+        limits["max"] = min(declared.upper, max(mean, float(f"{mean + reach:.4g}")))
     return limits
 
 
 def _comment(estimates: Estimates, name: str, written: Any) -> str:
     """Return a comment on an estimate with its unit, intervals, explained variance and source."""
     place = estimates.names.index(name)
-    unit = "" if kind_of(name).unit == "1" else kind_of(name).unit
+    unit = "" if declaration_of(name).unit == "1" else declaration_of(name).unit
     value = float(estimates.values[place])
     own, new_flight = (
         Interval(value, *each.intervals()[place]).text(unit=unit) for each in (estimates, estimates.for_new_flight())
@@ -255,7 +256,7 @@ def _comment(estimates: Estimates, name: str, written: Any) -> str:
         parts.append(f"explains {100.0 * share:.3g} % of the variance of {output}")
     parts.append(" and ".join(map(str, estimates.sources_of(place))))
     mean = written["normal"]["mean"] if isinstance(written, dict) else written
-    if kind_of(name).integer:
+    if declaration_of(name).is_whole:
         parts.append("written as a whole number")
     elif abs(mean - value) > estimates.deviations[place]:
         parts.append("the estimate is outside the limits of the language, and the limit is written")
@@ -269,7 +270,7 @@ def _listed(path: str, whole: Mapping[str, _Entry], base: Scenario) -> list[_Ent
         InputError: if the base has no such list.
     """
     items = []
-    for place in range(KINDS[path].items):
+    for place in range(declaration_at(path).items):
         name = f"{path}[{place}]"
         items.append(whole[name] if name in whole else _Entry(_of_base(base, path, place), "as in what this extends"))
     return items
@@ -287,8 +288,8 @@ def _of_base(base: Scenario, path: str, place: int) -> Any:
         return 0.0
     if not hasattr(owner, field):
         raise InputError(
-            f"{path}[{place}] is not estimated, and what the vehicle extends has none; all {KINDS[path].items} are"
-            " needed"
+            f"{path}[{place}] is not estimated, and what the vehicle extends has none; all"
+            f" {declaration_at(path).items} are needed"
         )
     value = getattr(owner, field)[place]
     return value if isinstance(value, float) else value.model_dump(mode="json", exclude_none=True)
@@ -302,10 +303,10 @@ def _believed(path: str, estimates: Estimates, base: Scenario) -> Any:
         value: float = _number(name, _rounded(estimates.values[place], estimates.deviations[place]))
         return value
 
-    if not KINDS[path].items:
+    if not declaration_at(path).items:
         return _Entry(number(path))
     own: Any = getattr(base.nominal, path)
-    names = [f"{path}[{place}]" for place in range(KINDS[path].items)]
+    names = [f"{path}[{place}]" for place in range(declaration_at(path).items)]
     return [_Entry(number(name) if name in estimates.names else own[place]) for place, name in enumerate(names)]
 
 
