@@ -182,14 +182,29 @@ def test_controllers_believe_what_they_did_unless_the_estimates_are_asked_for(ba
     assert vehicle.laboratory.autopilot == load_undesigned(CRAZYFLIE).laboratory.autopilot
 
 
-def test_a_curve_is_believed_where_the_base_believes_in_no_throttles(root, tmp_path):
+def test_a_curve_is_believed_if_it_is_asked_for(root, tmp_path):
+    """Otherwise a base of rotor speeds believes in its full thrust at full throttle."""
     found = estimates_of({f"motors.curve[{place}]": FOUND[f"motors.curve[{place}]"] for place in range(3)})
     sheet = root / "diagrams" / "vehicles" / "crazyflie.yaml"
-    written = write_vehicle(tmp_path / "new.yaml", "new", found, base=sheet)
+    nominal = load_undesigned(write_vehicle(tmp_path / "old.yaml", "old", found, base=sheet)).nominal
+    full = nominal.thrust_factor * nominal.max_rotor_speed**2
+    assert nominal.motors.curve == pytest.approx((0.0, 0.0, full), rel=1e-3)
+    written = write_vehicle(tmp_path / "new.yaml", "new", found, base=sheet, nominal=True)
     vehicle = load_undesigned(written)
     assert vehicle.nominal.motors.curve == pytest.approx((0.0227, 0.0019, 0.1284))
     # Numbers without comments are on one line.
     assert re.search(r"^ +curve: \[0\.0227\d*, 0\.0019\d*, 0\.1284\d*\]$", written.read_text(), re.MULTILINE)
+
+
+def test_a_vehicle_of_rotor_speeds_gets_throttle_motors(root, tmp_path):
+    """A log may determine two of the three numbers. The rotors may turn as fast as the curve says, and stand still."""
+    found = estimates_of({"motors.curve[0]": (0.02, 0.002), "motors.curve[2]": (0.3, 0.006)})
+    base = f"{root / 'diagrams' / 'laboratory.yaml'}:low_wind"
+    assert load_undesigned(base).vehicle.min_rotor_speed > 0.0
+    vehicle = load_undesigned(write_vehicle(tmp_path / "new.yaml", "new", found, base=base)).vehicle
+    assert [each if isinstance(each, float) else each.normal.mean for each in vehicle.motors.curve] == [0.02, 0.0, 0.3]
+    assert vehicle.min_rotor_speed == 0.0
+    assert vehicle.thrust_factor * vehicle.max_rotor_speed**2 > 1.15 * 0.32
 
 
 def test_the_voltage_of_a_curve_is_written_with_it(base, tmp_path):
@@ -346,7 +361,9 @@ def test_an_attitude_s_response_takes_the_place_of_what_is_on_board(root, tmp_pa
     assert scenario.control.attitude is None
     with pytest.raises(InputError, match=r"autopilot\.damping must be estimated, too"):
         write_vehicle(tmp_path / "half.yaml", "half", estimates_of(dict([*found.items()][:3])), base=base)
-    with pytest.raises(InputError, match=r"autopilot\.damping\[2\] is not estimated, and what the vehicle extends has"):
+    with pytest.raises(
+        InputError, match=r"autopilot\.damping\[2\] must be estimated, too: what the vehicle extends has none"
+    ):
         write_vehicle(tmp_path / "half.yaml", "half", estimates_of(dict([*found.items()][:5])), base=base)
 
 
@@ -422,7 +439,7 @@ def test_an_impossible_inertia_is_written_as_the_nearest_possible_one_with_a_rem
         (
             {"motors.curve[0]": (0.03, 0.1)},
             {},
-            "motors.curve[1] is not estimated, and what the vehicle extends has none",
+            "motors.curve[2] must be estimated, too: what the vehicle extends has none",
         ),
     ],
 )

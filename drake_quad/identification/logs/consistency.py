@@ -350,17 +350,16 @@ def _response(grid: _Grid, command: str, signal: str, threshold: float, columns:
     """Return the pair of a command and the signal that follows it, at the response time at which they fit best."""
     width = grid.samples(_ROTATION_WINDOW)
     commanded, followed = (grid.mean(grid.signals[each][:, :columns], width) for each in (command, signal))
-    best, best_fit = 0, -1.0
+    best, best_fit = (followed, commanded), -1.0
     for delay in range(0, min(round(_MAX_RESPONSE_TIME / grid.step), len(followed) // 2), width):
-        early, late = commanded[: len(commanded) - delay], followed[delay:]
-        early, late = early - early.mean(axis=0), late - late.mean(axis=0)
+        pair = followed[delay:], commanded[: len(commanded) - delay]
+        late, early = (values - values.mean(axis=0) for values in pair)
         # The absolute value makes the choice independent of the sign of the command.
         norms = np.sqrt(np.sum(early**2, axis=0) * np.sum(late**2, axis=0))
         fit = float(np.sum(np.abs(np.sum(early * late, axis=0)) / np.maximum(norms, _TINY)))
         if fit > best_fit:
-            best, best_fit = delay, fit
-    expected, measured = followed[best:], commanded[: len(commanded) - best]
-    return _Pair(command, signal, expected, measured, threshold, AXES[signal][:columns], is_exact=False), width
+            best, best_fit = pair, fit
+    return _Pair(command, signal, *best, threshold, AXES[signal][:columns], is_exact=False), width
 
 
 _MOTION = ("position", "velocity")

@@ -17,7 +17,7 @@ from drake_quad.identification.logs.timing import rising, timing_remarks
 from drake_quad.identification.logs.units import QUANTITIES, UNITS
 from drake_quad.scenario.files.marked_tree import Mark
 
-# Signals that hold until the next sample; the others are measured and lie on lines between their samples.
+# Signals that hold until the next sample. The others are measured, and are interpolated linearly between samples.
 _HELD = ("motor_command", "thrust_share", "battery_voltage")
 _ANGLES = (*ATTITUDES, "reference_yaw")
 # Signals that change slowly: at the ends of a log they are what they are at their first or last sample.
@@ -65,16 +65,14 @@ class _Channel(NamedTuple):
         clock: of the table; the same object for all that share it.
         rows: numbers of the rows of the clock at which it is known.
         values: (rows, columns).
-        origin: where it is from, as part of a sentence.
-        crossed: True if it is along the axes of the world and the signal along those of the body, or vice versa.
+        source: source that it is read from.
     """
 
     signal: str
     clock: np.ndarray
     rows: np.ndarray
     values: np.ndarray
-    origin: str
-    crossed: bool
+    source: SignalSource
 
     @property
     def time(self) -> np.ndarray:
@@ -159,9 +157,6 @@ def record_of(
     if inside.sum() < 2:
         raise InputError(f"{mark}: its signals have less than two samples in common")
     time = clock[inside]
-    used = {
-        each for signal in (channel.signal for channel in chosen) for each in _read_names(signal, mapping, available)
-    }
     signals: dict[str, Any] = {channel.signal: _at(channel, clock, inside) for channel in chosen}
     notes += _turn_crossed(signals, chosen)
     if not signals:
@@ -193,7 +188,10 @@ def record_of(
             ),
             *doubts(signals, time - time[0]),
             *contradictions(signals, time),
-            *_unread(available - ({mapping.time.column} if mapping.time else set()), used),
+            *_unread(
+                available - ({mapping.time.column} if mapping.time else set()),
+                {each for channel in chosen for each in channel.source.names},
+            ),
         ),
     )
 
@@ -233,7 +231,7 @@ def _channels(signal: str, mapping: Mapping, tables: Sequence[Table], clocks: _C
                 values = np.clip(values, 0.0, 1.0)
             rows = np.flatnonzero((np.abs(values) < _LARGEST).all(axis=1))
             if len(rows) > 1:
-                yield _Channel(signal, clock, rows, values[rows], _origin(source), source.is_crossed(signal))
+                yield _Channel(signal, clock, rows, values[rows], source)
 
 
 def _values(signal: str, source: SignalSource, table: Table) -> np.ndarray:
@@ -347,7 +345,7 @@ def _turn_crossed(signals: dict[str, Any], channels: Sequence[_Channel]) -> Iter
     Yield a sentence on each.
     """
     for channel in channels:
-        if not channel.crossed:
+        if not channel.source.is_crossed(channel.signal):
             continue
         to_world = QUANTITIES[channel.signal].frame == "W"
         of, to = ("body", "world") if to_world else ("world", "body")
@@ -360,29 +358,29 @@ def _turn_crossed(signals: dict[str, Any], channels: Sequence[_Channel]) -> Iter
             yield f"{channel.signal} is left out: it is along the axes of the {of}, and no attitude is logged"
 
 
-def _origin(source: SignalSource) -> str:
-    names = source.names
-    return _range(names) + (f" ({source.unit})" if source.unit else "")
-
-
 def _range(names: Sequence[str]) -> str:
     return f"{names[0]} to {names[-1]}" if len(names) > 1 else "".join(names)
 
 
 def _origin_remarks(channels: Sequence[_Channel]) -> Iterator[str]:
-    yield "read: " + "; ".join(f"{channel.signal} from {channel.origin}" for channel in channels)
+    origins = [
+        f"{channel.signal} from {_range(channel.source.names)}"
+        + (f" ({channel.source.unit})" if channel.source.unit else "")
+        for channel in channels
+    ]
+    yield f"read: {'; '.join(origins)}"
 
 
 def _resampling_remarks(channels: Sequence[_Channel], clock: np.ndarray) -> Iterator[str]:
-    moved = [channel for channel in channels if channel.clock is not clock]
-    for held, how in ((False, "put on the clock on lines between their samples"), (True, "held on the clock")):
+    rate = f"{1.0 / float(np.median(np.diff(clock))):.4g} Hz"
+    for held, how in ((False, "interpolated linearly"), (True, "held constant between their samples")):
         rates = [
             f"{channel.signal} ({1.0 / float(np.median(np.diff(channel.time))):.3g} Hz)"
-            for channel in moved
-            if is_held(channel.signal) is held
+            for channel in channels
+            if channel.clock is not clock and is_held(channel.signal) is held
         ]
         if rates:
-            yield f"{how}, which has {1.0 / float(np.median(np.diff(clock))):.4g} Hz: {', '.join(rates)}"
+            yield f"{how}, since the record has {rate}: {', '.join(rates)}"
 
 
 def _missing_remarks(channels: Sequence[_Channel]) -> Iterator[str]:
@@ -403,13 +401,6 @@ def _why_not(signal: str, mapping: Mapping, available: set[str]) -> Iterator[str
         if 0 < len(missing) < len(source.names):
             yield f"{signal} is left out: {listed(missing)} {'is' if len(missing) == 1 else 'are'} not logged"
             return
-
-
-def _read_names(signal: str, mapping: Mapping, available: set[str]) -> tuple[str, ...]:
-    for source in mapping.signals[signal]:
-        if available.issuperset(source.names):
-            return source.names
-    return ()
 
 
 def _unread(available: set[str], used: set[str]) -> Iterator[str]:

@@ -251,8 +251,8 @@ def _comment(estimates: Estimates, name: str, written: Any) -> str:
     parts = [f"{own} with 95 % confidence"]
     if estimates.variation is not None and estimates.variation.covariance[place, place] > 0.0:
         parts.append(f"{new_flight} in another {estimates.variation.duration:.2g} s of flight")
-    if name in estimates.explained:
-        share, output = estimates.explained[name]
+    share, output = estimates.explained.get(name, (0.0, ""))
+    if share > 0.0:
         parts.append(f"explains {100.0 * share:.3g} % of the variance of {output}")
     parts.append(" and ".join(map(str, estimates.sources_of(place))))
     mean = written["normal"]["mean"] if isinstance(written, dict) else written
@@ -269,15 +269,12 @@ def _listed(path: str, whole: Mapping[str, _Entry], base: Scenario) -> list[_Ent
     Raises:
         InputError: if the base has no such list.
     """
-    items = []
-    for place in range(declaration_at(path).items):
-        name = f"{path}[{place}]"
-        items.append(whole[name] if name in whole else _Entry(_of_base(base, path, place), "as in what this extends"))
-    return items
+    names = [f"{path}[{place}]" for place in range(declaration_at(path).items)]
+    return [whole[name] if name in whole else _of_base(base, path, place) for place, name in enumerate(names)]
 
 
-def _of_base(base: Scenario, path: str, place: int) -> Any:
-    """Return an item of a list of the base, as YAML.
+def _of_base(base: Scenario, path: str, place: int) -> _Entry:
+    """Return an item of a list of the base.
 
     Raises:
         InputError: if the base has no such list.
@@ -285,14 +282,14 @@ def _of_base(base: Scenario, path: str, place: int) -> Any:
     holder, _, field = field_path(path).rpartition(".")
     owner = value_at(base, holder)
     if owner is None:  # an effect that is switched off
-        return 0.0
+        return _Entry(0.0, "as in what this extends")
+    if path == "motors.curve" and not base.vehicle.motors.take_throttles and place < 2:
+        return _Entry(0.0, "not identified, and 0 at the start of the identification")
     if not hasattr(owner, field):
-        raise InputError(
-            f"{path}[{place}] is not estimated, and what the vehicle extends has none; all"
-            f" {declaration_at(path).items} are needed"
-        )
+        raise InputError(f"{path}[{place}] must be estimated, too: what the vehicle extends has none")
     value = getattr(owner, field)[place]
-    return value if isinstance(value, float) else value.model_dump(mode="json", exclude_none=True)
+    written = value if isinstance(value, float) else value.model_dump(mode="json", exclude_none=True)
+    return _Entry(written, "as in what this extends")
 
 
 def _believed(path: str, estimates: Estimates, base: Scenario) -> Any:
@@ -334,9 +331,10 @@ def _moved(value: Any, step: float) -> Any:
 
 
 def _with_motors(tree: dict[str, Any], base: Scenario, nominal: bool, voltage: float | None) -> None:
-    """Complete the motors, if their thrust curve was estimated, and raise speed limits that would cut it off.
+    """Complete the motors, if their thrust curve was estimated, and change speed limits that would cut it off.
 
-    `nominal` gets the curve if it is asked for, or if the base has no throttle motors that could be believed.
+    If the curve is not asked for in `nominal`, and the base believes in no throttle motors, `nominal` gets motors that
+    give its full thrust at full throttle.
     """
     if "motors" not in tree["vehicle"]:
         return
@@ -345,13 +343,16 @@ def _with_motors(tree: dict[str, Any], base: Scenario, nominal: bool, voltage: f
     tree["vehicle"]["motors"] = {"kind": _Entry("throttle"), "curve": curve}
     if voltage is not None:
         tree["vehicle"]["motors"]["voltage"] = _Entry(float(f"{voltage:.5g}"))
-    parts = ["vehicle"]
+    believed = numbers
+    if not base.nominal.motors.take_throttles:
+        tree["vehicle"].setdefault("min_rotor_speed", _Entry(0.0, "does not limit the thrust curve"))
+        if not nominal:
+            believed = [0.0, 0.0, float(f"{base.nominal.thrust_factor * base.nominal.max_rotor_speed**2:.4g}")]
     if nominal or not base.nominal.motors.take_throttles:
-        parts.append("nominal")
-        tree["nominal"]["motors"] = {"kind": _Entry("throttle"), "curve": [_Entry(each) for each in numbers]}
+        tree["nominal"]["motors"] = {"kind": _Entry("throttle"), "curve": [_Entry(each) for each in believed]}
     full = max(0.0, float(thrust_of(1.0, ThrustCurve(*numbers))))
     top = _SPEED_MARGIN * math.sqrt(full / base.nominal.thrust_factor)
-    for part in parts:
+    for part in ("vehicle", "nominal") if nominal else ("vehicle",):
         limit = getattr(base, part).max_rotor_speed
         if isinstance(limit, float) and limit < top:
             why = "higher than at full throttle, so that it does not limit the thrust curve"
