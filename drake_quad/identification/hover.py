@@ -10,9 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.identification.logs.timing import pieces
 from drake_quad.identification.result import Spread
-from drake_quad.identification.windows import airborne
+from drake_quad.identification.windows import airborne, pieces
 
 _ORDER = 3  # of the differences
 _VARIANCE_FACTOR = 20.0  # variance of third differences of independent errors of unit variance
@@ -119,7 +118,8 @@ def delay_by_correlation(record: FlightRecord, max_delay: float = 0.3) -> float 
     """
     if record.attitude is None or record.attitude_command is None:
         return None
-    part = max(pieces(record), key=lambda piece: len(piece.time))
+    piece = pieces(record)
+    part = record.part(piece == np.argmax(np.bincount(piece)))
     lags = np.arange(max(1, round(max_delay / part.period)))
     best = []
     for column in range(2):

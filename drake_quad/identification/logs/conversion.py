@@ -12,9 +12,9 @@ from drake_quad.identification.logs.attitudes import rotations
 from drake_quad.identification.logs.consistency import contradictions
 from drake_quad.identification.logs.doubts import doubts, jumps
 from drake_quad.identification.logs.mapping import ATTITUDES, Mapping, SignalSource
-from drake_quad.identification.logs.record import COLUMNS, FlightRecord
+from drake_quad.identification.logs.record import COLUMNS, QUANTITIES, FlightRecord
 from drake_quad.identification.logs.timing import rising, timing_remarks
-from drake_quad.identification.logs.units import QUANTITIES, UNITS
+from drake_quad.identification.logs.units import UNITS
 from drake_quad.scenario.files.marked_tree import Mark
 
 # Signals that hold until the next sample. The others are measured, and are interpolated linearly between samples.
