@@ -89,6 +89,7 @@ def main(arguments: argparse.Namespace) -> None:
     print(f"the initial vehicle is {vehicle}")
     found = identify(records, base, held_out_share=_HELD_OUT_SHARE)
     print_estimates(found)
+    print_flights(found)
     print_score(found)
     predictions = predicted(records, found, base)
     print("RMS error of open-loop predictions of the last third of each flight, by a vehicle identified from the rest")
@@ -237,6 +238,18 @@ def covered(found: Identification, name: str) -> str:
         return ""
     each = found.held_out[name]
     return f"{each.covered} of {len(each.errors)}"
+
+
+def print_flights(found: Identification) -> None:
+    """Print the thrust and the mean forces that each flight has of its own."""
+    rows = []
+    for flight in found.flights:
+        thrust = "–" if flight.thrust is None else plus_minus(100.0 * flight.thrust.value, 100.0 * flight.thrust.reach)
+        forces = (flight.forces.get(f"{kind}_force.{axis}") for kind in ("trim", "wind") for axis in "xy")
+        rows.append((flight.name, thrust, *("–" if f is None else plus_minus(f.value, f.reach) for f in forces)))
+    if any(set(row[1:]) != {"–"} for row in rows):
+        print("each flight: thrust relative to the mean, and mean forces in addition to those of the vehicle")
+        print_columns(("flight", "thrust, %", "trim x, N", "trim y, N", "wind x, N", "wind y, N"), rows)
 
 
 def print_score(found: Identification) -> None:

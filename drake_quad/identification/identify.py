@@ -21,6 +21,7 @@ import scipy
 from drake_quad.errors import InputError
 from drake_quad.identification.delays import frame_age
 from drake_quad.identification.fit import MIN_NOISE, PredictionFit, fit, noise_covariance
+from drake_quad.identification.flight_differences import flight_differences, with_differences, within_flights
 from drake_quad.identification.forecast import Forecast, forecast
 from drake_quad.identification.identifiability import (
     check_forecast,
@@ -167,7 +168,8 @@ def _result(
     names = names_of(parameters)
     blocks = window_blocks(predictor)
     evidence = fitted.evidence(names, [parameter.scale for parameter in parameters], predictor.duration)
-    variation = variation_of(evidence)
+    differences = flight_differences(logs, predictor, fitted, evidence)
+    variation = variation_of(within_flights(evidence, predictor, differences))
     uncertainty = uncertainty_of_mean(fitted.uncertainty(blocks), evidence, variation)
     remarks = [*_remarks(predictor, fitted, names), *steep_remarks(logs.records)]
     if slow is not None:
@@ -200,6 +202,7 @@ def _result(
         | {name: reason for name, reason in weak.items() if name != DELAY},
         variation=None if variation is None else variation.part(own).with_unknown(len(noise_names)),
     )
+    estimates = with_differences(estimates, differences, logs.scenario, predictor.duration / max(1, len(differences)))
     i = names.index(DELAY)
     deviation = float(np.sqrt(uncertainty.covariance[i, i]))
     delay = Spread(float(fitted.values[i]), deviation, "s", float(uncertainty.degrees_of_freedom[i]))
@@ -212,7 +215,9 @@ def _result(
     covered = {name: each for name, each in hold_out(evidence).items() if name not in weak}
     result_delay = None if DELAY in weak else delay
     vehicle = _vehicle(logs, scenario, numbers)
-    return Identification(estimates, vehicle, outputs, result_delay, fitted.noise, tuple(remarks), covered)
+    return Identification(
+        estimates, vehicle, outputs, result_delay, fitted.noise, tuple(remarks), covered, flights=differences
+    )
 
 
 def _noise_estimates(

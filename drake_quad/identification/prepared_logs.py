@@ -140,8 +140,18 @@ class PreparedLogs(NamedTuple):
 
 def window_blocks(predictor: Predictor) -> np.ndarray:
     """Return the number (W,) of the block of each window, for the covariance of the estimates."""
-    windows = len(predictor.windows)
-    number = min(windows, max(MIN_BLOCKS, round(predictor.duration / _BLOCK)))
+    return blocks_of(len(predictor.windows), predictor.duration, MIN_BLOCKS)
+
+
+def blocks_of(windows: int, duration: float, minimum: int) -> np.ndarray:
+    """Return the number (windows,) of the block of each window, in blocks that are longer than errors are correlated.
+
+    Args:
+        windows: number of windows.
+        duration: duration of all windows together, s.
+        minimum: smallest number of blocks, if there are as many windows.
+    """
+    number = min(windows, max(minimum, round(duration / _BLOCK)))
     return np.asarray(np.arange(windows) * number // windows)
 
 

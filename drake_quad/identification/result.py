@@ -61,6 +61,21 @@ class Spread(NamedTuple):
         return float(quantile(self.degrees_of_freedom)) * self.deviation
 
 
+class FlightDifference(NamedTuple):
+    """What a flight has of its own, see `drake_quad.identification.flight_differences`.
+
+    Attributes:
+        name: name of its log.
+        thrust: thrust at the same command, relative to the mean of all flights, minus 1; None if there is one flight.
+        forces: mean trim force along x and y of B and, where they are distinguishable, mean force of a wind that is not
+            logged along x and y of W, N, by name; empty without positions and attitudes.
+    """
+
+    name: str
+    thrust: Spread | None
+    forces: Mapping[str, Spread]
+
+
 @dataclass(frozen=True, eq=False)
 class Identification:
     """Vehicle identified from logs.
@@ -76,6 +91,7 @@ class Identification:
         held_out: coverage of the intervals when a tenth of the flight at a time is left out, by the name of the
             parameter; empty if there is too little flight.
         training_vehicle: scenario with the estimates of a fit to the flight that is not held out; None if nothing is.
+        flights: what each flight has of its own.
     """
 
     estimates: Estimates
@@ -86,3 +102,4 @@ class Identification:
     remarks: tuple[str, ...] = ()
     held_out: Mapping[str, HeldOut] = field(default_factory=dict)
     training_vehicle: Scenario | None = None
+    flights: tuple[FlightDifference, ...] = ()

@@ -81,6 +81,14 @@ def test_elsewhere_numbers_are_off_by_the_mean_and_by_what_varies():
     assert found.variation is None
     plain = estimates()
     assert plain.for_new_flight() is plain
+    # Flights differ in addition to the stretches of a flight.
+    between = Variation(np.array([[4e-8, 0.0], [0.0, 0.0]]), 2.0, 40.0)
+    found = estimates(variation=varies, flight_variation=between).for_new_flight()
+    assert found.covariance[0, 0] == pytest.approx(20e-8)
+    assert found.degrees_of_freedom[0] == pytest.approx(20.0**2 / (4.0**2 / 12.0 + 12.0**2 / 9.0 + 4.0**2 / 2.0))
+    assert found.flight_variation is None
+    part = estimates(flight_variation=between).part(["inertia[2]", "mass"])
+    np.testing.assert_array_equal(part.flight_variation.covariance, [[0.0, 0.0], [0.0, 4e-8]])
     part = estimates(variation=varies).part(["inertia[2]", "mass"])
     np.testing.assert_array_equal(part.variation.covariance, [[0.0, 0.0], [0.0, 12e-8]])
 

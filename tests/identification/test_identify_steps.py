@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError, load_scenario
+from drake_quad.identification import flight_differences
 from drake_quad.identification import identify as module
 from drake_quad.identification.delays import delay_of, frame_age
 from drake_quad.identification.fit import PredictionFit
@@ -32,6 +33,14 @@ def log_of(seconds, *, period=PERIOD, **signals):
         "rotor_speed_command": np.full((count, 4), 200.0),
     }
     return FlightRecord("log", period * np.arange(count), **{**values, **signals})
+
+
+@pytest.fixture(autouse=True)
+def no_disturbance(monkeypatch):
+    """The fits of these tests have no filter that estimates one."""
+    monkeypatch.setattr(
+        flight_differences, "estimated_force", lambda each, _: np.zeros((2, len(each.windows), each.sizes.length))
+    )
 
 
 @pytest.fixture(scope="module")

@@ -145,6 +145,13 @@ def test_what_varies_between_stretches_is_drawn_and_said(base, tmp_path):
     assert "say of a number and how it varies among them. Fields" in text
 
 
+def test_what_varies_between_flights_is_said_to_be_of_another_flight(base, tmp_path):
+    both = {"variation": Variation(np.array([[1e-12]]), 40.0, 8.2), "flight_variation": Variation(np.eye(1), 2.0, 9.0)}
+    text = text_of(write_vehicle(tmp_path / "m.yaml", "m", estimates_of({"mass": FOUND["mass"]}, **both), base=base))
+    assert "in another flight;" in text
+    assert "in another 8.2 s" not in text
+
+
 def test_variation_that_nobody_looked_at_is_not_said_to_be_there(base, tmp_path):
     found = {name: FOUND[name] for name in ("mass", "inertia[0]")}
     text = text_of(write_vehicle(tmp_path / "none.yaml", "mine", estimates_of(found), base=base))

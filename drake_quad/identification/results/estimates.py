@@ -131,6 +131,8 @@ class Estimates:
         remarks: further sentences on the estimates.
         variation: variation of the parameters from one stretch of flight to the next, in addition to the errors of
             their means; None if it is unknown.
+        flight_variation: variation from one flight to the next, in addition to that within a flight; None if it is
+            unknown.
     """
 
     names: tuple[str, ...]
@@ -142,6 +144,7 @@ class Estimates:
     not_identified: Mapping[str, str] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     variation: Variation | None = None
+    flight_variation: Variation | None = None
 
     def __post_init__(self) -> None:
         """Check the fields, and convert them to arrays with one item per parameter.
@@ -206,9 +209,14 @@ class Estimates:
     @property
     def variation_known(self) -> np.ndarray:
         """Mask (n,) of the parameters whose variation is known."""
-        if self.variation is None:
-            return np.zeros(len(self.names), dtype=bool)
-        return np.isfinite(np.diag(self.variation.covariance))
+        known = np.zeros(len(self.names), dtype=bool)
+        for each in self._variations:
+            known |= np.isfinite(np.diag(each.covariance))
+        return known
+
+    @property
+    def _variations(self) -> list[Variation]:
+        return [each for each in (self.variation, self.flight_variation) if each is not None]
 
     def quantiles(self, level: float = CONFIDENCE) -> np.ndarray:
         """Return half of the length of each confidence interval (n,) in standard deviations."""
@@ -257,23 +265,27 @@ class Estimates:
             sources=tuple(self.sources_of(place) for place in places),
             explained={name: share for name, share in self.explained.items() if name in names},
             variation=None if self.variation is None else self.variation.part(places),
+            flight_variation=None if self.flight_variation is None else self.flight_variation.part(places),
         )
 
     def for_new_flight(self) -> "Estimates":
-        """Return the estimates with the covariance for another stretch of flight.
+        """Return the estimates with the covariance for another stretch of another flight.
 
-        The covariance is the sum of that of the errors and of the variation from stretch to stretch, with the degrees
-        of freedom of F. E. Satterthwaite (Biometrics Bulletin 2, 1946). A parameter of unknown variation keeps its
-        covariance.
+        The covariance is the sum of that of the errors and of the variations from stretch to stretch and from flight to
+        flight, with the degrees of freedom of F. E. Satterthwaite (Biometrics Bulletin 2, 1946). A parameter of unknown
+        variation keeps its covariance.
         """
-        if self.variation is None:
+        if not self._variations:
             return self
-        variation = np.nan_to_num(self.variation.covariance)
-        own, between = np.diag(self.covariance), np.diag(variation)
-        parts = own**2 / self.degrees_of_freedom + between**2 / self.variation.degrees_of_freedom
+        covariance, parts = self.covariance, np.diag(self.covariance) ** 2 / self.degrees_of_freedom
+        for each in self._variations:
+            between = np.nan_to_num(each.covariance)
+            covariance = covariance + between
+            parts = parts + np.diag(between) ** 2 / each.degrees_of_freedom
         return replace(
             self,
-            covariance=self.covariance + variation,
-            degrees_of_freedom=(own + between) ** 2 / parts,
+            covariance=covariance,
+            degrees_of_freedom=np.diag(covariance) ** 2 / parts,
             variation=None,
+            flight_variation=None,
         )

@@ -249,7 +249,14 @@ def _comment(estimates: Estimates, name: str, written: Any) -> str:
     if name in estimates.not_identified:
         return f"not identified, {own}: as in what this extends, as far as the log narrows it"
     parts = [f"{own} with 95 % confidence"]
-    if estimates.variation is not None and estimates.variation.covariance[place, place] > 0.0:
+    between, within = (
+        0.0 if each is None else np.nan_to_num(each.covariance[place, place])
+        for each in (estimates.flight_variation, estimates.variation)
+    )
+    if between > 0.0:
+        parts.append(f"{new_flight} in another flight")
+    elif within > 0.0:
+        assert estimates.variation is not None
         parts.append(f"{new_flight} in another {estimates.variation.duration:.2g} s of flight")
     share, output = estimates.explained.get(name, (0.0, ""))
     if share > 0.0:

@@ -1,0 +1,211 @@
+"""Thrust, trim force and wind of single flights, and the distribution for the next flight."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import scipy
+
+from drake_quad import load_scenario
+from drake_quad.flight.simulation import simulate
+from drake_quad.identification.evidence import Evidence
+from drake_quad.identification.fit import fit
+from drake_quad.identification.flight_differences import (
+    TRIM_FORCE,
+    flight_differences,
+    forces_of,
+    next_flight_variance,
+    thrust_direction,
+    with_differences,
+    within_flights,
+)
+from drake_quad.identification.known_flights import KNOWN, record_of
+from drake_quad.identification.parameters import Parameter
+from drake_quad.identification.prepared_logs import initial_noise, prepare
+from drake_quad.identification.result import FlightDifference, Spread
+from drake_quad.identification.results.estimates import Estimates, Source
+from drake_quad.identification.results.vehicle_numbers import number_of
+
+WINDOWS, SAMPLES = 20, 30
+
+
+def turned(heading: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Return horizontal vectors of B along the axes of W."""
+    cos, sin = np.cos(heading), np.sin(heading)
+    return np.stack([cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1]], axis=-1)
+
+
+def values_of(forces: dict[str, Spread], name: str) -> list[float]:
+    return [forces[f"{name}.{axis}"].value for axis in "xy"]
+
+
+def test_a_turning_vehicle_tells_its_trim_force_from_the_wind() -> None:
+    trim, wind = np.array([0.3, -0.1]), np.array([-0.5, 0.2])
+    heading = np.linspace(0.0, 4.0, WINDOWS * SAMPLES).reshape(WINDOWS, SAMPLES)
+    found = forces_of(heading, turned(heading, trim) + wind, np.arange(WINDOWS))
+    np.testing.assert_allclose(values_of(found, "trim_force"), trim)
+    np.testing.assert_allclose(values_of(found, "wind_force"), wind)
+
+
+@pytest.mark.parametrize("change", [0.0, 0.2])
+def test_the_trim_force_at_one_heading_includes_the_wind(change: float) -> None:
+    trim, wind, mean = np.array([0.3, -0.1]), np.array([-0.5, 0.2]), 0.7
+    heading = mean + change * np.sin(np.arange(WINDOWS * SAMPLES)).reshape(WINDOWS, SAMPLES)
+    found = forces_of(heading, turned(heading, trim) + wind, np.arange(WINDOWS))
+    assert set(found) == {*TRIM_FORCE}
+    expected = trim + turned(np.array(-mean), wind)
+    np.testing.assert_allclose(values_of(found, "trim_force"), expected, atol=0.5 * change**2)
+
+
+def test_intervals_of_a_mean_force_contain_it_although_the_force_fluctuates() -> None:
+    """The fluctuation is correlated over half a second, so that samples are not independent."""
+    rng, period, time, trials = np.random.default_rng(3), 0.1, 0.5, 400
+    decay, held = np.exp(-period / time), 0
+    blocks = np.arange(80) // 8
+    heading = np.zeros((80, 5))
+    for _ in range(trials):
+        noise = rng.normal(size=(80 * 5 + 100, 2))
+        force = 0.2 + scipy.signal.lfilter([np.sqrt(1.0 - decay**2)], [1.0, -decay], noise, axis=0)[100:]
+        found = forces_of(heading, force.reshape(80, 5, 2), blocks)["trim_force.x"]
+        held += abs(found.value - 0.2) < found.reach
+    assert 0.9 < held / trials < 0.98
+
+
+def test_the_next_flight_is_where_the_spread_of_the_others_says() -> None:
+    """Student's interval with F - 1 degrees of freedom."""
+    rng, trials, flights = np.random.default_rng(1), 4000, 4
+    values = 2.0 + 0.5 * rng.normal(size=(trials, flights + 1))
+    spreads = [[Spread(value, 0.0, "N") for value in row[:-1]] for row in values]
+    deviations = np.sqrt([next_flight_variance(row) for row in spreads])
+    inside = np.abs(values[:, -1] - values[:, :-1].mean(axis=1)) < scipy.stats.t.ppf(0.975, flights - 1) * deviations
+    assert inside.mean() == pytest.approx(0.95, abs=0.012)
+    # What errors explain is no spread.
+    assert next_flight_variance([Spread(value, 0.2, "N") for value in (0.0, 0.3, 0.6)]) == pytest.approx(
+        (0.09 - 0.04) * 4.0 / 3.0
+    )
+    assert next_flight_variance([Spread(value, 0.4, "N") for value in (0.0, 0.3, 0.6)]) == 0.0
+
+
+def evidence_of(scales: np.ndarray, windows: int = 6) -> tuple[Evidence, SimpleNamespace]:
+    """Return the evidence of flights that agree except in their thrust, around the mean of the thrust."""
+    rng = np.random.default_rng(0)
+    names, values = ("inertia[0]", "motors.curve[1]", "motors.curve[2]"), np.array([0.01, 2.0, 3.0])
+    rows = rng.normal(size=(len(scales) * windows, 8, 3))
+    information = rows.swapaxes(1, 2) @ rows
+    own = np.repeat(scales, windows)[:, None] * np.array([0.0, 2.0, 3.0])
+    scores = -np.einsum("wij,wj->wi", information, own)
+    predictor = SimpleNamespace(
+        windows=[SimpleNamespace(record=flight) for flight in np.repeat(range(len(scales)), windows)]
+    )
+    return Evidence(names, values, np.ones(3), information, scores, 60.0), predictor
+
+
+def test_flights_agree_once_the_thrust_of_each_is_known() -> None:
+    scales = np.array([0.05, -0.02, -0.03])
+    evidence, predictor = evidence_of(scales)
+    logs = SimpleNamespace(records=[SimpleNamespace(name=name) for name in "abc"], signals={"body_rates"})
+    found = flight_differences(logs, predictor, SimpleNamespace(), evidence)
+    assert [each.name for each in found] == ["a", "b", "c"]
+    assert [each.forces for each in found] == [{}] * 3
+    np.testing.assert_allclose([each.thrust.value for each in found], scales, rtol=1e-9)
+    # Windows that agree exactly leave the error of the model.
+    direction = thrust_direction(evidence.names, evidence.values)
+    model = np.einsum("i,wij,j->w", direction, evidence.information, direction).reshape(3, -1).sum(axis=1)
+    np.testing.assert_allclose([each.thrust.deviation for each in found], model**-0.5)
+    np.testing.assert_allclose(within_flights(evidence, predictor, found).scores, 0.0, atol=1e-9)
+
+
+def test_one_flight_or_a_vehicle_without_thrust_has_no_thrust_of_its_own() -> None:
+    evidence, predictor = evidence_of(np.array([0.0]))
+    logs = SimpleNamespace(records=[SimpleNamespace(name="a")], signals={"body_rates"})
+    (found,) = flight_differences(logs, predictor, SimpleNamespace(), evidence)
+    assert found.thrust is None
+    assert within_flights(evidence, predictor, [found]).scores is not None
+    evidence, predictor = evidence_of(np.array([0.05, -0.05]))
+    logs.records.append(SimpleNamespace(name="b"))
+    evidence = evidence._replace(names=("inertia[0]", "inertia[1]", "inertia[2]"))
+    assert not thrust_direction(evidence.names, evidence.values).any()
+    found = flight_differences(logs, predictor, SimpleNamespace(), evidence)
+    assert [each.thrust for each in found] == [None, None]
+    np.testing.assert_array_equal(within_flights(evidence, predictor, found).scores, evidence.scores)
+
+
+def estimates() -> Estimates:
+    return Estimates(
+        ("linear_drag", "motors.curve[1]", "motors.curve[2]"),
+        np.array([0.1, 2.0, 3.0]),
+        np.diag([1e-4, 4e-4, 9e-4]),
+        30.0,
+        Source("prediction errors", "a, b, c"),
+    )
+
+
+def differences(thrusts: list[float], trims: list[float] | None) -> list[FlightDifference]:
+    """Return flights with such thrusts, and with such trim forces along x."""
+    found = []
+    for i, thrust in enumerate(thrusts):
+        forces = (
+            {}
+            if trims is None
+            else {name: Spread(value, 0.03, "N", 8.0) for name, value in zip(TRIM_FORCE, (trims[i], 0.2))}
+        )
+        found.append(FlightDifference("abcd"[i], Spread(thrust, 0.0, "1", 8.0), forces))
+    return found
+
+
+def test_the_spread_of_flights_is_that_of_the_next_one() -> None:
+    scenario = load_scenario("hover", ["vehicle.trim_force={x: 0.5}"])
+    thrusts, trims = [0.04, -0.01, -0.03], [0.1, 0.3, -0.4]
+    found = with_differences(estimates(), differences(thrusts, trims), scenario, 20.0)
+    assert found.names[3:] == TRIM_FORCE
+    np.testing.assert_allclose(found.values[3:], [0.5 + 0.0, 0.2])
+    np.testing.assert_allclose(found.deviations[3:], 0.03 / np.sqrt(3.0))
+    np.testing.assert_allclose(np.asarray(found.degrees_of_freedom)[3:], 24.0)
+    assert found.sources_of(4) == (Source("mean force that nothing else explains", "a, b, c"),)
+    variation = found.flight_variation
+    assert (variation.degrees_of_freedom, variation.duration) == (2.0, 20.0)
+    thrust = 4.0 / 3.0 * np.var(thrusts, ddof=1)
+    expected = np.zeros((5, 5))
+    expected[1:3, 1:3] = thrust * np.outer([2.0, 3.0], [2.0, 3.0])
+    expected[3, 3] = 4.0 / 3.0 * (np.var(trims, ddof=1) - 0.03**2)
+    np.testing.assert_allclose(variation.covariance, expected, atol=1e-15)
+    # The distribution for the next flight contains it, with the few degrees of freedom of three flights.
+    new = found.for_new_flight()
+    assert new.deviations[3] == pytest.approx(np.sqrt(3e-4 + expected[3, 3]))
+    assert new.degrees_of_freedom[3] == pytest.approx(2.0, rel=0.01)
+    assert new.flight_variation is None
+    np.testing.assert_allclose(new.covariance[0, 0], 1e-4)
+
+
+def test_two_flights_show_no_spread_and_logs_without_poses_no_trim_force() -> None:
+    own, scenario = estimates(), load_scenario("hover")
+    assert with_differences(own, differences([0.1, -0.1], [0.1, -0.1]), scenario, 20.0) is own
+    found = with_differences(own, differences([0.1, 0.0, -0.1], None), scenario, 20.0)
+    assert found.names == own.names
+    assert found.flight_variation.covariance[1, 2] == pytest.approx(0.01 * 4.0 / 3.0 * 6.0)
+
+
+@pytest.mark.slow
+def test_flights_of_a_vehicle_that_is_rebuilt_before_each_show_what_was_changed(root) -> None:
+    """The trim force is found to 0.3 % of the weight: attitudes with a noise of 4 mrad do not show it better."""
+    known = KNOWN["calm"]
+    numbers = ["vehicle.inertia=[0.007, 0.007, 0.012]", "vehicle.centre_of_mass=[0, 0]"]
+    plain = [*numbers, "vehicle.rotor_time_constant=0.05", "vehicle.linear_drag=0.1", "vehicle.thrust_factor=4e-5"]
+    truths = [(0.97, 0.05, 0.0), (1.0, -0.05, 0.03), (1.03, 0.0, -0.03)]
+    records = []
+    for scale, x, y in truths:
+        own = [f"vehicle.thrust_factor={4e-5 * scale}", f"vehicle.trim_force={{x: {x}, y: {y}}}"]
+        flight = simulate(known.flown(root / "diagrams", [*plain, *own, "duration=16"]))
+        records.append(record_of(flight))
+    scenario = known.flown(root / "diagrams", plain)
+    logs, _ = prepare(records, scenario)
+    predictor = logs.predictor(("thrust_factor",), logs.flying)
+    start = number_of(scenario, "thrust_factor")
+    fitted = fit(predictor, [Parameter("thrust_factor", start, start)], initial_noise(logs.outputs))
+    evidence = fitted.evidence(("thrust_factor",), (start,), predictor.duration)
+    found = flight_differences(logs, predictor, fitted, evidence)
+    weight = scenario.vehicle.mass * scenario.vehicle.gravity
+    for each, (scale, *trim) in zip(found, truths, strict=True):
+        assert (1.0 + each.thrust.value) * fitted.values[0] == pytest.approx(4e-5 * scale, rel=0.01)
+        for name, force in zip(TRIM_FORCE, trim, strict=True):
+            assert each.forces[name].value == pytest.approx(force, abs=0.003 * weight)
