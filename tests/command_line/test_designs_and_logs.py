@@ -223,7 +223,9 @@ def test_a_vehicle_is_identified_from_the_logs_with_what_is_given(run, replaced,
     vehicle = SimpleNamespace(vehicle=SimpleNamespace(motors=motors))
     found = SimpleNamespace(estimates="estimates", vehicle=vehicle, training_vehicle="from the rest")
     predictions = SimpleNamespace(losses=lambda vehicle: [f"{vehicle} loses"])
-    prints = dict.fromkeys(("print_logs", "print_estimates", "print_score", "print_hover", "print_predictions"))
+    prints = dict.fromkeys(
+        ("print_logs", "print_estimates", "print_flights", "print_score", "print_hover", "print_predictions")
+    )
     calls = replaced(
         "identify", read_log=lambda log, mapping: records[log.name], identify=found, predict="prediction",
         joined=predictions, write_vehicle=None, save_figures=lambda figures, folder, vector: [*figures], **prints,

@@ -17,7 +17,7 @@ from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.correlation import joint_normal
 from drake_quad.scenario.distributions import Normal
 from drake_quad.scenario.files.loading import load_undesigned
-from drake_quad.scenario.paths import distributions_in, value_at
+from drake_quad.scenario.paths import distributions_in
 
 # As flights of a Crazyflie give them, or nearly so: value and standard deviation.
 FOUND = {
@@ -216,7 +216,7 @@ def test_a_vehicle_of_rotor_speeds_gets_throttle_motors(root, tmp_path):
 
 def test_the_voltage_of_a_curve_is_written_with_it(base, tmp_path):
     found = estimates_of({f"motors.curve[{place}]": FOUND[f"motors.curve[{place}]"] for place in range(3)})
-    written = write_vehicle(tmp_path / "new.yaml", "new", found, base=base, voltage=3.85)
+    written = write_vehicle(tmp_path / "new.yml", "new", found, base=f"{base}:crazyflie_onboard", voltage=3.85)
     motors = load_undesigned(written).vehicle.motors
     assert (motors.kind, motors.voltage) == ("throttle", 3.85)
     assert motors.curve[2].normal.mean == pytest.approx(0.1284)
@@ -339,18 +339,6 @@ def test_it_is_drawn_from_in_a_study(loop, vehicle):
     # The curve's numbers are off together, so that the thrust of hover is off by little.
     curve = np.array([study.parameters[f"vehicle.motors.curve.{place}"] for place in range(3)])
     assert np.corrcoef(curve[1:])[0, 1] < -0.95
-
-
-def test_numbers_alone_can_be_written(estimates, base, tmp_path):
-    path = write_vehicle(
-        tmp_path / "plain.yml", "plain", estimates, base=f"{base}:crazyflie_onboard", distributions=False
-    )
-    plain = load_undesigned(path)
-    assert distributions_in(plain) == {}
-    for name, value in zip(estimates.names, estimates.values, strict=True):
-        if name not in NOT_DRAWN:
-            assert value_at(plain, scenario_path(name)) == pytest.approx(value, rel=1e-5)
-    assert "share" not in path.read_text().replace("Fields that share", "")
 
 
 def test_an_attitude_s_response_takes_the_place_of_what_is_on_board(root, tmp_path):
@@ -503,11 +491,10 @@ def test_what_was_given_is_put_where_it_belongs_unless_it_was_identified():
 @pytest.mark.parametrize(
     ("value", "written", "said"), [(-0.3, 0.0, True), (-0.04, 0.0, False), (0.04, 0.04, False), (0.3, 0.3, False)]
 )
-@pytest.mark.parametrize("drawn", [False, True])
-def test_a_number_beyond_its_limit_is_written_as_the_limit_which_is_said(value, written, said, drawn):
+def test_a_number_beyond_its_limit_is_written_as_the_limit_which_is_said(value, written, said):
     """The comment says so if the number is beyond the limit by more than its standard deviation."""
     estimates = Estimates(("linear_drag",), np.array([value]), np.array([[0.05**2]]), 30.0, Source("m", "log"))
-    number = vehicle_file._values(estimates, "v", drawn)["linear_drag"]
-    assert (number["normal"]["mean"] if drawn else number) == written
+    number = vehicle_file._values(estimates, "v")["linear_drag"]
+    assert number["normal"]["mean"] == written
     comment = vehicle_file._comment(estimates, "linear_drag", number)
     assert comment.endswith("; the estimate is outside the limits of the language, and the limit is written") == said

@@ -218,17 +218,23 @@ class _Motion(NamedTuple):
     @classmethod
     def at(cls, record: FlightRecord, measured: Sequence[str], starts: np.ndarray, past: int) -> "_Motion":
         """Return the motion at the ends of parabolas through the last samples before each start."""
-        ends = {name: _parabola(record, name, starts, past) for name in measured}
+        at = starts[:, None] + np.arange(1 - past, 1)
+        ends = {}
+        for name in measured:
+            values = np.unwrap(record.of(name), axis=0) if name == "attitude" else record.of(name)
+            ends[name] = _parabolas(record, at, values[at])
         none = np.zeros((3, len(starts)))
         position, velocity, acceleration = ends.get("position", (none, none, none))
         if "velocity" in ends:
             velocity, acceleration, _ = ends["velocity"]
         attitude, *_ = ends.get("attitude", (none, none, none))
+        rates, angular = none, none
         if "body_rates" in ends:
             rates, angular, _ = ends["body_rates"]
-        else:
-            # The rotation from one sample before the start to the start, and how it changes.
-            rates, angular = _body_rates(record, starts, past) if "attitude" in ends else (none, none)
+        elif "attitude" in ends:
+            attitudes = rotations(record.of("attitude"))
+            turned = (attitudes[np.repeat(starts, past)].inv() * attitudes[at.ravel()]).as_rotvec()
+            _, rates, angular = _parabolas(record, at, turned.reshape(*at.shape, 3))
         return cls(np.concatenate([position, attitude, velocity, rates]), acceleration, angular)
 
     def after(self, time: np.ndarray, *, accelerated: bool = False) -> np.ndarray:
@@ -247,27 +253,17 @@ class _Motion(NamedTuple):
         )
 
 
-def _parabola(record: FlightRecord, name: str, starts: np.ndarray, past: int) -> tuple[np.ndarray, ...]:
-    """Return value, rate and acceleration (3, S) at ends of parabolas through the last samples before each start."""
-    values = record.of(name)
-    if name == "attitude":
-        values = np.unwrap(values, axis=0)
-    at = starts[:, None] + np.arange(1 - past, 1)
-    time = record.time[at] - record.time[starts][:, None]
-    inverse = np.linalg.pinv(np.stack([np.ones_like(time), time, 0.5 * time**2], axis=2))
-    return tuple(np.moveaxis(inverse @ values[at], 0, 2))
+def _parabolas(record: FlightRecord, at: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return value, rate and acceleration (3, S) at the ends of parabolas.
 
-
-def _body_rates(record: FlightRecord, starts: np.ndarray, past: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return body rates and angular accelerations (3, S) from parabolas through the rotations before each start."""
-    attitudes = rotations(record.of("attitude"))
-    at = starts[:, None] + np.arange(1 - past, 1)
-    last = attitudes[np.repeat(starts, past)]
-    turned = (last.inv() * attitudes[at.ravel()]).as_rotvec().reshape(len(starts), past, 3)
-    time = record.time[at] - record.time[starts][:, None]
+    Args:
+        record: record that contains the samples.
+        at: (S, past) numbers of the samples of each parabola.
+        values: (S, past, 3) values of the samples.
+    """
+    time = record.time[at] - record.time[at[:, -1:]]
     inverse = np.linalg.pinv(np.stack([np.ones_like(time), time, 0.5 * time**2], axis=2))
-    _, rates, angular = np.moveaxis(inverse @ turned, 0, 2)
-    return rates, angular
+    return tuple(np.moveaxis(inverse @ values, 0, 2))
 
 
 def _flown(

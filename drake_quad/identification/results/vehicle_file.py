@@ -1,7 +1,7 @@
 """File of an identified vehicle in the scenario language, for `extends` and for studies.
 
 The file extends the vehicle that the identification began with. `vehicle` and `laboratory` have the estimates as
-numbers, or as normal distributions with the covariance of the estimates. The distributions are as wide as another
+normal distributions with the covariance of the estimates. The distributions are as wide as another
 stretch of flight may show: they contain the error of the mean and, where it is known, the variation from stretch to
 stretch. Their standard deviations also account for Student's distribution, so that 95 % of the samples are within the
 interval for another stretch.
@@ -67,7 +67,6 @@ def write_vehicle(
     estimates: Estimates,
     *,
     base: str | Path,
-    distributions: bool = True,
     nominal: bool = False,
     given: Sequence[str] = (),
     voltage: float | None = None,
@@ -83,7 +82,6 @@ def write_vehicle(
         name: name of the scenario in the file.
         estimates: at least one estimate.
         base: FILE or FILE:NAME of the vehicle that the file extends, or a shipped one.
-        distributions: True to write distributions to `vehicle` and `laboratory`, False to write numbers.
         nominal: True to write the estimates to `nominal` as well, which planner and controllers believe.
         given: overrides of the base, such as a weighed mass, `nominal.mass=0.03`, with values in YAML.
         voltage: voltage of the battery for which an identified thrust curve holds, V; None if it is unknown.
@@ -100,10 +98,10 @@ def write_vehicle(
         raise InputError("there is no estimate to write")
     believed = load_undesigned(base, given)
     folder = output_folder(path.parent)
-    fields = _fields(name, estimates, believed, distributions, nominal, given, voltage)
+    fields = _fields(name, estimates, believed, nominal, given, voltage)
     scenario = {"extends": _Entry(_relative(base, folder)), **fields}
     document = CommentedMap({name: _commented(scenario, 2)})
-    document.yaml_set_start_comment(_wrapped(_introduction(estimates, distributions)))
+    document.yaml_set_start_comment(_wrapped(_introduction(estimates)))
 
     def write(target: Path) -> None:
         with target.open("w", encoding="utf-8") as file:
@@ -131,17 +129,11 @@ def _relative(base: str | Path, folder: Path) -> str:
 
 
 def _fields(
-    name: str,
-    estimates: Estimates,
-    base: Scenario,
-    distributions: bool,
-    nominal: bool,
-    given: Sequence[str],
-    voltage: float | None,
+    name: str, estimates: Estimates, base: Scenario, nominal: bool, given: Sequence[str], voltage: float | None
 ) -> dict[str, Any]:
     """Return the mappings of the scenario, with an entry at each leaf."""
     prefix = re.sub(r"\W", "_", name, flags=re.ASCII)[:50]
-    written = _values(estimates, f"v_{prefix}" if prefix[0].isdecimal() else prefix, distributions)
+    written = _values(estimates, f"v_{prefix}" if prefix[0].isdecimal() else prefix)
     comments = {each: _comment(estimates, each, written[each]) for each in estimates.names}
     tree: dict[str, Any] = {"nominal": {}, "vehicle": {}, "laboratory": {}, "control": {}}
     for path in dict.fromkeys(split_name(each)[0] for each in estimates.names):
@@ -153,8 +145,11 @@ def _fields(
             node = node.setdefault(step, {})
         node[last] = value
         if nominal and path in Nominal.model_fields:
-            believed = _believed(path, estimates, base)
-            tree["nominal"][path] = _rigid(path, believed) if isinstance(believed, list) else believed
+            # An item that is not estimated is the one that is believed.
+            own: Any = getattr(base.nominal, path)
+            names = [f"{path}[{place}]" for place in range(declaration_at(path).items)]
+            items = [_Entry(_median(written.get(each, own[i]))) for i, each in enumerate(names)]
+            tree["nominal"][path] = _rigid(path, items) if items else _Entry(_median(written[path]))
     for assignment in given:
         _put(tree, assignment)
     _with_motors(tree, base, nominal, voltage)
@@ -183,14 +178,14 @@ def _put(tree: dict[str, Any], assignment: str) -> None:
         node.setdefault(steps[-1], _Entry(YAML(typ="safe").load(value), "given, not identified"))
 
 
-def _values(estimates: Estimates, prefix: str, distributions: bool) -> dict[str, Any]:
+def _values(estimates: Estimates, prefix: str) -> dict[str, Any]:
     """Return the number, or the distribution with the limits that the language requires, for each estimate."""
     numbers = {
         name: _number(name, _rounded(value, deviation))
         for name, value, deviation in zip(estimates.names, estimates.values, estimates.deviations, strict=True)
     }
     drawn = [name for name in estimates.names if not declaration_of(name).is_whole]
-    if not (distributions and drawn):
+    if not drawn:
         return numbers
     part = estimates.for_new_flight().part(drawn)
     # The normal distribution gets the 95 % interval of Student's distribution.
@@ -299,21 +294,6 @@ def _of_base(base: Scenario, path: str, place: int) -> _Entry:
     return _Entry(written, "as in what this extends")
 
 
-def _believed(path: str, estimates: Estimates, base: Scenario) -> Any:
-    """Return the estimates of a field as numbers for `nominal`."""
-
-    def number(name: str) -> float:
-        place = estimates.names.index(name)
-        value: float = _number(name, _rounded(estimates.values[place], estimates.deviations[place]))
-        return value
-
-    if not declaration_at(path).items:
-        return _Entry(number(path))
-    own: Any = getattr(base.nominal, path)
-    names = [f"{path}[{place}]" for place in range(declaration_at(path).items)]
-    return [_Entry(number(name) if name in estimates.names else own[place]) for place, name in enumerate(names)]
-
-
 def _rigid(path: str, items: list[_Entry]) -> list[_Entry]:
     """Return moments of inertia that are adjusted to those of a rigid body; other lists are returned unchanged."""
     known = all(isinstance(item.value, float) or "normal" in item.value for item in items)
@@ -403,21 +383,18 @@ def _without_contradictions(vehicle: dict[str, Any]) -> None:
             vehicle.setdefault(name, _Entry(0.0, "is in body_drag"))
 
 
-def _introduction(estimates: Estimates, distributions: bool) -> list[str]:
+def _introduction(estimates: Estimates) -> list[str]:
     """Return the paragraphs of the comment at the top of the file."""
     logs = dict.fromkeys(source.log for i in range(len(estimates.names)) for source in estimates.sources_of(i))
-    drawn = ""
-    if distributions:
-        among = " and how it varies among them" if estimates.variation_known.any() else ""
-        pairs = zip(estimates.names, estimates.variation_known, strict=True)
-        unknown = [name for name, known in pairs if among and not known]
-        but = f", which is not known of {', '.join(unknown)}" if unknown else ""
-        drawn = (
-            f" A distribution has what the flights say of a number{among}{but}. Fields that share a variable are"
-            " correlated."
-        )
+    among = " and how it varies among them" if estimates.variation_known.any() else ""
+    pairs = zip(estimates.names, estimates.variation_known, strict=True)
+    unknown = [name for name, known in pairs if among and not known]
+    but = f", which is not known of {', '.join(unknown)}" if unknown else ""
+    drawn = (
+        f"A distribution has what the flights say of a number{among}{but}. Fields that share a variable are correlated."
+    )
     unseen = [f"{name} is not identified: {why}" for name, why in estimates.not_identified.items()]
-    return [f"Identified from {', '.join(logs)}.{drawn}", *estimates.remarks, *unseen]
+    return [f"Identified from {', '.join(logs)}. {drawn} correlated.", *estimates.remarks, *unseen]
 
 
 def _wrapped(paragraphs: list[str], width: int = _COMMENT_WIDTH) -> str:
