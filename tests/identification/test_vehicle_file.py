@@ -406,12 +406,10 @@ def test_what_a_base_draws_is_still_drawn(base, tmp_path):
     assert "shared" not in (tmp_path / "new.yaml").read_text()
 
 
-@pytest.mark.parametrize("distributions", [True, False])
-def test_an_impossible_inertia_is_written_as_the_nearest_possible_one_with_a_remark(base, tmp_path, distributions):
+def test_an_impossible_inertia_is_written_as_the_nearest_possible_one_with_a_remark(base, tmp_path):
     """The estimates of I_xx and I_yy are too small for the I_zz of the base, by more than rounding."""
     found = {"inertia[0]": (1.3e-5, 1e-6), "inertia[1]": (1.2e-5, 1e-6)}
-    options = {"base": base, "distributions": distributions, "nominal": True}
-    path = write_vehicle(tmp_path / "new.yaml", "new", estimates_of(found), **options)
+    path = write_vehicle(tmp_path / "new.yaml", "new", estimates_of(found), base=base, nominal=True)
     excess = 2.98e-5 - 2.5e-5
     expected = [1.3e-5 + excess / 3, 1.2e-5 + excess / 3, 2.98e-5 - excess / 3]
     vehicle = load_undesigned(path)
