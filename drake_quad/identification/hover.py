@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.logs.record import QUANTITIES, FlightRecord
 from drake_quad.identification.result import Spread
 from drake_quad.identification.windows import airborne, pieces
 
@@ -21,7 +21,7 @@ _MAX_HOVER_RATE = 0.5  # rad/s
 _MIN_HOVER_TIME = 1.0  # s
 _BLOCK = 0.5  # s, blocks whose scatter gives standard deviations
 _MIN_WHOLE_DIFFERENCES = 30
-_UNITS = {"position": "m", "attitude": "rad", "body_rates": "rad/s", "specific_force": "m/s²"}
+_SIGNALS = ("position", "attitude", "body_rates", "specific_force")
 
 
 class HoverNoise(NamedTuple):
@@ -46,12 +46,12 @@ def white_noise(record: FlightRecord) -> list[HoverNoise]:
     around = min(round(_LANDING_TIME / record.period), (len(flying) - 1) // 2)
     resting = np.convolve(flying, np.ones(2 * around + 1), "same") < 0.5
     found = []
-    for signal, unit in _UNITS.items():
+    for signal in _SIGNALS:
         values = getattr(record, signal)
         if values is not None:
             smooth = np.unwrap(values, axis=0) if signal == "attitude" else values
             deviations = (_deviations(record, smooth, chosen) for chosen in (resting, flying))
-            found.append(HoverNoise(signal, unit, *deviations))
+            found.append(HoverNoise(signal, QUANTITIES[signal].unit, *deviations))
     return found
 
 

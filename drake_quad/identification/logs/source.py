@@ -6,10 +6,12 @@ import lzma
 import os
 import re
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import IO, Any, NamedTuple
+
+import numpy as np
 
 from drake_quad.errors import InputError, shortened
 from drake_quad.extras import needed
@@ -71,6 +73,11 @@ class LogFile(NamedTuple):
         """The name of the file without what says how it is packed and written."""
         path = self.path.with_suffix("") if self.path.suffix in _PACKED_SUFFIXES else self.path
         return path.stem if _LOG_SUFFIX.fullmatch(path.suffix) else path.name
+
+    def records(self, layout: np.dtype, offsets: Sequence[int] | np.ndarray) -> np.ndarray:
+        """Return the packed records (n,) at some offsets, as a structured array."""
+        windows = np.lib.stride_tricks.sliding_window_view(np.frombuffer(self.data, np.uint8), layout.itemsize)
+        return np.ascontiguousarray(windows[offsets]).view(layout)[:, 0]
 
     def library(self, module: str, extra: str) -> Any:
         """Return a module of an optional library that reads the file.

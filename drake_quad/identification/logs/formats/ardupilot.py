@@ -111,8 +111,7 @@ def _records(log: LogFile, form: Any, offsets: Iterable[int]) -> dict[str, np.nd
     starts = starts[starts + layout.itemsize <= len(log.data)]
     if layout.itemsize != form.len - _HEADER_SIZE or not len(starts):
         return None
-    windows = np.lib.stride_tricks.sliding_window_view(np.frombuffer(log.data, np.uint8), layout.itemsize)
-    records = np.ascontiguousarray(windows[starts]).view(layout)[:, 0]
+    records = log.records(layout, starts)
     return {
         column: records[column] * _SCALED_TYPES[letter][1] if letter in _SCALED_TYPES else records[column]
         for column, letter in zip(form.columns, letters, strict=True)

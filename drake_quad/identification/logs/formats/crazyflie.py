@@ -207,11 +207,7 @@ def _unread(log: LogFile, end: int, sizes: Mapping[int, int]) -> list[str]:
 
 
 def _table(log: LogFile, kind: _Kind, places: list[int], unit: float) -> Table:
-    size = kind.layout.itemsize
-    windows = np.lib.stride_tricks.sliding_window_view(np.frombuffer(log.data, np.uint8), size)
-    even = len(places) == 1 or places[-1] - places[0] == (len(places) - 1) * size
-    rows = windows[places[0] : places[-1] + 1 : size] if even else windows[places]
-    records = np.ascontiguousarray(rows).view(kind.layout)[:, 0]
+    records = log.records(kind.layout, places)
     columns = {name: records[str(i)] for i, name in enumerate(kind.variables)}
     if _PACKED in columns:
         columns |= _unpacked(columns.pop(_PACKED).astype(np.uint32))
@@ -219,10 +215,10 @@ def _table(log: LogFile, kind: _Kind, places: list[int], unit: float) -> Table:
 
 
 def _unpacked(packed: np.ndarray) -> dict[str, np.ndarray]:
-    """The parts of quaternions of 32 bits, as `quatcompress.h` of the firmware packs them.
+    """Return the parts of quaternions of 32 bits, as `quatcompress.h` of the firmware packs them.
 
-    The two highest bits are the number of the largest part (x, y, z, w), which is positive; the others follow, each a
-    sign and nine bits of the share of 1/√2.
+    The two highest bits are the number of the largest part (x, y, z, w), which is positive. The other parts follow,
+    each with a sign and nine bits of its ratio to 1/√2.
     """
     largest = packed >> 30
     parts = np.zeros((len(packed), 4))
@@ -237,10 +233,4 @@ def _unpacked(packed: np.ndarray) -> dict[str, np.ndarray]:
     return {f"{_PACKED}.{axis}": column for axis, column in zip("xyzw", parts.T, strict=True)}
 
 
-FORMATS.append(
-    LogFormat(
-        "a Crazyflie's SD card log",
-        lambda log: log.data.startswith(bytes([_FIRST_BYTE])),
-        _read,
-    )
-)
+FORMATS.append(LogFormat("a Crazyflie's SD card log", lambda log: log.data[:1] == bytes([_FIRST_BYTE]), _read))
