@@ -63,7 +63,7 @@ def _draw_windows(left: Axes, right: Axes, output: ForecastOutput) -> None:
         right.plot(time, factor * output.residual[window], color=VERMILION, linewidth=0.8)
     left.set_ylabel("\n".join([*textwrap.wrap(output.name, _LABEL), f"({unit})"]))
     right.axhline(0.0, color="0.3", linewidth=0.8)
-    said = f"explained {100.0 * output.explained:.1f} %" if output.explained > -1.0 else "nothing explained"
+    said = f"explained {100.0 * output.explained:.1f} %" if output.explained > 0.0 else "nothing explained"
     right.set_title(said, loc="right", fontsize=8, pad=2.0)
 
 

@@ -394,7 +394,7 @@ def _introduction(estimates: Estimates) -> list[str]:
         f"A distribution has what the flights say of a number{among}{but}. Fields that share a variable are correlated."
     )
     unseen = [f"{name} is not identified: {why}" for name, why in estimates.not_identified.items()]
-    return [f"Identified from {', '.join(logs)}. {drawn} correlated.", *estimates.remarks, *unseen]
+    return [f"Identified from {', '.join(logs)}. {drawn}", *estimates.remarks, *unseen]
 
 
 def _wrapped(paragraphs: list[str], width: int = _COMMENT_WIDTH) -> str:
