@@ -142,7 +142,8 @@ def test_what_varies_between_stretches_is_drawn_and_said(base, tmp_path):
     text = text_of(path)
     assert "1.70e-05 kg m² [1.39e-05, 2.01e-05] with 95 % confidence; 1.70e-05 kg m² [" in text
     assert text.count("] in another 8.2 s of flight") == 1
-    assert "say of a number and how it varies among them. Fields" in text
+    assert "say of a number and how it varies among them. Fields that share a variable are correlated." in text
+    assert text.count("correlated.") == 1
 
 
 def test_what_varies_between_flights_is_said_to_be_of_another_flight(base, tmp_path):

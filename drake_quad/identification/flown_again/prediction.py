@@ -53,14 +53,14 @@ UNITS = {"position": "m", "height": "m", "velocity": "m/s", "climb": "m/s", "att
 
 @dataclass(frozen=True, eq=False)
 class Predictions:
-    """Errors of vehicles that predict flights.
+    """Prediction errors of vehicles.
 
     Attributes:
-        vehicles: their names.
-        horizons: (h,) s.
+        vehicles: names of the vehicles.
+        horizons: (h,) horizons, s.
         log: (S,) name of the log of each start.
-        time: (S,) of each start, s.
-        errors: (v, h, S) of vehicles at horizons, by the quantity; NaN where a flight ends before the horizon.
+        time: (S,) time of each start, s.
+        errors: (v, h, S) errors of the vehicles at the horizons, by quantity; NaN if a flight ends before the horizon.
     """
 
     vehicles: tuple[str, ...]
@@ -77,7 +77,7 @@ class Predictions:
         mean = float(np.mean(own))
         if mean == 0.0:
             return Interval(0.0, 0.0, 0.0)
-        reach = 0.5 * _reach(_totals(own / mean - 1.0, blocks) / len(own))
+        reach = 0.5 * _reach(own / mean - 1.0, blocks)
         value = math.sqrt(mean)
         return Interval(value, value * math.exp(-reach), value * math.exp(reach))
 
@@ -93,7 +93,7 @@ class Predictions:
         if not own.any():
             return Interval(1.0, 1.0, 1.0)
         difference = own / np.mean(own) - others / np.mean(others)
-        reach = 0.5 * _reach(_totals(difference, blocks) / len(own))
+        reach = 0.5 * _reach(difference, blocks)
         ratio = math.sqrt(float(np.mean(own) / np.mean(others)))
         return Interval(1.0 - ratio, 1.0 - ratio * math.exp(reach), 1.0 - ratio * math.exp(-reach))
 
@@ -114,12 +114,12 @@ class Predictions:
         return found
 
     def starts(self, horizon: float) -> int:
-        """How many starts there are from which the flight goes on as far."""
+        """Return the number of starts after which the flight goes on up to a horizon."""
         errors = next(iter(self.errors.values()))
         return int(np.isfinite(errors[0, self.horizons.index(horizon)]).sum())
 
     def _squares(self, quantity: str, horizon: float, vehicle: str) -> tuple[np.ndarray, np.ndarray]:
-        """Squared errors of a vehicle, and the block of each."""
+        """Return the squared errors of a vehicle, and the number of the block of each."""
         errors = self.errors[quantity][self.vehicles.index(vehicle), self.horizons.index(horizon)]
         there = np.isfinite(errors)
         length = max(_MIN_BLOCK, horizon)
@@ -129,10 +129,10 @@ class Predictions:
 
 
 def joined(parts: Sequence[Predictions]) -> Predictions:
-    """Predictions of several logs as one; quantities that all of them have.
+    """Return the predictions of several logs as one, for the quantities that all of them have.
 
     Raises:
-        InputError: there are none.
+        InputError: if there is no log.
     """
     if not parts:
         raise InputError("there is no log to predict")
@@ -332,12 +332,17 @@ def _errors(
     return {quantity: np.stack(errors) for quantity, errors in found.items()}
 
 
-def _totals(values: np.ndarray, blocks: np.ndarray) -> np.ndarray:
-    return np.bincount(blocks, weights=values)
+def _reach(values: np.ndarray, blocks: np.ndarray) -> float:
+    """Return half of the length of the interval of a mean.
 
+    Args:
+        values: (n,) values minus their mean.
+        blocks: (n,) number of the block of each value, within which values are correlated.
 
-def _reach(totals: np.ndarray) -> float:
-    """Half of the interval of a sum of blocks; endless if there is one."""
+    Returns:
+        Half of the length; infinite for a single block.
+    """
+    totals = np.bincount(blocks, weights=values) / len(values)
     count = len(totals)
     if count < 2:
         return math.inf
