@@ -16,12 +16,7 @@ from drake_quad.command_line.options import (
     check_ranges,
     folder_of,
 )
-from drake_quad.command_line.output import (
-    print_columns,
-    print_files,
-    print_predictions,
-    remark,
-)
+from drake_quad.command_line.output import print_columns, print_files, print_predictions, remark
 from drake_quad.command_line.progress import progress_bar
 from drake_quad.files import output_folder, write_whole
 from drake_quad.identification.flown_again.comparison import (

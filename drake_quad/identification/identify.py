@@ -40,9 +40,7 @@ from drake_quad.identification.random_effects import uncertainty_of_mean, variat
 from drake_quad.identification.result import ForecastOutput, Identification, Spread
 from drake_quad.identification.results.estimates import Estimates, Explained, Source
 from drake_quad.identification.results.held_out import hold_out
-from drake_quad.identification.results.vehicle_numbers import (
-    with_numbers,
-)
+from drake_quad.identification.results.vehicle_numbers import with_numbers
 from drake_quad.identification.sampling import (
     SlowFit,
     Synchronised,
@@ -52,10 +50,7 @@ from drake_quad.identification.sampling import (
     synchronised,
     with_bandwidth,
 )
-from drake_quad.identification.windows import (
-    held_out,
-    steep_remarks,
-)
+from drake_quad.identification.windows import held_out, steep_remarks
 from drake_quad.scenario.models import Scenario
 from drake_quad.vehicle.rigid_body import inertia_flaw
 
