@@ -122,20 +122,15 @@ def coarser(record: FlightRecord, step: int) -> FlightRecord:
         around[[0, -1]] = 0.5
     around /= around.sum()
     reach = len(around) // 2
+    held = np.arange(step), np.full(step, 1.0 / step)
+    centred = np.arange(-reach, reach + 1), around
     values = {}
     for name, signal in record.signals():
         columns, angles = signal.reshape(len(signal), -1), QUANTITIES[name].unit == "rad"
         if angles:
             columns = np.unwrap(columns, axis=0)
-        offsets = (
-            (np.arange(step), np.full(step, 1.0 / step))
-            if "command" in name
-            else (
-                np.arange(-reach, reach + 1),
-                around,
-            )
-        )
-        mean = sum(weight * columns[first + offset] for offset, weight in zip(*offsets, strict=True))
+        pairs = zip(*(held if "command" in name else centred), strict=True)
+        mean = sum(weight * columns[first + offset] for offset, weight in pairs)
         if angles:
             mean = np.arctan2(np.sin(mean), np.cos(mean))
         values[name] = mean.reshape(count, *signal.shape[1:])
