@@ -1,5 +1,6 @@
 """Public names of the package. The reference documents them, and the modules that they come from."""
 
+from .assembly.registered_controllers import register_controller as register_controller
 from .design.cascade import design_cascade as design_cascade
 from .design.cascade import with_gains as with_gains
 from .errors import InputError as InputError

@@ -6,16 +6,16 @@ from pathlib import Path
 
 import numpy as np
 
-from drake_quad import InputError, Scenario, load_scenario
+from drake_quad import InputError, Scenario
 from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import (
+    add_controller,
     add_overrides,
     add_vector,
     add_wired,
-    all_overrides_of,
     bare_parser,
     check_ranges,
-    overrides_of,
+    controlled_scenarios,
 )
 from drake_quad.command_line.output import print_columns, print_files, remark
 from drake_quad.command_line.progress import FLIGHT_BAR, progress_bar
@@ -42,13 +42,8 @@ def options() -> argparse.ArgumentParser:
         metavar="FILE[:NAME]",
         help="in which to fly; can be given several times (default: nominal, low_wind, high_wind of laboratory)",
     )
-    result.add_argument(
-        "--controller",
-        action="append",
-        metavar="FILE:NAME",
-        help="laid over each scenario; can be given several times, the others are compared with the first"
-        f" (default: {', '.join(_CONTROLLERS)} of controllers/paper)",
-    )
+    default = f"(default: {', '.join(_CONTROLLERS)} of controllers/paper)"
+    add_controller(result, several=f"several are compared with the first {default}")
     result.add_argument("--samples", type=int, help="flights of each pair (default: 20)")
     add_overrides(result)
     result.add_argument("--quick", action="store_true", help="4 samples over 6 s of flight")
@@ -90,17 +85,16 @@ def main(arguments: argparse.Namespace) -> None:
 
 def scenarios_of(arguments: argparse.Namespace) -> dict[str, dict[str, Scenario]]:
     """The scenarios to fly, by laboratory and controller."""
-    places = arguments.scenario or _SCENARIOS
-    controllers = arguments.controller or [f"controllers/paper:{name}" for name in _CONTROLLERS]
-    overrides = [*overrides_of(["duration=6"] if arguments.quick else [], "--quick"), *all_overrides_of(arguments)]
+    arguments.controller = arguments.controller or [f"controllers/paper:{name}" for name in _CONTROLLERS]
+    if arguments.quick:
+        arguments.set = ["duration=6", *arguments.set]
     found: dict[str, dict[str, Scenario]] = {}
-    for place in places:
-        for controller in controllers:
-            scenario = load_scenario(place, overrides, layers=[controller])
-            name = Path(controller.rpartition(":")[2]).stem
-            if name in found.setdefault(scenario.name, {}):
-                raise InputError(f"{scenario.name} is to be flown twice with {name}; give each its own name")
-            found[scenario.name][name] = scenario
+    for place in arguments.scenario or _SCENARIOS:
+        scenarios = controlled_scenarios(arguments, place)
+        name = next(iter(scenarios.values())).name
+        if name in found:
+            raise InputError(f"--scenario {place}: another scenario is called {name}; give each its own name")
+        found[name] = scenarios
     return found
 
 

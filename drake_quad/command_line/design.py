@@ -13,7 +13,15 @@ from ruamel.yaml import YAML
 
 from drake_quad import InputError
 from drake_quad.command_line.firmware import take_firmware
-from drake_quad.command_line.options import add_vector, all_overrides_of, check_ranges, folder_of, overrides_of, parser
+from drake_quad.command_line.options import (
+    add_controller,
+    add_vector,
+    check_ranges,
+    folder_of,
+    overrides_of,
+    parser,
+    scenario_of,
+)
 from drake_quad.command_line.output import print_columns, print_files, remark
 from drake_quad.design.cascade import (
     CascadeDesign,
@@ -84,6 +92,7 @@ def options() -> argparse.ArgumentParser:
     """The options of the command."""
     result = parser(__doc__, "drake-quad design laboratory:nominal --phase-margin 50", output="out/gains")
     add_design_options(result)
+    add_controller(result)
     result.add_argument(
         "--firmware",
         metavar="FILE",
@@ -100,7 +109,7 @@ def main(arguments: argparse.Namespace) -> None:
         refuse_design_options(arguments)
         take_firmware(arguments)
         return
-    scenario = load_undesigned(arguments.scenario, all_overrides_of(arguments))
+    scenario = scenario_of(arguments, load=load_undesigned)
     chosen = design_options(arguments, scenario)
     if arguments.integral is not None:
         scenario = with_integrals(scenario)

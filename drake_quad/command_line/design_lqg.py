@@ -10,7 +10,7 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
-from drake_quad.command_line.options import all_overrides_of, check_ranges, folder_of, parser
+from drake_quad.command_line.options import add_controller, check_ranges, folder_of, parser, scenario_of
 from drake_quad.command_line.output import print_columns, print_files, print_margins
 from drake_quad.design.lqg import LqgDesign, LqgLimits, design_lqg
 from drake_quad.files import output_folder, write_whole
@@ -25,6 +25,7 @@ _RANGES = {"sensitivity": (1.2, 10.0), "delay-margin": (0.0, 10.0), "snap": (0.1
 def options() -> argparse.ArgumentParser:
     """The options of the command."""
     result = parser(__doc__, "drake-quad design-lqg laboratory:low_wind --sensitivity 2.5", output="out/lqg")
+    add_controller(result)
     default = LqgLimits()
     result.add_argument(
         "--sensitivity", type=float, default=default.sensitivity, metavar="PEAK", help="at most (%(default)s)"
@@ -57,7 +58,7 @@ def options() -> argparse.ArgumentParser:
 def main(arguments: argparse.Namespace) -> None:
     """Runs the command."""
     check_ranges(arguments, _RANGES)
-    scenario = load_undesigned(arguments.scenario, all_overrides_of(arguments))
+    scenario = scenario_of(arguments, load=load_undesigned)
     limits = LqgLimits(arguments.sensitivity, arguments.delay_margin, arguments.snap, arguments.acceleration)
     design = design_lqg(scenario, limits)
     designed = scenario.model_copy(update={"control": design.control})

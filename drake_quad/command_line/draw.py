@@ -2,7 +2,7 @@
 
 import argparse
 
-from drake_quad.command_line.options import folder_of, parser, scenario_of
+from drake_quad.command_line.options import add_controller, folder_of, parser, scenario_of
 from drake_quad.command_line.output import print_files
 from drake_quad.files import output_folder, write_text
 from drake_quad.flight.mission import build_tracking_diagram
@@ -12,7 +12,9 @@ from drake_quad.visualization.block_drawing import drawings, svg
 
 def options() -> argparse.ArgumentParser:
     """The options of the command."""
-    return parser(__doc__, "drake-quad draw laboratory:low_wind", output="out/drawings")
+    result = parser(__doc__, "drake-quad draw laboratory:low_wind", output="out/drawings")
+    add_controller(result)
+    return result
 
 
 def main(arguments: argparse.Namespace) -> None:

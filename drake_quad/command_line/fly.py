@@ -13,6 +13,7 @@ from pydrake.systems.analysis import Simulator
 from drake_quad import Flight, InputError, Scenario, save_network, simulate
 from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import (
+    add_controller,
     add_vector,
     add_wired,
     check_extra,
@@ -35,6 +36,7 @@ def options() -> argparse.ArgumentParser:
     """The options of the command."""
     result = parser(__doc__, "drake-quad fly figure_eight --set vehicle.mass=0.7", output="out")
     result.add_argument("--sample", type=int, help="which sample of the scenario's study to fly, from 0 on")
+    add_controller(result)
     add_wired(result)
     result.add_argument("--meshcat", action="store_true", help="show the flight live in a browser on this machine")
     result.add_argument(

@@ -9,13 +9,13 @@ import time
 from pathlib import Path
 
 from drake_quad import InputError
-from drake_quad.command_line.options import bare_parser, check_ranges
+from drake_quad.command_line.options import add_controller, bare_parser, check_ranges, controller_of
 from drake_quad.command_line.output import print_columns, print_files, remark
 from drake_quad.command_line.progress import progress_bar
 from drake_quad.design.tuning import Budget
 from drake_quad.evaluation.claims import WORDS
 from drake_quad.evaluation.designs import design_file
-from drake_quad.evaluation.experiment import QUICK, EvaluationSizes, fly_evaluation, missing_designs
+from drake_quad.evaluation.experiment import QUICK, EvaluationSizes, OwnController, fly_evaluation, missing_designs
 from drake_quad.evaluation.families import FAMILIES, FAMILY_OF
 from drake_quad.evaluation.protocol import design_family, design_prices, tunable
 from drake_quad.evaluation.report import write_report
@@ -33,7 +33,8 @@ def options() -> argparse.ArgumentParser:
     """The options of the command."""
     result = bare_parser(__doc__, "drake-quad judge --quick --family outdoor")
     result.add_argument("--family", action="append", choices=FAMILIES, help="of laboratories; repeatable (all)")
-    result.add_argument("--only", action="append", metavar="NAME", help="a controller; repeatable (all)")
+    result.add_argument("--only", action="append", metavar="NAME", help="a designed controller; repeatable (all)")
+    add_controller(result, several="flown as it is beside the designed ones; repeatable")
     result.add_argument(
         "--samples", type=int, default=EvaluationSizes().samples, help="in each laboratory (%(default)s)"
     )
@@ -58,17 +59,37 @@ def main(arguments: argparse.Namespace) -> None:
     sizes = QUICK if arguments.quick else EvaluationSizes(samples=arguments.samples)
     families = arguments.family or [*FAMILIES]
     folder = output_folder(arguments.output or Path("out/controllers_quick" if arguments.quick else "out/controllers"))
+    own = own_controllers(arguments.controller)
     begun = time.monotonic()
     for name in families:
         absent = missing_designs(shipped_folder(), name)
         if absent:
             remark(f"{name} has no design of {', '.join(absent)}, which are not flown")
     with progress_bar("flying") as progress:
-        found = fly_evaluation(shipped_folder(), families, sizes, folder, only=arguments.only, progress=progress)
+        found = fly_evaluation(
+            shipped_folder(), families, sizes, folder, only=arguments.only, own=own, progress=progress
+        )
     files = [folder / "flights.csv", folder / "traits.csv", *write_report(folder, found)]
     print_errors(found)
     print(f"flown in {time.monotonic() - begun:.0f} s")
     print_files(files)
+
+
+def own_controllers(specs: list[str]) -> list[OwnController]:
+    """Return the controllers of `--controller`. One that is called like a designed one has its whole name.
+
+    Raises:
+        InputError: if one of them cannot be loaded, or is given twice.
+    """
+    laboratory = str(shipped_folder() / "laboratory.yaml:nominal")
+    found: list[OwnController] = []
+    for spec in specs:
+        name, layers, overrides = controller_of(spec, laboratory)
+        name = spec if name in WORDS else name
+        if name in (each.name for each in found):
+            raise InputError(f"--controller {spec}: another controller is called {name}; rename it")
+        found.append(OwnController(name, layers, overrides))
+    return found
 
 
 def tune(arguments: argparse.Namespace) -> None:

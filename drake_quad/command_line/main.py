@@ -14,28 +14,38 @@ from types import ModuleType
 
 from drake_quad import __version__
 
-# What each does, in the order in which a newcomer meets them.
-COMMANDS = {
-    "fly": "fly one scenario: metrics, signals, plots, a replay",
-    "scenarios": "list what is shipped, or print a scenario in full",
-    "study": "fly thousands of samples of a scenario, and summarise their metrics",
-    "compare": "fly several controllers in several laboratories on the same samples",
-    "plan": "plan a minimum-snap route through waypoints, gates and corridors",
-    "replay": "replay a hundred samples in one scene, or controllers side by side",
-    "draw": "draw the block diagram of a scenario",
-    "design": "design the gains of the cascade, and state their margins",
-    "design-lqg": "design linear-quadratic-Gaussian control, and state its margins",
-    "tune": "tune any numbers of a controller by flights, under a limit on its loops",
-    "map": "map which gains are stable",
-    "sensitivities": "differentiate the metrics of a flight by numbers of its scenario",
-    "identify": "make a vehicle, with its uncertainty, of flight logs",
-    "identify-controller": "identify the position law that flew a log, as a controller",
-    "compare-log": "fly the reference of a flight log again, and compare errors flown and predicted",
-    "judge": "tune and judge the field's controllers by one protocol, with a report",
-    "replicate": "fly the paper's experiment again, with a report",
-    "completion": "print what completes commands in a shell",
+# Commands with their descriptions, by purpose.
+_COMMANDS_BY_PURPOSE = {
+    "fly": {
+        "fly": "fly one scenario: metrics, signals, plots, a replay",
+        "replay": "replay a hundred samples in one scene, or controllers side by side",
+        "scenarios": "list the shipped scenarios, or print one in full",
+        "draw": "draw the block diagram of a scenario",
+        "plan": "plan a minimum-snap route through waypoints, gates and corridors",
+    },
+    "study and compare": {
+        "study": "fly thousands of samples of a scenario, and summarise their metrics",
+        "compare": "fly several controllers in several laboratories on the same samples",
+        "sensitivities": "differentiate the metrics of a flight by numbers of its scenario",
+        "judge": "tune and judge the field's controllers by one protocol, with a report",
+    },
+    "design": {
+        "design": "design the gains of the cascade, and state their margins",
+        "design-lqg": "design linear-quadratic-Gaussian control, and state its margins",
+        "tune": "tune any numbers of a controller by flights, under a limit on its loops",
+        "map": "map which gains are stable",
+    },
+    "use flight logs": {
+        "identify": "identify a vehicle, with its uncertainty, from flight logs",
+        "identify-controller": "identify the position law that flew a log, as a controller",
+        "compare-log": "fly the reference of a flight log again, and compare errors flown and predicted",
+    },
+    "more": {
+        "replicate": "fly the paper's experiment again, with a report",
+        "completion": "print what completes commands in a shell",
+    },
 }
-
+COMMANDS = {name: words for commands in _COMMANDS_BY_PURPOSE.values() for name, words in commands.items()}
 
 _GC_THRESHOLD = 50_000  # new objects between two collections; Python's default is 2,000 or fewer
 _WORDS = "A Drake laboratory for quadrotor tracking control."
@@ -58,6 +68,9 @@ def main(*before: str) -> None:
 
     with orderly_exit():
         arguments = [*before, *sys.argv[1:]]
+        if not arguments:
+            _parser().print_help()
+            sys.exit()
         command = _parser().parse_args(arguments[:1]).command
         module = module_of(command)
         options = module.options().parse_args(arguments[1:])
@@ -72,12 +85,15 @@ def module_of(command: str) -> ModuleType:
 
 def _parser() -> argparse.ArgumentParser:
     width = max(map(len, COMMANDS))
-    lines = "\n".join(f"  {name:<{width}}  {words}" for name, words in COMMANDS.items())
+    lines = "\n\n".join(
+        "\n".join([f"{purpose}:", *(f"  {name:<{width}}  {words}" for name, words in commands.items())])
+        for purpose, commands in _COMMANDS_BY_PURPOSE.items()
+    )
     result = argparse.ArgumentParser(
         prog="drake-quad",
         usage="drake-quad COMMAND ...",
         description=_WORDS,
-        epilog=f"commands:\n{lines}\n\n`drake-quad COMMAND --help` has more; example: drake-quad fly figure_eight",
+        epilog=f"{lines}\n\n`drake-quad COMMAND --help` has more; example: drake-quad fly figure_eight",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     result.add_argument("--version", action="version", version=_versions(), help="print versions, and exit")

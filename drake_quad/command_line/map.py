@@ -12,6 +12,7 @@ import numpy as np
 
 from drake_quad import InputError, Scenario
 from drake_quad.command_line.options import (
+    add_controller,
     add_vector,
     add_wired,
     check_ranges,
@@ -55,6 +56,7 @@ def options() -> argparse.ArgumentParser:
         f" {_SLOWER:g} times as slow and a tick more of delay)",
     )
     result.add_argument("--quick", action="store_true", help="a map of 12 by 12 over 5 s of flight")
+    add_controller(result)
     add_wired(result)
     add_vector(result)
     return result

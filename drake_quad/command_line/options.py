@@ -4,13 +4,14 @@ import argparse
 import importlib
 import re
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, get_args
+from types import ModuleType
+from typing import Any, NamedTuple, get_args
 
 from drake_quad import InputError, Scenario, load_scenario
 from drake_quad.extras import needed
-from drake_quad.scenario.files.loading import Override
+from drake_quad.scenario.files.loading import Override, load_undesigned
 from drake_quad.scenario.models import NAME
 from drake_quad.visualization.style import Vector
 from drake_quad.written_numbers import float_in, int_in
@@ -82,17 +83,34 @@ class _Import(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, *given: Any) -> None:
         path = Path(given[0])
         namespace.imports = [*namespace.imports, path]
-        if path.suffix != ".py" or not path.is_file():
-            parser.error(f"--import {path}: is not a Python file")
-        loaded = sys.modules.get(path.stem)
-        if loaded is not None and getattr(loaded, "__file__", None) != str(path.resolve()):
-            parser.error(f"--import {path}: another module is called {path.stem}; rename the file")
-        # Worker processes inherit the search path, so that they find the module as well.
-        sys.path.insert(0, str(path.parent.resolve()))
         try:
-            importlib.import_module(path.stem) if loaded is None else importlib.reload(loaded)
-        except Exception as error:
-            parser.error(f"--import {path}: {type(error).__name__}: {error}")
+            import_file(path)
+        except InputError as error:
+            parser.error(f"--import {error}")
+
+
+def import_file(path: Path, *, again: bool = True) -> ModuleType:
+    """Import a Python file of the user's. Worker processes inherit the search path, so that they find it as well.
+
+    Args:
+        path: path of the file.
+        again: whether a module that is imported already is imported again, which makes new classes.
+
+    Raises:
+        InputError: if it is no Python file, raises an error, or has the name of another module.
+    """
+    if path.suffix != ".py" or not path.is_file():
+        raise InputError(f"{path}: is not a Python file")
+    loaded = sys.modules.get(path.stem)
+    if loaded is not None and getattr(loaded, "__file__", None) != str(path.resolve()):
+        raise InputError(f"{path}: another module is called {path.stem}; rename the file")
+    if loaded is not None and not again:
+        return loaded
+    sys.path.insert(0, str(path.parent.resolve()))
+    try:
+        return importlib.import_module(path.stem) if loaded is None else importlib.reload(loaded)
+    except Exception as error:
+        raise InputError(f"{path}: {type(error).__name__}: {error}") from error
 
 
 def folder_of(arguments: argparse.Namespace, name: str) -> Path:
@@ -134,29 +152,111 @@ def all_overrides_of(arguments: argparse.Namespace) -> list[Override]:
     return [*overrides_of(arguments.set), *seed]
 
 
-def scenario_of(arguments: argparse.Namespace, *, further: Sequence[Override] = ()) -> Scenario:
-    """Loads the scenario that the arguments name, with the overrides that they ask for and further ones."""
-    return load_scenario(arguments.scenario, [*all_overrides_of(arguments), *further])
+def add_controller(options: argparse.ArgumentParser, *, several: str | None = None) -> None:
+    """Add the option that names the controller.
+
+    Args:
+        options: options of a command.
+        several: what the command does with several controllers, in words; None if it takes one.
+    """
+    help_ = (
+        "controller that replaces that of the scenario: a layer as FILE:NAME, shipped or your own, or a Drake system in"
+        " Python as FILE.py:CLASS"
+    )
+    if several is None:
+        options.add_argument("--controller", metavar="FILE:NAME", help=help_)
+    else:
+        options.add_argument(
+            "--controller", metavar="FILE:NAME", action="append", default=[], help=f"{help_}; {several}"
+        )
 
 
-def controlled_scenarios(arguments: argparse.Namespace) -> dict[str, Scenario]:
-    """Loads the scenario once for each --controller, which is laid over it; without any, as it is.
+class NamedController(NamedTuple):
+    """Controller that a command line names.
+
+    Attributes:
+        name: its short name.
+        layers: layers over the scenario.
+        overrides: overrides of the scenario, before those of `--set`.
+    """
+
+    name: str
+    layers: tuple[str, ...] = ()
+    overrides: tuple[Override, ...] = ()
+
+
+def controller_of(spec: str, scenario: str) -> NamedController:
+    """Return the controller that `--controller` names.
+
+    Args:
+        spec: FILE:NAME, or FILE.py:CLASS.
+        scenario: scenario over which it is laid, whose feed-forward a position controller in Python keeps.
+
+    Raises:
+        InputError: if the file or the class does not exist, or is no controller.
+    """
+    file, _, name = spec.rpartition(":")
+    if not file.endswith(".py"):
+        return NamedController(Path(name).stem, layers=(spec,))
+    # Systems take half a second to load.
+    from drake_quad.assembly.registered_controllers import register_controller
+    from drake_quad.scenario.controls.control import CONTROLS
+
+    option = f"--controller {spec}"
+    try:
+        module = import_file(Path(file), again=False)
+        if not hasattr(module, name):
+            raise InputError(f"{file} has no class {name}")
+        kind = register_controller(getattr(module, name))
+    except InputError as error:
+        raise InputError(f"{option}: {error}") from error
+    control = load_undesigned(scenario).control
+    cascade = control.cascade()
+    if kind in (control.kind, None if cascade is None else cascade.position.kind):
+        return NamedController(name)  # with the numbers that the scenario gives it
+    if CONTROLS.get(kind) is not None:
+        return NamedController(name, overrides=(Override(f"control={{kind: {kind}}}", option),))
+    feed_forward = "none" if cascade is None else cascade.position.feed_forward
+    position = f"control.position={{kind: {kind}, feed_forward: {feed_forward}}}"
+    return NamedController(name, overrides=(Override(position, option), Override("control.network=null", option)))
+
+
+def scenario_of(
+    arguments: argparse.Namespace,
+    *,
+    further: Sequence[Override] = (),
+    load: Callable[..., Scenario] = load_scenario,
+) -> Scenario:
+    """Load the scenario that the arguments name, with its `--controller`, with their overrides and further ones."""
+    spec = getattr(arguments, "controller", None)
+    controller = NamedController("") if not spec else controller_of(spec, arguments.scenario)
+    overrides = [*controller.overrides, *all_overrides_of(arguments), *further]
+    return load(arguments.scenario, overrides, layers=controller.layers)
+
+
+def controlled_scenarios(arguments: argparse.Namespace, spec: str | None = None) -> dict[str, Scenario]:
+    """Load a scenario once with each `--controller`, or once as it is if there is none.
+
+    Args:
+        arguments: arguments with the controllers and overrides.
+        spec: scenario; by default that of the arguments.
 
     Returns:
-        The scenarios, by the names of the controllers; or the only one, by its own.
+        The scenarios, by the names of the controllers; or the only one, by its own name.
     """
-    if not arguments.controller:
-        scenario = scenario_of(arguments)
-        return {scenario.name: scenario}
+    spec = spec or arguments.scenario
     overrides = all_overrides_of(arguments)
+    if not arguments.controller:
+        scenario = load_scenario(spec, overrides)
+        return {scenario.name: scenario}
     found: dict[str, Scenario] = {}
-    for controller in arguments.controller:
-        name = Path(controller.rpartition(":")[2]).stem
+    for each in arguments.controller:
+        name, layers, own = controller_of(each, spec)
         if not re.fullmatch(NAME, name):
-            raise InputError(f"--controller {controller}: {name!r} is no name for a folder; use letters and digits")
+            raise InputError(f"--controller {each}: {name!r} is no name for a folder; use letters and digits")
         if name in found:
-            raise InputError(f"--controller {controller}: {name} is to be flown already; give each its own name")
-        found[name] = load_scenario(arguments.scenario, overrides, layers=[controller])
+            raise InputError(f"--controller {each}: another controller is called {name}; give each its own name")
+        found[name] = load_scenario(spec, [*own, *overrides], layers=layers)
     return found
 
 

@@ -4,7 +4,7 @@ import argparse
 
 from drake_quad import Flight
 from drake_quad.command_line.flight_remarks import print_flight_remarks
-from drake_quad.command_line.options import check_ranges, controlled_scenarios, folder_of, parser
+from drake_quad.command_line.options import add_controller, check_ranges, controlled_scenarios, folder_of, parser
 from drake_quad.command_line.output import print_files
 from drake_quad.files import output_folder
 from drake_quad.flight.simulation import simulate_samples
@@ -16,13 +16,7 @@ def options() -> argparse.ArgumentParser:
     result = parser(__doc__, "drake-quad replay robustness --samples 100", output="out/replay", scenario="robustness")
     result.add_argument("--samples", type=int, default=100, help="how many flights of each (default: %(default)s)")
     result.add_argument("--first", type=int, default=0, help="number of the first sample (default: %(default)s)")
-    result.add_argument(
-        "--controller",
-        action="append",
-        default=[],
-        metavar="FILE:NAME",
-        help="laid over the scenario; several fly the same samples, each in its own colour",
-    )
+    add_controller(result, several="several fly the same samples, each in its own colour")
     return result
 
 

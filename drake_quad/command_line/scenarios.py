@@ -7,7 +7,7 @@ import argparse
 import sys
 import textwrap
 
-from drake_quad.command_line.options import add_overrides, bare_parser, scenario_of
+from drake_quad.command_line.options import add_controller, add_overrides, bare_parser, scenario_of
 from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.files.shipped import shipped_scenarios
 
@@ -17,6 +17,7 @@ def options() -> argparse.ArgumentParser:
     result = bare_parser(__doc__, "drake-quad scenarios laboratory:high_wind > mine.yaml")
     result.add_argument("scenario", nargs="?", help="FILE or FILE:NAME, or a shipped one (default: list those shipped)")
     add_overrides(result)
+    add_controller(result)
     return result
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from drake_quad.command_line.flight_remarks import print_flight_remarks
-from drake_quad.command_line.options import add_vector, folder_of, parser, scenario_of
+from drake_quad.command_line.options import add_controller, add_vector, folder_of, parser, scenario_of
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.design.sensitivity import DIFFERENTIABLE, Sensitivities, flight_sensitivities
 from drake_quad.files import output_folder, write_table
@@ -61,6 +61,7 @@ def options() -> argparse.ArgumentParser:
     result.add_argument(
         "--metric", choices=DIFFERENTIABLE, default="rmse", help="that is printed and drawn (default: %(default)s)"
     )
+    add_controller(result)
     add_vector(result)
     return result
 

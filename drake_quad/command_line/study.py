@@ -10,7 +10,15 @@ import numpy as np
 
 from drake_quad import InputError, Scenario
 from drake_quad.command_line.flight_remarks import print_flight_remarks
-from drake_quad.command_line.options import add_vector, add_wired, check_extra, controlled_scenarios, folder_of, parser
+from drake_quad.command_line.options import (
+    add_controller,
+    add_vector,
+    add_wired,
+    check_extra,
+    controlled_scenarios,
+    folder_of,
+    parser,
+)
 from drake_quad.command_line.output import print_columns, print_files, remark
 from drake_quad.command_line.progress import progress_bar
 from drake_quad.errors import listed
@@ -36,13 +44,7 @@ def options() -> argparse.ArgumentParser:
         scenario="robustness",
     )
     result.add_argument("--samples", type=int, default=1000, help="how many flights (default: %(default)s)")
-    result.add_argument(
-        "--controller",
-        action="append",
-        default=[],
-        metavar="FILE:NAME",
-        help="laid over the scenario; several fly the same samples and are compared with the first",
-    )
+    add_controller(result, several="several fly the same samples and are compared with the first")
     result.add_argument("--workers", type=int, help="processes (default: as many as there are cores)")
     result.add_argument("--batch", type=int, help="vehicles in a fleet (default: about a thousand)")
     result.add_argument(
@@ -100,7 +102,7 @@ def main(arguments: argparse.Namespace) -> None:
             lines = ", ".join(map(str, study.misfits[:5])) + (", ..." if len(study.misfits) > 5 else "")
             remark(f"{folders[name] / 'results.csv'} was altered in lines {lines}; these samples were flown again")
         how = "as they are wired" if arguments.wired else "compiled"
-        print_study(name, study, folders[name], how, imports=arguments.imports)
+        print_study(name, study, folders[name], how, imports=python_options(arguments, name))
     if len(studies) > 1:
         print_comparison(studies, arguments.metric)
     print_files(files)
@@ -123,6 +125,12 @@ def scenarios_of(arguments: argparse.Namespace) -> dict[str, Scenario]:
             there = listed(drawn) or "no numbers"
             raise InputError(f"--over is {arguments.over}, which is not drawn in {name}; drawn are {there}")
     return found
+
+
+def python_options(arguments: argparse.Namespace, name: str) -> list[str]:
+    """Return the options that import the Python files which the scenario of a controller needs."""
+    specs = [spec for spec in arguments.controller if spec.endswith(f".py:{name}")]
+    return [*(f"--import {path}" for path in arguments.imports), *(f"--controller {spec}" for spec in specs)]
 
 
 @contextmanager
@@ -165,7 +173,7 @@ def save_plots(studies: Mapping[str, Study], folder: Path, arguments: argparse.N
     return save_figures(figures, folder, vector=arguments.vector)
 
 
-def print_study(name: str, study: Study, folder: Path, how: str, *, imports: Sequence[Path] = ()) -> None:
+def print_study(name: str, study: Study, folder: Path, how: str, *, imports: Sequence[str] = ()) -> None:
     """Prints estimates of the metrics, and the commands that fly the worst samples again."""
     print(
         f"{name}: {len(study.samples):,} samples of seed {study.scenario.seed}, {study.duration:.2f} s each, diagrams"
@@ -184,7 +192,7 @@ def print_study(name: str, study: Study, folder: Path, how: str, *, imports: Seq
         print("the worst:")
     ends = {sample: _end_of(study, int(np.searchsorted(study.samples, sample))) for sample in worst(study)}
     width = max(18, *map(len, ends.values())) if ends else 0
-    known = "".join(f" --import {path}" for path in imports)
+    known = "".join(f" {option}" for option in imports)
     for sample, end in ends.items():
         print(f"  {end:<{width}}  drake-quad fly {folder / 'scenario.yaml'} --sample {sample}{known}")
 

@@ -5,8 +5,8 @@ A number may stand in several fields, as a gain does on x and y.
 
 import argparse
 
-from drake_quad import InputError, Scenario, load_scenario
-from drake_quad.command_line.options import all_overrides_of, check_ranges, folder_of, parser
+from drake_quad import InputError, Scenario
+from drake_quad.command_line.options import add_controller, check_ranges, folder_of, parser, scenario_of
 from drake_quad.command_line.output import print_columns, print_files, print_margins
 from drake_quad.design.tuning import Budget, Knob, LoopLimit, tune, with_numbers
 from drake_quad.files import output_folder, write_whole
@@ -32,7 +32,7 @@ def options() -> argparse.ArgumentParser:
         output="out/tuned",
         scenario="laboratory:low_wind",
     )
-    result.add_argument("--controller", metavar="FILE:NAME", help="laid over the scenario")
+    add_controller(result)
     result.add_argument(
         "--tune",
         metavar="FIELD[,FIELD...][=LOW:HIGH]",
@@ -51,8 +51,7 @@ def options() -> argparse.ArgumentParser:
 def main(arguments: argparse.Namespace) -> None:
     """Runs the command."""
     check_ranges(arguments, _RANGES)
-    layers = [arguments.controller] if arguments.controller else []
-    scenario = load_scenario(arguments.scenario, all_overrides_of(arguments), layers=layers)
+    scenario = scenario_of(arguments)
     written = arguments.tune or [f"control.position.{gain}.0,control.position.{gain}.1" for gain in ("k_p", "k_d")]
     knobs = [knob_of(text, scenario) for text in written]
     limit = LoopLimit(arguments.sensitivity, arguments.delay_margin)

@@ -21,8 +21,16 @@ from drake_quad.reports.claims import Claim, judge, reduction
 from drake_quad.statistics.interval import Interval
 from drake_quad.studies.statistics import Comparison, compare, of_survivors
 
+
 # What every controller is called in the report, by its name in files.
-WORDS = {name: entry.words for name, entry in entries_of(on_board=False, maps=True).items()}
+class _Words(dict[str, str]):
+    """Names of controllers in the report; one of the user's is called by its own name."""
+
+    def __missing__(self, name: str) -> str:
+        return name
+
+
+WORDS = _Words({name: entry.words for name, entry in entries_of(on_board=False, maps=True).items()})
 
 
 def all_claims(found: Evaluation) -> list[Claim]:

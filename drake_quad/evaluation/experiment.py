@@ -36,9 +36,24 @@ from drake_quad.linear.link_margins import link_margins
 from drake_quad.planning.duration import flight_duration
 from drake_quad.reports.jobs import Job, run_jobs
 from drake_quad.scenario.batch import Batch, middle_of
+from drake_quad.scenario.files.loading import Override
 from drake_quad.scenario.models import Scenario
 
 _NUM_TIMED_FLIGHTS = 3  # of a lone vehicle
+
+
+class OwnController(NamedTuple):
+    """Controller of the user's, which is flown beside the designed ones.
+
+    Attributes:
+        name: name in the report.
+        layers: layers over a laboratory.
+        overrides: overrides of the laboratory.
+    """
+
+    name: str
+    layers: Sequence[str] = ()
+    overrides: Sequence[Override] = ()
 
 
 class EvaluationSizes(NamedTuple):
@@ -80,6 +95,7 @@ def fly_evaluation(
     folder: Path,
     *,
     only: Sequence[str] | None = None,
+    own: Sequence[OwnController] = (),
     progress: Callable[[int, int, str], object] = lambda *_: None,
 ) -> Evaluation:
     """Fly all designed controllers of some families, and write the numbers after each job.
@@ -89,7 +105,8 @@ def fly_evaluation(
         families: names of the families.
         sizes: sizes of the experiment.
         folder: folder for the numbers.
-        only: names of the controllers; all by default.
+        only: names of the designed controllers; all by default.
+        own: further controllers, which fly as they are.
         progress: called with the number of jobs that are done, the number of all jobs, and the name of the last one.
 
     Returns:
@@ -98,7 +115,7 @@ def fly_evaluation(
     Raises:
         InputError: there is no design of these controllers.
     """
-    jobs = [job for name in families for job in _jobs(diagrams, name, sizes, only)]
+    jobs = [job for name in families for job in _jobs(diagrams, name, sizes, only, own)]
     if not jobs:
         raise InputError("there is no design of what shall be flown")
     flights: dict[str, dict[str, Metrics]] = {}
@@ -117,12 +134,16 @@ def fly_evaluation(
     return read_evaluation(folder)
 
 
-def _jobs(diagrams: Path, name: str, sizes: EvaluationSizes, only: Sequence[str] | None) -> Iterator[Job]:
+def _jobs(
+    diagrams: Path, name: str, sizes: EvaluationSizes, only: Sequence[str] | None, own: Sequence[OwnController]
+) -> Iterator[Job]:
     """Yield the jobs of a family."""
     family, designs = FAMILIES[name], designs_in(design_file(diagrams, name))
     entries = [each for each in family.entries if each in designs and (only is None or each in only)]
     for entry in entries:
         yield Job(f"{name} {entry}", 1, partial(_results, fly_family, diagrams, name, family, entry, sizes))
+    for each in own:
+        yield Job(f"{name} {each.name}", 1, partial(_results, fly_controller, diagrams, name, family, each, sizes))
     if entries and LAPS_IN in family.laboratories:
         yield Job("laps", 1, partial(_results, fly_laps, diagrams, name, family, entries, sizes))
         yield Job(PRICED, 1, partial(_results, fly_priced, diagrams, family, entries, sizes))
@@ -148,16 +169,50 @@ def fly_family(
         Each laboratory with the controller's metrics, and then the family with the controller's traits.
     """
     path, entry = design_file(diagrams, name), family.entries[controller]
-    layer, time_in_fleet = f"{path}:{controller}", math.nan
+    flown = OwnController(controller, [f"{path}:{controller}"])
+    around = flown._replace(layers=[f"{path}:{entry.around or controller}"])
+    return fly_controller(diagrams, name, family, flown, sizes, around=around, slow=entry.slow)
+
+
+def fly_controller(
+    diagrams: Path,
+    name: str,
+    family: LaboratoryFamily,
+    controller: OwnController,
+    sizes: EvaluationSizes,
+    *,
+    around: OwnController | None = None,
+    slow: bool = False,
+) -> Iterator[Result]:
+    """Fly a controller in the laboratories of a family.
+
+    Args:
+        diagrams: folder of the shipped scenarios.
+        name: name of the family.
+        family: family of laboratories.
+        controller: controller.
+        sizes: sizes of the experiment.
+        around: controller without its network, whose margins are stated; by default the controller itself.
+        slow: whether it is not compiled and flies fewer samples.
+
+    Yields:
+        Each laboratory with the controller's metrics, and then the family with the controller's traits.
+    """
+
+    def scenario(place: str, flown: OwnController = controller, overrides: Sequence[str] = ()) -> Scenario:
+        return family.scenario(diagrams, place, flown.layers, [*flown.overrides, *overrides])
+
+    time_in_fleet = math.nan
     for place in family.laboratories:
-        scenario = family.scenario(diagrams, place, [layer], sizes.overrides)
-        metrics, spent = timed_flights(scenario, sizes.slow if entry.slow else sizes.samples, compiled=not entry.slow)
+        metrics, spent = timed_flights(
+            scenario(place, overrides=sizes.overrides), sizes.slow if slow else sizes.samples, compiled=not slow
+        )
         time_in_fleet = spent if place == family.windiest else time_in_fleet
-        yield place, controller, metrics
-    margins = worst_margins(family.scenario(diagrams, family.trained[0], [f"{path}:{entry.around or controller}"]))
-    windy = family.scenario(diagrams, family.windiest, [layer], sizes.overrides)
-    delay = math.nan if entry.slow else delay_flown(windy, sizes)
-    yield name, controller, Traits(*margins, delay, lone_time(windy, compiled=not entry.slow), time_in_fleet)
+        yield place, controller.name, metrics
+    margins = worst_margins(scenario(family.trained[0], around or controller))
+    windy = scenario(family.windiest, overrides=sizes.overrides)
+    delay = math.nan if slow else delay_flown(windy, sizes)
+    yield name, controller.name, Traits(*margins, delay, lone_time(windy, compiled=not slow), time_in_fleet)
 
 
 def fly_laps(

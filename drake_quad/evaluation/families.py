@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from drake_quad.evaluation.entries import ControllerEntry, entries_of
-from drake_quad.scenario.files.loading import load_scenario
+from drake_quad.scenario.files.loading import Override, load_scenario
 from drake_quad.scenario.models import Scenario
 
 # The first of the samples on which controllers are judged; those on which they are trained begin with 0.
@@ -37,7 +37,11 @@ class LaboratoryFamily(NamedTuple):
         return entries_of(on_board=self.on_board, maps=self.maps)
 
     def scenario(
-        self, diagrams: Path, laboratory: str, layers: Sequence[str | Path] = (), overrides: Sequence[str] = ()
+        self,
+        diagrams: Path,
+        laboratory: str,
+        layers: Sequence[str | Path] = (),
+        overrides: Sequence[str | Override] = (),
     ) -> Scenario:
         """One of the laboratories, with layers and overrides.
 

@@ -32,6 +32,7 @@ _COLORS = {
     "lqg": VERMILION,
     "mpc": PURPLE,
 }
+_OWN_COLOR = "saddlebrown"  # of the user's controllers
 _MARKS = {"": "o", "t1fnn": "v", "t2fnn": "^", "t2fnn_adaptive": "D", "t2fnn_map": "s"}
 # Share of crashes from which on a mark is hollow.
 _UNSAFE = 0.05
@@ -51,6 +52,8 @@ def evaluation_figures(found: Evaluation) -> Iterator[tuple[str, Figure]]:
 
 def parts_of(controller: str) -> tuple[str, str]:
     """The controller without its network, and the kind of the network, empty without one."""
+    if controller not in WORDS and "@" not in controller:  # of the user's
+        return controller, ""
     base = max((name for name in _COLORS if controller.startswith(name)), key=len)
     return base, controller.removeprefix(base).removeprefix("_")
 
@@ -59,7 +62,7 @@ def errors_figure(found: Evaluation) -> Figure:
     """Plot the mean error of every controller in every laboratory: a panel for each, a row for each controller."""
     titles = {place: name if name == place else f"{name}\n{place}" for place, name in FAMILY_OF.items()}
     places = [place for place in titles if place in found.flights]
-    controllers = [name for name in WORDS if name in found.controllers]
+    controllers = sorted(found.controllers, key=[*WORDS, *found.controllers].index)
     columns = min(len(places), 5)
     rows = -(-len(places) // columns)
     width, height = 1.5 + 1.35 * columns, 0.5 + rows * (0.65 + 0.145 * len(controllers))
@@ -82,9 +85,9 @@ def _mark(axes: Axes, metrics: Metrics, row: int, name: str) -> None:
     base, kind = parts_of(name)
     mean = mean_interval(100.0 * of_survivors(metrics, "rmse"))
     if np.isfinite(mean.value):
-        axes.plot([max(mean.low, 1e-3), mean.high], [row, row], color=_COLORS[base], linewidth=1.6)
+        axes.plot([max(mean.low, 1e-3), mean.high], [row, row], color=_COLORS.get(base, _OWN_COLOR), linewidth=1.6)
         fill = "none" if np.mean(metrics.crashed) > _UNSAFE else "full"
-        axes.plot(mean.value, row, _MARKS[kind], color=_COLORS[base], markersize=4.2, fillstyle=fill)
+        axes.plot(mean.value, row, _MARKS[kind], color=_COLORS.get(base, _OWN_COLOR), markersize=4.2, fillstyle=fill)
 
 
 def _panel(axes: Axes, title: str) -> None:
@@ -155,7 +158,13 @@ def margins_figure(found: Evaluation) -> Figure:
                     x, y = zip(*(_point(each, metrics, measure, unit) for each, metrics in designs), strict=True)
                     axes.plot(x, y, "-o", color=_COLORS[name], markersize=2.5, linewidth=0.8)
             for name, design in plain.items():
-                axes.plot(*_point(*design, measure, unit), "o", color=_COLORS[name], markersize=5.0, label=WORDS[name])
+                axes.plot(
+                    *_point(*design, measure, unit),
+                    "o",
+                    color=_COLORS.get(name, _OWN_COLOR),
+                    markersize=5.0,
+                    label=WORDS[name],
+                )
             axes.set_yscale("log")
             axes.set_xlabel(label)
         # So that designs under one limit, which hardly differ in it, are seen to hardly differ.

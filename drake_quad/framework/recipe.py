@@ -11,7 +11,7 @@ class Recipe(NamedTuple):
     """Recipe for a system.
 
     Attributes:
-        system: class of the system, a `FleetSystem`.
+        system: class of the system, a `FleetSystem`; or a function that makes another Drake system.
         structure: arguments of the constructor that determine ports and events.
         numbers: record of numbers, each of which may be an (N,) array; None for a system without numbers.
     """
@@ -37,6 +37,9 @@ class Recipe(NamedTuple):
             ValueError: if the system was built with another structure.
         """
         system = subsystem(diagram, path.split("."))
+        if not hasattr(system, "structure"):
+            system.SetDefaultContext(system.GetMyMutableContextFromRoot(context))
+            return
         if system.structure != self.structure:
             raise ValueError(f"{path} was built with {system.structure}, but these numbers need {self.structure}")
         system.reset(system.GetMyMutableContextFromRoot(context), self.numbers)

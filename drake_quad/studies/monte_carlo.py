@@ -108,7 +108,7 @@ def run_monte_carlo(
     try:
         with _crew(executor, num_workers, time_limit) as crew:
             job = BatchJob(uuid.uuid4().hex, code_of(own), scenario, plan, batch_size or _BATCH_SIZE, own, compiled)
-            if own.given:
+            if own.given or scenario.control.contains_user_system():
                 _check_alike(crew, job)
             duration = flight_duration(scenario, plan)
             with open_study(folder, scenario, num_samples, duration, own, compiled=compiled, resume=resume) as rows:
@@ -191,7 +191,7 @@ def _check_alike(crew: Crew, job: BatchJob) -> None:
         return
     alone, again, beside = outcome.result
     columns = columns_of(job.scenario)
-    names, error = " and ".join(job.own.given), columns.index("rmse")
+    names, error = " and ".join(job.own.given) or "the controller", columns.index("rmse")
     for flown, how, why in (
         (again, "a second time in the same diagram", "must keep nothing in Python objects, but in Drake's state"),
         (beside, "beside other samples", "must not mix the vehicles of a fleet, whose rows are (k, N)"),

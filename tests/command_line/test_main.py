@@ -27,6 +27,16 @@ def test_help_names_all_commands_and_loads_none(root):
     assert not {"numpy", "pydrake", "pydantic", "drake_quad.command_line.fly"} & {*lines[-1].split()}
 
 
+def test_without_a_command_all_are_listed_by_purpose(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["drake-quad"])
+    with pytest.raises(SystemExit) as caught:
+        main()
+    assert caught.value.code in (0, None)
+    text = capsys.readouterr().out
+    assert all(f"\n  {name} " in text for name in COMMANDS)
+    assert text.index("\nfly:") < text.index("\ndesign:") < text.index("\nuse flight logs:")
+
+
 @pytest.mark.parametrize(("given", "threads"), [({}, "1"), ({"OPENBLAS_NUM_THREADS": "3"}, "3")])
 def test_commands_use_one_thread_of_linear_algebra_unless_told_otherwise(root, given, threads):
     """And they collect garbage seldom."""
@@ -73,7 +83,6 @@ def test_versions_are_printed(run):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ([], "drake-quad: error: the following arguments are required: COMMAND"),
         (["flyy"], "drake-quad: error: argument COMMAND: invalid choice: 'flyy'"),
         (["fly", "--no-such-option"], "drake-quad fly: error: unrecognized arguments: --no-such-option"),
     ],

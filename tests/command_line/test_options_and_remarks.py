@@ -127,7 +127,9 @@ def test_a_panel_of_a_map_is_the_linear_model_and_the_flights_of_the_same_gains(
 
 
 def test_a_vehicle_is_written_beside_others_by_default(run, replaced, monkeypatch, tmp_path):  # noqa: F811
-    prints = dict.fromkeys(("print_logs", "print_estimates", "print_score", "print_hover", "print_predictions"))
+    prints = dict.fromkeys(
+        ("print_logs", "print_estimates", "print_flights", "print_score", "print_hover", "print_predictions")
+    )
     vehicle = SimpleNamespace(vehicle=SimpleNamespace(motors=None))
     replaced(
         "identify", read_log=FlightRecord("a", np.arange(3.0)),

@@ -112,7 +112,7 @@ def test_each_controller_is_laid_over_each_laboratory():
     twice = argparse.Namespace(
         scenario=["hover"], controller=["controllers/paper:pd"] * 2, quick=False, set=[], seed=None
     )
-    with pytest.raises(InputError, match="hover is to be flown twice with pd"):
+    with pytest.raises(InputError, match="another controller is called pd"):
         compare.scenarios_of(twice)
 
 
@@ -783,7 +783,7 @@ def test_controllers_are_named_after_what_is_laid_over():
     two = controlled("controllers/paper:pd", "diagrams/gains/laboratory.yaml")
     assert [*two] == ["pd", "laboratory"]
     assert (two["pd"].duration, two["pd"].seed) == (2.0, 9)
-    with pytest.raises(InputError, match="pd is to be flown already; give each its own name"):
+    with pytest.raises(InputError, match="another controller is called pd; give each its own name"):
         controlled("controllers/paper:pd", "controllers/paper:pd")
 
 

@@ -81,6 +81,10 @@ class CascadeControl(Control):
             feed_forward=self.position.feed_forward,
         )
 
+    def contains_user_system(self) -> bool:
+        """Return whether the position controller is a system of the user's."""
+        return self.position.is_user_system
+
     def limits(self) -> ThrustVectoringSettings:
         """Return the limits of thrust vectoring."""
         return self.thrust_vectoring

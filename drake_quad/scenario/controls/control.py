@@ -72,6 +72,10 @@ class Control(Model):
         """Return the times from now at which it looks at the reference, s."""
         return ()
 
+    def contains_user_system(self) -> bool:
+        """Return whether it contains a system in Python of the user's."""
+        return False
+
     def policy_rows(self) -> dict[str, int]:
         """Return the number of rows of the observation and the action of its policy; empty if it has no policy."""
         return {}

@@ -26,6 +26,7 @@ class PositionController(Model):
         takes_correction: whether a fuzzy network can stand around it, which needs the port `correction`.
         estimates_disturbance: whether it has the port `disturbance`, which a network can look at.
         has_integral: whether it has gains `k_i` of an integral.
+        is_user_system: whether it is a system in Python of the user's.
     """
 
     kind: str
@@ -34,6 +35,7 @@ class PositionController(Model):
     takes_correction: ClassVar[bool]
     estimates_disturbance: ClassVar[bool] = False
     has_integral: ClassVar[bool] = False
+    is_user_system: ClassVar[bool] = False
 
     @abstractmethod
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:

@@ -1,0 +1,199 @@
+"""Controllers in Python as kinds of the scenario language.
+
+In a module `mine`, `register_controller(SlidingMode)` makes the kind `mine.SlidingMode` of a position controller, or of
+a whole control if the system has the output port of one. Scenarios name it like the kinds of this library, so that
+every command and every function flies it. If the system is a `FleetSystem` that declares a record of numbers with
+defaults, as in `def declare(self, *, numbers=Gains())`, these numbers are fields of the kind.
+
+A kind is known only after its module was imported. A scenario never imports one.
+"""
+
+import inspect
+from collections.abc import Mapping
+from functools import partial
+from typing import Any, ClassVar, Literal
+
+from pydantic import Field
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from drake_quad.assembly.user_systems import UserSystems, check_user_systems
+from drake_quad.control.position import FeedForward
+from drake_quad.errors import InputError
+from drake_quad.framework.recipe import Recipe
+from drake_quad.framework.wiring import build
+from drake_quad.scenario.controls.control import CONTROLS, Control
+from drake_quad.scenario.controls.thrust_vectoring import ThrustVectoringSettings
+from drake_quad.scenario.position_controllers.controller import POSITION_CONTROLLERS, PositionController
+from drake_quad.scenario.quantities import Number
+from drake_quad.scenario.sensors.sensor import SENSORS
+from drake_quad.scenario.setting import ControlSetting
+
+_COMMANDS = ("wrench", "attitude_target")  # of a control
+
+
+class RegisteredPositionController(PositionController):
+    """Position controller in Python.
+
+    Attributes:
+        system: class of the system.
+    """
+
+    feed_forward: FeedForward = Field(  # type: ignore[misc]
+        default="none", description="up to which derivative of the reference the attitude control feeds forward"
+    )
+    takes_correction: ClassVar = False
+    is_user_system: ClassVar = True
+    system: ClassVar[type]
+
+    def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
+        """Return the recipe for the system."""
+        return {"position": _recipe(self)}
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle the class of the system, so that another process imports its module."""
+        return _restored, (self.system, dict(self))
+
+
+class RegisteredControl(Control):
+    """Control in Python.
+
+    Attributes:
+        system: class of the system.
+    """
+
+    network: ClassVar = None
+    system: ClassVar[type]
+
+    def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
+        """Return the recipe for the system."""
+        return {"system": _recipe(self)}
+
+    def build(self, systems: Mapping[str, Any], own: Mapping[str, Any]) -> Diagram:
+        """Return a diagram around the system, with its ports."""
+        system, builder = systems["system"], DiagramBuilder()
+        builder.AddNamedSystem("system", system)
+        for port in map(system.get_input_port, range(system.num_input_ports())):
+            builder.ExportInput(port, port.get_name())
+        for port in map(system.get_output_port, range(system.num_output_ports())):
+            builder.ExportOutput(port, port.get_name())
+        return build(builder, "control")
+
+    def contains_user_system(self) -> bool:
+        """Return True."""
+        return True
+
+    def limits(self) -> ThrustVectoringSettings:
+        """Return the default limits, which a system may ignore."""
+        return ThrustVectoringSettings()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle the class of the system, so that another process imports its module."""
+        return _restored, (self.system, dict(self))
+
+
+def register_controller(system: Any) -> str:
+    """Register a Drake system class as a kind of controller, and return the name of the kind.
+
+    The kind is called `MODULE.CLASS`. A class with the output port `acceleration_command` becomes a kind of position
+    controller, one with the port `wrench` or `attitude_target` a kind of control.
+
+    Args:
+        system: class whose ports are those of a `position_controller` or of a `control` of `simulate`. For studies and
+            fleets, its constructor takes `num_vehicles`, the number N of vehicles.
+
+    Raises:
+        InputError: if it is no such class.
+    """
+    if not isinstance(system, type):
+        raise InputError(f"a controller must be the class of a Drake system, not {system!r}")
+    kind = system.__name__ if system.__module__ == "__main__" else f"{system.__module__}.{system.__name__}"
+    if _registered(kind, system) is not None:
+        return kind
+    place, command = _place_of(_built(system, 1))
+    settings: Any = RegisteredControl if place == "control" else RegisteredPositionController
+    for num_vehicles in (1, 2) if "num_vehicles" in inspect.signature(system).parameters else (1,):
+        own = UserSystems(**{place: _built(system, num_vehicles)})
+        check_user_systems(own, num_vehicles, command=command, sensors=SENSORS.members)
+    numbers = _default_numbers(system)
+    fields = {} if numbers is None else numbers._asdict()
+    annotations: dict[str, Any] = {"kind": Literal[kind], "system": ClassVar[type], **dict.fromkeys(fields, Number)}
+    model: Any = type(settings)(
+        f"{system.__name__}Settings",
+        (settings,),
+        {
+            "__module__": system.__module__,
+            "__doc__": inspect.getdoc(system),
+            "__annotations__": annotations,
+            "system": system,
+            **{name: Field(default=value, description="number of the controller") for name, value in fields.items()},
+        },
+    )
+    (CONTROLS if place == "control" else POSITION_CONTROLLERS).member(model)
+    return kind
+
+
+def _built(system: type, num_vehicles: int, **numbers: Any) -> Any:
+    """Return an object of a class. A class whose constructor takes no number of vehicles is for a single one.
+
+    Raises:
+        InputError: if the constructor fails.
+    """
+    takes_number = "num_vehicles" in inspect.signature(system).parameters
+    if num_vehicles > 1 and not takes_number:
+        raise InputError(
+            f"{system.__name__} flies a single vehicle; for studies and fleets, its constructor must take num_vehicles"
+        )
+    try:
+        return system(num_vehicles=num_vehicles, **numbers) if takes_number else system(**numbers)
+    except TypeError as error:
+        raise InputError(
+            f"{system.__name__} cannot be built: {error}; the constructor of a controller takes at most the number of"
+            " vehicles, num_vehicles, and everything else has a default"
+        ) from error
+
+
+def _place_of(system: Any) -> tuple[str, str]:
+    """Return the place of a system in the loop, and its command over the link.
+
+    Raises:
+        InputError: if it has the output port of neither place.
+    """
+    count = system.num_output_ports() if hasattr(system, "num_output_ports") else 0
+    ports = {system.get_output_port(i).get_name() for i in range(count)}
+    if "acceleration_command" in ports and not ports & {*_COMMANDS}:
+        return "position_controller", "wrench"
+    command = next((name for name in _COMMANDS if name in ports), None)
+    if command is None:
+        raise InputError(
+            f"{type(system).__name__} has no output port `acceleration_command`, `wrench` or `attitude_target`"
+        )
+    return "control", command
+
+
+def _default_numbers(system: Any) -> Any:
+    """Return the default record of the numbers that a `FleetSystem` declares; None if they are not plain numbers."""
+    if not hasattr(system, "declare"):
+        return None
+    parameter = inspect.signature(system.declare).parameters.get("numbers")
+    default: Any = None if parameter is None else parameter.default
+    flat = hasattr(default, "_fields") and all(isinstance(value, float | int) for value in default)
+    return default if flat else None
+
+
+def _recipe(settings: Any) -> Recipe:
+    """Return the recipe for the system of a registered kind."""
+    numbers = _default_numbers(settings.system)
+    if numbers is not None:
+        numbers = type(numbers)(*(getattr(settings, name) for name in numbers._fields))
+    return Recipe(partial(_built, settings.system), {}, numbers)
+
+
+def _registered(kind: str, system: type) -> Any:
+    """Return the settings of a kind if it is registered for this system; otherwise None."""
+    found = POSITION_CONTROLLERS.get(kind) or CONTROLS.get(kind)
+    return found if getattr(found, "system", None) is system else None
+
+
+def _restored(system: type, fields: dict[str, Any]) -> Any:
+    """Return the settings of a system in another process, where its kind may not be registered yet."""
+    return _registered(register_controller(system), system).model_construct(**fields)

@@ -1,0 +1,253 @@
+"""Controllers in Python that are registered as kinds of the scenario language."""
+
+import pickle
+from pathlib import Path
+from types import SimpleNamespace
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import BasicVector, LeafSystem
+
+from drake_quad import (
+    InputError,
+    closed_loop,
+    link_margins,
+    load_scenario,
+    register_controller,
+    run_monte_carlo,
+    simulate,
+    simulate_samples,
+)
+from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.scenario.files.saving import save_scenario
+from drake_quad.scenario.position_controllers.controller import POSITION_CONTROLLERS
+from drake_quad.signals import Acceleration, Reference, State, Wrench
+
+SHORT = "duration=0.5"
+MASSES = "vehicle.mass={uniform: {min: 0.6, max: 0.76}}"
+
+
+class Gains(NamedTuple):
+    k_p: float = 0.2
+    k_d: float = 0.7
+
+
+def law(m: State, r: Reference, gains: Gains) -> Acceleration:
+    return Acceleration(
+        x=r.a_x + gains.k_d * (r.v_x - m.v_x) + gains.k_p * (r.x - m.x),
+        y=r.a_y + gains.k_d * (r.v_y - m.v_y) + gains.k_p * (r.y - m.y),
+        z=r.a_z + gains.k_d * (r.v_z - m.v_z) + gains.k_p * (r.z - m.z),
+    )
+
+
+@fleet_system(float, AutoDiffXd)
+class Formula(FleetSystem):
+    """A PD as a formula."""
+
+    def declare(self, *, numbers=Gains()):
+        gains = self.parameter("gains", lambda numbers: numbers)
+        self.output("acceleration_command", law, self.input("measurement"), self.input("reference"), gains)
+
+
+class Plain(LeafSystem):
+    """The same PD in plain NumPy."""
+
+    def __init__(self, num_vehicles=1):
+        super().__init__()
+        n = num_vehicles
+        self.measurement = self.DeclareVectorInputPort("measurement", BasicVector(12 * n))
+        self.reference = self.DeclareVectorInputPort("reference", BasicVector(11 * n))
+        self.DeclareVectorOutputPort("acceleration_command", BasicVector(3 * n), self.command)
+
+    def command(self, context, output):
+        m = State(*self.measurement.Eval(context).reshape(12, -1))
+        r = Reference(*self.reference.Eval(context).reshape(11, -1))
+        output.SetFromVector(np.ravel(law(m, r, Gains())))
+
+
+def wrench(m: State, r: Reference) -> Wrench:
+    return Wrench(
+        thrust=0.68 * (9.81 + (r.z - m.z) + 1.4 * (r.v_z - m.v_z)),
+        tau_x=-0.007 * (50.0 * m.roll + 10.0 * m.p),
+        tau_y=-0.007 * (50.0 * m.pitch + 10.0 * m.q),
+        tau_z=0.012 * (4.0 * (r.yaw - m.yaw) - 4.0 * m.r),
+    )
+
+
+@fleet_system(float, AutoDiffXd)
+class Levels(FleetSystem):
+    """A whole control, which keeps the vehicle level."""
+
+    def declare(self):
+        self.output("wrench", wrench, self.input("measurement"), self.input("reference"))
+
+
+def with_position(kind: str, *overrides: str):
+    return load_scenario(
+        "laboratory:low_wind",
+        [f"control.position={{kind: {kind}, feed_forward: none}}", "control.network=null", SHORT, *overrides],
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("system", [Formula, Plain])
+def test_a_registered_position_controller_flies_as_one_that_is_given(system) -> None:
+    kind = register_controller(system)
+    assert kind == f"{__name__}.{system.__name__}"
+    flown = simulate(with_position(kind))
+    given = simulate(with_position(kind).model_copy(), position_controller=system())
+    np.testing.assert_allclose(flown.signals["state"], given.signals["state"], atol=1e-9)
+
+
+@pytest.mark.slow
+def test_a_registered_control_replaces_the_whole_cascade() -> None:
+    kind = register_controller(Levels)
+    scenario = load_scenario("laboratory:low_wind", [f"control={{kind: {kind}}}", SHORT])
+    flown = simulate(scenario)
+    given = simulate(load_scenario("laboratory:low_wind", [SHORT]), control=Levels())
+    np.testing.assert_allclose(flown.signals["state"], given.signals["state"], atol=1e-9)
+    assert scenario.control.contains_user_system()
+
+
+@pytest.mark.slow
+def test_numbers_of_a_formula_are_fields_with_distributions() -> None:
+    kind = register_controller(Formula)
+    stiff = simulate(with_position(kind, "control.position.k_p=2.0"))
+    given = simulate(with_position(kind), position_controller=Formula(numbers=Gains(k_p=2.0)))
+    np.testing.assert_allclose(stiff.signals["state"], given.signals["state"], atol=1e-9)
+    drawn = with_position(kind, "control.position.k_p={uniform: {min: 0.2, max: 2.0}}")
+    first, second = simulate_samples(drawn, range(2))
+    assert first.scenario.control.position.k_p != second.scenario.control.position.k_p
+    alone = simulate(first.scenario)
+    np.testing.assert_allclose(alone.signals["state"], first.signals["state"], atol=1e-9)
+    # A system in plain Python has no numbers that the language could know.
+    assert set(type(with_position(register_controller(Plain)).control.position).model_fields) == {
+        "kind",
+        "feed_forward",
+    }
+
+
+@pytest.mark.slow
+def test_a_registered_formula_has_a_linear_model_and_margins() -> None:
+    kind = register_controller(Formula)
+    quiet = load_scenario("hover", [f"control.position={{kind: {kind}, feed_forward: none}}", "control.network=null"])
+    given = closed_loop(quiet, position_controller=Formula())
+    np.testing.assert_allclose(closed_loop(quiet).system.A, given.system.A, atol=1e-12)
+    assert link_margins(quiet)["tau_x"].sensitivity == pytest.approx(
+        link_margins(quiet, position_controller=Formula())["tau_x"].sensitivity
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("system", [Formula, Plain])
+def test_a_study_flies_a_registered_controller_in_fleets(system) -> None:
+    scenario = with_position(register_controller(system), MASSES)
+    study = run_monte_carlo(scenario, 3, num_workers=1)
+    lone = [simulate(scenario, sample=sample).metrics.rmse for sample in range(3)]
+    np.testing.assert_allclose(study.metrics.rmse, lone, rtol=1e-9)
+
+
+class Remembers(Plain):
+    """A controller that keeps something in its Python object."""
+
+    def __init__(self, num_vehicles=1):
+        super().__init__(num_vehicles)
+        self.calls = 0
+
+    def command(self, context, output):
+        self.calls += 1
+        output.SetFromVector(np.full(output.size(), 1e-3 * self.calls))
+
+
+@pytest.mark.slow
+def test_a_study_refuses_a_registered_controller_with_a_memory_of_its_own() -> None:
+    scenario = with_position(register_controller(Remembers), MASSES)
+    with pytest.raises(InputError, match="the controller must keep nothing in Python objects"):
+        run_monte_carlo(scenario, 3, num_workers=1)
+
+
+def test_a_worker_that_has_not_registered_a_controller_registers_it() -> None:
+    """A scenario is pickled for workers, with the class of the system."""
+    kind = register_controller(Formula)
+    scenario = with_position(kind, "control.position.k_p=0.5")
+    pickled = pickle.dumps(scenario)
+    assert pickle.loads(pickled) == scenario
+    POSITION_CONTROLLERS.remove(kind)
+    found = pickle.loads(pickled).control.position
+    assert (found.kind, found.k_p, found.system) == (kind, 0.5, Formula)
+    assert POSITION_CONTROLLERS.get(kind) is type(found)
+    control = load_scenario("hover", [f"control={{kind: {register_controller(Levels)}}}"])
+    assert pickle.loads(pickle.dumps(control)) == control
+
+
+def test_a_saved_scenario_is_refused_until_its_controller_is_registered(tmp_path: Path) -> None:
+    kind = register_controller(Formula)
+    scenario = with_position(kind, "control.position.k_p=0.5")
+    save_scenario(scenario, tmp_path / "mine.yaml")
+    assert load_scenario(tmp_path / "mine.yaml") == scenario
+    POSITION_CONTROLLERS.remove(kind)
+    with pytest.raises(InputError, match=f"control.position.kind is '{kind}', but must be one of"):
+        load_scenario(tmp_path / "mine.yaml")
+    register_controller(Formula)
+    assert load_scenario(tmp_path / "mine.yaml").control.position.k_p == 0.5
+
+
+class Single(Plain):
+    """A controller for a single vehicle."""
+
+    def __init__(self):
+        super().__init__(1)
+
+
+@pytest.mark.slow
+def test_a_controller_for_a_single_vehicle_flies_alone_and_is_refused_for_a_fleet() -> None:
+    scenario = with_position(register_controller(Single), MASSES)
+    assert (
+        simulate(scenario, sample=0).metrics.rmse
+        == simulate(scenario, sample=0, position_controller=Plain()).metrics.rmse
+    )
+    with pytest.raises(InputError, match="Single flies a single vehicle; for studies and fleets, its constructor must"):
+        simulate_samples(scenario, range(2))
+    with pytest.raises(InputError, match="Single flies a single vehicle"):
+        run_monte_carlo(scenario, 3, num_workers=1)
+
+
+class Needs(Plain):
+    """A controller whose constructor needs something."""
+
+    def __init__(self, gain, num_vehicles=1):
+        super().__init__(num_vehicles)
+
+
+class Ported(LeafSystem):
+    """A system whose ports are no controller's."""
+
+    def __init__(self, num_vehicles=1):
+        super().__init__()
+        self.DeclareVectorInputPort("measurment", BasicVector(12 * num_vehicles))
+        self.DeclareVectorInputPort("reference", BasicVector(11 * num_vehicles))
+        self.DeclareVectorOutputPort("acceleration_command", BasicVector(3 * num_vehicles), lambda *_: None)
+
+
+class AlwaysOne(Plain):
+    """A controller with ports for one vehicle, whatever the number."""
+
+    def __init__(self, num_vehicles=1):
+        super().__init__(1)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (Needs, "Needs cannot be built: "),
+        (Ported, "has the input port `measurment`, but may have `measurement`, `reference`"),
+        (AlwaysOne, "must have 12 rows for each of 2 vehicles, but has 12"),
+        (Plain(), "a controller must be the class of a Drake system"),
+        (SimpleNamespace, "has no output port `acceleration_command`, `wrench` or `attitude_target`"),
+    ],
+)
+def test_what_is_no_controller_is_refused(given, words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        register_controller(given)
+    assert words in str(caught.value)

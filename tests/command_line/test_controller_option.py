@@ -1,0 +1,148 @@
+"""The option `--controller`: layers of the scenario language, and Drake systems in Python."""
+
+import argparse
+from importlib import import_module
+
+import pytest
+
+from drake_quad import InputError, load_scenario
+from drake_quad.command_line.main import COMMANDS
+from drake_quad.command_line.options import controller_of, scenario_of
+from drake_quad.evaluation.claims import WORDS
+
+MINE = """
+from typing import NamedTuple
+from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.signals import Acceleration, Reference, State, Wrench
+
+class Gains(NamedTuple):
+    k_p: float = 0.2
+
+def law(m: State, r: Reference, g: Gains) -> Acceleration:
+    return Acceleration(
+        *(g.k_p * e for e in (r.x - m.x, r.y - m.y, r.z - m.z))
+    )
+
+def level(m: State, r: Reference) -> Wrench:
+    return Wrench(6.67, 0.0 * m.roll, 0.0 * m.pitch, 0.0 * r.yaw)
+
+@fleet_system(float, AutoDiffXd)
+class Mine(FleetSystem):
+    def declare(self, *, numbers=Gains()):
+        gains = self.parameter("gains", lambda numbers: numbers)
+        self.output("acceleration_command", law, self.input("measurement"), self.input("reference"), gains)
+
+@fleet_system(float, AutoDiffXd)
+class Whole(FleetSystem):
+    def declare(self):
+        self.output("wrench", level, self.input("measurement"), self.input("reference"))
+"""
+
+
+@pytest.fixture
+def mine(tmp_path, request):
+    """Return the path of a file with controllers, whose module no other test has imported."""
+    path = tmp_path / f"controllers_{abs(hash(request.node.name))}.py"
+    path.write_text(MINE, encoding="utf-8")
+    return path
+
+
+def arguments(**given):
+    return argparse.Namespace(**({"scenario": "hover", "set": [], "seed": None, "controller": None} | given))
+
+
+def test_a_layer_is_laid_over_the_scenario() -> None:
+    scenario = scenario_of(arguments(scenario="laboratory:nominal", controller="controllers/paper:pd"))
+    assert scenario == load_scenario("laboratory:nominal", layers=["controllers/paper:pd"])
+
+
+def test_a_position_controller_in_python_keeps_the_feed_forward_of_the_scenario(mine) -> None:
+    scenario = scenario_of(arguments(scenario="laboratory:nominal", controller=f"{mine}:Mine"))
+    shipped = load_scenario("laboratory:nominal")
+    assert scenario.control.position.kind == f"{mine.stem}.Mine"
+    assert scenario.control.position.feed_forward == shipped.control.position.feed_forward
+    assert scenario.control.network is None
+    assert scenario.control.attitude == shipped.control.attitude
+
+
+def test_numbers_of_a_controller_in_python_are_set_after_it_is_chosen(mine) -> None:
+    scenario = scenario_of(arguments(controller=f"{mine}:Mine", set=["control.position.k_p=0.75"]))
+    assert scenario.control.position.k_p == 0.75
+
+
+def test_a_scenario_with_the_controller_keeps_its_numbers(mine, tmp_path) -> None:
+    from drake_quad.scenario.files.saving import save_scenario
+
+    chosen = scenario_of(arguments(controller=f"{mine}:Mine", set=["control.position.k_p=0.75"]))
+    save_scenario(chosen, tmp_path / "saved.yaml")
+    again = scenario_of(arguments(scenario=str(tmp_path / "saved.yaml"), controller=f"{mine}:Mine"))
+    assert again == chosen
+
+
+def test_a_whole_control_in_python_replaces_the_cascade(mine) -> None:
+    scenario = scenario_of(arguments(controller=f"{mine}:Whole"))
+    assert scenario.control.kind == f"{mine.stem}.Whole"
+
+
+@pytest.mark.parametrize(
+    ("spec", "words"),
+    [
+        ("{mine}:Other", "has no class Other"),
+        ("{mine}:Gains", "Gains has no output port `acceleration_command`"),
+        ("absent.py:Mine", "absent.py: is not a Python file"),
+    ],
+)
+def test_what_is_no_controller_is_refused_with_the_option(mine, spec: str, words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        controller_of(spec.format(mine=mine), "hover")
+    assert str(caught.value).startswith(f"--controller {spec.format(mine=mine)}: ")
+    assert words in str(caught.value)
+
+
+def test_a_file_that_raises_an_error_is_refused(tmp_path) -> None:
+    (tmp_path / "broken_controller.py").write_text("1 / 0", encoding="utf-8")
+    with pytest.raises(InputError, match="ZeroDivisionError: division by zero"):
+        controller_of(f"{tmp_path / 'broken_controller.py'}:Mine", "hover")
+
+
+FLY_DESIGN_OR_JUDGE = (
+    "fly", "study", "compare", "replay", "draw", "design", "design-lqg", "tune", "map", "sensitivities", "judge",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("command", FLY_DESIGN_OR_JUDGE)
+def test_each_command_that_flies_designs_or_judges_has_the_option(command: str) -> None:
+    assert command in COMMANDS
+    module = import_module(f"drake_quad.command_line.{command.replace('-', '_')}")
+    assert "--controller" in module.options().format_help()
+
+
+def test_judged_controllers_have_names_of_their_own(mine) -> None:
+    from drake_quad.command_line.judge import own_controllers
+
+    found = own_controllers([f"{mine}:Mine", "controllers/lqg:lqg"])
+    assert [each.name for each in found] == ["Mine", "controllers/lqg:lqg"]
+    assert "lqg" in WORDS
+    assert WORDS["Mine"] == "Mine"
+    with pytest.raises(InputError, match="another controller is called Mine"):
+        own_controllers([f"{mine}:Mine", f"{mine}:Mine"])
+
+
+@pytest.mark.slow
+def test_a_controller_in_python_is_judged_beside_the_designed_ones(run, mine, tmp_path) -> None:
+    given = ["judge", "--quick", "--family", "outdoor", "--only", "pd", "--controller", f"{mine}:Mine"]
+    result = run(*given, "--output", tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "\nMine " in result.stdout
+    assert "| Mine |" in (tmp_path / "report.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+def test_the_worst_samples_of_a_study_can_be_flown_as_printed(run, mine, tmp_path) -> None:
+    result = run("study", "hover", "--controller", f"{mine}:Mine", "--samples", 2, "--workers", 1,
+                 "--set", "duration=0.5", "--set", "vehicle.mass={uniform: {min: 0.6, max: 0.7}}",
+                 "--output", tmp_path)  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    command = next(line for line in result.stdout.splitlines() if "drake-quad fly" in line)
+    words = command.split("drake-quad ")[1].split()
+    assert run(*words, "--output", tmp_path / "flown").returncode == 0
