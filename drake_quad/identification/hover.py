@@ -21,6 +21,7 @@ _MAX_HOVER_RATE = 0.5  # rad/s
 _MIN_HOVER_TIME = 1.0  # s
 _BLOCK = 0.5  # s, blocks whose scatter gives standard deviations
 _MIN_WHOLE_DIFFERENCES = 30
+_MAX_DELAY = 0.3  # s, of the attitude behind its command
 _SIGNALS = ("position", "attitude", "body_rates", "specific_force")
 
 
@@ -110,7 +111,7 @@ def _mean(values: np.ndarray, blocks: np.ndarray, unit: str) -> Spread:
     return Spread(float(values.mean()), deviation, unit, max(len(numbers) - 1.0, 1.0))
 
 
-def delay_by_correlation(record: FlightRecord, max_delay: float = 0.3) -> float | None:
+def delay_by_correlation(record: FlightRecord) -> float | None:
     """Return the delay with the largest correlation of attitude and its command, s; None if one is not logged.
 
     It checks the order of magnitude of an identified delay. It is longer than that, since it includes the response of
@@ -120,7 +121,7 @@ def delay_by_correlation(record: FlightRecord, max_delay: float = 0.3) -> float 
         return None
     piece = pieces(record)
     part = record.part(piece == np.argmax(np.bincount(piece)))
-    lags = np.arange(max(1, round(max_delay / part.period)))
+    lags = np.arange(max(1, round(_MAX_DELAY / part.period)))
     best = []
     for column in range(2):
         command, angle = (np.diff(part.of(name)[:, column]) for name in ("attitude_command", "attitude"))

@@ -104,14 +104,13 @@ class Explained(NamedTuple):
     output: str
 
 
-def quantile(degrees_of_freedom: np.ndarray | float, level: float = CONFIDENCE) -> np.ndarray:
-    """Return half of the length of a confidence interval in standard deviations, by Student's distribution.
+def quantile(degrees_of_freedom: np.ndarray | float) -> np.ndarray:
+    """Return half of the length of a 95 % confidence interval in standard deviations, by Student's distribution.
 
     Args:
         degrees_of_freedom: degrees of freedom, of any shape; infinite for the normal distribution.
-        level: confidence level.
     """
-    return np.asarray(scipy.stats.t.ppf(0.5 * (1.0 + level), degrees_of_freedom))
+    return np.asarray(scipy.stats.t.ppf(0.5 * (1.0 + CONFIDENCE), degrees_of_freedom))
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,17 +217,13 @@ class Estimates:
     def _variations(self) -> list[Variation]:
         return [each for each in (self.variation, self.flight_variation) if each is not None]
 
-    def quantiles(self, level: float = CONFIDENCE) -> np.ndarray:
-        """Return half of the length of each confidence interval (n,) in standard deviations."""
-        return quantile(self.degrees_of_freedom, level)
+    def quantiles(self) -> np.ndarray:
+        """Return half of the length of each 95 % confidence interval (n,) in standard deviations."""
+        return quantile(self.degrees_of_freedom)
 
-    def intervals(self, level: float = CONFIDENCE) -> np.ndarray:
-        """Return lower and upper end of the confidence interval of each value, (n, 2).
-
-        Args:
-            level: confidence level.
-        """
-        reach = self.quantiles(level) * self.deviations
+    def intervals(self) -> np.ndarray:
+        """Return lower and upper end of the 95 % confidence interval of each value, (n, 2)."""
+        reach = self.quantiles() * self.deviations
         return np.stack([self.values - reach, self.values + reach], axis=1)
 
     def value(self, name: str) -> float:
