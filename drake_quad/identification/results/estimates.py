@@ -30,6 +30,7 @@ def declaration_at(path: str) -> Declaration:
     Raises:
         InputError: if no parameter has this path.
     """
+    # An error is not cached, so that a quantity of an effect that is registered later is found.
     declarations = dict(quantities_in(Vehicle))
     for inner, declaration in quantities_in(Laboratory):
         declarations[inner if inner.startswith("autopilot.") else f"laboratory.{inner}"] = declaration

@@ -359,8 +359,7 @@ def _further_in(model: type[Model], name: str) -> list[str]:
     return [
         f"{field}.{name}"
         for field, info in model.model_fields.items()
-        for mapping in alternatives(info.annotation, info.metadata)
-        if name in getattr(mapping, "model_fields", ())
+        if any(name in getattr(mapping, "model_fields", ()) for mapping in alternatives(info.annotation, info.metadata))
     ]
 
 
