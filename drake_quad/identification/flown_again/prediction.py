@@ -30,7 +30,7 @@ from drake_quad.errors import InputError, shown
 from drake_quad.identification.delays import delay_of
 from drake_quad.identification.fit import fit
 from drake_quad.identification.logs.attitudes import rotations
-from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.logs.record import QUANTITIES, FlightRecord
 from drake_quad.identification.model import STATE_ROWS
 from drake_quad.identification.prepared_logs import WARM_UP, PreparedLogs, initial_noise, prepare
 from drake_quad.identification.results.estimates import quantile
@@ -48,7 +48,8 @@ _MIN_PAST = 4  # samples of the parabola
 _SETTLE = 0.5  # s, in which the filter settles before a start
 _UNKNOWN = 0.4  # s, after the start of a log the rotors still follow commands from before it
 _MIN_BLOCK = 1.0  # s
-UNITS = {"position": "m", "height": "m", "velocity": "m/s", "climb": "m/s", "attitude": "rad", "body_rates": "rad/s"}
+UNITS = {"height": "m", "climb": "m/s"} | {name: QUANTITIES[name].unit for name in STATE_ROWS}
+"""Unit of each predicted quantity."""
 
 
 @dataclass(frozen=True, eq=False)
