@@ -131,7 +131,7 @@ def verdict(comparison: LogComparison) -> str:
 
 def save_comparison(comparison: LogComparison, folder: Path, arguments: argparse.Namespace) -> list[Path]:
     """Write the table, the plot, a replay of both flights, and the scenario, and return the files."""
-    # Matplotlib loads in half a second, so that an error in the input is reported before it is loaded.
+    # Matplotlib takes half a second to load, so it is loaded only when there is something to draw.
     from drake_quad.visualization.log_comparison_plots import plot_log_comparison
     from drake_quad.visualization.replay.page import save_replay
     from drake_quad.visualization.style import save_figures
