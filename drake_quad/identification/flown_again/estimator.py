@@ -1,7 +1,8 @@
 """Errors of an on-board estimate of the velocity, and the drag that its rate shows.
 
 If the same estimator logs position p̂ and velocity v̂, the derivative of the position is no independent measurement, but
-position measurements keep it right in the long run. The difference between the two is therefore an error of v̂. In means of 0.1 s
+position measurements keep it right in the long run. The difference between the two is therefore an error of v̂. In means
+of 0.1 s
 
     v̂ - dp̂/dt = s v + d
 
