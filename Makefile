@@ -82,9 +82,9 @@ figures: $(VENV)/.installed
 	$(VENV)/bin/drake-quad fly laboratory:low_wind
 	cp out/low_wind/wind.png docs/pictures/wind.png
 	$(VENV)/bin/drake-quad replay laboratory:high_wind --samples 1 --output out/front \
-		--controller controllers/designed/laboratory:lqg \
-		$(foreach name,pd_t2fnn pd,--controller controllers/calibrated:$(name))
+		$(foreach name,lqg indi pd,--controller controllers/designed/laboratory:$(name))
 	$(VENV)/bin/python tests/visualization/browser.py out/front/replay.html 19 docs/pictures/replay.png
+	$(VENV)/bin/python tests/visualization/browser.py out/front/replay.html 7.5:13.5 docs/pictures/replay.webp
 	$(VENV)/bin/drake-quad map laboratory:nominal
 	cp out/stability/nominal/position_map.png docs/pictures/stability.png
 	$(VENV)/bin/drake-quad compare

@@ -1,6 +1,5 @@
 """Sphinx: `make docs` builds the pages and the reference."""
 
-import argparse
 import inspect
 import itertools
 import re
@@ -10,7 +9,6 @@ from typing import Any, get_args, get_type_hints
 from docutils import nodes
 from docutils.parsers.rst import Directive
 
-from drake_quad.command_line.main import COMMANDS, module_of
 from drake_quad.signals import Quantity
 
 project = "drake_quad"
@@ -113,32 +111,6 @@ def skipped(app: Any, what: str, name: str, obj: Any, skip: bool, options: Any) 
     return True if str(getattr(obj, "__module__", "")).startswith(("pydrake", "matplotlib")) else None
 
 
-def with_commands(app: Any, page: str, source: list[str]) -> None:
-    """Adds to the page of the command line what the parsers of the commands say."""
-    if page == "reference/command_line":
-        source[0] += "\n".join(f"\n## {name}\n{command_section(name, module_of(name).options())}" for name in COMMANDS)
-
-
-def command_section(name: str, parser: argparse.ArgumentParser) -> str:
-    """A command in Markdown: what it does, its arguments, and an example."""
-    formatter = parser._get_formatter()
-    rows = []
-    for action in parser._actions:
-        if isinstance(action, argparse._HelpAction):
-            continue
-        value = "" if action.nargs == 0 else formatter._format_args(action, action.dest.upper()).replace(",", ", ")
-        names = " ".join([", ".join(action.option_strings), value]).strip() or action.dest
-        words = formatter._expand_help(action) if action.help else ""
-        rows.append(f"| {_cell(f'`{names}`')} | {_cell(words)} |")
-    example = re.sub(r"^examples?: ", "", parser.epilog or "")
-    table = ["| argument | |", "|---|---|", *rows]
-    return "\n".join(["", parser.description or COMMANDS[name], "", *table, "", "```text", example, "```"])
-
-
-def _cell(text: str) -> str:
-    return text.replace("|", r"\|").replace("\n", " ").replace("<", "&lt;")
-
-
 def write_reference(app: Any) -> None:
     """Write a page for each folder of the package, with all of its modules, and an index with the public names."""
     package = Path(__file__).parents[1] / "drake_quad"
@@ -171,7 +143,6 @@ def setup(app: Any) -> None:
     """Register the extensions of this file with Sphinx."""
     # autosummary reads the pages at the same event, with the priority 500.
     app.connect("builder-inited", write_reference, priority=100)
-    app.connect("source-read", with_commands)
     app.add_directive("pydrake_system", PortBlock)
     app.connect("autodoc-process-docstring", as_written, priority=400)
     app.connect("autodoc-process-signature", constructor)

@@ -1,6 +1,7 @@
 """README and docs: their code runs, their commands are understood, and what they name is there."""
 
 import argparse
+import csv
 import pydoc
 import re
 import runpy
@@ -278,3 +279,16 @@ def test_the_page_of_systems_has_them_all():
     block = ".. pydrake_system::\n"
     found = [path.read_text(encoding="utf-8").count(block) for path in (ROOT / "drake_quad").rglob("*.py")]
     assert sum(found) == len({documented for documented, _ in SYSTEMS})
+
+
+def test_the_table_at_the_top_of_the_readme_has_the_committed_numbers():
+    """And the command below it flies the same controllers."""
+    page = (ROOT / "README.md").read_text(encoding="utf-8")
+    table = re.findall(r"^\| .+ \| ([\d.]+) cm \| (\d+) ms \|$", page, re.MULTILINE)
+    flown = re.findall(r"--controller controllers/designed/laboratory:(\w+)", page)
+    with (ROOT / "docs" / "controllers" / "summary.csv").open(newline="") as file:
+        rows = {row["controller"]: row for row in csv.DictReader(file) if row["laboratory"] == "high wind"}
+    assert table == [
+        (f"{100.0 * float(rows[name]['rmse']):.1f}", f"{1e3 * float(rows[name]['delay_flown']):.0f}") for name in flown
+    ]
+    assert len(flown) == 4

@@ -18,6 +18,7 @@ from drake_quad.assembly.user_systems import UserSystems, check_user_systems
 from drake_quad.control.cascade import POSITION_SIGNALS
 from drake_quad.errors import InputError
 from drake_quad.framework.fleet_system import FleetSystem
+from drake_quad.framework.wiring import subsystem
 from drake_quad.laboratory.wind.wind import build_held_wind
 from drake_quad.planning.duration import flight_duration
 from drake_quad.randomness.noise import EXPORTED, Exported, NoiseSource, Samples
@@ -153,6 +154,30 @@ def reset_fleet(
     control = diagram.GetSubsystemByName("control")
     for path, recipe in control_recipes(batch, plan, own).items():
         recipe.reset(control, path, context)
+
+
+def set_fleet_numbers(
+    diagram: Diagram, context: Context, batch: Batch, plan: Plan, *, own: UserSystems = UserSystems()
+) -> None:
+    """Give the systems of a diagram the numbers of another batch, while they keep their state.
+
+    Args:
+        diagram: diagram from `build_fleet_diagram`, for a batch of the same scenario and size, and with the same plan.
+        context: context of the diagram.
+        batch: batch with the numbers.
+        plan: plan that is flown.
+        own: user's systems that were given, which keep their numbers.
+    """
+    recipes = {
+        "laboratory": laboratory_recipes(batch, plan, flight_duration(batch.scenario, plan)),
+        "control": control_recipes(batch, plan, own),
+    }
+    for name, own_recipes in recipes.items():
+        part = diagram.GetSubsystemByName(name)
+        for path, recipe in own_recipes.items():
+            system = subsystem(part, path.split("."))
+            if isinstance(system, FleetSystem):
+                system.set_numbers(system.GetMyMutableContextFromRoot(context), recipe.numbers)
 
 
 def _samples(batch: Batch) -> Samples:

@@ -15,9 +15,10 @@ from types import ModuleType
 from drake_quad import __version__
 
 # Commands with their descriptions, by purpose.
-_COMMANDS_BY_PURPOSE = {
+COMMANDS_BY_PURPOSE = {
     "fly": {
         "fly": "fly one scenario: metrics, signals, plots, a replay",
+        "live": "fly in the browser in real time, and change wind, mass and gains meanwhile",
         "replay": "replay a hundred samples in one scene, or controllers side by side",
         "scenarios": "list the shipped scenarios, or print one in full",
         "draw": "draw the block diagram of a scenario",
@@ -45,7 +46,7 @@ _COMMANDS_BY_PURPOSE = {
         "completion": "print what completes commands in a shell",
     },
 }
-COMMANDS = {name: words for commands in _COMMANDS_BY_PURPOSE.values() for name, words in commands.items()}
+COMMANDS = {name: words for commands in COMMANDS_BY_PURPOSE.values() for name, words in commands.items()}
 
 _GC_THRESHOLD = 50_000  # new objects between two collections; Python's default is 2,000 or fewer
 _WORDS = "A Drake laboratory for quadrotor tracking control."
@@ -87,7 +88,7 @@ def _parser() -> argparse.ArgumentParser:
     width = max(map(len, COMMANDS))
     lines = "\n\n".join(
         "\n".join([f"{purpose}:", *(f"  {name:<{width}}  {words}" for name, words in commands.items())])
-        for purpose, commands in _COMMANDS_BY_PURPOSE.items()
+        for purpose, commands in COMMANDS_BY_PURPOSE.items()
     )
     result = argparse.ArgumentParser(
         prog="drake-quad",

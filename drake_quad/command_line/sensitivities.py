@@ -17,7 +17,12 @@ from drake_quad.visualization.sensitivity_plots import plot_sensitivities
 from drake_quad.visualization.style import save_figures
 
 # The default fields of every vehicle, which a builder can get wrong.
-_FIELDS = ("vehicle.mass", "vehicle.thrust_factor", "vehicle.rotor_time_constant", "vehicle.linear_drag")
+_FIELDS = (
+    *("vehicle.mass", "nominal.mass", "vehicle.thrust_factor", "nominal.thrust_factor"),
+    "vehicle.rotor_time_constant",
+)
+# Fields of the drag, those of which a default is one that is not 0.
+_DRAG = ("vehicle.linear_drag", "vehicle.quadratic_drag", "vehicle.body_drag", "vehicle.rotor_aerodynamics")
 # Names of the default gains of a loop on the ground.
 _GAINS = ("k_p", "k_d")
 
@@ -28,6 +33,7 @@ def default_fields(scenario: Scenario) -> tuple[str, ...]:
     # A term with the gain 0 may have no place in the diagram, so that there is no derivative by it.
     fields = [
         *_FIELDS,
+        *(path for path, value in leaves(scenario) if path.startswith(_DRAG) and value),
         *(
             f"control.{part}.{gain}.{axis}"
             for part in ("position", "velocity")
@@ -48,7 +54,8 @@ def default_fields(scenario: Scenario) -> tuple[str, ...]:
         places = [path for path, _ in leaves(layout) if path in ("length", "width") or ".position." in path]
         # How high a rotor is changes nothing.
         level = [f"layout.{path}" for path in places if not path.endswith(".2")]
-    return (*fields, *(f"vehicle.{name}" for name in ("inertia.0", "inertia.1", *level)), *gains)
+    inertia = [f"{owner}.inertia.{axis}" for owner in ("vehicle", "nominal") for axis in (0, 1)]
+    return (*fields, *inertia, *(f"vehicle.{name}" for name in level), *gains)
 
 
 def options() -> argparse.ArgumentParser:

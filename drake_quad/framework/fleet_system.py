@@ -464,8 +464,18 @@ class FleetSystem(_Base):
             context: of this system.
             numbers: as at construction; each row may be an (N,) array.
         """
-        parts: list[Parameter | StateGroup] = [*self.parameters.values(), *self.states.values()]
-        for part in parts:
+        self.set_numbers(context, numbers)
+        for part in self.states.values():
+            part.mutable_vector(context).SetFromVector(self._elements(part.layout, part.recipe(numbers)))
+
+    def set_numbers(self, context: Context, numbers: Any) -> None:
+        """Set the parameters of a context to what they would be by default, had these been the numbers.
+
+        Args:
+            context: context of this system.
+            numbers: numbers as at construction; each row may be an (N,) array.
+        """
+        for part in self.parameters.values():
             part.mutable_vector(context).SetFromVector(self._elements(part.layout, part.recipe(numbers)))
 
     def get_parameter(self, context: Context, name: str) -> Any:

@@ -73,7 +73,7 @@ def summary_of(study: Study) -> Summary:
             )
         )
     names = ("median" if share == 0.5 else f"{100.0 * share:.0f} % quantile" for share in _QUANTILES)
-    return Summary(("", "mean", "deviation", *names, ""), rows, _remarks(crashed, count))
+    return Summary(("", "mean", "std. dev.", *names, ""), rows, _remarks(crashed, count))
 
 
 def _quantile(values: np.ndarray, probability: float) -> Interval:
@@ -102,6 +102,8 @@ def comparison_of(studies: Mapping[str, Study], metric: str) -> Summary:
         metric: name of a metric for which smaller values are better.
     """
     (_, baseline), *others = studies.items()
+    display = METRICS[metric].display
+    unit, size = (UNITS[metric], 1.0) if display is None else display[:2]
     rows: list[tuple[str, ...]] = []
     for name, study in others:
         found = compare_studies(study, baseline, metric)
@@ -109,7 +111,7 @@ def comparison_of(studies: Mapping[str, Study], metric: str) -> Summary:
         rows.append(
             (
                 name,
-                found.difference.text(signed=True),
+                found.difference.text(signed=True, size=size),
                 found.share.percent(),
                 found.better.percent(),
                 f"{found.num_pairs:,}",
@@ -119,6 +121,13 @@ def comparison_of(studies: Mapping[str, Study], metric: str) -> Summary:
         )
     crashed = any(study.metrics.crashed.any() for study in studies.values())
     remark = ["differences and shares are of the pairs, the samples that both controllers flew to the end"]
-    difference = f"difference of {metric} ({UNITS[metric]})"
-    headings = ("", difference, "share", "better on", "pairs", "crashed alone", "")
+    headings = (
+        "",
+        f"difference of {METRICS[metric].label} ({unit})",
+        "ratio of the means",
+        "better in (% of pairs)",
+        "pairs",
+        "crashed only here : only baseline",
+        "",
+    )
     return Summary(headings, rows, remark if crashed else [])

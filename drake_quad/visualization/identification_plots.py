@@ -14,6 +14,7 @@ from drake_quad.identification.flown_again.prediction import UNITS, Predictions
 from drake_quad.identification.result import ForecastOutput, Identification
 from drake_quad.identification.results.estimates import Estimates
 from drake_quad.vehicle.motors import ThrustCurve, thrust_of
+from drake_quad.visualization.names import short_name
 from drake_quad.visualization.panels import new_panels, plot_intervals
 from drake_quad.visualization.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, REFERENCE, VERMILION
 
@@ -23,14 +24,6 @@ _BAND = "0.92"
 _COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, BLACK)
 # Conversion factor and label of each display unit.
 _SHOWN = {"m": (1e2, "cm"), "rad": (180.0 / math.pi, "°"), "rad/s": (180.0 / math.pi, "°/s"), "m/s": (1.0, "m/s")}
-_SHORT = {
-    "laboratory.motion_capture.": "",
-    "laboratory.command_link.": "",
-    "rotor_aerodynamics.": "",
-    "body_drag.": "drag ",
-    "autopilot.": "",
-    "_": " ",
-}
 
 
 def plot_fit(identification: Identification) -> Figure:
@@ -157,13 +150,6 @@ def plot_correlations(estimates: Estimates) -> Figure:
                     axes.text(j, i, f"{value:.1f}", ha="center", va="center", fontsize=7, color=colour)
         figure.colorbar(shades, ax=axes, shrink=0.7, label="correlation of errors (1)")
         return figure
-
-
-def short_name(name: str) -> str:
-    """Return the short name of a parameter for axes and tables."""
-    for long, short in _SHORT.items():
-        name = name.replace(long, short)
-    return name
 
 
 def plot_predictions(predictions: Predictions, quantities: Sequence[str] = ("position", "attitude")) -> Figure:

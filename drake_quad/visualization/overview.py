@@ -14,7 +14,7 @@ from drake_quad.studies.study import Study
 from drake_quad.visualization.curves import tell_apart
 from drake_quad.visualization.panels import name_rows
 from drake_quad.visualization.plots import draw_error, draw_from_above, draw_rotor_speeds
-from drake_quad.visualization.study_plots import draw_distribution, metric_label
+from drake_quad.visualization.study_plots import draw_distribution, label_metric
 from drake_quad.visualization.style import AXES, BLACK, VERMILION, new_figure, styled
 
 _ABOVE: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.97), "columnspacing": 0.8}
@@ -66,13 +66,11 @@ def plot_study(studies: Study | Mapping[str, Study], name: str = "rmse") -> tupl
         draw_distribution(axes["distribution"], found, name)
         means = [mean_interval(of_survivors(study.metrics, name)) for study in found.values()]
         crashes = [share_interval(int(study.metrics.crashed.sum()), len(study.samples)) for study in found.values()]
-        for part, intervals, size, label, color in (
-            ("mean", means, 1.0, f"mean {metric_label(name)}", BLACK),
-            ("crashes", crashes, 100.0, "crashed (%)", VERMILION),
-        ):
-            value, low, high = size * np.transpose(intervals)
+        for part, intervals, color in (("mean", means, BLACK), ("crashes", crashes, VERMILION)):
+            value, low, high = np.transpose(intervals)
             reach = np.abs([low - value, high - value])
             axes[part].errorbar(value, range(len(found)), xerr=reach, fmt="o", color=color, capsize=3.0)
             name_rows(axes[part], list(found))
-            axes[part].set_xlabel(label)
+        label_metric(axes["mean"].xaxis, name, "mean ")
+        label_metric(axes["crashes"].xaxis, "crashed")
         return figure, axes

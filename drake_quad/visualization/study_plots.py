@@ -24,6 +24,7 @@ from drake_quad.studies.statistics import (
     with_crashes,
 )
 from drake_quad.studies.study import Study
+from drake_quad.visualization.names import short_name
 from drake_quad.visualization.panels import name_rows, new_panels
 from drake_quad.visualization.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
 
@@ -32,13 +33,27 @@ _LINES = [(BLUE, "-"), (VERMILION, "--"), (GREEN, "-."), (PURPLE, ":"), (ORANGE,
 _MOST_FIELDS = 16
 # Between the points of one controller and the next, in points of print.
 _ASIDE = 3.0
+_LOG_AXIS_RATIO = 10.0  # ratio of medians from which on the axis is logarithmic
 
 
-def metric_label(name: str) -> str:
-    """The label of an axis for a metric, with its unit."""
+def label_metric(axis: Axis, name: str, prefix: str = "") -> None:
+    """Label an axis on which a metric is drawn in its own unit, with numbers in the unit of the tables.
+
+    Args:
+        axis: axis of a plot.
+        name: name of the metric, or "crashed" for the share of crashes.
+        prefix: words before the name.
+    """
     if name == "crashed":
-        return "share of the samples that crashed"
-    return f"{METRICS[name].label} ({UNITS[name]})"
+        axis.set_label_text("share of the samples that crashed")
+        _in_percent(axis)
+        return
+    unit, size = UNITS[name], 1.0
+    display = METRICS[name].display
+    if display is not None:
+        unit, size = display.unit, display.size
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value / size:g}"))
+    axis.set_label_text(f"{prefix}{METRICS[name].label} ({unit})")
 
 
 def plot_distribution(studies: Mapping[str, Study], name: str = "rmse") -> Figure:
@@ -85,7 +100,12 @@ def draw_distribution(axes: Axes, studies: Mapping[str, Study], name: str) -> No
             alpha=0.15,
             linewidth=0.0,
         )
-    axes.set(xlabel=metric_label(name), ylabel="share of the samples", ylim=(0.0, 1.02))
+    axes.set(ylabel="share of the samples", ylim=(0.0, 1.02))
+    medians = [np.median(of_survivors(study.metrics, name)) for study in studies.values()]
+    known = [median for median in medians if median > 0.0]
+    if known and max(known) > _LOG_AXIS_RATIO * min(known):
+        axes.set_xscale("log")
+    label_metric(axes.xaxis, name)
     _in_percent(axes.yaxis)
     axes.set_title(f"{_count(studies)}; bands: 95 % confidence", loc="left")
     axes.legend(loc="lower right")
@@ -115,11 +135,9 @@ def plot_convergence(studies: Mapping[str, Study], name: str = "rmse") -> Figure
             right.plot(stops, value, color=color, linestyle=style, label=controller)
             right.fill_between(stops, low, high, color=color, alpha=0.15, linewidth=0.0)
         left.set_title("mean of the flights that went to the end", loc="left")
-        left.set_ylabel(metric_label(name))
+        label_metric(left.yaxis, name)
         right.set_title("crashes" if crashes else "95 % quantile", loc="left")
-        right.set_ylabel(metric_label("crashed" if crashes else name))
-        if crashes:
-            _in_percent(right.yaxis)
+        label_metric(right.yaxis, "crashed" if crashes else name)
         for axes in (left, right):
             # An axis without anything on it cannot be logarithmic.
             drawn = any(len(line.get_xdata()) for line in axes.lines)
@@ -162,9 +180,7 @@ def plot_influences(study: Study, name: str = "rmse") -> Figure:
         labels = [_field_label(study, each.path) for each in found[:_MOST_FIELDS]]
         name_rows(axes, labels)
         axes.set_axisbelow(True)
-        axes.set_xlabel(metric_label(name))
-        if name == "crashed":
-            _in_percent(axes.xaxis)
+        label_metric(axes.xaxis, name)
         axes.axvline(mean, color="0.3", linewidth=1.0)
         bars = [Patch(color=color) for color in (SKY, ORANGE)]
         axes.legend(
@@ -243,12 +259,12 @@ def _in_percent(axis: Axis) -> None:
 
 
 def _field_label(study: Study, path: str) -> str:
-    """A short name of a field, with its unit."""
+    """Return a short name of a field, with its unit."""
     unit = unit_at(study.scenario, path)
     short = path.removeprefix("laboratory.").replace("motion_capture.", "cameras: ").replace("command_link.", "link: ")
     for i, source in enumerate(study.scenario.laboratory.wind):
-        short = short.replace(f"wind.{i}.", f"{source.kind} {i}: ")
-    short = short.removeprefix("vehicle.").replace("_", " ").replace(".", " ")
+        short = short.replace(f"wind.{i}.", f"{source.kind} {i + 1}: ")
+    short = short_name(short.removeprefix("vehicle."))
     return f"{short} ({unit})" if unit not in ("", "1") else short
 
 

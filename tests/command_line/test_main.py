@@ -191,3 +191,13 @@ def test_an_interruption_later_is_an_exception_again(run):
     """So that what is under way can be put away: nothing may still end the process at once."""
     run("scenarios")
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.slow
+def test_the_page_of_the_commands_is_current(root):
+    from drake_quad.command_line.documentation import command_page
+
+    page = (root / "docs" / "reference" / "command_line.md").read_text(encoding="utf-8")
+    again = "python scripts/development/document_scenarios.py --output docs/reference writes it again"
+    assert command_page(page) == page, again
+    assert all(f"\n### {command}\n" in page for command in COMMANDS)

@@ -37,7 +37,7 @@ def test_commands_of_scenarios_have_overrides_and_those_with_figures_write_drawi
         flags = options_of(command)
         assert ("--seed" in flags) == (command not in WITHOUT_SCENARIO)
         assert ("--set" in flags) == (command not in WITHOUT_SCENARIO - {"identify", "identify-controller"})
-        assert ("--output" in flags) == (command not in LISTS | {"completion"})
+        assert ("--output" in flags) == (command not in LISTS | {"completion", "live"})
         assert ("--vector" in flags) == (command in DRAWS)
         assert ("--wired" in flags) == (command in {"fly", "study", "compare", "map", "replicate"})
 

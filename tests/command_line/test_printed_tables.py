@@ -481,10 +481,12 @@ def test_sensitivities_are_printed_by_the_effect_of_a_change_of_one_per_cent(cap
 
 def test_default_fields_are_those_of_the_layout_and_the_autopilot():
     position = [f"control.position.{gain}.{axis}" for gain in ("k_p", "k_d") for axis in (0, 1, 2)]
-    vehicle = ["vehicle.mass", "vehicle.thrust_factor", "vehicle.rotor_time_constant", "vehicle.linear_drag"]
+    vehicle = ["vehicle.mass", "nominal.mass", "vehicle.thrust_factor", "nominal.thrust_factor"]
+    vehicle += ["vehicle.rotor_time_constant"]
     attitude = [f"control.attitude.{gain}.{axis}" for gain in ("k_p", "k_d") for axis in (0, 1)]
-    turning = ["vehicle.inertia.0", "vehicle.inertia.1"]
+    turning = [f"{owner}.inertia.{axis}" for owner in ("vehicle", "nominal") for axis in (0, 1)]
     on_board = "laboratory.autopilot."
+    air = ["vehicle.linear_drag", "vehicle.quadratic_drag"]  # of the vehicle of `onboard`
     response = "laboratory.autopilot={kind: response, natural_frequency: [6.8, 6.1, 3], damping: [0.5, 0.5, 0.7]}"
     found = {
         name: [*sensitivities.default_fields(load_scenario(*arguments))]
@@ -507,12 +509,19 @@ def test_default_fields_are_those_of_the_layout_and_the_autopilot():
         *vehicle, *position, *turning, "vehicle.layout.length", "vehicle.layout.width", *attitude,
     ]  # fmt: skip
     assert found["attitude"] == [
-        *vehicle, *position, *turning, "vehicle.arm_length",
+        *vehicle, *air, *position, *turning, "vehicle.arm_length",
         *(f"{on_board}{gain}.{axis}" for gain in ("k_attitude", "k_rate") for axis in (0, 1)),
         *(f"{on_board}gyroscope_bias.{axis}" for axis in (0, 1)),
     ]  # fmt: skip
+    vehicle += air
     loops = [f"control.{loop}.k_p.{axis}" for loop in ("position", "velocity") for axis in (0, 1, 2)]
     assert found["cascade"][len(vehicle) :][:8] == [*loops, "control.velocity.k_d.0", "control.velocity.k_d.1"]
+    # A drag that is not there is left out, and one that is there is among them.
+    drag = {"vehicle.body_drag": "{linear: [0.1, 0.2, 0.0], quadratic: [0, 0, 0.3]}", "vehicle.linear_drag": 0.0}
+    dragged = sensitivities.default_fields(load_scenario("hover", [f"{path}={value}" for path, value in drag.items()]))
+    assert [path for path in dragged if "drag" in path] == [
+        "vehicle.body_drag.linear.0", "vehicle.body_drag.linear.1", "vehicle.body_drag.quadratic.2",
+    ]  # fmt: skip
     # Inertias and arms are parts of the response of the attitude.
     assert found["response"] == [
         *vehicle, *position,

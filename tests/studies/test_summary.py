@@ -83,7 +83,7 @@ def test_a_summary_has_errors_in_centimetres_and_saturation_in_parts_of_a_hundre
     assert {*errors, "effort_x", "saturation_share"} <= {*names.values()}
     summary = summary_of(found)
     assert [row[0] for row in summary.rows] == [*names]
-    assert summary.headings == ("", "mean", "deviation", "5 % quantile", "median", "95 % quantile", "")
+    assert summary.headings == ("", "mean", "std. dev.", "5 % quantile", "median", "95 % quantile", "")
     sizes = {"cm": 0.01, "m²/s⁴": 1.0, "%": 0.01}
     for label, mean, deviation, *quantiles, unit in summary.rows:
         name = names[label]
@@ -170,7 +170,7 @@ def test_a_comparison_tells_the_sign_of_a_difference_and_crashes_of_either_alone
     worse = study(30, 0)
     worse = Study(worse.scenario, 10.0, worse.samples, {}, worse.metrics._replace(rmse=worse.metrics.rmse + 0.01))
     (row,) = comparison_of({"base": study(30, 0), "worse": worse}, "rmse").rows
-    assert row[1].startswith("+0.01")
+    assert row[1].startswith("+1.00 ")  # cm
     summary = comparison_of({"base": study(30, 3), "safer": study(30, 0)}, "rmse")
     assert summary.rows[0][5] == "0 : 3"
     assert summary.rows[0][6] == "p = 0.25"

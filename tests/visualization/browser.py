@@ -1,10 +1,12 @@
 """A headless Chromium, spoken to by the DevTools protocol over a pair of pipes.
 
-As a script it takes a picture of a replay: browser.py PAGE MOMENT FILE, with the moment in seconds, and perhaps where
-the eye is and where it looks, in six numbers in metres.
+As a script it takes a picture of a replay: browser.py PAGE MOMENT FILE, with the moment in seconds and, optionally, the
+position of the eye and the point that it looks at, in six numbers in metres. If the moment is a range as in 12:16, it
+makes an animation in real time, FILE.webp.
 """
 
 import base64
+import io
 import json
 import os
 import shutil
@@ -12,9 +14,12 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+from PIL import Image
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 _OPTIONS = (
@@ -111,13 +116,18 @@ class Browser:
         return json.loads(message)
 
 
-# The picture of the README is shown 500 px wide: a small window, finely drawn. The eye and where it looks, m.
+# The picture of the README is shown 500 px wide: a small window, finely drawn.
 _SIZE = {"width": 640, "height": 440, "deviceScaleFactor": 1.5, "mobile": False}
+_FILM_SIZE = {"width": 640, "height": 440, "deviceScaleFactor": 1.0, "mobile": False}
+# Eye, and the point that it looks at, m.
 _VIEW = (4.1, -1.5, 3.0, 0.0, -1.15, 0.9)
+_FRAME_RATE = 10  # 1/s, of a film
+_FILM_QUALITY = 55  # of WebP, 0 to 100
 
 
-def take_picture(page: Path, moment: float, file: Path, view: Sequence[float] = _VIEW) -> None:
-    """Writes what a replay shows at a moment (s) as PNG, from an eye to where it looks (6 numbers, m)."""
+@contextmanager
+def replay(page: Path, moment: float, view: Sequence[float], size: dict[str, Any]) -> Iterator[Browser]:
+    """Yield a browser that shows a moment (s) of a replay, from an eye to where it looks (6 numbers, m)."""
     # Meshcat's camera has Y up.
     (a, b, c), (d, e, f) = ((x, z, -y) for x, y, z in (view[:3], view[3:]))
     with (
@@ -125,16 +135,39 @@ def take_picture(page: Path, moment: float, file: Path, view: Sequence[float] = 
         Browser(page.resolve(), Path(profile), fragment=f"#t={moment}") as browser,
     ):
         browser.wait_for(f"document.getElementById('clock')?.textContent === '{moment:.1f} s'", timeout=60.0)
-        browser.call("Emulation.setDeviceMetricsOverride", **_SIZE)
-        browser.wait_for(f"viewer.renderer.domElement.clientWidth === {_SIZE['width']}", timeout=60.0)
+        browser.call("Emulation.setDeviceMetricsOverride", **size)
+        browser.wait_for(f"viewer.renderer.domElement.clientWidth === {size['width']}", timeout=60.0)
         time.sleep(1.0)  # until the page has set its own view
         browser.value(f"viewer.camera.position.set({a}, {b}, {c}); viewer.controls.target.set({d}, {e}, {f})")
         browser.value("viewer.controls.update(); viewer.set_dirty()")
         time.sleep(1.0)  # a few frames
+        yield browser
+
+
+def take_picture(page: Path, moment: float, file: Path, view: Sequence[float] = _VIEW) -> None:
+    """Write what a replay shows at a moment (s) as PNG; the view is that of `replay`."""
+    with replay(page, moment, view, _SIZE) as browser:
         browser.screenshot(file)
 
 
+def take_film(page: Path, first: float, last: float, file: Path, view: Sequence[float] = _VIEW) -> None:
+    """Write what a replay shows from one moment to another (s) as an animation; the view is that of `replay`."""
+    frames = []
+    with replay(page, first, view, _FILM_SIZE) as browser:
+        for i in range(round(_FRAME_RATE * (last - first))):
+            moment = first + i / _FRAME_RATE
+            browser.value(f"document.getElementById('scrub').value = {moment}")
+            browser.value("document.getElementById('scrub').oninput()")
+            browser.wait_for(f"document.getElementById('clock').textContent === '{moment:.1f} s'", timeout=60.0)
+            time.sleep(0.2)  # a few frames
+            data = browser.call("Page.captureScreenshot", format="png")["data"]
+            frames.append(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB"))
+    options = {"duration": 1000 // _FRAME_RATE, "loop": 0, "quality": _FILM_QUALITY, "method": 6}
+    frames[0].save(file, save_all=True, append_images=frames[1:], **options)
+
+
 if __name__ == "__main__":
-    take_picture(
-        Path(sys.argv[1]), float(sys.argv[2]), Path(sys.argv[3]), [float(each) for each in sys.argv[4:]] or _VIEW
-    )
+    moments = [float(each) for each in sys.argv[2].split(":")]
+    eye = [float(each) for each in sys.argv[4:]] or _VIEW
+    take = take_picture if len(moments) == 1 else take_film
+    take(Path(sys.argv[1]), *moments, Path(sys.argv[3]), eye)

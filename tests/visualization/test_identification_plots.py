@@ -92,10 +92,10 @@ def test_correlations_are_written_where_there_are_some(identification):
     axes = plots.plot_correlations(estimates).axes[0]
     assert {text.get_text() for text in axes.texts} == {"-0.8"}
     assert [label.get_text() for label in axes.get_xticklabels()] == [
-        "motors.curve[0]",
-        "motors.curve[1]",
-        "motors.curve[2]",
-        "inertia[0]",
+        "thrust curve k_0",
+        "thrust curve k_1",
+        "thrust curve k_2",
+        "I_xx",
     ]
 
 

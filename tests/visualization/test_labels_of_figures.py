@@ -105,14 +105,14 @@ TITLES = {
 SHARE = "share of the samples"
 SAMPLES = "samples; bands: 95 % confidence"
 OF_STUDIES = {
-    "distribution": (lambda: study_plots.plot_distribution({"a": study()}), [("RMSE (m)", SHARE)]),
+    "distribution": (lambda: study_plots.plot_distribution({"a": study()}), [("RMSE (cm)", SHARE)]),
     "convergence": (
         lambda: study_plots.plot_convergence({"a": study()}, "peak_error"),
-        [(SAMPLES, "peak error (m)"), (SAMPLES, "share of the samples that crashed")],
+        [(SAMPLES, "peak error (cm)"), (SAMPLES, "share of the samples that crashed")],
     ),
     "quantile": (
         lambda: study_plots.plot_convergence({"a": no_crash()}),
-        [(SAMPLES, "RMSE (m)"), (SAMPLES, "RMSE (m)")],
+        [(SAMPLES, "RMSE (cm)"), (SAMPLES, "RMSE (cm)")],
     ),
     "influences": (lambda: study_plots.plot_influences(study(), "crashed"), [(f"{SHARE} that crashed", "")]),
     "crashes": (
@@ -125,7 +125,7 @@ OF_STUDIES = {
     ),
     "overview": (
         lambda: plot_study({"a": study()})[0],
-        [("RMSE (m)", SHARE), ("mean RMSE (m)", ""), ("crashed (%)", "")],
+        [("RMSE (cm)", SHARE), ("mean RMSE (cm)", ""), ("share of the samples that crashed", "")],
     ),
     "comparison": (
         lambda: plot_comparison({"calm": {"a": study().metrics}, "gale": {"a": study().metrics}}),

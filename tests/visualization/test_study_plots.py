@@ -14,6 +14,7 @@ from drake_quad.studies.study import Study
 from drake_quad.visualization import study_plots as plots
 from drake_quad.visualization.comparison_plots import plot_comparison
 from drake_quad.visualization.overview import plot_study
+from drake_quad.visualization.panels import new_panels
 
 COUNT = 200
 MASS = "vehicle.mass"
@@ -55,7 +56,7 @@ def test_a_distribution_is_the_share_of_samples_up_to_a_value():
         assert edges.min() == 0.0
         assert edges.max() == pytest.approx(min((~each.metrics.crashed).mean() + reach, 1.0))
     assert axes.get_title(loc="left") == "200 samples each; bands: 95 % confidence"
-    assert axes.get_xlabel() == "RMSE (m)"
+    assert axes.get_xlabel() == "RMSE (cm)"
     assert axes.get_ylim()[0] == 0.0
     assert axes.yaxis.get_major_formatter()(0.25) == "25 %"
 
@@ -104,7 +105,7 @@ def test_the_convergence_of_a_quantile_is_shown_without_crashes():
     assert corners[:, 1].max() == pytest.approx(max(each.high for each in expected if np.isfinite(each.high)))
     assert known.any()
     assert right.get_title(loc="left") == "95 % quantile"
-    assert left.get_ylabel() == right.get_ylabel() == "peak error (m)"
+    assert left.get_ylabel() == right.get_ylabel() == "peak error (cm)"
 
 
 def test_a_study_in_which_all_crash_is_drawn_without_a_mean():
@@ -210,16 +211,29 @@ def test_controllers_with_the_same_numbers_are_drawn_side_by_side():
 @pytest.mark.parametrize(
     ("name", "label"),
     [
-        ("rmse", "RMSE (m)"),
-        ("rmse_z", "RMSE on Z (m)"),
+        ("rmse", "RMSE (cm)"),
+        ("rmse_z", "RMSE on Z (cm)"),
         ("effort_x", "control effort on X (m²/s⁴)"),
         ("variation_y", "total variation of the command on Y (m/s³)"),
-        ("peak_error", "peak error (m)"),
+        ("peak_error", "peak error (cm)"),
         ("crashed", "share of the samples that crashed"),
     ],
 )
 def test_labels_of_metrics_have_units(name, label):
-    assert plots.metric_label(name) == label
+    with new_panels(3.0, 3.0) as (_, axes):
+        plots.label_metric(axes.xaxis, name)
+        assert axes.get_xlabel() == label
+        # Values are drawn in SI units, and their numbers are in those of the tables.
+        expected = {"RMSE": "25", "peak": "25", "share": "25 %"}.get(label.split()[0])
+        assert expected is None or axes.xaxis.get_major_formatter()(0.25, 0) == expected
+
+
+def test_axes_are_logarithmic_where_medians_differ_tenfold():
+    found = study()
+    worse = Study(found.scenario, 10.0, found.samples, {}, found.metrics._replace(rmse=20.0 * found.metrics.rmse))
+    twice = Study(found.scenario, 10.0, found.samples, {}, found.metrics._replace(rmse=2.0 * found.metrics.rmse))
+    assert plots.plot_distribution({"a": found, "b": worse}).axes[0].get_xscale() == "log"
+    assert plots.plot_distribution({"a": found, "b": twice}).axes[0].get_xscale() == "linear"
 
 
 def test_the_overview_of_studies_has_their_means_and_crashes():
@@ -227,7 +241,7 @@ def test_the_overview_of_studies_has_their_means_and_crashes():
     _, axes = plot_study(found, "peak_error")
     means = [mean_interval(each.metrics.peak_error[~each.metrics.crashed]) for each in found.values()]
     crashes = [share_interval(30, 200), share_interval(5, 80)]
-    for part, expected, size in (("mean", means, 1.0), ("crashes", crashes, 100.0)):
+    for part, expected, size in (("mean", means, 1.0), ("crashes", crashes, 1.0)):
         (container,) = axes[part].containers
         np.testing.assert_allclose(
             container.lines[0].get_xydata(), [[size * each.value, i] for i, each in enumerate(expected)]
@@ -236,7 +250,7 @@ def test_the_overview_of_studies_has_their_means_and_crashes():
             np.testing.assert_allclose(segment, [[size * each.low, i], [size * each.high, i]])
         assert axes[part].get_ylim() == (1.5, -0.5)
         assert [label.get_text() for label in axes[part].get_yticklabels()] == ["one", "other"]
-    assert axes["mean"].get_xlabel() == "mean peak error (m)"
+    assert axes["mean"].get_xlabel() == "mean peak error (cm)"
     expected = np.sort(found["other"].metrics.peak_error[~found["other"].metrics.crashed])
     np.testing.assert_array_equal(axes["distribution"].lines[1].get_xdata(), expected)
     assert [label.get_text() for label in plot_study(found["one"])[1]["mean"].get_yticklabels()] == ["robustness"]

@@ -1,0 +1,229 @@
+"""Flight in Meshcat in real time, whose wind, gains and mass are changed while it goes on.
+
+The page has a slider for each number, buttons for a gust, for the failure of a motor and for a new start, and two
+sliders that show the position error. The diagram is the one that `simulate` flies.
+"""
+
+import time
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.primitives import ConstantVectorSource
+
+from drake_quad.assembly.tracking import build_fleet_diagram, reset_fleet, set_fleet_numbers
+from drake_quad.assembly.user_systems import UserSystems
+from drake_quad.flight.mission import plan_route
+from drake_quad.planning.duration import flight_duration
+from drake_quad.scenario.batch import Batch, draw_sample
+from drake_quad.scenario.effects.rotor_failure import RotorFailureEffect
+from drake_quad.scenario.limits import LONGEST
+from drake_quad.scenario.models import Scenario
+from drake_quad.scenario.numbers import number_at, with_number
+from drake_quad.signals import Reference, State
+from drake_quad.visualization.places import places
+from drake_quad.visualization.replay.visualizer import QuadrotorVisualizer
+
+_FRAME = 1.0 / 32.0  # s, time between two looks at the page
+_MAX_WIND = 10.0  # m/s, along X and Y
+_GUST_SPEED, _GUST_DURATION = 8.0, 1.5  # m/s, s
+_ERROR_WINDOW = 5.0  # s, of the RMS error
+_MAX_SHOWN_ERROR = 200.0  # cm
+_MAX_FACTOR = 3.0  # of a gain
+_MASS_RATIOS = (0.5, 1.5)  # of the mass of the scenario
+_WIND = ("wind X (m/s)", "wind Y (m/s)")
+_MASS = "mass (kg)"
+_FAILURE_TIME = "vehicle.rotor_failure.time"
+_ERRORS = ("error (cm)", "RMS error, 5 s (cm)")
+_GUST, _FAILURE, _RESTART, _STOP = "gust", "motor fails", "start again", "stop"
+_BUTTONS = {_GUST: "KeyG", _FAILURE: "KeyM", _RESTART: "KeyR", _STOP: "Escape"}  # with their keys
+
+
+class _Gain(NamedTuple):
+    """Gain of the position controller along all axes, as a factor of the scenario's.
+
+    Attributes:
+        label: label of its slider.
+        paths: fields of the scenario.
+    """
+
+    label: str
+    paths: tuple[str, ...]
+
+
+class LiveFlight:
+    """Flight of one sample of a scenario whose numbers can be changed while it goes on.
+
+    Args:
+        scenario: scenario that is flown.
+        meshcat: server that shows the flight.
+        sample: sample of the scenario.
+        rate: ratio of simulated time to real time; 0 for as fast as possible.
+
+    Raises:
+        InputError: as `simulate`.
+    """
+
+    def __init__(self, scenario: Scenario, meshcat: Meshcat, *, sample: int = 0, rate: float = 1.0) -> None:
+        drawn = draw_sample(scenario, sample)
+        self.plan = plan_route(drawn)
+        self.duration = flight_duration(drawn, self.plan)
+        self._meshcat, self._sample = meshcat, sample
+        # An attitude response has no rotors.
+        self._can_fail = not drawn.laboratory.autopilot.models_vehicle
+        self._scenario = self._given = _with_failure(drawn) if self._can_fail else drawn
+        self._wind: Any = ConstantVectorSource(np.zeros(3))
+        self._own = UserSystems(wind=self._wind)
+        self._diagram = build_fleet_diagram(self._batch, self.plan, own=self._own)
+        self.simulator = Simulator(self._diagram)
+        self.simulator.set_target_realtime_rate(rate)
+        self._visualizer = QuadrotorVisualizer(meshcat, drawn, self.plan)
+        self._gains = [*_gains_of(drawn)]
+        self._errors: list[float] = []
+        self._gust_end = -np.inf
+        self._clicks: dict[str, int] = {}
+        self._values: dict[str, float] = {}
+        self._add_controls()
+        self._start()
+
+    @property
+    def _batch(self) -> Batch:
+        return Batch(self._scenario, (self._sample,), {})
+
+    @property
+    def time(self) -> float:
+        """Time of the flight, s."""
+        return float(self.simulator.get_context().get_time())
+
+    @property
+    def state(self) -> State:
+        """State of the vehicle."""
+        return State(*self._diagram.GetOutputPort("state").Eval(self.simulator.get_context()))
+
+    @property
+    def scenario(self) -> Scenario:
+        """Scenario with the numbers that fly now."""
+        return self._scenario
+
+    @property
+    def crashed(self) -> bool:
+        """True once the vehicle has crashed."""
+        return bool(self._diagram.GetOutputPort("crashed").Eval(self.simulator.get_context())[0])
+
+    def fly(self, duration: float = np.inf) -> Iterator[float]:
+        """Fly over and over until somebody clicks on stop; yield the time of the flight (s) after each frame.
+
+        After a crash the vehicle lies where it is until somebody clicks on start.
+
+        Args:
+            duration: simulated time of all flights together after which it ends, s.
+        """
+        flown = 0.0
+        while flown < duration and not self._clicked(_STOP):
+            if self._clicked(_RESTART) or self.time >= self.duration - 1e-9:
+                self._start()
+            self._read_controls()
+            if self.crashed:
+                time.sleep(_FRAME)
+            else:
+                self.simulator.AdvanceTo(min(self.time + _FRAME, self.duration))
+                self._show_error()
+            flown += _FRAME
+            yield self.time
+
+    def _add_controls(self) -> None:
+        sliders: list[tuple[str, float, float, float, float]] = []
+        sliders += [(label, -_MAX_WIND, _MAX_WIND, 0.1, 0.0) for label in _WIND]
+        mass = float(self._given.vehicle.mass)
+        least, most = (round(ratio * mass, 4) for ratio in _MASS_RATIOS)
+        sliders.append((_MASS, least, most, 1e-4, mass))
+        sliders += [(gain.label, 0.0, _MAX_FACTOR, 0.01, 1.0) for gain in self._gains]
+        for label in _ERRORS:
+            self._meshcat.AddSlider(label, 0.0, _MAX_SHOWN_ERROR, 0.1, 0.0)
+        for label, low, high, step, value in sliders:
+            self._values[label] = self._meshcat.AddSlider(label, low, high, step, value)
+        for button, key in _BUTTONS.items():
+            if button != _FAILURE or self._can_fail:
+                self._meshcat.AddButton(button, key)
+
+    def _start(self) -> None:
+        """Begin a flight with the present numbers, and with all motors."""
+        if self._can_fail:
+            self._scenario = with_number(self._scenario, _FAILURE_TIME, number_at(self._given, _FAILURE_TIME))
+        context = self.simulator.get_mutable_context()
+        reset_fleet(self._diagram, context, self._batch, self.plan, own=self._own)
+        self._gust_end, self._errors = -np.inf, []
+        self._visualizer.watch(self.simulator)
+        self.simulator.Initialize()
+
+    def _clicked(self, button: str) -> bool:
+        """Return whether a button was clicked since the last call."""
+        before, self._clicks[button] = self._clicks.get(button, 0), self._meshcat.GetButtonClicks(button)
+        return self._clicks[button] > before
+
+    def _read_controls(self) -> None:
+        """Take what sliders and buttons say."""
+        changed = {label: value for label in self._values if (value := self._slider(label)) != self._values[label]}
+        self._values |= changed
+        numbers = {"vehicle.mass": changed[_MASS]} if _MASS in changed else {}
+        for gain in self._gains:
+            if gain.label in changed:
+                numbers |= {path: changed[gain.label] * number_at(self._given, path) for path in gain.paths}
+        if self._can_fail and self._clicked(_FAILURE):
+            numbers[_FAILURE_TIME] = self.time
+        for path, number in numbers.items():
+            self._scenario = with_number(self._scenario, path, number)
+        context = self.simulator.get_mutable_context()
+        if numbers:
+            set_fleet_numbers(self._diagram, context, self._batch, self.plan, own=self._own)
+        if self._clicked(_GUST):
+            self._gust_end = self.time + _GUST_DURATION
+        wind = np.array([*(self._values[label] for label in _WIND), 0.0])
+        if self.time < self._gust_end:
+            share = (self._gust_end - self.time) / _GUST_DURATION
+            wind[0] += 0.5 * _GUST_SPEED * (1.0 - np.cos(2.0 * np.pi * share))
+        own = self._wind.GetMyMutableContextFromRoot(context)
+        self._wind.get_mutable_source_value(own).set_value(wind)
+
+    def _slider(self, label: str) -> float:
+        return float(self._meshcat.GetSliderValue(label))
+
+    def _show_error(self) -> None:
+        """Show the position error, and its RMS value over the last seconds."""
+        context = self.simulator.get_context()
+        reference = Reference(*self._diagram.GetOutputPort("reference").Eval(context))
+        error = 100.0 * float(np.linalg.norm(places(self.state) - places(reference)))
+        self._errors = [*self._errors, error][-round(_ERROR_WINDOW / _FRAME) :]
+        for label, shown in zip(_ERRORS, (error, float(np.sqrt(np.mean(np.square(self._errors))))), strict=True):
+            self._meshcat.SetSliderValue(label, min(shown, _MAX_SHOWN_ERROR))
+
+
+def feels_wind(scenario: Scenario) -> bool:
+    """Return whether wind exerts a force on the vehicle of a scenario."""
+    vehicle: Any = scenario.vehicle
+    return bool(vehicle.linear_drag or vehicle.quadratic_drag or vehicle.body_drag or vehicle.rotor_aerodynamics)
+
+
+def _with_failure(scenario: Scenario) -> Scenario:
+    """Return the scenario with a motor that fails after the flight, unless it already has one that fails."""
+    vehicle: Any = scenario.vehicle
+    if vehicle.rotor_failure is not None:
+        return scenario
+    failure = RotorFailureEffect(rotor=1.0, time=LONGEST, speed_factor=0.0)
+    return scenario.model_copy(update={"vehicle": vehicle.model_copy(update={"rotor_failure": failure})})
+
+
+def _gains_of(scenario: Scenario) -> Iterator[_Gain]:
+    """Yield the gains of the position controller, whose names begin with k_."""
+    cascade = scenario.control.cascade()
+    if cascade is None:
+        return
+    for name in type(cascade.position).model_fields:
+        value = getattr(cascade.position, name)
+        if name.startswith("k_"):
+            path = f"control.position.{name}"
+            yield _Gain(
+                f"{name} (factor)", tuple(f"{path}.{i}" for i in range(3)) if isinstance(value, tuple) else (path,)
+            )

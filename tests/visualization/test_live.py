@@ -1,0 +1,180 @@
+"""A live flight: sliders and buttons change what flies, and nothing else."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from drake_quad import load_scenario, simulate
+from drake_quad.command_line import live
+from drake_quad.visualization.live import LiveFlight, feels_wind
+from drake_quad.visualization.replay.scene import local_meshcat
+
+FLOWN = [
+    ("robustness", []),
+    ("neural_fly:still", []),
+    ("nanobench", []),
+    ("laboratory:nominal", ["controllers/lqg:lqg"]),
+    ("figure_eight", ["controllers/raptor:raptor"]),
+]
+
+
+class Page:
+    """A Meshcat server whose buttons a test clicks on."""
+
+    def __init__(self):
+        self._meshcat, self.clicks = local_meshcat(), Counter()
+
+    def GetButtonClicks(self, name):
+        assert name in self._meshcat.GetButtonNames() or not self.clicks[name]
+        return self.clicks[name]
+
+    def __getattr__(self, name):
+        return getattr(self._meshcat, name)
+
+
+@pytest.fixture
+def page(monkeypatch):
+    found = Page()
+    monkeypatch.setattr("drake_quad.visualization.live.QuadrotorVisualizer", Unseen)
+    return found
+
+
+class Unseen:
+    """A visualizer that draws nothing."""
+
+    def __init__(self, *_):
+        pass
+
+    def watch(self, simulator):
+        simulator.clear_monitor()
+
+
+def flown(flight, seconds):
+    """Fly on for some seconds, and return the state after the update of this time."""
+    for _ in flight.fly(seconds):
+        pass
+    flight.simulator.AdvancePendingEvents()
+    return flight.state
+
+
+def test_untouched_it_is_the_flight_that_simulate_flies(page):
+    scenario = load_scenario("laboratory:low_wind")
+    state = flown(LiveFlight(scenario, page, rate=0), 2.0)
+    same = simulate(scenario, until=2.0)
+    np.testing.assert_allclose(state, same.signals["state"][-1], atol=1e-9)
+
+
+def test_the_sliders_set_mass_and_gains_of_what_flies(page):
+    flight = LiveFlight(load_scenario("laboratory:nominal"), page, rate=0)
+    page.SetSliderValue("mass (kg)", 0.8)
+    page.SetSliderValue("k_p (factor)", 2.0)
+    flown(flight, 0.5)
+    given = load_scenario("laboratory:nominal")
+    assert flight.scenario.vehicle.mass == 0.8
+    assert flight.scenario.nominal == given.nominal
+    np.testing.assert_allclose(flight.scenario.control.position.k_p, 2.0 * np.array(given.control.position.k_p))
+    assert flight.scenario.control.position.k_d == given.control.position.k_d
+    # A new start keeps the numbers: it is the flight of a scenario that is written so.
+    page.clicks["start again"] += 1
+    state = flown(flight, 1.0)
+    written = load_scenario("laboratory:nominal", ["vehicle.mass=0.8", *(
+        f"control.position.k_p.{i}={2.0 * given.control.position.k_p[i]}" for i in range(3)
+    )])  # fmt: skip
+    np.testing.assert_allclose(state, simulate(written, until=1.0).signals["state"][-1], atol=1e-9)
+
+
+def test_numbers_change_while_it_flies_without_a_jump(page):
+    flight = LiveFlight(load_scenario("laboratory:nominal"), page, rate=0)
+    before = flown(flight, 1.0)
+    page.SetSliderValue("mass (kg)", 0.9)
+    after = flown(flight, 1.0 / 32.0)
+    np.testing.assert_allclose(after[:3], before[:3], atol=0.05)
+    assert after.v_z < before.v_z
+
+
+def test_wind_and_gust_push_the_vehicle_along_x(page):
+    still = flown(LiveFlight(load_scenario("laboratory:nominal"), page, rate=0), 2.0)
+    for label in page.GetSliderNames():
+        page.DeleteSlider(label)
+    for name in page.GetButtonNames():
+        page.DeleteButton(name)
+    flight = LiveFlight(load_scenario("laboratory:nominal"), page, rate=0)
+    page.SetSliderValue("wind X (m/s)", 5.0)
+    windy = flown(flight, 2.0)
+    assert windy.x > still.x + 0.05
+    page.SetSliderValue("wind X (m/s)", 0.0)
+    page.clicks["gust"] += 1
+    wind = []
+    for _ in flight.fly(2.0):
+        wind.append(flight.simulator.get_system().GetOutputPort("wind").Eval(flight.simulator.get_context())[0])
+    assert max(wind) == pytest.approx(8.0, rel=0.05)
+    assert wind[-1] == 0.0
+
+
+def test_a_motor_fails_and_a_new_start_repairs_it(page):
+    flight = LiveFlight(load_scenario("laboratory:nominal"), page, rate=0)
+    flown(flight, 0.5)
+    page.clicks["motor fails"] += 1
+    flown(flight, 4.0)
+    assert flight.crashed
+    page.clicks["start again"] += 1
+    flown(flight, 0.5)
+    assert not flight.crashed
+    assert flight.time == pytest.approx(0.5)
+
+
+def test_the_error_is_shown(page):
+    flight = LiveFlight(load_scenario("laboratory:low_wind"), page, rate=0)
+    for _ in flight.fly(3.0):
+        pass
+    state = flight.state
+    reference = flight.simulator.get_system().GetOutputPort("reference").Eval(flight.simulator.get_context())
+    error = 100.0 * np.linalg.norm(np.array(state[:3]) - reference[:3])
+    assert page.GetSliderValue("error (cm)") == pytest.approx(error, abs=0.06)  # the slider has steps of 0.1 cm
+    assert 0.0 < page.GetSliderValue("RMS error, 5 s (cm)") < 200.0
+
+
+def test_it_ends_at_a_click_and_begins_anew_at_the_end_of_the_flight(page):
+    flight = LiveFlight(load_scenario("hover", ["duration=0.5"]), page, rate=0)
+    times = [*flight.fly(1.2)]
+    assert max(times) == pytest.approx(0.5)
+    assert np.count_nonzero(np.diff(times) < 0.0) == 2
+    page.clicks["stop"] += 1
+    assert [*flight.fly()] == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("scenario", "layers"), FLOWN)
+def test_whatever_can_be_flown_flies_live(page, scenario, layers):
+    loaded = load_scenario(scenario, layers=layers)
+    flight = LiveFlight(loaded, page, rate=0)
+    flown(flight, 0.5)
+    assert flight.time == pytest.approx(0.5)
+    assert ("motor fails" in page.GetButtonNames()) == (not loaded.laboratory.autopilot.models_vehicle)
+
+
+def test_wind_is_felt_by_vehicles_with_drag_alone():
+    assert feels_wind(load_scenario("laboratory:nominal"))
+    assert not feels_wind(load_scenario("hover"))
+
+
+def test_the_command_ends_after_its_time_or_when_it_is_interrupted(monkeypatch, capsys):
+    seen = []
+
+    class Flight:
+        def __init__(self, scenario, meshcat, *, sample, rate):
+            seen.append((scenario.name, meshcat, sample, rate))
+
+        def fly(self, duration):
+            seen.append(duration)
+            yield 0.1
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("drake_quad.visualization.live.LiveFlight", Flight)
+    monkeypatch.setattr(live, "opened_meshcat", lambda: "meshcat")
+    live.main(live.options().parse_args(["hover", "--time", "3", "--rate", "2"]))
+    assert seen == [("hover", "meshcat", 0, 2.0), 3.0]
+    printed = capsys.readouterr()
+    assert printed.out.splitlines()[-1] == "the flight has ended"
+    assert "this vehicle has no drag" in printed.err
