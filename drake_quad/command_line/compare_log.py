@@ -1,6 +1,6 @@
-"""Flies the reference of a flight log as a scenario has it, and compares errors flown and predicted.
+"""Simulate the reference of a flight log under the control of a scenario, and compare flown and predicted errors.
 
-A vehicle without a control predicts the flight on open loop, from the logged commands, over 0.1 to 2 s.
+A vehicle without a control predicts the flight in open loop, from the logged commands, over 0.1 to 2 s.
 """
 
 import argparse
@@ -16,12 +16,7 @@ from drake_quad.command_line.options import (
     check_ranges,
     folder_of,
 )
-from drake_quad.command_line.output import (
-    print_columns,
-    print_files,
-    print_predictions,
-    remark,
-)
+from drake_quad.command_line.output import print_columns, print_files, print_predictions, remark
 from drake_quad.command_line.progress import progress_bar
 from drake_quad.files import output_folder, write_whole
 from drake_quad.identification.flown_again.comparison import (
@@ -41,28 +36,33 @@ from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.paths import distributions_in
 from drake_quad.statistics.interval import Interval
 
-_MOST = 10_000
-# The log has the route, so a scenario needs none; this one is replaced by the log's.
+_MAX_SAMPLES = 10_000
+# The reference of the log replaces the route, so that a scenario needs none.
 _ANY_ROUTE = Override("route={kind: hover, duration: 1.0}", "the route of the log")
 _FIGURES = {"rmse": "RMSE", "mean": "mean", "largest": "95 % largest"}
 
 
 def options() -> argparse.ArgumentParser:
-    """The options of the command."""
+    """Return the options of the command."""
     result = bare_parser(
         __doc__, "drake-quad compare-log tests/data/crazyflie/crazyswarm2/log08.xz crazyswarm2:log08 --samples 100"
     )
-    result.add_argument("log", metavar="LOG", type=Path, help="flight log of any format that read_log reads")
+    result.add_argument("log", metavar="LOG", type=Path, help="flight log in any format of read_log")
     result.add_argument(
-        "scenario", metavar="SCENARIO", help="FILE or FILE:NAME; its route, if any, gives way to the log's"
+        "scenario", metavar="SCENARIO", help="FILE or FILE:NAME; the reference of the log replaces its route"
     )
-    result.add_argument("--mapping", metavar="FILE", help="which columns of the log are which signals")
-    result.add_argument("--samples", type=int, default=1000, help="number of flights (default: %(default)s)")
+    result.add_argument("--mapping", metavar="FILE", help="mapping of columns to signals, or the name of a shipped one")
+    result.add_argument("--samples", type=int, default=1000, help="number of simulated flights (default: %(default)s)")
     result.add_argument(
-        "--rest", type=float, default=DEFAULT_REST, help="hover before the log begins, s (default: %(default)s)"
+        "--rest",
+        type=float,
+        default=DEFAULT_REST,
+        help="duration of a hover before the log, s (default: %(default)s)",
     )
     result.add_argument(
-        "--start", type=float, help="time of the log from which on errors count, s (default: when it begins to move)"
+        "--start",
+        type=float,
+        help="time of the log from which errors count, s (default: when the reference begins to move)",
     )
     add_overrides(result)
     result.set_defaults(default_output=Path("out/compare_log"))
@@ -73,7 +73,7 @@ def options() -> argparse.ArgumentParser:
 
 def main(arguments: argparse.Namespace) -> None:
     """Run the command."""
-    check_ranges(arguments, {"samples": (1, _MOST), "rest": (0.0, 60.0)})
+    check_ranges(arguments, {"samples": (1, _MAX_SAMPLES), "rest": (0.0, 60.0)})
     record = read_log(arguments.log, arguments.mapping)
     for sentence in record.remarks:
         remark(sentence)
@@ -97,33 +97,31 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def predict_on_open_loop(record: FlightRecord, arguments: argparse.Namespace) -> None:
-    """Prints how far ahead a vehicle without a control predicts a log from its commands."""
+    """Print the errors of open-loop predictions of a log by a vehicle without a control."""
     vehicle = load_undesigned(arguments.scenario, all_overrides_of(arguments))
     if distributions_in(vehicle):
-        remark("the vehicle has the median of each of its distributions")
-    name = vehicle.name
-    print(f"{record.name}: predicted ahead from its commands by {name}, which has no control; RMS error at the horizon")
-    print_predictions(predict(record, {name: middle_of(vehicle)}))
+        remark("each distribution of the vehicle is replaced by its median")
+    print(f"{vehicle.name} has no control: RMS error of its open-loop predictions of {record.name}")
+    print_predictions(predict(record, {vehicle.name: middle_of(vehicle)}))
 
 
 def print_comparison(comparison: LogComparison) -> None:
     """Print a table of the flown and predicted errors, and a verdict."""
-    record, samples = comparison.record, len(comparison.predicted)
     time = comparison.time
-    print(f"{record.name}: {len(time):,} samples, from {time[0]:.2f} to {time[-1]:.2f} s of the log")
+    print(f"{comparison.record.name}: {len(time):,} samples, from {time[0]:.2f} to {time[-1]:.2f} s of the log")
     print(f"reference: {comparison.reference}")
     print_columns(("error, cm", "axis", "flown", "predicted, median and 95 %", "flown lies"), _rows(comparison))
     if comparison.crashes:
-        print(f"{comparison.crashes:,} of {samples:,} predictions crash")
+        print(f"{comparison.crashes:,} of {len(comparison.predicted):,} predictions crash")
     print(verdict(comparison))
 
 
 def verdict(comparison: LogComparison) -> str:
-    """Return a sentence on the RMSE of the position, flown and predicted."""
+    """Return a sentence on the flown and the predicted RMSE of the position."""
     flown = comparison.flown_figures.rmse[-1]
     predicted = _predicted(comparison, "rmse", -1, unit="cm")
     if not comparison.varies:
-        return f"The flown RMSE is {100.0 * flown:.2f} cm, the predicted one {predicted}; no two flights differ."
+        return f"The flown RMSE is {100.0 * flown:.2f} cm, the predicted one {predicted} in all flights."
     where, flights = "within" if comparison.within("rmse")[-1] else "outside", len(comparison.predicted)
     return (
         f"The flown RMSE, {100.0 * flown:.2f} cm, lies {where} the 95 % interval of {flights:,} flights,"
@@ -132,8 +130,8 @@ def verdict(comparison: LogComparison) -> str:
 
 
 def save_comparison(comparison: LogComparison, folder: Path, arguments: argparse.Namespace) -> list[Path]:
-    """Writes the table, the plot, a replay of both vehicles, and the scenario to fly again; returns the files."""
-    # Matplotlib takes half a second to load, which an error need not wait for.
+    """Write the table, the plot, a replay of both flights, and the scenario, and return the files."""
+    # Matplotlib takes half a second to load, so it is loaded only when there is something to draw.
     from drake_quad.visualization.log_comparison_plots import plot_log_comparison
     from drake_quad.visualization.replay.page import save_replay
     from drake_quad.visualization.style import save_figures
@@ -164,7 +162,7 @@ def _rows(comparison: LogComparison) -> list[tuple[str, ...]]:
 
 
 def _predicted(comparison: LogComparison, figure: str, axis: int, *, unit: str = "") -> str:
-    """Return the median of a figure of the predictions in cm, with its interval unless all flights are equal."""
+    """Return the median of a statistic of the predicted flights in cm, with its interval unless all are equal."""
     median, low, high = (float(end[axis]) for end in comparison.interval(figure))
     found = Interval(median, low, high)
     return (found if comparison.varies else found.alone()).text(unit=unit, size=0.01, infinite="crash")

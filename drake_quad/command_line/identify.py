@@ -1,7 +1,8 @@
-"""Identifies a vehicle from flight logs, and writes it with its uncertainty.
+"""Identify a vehicle from flight logs, and write it with its uncertainty.
 
-What the logs hold, what was identified with 95 % intervals, what the logs do not tell and why, how much of the held-out
-end of the flights is explained, and how far ahead the vehicle predicts it beside the one that it began with.
+The command prints the signals of the logs, the identified parameters with 95 % intervals, the parameters that are not
+identified with the reasons, and two scores on the last third of each flight, which is held out: the variance that a
+forecast explains, and the errors of open-loop predictions beside those of the initial vehicle.
 """
 
 import argparse
@@ -32,52 +33,46 @@ from drake_quad.visualization import identification_plots as plots
 from drake_quad.visualization.style import save_figures
 from drake_quad.written_numbers import float_in
 
-# Of a log that does not say what it is of, by its commands.
-_LIKE_AUTOPILOT = "vehicles/neural_fly:neural_fly", "whose autopilot takes attitudes and thrust"
-_LIKE_ROTORS = "vehicles/hummingbird", "whose rotors are commanded"
-# Of what --wind may say, m/s: as of scenarios.
-_FASTEST_WIND = 100.0
-# Of the time in the air, at its end, that is only predicted.
-_HELD_OUT = 1.0 / 3.0
+# Initial vehicles that are suggested for a log that names none, with the commands that they take.
+_AUTOPILOT_EXAMPLE = "vehicles/neural_fly:neural_fly", "whose autopilot takes attitudes and thrust"
+_ROTORS_EXAMPLE = "vehicles/hummingbird", "whose rotors are commanded"
+_MAX_WIND = 100.0  # m/s, as in scenarios
+_HELD_OUT_SHARE = 1.0 / 3.0  # of the airborne time, at its end
 
 
 def options() -> argparse.ArgumentParser:
-    """The options of the command."""
+    """Return the options of the command."""
     result = bare_parser(__doc__, "drake-quad identify tests/data/crazyflie/crazyswarm2/log100.xz --mass 0.0375")
-    result.add_argument("log", nargs="+", type=Path, help="flight logs of the same vehicle, of any format of read_log")
+    result.add_argument("log", nargs="+", type=Path, help="flight logs of the same vehicle, in any format of read_log")
     result.add_argument(
         "--vehicle",
-        help="FILE or FILE:NAME to begin with (default: that of the mapping, or of a flight that was saved)",
+        help="FILE or FILE:NAME of the initial vehicle (default: that of the mapping, or of a saved flight)",
     )
-    result.add_argument("--mapping", help="of columns to signals: a YAML file, or the name of a shipped one")
+    result.add_argument("--mapping", help="mapping of columns to signals: a YAML file, or the name of a shipped one")
     result.add_argument(
         "--wind",
         metavar="X,Y,Z",
         action="append",
         default=[],
-        help="velocity of the air in the world, m/s, where a log does not have it: once for all logs, or once for each",
+        help="wind velocity in W, m/s, for logs that do not contain it: given once for all logs, or once for each",
     )
-    result.add_argument("--mass", type=float, metavar="KG", help="by a scale, which no log replaces")
+    result.add_argument("--mass", type=float, metavar="KG", help="weighed mass, which logs do not determine")
     result.add_argument(
-        "--set",
-        metavar="FIELD=VALUE",
-        action="append",
-        default=[],
-        help="override a field of the vehicle to begin with",
+        "--set", metavar="FIELD=VALUE", action="append", default=[], help="override a field of the initial vehicle"
     )
-    result.add_argument("--output", type=Path, metavar="FILE", help="to write (default: out/identified/NAME.yaml)")
+    result.add_argument("--output", type=Path, metavar="FILE", help="file to write (default: out/identified/NAME.yaml)")
     result.add_argument(
         "--nominal",
         action="store_true",
-        help="write the estimates to nominal as well, which planner and controllers believe",
+        help="also write the estimates to nominal, which planner and controllers believe",
     )
-    result.add_argument("--name", help="of the vehicle (default: that of the file, or of the first log)")
+    result.add_argument("--name", help="name of the vehicle (default: that of the file, or of the first log)")
     add_vector(result)
     return result
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Runs the command."""
+    """Run the command."""
     name = name_of(arguments)
     path = arguments.output or Path("out/identified") / f"{name}.yaml"
     if path.suffix not in (".yaml", ".yml"):
@@ -89,18 +84,15 @@ def main(arguments: argparse.Namespace) -> None:
     records = with_winds([read_log(log, arguments.mapping) for log in arguments.log], arguments.wind)
     vehicle = arguments.vehicle or vehicle_to_begin_with(records, arguments.log)
     base = vehicle_of(vehicle, given)
-    if not base.vehicle.motors.take_throttles and any(record.motor_command is not None for record in records):
-        given += throttle_motors(base)
-        base = vehicle_of(vehicle, given)
     print_logs(records)
     print_hover(records, float(base.vehicle.mass * base.vehicle.gravity))
-    print(f"begins with {vehicle}")
-    found = identify(records, base, held_out_share=_HELD_OUT)
+    print(f"the initial vehicle is {vehicle}")
+    found = identify(records, base, held_out_share=_HELD_OUT_SHARE)
     print_estimates(found)
     print_flights(found)
     print_score(found)
     predictions = predicted(records, found, base)
-    print("open-loop prediction of the last third of each log by a vehicle identified from the rest: RMS error")
+    print("RMS error of open-loop predictions of the last third of each flight, by a vehicle identified from the rest")
     print_predictions(predictions)
     for sentence in predictions.losses("identified"):
         remark(sentence)
@@ -121,7 +113,7 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def name_of(arguments: argparse.Namespace) -> str:
-    """The name of the vehicle."""
+    """Return the name of the vehicle."""
     if arguments.name is not None:
         if not re.fullmatch(NAME, arguments.name):
             raise InputError(f"--name {shown(arguments.name)}: allowed are letters, digits, '_', '.' and '-'")
@@ -135,7 +127,7 @@ def with_winds(records: list[FlightRecord], winds: list[str]) -> list[FlightReco
     if not winds:
         return records
     if len(winds) not in (1, len(records)):
-        raise InputError(f"--wind is given {len(winds)} times: give it once, or once for each of {len(records)} logs")
+        raise InputError(f"--wind is given {len(winds)} times; give it once, or once for each of {len(records)} logs")
     given = winds * len(records) if len(winds) == 1 else winds
     found = []
     for record, text in zip(records, given, strict=True):
@@ -143,66 +135,64 @@ def with_winds(records: list[FlightRecord], winds: list[str]) -> list[FlightReco
             wind = [float_in(each) for each in text.split(",")]
         except ValueError:
             wind = []
-        if len(wind) != 3 or not np.all(np.abs(wind) < _FASTEST_WIND):
-            raise InputError(f"--wind {shown(text)}: must be three numbers below {_FASTEST_WIND:g} m/s, as in -8.5,0,0")
+        if len(wind) != 3 or not np.all(np.abs(wind) < _MAX_WIND):
+            raise InputError(f"--wind {shown(text)}: must be three numbers below {_MAX_WIND:g} m/s, as in -8.5,0,0")
         if record.wind is not None:
-            remark(f"{record.name}: has its wind, which --wind does not replace")
+            remark(f"{record.name}: contains the wind, which --wind does not replace")
         found.append(record if record.wind is not None else replace(record, wind=np.tile(wind, (len(record.time), 1))))
     return found
 
 
 def vehicle_to_begin_with(records: list[FlightRecord], logs: list[Path]) -> str:
-    """That of the mapping, or of the scenario beside a flight that was saved here."""
+    """Return the initial vehicle: that of the mapping, or the scenario that was saved beside a flight.
+
+    Raises:
+        InputError: if the logs are of different vehicles, or do not say which vehicle they are of.
+    """
     beside = logs[0].parent / "scenario.yaml"
     named = sorted({record.vehicle for record in records if record.vehicle is not None})
     if len(named) > 1:
-        raise InputError(f"the logs are of different vehicles, {' and '.join(named)}: identify each by itself")
+        raise InputError(f"the logs are of different vehicles, {' and '.join(named)}: identify them one by one")
     if named:
         return named[0]
     if logs[0].name.startswith("flight.csv") and beside.is_file():
         return str(beside)
     has = {name for record in records for name in record.names}
     onboard = {"attitude", "attitude_command"} <= has and not has & {"motor_command", "rotor_speed_command"}
-    like, what = _LIKE_AUTOPILOT if onboard else _LIKE_ROTORS
+    example, commands = _AUTOPILOT_EXAMPLE if onboard else _ROTORS_EXAMPLE
     raise InputError(
-        f"the log {shown(records[0].name)} does not say which vehicle it is of: --vehicle says what to begin with, such"
-        f" as {like}, {what}, and --mass what a scale shows"
+        f"the log {shown(records[0].name)} does not say which vehicle it is of: give an initial vehicle by --vehicle,"
+        f" such as {example}, {commands}, and its weighed mass by --mass"
     )
 
 
 def vehicle_of(spec: str, given: list[Override]) -> Scenario:
-    """The vehicle to begin with, in numbers."""
+    """Return the initial vehicle.
+
+    Raises:
+        InputError: if it cannot be loaded, or contains a distribution.
+    """
     base = load_undesigned(spec, given)
     drawn = distributions_in(base)
     if drawn:
-        raise InputError(f"{spec}: {next(iter(drawn))} is a distribution, and an identification begins with numbers")
+        raise InputError(f"{spec}: {next(iter(drawn))} is a distribution; an identification begins with numbers")
     return base
 
 
-def throttle_motors(base: Scenario) -> list[Override]:
-    """Motors that take throttles for a vehicle whose motors take speeds: its full thrust at full throttle, to begin."""
-    nominal = base.nominal
-    full = f"{nominal.thrust_factor * nominal.max_rotor_speed**2:.4g}"
-    motors = f"motors={{kind: throttle, curve: [0.0, 0.0, {full}]}}"
-    ample = f"vehicle.max_rotor_speed={2.0 * nominal.max_rotor_speed:g}"
-    changes = (f"nominal.{motors}", f"vehicle.{motors}", ample, "vehicle.min_rotor_speed=0")
-    return [Override(change, "motors of the log") for change in changes]
-
-
 def throttles(records: list[FlightRecord]) -> np.ndarray | None:
-    """All throttles that were commanded."""
+    """Return all commanded throttles (n,); None if there are none."""
     found = [each for record in records for each in (record.motor_command, record.thrust_share) if each is not None]
     return np.concatenate([each.ravel() for each in found]) if found else None
 
 
 def predicted(records: list[FlightRecord], found: Identification, base: Scenario) -> Predictions:
-    """Predict the ends of the flights by a vehicle identified from the rest, and by the one that it began with."""
+    """Predict the ends of the flights by a vehicle identified from the rest, and by the initial vehicle."""
     vehicles = {"identified": found.training_vehicle or found.vehicle, base.name: base}
-    return joined([predict(record, vehicles, believed=base, share=_HELD_OUT) for record in records])
+    return joined([predict(record, vehicles, believed=base, share=_HELD_OUT_SHARE) for record in records])
 
 
 def print_logs(records: list[FlightRecord]) -> None:
-    """Prints what the logs hold."""
+    """Print duration, rate, signals and remarks of the logs."""
     for record in records:
         seconds = record.time[-1] - record.time[0]
         print(f"{record.name}: {seconds:.1f} s, {len(record.time):,} samples at {1.0 / record.period:.0f} Hz")
@@ -231,10 +221,11 @@ def print_estimates(found: Identification) -> None:
         )
         another = spread_alone(far) if varies else "–"
         rows.append((name, plus_minus(value, reach), "" if unit == "1" else unit, another, covered(found, name), share))
-    print("identified, with 95 % intervals, and those for another stretch of flight: in how many held out these hold")
-    print_columns(("number", "value", "unit", "another stretch", "interval holds", "explains, held out"), rows)
+    print("identified parameters with 95 % intervals, those for another stretch, and held-out stretches inside them")
+    print_columns(("parameter", "value", "unit", "another stretch", "inside", "explained, held out"), rows)
     if found.delay is not None:
-        print(f"a command shows after {plus_minus(1e3 * found.delay.value, 1e3 * found.delay.reach)} ms")
+        delay = plus_minus(1e3 * found.delay.value, 1e3 * found.delay.reach)
+        print(f"delay from a command to the measurement of its effect: {delay} ms")
     for name, why in estimates.not_identified.items():
         print(f"not identified: {name}: {why}")
     for sentence in (*found.remarks, *estimates.remarks):
@@ -242,7 +233,7 @@ def print_estimates(found: Identification) -> None:
 
 
 def covered(found: Identification, name: str) -> str:
-    """In how many stretches that were held out the interval of a number holds."""
+    """Return how many held-out stretches are inside the interval of a parameter; empty if this is unknown."""
     if name not in found.held_out:
         return ""
     each = found.held_out[name]
@@ -262,7 +253,7 @@ def print_flights(found: Identification) -> None:
 
 
 def print_score(found: Identification) -> None:
-    """Prints how much of the variance is explained."""
+    """Print the share of the variance that the forecast of held-out flight explains."""
     rows = [
         (
             output.name,
@@ -273,7 +264,7 @@ def print_score(found: Identification) -> None:
         )
         for output in found.outputs
     ]
-    print("forecast of the flight that was held out, in windows")
+    print("forecast of held-out flight, in windows")
     print_columns(("output", "explained variance", "RMS error", "white noise", ""), rows)
 
 
@@ -291,11 +282,11 @@ def print_hover(records: list[FlightRecord], weight: float) -> None:
             print(f"{record.name}: {name} in hover {plus_minus(spread.value, spread.reach)} {spread.unit}")
         behind = delay_by_correlation(record)
         if behind is not None:
-            print(f"{record.name}: attitude is most like its command {1e3 * behind:.0f} ms later")
+            print(f"{record.name}: the attitude correlates most with its command {1e3 * behind:.0f} ms before")
 
 
 def percent(share: float) -> str:
-    """A share of variance in words."""
+    """Return an explained share of variance as text."""
     if not math.isfinite(share):
         return "–"
     return f"{100.0 * share:.1f} %" if share > 0.0 else "none"

@@ -5,38 +5,20 @@ output y, the model explains the share 1 - Σ (y - ŷ)² / Σ (y - ȳ)², where 
 continues at its velocity, an attitude at its body rates, and body rates are constant. A specific force has its mean.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
+from drake_quad.identification.logs.record import QUANTITIES
 from drake_quad.identification.model import STATE_ROWS
 from drake_quad.identification.prediction_errors import FORCE, PredictionNoise, Predictor
+from drake_quad.identification.result import ForecastOutput
 from drake_quad.identification.windows import within_half_a_turn
 
 _AXES = ("x", "y", "z"), ("roll", "pitch", "yaw"), ("p", "q", "r")
 _ROWS_OF_RATES = {"position": STATE_ROWS["velocity"], "attitude": STATE_ROWS["body_rates"]}
 
 
-class Forecast(NamedTuple):
-    """Forecasts in W windows, with the measurements.
-
-    Attributes:
-        names: (m,) names of the outputs, as in "body rate p".
-        time: (T,) time since the filter used the last measurement, s.
-        measured: (T, m, W) measurements.
-        predicted: (T, m, W) forecasts.
-        explained: (m,) explained share of the variance over the whole horizon, in all windows; NaN if nothing varies.
-    """
-
-    names: tuple[str, ...]
-    time: np.ndarray
-    measured: np.ndarray
-    predicted: np.ndarray
-    explained: np.ndarray
-
-
-def forecast(predictor: Predictor, parameters: np.ndarray, noise: PredictionNoise) -> Forecast:
-    """Return the forecast of a predictor's model over the length of its windows, for parameters (p,)."""
+def forecast(predictor: Predictor, parameters: np.ndarray, noise: PredictionNoise) -> tuple[ForecastOutput, ...]:
+    """Return the forecast of each output over the length of the windows, for parameters (p,) and a noise."""
     gains = predictor.gains(parameters, noise)
     held = gains._replace(gain=np.where(predictor.counted[:, None, None, None], 0.0, gains.gain))
     kept = np.flatnonzero(predictor.counted)
@@ -55,8 +37,20 @@ def forecast(predictor: Predictor, parameters: np.ndarray, noise: PredictionNois
         if signal == "attitude":
             persistence_errors[:, i] = within_half_a_turn(persistence_errors[:, i])
     squares, whole = np.sum((measured - predicted) ** 2, axis=(0, 2)), np.sum(persistence_errors**2, axis=(0, 2))
-    names = tuple(named(signal, column) for signal, column in predictor.outputs)
-    return Forecast(names, time, measured, predicted, 1.0 - squares / np.where(whole > 0.0, whole, np.nan))
+    explained = 1.0 - squares / np.where(whole > 0.0, whole, np.nan)
+    shown_time = np.arange(measured.shape[2])[:, None] * float(time[-1]) + time
+    return tuple(
+        ForecastOutput(
+            named(signal, column),
+            QUANTITIES[signal].unit,
+            shown_time,
+            measured[:, i].T,
+            predicted[:, i].T,
+            float(explained[i]),
+            float(noise.measured[i]),
+        )
+        for i, (signal, column) in enumerate(predictor.outputs)
+    )
 
 
 def named(signal: str, column: int) -> str:

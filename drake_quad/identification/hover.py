@@ -9,10 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.identification.logs.timing import pieces
+from drake_quad.identification.logs.record import QUANTITIES, FlightRecord
 from drake_quad.identification.result import Spread
-from drake_quad.identification.windows import airborne
+from drake_quad.identification.windows import airborne, pieces
 
 _ORDER = 3  # of the differences
 _VARIANCE_FACTOR = 20.0  # variance of third differences of independent errors of unit variance
@@ -22,7 +21,8 @@ _MAX_HOVER_RATE = 0.5  # rad/s
 _MIN_HOVER_TIME = 1.0  # s
 _BLOCK = 0.5  # s, blocks whose scatter gives standard deviations
 _MIN_WHOLE_DIFFERENCES = 30
-_UNITS = {"position": "m", "attitude": "rad", "body_rates": "rad/s", "specific_force": "m/s²"}
+_MAX_DELAY = 0.3  # s, of the attitude behind its command
+_SIGNALS = ("position", "attitude", "body_rates", "specific_force")
 
 
 class HoverNoise(NamedTuple):
@@ -47,12 +47,12 @@ def white_noise(record: FlightRecord) -> list[HoverNoise]:
     around = min(round(_LANDING_TIME / record.period), (len(flying) - 1) // 2)
     resting = np.convolve(flying, np.ones(2 * around + 1), "same") < 0.5
     found = []
-    for signal, unit in _UNITS.items():
+    for signal in _SIGNALS:
         values = getattr(record, signal)
         if values is not None:
             smooth = np.unwrap(values, axis=0) if signal == "attitude" else values
             deviations = (_deviations(record, smooth, chosen) for chosen in (resting, flying))
-            found.append(HoverNoise(signal, unit, *deviations))
+            found.append(HoverNoise(signal, QUANTITIES[signal].unit, *deviations))
     return found
 
 
@@ -111,7 +111,7 @@ def _mean(values: np.ndarray, blocks: np.ndarray, unit: str) -> Spread:
     return Spread(float(values.mean()), deviation, unit, max(len(numbers) - 1.0, 1.0))
 
 
-def delay_by_correlation(record: FlightRecord, max_delay: float = 0.3) -> float | None:
+def delay_by_correlation(record: FlightRecord) -> float | None:
     """Return the delay with the largest correlation of attitude and its command, s; None if one is not logged.
 
     It checks the order of magnitude of an identified delay. It is longer than that, since it includes the response of
@@ -119,8 +119,9 @@ def delay_by_correlation(record: FlightRecord, max_delay: float = 0.3) -> float 
     """
     if record.attitude is None or record.attitude_command is None:
         return None
-    part = max(pieces(record), key=lambda piece: len(piece.time))
-    lags = np.arange(max(1, round(max_delay / part.period)))
+    piece = pieces(record)
+    part = record.part(piece == np.argmax(np.bincount(piece)))
+    lags = np.arange(max(1, round(_MAX_DELAY / part.period)))
     best = []
     for column in range(2):
         command, angle = (np.diff(part.of(name)[:, column]) for name in ("attitude_command", "attitude"))

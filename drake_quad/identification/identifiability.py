@@ -10,11 +10,11 @@ import numpy as np
 from drake_quad.errors import InputError
 from drake_quad.identification.evidence import Uncertainty
 from drake_quad.identification.fit import PredictionFit
-from drake_quad.identification.forecast import Forecast
 from drake_quad.identification.parameters import Parameter
 from drake_quad.identification.physical_limits import SearchVariables
 from drake_quad.identification.prediction_errors import Output, PredictionNoise, Predictor
 from drake_quad.identification.prepared_logs import PreparedLogs
+from drake_quad.identification.result import ForecastOutput
 from drake_quad.identification.results.estimates import quantile
 from drake_quad.scenario.models import Scenario
 from drake_quad.statistics.interval import plus_minus
@@ -26,18 +26,18 @@ _FORCE_WINDOW = 0.5  # s
 _SPEED_WINDOW = 0.1  # s, long enough to average out position noise
 
 
-def check_forecast(shown: Forecast) -> None:
+def check_forecast(shown: Sequence[ForecastOutput]) -> None:
     """Refuse a vehicle that forecasts no output of held-out flight better than persistence does.
 
     Raises:
         InputError: if some outputs vary, and the vehicle explains nothing of any of them.
     """
-    varying = np.isfinite(shown.explained)
-    if varying.any() and np.all(shown.explained[varying] <= 0.0):
-        best = int(np.nanargmax(shown.explained))
+    varying = [output for output in shown if np.isfinite(output.explained)]
+    best = max(varying, key=lambda output: output.explained, default=None)
+    if best is not None and best.explained <= 0.0:
         raise InputError(
             "cannot identify the vehicle: after a fit to the rest of the logs it forecasts no output of the held-out"
-            f" part better than motion that continues at constant rates does (best: {shown.names[best]}); a log that"
+            f" part better than motion that continues at constant rates does (best: {best.name}); a log that"
             " only hovers does not identify a vehicle; otherwise check the mapping and the vehicle to begin with"
         )
 

@@ -22,7 +22,7 @@ from drake_quad.errors import InputError
 from drake_quad.identification.delays import frame_age
 from drake_quad.identification.fit import MIN_NOISE, PredictionFit, fit, noise_covariance
 from drake_quad.identification.flight_differences import flight_differences, with_differences, within_flights
-from drake_quad.identification.forecast import Forecast, forecast
+from drake_quad.identification.forecast import forecast
 from drake_quad.identification.identifiability import (
     check_forecast,
     check_thrust,
@@ -40,9 +40,7 @@ from drake_quad.identification.random_effects import uncertainty_of_mean, variat
 from drake_quad.identification.result import ForecastOutput, Identification, Spread
 from drake_quad.identification.results.estimates import Estimates, Explained, Source
 from drake_quad.identification.results.held_out import hold_out
-from drake_quad.identification.results.vehicle_numbers import (
-    with_numbers,
-)
+from drake_quad.identification.results.vehicle_numbers import with_numbers
 from drake_quad.identification.sampling import (
     SlowFit,
     Synchronised,
@@ -52,17 +50,13 @@ from drake_quad.identification.sampling import (
     synchronised,
     with_bandwidth,
 )
-from drake_quad.identification.windows import (
-    held_out,
-    steep_remarks,
-)
+from drake_quad.identification.windows import held_out, steep_remarks
 from drake_quad.scenario.models import Scenario
 from drake_quad.vehicle.rigid_body import inertia_flaw
 
 _POSE = ("position", "attitude")
 _MIN_POSE_NOISE = 2.0 * MIN_NOISE  # SI units; smaller noise is at the limit of the fit
 _NOISES = {signal: f"laboratory.motion_capture.{signal}_noise" for signal in _POSE}
-_UNITS = {"position": "m", "velocity": "m/s", "specific": "m/s²", "body": "rad/s"}
 
 
 def identify(
@@ -107,7 +101,8 @@ def _identified(given: Synchronised, scenario: Scenario, share: float) -> Identi
         delay=max(0.5 * logs.period, min(frame_age(scenario), 0.5 * MAX_DELAY)),
         max_delay=MAX_DELAY,
     )
-    noise, start, shown, early = initial_noise(logs.outputs), None, None, None
+    noise, start, early = initial_noise(logs.outputs), None, None
+    shown: tuple[ForecastOutput, ...] = ()
     if share > 0.0:
         spared = [held_out(usable, share) for usable in logs.flying]
         kept = [usable & ~late for usable, late in zip(logs.flying, spared, strict=True)]
@@ -149,7 +144,7 @@ def _result(
     predictor: Predictor,
     parameters: Sequence[Parameter],
     fitted: PredictionFit,
-    shown: Forecast | None,
+    shown: Sequence[ForecastOutput],
     held: dict[str, str],
     slow: SlowFit | None,
 ) -> Identification:
@@ -161,7 +156,7 @@ def _result(
         predictor: predictor of the outputs in all windows.
         parameters: parameters that were fitted.
         fitted: result of the fit.
-        shown: forecast of held-out flight; None if nothing was held out.
+        shown: forecast of held-out flight; empty if nothing was held out.
         held: parameters that were held at their initial values, with the reason.
         slow: fit to the same logs at a longer period, if there is one.
     """
@@ -195,7 +190,7 @@ def _result(
             f"prediction errors of {' and '.join(sorted(signal.replace('_', ' ') for signal in logs.signals))}",
             ", ".join(dict.fromkeys(record.name for record in logs.records)),
         ),
-        explained={} if shown is None else _explained(parameters, fitted, predictor, shown),
+        explained=_explained(parameters, fitted, predictor, shown) if shown else {},
         not_identified=undetermined(logs.scenario, names)
         | held
         | weak_noise
@@ -211,7 +206,8 @@ def _result(
         remarks.append(f"the delay is not identified: {weak[DELAY]}")
     else:
         numbers[DELAY] = delay.value
-    outputs = () if shown is None else _series(shown, fitted.noise.measured)
+    deviations = map(float, fitted.noise.measured)
+    outputs = tuple(output._replace(deviation=own) for output, own in zip(shown, deviations, strict=False))
     covered = {name: each for name, each in hold_out(evidence).items() if name not in weak}
     result_delay = None if DELAY in weak else delay
     vehicle = _vehicle(logs, scenario, numbers)
@@ -236,16 +232,16 @@ def _noise_estimates(
 
 
 def _explained(
-    parameters: Sequence[Parameter], fitted: PredictionFit, predictor: Predictor, shown: Forecast
+    parameters: Sequence[Parameter], fitted: PredictionFit, predictor: Predictor, shown: Sequence[ForecastOutput]
 ) -> dict[str, Explained]:
     """Return, for each parameter, the explained share of the output that depends on it most."""
     count = len(predictor.outputs)
     slopes = fitted.slopes.reshape(len(fitted.slopes), -1, count, len(parameters))
     outputs = np.argmax(np.einsum("wtop,wtop->op", slopes, slopes), axis=0)
     return {
-        parameter.name: Explained(float(shown.explained[output]), shown.names[output])
+        parameter.name: Explained(shown[output].explained, shown[output].name)
         for parameter, output in zip(parameters, outputs, strict=True)
-        if parameter.name != DELAY and np.isfinite(shown.explained[output])
+        if parameter.name != DELAY and np.isfinite(shown[output].explained)
     }
 
 
@@ -258,22 +254,3 @@ def _remarks(predictor: Predictor, fitted: PredictionFit, names: Sequence[str]) 
     if "rotor_aerodynamics.climb" in names:
         found.append("climb includes the linear drag along z of the body, which a flight does not distinguish from it")
     return tuple(found)
-
-
-def _series(shown: Forecast, deviations: np.ndarray) -> tuple[ForecastOutput, ...]:
-    """Return the forecast of each output, one window after another."""
-    windows = shown.measured.shape[2]
-    time = np.arange(windows)[:, None] * float(shown.time[-1]) + shown.time
-    columns = zip(shown.names, shown.explained, deviations, strict=True)
-    return tuple(
-        ForecastOutput(
-            name,
-            _UNITS.get(name.split()[0], "rad"),
-            time,
-            shown.measured[:, i].T,
-            shown.predicted[:, i].T,
-            float(explained),
-            float(deviation),
-        )
-        for i, (name, explained, deviation) in enumerate(columns)
-    )

@@ -14,11 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from drake_quad.errors import InputError, shown
-from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.identification.logs.units import QUANTITIES
+from drake_quad.identification.logs.record import QUANTITIES, FlightRecord
+from drake_quad.identification.logs.timing import gaps
 
-# Steps of the clock that are longer than this, relative to the median step, are gaps.
-_GAP = 3.0
 # Specific force of a collision, m/s². Rotors give at most two to three times the weight along z, and little across it.
 _COLLISION = 2.0 * 9.81
 # Time that is excluded around unusable samples, s: the vehicle may be about to crash, or in ground effect.
@@ -73,8 +71,7 @@ def common_period(records: Sequence[FlightRecord]) -> float:
 
 def pieces(record: FlightRecord) -> np.ndarray:
     """Return the number (n,) of the piece of each sample. A new piece starts after each gap."""
-    steps = np.diff(record.time)
-    return np.concatenate([[0], np.cumsum(steps > _GAP * np.median(steps))])
+    return np.concatenate([[0], np.cumsum(gaps(record.time))])
 
 
 def airborne(record: FlightRecord) -> np.ndarray:
@@ -125,20 +122,15 @@ def coarser(record: FlightRecord, step: int) -> FlightRecord:
         around[[0, -1]] = 0.5
     around /= around.sum()
     reach = len(around) // 2
+    held = np.arange(step), np.full(step, 1.0 / step)
+    centred = np.arange(-reach, reach + 1), around
     values = {}
     for name, signal in record.signals():
         columns, angles = signal.reshape(len(signal), -1), QUANTITIES[name].unit == "rad"
         if angles:
             columns = np.unwrap(columns, axis=0)
-        offsets = (
-            (np.arange(step), np.full(step, 1.0 / step))
-            if "command" in name
-            else (
-                np.arange(-reach, reach + 1),
-                around,
-            )
-        )
-        mean = sum(weight * columns[first + offset] for offset, weight in zip(*offsets, strict=True))
+        pairs = zip(*(held if "command" in name else centred), strict=True)
+        mean = sum(weight * columns[first + offset] for offset, weight in pairs)
         if angles:
             mean = np.arctan2(np.sin(mean), np.cos(mean))
         values[name] = mean.reshape(count, *signal.shape[1:])

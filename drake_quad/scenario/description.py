@@ -24,6 +24,11 @@ def description_at(scenario: Mission, path: str) -> str:
 
 
 def unit_at(scenario: Mission, path: str) -> str:
-    """The unit of a field: what stands in parentheses in its description, not after "eq"; "" if there is none."""
-    found = re.findall(r"(?<!eq )\(([^()]*)\)", description_at(scenario, path))
-    return found[0] if found else ""
+    """Return the unit of a field; "" if it has none."""
+    return unit_in(description_at(scenario, path))
+
+
+def unit_in(description: str) -> str:
+    """Return the unit in a description, which is in parentheses, not after "eq", nor squared; "" if there is none."""
+    found = re.search(r"(?<!eq )\(([^()]*)\)(?!²)", description)
+    return found[1] if found else ""

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from functools import reduce
 from operator import or_
 from types import UnionType
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, get_args
 
 import numpy as np
 import scipy
@@ -299,6 +299,11 @@ def is_distribution(fields: Mapping[str, Any]) -> bool:
     if others or name not in DISTRIBUTIONS:
         return False
     return isinstance(fields[name], DISTRIBUTIONS[name].parameters)
+
+
+def is_number_or_distribution(hint: Any) -> bool:
+    """Return whether a type without its annotations is that of a number that may be a distribution."""
+    return any(get_args(member)[:1] == (Normal,) for member in get_args(hint))
 
 
 def _tag(value: Any) -> str | None:

@@ -2,13 +2,14 @@
 
 import math
 import operator
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field
-from pydantic_core import PydanticUndefined
+from pydantic import AfterValidator, BeforeValidator, Field, GetCoreSchemaHandler
+from pydantic_core import CoreSchema, PydanticUndefined
 
 from drake_quad.control.integral import Integration
 from drake_quad.scenario.distributions import Distribution, Model, NumberOrDistribution, Real, refused
@@ -47,10 +48,35 @@ def field_of(record: Any, name: str, text: str, *, rule: str = "") -> Any:
     return Field(default=defaults.get(name, PydanticUndefined), description=f"{text} ({quantity.unit}){rule}")
 
 
+@dataclass(frozen=True)
+class Rule:
+    """Rule for the values of a field, as metadata of its annotation, by which pydantic validates.
+
+    Attributes:
+        check: function that returns a value that follows the rule, and raises a validation error for any other.
+        lower: smallest number that follows the rule; None if there is no lower bound.
+        upper: largest number that follows the rule; None if there is no upper bound.
+        is_whole: whether numbers must be whole.
+        is_of_numbers: whether the rule is for the numbers that are written, before pydantic converts them, rather than
+            for all that a distribution can give.
+    """
+
+    check: Callable[[Any], Any]
+    lower: float | None
+    upper: float | None
+    is_whole: bool = False
+    is_of_numbers: bool = False
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Return the schema that validates by the rule."""
+        validator = BeforeValidator(self.check) if self.is_of_numbers else AfterValidator(self.check)
+        return validator.__get_pydantic_core_schema__(source, handler)
+
+
 def bounded(
     *, above: float | None = None, least: float | None = None, below: float | None = None, most: float | None = None
-) -> AfterValidator:
-    """Return a validator that holds a number, or all that a distribution can give, to bounds."""
+) -> Rule:
+    """Return a rule that holds a number, or all that a distribution can give, to at most one bound on each side."""
     rules = (
         ("larger than", above, 0, operator.gt),
         ("at least", least, 0, operator.ge),
@@ -65,11 +91,13 @@ def bounded(
             raise refused("must be " + " and ".join(f"{words} {bound:g}" for words, bound, *_ in bounds))
         return value
 
-    return AfterValidator(check)
+    lower = least if above is None else math.nextafter(above, math.inf)
+    upper = most if below is None else math.nextafter(below, -math.inf)
+    return Rule(check, lower, upper)
 
 
-def radians(most: float) -> BeforeValidator:
-    """Return a validator that rejects angles that must have been given in degrees.
+def radians(most: float) -> Rule:
+    """Return a rule that rejects angles that must have been given in degrees.
 
     Args:
         most: largest plausible size of an angle, or of a parameter of its distribution, rad.
@@ -81,7 +109,7 @@ def radians(most: float) -> BeforeValidator:
             raise refused(radians_demand(large, most))
         return value
 
-    return BeforeValidator(check)
+    return Rule(check, -most, most, is_of_numbers=True)
 
 
 def radians_demand(degrees: float, most: float) -> str:
@@ -100,8 +128,8 @@ def _numbers_in(value: Any) -> Iterator[float]:
         yield value
 
 
-def whole(*, least: int, most: int) -> AfterValidator:
-    """Return a validator that holds a number, or a choice of numbers, to whole ones within bounds."""
+def whole(*, least: int, most: int) -> Rule:
+    """Return a rule that holds a number, or a choice of numbers, to whole ones within bounds."""
 
     def check(value: NumberOrDistribution) -> NumberOrDistribution:
         numbers = _values_of(value)
@@ -109,7 +137,7 @@ def whole(*, least: int, most: int) -> AfterValidator:
             raise refused(f"must be a whole number from {least} to {most}, or a choice of such")
         return value
 
-    return AfterValidator(check)
+    return Rule(check, least, most, is_whole=True)
 
 
 def can_differ_from_zero(value: NumberOrDistribution) -> bool:

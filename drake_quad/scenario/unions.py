@@ -11,8 +11,9 @@ import importlib
 import operator
 import pkgutil
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Set
-from typing import Annotated, Any, TypeVar, get_args
+from collections.abc import Callable, Iterable, Set
+from types import UnionType
+from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
 
 from pydantic import BeforeValidator, Field, GetCoreSchemaHandler
 from pydantic.fields import FieldInfo
@@ -103,6 +104,12 @@ class OpenUnion(_Members):
     def _with_kind(self, value: Any) -> Any:
         """Return a mapping with the silent kind if it does not state its kind."""
         return {"kind": self.silent, **value} if self.silent and isinstance(value, dict) else value
+
+
+def alternatives(hint: Any, metadata: Iterable[Any]) -> tuple[Any, ...]:
+    """Return the types that a field may have: the members of its union, or else the annotated type itself."""
+    members = [member for union in metadata if isinstance(union, OpenUnion) for member in union.members.values()]
+    return tuple(members) or (get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,))
 
 
 class OpenFields(_Members):

@@ -12,7 +12,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from drake_quad.identification.flown_again.prediction import UNITS, Predictions
 from drake_quad.identification.result import ForecastOutput, Identification
-from drake_quad.identification.results.estimates import CONFIDENCE, Estimates
+from drake_quad.identification.results.estimates import Estimates
 from drake_quad.vehicle.motors import ThrustCurve, thrust_of
 from drake_quad.visualization.names import short_name
 from drake_quad.visualization.panels import new_panels, plot_intervals
@@ -56,7 +56,7 @@ def _draw_windows(left: Axes, right: Axes, output: ForecastOutput) -> None:
         right.plot(time, factor * output.residual[window], color=VERMILION, linewidth=0.8)
     left.set_ylabel("\n".join([*textwrap.wrap(output.name, _LABEL), f"({unit})"]))
     right.axhline(0.0, color="0.3", linewidth=0.8)
-    said = f"explained {100.0 * output.explained:.1f} %" if output.explained > -1.0 else "nothing explained"
+    said = f"explained {100.0 * output.explained:.1f} %" if output.explained > 0.0 else "nothing explained"
     right.set_title(said, loc="right", fontsize=8, pad=2.0)
 
 
@@ -116,7 +116,7 @@ def plot_thrust(identification: Identification, commands: np.ndarray | None = No
     slopes = np.stack([throttle ** names.index(name) for name in found], axis=1)
     covariance = estimates.covariance[np.ix_(places, places)]
     deviation = np.sqrt(np.einsum("ti,ij,tj->t", slopes, covariance, slopes))
-    reach = float(estimates.quantiles(CONFIDENCE)[places].max()) * deviation
+    reach = float(estimates.quantiles()[places].max()) * deviation
     thrust = np.asarray(thrust_of(throttle, ThrustCurve(*map(float, curve))))  # type: ignore[arg-type]
     vehicle = identification.vehicle.vehicle
     with new_panels(5.6, 3.8) as (figure, axes):

@@ -6,9 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.logs.record import QUANTITIES, FlightRecord
 from drake_quad.identification.logs.timing import gaps
-from drake_quad.identification.logs.units import QUANTITIES
 from drake_quad.visualization.panels import new_panels
 from drake_quad.visualization.style import AXES, BLACK, ROTORS
 
@@ -76,7 +75,7 @@ def plot_record(record: FlightRecord) -> Figure:
 def _draw(axes: Axes, panel: _Panel, record: FlightRecord) -> None:
     step = -(-len(record.time) // _MOST_SAMPLES)
     # A line through a gap would show what was not logged.
-    breaks = [gap.after + 1 for gap in gaps(record.time)]
+    breaks = 1 + np.flatnonzero(gaps(record.time))
     colors = ROTORS if panel.names == _FOUR else (*AXES.values(),) if panel.names else (BLACK,)
     first, *_ = [name for name in panel.signals if getattr(record, name) is not None]
     for name in panel.signals:
@@ -91,14 +90,14 @@ def _draw(axes: Axes, panel: _Panel, record: FlightRecord) -> None:
             axes.plot(
                 *_broken(record.time[::step], rows[::step], breaks, step), color=color, label=label, lw=0.9, **style
             )
-    for gap in gaps(record.time):
-        axes.axvspan(gap.start, gap.start + gap.length, color="0.85", lw=0.0)
+    for end in breaks:
+        axes.axvspan(record.time[end - 1], record.time[end], color="0.85", lw=0.0)
     axes.set_ylabel(f"{panel.label}\n({panel.unit or QUANTITIES[first].unit})")
     if panel.names:
         axes.legend(ncols=4, loc="lower right", bbox_to_anchor=(1.0, 0.98), borderaxespad=0.0)
 
 
-def _broken(time: np.ndarray, values: np.ndarray, breaks: list[int], step: int) -> tuple[np.ndarray, np.ndarray]:
+def _broken(time: np.ndarray, values: np.ndarray, breaks: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray]:
     """The samples with a NaN in each gap."""
-    places = [-(-each // step) for each in breaks]
+    places = -(-breaks // step)
     return np.insert(time, places, np.nan), np.insert(values, places, np.nan)

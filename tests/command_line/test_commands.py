@@ -895,7 +895,7 @@ def test_a_wind_is_that_of_logs_that_have_none(capsys):
         found = with_winds([still, logged], winds)
         np.testing.assert_array_equal(found[0].wind, [[-8.5, 0.0, 0.25]] * 2)
         np.testing.assert_array_equal(found[1].wind, np.ones((2, 3)))
-        assert "remark: logged: has its wind, which --wind does not replace" in capsys.readouterr().err
+        assert "remark: logged: contains the wind, which --wind does not replace" in capsys.readouterr().err
 
 
 def test_logs_of_different_vehicles_are_not_taken_together(run, tmp_path):
@@ -906,7 +906,7 @@ def test_logs_of_different_vehicles_are_not_taken_together(run, tmp_path):
     assert result.returncode == 2
     sentence = result.stderr.splitlines()[-1]
     named = "vehicles/crazyflie and vehicles/neural_fly:neural_fly"
-    assert sentence == f"error: the logs are of different vehicles, {named}: identify each by itself"
+    assert sentence == f"error: the logs are of different vehicles, {named}: identify them one by one"
 
 
 @pytest.mark.parametrize(
@@ -919,15 +919,15 @@ def test_logs_of_different_vehicles_are_not_taken_together(run, tmp_path):
         ([LOG, "--wind", "1,2"], "--wind '1,2': must be three numbers below 100 m/s, as in -8.5,0,0"),
         (
             [LOG, "--wind", "0,0,0", "--wind", "1,0,0"],
-            "--wind is given 2 times: give it once, or once for each of 1 logs",
+            "--wind is given 2 times; give it once, or once for each of 1 logs",
         ),
-        ([PX4], "does not say which vehicle it is of: --vehicle says what to begin with, such as"),
+        ([PX4], "does not say which vehicle it is of: give an initial vehicle by --vehicle, such as"),
         ([LOG, "--vehicle", "nowhere.yaml"], "nowhere.yaml"),
         ([LOG, "--name", "a b"], "--name 'a b': allowed are letters"),
         ([LOG, "--set", "nominal.mas=1"], "nominal.mas"),
         (
             [LOG, "--vehicle", "diagrams/laboratory.yaml:uncertain"],
-            "is a distribution, and an identification begins with numbers|uncertain",
+            "is a distribution; an identification begins with numbers|uncertain",
         ),
     ],
 )

@@ -602,7 +602,7 @@ def test_winds_are_three_numbers_below_a_hundred():
         with pytest.raises(InputError, match="must be three numbers below 100 m/s"):
             identify.with_winds([record], [wrong])
     assert identify.with_winds([record], []) == [record]
-    with pytest.raises(InputError, match="--wind is given 2 times: give it once, or once for each of 3 logs"):
+    with pytest.raises(InputError, match="--wind is given 2 times; give it once, or once for each of 3 logs"):
         identify.with_winds([record] * 3, ["0,0,0"] * 2)
     found = identify.with_winds([record] * 2, ["1,0,0", "2,0,0"])
     assert [each.wind[0, 0] for each in found] == [1.0, 2.0]

@@ -197,7 +197,7 @@ def test_a_log_whose_predictions_do_not_differ_has_no_interval(compared, capsys)
     lines = capsys.readouterr().out.splitlines()
     rows = cells("\n".join(lines[3:-1]))
     assert [row[3:] for row in rows[:3]] == [["2.00", "–"]] * 3
-    assert lines[-1].endswith("the predicted one 3.46 cm; no two flights differ.")
+    assert lines[-1].endswith("the predicted one 3.46 cm in all flights.")
 
 
 def test_the_table_of_a_compared_log_has_metres(compared, tmp_path, monkeypatch):
@@ -356,7 +356,7 @@ def test_estimates_have_their_intervals_and_what_they_explain(capsys):
     identify.print_estimates(identified())
     printed = capsys.readouterr()
     lines = printed.out.splitlines()
-    assert cells(lines[1]) == [["number", "value", "unit", "another stretch", "interval holds", "explains, held out"]]
+    assert cells(lines[1]) == [["parameter", "value", "unit", "another stretch", "inside", "explained, held out"]]
     mass, damping, drag = cells("\n".join(lines[2:5]))
     # The mean is off by 0.02 kg, and a stretch by 0.04 kg beside that, which have 6.25 degrees of freedom together.
     far = scipy.stats.t.ppf(0.975, 6.25) * math.sqrt(0.002)
@@ -364,7 +364,7 @@ def test_estimates_have_their_intervals_and_what_they_explain(capsys):
     assert damping == ["autopilot.damping[0]", plus_minus(0.7, 1.96 * 0.05), "–"]
     assert drag == ["linear_drag", plus_minus(0.1, 1.96 * 0.01), "N s/m", "–"]
     assert lines[5:] == [
-        f"a command shows after {plus_minus(32.1, 1.96)} ms",
+        f"delay from a command to the measurement of its effect: {plus_minus(32.1, 1.96)} ms",
         "not identified: quadratic_drag: it hovers",
     ]
     assert printed.err == "remark: of the flights\nremark: of the estimates\n"
@@ -404,22 +404,11 @@ def test_noise_and_trim_of_a_hover_are_printed(capsys, monkeypatch):
     assert cells(row) == [["log7: white noise of body rates", "–", f"{math.sqrt(0.25 / 3.0):.2g}", "rad/s"]]
     assert lines == [
         f"log7: mean roll in hover {plus_minus(0.1, 1.96 * 0.01)} rad",
-        "log7: attitude is most like its command 46 ms later",
+        "log7: the attitude correlates most with its command 46 ms before",
     ]
     monkeypatch.setattr(identify, "delay_by_correlation", lambda _: None)
     identify.print_hover([record], 10.0)
-    assert "most like" not in capsys.readouterr().out
-
-
-def test_motors_of_a_log_give_full_thrust_at_full_throttle():
-    base = load_scenario("hover", ["nominal.max_rotor_speed=300", "vehicle.max_rotor_speed=300"])
-    throttled = load_scenario("hover", [each.assignment for each in identify.throttle_motors(base)])
-    for vehicle in (throttled.nominal, throttled.vehicle):
-        assert vehicle.motors.kind == "throttle"
-        np.testing.assert_allclose(vehicle.motors.curve[:2], 0.0)
-        assert vehicle.motors.curve[2] == pytest.approx(base.nominal.thrust_factor * 300.0**2, rel=1e-3)
-    # The rotors may turn faster than they are believed to, and stand still.
-    assert (throttled.vehicle.max_rotor_speed, throttled.vehicle.min_rotor_speed) == (600.0, 0.0)
+    assert "correlates" not in capsys.readouterr().out
 
 
 def test_throttles_of_all_logs_are_taken_together():

@@ -63,7 +63,7 @@ def test_a_vehicle_without_a_control_predicts_on_open_loop(compare, tmp_path):
         given = ["--set", "nominal.mass=0.0375", "--set", f"vehicle.thrust_factor={thrust_factor}"]
         status, printed, _ = compare(LOGS / "log100.xz", "diagrams/vehicles/crazyflie.yaml", *given)
         assert status == 0
-        assert printed.startswith("log100: predicted ahead from its commands by crazyflie, which has no control;")
+        assert printed.startswith("crazyflie has no control: RMS error of its open-loop predictions of log100\n")
         errors.append(float(re.search(r"^position +0\.2 s +(\S+) \[", printed, re.MULTILINE)[1]))
     assert errors[1] < 0.7 * errors[0]
 

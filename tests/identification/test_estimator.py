@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 
 from drake_quad.errors import InputError
 from drake_quad.identification.flown_again import estimator
-from drake_quad.identification.flown_again.estimator import _share, linear_drag, velocity_estimate
+from drake_quad.identification.flown_again.estimator import linear_drag, velocity_estimate
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.scenario.files.loading import load_undesigned
 
@@ -105,7 +105,7 @@ def test_the_deviation_of_a_share_follows_from_the_scatter_of_half_second_blocks
     random = np.random.default_rng(8)
     true, off = random.normal(size=(2, 300))
     blocks = np.repeat(np.arange(60), 5)
-    share = _share(true, off, blocks)
+    share = estimator._slope(true[:, None], off, blocks, "1")
     slope = np.linalg.lstsq(true[:, None], off, rcond=None)[0][0]
     assert share.value == pytest.approx(slope)
     left = (true * (off - slope * true)).reshape(60, 5).sum(axis=1)
@@ -239,7 +239,7 @@ def test_the_deviation_of_a_slope_follows_from_the_scatter_of_blocks():
     random = np.random.default_rng(8)
     air, force = random.normal(size=(2, 40)) + np.array([[0.3], [2.0]])
     blocks = np.repeat(np.arange(8), 5)
-    found = estimator._slope(air, force, blocks)
+    found = estimator._slope(np.column_stack([air, np.ones_like(air)]), force, blocks, "N s/m")
     slope, intercept = np.polyfit(air, force, 1)
     assert found.value == pytest.approx(slope)
     # The slope is a sum over samples with the weights (air - mean) / Σ (air - mean)².

@@ -12,6 +12,7 @@ PERIOD = 0.1  # s
 NUM_SETTLING_SAMPLES = 3
 NUM_FORECAST_SAMPLES = 6
 NUM_WINDOWS = 4
+NOISE = SimpleNamespace(measured=np.array([1e-3, 2e-3, 3e-3, 4e-3]))
 OUTPUTS = (("position", 1), ("attitude", 2), ("body_rates", 0), (FORCE, 2))
 
 
@@ -56,21 +57,34 @@ def predictor():
 def test_the_explained_share_refers_to_motion_beyond_coasting(predictor):
     """Coasting keeps a position's velocity, an angle's rate and a body rate; a force keeps its mean."""
     made, _, curved, state = predictor
-    found = forecast(made, np.array([1.0, 2.0]), None)
-    np.testing.assert_allclose(found.time, PERIOD * np.arange(NUM_FORECAST_SAMPLES))
-    np.testing.assert_array_equal(found.measured, made.measured[NUM_SETTLING_SAMPLES:])
+    found = forecast(made, np.array([1.0, 2.0]), NOISE)
+    explained = [output.explained for output in found]
     expected = [1.0 - 0.5**2, 1.0 - 0.1**2, 1.0]
-    np.testing.assert_allclose(found.explained[:3], expected)
+    np.testing.assert_allclose(explained[:3], expected)
     force = made.measured[NUM_SETTLING_SAMPLES:, 3]
     missed = np.sum(curved[:, 3] ** 2)
-    assert found.explained[3] == pytest.approx(1.0 - missed / np.sum((force - force.mean()) ** 2))
-    np.testing.assert_allclose(found.predicted[:, 0], state[1] + found.time[:, None] * state[7] + 0.5 * curved[:, 0])
-    assert found.names == ("position y", "yaw", "body rate p", "specific force along z")
+    assert explained[3] == pytest.approx(1.0 - missed / np.sum((force - force.mean()) ** 2))
+    time = PERIOD * np.arange(NUM_FORECAST_SAMPLES)[:, None]
+    np.testing.assert_allclose(found[0].residual.T, 0.5 * curved[:, 0], atol=1e-12)
+    np.testing.assert_allclose(found[0].predicted.T, state[1] + time * state[7] + 0.5 * curved[:, 0])
+
+
+def test_the_windows_of_an_output_follow_one_another(predictor):
+    """The outputs have the units of their signals."""
+    made, *_ = predictor
+    found = forecast(made, np.array([1.0, 2.0]), NOISE)
+    assert [output.name for output in found] == ["position y", "yaw", "body rate p", "specific force along z"]
+    assert [output.unit for output in found] == ["m", "rad", "rad/s", "m/s²"]
+    time = PERIOD * np.arange(NUM_FORECAST_SAMPLES)
+    for i, output in enumerate(found):
+        np.testing.assert_allclose(output.time, [time + time[-1] * window for window in range(NUM_WINDOWS)])
+        np.testing.assert_array_equal(output.measured, made.measured[NUM_SETTLING_SAMPLES:, i].T)
+        assert output.deviation == NOISE.measured[i]
 
 
 def test_a_predictor_ignores_measurements_after_settling(predictor):
     made, kept, *_ = predictor
-    forecast(made, np.array([1.0, 2.0]), None)
+    forecast(made, np.array([1.0, 2.0]), NOISE)
     np.testing.assert_array_equal(kept["gain"][:NUM_SETTLING_SAMPLES], 1.0)
     np.testing.assert_array_equal(kept["gain"][NUM_SETTLING_SAMPLES:], 0.0)
     assert kept["keep"] == NUM_SETTLING_SAMPLES

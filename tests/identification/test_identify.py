@@ -9,11 +9,11 @@ from drake_quad import InputError, load_scenario
 from drake_quad.identification import identifiability, prepared_logs
 from drake_quad.identification import identify as module
 from drake_quad.identification.evidence import Uncertainty
-from drake_quad.identification.forecast import Forecast
 from drake_quad.identification.identify import identify
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.parameters import Parameter, parameters_of
 from drake_quad.identification.prediction_errors import FORCE, Output, PredictionNoise
+from drake_quad.identification.result import ForecastOutput
 
 PERIOD = 0.02
 POSES = ("position", "attitude")
@@ -213,9 +213,9 @@ def test_heights_of_a_vehicle_that_climbs_and_descends_identify_thrust_lag_and_d
 
 
 def forecast_of(*explained):
-    names = tuple(f"position {axis}" for axis, _ in zip("xyz", explained, strict=False))
-    none = np.zeros((2, len(explained), 1))
-    return Forecast(names, np.array([0.0, 0.1]), none, none, np.array(explained))
+    none = np.zeros((1, 2))
+    names = [f"position {axis}" for axis in "xyz"]
+    return [ForecastOutput(name, "m", none, none, none, each, 0.1) for name, each in zip(names, explained, strict=True)]
 
 
 def test_a_vehicle_that_forecasts_nothing_better_than_persistence_is_refused():
@@ -351,26 +351,6 @@ def test_an_interval_reaches_at_most_the_usual_error_and_a_positive_parameter(lo
     uncertainty = Uncertainty(np.array([[deviation**2]]), np.full(1, 30.0), np.eye(1))
     found = identifiability.not_identified(parameters, np.array([0.7]), uncertainty)
     assert (found == {}) == identified
-
-
-def test_windows_of_a_forecast_are_listed_one_after_another():
-    """The outputs have the units of their signals."""
-    random = np.random.default_rng(1)
-    time = PERIOD * np.arange(5)
-    measured, predicted = random.normal(size=(2, 5, 3, 4))
-    names = ("position x", "roll", "specific force along z")
-    forecast = Forecast(names, time, measured, predicted, np.array([0.9, 0.8, 0.7]))
-    outputs = module._series(forecast, np.array([1e-3, 2e-3, 3e-3]))
-    assert [output.name for output in outputs] == list(names)
-    assert [output.unit for output in outputs] == ["m", "rad", "m/s²"]
-    for i, output in enumerate(outputs):
-        np.testing.assert_allclose(output.time, [time + 0.08 * window for window in range(4)])
-        np.testing.assert_array_equal(output.measured, measured[:, i].T)
-        np.testing.assert_array_equal(output.predicted, predicted[:, i].T)
-        np.testing.assert_allclose(output.residual, (measured - predicted)[:, i].T)
-        assert (output.explained, output.deviation) == (forecast.explained[i], 1e-3 * (i + 1))
-    (rate,) = module._series(forecast._replace(names=("body rate q",), explained=np.zeros(1)), np.ones(1))
-    assert rate.unit == "rad/s"
 
 
 def test_a_parameter_is_a_candidate_if_the_outputs_can_determine_it(rotors, attitudes):

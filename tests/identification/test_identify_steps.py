@@ -10,12 +10,12 @@ from drake_quad.identification import flight_differences
 from drake_quad.identification import identify as module
 from drake_quad.identification.delays import delay_of, frame_age
 from drake_quad.identification.fit import PredictionFit
-from drake_quad.identification.forecast import Forecast
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import DELAY
 from drake_quad.identification.parameters import Parameter, names_of
 from drake_quad.identification.prediction_errors import Gains, Output, PredictionNoise, Predictor
 from drake_quad.identification.prepared_logs import MAX_DELAY, PreparedLogs, prepare, window_blocks
+from drake_quad.identification.result import ForecastOutput
 from drake_quad.identification.results.estimates import Explained, quantile
 
 PERIOD = 0.01
@@ -71,9 +71,9 @@ def fitted_to(predictor: Predictor, parameters: list[Parameter], *, seed=0, nois
 
 
 def forecast_of(explained, outputs=POSE):
-    nothing = np.zeros((4, len(outputs), 2))
-    names = tuple(f"{output.signal} {output.column}" for output in outputs)
-    return Forecast(names, PERIOD * np.arange(4), nothing, nothing, np.full(len(outputs), explained))
+    nothing = np.zeros((2, 4))
+    names = [f"{output.signal} {output.column}" for output in outputs]
+    return tuple(ForecastOutput(name, "m", nothing, nothing, nothing, explained, 0.1) for name in names)
 
 
 class Recorded:
@@ -190,7 +190,7 @@ def test_a_vehicle_has_its_values_and_the_delay_in_ticks_of_its_link(rotors):
     assert module._vehicle(logs, scenario, {"motors.curve[1]": 2.0}).vehicle.motors.voltage == pytest.approx(11.4)
 
 
-def result_of(rotors, monkeypatch, *, change=lambda fitted, names: fitted, shown=None, held=None, slow=None):
+def result_of(rotors, monkeypatch, *, change=lambda fitted, names: fitted, shown=(), held=None, slow=None):
     """Return the result of a fit, with the fit and its predictor."""
     monkeypatch.setattr(module, "noise_covariance", lambda predictor, fitted: np.diag(np.linspace(1e-4, 2e-4, 18)))
     logs, scenario = prepare([log_of(30.0)], rotors)
@@ -319,7 +319,9 @@ def test_the_explained_share_of_a_parameter_is_that_of_the_output_that_shows_it(
     slopes[:, :, 0, 2] = 3.0
     slopes[:, :, 0, 3] = 1.0
     fitted = SimpleNamespace(slopes=slopes.reshape(3, 15, 4))
-    shown = Forecast(("x", "z", "pitch"), np.zeros(1), np.zeros(1), np.zeros(1), np.array([np.nan, 0.5, 0.9]))
+    none = np.zeros(1)
+    shares = {"x": np.nan, "z": 0.5, "pitch": 0.9}
+    shown = [ForecastOutput(name, "m", none, none, none, share, 0.1) for name, share in shares.items()]
     found = module._explained(parameters, fitted, SimpleNamespace(outputs=outputs), shown)
     # An output that does not vary explains nothing, and a delay is no parameter of the vehicle.
     assert found == {"mass": Explained(0.5, "z"), "inertia[1]": Explained(0.9, "pitch")}

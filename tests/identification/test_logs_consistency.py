@@ -158,7 +158,7 @@ def test_a_command_is_compared_with_what_follows_it_by_up_to_half_a_second(delay
     followed = np.column_stack([np.interp(TIME - delay, TIME, column) for column in commands.T])
     grid = _on_grid({"attitude_command": sign * commands, "attitude": 0.8 * followed}, TIME)
     for columns in (2, 3):
-        pair, width = _response(grid, "attitude_command", "attitude", 0.03, columns)
+        pair, width = _response("attitude_command", "attitude", 0.03, columns, grid)
         assert width == 10
         assert pair.axes == ("roll", "pitch", "yaw")[:columns]
         assert pair.expected.shape == pair.measured.shape == (len(grid.usable) - 10 - round(delay / PERIOD), columns)

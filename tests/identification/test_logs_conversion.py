@@ -1,14 +1,12 @@
 """Conversion of columns to signals on one clock: choice of the clock, choice of signals, interpolation."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from drake_quad.identification.logs import conversion
 from drake_quad.identification.logs.conversion import Table
-from drake_quad.identification.logs.mapping import Mapping
+from drake_quad.identification.logs.mapping import Mapping, SignalSource
 
 WIDTHS = {"motor_command": 4, "thrust_share": 1, "reference_yaw": 1, "battery_voltage": 1}
 
@@ -19,7 +17,7 @@ def channel(signal, begin, end, period, *, known=None, values=None):
     rows = np.arange(len(clock)) if known is None else np.flatnonzero(known(clock))
     if values is None:
         values = np.repeat(clock[rows][:, None], WIDTHS.get(signal, 3), axis=1)
-    return conversion._Channel(signal, clock, rows, values, "somewhere", crossed=False)
+    return conversion._Channel(signal, clock, rows, values, SignalSource(columns=("a", "b"), unit="mm"))
 
 
 def test_commands_hold_and_measurements_do_not():
@@ -167,27 +165,31 @@ def test_what_a_signal_lacks_is_said_of_its_first_source_that_is_there_in_part()
     assert why("f") == ["position is left out: d, e are not logged"]
     assert why("a", "d", "e", "f") == ["position is left out: b, c are not logged"]
     assert why("d", "e", "f") == ["position is left out: d to f is a number in less than two samples"]
-    names = conversion._read_names("position", mapping, {"a", "d", "e", "f"})
-    assert names == ("d", "e", "f")
-    assert conversion._read_names("position", mapping, {"a", "b", "c", "d", "e", "f"}) == ("a", "b", "c")
-    assert conversion._read_names("position", mapping, {"a"}) == ()
+
+
+def test_columns_that_another_source_of_a_signal_has_are_not_read():
+    """A signal is read from its first source with two samples or more."""
+    mapping = Mapping(signals={"position": [{"columns": ["a", "b", "c"]}, {"columns": ["d", "e", "f"]}]})
+    columns = {name: np.zeros(20) for name in "abcdef"}
+    for damaged, unread in (("", "not read: d, e, f"), ("a", "not read: a, b, c")):
+        own = {name: np.full(20, np.nan) if name == damaged else values for name, values in columns.items()}
+        table = Table("", np.linspace(0.0, 1.0, 20), own)
+        record = conversion.record_of([table], mapping, name="log", mark="log")
+        assert unread in record.remarks
 
 
 def test_remarks_say_at_which_rates_signals_were():
     clock = channel("body_rates", 0.0, 1.0, 0.004)
     slow, held = channel("position", 0.0, 1.0, 0.05), channel("motor_command", 0.0, 1.0, 0.02)
     assert list(conversion._resampling_remarks([clock, slow, held], clock.clock)) == [
-        "put on the clock on lines between their samples, which has 250 Hz: position (20 Hz)",
-        "held on the clock, which has 250 Hz: motor_command (50 Hz)",
+        "interpolated linearly, since the record has 250 Hz: position (20 Hz)",
+        "held constant between their samples, since the record has 250 Hz: motor_command (50 Hz)",
     ]
     assert list(conversion._resampling_remarks([clock], clock.clock)) == []
     holes = slow._replace(rows=slow.rows[3:])
     assert list(conversion._missing_remarks([clock, holes])) == ["position is no number in 3 of 21 samples"]
-    assert conversion._origin(SimpleNamespace(names=("a", "b", "c"), unit="mm")) == "a to c (mm)"
-    assert conversion._origin(SimpleNamespace(names=("a",), unit=None)) == "a"
-    assert list(conversion._origin_remarks([clock, slow])) == [
-        "read: body_rates from somewhere; position from somewhere"
-    ]
+    single = slow._replace(source=SignalSource(column="p"))
+    assert list(conversion._origin_remarks([clock, single])) == ["read: body_rates from a to b (mm); position from p"]
 
 
 @pytest.mark.parametrize("reverse", [False, True])
@@ -209,7 +211,11 @@ def test_vectors_along_the_axes_of_the_other_frame_are_turned_by_the_attitude():
     attitude, velocity, force, rates = random.normal(size=(4, 60, 3))
     to_world = Rotation.from_euler("ZYX", attitude[:, ::-1])
     given = {"attitude": attitude, "velocity": velocity, "specific_force": force, "body_rates": rates}
-    channels = [channel(name, 0.0, 5.9, 0.1)._replace(crossed=name in ("velocity", "specific_force")) for name in given]
+    frames = {"velocity": "FLU", "specific_force": "ENU", "body_rates": "FRD"}
+    channels = [
+        channel(name, 0.0, 5.9, 0.1)._replace(source=SignalSource(column=name, frame=frames.get(name)))
+        for name in given
+    ]
     signals = dict(given)
     assert list(conversion._turn_crossed(signals, channels)) == [
         "velocity is turned from the axes of the body to those of the world by the attitude",

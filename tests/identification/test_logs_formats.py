@@ -252,7 +252,7 @@ def test_variables_of_a_mat_file_that_are_not_as_long_as_the_time_are_left_out(r
     for name in ("gains", "inertia"):
         (remark,) = [each for each in record.remarks if name in each]
         assert remark == f"log.{name} is not read: it is not as long as log.t"
-    assert any(each.startswith("not read: ") and "log.rpm" in each for each in record.remarks)
+    assert said(record, "not read: log.rpm")
     content["log"]["p"] = np.ones((COUNT - 1, 3))
     shorter = read(mat_file(content), tmp_path / "mine.yaml")
     assert shorter.position is None

@@ -12,8 +12,8 @@ from drake_quad import InputError, load_scenario, simulate
 from drake_quad.files import write_table
 from drake_quad.identification.logs.mapping import load_mapping, shipped_mappings
 from drake_quad.identification.logs.reading import read_log
-from drake_quad.identification.logs.record import COLUMNS
-from drake_quad.identification.logs.units import QUANTITIES, UNITS
+from drake_quad.identification.logs.record import COLUMNS, QUANTITIES
+from drake_quad.identification.logs.units import UNITS
 from drake_quad.scenario.files.loading import load_undesigned
 
 

@@ -11,7 +11,7 @@ from written_logs import DATA, message, quaternion_of, ulog
 from drake_quad import InputError
 from drake_quad.identification.logs.formats.ulog import _dropouts
 from drake_quad.identification.logs.reading import read_log
-from drake_quad.identification.logs.timing import pieces
+from drake_quad.identification.windows import pieces
 
 LOCAL = [("float", name) for name in ("x", "y", "z", "vx", "vy", "vz")]
 ATTITUDE, XYZ = [("float[4]", "q")], [("uint64_t", "timestamp_sample"), ("float[3]", "xyz")]
@@ -103,8 +103,8 @@ def test_measurements_lie_on_lines_and_commands_hold_on_the_clock_of_the_fastest
     np.testing.assert_allclose(
         record.motor_command[:, 0], np.floor((record.time + start + 1e-9) / 0.05) * 0.025, atol=1e-6
     )
-    assert said(record, "lines between their samples, which has 250 Hz: position (10 Hz), velocity (10 Hz)")
-    assert said(record, "held on the clock, which has 250 Hz: motor_command (20 Hz)")
+    assert said(record, "interpolated linearly, since the record has 250 Hz: position (10 Hz), velocity (10 Hz)")
+    assert said(record, "held constant between their samples, since the record has 250 Hz: motor_command (20 Hz)")
 
 
 def test_a_dropout_is_a_gap(read):
@@ -113,7 +113,7 @@ def test_a_dropout_is_a_gap(read):
     record = read(ulog({"vehicle_angular_velocity": (XYZ, samples)}, dropouts=[(1_604_000, 204)]))
     assert said(record, "1 dropout of the logger, 0.204 s in all, the longest of 0.204 s")
     assert said(record, "1 gap (steps of more than 3 times the median of 0.004 s), 0.208 s in all")
-    before, after = pieces(record)
+    before, after = (record.part(pieces(record) == number) for number in range(2))
     assert before.time[-1] == pytest.approx(0.396)
     assert after.time[0] == pytest.approx(0.604)
     np.testing.assert_allclose(after.body_rates[:, 0], after.time, atol=1e-6)

@@ -357,9 +357,9 @@ def test_motion_at_a_start_is_that_of_fifty_milliseconds_or_four_samples(scenari
 def test_the_interval_of_a_sum_is_that_of_independent_blocks():
     totals = np.array([1.0, -2.0, 0.5, 3.0])
     expected = quantile(3) * math.sqrt(4.0 / 3.0 * np.sum(totals**2))
-    assert prediction._reach(totals) == pytest.approx(float(expected))
-    assert prediction._reach(totals[:1]) == math.inf
-    assert math.isfinite(prediction._reach(totals[:2]))
+    assert len(totals) * prediction._reach(totals, np.arange(len(totals))) == pytest.approx(float(expected))
+    assert prediction._reach(totals[:1], np.zeros(1, dtype=int)) == math.inf
+    assert math.isfinite(prediction._reach(totals[:2], np.arange(2)))
 
 
 @pytest.mark.slow

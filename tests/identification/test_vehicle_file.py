@@ -17,7 +17,7 @@ from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.correlation import joint_normal
 from drake_quad.scenario.distributions import Normal
 from drake_quad.scenario.files.loading import load_undesigned
-from drake_quad.scenario.paths import distributions_in, value_at
+from drake_quad.scenario.paths import distributions_in
 
 # As flights of a Crazyflie give them, or nearly so: value and standard deviation.
 FOUND = {
@@ -142,7 +142,8 @@ def test_what_varies_between_stretches_is_drawn_and_said(base, tmp_path):
     text = text_of(path)
     assert "1.70e-05 kg m² [1.39e-05, 2.01e-05] with 95 % confidence; 1.70e-05 kg m² [" in text
     assert text.count("] in another 8.2 s of flight") == 1
-    assert "say of a number and how it varies among them. Fields" in text
+    assert "say of a number and how it varies among them. Fields that share a variable are correlated." in text
+    assert text.count("correlated.") == 1
 
 
 def test_what_varies_between_flights_is_said_to_be_of_another_flight(base, tmp_path):
@@ -189,19 +190,34 @@ def test_controllers_believe_what_they_did_unless_the_estimates_are_asked_for(ba
     assert vehicle.laboratory.autopilot == load_undesigned(CRAZYFLIE).laboratory.autopilot
 
 
-def test_a_curve_is_believed_where_the_base_believes_in_no_throttles(root, tmp_path):
+def test_a_curve_is_believed_if_it_is_asked_for(root, tmp_path):
+    """Otherwise a base of rotor speeds believes in its full thrust at full throttle."""
     found = estimates_of({f"motors.curve[{place}]": FOUND[f"motors.curve[{place}]"] for place in range(3)})
     sheet = root / "diagrams" / "vehicles" / "crazyflie.yaml"
-    written = write_vehicle(tmp_path / "new.yaml", "new", found, base=sheet)
+    nominal = load_undesigned(write_vehicle(tmp_path / "old.yaml", "old", found, base=sheet)).nominal
+    full = nominal.thrust_factor * nominal.max_rotor_speed**2
+    assert nominal.motors.curve == pytest.approx((0.0, 0.0, full), rel=1e-3)
+    written = write_vehicle(tmp_path / "new.yaml", "new", found, base=sheet, nominal=True)
     vehicle = load_undesigned(written)
     assert vehicle.nominal.motors.curve == pytest.approx((0.0227, 0.0019, 0.1284))
     # Numbers without comments are on one line.
     assert re.search(r"^ +curve: \[0\.0227\d*, 0\.0019\d*, 0\.1284\d*\]$", written.read_text(), re.MULTILINE)
 
 
+def test_a_vehicle_of_rotor_speeds_gets_throttle_motors(root, tmp_path):
+    """A log may determine two of the three numbers. The rotors may turn as fast as the curve says, and stand still."""
+    found = estimates_of({"motors.curve[0]": (0.02, 0.002), "motors.curve[2]": (0.3, 0.006)})
+    base = f"{root / 'diagrams' / 'laboratory.yaml'}:low_wind"
+    assert load_undesigned(base).vehicle.min_rotor_speed > 0.0
+    vehicle = load_undesigned(write_vehicle(tmp_path / "new.yaml", "new", found, base=base)).vehicle
+    assert [each if isinstance(each, float) else each.normal.mean for each in vehicle.motors.curve] == [0.02, 0.0, 0.3]
+    assert vehicle.min_rotor_speed == 0.0
+    assert vehicle.thrust_factor * vehicle.max_rotor_speed**2 > 1.15 * 0.32
+
+
 def test_the_voltage_of_a_curve_is_written_with_it(base, tmp_path):
     found = estimates_of({f"motors.curve[{place}]": FOUND[f"motors.curve[{place}]"] for place in range(3)})
-    written = write_vehicle(tmp_path / "new.yaml", "new", found, base=base, voltage=3.85)
+    written = write_vehicle(tmp_path / "new.yml", "new", found, base=f"{base}:crazyflie_onboard", voltage=3.85)
     motors = load_undesigned(written).vehicle.motors
     assert (motors.kind, motors.voltage) == ("throttle", 3.85)
     assert motors.curve[2].normal.mean == pytest.approx(0.1284)
@@ -280,6 +296,17 @@ def test_distributions_keep_to_what_a_vehicle_can_be(vehicle):
     assert all(isinstance(value, Normal) for value in found.values())
 
 
+def test_limits_are_not_beyond_a_mean_that_is_known_very_well(base, tmp_path):
+    """Limits have four digits, which round the larger one down and the smaller one up here."""
+    found = {"rotor_time_constant": (0.07123412345, 1e-9), "thrust_factor_error[2]": (0.01234678912, 1e-9)}
+    drawn = distributions_in(
+        load_undesigned(write_vehicle(tmp_path / "sure.yaml", "sure", estimates_of(found), base=base))
+    )
+    for path, value in zip(("rotor_time_constant", "thrust_factor_error.rotor_3"), found.values(), strict=True):
+        bell = drawn[f"vehicle.{path}"].normal
+        assert bell.mean == pytest.approx(value[0], rel=1e-9)
+
+
 GAINS = (
     "{attitude: null, network: null, position: {kind: pd, feed_forward: acceleration, k_p: [6.1, 6.7, 6.8],"
     " k_d: [3.5, 3.5, 3.9]}}"
@@ -315,18 +342,6 @@ def test_it_is_drawn_from_in_a_study(loop, vehicle):
     assert np.corrcoef(curve[1:])[0, 1] < -0.95
 
 
-def test_numbers_alone_can_be_written(estimates, base, tmp_path):
-    path = write_vehicle(
-        tmp_path / "plain.yml", "plain", estimates, base=f"{base}:crazyflie_onboard", distributions=False
-    )
-    plain = load_undesigned(path)
-    assert distributions_in(plain) == {}
-    for name, value in zip(estimates.names, estimates.values, strict=True):
-        if name not in NOT_DRAWN:
-            assert value_at(plain, scenario_path(name)) == pytest.approx(value, rel=1e-5)
-    assert "share" not in path.read_text().replace("Fields that share", "")
-
-
 def test_an_attitude_s_response_takes_the_place_of_what_is_on_board(root, tmp_path):
     """With what it needs beside it, and without what is in it."""
     found = {
@@ -342,7 +357,9 @@ def test_an_attitude_s_response_takes_the_place_of_what_is_on_board(root, tmp_pa
     assert scenario.control.attitude is None
     with pytest.raises(InputError, match=r"autopilot\.damping must be estimated, too"):
         write_vehicle(tmp_path / "half.yaml", "half", estimates_of(dict([*found.items()][:3])), base=base)
-    with pytest.raises(InputError, match=r"autopilot\.damping\[2\] is not estimated, and what the vehicle extends has"):
+    with pytest.raises(
+        InputError, match=r"autopilot\.damping\[2\] must be estimated, too: what the vehicle extends has none"
+    ):
         write_vehicle(tmp_path / "half.yaml", "half", estimates_of(dict([*found.items()][:5])), base=base)
 
 
@@ -390,12 +407,10 @@ def test_what_a_base_draws_is_still_drawn(base, tmp_path):
     assert "shared" not in (tmp_path / "new.yaml").read_text()
 
 
-@pytest.mark.parametrize("distributions", [True, False])
-def test_an_impossible_inertia_is_written_as_the_nearest_possible_one_with_a_remark(base, tmp_path, distributions):
+def test_an_impossible_inertia_is_written_as_the_nearest_possible_one_with_a_remark(base, tmp_path):
     """The estimates of I_xx and I_yy are too small for the I_zz of the base, by more than rounding."""
     found = {"inertia[0]": (1.3e-5, 1e-6), "inertia[1]": (1.2e-5, 1e-6)}
-    options = {"base": base, "distributions": distributions, "nominal": True}
-    path = write_vehicle(tmp_path / "new.yaml", "new", estimates_of(found), **options)
+    path = write_vehicle(tmp_path / "new.yaml", "new", estimates_of(found), base=base, nominal=True)
     excess = 2.98e-5 - 2.5e-5
     expected = [1.3e-5 + excess / 3, 1.2e-5 + excess / 3, 2.98e-5 - excess / 3]
     vehicle = load_undesigned(path)
@@ -418,7 +433,7 @@ def test_an_impossible_inertia_is_written_as_the_nearest_possible_one_with_a_rem
         (
             {"motors.curve[0]": (0.03, 0.1)},
             {},
-            "motors.curve[1] is not estimated, and what the vehicle extends has none",
+            "motors.curve[2] must be estimated, too: what the vehicle extends has none",
         ),
     ],
 )
@@ -475,11 +490,10 @@ def test_what_was_given_is_put_where_it_belongs_unless_it_was_identified():
 @pytest.mark.parametrize(
     ("value", "written", "said"), [(-0.3, 0.0, True), (-0.04, 0.0, False), (0.04, 0.04, False), (0.3, 0.3, False)]
 )
-@pytest.mark.parametrize("drawn", [False, True])
-def test_a_number_beyond_its_limit_is_written_as_the_limit_which_is_said(value, written, said, drawn):
+def test_a_number_beyond_its_limit_is_written_as_the_limit_which_is_said(value, written, said):
     """The comment says so if the number is beyond the limit by more than its standard deviation."""
     estimates = Estimates(("linear_drag",), np.array([value]), np.array([[0.05**2]]), 30.0, Source("m", "log"))
-    number = vehicle_file._values(estimates, "v", drawn)["linear_drag"]
-    assert (number["normal"]["mean"] if drawn else number) == written
+    number = vehicle_file._values(estimates, "v")["linear_drag"]
+    assert number["normal"]["mean"] == written
     comment = vehicle_file._comment(estimates, "linear_drag", number)
     assert comment.endswith("; the estimate is outside the limits of the language, and the limit is written") == said

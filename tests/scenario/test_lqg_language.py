@@ -83,7 +83,7 @@ def test_a_cascade_s_own_mistakes_are_told_as_before():
         load("control.thrust_vectoring.max_tilt=2", layers=())
     with pytest.raises(InputError, match=r"mass is unknown; .*did you mean nominal\.mass or vehicle\.mass"):
         load("mass=2", layers=())
-    with pytest.raises(InputError, match=r"max_tilt is unknown; .*did you mean control\.max_tilt"):
+    with pytest.raises(InputError, match=r"max_tilt is unknown; .*did you mean control\.max_tilt\?"):
         load("max_tilt=2", layers=())
 
 

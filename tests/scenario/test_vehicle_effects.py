@@ -13,6 +13,7 @@ from pydrake.systems.primitives import FirstOrderTaylorApproximation
 
 from drake_quad import InputError, load_scenario
 from drake_quad.geometry.axes import Vector
+from drake_quad.identification.results.estimates import declaration_of
 from drake_quad.linear.vehicle_model import find_trim
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.effects.effect import EFFECTS, AirLoadEffect, VehicleEffect
@@ -217,7 +218,10 @@ def test_an_effect_of_a_user_flies_wired_and_compiled(ceiling):
 def test_an_effect_of_a_user_is_part_of_the_language(ceiling):
     EFFECTS.remove("ceiling")
     before = load_scenario("hover")
+    with pytest.raises(InputError, match="called 'ceiling.rotor_radius'"):
+        declaration_of("ceiling.rotor_radius")
     EFFECTS.member(ceiling)
+    assert declaration_of("ceiling.rotor_radius").unit == "m"
     assert before.vehicle.effects() == {}
     assert as_believed(before).vehicle.effects() == {}
     assert "CeilingEffect" in file_schema()["$defs"]

@@ -229,8 +229,8 @@ def test_outputs_are_drawn_in_the_unit_of_their_label(unit, factor, shown):
     assert right.lines[-1].get_ydata()[0] == 0.0
 
 
-def test_a_fit_that_is_as_wrong_as_it_is_large_explains_nothing():
-    for share, words in ((-1.0, "nothing explained"), (-0.9, "explained -90.0 %")):
+def test_a_forecast_worse_than_persistence_explains_nothing():
+    for share, words in ((-0.9, "nothing explained"), (0.0, "nothing explained"), (0.001, "explained 0.1 %")):
         _, right = identification_plots.plot_fit(identification("m", share=share)).axes
         assert right.get_title(loc="right") == words
 

@@ -1,12 +1,13 @@
 """Errors of an on-board estimate of the velocity, and the drag that its rate shows.
 
-Where the same estimator logs position p̂ and velocity v̂, the derivative of the position is no independent measurement,
-but position measurements keep it right in the long run. What v̂ has beside it is an error of v̂. Over means of 0.1 s
+If the same estimator logs position p̂ and velocity v̂, the derivative of the position is no independent measurement, but
+position measurements keep it right in the long run. The difference between the two is therefore an error of v̂. In means
+of 0.1 s
 
     v̂ - dp̂/dt = s v + d
 
-with a scale error s on axes along which the vehicle was flown, and a correlated rest d. White noise of the position,
-which adds 14 mm/s for each mm, is no part of d: its variance follows from the scatter of p̂ - ∫ v̂ dt within 20 ms.
+with a scale error s on axes along which the vehicle was flown, and a correlated error d. White noise of the position,
+which adds 14 mm/s for each mm, is not part of d: its variance follows from the scatter of p̂ - ∫ v̂ dt within 20 ms.
 """
 
 from typing import NamedTuple
@@ -73,7 +74,7 @@ def velocity_estimate(record: FlightRecord) -> VelocityEstimate:
         off = seen - true
         share = Spread(0.0, np.nan, "1")
         if true.std() > _MIN_FLOWN_SPEED:
-            share = _share(true, off, blocks)
+            share = _slope(true[:, None], off, blocks, "1")
         rest = off - share.value * true
         noise = (1.0 + share.value) ** 2 * _noise((position[:, axis] - gone)[inside], record, (before, after))
         shares.append(share)
@@ -117,29 +118,26 @@ def linear_drag(record: FlightRecord, scenario: Scenario) -> tuple[Spread, Sprea
     )
     moved = airs.std(axis=1)
     chosen = [axis if moved[axis] > _MIN_SPEED_RATIO * moved.max() else int(np.argmax(moved)) for axis in range(2)]
-    along, across = (_slope(airs[axis], pushes[axis], blocks) for axis in chosen)
+    lines = [np.column_stack([airs[axis], np.ones_like(airs[axis])]) for axis in chosen]
+    along, across = (_slope(rows, pushes[axis], blocks, "N s/m") for rows, axis in zip(lines, chosen, strict=True))
     return along, across
 
 
-def _slope(air: np.ndarray, force: np.ndarray, blocks: np.ndarray) -> Spread:
-    """Return the slope of a line, with the deviation from the scatter of (n,) blocks."""
-    rows = np.column_stack([air, np.ones_like(air)])
+def _slope(rows: np.ndarray, values: np.ndarray, blocks: np.ndarray, unit: str) -> Spread:
+    """Return the first coefficient of least squares, with the deviation from the scatter of blocks.
+
+    Args:
+        rows: (n, k) regressors.
+        values: (n,) values.
+        blocks: (n,) number of the block of each row.
+        unit: unit of the coefficient.
+    """
     inverse = np.linalg.inv(rows.T @ rows)
-    values = inverse @ rows.T @ force
-    left = rows * (force - rows @ values)[:, None]
+    coefficients = inverse @ rows.T @ values
+    left = rows * (values - rows @ coefficients)[:, None]
     scores = np.stack([left[blocks == block].sum(axis=0) for block in np.unique(blocks)])
-    variance, _ = np.diag(len(scores) / (len(scores) - 1) * inverse @ scores.T @ scores @ inverse)
-    slope, _ = values
-    return Spread(float(slope), float(np.sqrt(variance)), "N s/m", len(scores) - 1.0)
-
-
-def _share(true: np.ndarray, off: np.ndarray, blocks: np.ndarray) -> Spread:
-    """Slope through zero, with the deviation by which blocks scatter."""
-    whole = float(true @ true)
-    share = float(true @ off) / whole
-    left = np.array([np.sum((true * (off - share * true))[blocks == block]) for block in np.unique(blocks)])
-    count = len(left)
-    return Spread(share, float(np.sqrt(count / (count - 1) * np.sum(left**2))) / whole, "1")
+    covariance = len(scores) / (len(scores) - 1) * inverse @ scores.T @ scores @ inverse
+    return Spread(float(coefficients[0]), float(np.sqrt(covariance[0, 0])), unit, len(scores) - 1.0)
 
 
 def _steps(record: FlightRecord) -> int:

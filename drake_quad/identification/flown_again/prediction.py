@@ -30,7 +30,7 @@ from drake_quad.errors import InputError, shown
 from drake_quad.identification.delays import delay_of
 from drake_quad.identification.fit import fit
 from drake_quad.identification.logs.attitudes import rotations
-from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.logs.record import QUANTITIES, FlightRecord
 from drake_quad.identification.model import STATE_ROWS
 from drake_quad.identification.prepared_logs import WARM_UP, PreparedLogs, initial_noise, prepare
 from drake_quad.identification.results.estimates import quantile
@@ -48,19 +48,20 @@ _MIN_PAST = 4  # samples of the parabola
 _SETTLE = 0.5  # s, in which the filter settles before a start
 _UNKNOWN = 0.4  # s, after the start of a log the rotors still follow commands from before it
 _MIN_BLOCK = 1.0  # s
-UNITS = {"position": "m", "height": "m", "velocity": "m/s", "climb": "m/s", "attitude": "rad", "body_rates": "rad/s"}
+UNITS = {"height": "m", "climb": "m/s"} | {name: QUANTITIES[name].unit for name in STATE_ROWS}
+"""Unit of each predicted quantity."""
 
 
 @dataclass(frozen=True, eq=False)
 class Predictions:
-    """Errors of vehicles that predict flights.
+    """Prediction errors of vehicles.
 
     Attributes:
-        vehicles: their names.
-        horizons: (h,) s.
+        vehicles: names of the vehicles.
+        horizons: (h,) horizons, s.
         log: (S,) name of the log of each start.
-        time: (S,) of each start, s.
-        errors: (v, h, S) of vehicles at horizons, by the quantity; NaN where a flight ends before the horizon.
+        time: (S,) time of each start, s.
+        errors: (v, h, S) errors of the vehicles at the horizons, by quantity; NaN if a flight ends before the horizon.
     """
 
     vehicles: tuple[str, ...]
@@ -77,7 +78,7 @@ class Predictions:
         mean = float(np.mean(own))
         if mean == 0.0:
             return Interval(0.0, 0.0, 0.0)
-        reach = 0.5 * _reach(_totals(own / mean - 1.0, blocks) / len(own))
+        reach = 0.5 * _reach(own / mean - 1.0, blocks)
         value = math.sqrt(mean)
         return Interval(value, value * math.exp(-reach), value * math.exp(reach))
 
@@ -93,7 +94,7 @@ class Predictions:
         if not own.any():
             return Interval(1.0, 1.0, 1.0)
         difference = own / np.mean(own) - others / np.mean(others)
-        reach = 0.5 * _reach(_totals(difference, blocks) / len(own))
+        reach = 0.5 * _reach(difference, blocks)
         ratio = math.sqrt(float(np.mean(own) / np.mean(others)))
         return Interval(1.0 - ratio, 1.0 - ratio * math.exp(reach), 1.0 - ratio * math.exp(-reach))
 
@@ -114,12 +115,12 @@ class Predictions:
         return found
 
     def starts(self, horizon: float) -> int:
-        """How many starts there are from which the flight goes on as far."""
+        """Return the number of starts after which the flight goes on up to a horizon."""
         errors = next(iter(self.errors.values()))
         return int(np.isfinite(errors[0, self.horizons.index(horizon)]).sum())
 
     def _squares(self, quantity: str, horizon: float, vehicle: str) -> tuple[np.ndarray, np.ndarray]:
-        """Squared errors of a vehicle, and the block of each."""
+        """Return the squared errors of a vehicle, and the number of the block of each."""
         errors = self.errors[quantity][self.vehicles.index(vehicle), self.horizons.index(horizon)]
         there = np.isfinite(errors)
         length = max(_MIN_BLOCK, horizon)
@@ -129,10 +130,10 @@ class Predictions:
 
 
 def joined(parts: Sequence[Predictions]) -> Predictions:
-    """Predictions of several logs as one; quantities that all of them have.
+    """Return the predictions of several logs as one, for the quantities that all of them have.
 
     Raises:
-        InputError: there are none.
+        InputError: if there is no log.
     """
     if not parts:
         raise InputError("there is no log to predict")
@@ -218,17 +219,23 @@ class _Motion(NamedTuple):
     @classmethod
     def at(cls, record: FlightRecord, measured: Sequence[str], starts: np.ndarray, past: int) -> "_Motion":
         """Return the motion at the ends of parabolas through the last samples before each start."""
-        ends = {name: _parabola(record, name, starts, past) for name in measured}
+        at = starts[:, None] + np.arange(1 - past, 1)
+        ends = {}
+        for name in measured:
+            values = np.unwrap(record.of(name), axis=0) if name == "attitude" else record.of(name)
+            ends[name] = _parabolas(record, at, values[at])
         none = np.zeros((3, len(starts)))
         position, velocity, acceleration = ends.get("position", (none, none, none))
         if "velocity" in ends:
             velocity, acceleration, _ = ends["velocity"]
         attitude, *_ = ends.get("attitude", (none, none, none))
+        rates, angular = none, none
         if "body_rates" in ends:
             rates, angular, _ = ends["body_rates"]
-        else:
-            # The rotation from one sample before the start to the start, and how it changes.
-            rates, angular = _body_rates(record, starts, past) if "attitude" in ends else (none, none)
+        elif "attitude" in ends:
+            attitudes = rotations(record.of("attitude"))
+            turned = (attitudes[np.repeat(starts, past)].inv() * attitudes[at.ravel()]).as_rotvec()
+            _, rates, angular = _parabolas(record, at, turned.reshape(*at.shape, 3))
         return cls(np.concatenate([position, attitude, velocity, rates]), acceleration, angular)
 
     def after(self, time: np.ndarray, *, accelerated: bool = False) -> np.ndarray:
@@ -247,27 +254,17 @@ class _Motion(NamedTuple):
         )
 
 
-def _parabola(record: FlightRecord, name: str, starts: np.ndarray, past: int) -> tuple[np.ndarray, ...]:
-    """Return value, rate and acceleration (3, S) at ends of parabolas through the last samples before each start."""
-    values = record.of(name)
-    if name == "attitude":
-        values = np.unwrap(values, axis=0)
-    at = starts[:, None] + np.arange(1 - past, 1)
-    time = record.time[at] - record.time[starts][:, None]
-    inverse = np.linalg.pinv(np.stack([np.ones_like(time), time, 0.5 * time**2], axis=2))
-    return tuple(np.moveaxis(inverse @ values[at], 0, 2))
+def _parabolas(record: FlightRecord, at: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return value, rate and acceleration (3, S) at the ends of parabolas.
 
-
-def _body_rates(record: FlightRecord, starts: np.ndarray, past: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return body rates and angular accelerations (3, S) from parabolas through the rotations before each start."""
-    attitudes = rotations(record.of("attitude"))
-    at = starts[:, None] + np.arange(1 - past, 1)
-    last = attitudes[np.repeat(starts, past)]
-    turned = (last.inv() * attitudes[at.ravel()]).as_rotvec().reshape(len(starts), past, 3)
-    time = record.time[at] - record.time[starts][:, None]
+    Args:
+        record: record that contains the samples.
+        at: (S, past) numbers of the samples of each parabola.
+        values: (S, past, 3) values of the samples.
+    """
+    time = record.time[at] - record.time[at[:, -1:]]
     inverse = np.linalg.pinv(np.stack([np.ones_like(time), time, 0.5 * time**2], axis=2))
-    _, rates, angular = np.moveaxis(inverse @ turned, 0, 2)
-    return rates, angular
+    return tuple(np.moveaxis(inverse @ values, 0, 2))
 
 
 def _flown(
@@ -336,12 +333,17 @@ def _errors(
     return {quantity: np.stack(errors) for quantity, errors in found.items()}
 
 
-def _totals(values: np.ndarray, blocks: np.ndarray) -> np.ndarray:
-    return np.bincount(blocks, weights=values)
+def _reach(values: np.ndarray, blocks: np.ndarray) -> float:
+    """Return half of the length of the interval of a mean.
 
+    Args:
+        values: (n,) values minus their mean.
+        blocks: (n,) number of the block of each value, within which values are correlated.
 
-def _reach(totals: np.ndarray) -> float:
-    """Half of the interval of a sum of blocks; endless if there is one."""
+    Returns:
+        Half of the length; infinite for a single block.
+    """
+    totals = np.bincount(blocks, weights=values) / len(values)
     count = len(totals)
     if count < 2:
         return math.inf

@@ -8,6 +8,7 @@ fault whose repair makes the log agree best is reported. What then agrees is com
 
 import math
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -255,20 +256,11 @@ def _pairs(
     return found
 
 
-def _position_and_velocity(grid: _Grid) -> tuple[_Pair, int]:
-    return _derivative(grid, "position", "velocity")
-
-
-def _references(grid: _Grid) -> tuple[_Pair, int]:
-    # References are held between setpoints, which shifts them by half a period.
-    pair, width = _derivative(grid, "reference_position", "reference_velocity")
-    return pair._replace(is_exact=False), width
-
-
-def _derivative(grid: _Grid, position: str, velocity: str) -> tuple[_Pair, int]:
+def _derivative(position: str, velocity: str, grid: _Grid, *, is_exact: bool = True) -> tuple[_Pair, int]:
     width = grid.samples(_TRANSLATION_WINDOW)
     expected, measured = grid.rate(grid.signals[position], width), grid.mean(grid.signals[velocity], width)
-    return _Pair(velocity, f"the derivative of {position}", expected, measured, 0.05, AXES[velocity]), width
+    what = f"the derivative of {position}"
+    return _Pair(velocity, what, expected, measured, 0.05, AXES[velocity], is_exact=is_exact), width
 
 
 def _attitude_and_rates(grid: _Grid) -> tuple[_Pair, int]:
@@ -334,49 +326,40 @@ def _tilt(grid: _Grid) -> tuple[_Pair, int]:
     return _Pair("attitude", what, expected, measured, 0.2, ("x", "y"), is_exact=False), width
 
 
-def _attitude_command(grid: _Grid) -> tuple[_Pair, int]:
-    return _response(grid, "attitude_command", "attitude", 0.03, 2)
-
-
-def _rate_command(grid: _Grid) -> tuple[_Pair, int]:
-    return _response(grid, "body_rate_command", "body_rates", 0.1, 3)
-
-
-def _position_command(grid: _Grid) -> tuple[_Pair, int]:
-    return _response(grid, "reference_position", "position", 0.1, 3)
-
-
-def _response(grid: _Grid, command: str, signal: str, threshold: float, columns: int) -> tuple[_Pair, int]:
+def _response(command: str, signal: str, threshold: float, columns: int, grid: _Grid) -> tuple[_Pair, int]:
     """Return the pair of a command and the signal that follows it, at the response time at which they fit best."""
     width = grid.samples(_ROTATION_WINDOW)
     commanded, followed = (grid.mean(grid.signals[each][:, :columns], width) for each in (command, signal))
-    best, best_fit = 0, -1.0
+    best, best_fit = (followed, commanded), -1.0
     for delay in range(0, min(round(_MAX_RESPONSE_TIME / grid.step), len(followed) // 2), width):
-        early, late = commanded[: len(commanded) - delay], followed[delay:]
-        early, late = early - early.mean(axis=0), late - late.mean(axis=0)
+        pair = followed[delay:], commanded[: len(commanded) - delay]
+        late, early = (values - values.mean(axis=0) for values in pair)
         # The absolute value makes the choice independent of the sign of the command.
         norms = np.sqrt(np.sum(early**2, axis=0) * np.sum(late**2, axis=0))
         fit = float(np.sum(np.abs(np.sum(early * late, axis=0)) / np.maximum(norms, _TINY)))
         if fit > best_fit:
-            best, best_fit = delay, fit
-    expected, measured = followed[best:], commanded[: len(commanded) - best]
-    return _Pair(command, signal, expected, measured, threshold, AXES[signal][:columns], is_exact=False), width
+            best, best_fit = pair, fit
+    return _Pair(command, signal, *best, threshold, AXES[signal][:columns], is_exact=False), width
 
 
 _MOTION = ("position", "velocity")
 # Comparisons with the signals that they need, one of each group.
-_COMPARISONS = [
-    (_position_and_velocity, (("position",), ("velocity",))),
+_COMPARISONS: list[tuple[Callable[[_Grid], tuple[_Pair, int]], tuple[tuple[str, ...], ...]]] = [
+    (partial(_derivative, "position", "velocity"), (("position",), ("velocity",))),
     (_attitude_and_rates, (("attitude",), ("body_rates",))),
     (_horizontal_force, (("attitude",), _MOTION, ("specific_force",))),
     (_vertical_force, (("attitude",), _MOTION, ("specific_force",))),
     (_force_in_body, (("attitude",), _MOTION, ("specific_force",))),
     (_size_of_force, (("specific_force",),)),
     (_tilt, (("attitude",), _MOTION)),
-    (_references, (("reference_position",), ("reference_velocity",))),
-    (_position_command, (("reference_position",), ("position",))),
-    (_attitude_command, (("attitude_command",), ("attitude",))),
-    (_rate_command, (("body_rate_command",), ("body_rates",))),
+    # References are held between setpoints, which shifts them by half a period.
+    (
+        partial(_derivative, "reference_position", "reference_velocity", is_exact=False),
+        (("reference_position",), ("reference_velocity",)),
+    ),
+    (partial(_response, "reference_position", "position", 0.1, 3), (("reference_position",), ("position",))),
+    (partial(_response, "attitude_command", "attitude", 0.03, 2), (("attitude_command",), ("attitude",))),
+    (partial(_response, "body_rate_command", "body_rates", 0.1, 3), (("body_rate_command",), ("body_rates",))),
 ]
 
 

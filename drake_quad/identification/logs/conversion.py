@@ -1,4 +1,4 @@
-"""From the columns of a log to a record: units, frames, one clock."""
+"""Conversion of the columns of a log to a record: units, frames, and one clock."""
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
@@ -12,43 +12,40 @@ from drake_quad.identification.logs.attitudes import rotations
 from drake_quad.identification.logs.consistency import contradictions
 from drake_quad.identification.logs.doubts import doubts, jumps
 from drake_quad.identification.logs.mapping import ATTITUDES, Mapping, SignalSource
-from drake_quad.identification.logs.record import COLUMNS, FlightRecord
+from drake_quad.identification.logs.record import COLUMNS, QUANTITIES, FlightRecord
 from drake_quad.identification.logs.timing import rising, timing_remarks
-from drake_quad.identification.logs.units import QUANTITIES, UNITS
+from drake_quad.identification.logs.units import UNITS
 from drake_quad.scenario.files.marked_tree import Mark
 
-# Signals that hold until the next sample; the others are measured and lie on lines between their samples.
+# Signals that hold until the next sample. The others are measured, and are interpolated linearly between samples.
 _HELD = ("motor_command", "thrust_share", "battery_voltage")
 _ANGLES = (*ATTITUDES, "reference_yaw")
-# Signals that change slowly: at the ends of a log they are what they are at their first or last sample.
+# Signals that change slowly. Before their first sample and after their last one, they keep its value.
 _SLOW = ("battery_voltage", "wind", "hover_share")
-# Half a turn about x makes NED NWU, and FRD FLU.
+# Half a turn about x converts NED to NWU, and FRD to FLU.
 _TURNED = ("NED", "FRD")
 _HALF_TURN = np.array([1.0, -1.0, -1.0])
 _QUATERNION_TURN = np.array([1.0, 1.0, -1.0, -1.0])
-# A quaternion that is so much shorter or longer than 1 is none: many logs begin with zeros.
-_UNIT_LENGTH = 0.5, 2.0
+# Lengths of valid quaternions. Many logs begin with zeros.
+_MIN_QUATERNION, _MAX_QUATERNION = 0.5, 2.0
 # Plausible range of a motor command, relative to the full command. It is wide since a log need not state the range.
 _COMMAND_RANGE = (-0.5, 1.5)
 # Range of a command that was logged with 16 bits, with a tolerance for rounding.
 _COMMAND_RANGE_16_BITS = (-1e-3, 1.001)
-# A signal that is there for a smaller share of the time is left out.
-_LEAST_COVERAGE = 0.5
-# More than any unit has in flight: it is no number.
-_LARGEST = 1e9
-# Names of columns in one sentence.
-_MOST_NAMES = 6
+_MIN_COVERAGE = 0.5  # share of the time; a signal that is logged for less is left out
+_MAX_VALUE = 1e9  # in any unit; larger values are damaged
+_MAX_NAMES = 6  # of columns in one sentence
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Columns of a log over one clock: a CSV file, a topic or an event type.
+    """Columns of a log on one clock: a CSV file, a topic or an event type.
 
     Attributes:
-        name: of the topic or event type.
-        time: (n,) when a row was written, s.
-        columns: (n,) or (n, width) by name; what is no number is NaN.
-        sampled: (n,) when what was measured was measured, if the log says so, s.
+        name: name of the topic or event type.
+        time: (n,) times at which the rows were written, s.
+        columns: (n,) or (n, width) values by name; NaN for a cell that is no number.
+        sampled: (n,) times of the measurements, s; None if they are not logged.
     """
 
     name: str
@@ -58,23 +55,21 @@ class Table:
 
 
 class _Channel(NamedTuple):
-    """A signal on its own clock.
+    """Signal on its own clock.
 
     Attributes:
-        signal: its name.
-        clock: of the table; the same object for all that share it.
-        rows: numbers of the rows of the clock at which it is known.
-        values: (rows, columns).
-        origin: where it is from, as part of a sentence.
-        crossed: True if it is along the axes of the world and the signal along those of the body, or vice versa.
+        signal: name of the signal.
+        clock: clock of the table; the same object for all signals that share it.
+        rows: numbers of the rows of the clock in which the signal is known.
+        values: (rows, columns) values.
+        source: source that it is read from.
     """
 
     signal: str
     clock: np.ndarray
     rows: np.ndarray
     values: np.ndarray
-    origin: str
-    crossed: bool
+    source: SignalSource
 
     @property
     def time(self) -> np.ndarray:
@@ -82,19 +77,19 @@ class _Channel(NamedTuple):
 
     @property
     def whole(self) -> bool:
-        """Is it known at each tick of its clock?"""
+        """True if the signal is known in each row of its clock."""
         return len(self.rows) == len(self.clock)
 
 
 class _Clocks:
-    """The clocks of the tables, with rising times."""
+    """Clocks of the tables, with rising times."""
 
     def __init__(self) -> None:
         self._known: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         self.remarks: list[str] = []
 
     def of(self, table: Table, signal: str) -> tuple[np.ndarray, np.ndarray]:
-        """Rising times for a signal, and the numbers of the rows that have them."""
+        """Return the rising times for a signal, and the numbers of the rows that have them."""
         time = table.time if table.sampled is None or is_held(signal) else table.sampled
         if id(time) not in self._known:
             kept, remarks = rising(time)
@@ -105,7 +100,7 @@ class _Clocks:
 
 
 def is_held(signal: str) -> bool:
-    """Does a signal hold until its next sample, as commands do?"""
+    """Return whether a signal holds until its next sample, as commands do."""
     return signal in _HELD or signal.endswith("_command") or signal.startswith("reference_")
 
 
@@ -159,9 +154,6 @@ def record_of(
     if inside.sum() < 2:
         raise InputError(f"{mark}: its signals have less than two samples in common")
     time = clock[inside]
-    used = {
-        each for signal in (channel.signal for channel in chosen) for each in _read_names(signal, mapping, available)
-    }
     signals: dict[str, Any] = {channel.signal: _at(channel, clock, inside) for channel in chosen}
     notes += _turn_crossed(signals, chosen)
     if not signals:
@@ -193,7 +185,10 @@ def record_of(
             ),
             *doubts(signals, time - time[0]),
             *contradictions(signals, time),
-            *_unread(available - ({mapping.time.column} if mapping.time else set()), used),
+            *_unread(
+                available - ({mapping.time.column} if mapping.time else set()),
+                {each for channel in chosen for each in channel.source.names},
+            ),
         ),
     )
 
@@ -231,13 +226,13 @@ def _channels(signal: str, mapping: Mapping, tables: Sequence[Table], clocks: _C
                 values = _values(signal, source, table)[numbers]
             if signal == "motor_command":
                 values = np.clip(values, 0.0, 1.0)
-            rows = np.flatnonzero((np.abs(values) < _LARGEST).all(axis=1))
+            rows = np.flatnonzero((np.abs(values) < _MAX_VALUE).all(axis=1))
             if len(rows) > 1:
-                yield _Channel(signal, clock, rows, values[rows], _origin(source), source.is_crossed(signal))
+                yield _Channel(signal, clock, rows, values[rows], source)
 
 
 def _values(signal: str, source: SignalSource, table: Table) -> np.ndarray:
-    """(n, columns) of a signal in SI and our frames; NaN where it is not known."""
+    """Return the values (n, columns) of a signal in SI units and the frames of a record; NaN where it is not known."""
     length = len(table.time)
     if source.column is not None:
         values = table.columns[source.column].reshape(length, -1).astype(float)
@@ -263,11 +258,10 @@ def _values(signal: str, source: SignalSource, table: Table) -> np.ndarray:
 
 
 def _roll_pitch_yaw(values: np.ndarray, source: SignalSource) -> np.ndarray:
-    """Roll, pitch and yaw of quaternions, in our frames; NaN where there is none."""
+    """Return roll, pitch and yaw (n, 3) of quaternions (n, 4) in the frames of a record; NaN for invalid ones."""
     quaternion = values if source.quaternion == "wxyz" else np.roll(values, 1, axis=1)
     length = np.linalg.norm(quaternion, axis=1, keepdims=True)
-    low, high = _UNIT_LENGTH
-    valid = (length > low) & (length < high)
+    valid = (length > _MIN_QUATERNION) & (length < _MAX_QUATERNION)
     unit = np.divide(quaternion, length, out=np.full_like(quaternion, np.nan), where=valid)
     if source.frame in _TURNED:
         unit = unit * _QUATERNION_TURN
@@ -282,22 +276,22 @@ def _roll_pitch_yaw(values: np.ndarray, source: SignalSource) -> np.ndarray:
 
 
 def _fastest(channels: Sequence[_Channel]) -> np.ndarray:
-    """The clock with the smallest median step, of those that measure if there are any."""
+    """Return the clock with the smallest median step, of those with measurements if there are any."""
     measured = [channel for channel in channels if not is_held(channel.signal)] or channels
     longest = max(channel.time[-1] - channel.time[0] for channel in measured)
-    lasting = [each for each in measured if each.time[-1] - each.time[0] >= _LEAST_COVERAGE * longest]
+    lasting = [each for each in measured if each.time[-1] - each.time[0] >= _MIN_COVERAGE * longest]
     return min((channel.clock for channel in lasting), key=lambda clock: float(np.median(np.diff(clock))))
 
 
 def _covering(channels: Sequence[_Channel], clock: np.ndarray) -> tuple[list[_Channel], list[str]]:
-    """The signals that are there for enough of the time, and sentences on the others."""
+    """Return the signals that are logged for enough of the time, and sentences on the others."""
     chosen, remarks = [], []
     span = clock[-1] - clock[0]
     for channel in channels:
         end = clock[-1] if is_held(channel.signal) else min(channel.time[-1], clock[-1])
         share = 1.0 if channel.signal in _SLOW else (end - max(channel.time[0], clock[0])) / span
         known = len(channel.rows) / len(channel.clock)
-        if min(share, known) >= _LEAST_COVERAGE:
+        if min(share, known) >= _MIN_COVERAGE:
             chosen.append(channel)
         else:
             remarks.append(
@@ -307,7 +301,7 @@ def _covering(channels: Sequence[_Channel], clock: np.ndarray) -> tuple[list[_Ch
 
 
 def _common(channels: Sequence[_Channel], clock: np.ndarray) -> tuple[np.ndarray, list[str]]:
-    """Which ticks of the clock have all signals, and sentences on the others."""
+    """Return a mask of the ticks of the clock that have all signals, and sentences on the others."""
     channels = [channel for channel in channels if channel.signal not in _SLOW] or channels
     latest = max(channels, key=lambda channel: channel.time[0])
     measured = [channel for channel in channels if not is_held(channel.signal)]
@@ -325,7 +319,7 @@ def _common(channels: Sequence[_Channel], clock: np.ndarray) -> tuple[np.ndarray
 
 
 def _at(channel: _Channel, clock: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    """The values of a signal at the chosen ticks of the clock."""
+    """Return the values of a signal at the chosen ticks of the clock."""
     if channel.clock is clock and channel.whole:
         values = channel.values[inside]
     else:
@@ -347,7 +341,7 @@ def _turn_crossed(signals: dict[str, Any], channels: Sequence[_Channel]) -> Iter
     Yield a sentence on each.
     """
     for channel in channels:
-        if not channel.crossed:
+        if not channel.source.is_crossed(channel.signal):
             continue
         to_world = QUANTITIES[channel.signal].frame == "W"
         of, to = ("body", "world") if to_world else ("world", "body")
@@ -360,29 +354,29 @@ def _turn_crossed(signals: dict[str, Any], channels: Sequence[_Channel]) -> Iter
             yield f"{channel.signal} is left out: it is along the axes of the {of}, and no attitude is logged"
 
 
-def _origin(source: SignalSource) -> str:
-    names = source.names
-    return _range(names) + (f" ({source.unit})" if source.unit else "")
-
-
 def _range(names: Sequence[str]) -> str:
     return f"{names[0]} to {names[-1]}" if len(names) > 1 else "".join(names)
 
 
 def _origin_remarks(channels: Sequence[_Channel]) -> Iterator[str]:
-    yield "read: " + "; ".join(f"{channel.signal} from {channel.origin}" for channel in channels)
+    origins = [
+        f"{channel.signal} from {_range(channel.source.names)}"
+        + (f" ({channel.source.unit})" if channel.source.unit else "")
+        for channel in channels
+    ]
+    yield f"read: {'; '.join(origins)}"
 
 
 def _resampling_remarks(channels: Sequence[_Channel], clock: np.ndarray) -> Iterator[str]:
-    moved = [channel for channel in channels if channel.clock is not clock]
-    for held, how in ((False, "put on the clock on lines between their samples"), (True, "held on the clock")):
+    rate = f"{1.0 / float(np.median(np.diff(clock))):.4g} Hz"
+    for held, how in ((False, "interpolated linearly"), (True, "held constant between their samples")):
         rates = [
             f"{channel.signal} ({1.0 / float(np.median(np.diff(channel.time))):.3g} Hz)"
-            for channel in moved
-            if is_held(channel.signal) is held
+            for channel in channels
+            if channel.clock is not clock and is_held(channel.signal) is held
         ]
         if rates:
-            yield f"{how}, which has {1.0 / float(np.median(np.diff(clock))):.4g} Hz: {', '.join(rates)}"
+            yield f"{how}, since the record has {rate}: {', '.join(rates)}"
 
 
 def _missing_remarks(channels: Sequence[_Channel]) -> Iterator[str]:
@@ -405,26 +399,19 @@ def _why_not(signal: str, mapping: Mapping, available: set[str]) -> Iterator[str
             return
 
 
-def _read_names(signal: str, mapping: Mapping, available: set[str]) -> tuple[str, ...]:
-    for source in mapping.signals[signal]:
-        if available.issuperset(source.names):
-            return source.names
-    return ()
-
-
 def _unread(available: set[str], used: set[str]) -> Iterator[str]:
-    """A sentence on what is logged and read as no signal: groups of columns by what is before the first dot."""
+    """Yield a sentence on the columns that are not read, in groups by the part of the name before the first dot."""
     groups: dict[str, list[str]] = {}
     for each in sorted(available - used):
         groups.setdefault(_group(each), []).append(each)
     parts = []
     for group, members in groups.items():
-        if len(members) <= (_MOST_NAMES if any(_group(each) == group for each in used) else 1):
+        if len(members) <= (_MAX_NAMES if any(_group(each) == group for each in used) else 1):
             parts += members
         else:
             parts.append(f"{'the rest of ' if any(_group(each) == group for each in used) else ''}{group}")
     if parts:
-        yield f"not read: {listed(parts, 4 * _MOST_NAMES)}"
+        yield f"not read: {listed(parts, 4 * _MAX_NAMES)}"
 
 
 def _group(name: str) -> str:

@@ -29,8 +29,8 @@ from pydantic import BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from drake_quad.errors import InputError, listed, shown
-from drake_quad.identification.logs.record import COLUMNS
-from drake_quad.identification.logs.units import QUANTITIES, UNITS
+from drake_quad.identification.logs.record import COLUMNS, QUANTITIES
+from drake_quad.identification.logs.units import UNITS
 from drake_quad.scenario.distributions import Model, Real
 from drake_quad.scenario.files.library import Library
 from drake_quad.scenario.files.loading import validated

@@ -140,24 +140,21 @@ def status_remarks(topics: Mapping[str, _Data], start: int) -> Iterator[str]:
                 f" {seconds(data, rows[0]):.4g} s of the log; the estimate jumps there"
             )
     yield from _failsafes(topics.get("vehicle_status", {}), seconds)
-    estimator = topics.get("estimator_status", {})
-    for field, what in (
-        ("filter_fault_flags", "numerical faults"),
-        ("innovation_check_flags", "measurements that the estimator rejects"),
+    estimator, local = topics.get("estimator_status", {}), topics.get("vehicle_local_position", {})
+    reckoned = np.logical_and(local.get("dead_reckoning", False), local.get("xy_valid", False))
+    for data, flags, what in (
+        (estimator, estimator.get("filter_fault_flags", ()), "estimator_status has numerical faults"),
+        (
+            estimator,
+            estimator.get("innovation_check_flags", ()),
+            "estimator_status has measurements that the estimator rejects",
+        ),
+        (local, reckoned, "the position comes from dead reckoning"),
     ):
-        rows = np.flatnonzero(estimator.get(field, ()))
+        rows = np.flatnonzero(flags)
         if len(rows):
-            share, first = len(rows) / len(estimator["timestamp"]), seconds(estimator, rows[0])
-            yield f"estimator_status has {what} in {share:.2%} of its samples, first at {first:.4g} s of the log"
-    local = topics.get("vehicle_local_position", {})
-    if "dead_reckoning" in local and "xy_valid" in local:
-        rows = np.flatnonzero(local["dead_reckoning"].astype(bool) & local["xy_valid"].astype(bool))
-        if len(rows):
-            share, first = len(rows) / len(local["timestamp"]), seconds(local, rows[0])
-            yield (
-                f"the position comes from dead reckoning in {share:.2%} of its samples, first at {first:.4g} s of the"
-                " log"
-            )
+            share, first = len(rows) / len(data["timestamp"]), seconds(data, rows[0])
+            yield f"{what} in {share:.2%} of its samples, first at {first:.4g} s of the log"
     yield from _end(topics)
 
 

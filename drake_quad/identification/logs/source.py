@@ -6,10 +6,15 @@ import lzma
 import os
 import re
 import zlib
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 from typing import IO, Any, NamedTuple
 
-from drake_quad.errors import InputError
+import numpy as np
+
+from drake_quad.errors import InputError, shortened
+from drake_quad.extras import needed
 from drake_quad.scenario.files.marked_tree import Mark
 from drake_quad.scenario.files.reading import opened
 
@@ -68,6 +73,51 @@ class LogFile(NamedTuple):
         """The name of the file without what says how it is packed and written."""
         path = self.path.with_suffix("") if self.path.suffix in _PACKED_SUFFIXES else self.path
         return path.stem if _LOG_SUFFIX.fullmatch(path.suffix) else path.name
+
+    def records(self, layout: np.dtype, offsets: Sequence[int] | np.ndarray) -> np.ndarray:
+        """Return the packed records (n,) at some offsets, as a structured array."""
+        windows = np.lib.stride_tricks.sliding_window_view(np.frombuffer(self.data, np.uint8), layout.itemsize)
+        return np.ascontiguousarray(windows[offsets]).view(layout)[:, 0]
+
+    def library(self, module: str, extra: str) -> Any:
+        """Return a module of an optional library that reads the file.
+
+        Raises:
+            InputError: if the library is not installed.
+        """
+        try:
+            return needed(module, extra)
+        except ImportError as error:
+            raise InputError(f"{self.mark}: cannot be read: {error}") from None
+
+    def read_by_library(self, what: str, read: Callable[[], Any]) -> Any:
+        """Read the file with a library, and convert its exceptions to one sentence.
+
+        Args:
+            what: name of the format with an article.
+            read: function that calls the library.
+
+        Raises:
+            InputError: if the library fails.
+        """
+        try:
+            return read()
+        except InputError:
+            raise
+        except Exception as error:  # libraries raise any exception on a damaged log
+            raise InputError(f"{self.mark}: is {what} that cannot be read: {reason_of(error)}") from None
+
+    def read_from_disk(self, suffix: str, read: Callable[[Path], Any]) -> Any:
+        """Return the result of a function of a path, for a library that reads files and not bytes."""
+        with NamedTemporaryFile(suffix=suffix) as file:
+            file.write(self.data)
+            file.flush()
+            return read(Path(file.name))
+
+
+def reason_of(error: Exception) -> str:
+    """Return the message of a library's exception as part of a sentence."""
+    return shortened(" ".join(str(error).split()) or type(error).__name__)
 
 
 def read_file(path: Path) -> LogFile:

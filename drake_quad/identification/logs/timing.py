@@ -1,58 +1,26 @@
-"""The clock of a log: what is wrong with it, what is done about that, and the parts between its gaps."""
+"""The clock of a log: samples whose times rise, and gaps."""
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.identification.logs.record import FlightRecord
-
-# A step that is so many times as long as the median is a gap: a sample late by one period is none.
-GAP = 3.0
-# Thirty thousand years, s: no clock shows it.
-_LATEST = 1e12
-# A standard deviation of the steps that is a larger share of the median is worth a remark.
-_JITTER = 0.05
+_GAP = 3.0  # times the median step; a sample that is late by one period is no gap
+_MAX_TIME = 1e12  # s, thirty thousand years
+_JITTER = 0.05  # standard deviation of the steps, relative to the median, that is worth a remark
 
 
-class Clock(NamedTuple):
-    """What remains of a clock.
+def rising(time: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """Return a mask (n,) of samples whose times rise, and sentences on the others.
 
-    Attributes:
-        kept: (n,) True for the samples that stay: their times rise.
-        remarks: sentences on what was wrong.
-    """
-
-    kept: np.ndarray
-    remarks: tuple[str, ...]
-
-
-class Gap(NamedTuple):
-    """A step of a clock that is too long.
-
-    Attributes:
-        after: the number of the sample before it.
-        start: s.
-        length: s.
-    """
-
-    after: int
-    start: float
-    length: float
-
-
-def rising(time: np.ndarray) -> Clock:
-    """Chooses samples whose times rise, as many as the clock allows.
-
-    A sample is left out whose time is no number, repeats that of the sample before, or is out of order. What is out of
-    order is either late, after a later time, or early, before an earlier one: a clock that once runs ahead is early,
-    one that is set back makes all that follows late until it has caught up. Of the two the choice falls on that which
-    leaves out less.
+    A sample is left out if its time is not a number, repeats that of the sample before, or is out of order. It is late
+    if an earlier sample has a later time, and early if a later sample has an earlier time. A clock that jumps ahead
+    once has an early sample, and a clock that is set back has late samples until it has caught up. Either the late or
+    the early samples are left out, whichever are fewer.
 
     Args:
-        time: (n,) as logged, s.
+        time: (n,) logged times, s.
     """
-    kept = np.abs(time) < _LATEST
+    kept = np.abs(time) < _MAX_TIME
     remarks = []
     if not kept.all():
         remarks.append(f"{_samples(~kept)} left out: their time is no number")
@@ -77,60 +45,33 @@ def rising(time: np.ndarray) -> Clock:
         )
     chosen = np.zeros(len(time), dtype=bool)
     chosen[numbers[~wrong]] = True
-    return Clock(chosen, tuple(remarks))
+    return chosen, remarks
 
 
-def gaps(time: np.ndarray) -> Iterator[Gap]:
-    """The steps of a rising clock that are longer than three of its median.
-
-    Args:
-        time: (n,) s.
-    """
+def gaps(time: np.ndarray) -> np.ndarray:
+    """Return a mask (n - 1,) of the steps of a rising clock (n,) that are longer than three median steps."""
     steps = np.diff(time)
-    if len(steps):
-        for after in np.flatnonzero(steps > GAP * np.median(steps)).tolist():
-            yield Gap(after, float(time[after]), float(steps[after]))
+    return np.asarray(steps > _GAP * np.median(steps)) if len(steps) else np.zeros(0, dtype=bool)
 
 
 def timing_remarks(time: np.ndarray) -> Iterator[str]:
-    """Sentences on the gaps and the jitter of a rising clock.
-
-    Args:
-        time: (n,) s.
-    """
-    steps = np.diff(time)
+    """Yield sentences on the gaps and the jitter of a rising clock (n,), s."""
+    steps, is_gap = np.diff(time), gaps(time)
     median = float(np.median(steps))
-    found = list(gaps(time))
-    if found:
-        longest = max(found, key=lambda gap: gap.length)
+    if is_gap.any():
+        longest = int(np.argmax(steps))
         yield (
-            f"{len(found)} gap{'s' if len(found) > 1 else ''} (steps of more than {GAP:.0f} times the median of"
-            f" {median:.4g} s), {sum(gap.length for gap in found):.4g} s in all, the longest of {longest.length:.4g} s"
-            f" at {longest.start - time[0]:.4g} s"
+            f"{is_gap.sum()} gap{'s' if is_gap.sum() > 1 else ''} (steps of more than {_GAP:.0f} times the median of"
+            f" {median:.4g} s), {steps[is_gap].sum():.4g} s in all, the longest of {steps[longest]:.4g} s at"
+            f" {time[longest] - time[0]:.4g} s"
         )
-    regular = steps[steps <= GAP * median]
+    regular = steps[~is_gap]
     jitter = float(np.std(regular))
     if jitter > _JITTER * median:
         yield (
             f"the steps of the clock are uneven: {median:.4g} s in the median, with a standard deviation of"
             f" {jitter:.2g} s, from {regular.min():.4g} to {regular.max():.4g} s without the gaps"
         )
-
-
-def pieces(record: FlightRecord, *, shortest: float = 0.0) -> list[FlightRecord]:
-    """The parts of a record between the gaps of its clock, which goes on through them.
-
-    Args:
-        record: of a flight.
-        shortest: a part that is shorter is left out, s; one of a single sample always is.
-    """
-    ends = [gap.after + 1 for gap in gaps(record.time)]
-    bounds = zip([0, *ends], [*ends, len(record.time)], strict=True)
-    return [
-        record.part(slice(first, end))
-        for first, end in bounds
-        if end - first > 1 and record.time[end - 1] - record.time[first] >= shortest
-    ]
 
 
 def _samples(chosen: np.ndarray) -> str:

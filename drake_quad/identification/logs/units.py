@@ -1,18 +1,15 @@
-"""Units that logs are written in, and what they are in SI."""
+"""Units of logs, and their conversion to SI units."""
 
 import math
-from typing import NamedTuple, get_type_hints
-
-from drake_quad.identification.logs.record import COLUMNS, FlightRecord
-from drake_quad.signals import Quantity
+from typing import NamedTuple
 
 
 class Unit(NamedTuple):
-    """A value in SI is (value − zero) · scale.
+    """Unit of logged values; a value in SI units is (value − zero) · scale.
 
     Attributes:
-        scale: of one unit.
-        zero: what is nothing.
+        scale: size of the unit in SI units.
+        zero: logged value that stands for zero.
     """
 
     scale: float
@@ -34,19 +31,10 @@ UNITS: dict[str, dict[str, Unit]] = {
         "deg/s": Unit(_DEGREE),
         "rpm": Unit(2.0 * math.pi / 60.0),
     },
-    # Of a full command: of 16 bits, or the pulse of a servo, 1 ms for none and 2 ms for all.
+    # Shares of a full command, in 16 bits or as the pulse of a servo: 1 ms for zero and 2 ms for a full command.
     "1": {"1": Unit(1.0), "%": Unit(1e-2), "uint16": Unit(1.0 / 65535.0), "servo us": Unit(1e-3, 1000.0)},
     "N": {"N": Unit(1.0), "mN": Unit(1e-3), "gf": Unit(1e-3 * _STANDARD_GRAVITY)},
     "N m": {"N m": Unit(1.0), "mN m": Unit(1e-3)},
     "V": {"V": Unit(1.0), "mV": Unit(1e-3)},
 }
-"""By the SI unit of a signal, the units that it may be logged in."""
-
-
-def _quantities() -> dict[str, Quantity]:
-    hints = get_type_hints(FlightRecord, include_extras=True)
-    return {name: hints[name].__metadata__[0] for name in COLUMNS}
-
-
-QUANTITIES = _quantities()
-"""Unit and frame of each signal of a record."""
+"""Units in which a signal may be logged, by its SI unit."""

@@ -1,6 +1,6 @@
 """Estimates of an identification: values, covariance, sources, and reasons for parameters that are not identified."""
 
-import difflib
+import functools
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -9,110 +9,56 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from drake_quad.errors import InputError, listed, shortened, shown
+from drake_quad.errors import InputError, entry, shortened, shown
 from drake_quad.identification.random_effects import Variation
 from drake_quad.scenario.correlation import checked_deviations
-from drake_quad.scenario.limits import LARGEST, LONGEST, SHORTEST, SMALLEST
+from drake_quad.scenario.declarations import Declaration, quantities_in
+from drake_quad.scenario.models import Laboratory, Vehicle
 from drake_quad.scenario.paths import joined
 from drake_quad.statistics.interval import CONFIDENCE, Interval
 
 
-class Kind(NamedTuple):
-    """Unit and range of a parameter.
+@functools.cache
+def declaration_at(path: str) -> Declaration:
+    """Return unit and bounds of a parameter, or of a list of parameters.
 
-    Attributes:
-        unit: unit; "1" for a ratio.
-        lower: smallest value that the scenario language allows.
-        upper: largest value that it allows.
-        items: number of items of a list; 0 for a single number.
-        integer: whether the parameter is an integer.
+    Any quantity of a vehicle and its laboratory can be a parameter.
+
+    Args:
+        path: path inside `vehicle`, or path that starts with `autopilot` or `laboratory`.
+
+    Raises:
+        InputError: if no parameter has this path.
     """
-
-    unit: str
-    lower: float = -LARGEST
-    upper: float = LARGEST
-    items: int = 0
-    integer: bool = False
-
-
-def _positive(unit: str, items: int = 0) -> Kind:
-    return Kind(unit, SMALLEST, items=items)
-
-
-def _not_negative(unit: str, items: int = 0) -> Kind:
-    return Kind(unit, 0.0, items=items)
-
-
-_TICKS = Kind("1", 0.0, 50.0, integer=True)
-_SHARE = Kind("1", 0.0, 1.0)
-
-# Keys are paths inside `vehicle`, or paths that start with `autopilot` or `laboratory`.
-KINDS = {
-    "mass": _positive("kg"),
-    "inertia": _positive("kg m²", 3),
-    "rotor_inertia": _not_negative("kg m²"),
-    "thrust_factor": _positive("N s²"),
-    "drag_factor": _positive("N m s²"),
-    "arm_length": _positive("m"),
-    "thrust_factor_error": Kind("1", -1.0 + SMALLEST, items=4),
-    "centre_of_mass": Kind("m", items=2),
-    "linear_drag": _not_negative("N s/m"),
-    "quadratic_drag": _not_negative("N s²/m²"),
-    "rotor_time_constant": Kind("s", SHORTEST, LONGEST),
-    "rotor_time_constant_down": Kind("s", SHORTEST, LONGEST),
-    "motors.curve": Kind("N", items=3),
-    "body_drag.linear": _not_negative("N s/m", 3),
-    "body_drag.quadratic": _not_negative("N s²/m²", 3),
-    "body_drag.centre_of_pressure": Kind("m", items=3),
-    "trim_force.x": Kind("N"),
-    "trim_force.y": Kind("N"),
-    "rotor_aerodynamics.lift": _not_negative("N s²/m²"),
-    "rotor_aerodynamics.climb": Kind("N s/m"),
-    "rotor_aerodynamics.drag": _not_negative("N s²/m"),
-    "rotor_aerodynamics.inflow": _not_negative("N s²/m"),
-    "autopilot.natural_frequency": _positive("rad/s", 3),
-    "autopilot.damping": _positive("1", 3),
-    "autopilot.gyroscope_noise": _not_negative("rad/s"),
-    "autopilot.gyroscope_bias": Kind("rad/s", items=3),
-    "autopilot.attitude_noise": _not_negative("rad"),
-    "laboratory.motion_capture.position_noise": _not_negative("m"),
-    "laboratory.motion_capture.attitude_noise": _not_negative("rad"),
-    "laboratory.motion_capture.misalignment": Kind("rad", items=3),
-    "laboratory.motion_capture.derivative_bandwidth": _positive("rad/s"),
-    "laboratory.motion_capture.dropout_rate": _SHARE,
-    "laboratory.motion_capture.latency_frames": _TICKS,
-    "laboratory.command_link.delay_ticks": _TICKS,
-    "laboratory.command_link.loss_rate": _SHARE,
-}
+    # An error is not cached, so that a quantity of an effect that is registered later is found.
+    declarations = dict(quantities_in(Vehicle))
+    for inner, declaration in quantities_in(Laboratory):
+        declarations[inner if inner.startswith("autopilot.") else f"laboratory.{inner}"] = declaration
+    return entry(declarations, path, "parameter of a vehicle or its laboratory")
 
 
 def split_name(name: str) -> tuple[str, int | None]:
     """Return the path of a parameter, and its place in a list, counted from 0; None if it is a single number.
 
     Raises:
-        InputError: if no number of a vehicle or its laboratory has this name.
+        InputError: if no parameter has this name.
     """
     found = re.fullmatch(r"([\w.]+?)(?:\[(\d)\])?", name)
     path, place = (found[1], found[2]) if found else (name, None)
-    if path not in KINDS:
-        close = difflib.get_close_matches(path, KINDS, 1)
-        hint = f"; did you mean {close[0]}?" if close else f"; allowed are {listed([*KINDS], len(KINDS))}"
-        raise InputError(f"{shown(name)} is no number that can be identified{hint}")
-    count = KINDS[path].items
+    count = declaration_at(path).items
     if (place is None) != (count == 0) or (place is not None and int(place) >= count):
         allowed = f"{path}[0] to {path}[{count - 1}]" if count else path
-        raise InputError(f"{shown(name)} is no number that can be identified, which are {allowed}")
+        raise InputError(f"{shown(name)} is no parameter; it must be {allowed}")
     return path, None if place is None else int(place)
 
 
-def kind_of(name: str) -> Kind:
-    """Return unit and range of a parameter.
+def declaration_of(name: str) -> Declaration:
+    """Return unit and bounds of a parameter.
 
     Raises:
         InputError: if no parameter has this name.
     """
-    path, _ = split_name(name)
-    return KINDS[path]
+    return declaration_at(split_name(name)[0])
 
 
 def scenario_path(name: str) -> str:
@@ -126,7 +72,7 @@ def scenario_path(name: str) -> str:
 
 
 def field_path(path: str) -> str:
-    """Return the path in a scenario of a field of `KINDS`: `laboratory.autopilot.damping` for `autopilot.damping`."""
+    """Return the path of a field in a scenario, such as `laboratory.autopilot.damping` for `autopilot.damping`."""
     if path.startswith("laboratory."):
         return path
     return joined("laboratory" if path.startswith("autopilot.") else "vehicle", path)
@@ -159,14 +105,13 @@ class Explained(NamedTuple):
     output: str
 
 
-def quantile(degrees_of_freedom: np.ndarray | float, level: float = CONFIDENCE) -> np.ndarray:
-    """Return half of the length of a confidence interval in standard deviations, by Student's distribution.
+def quantile(degrees_of_freedom: np.ndarray | float) -> np.ndarray:
+    """Return half of the length of a 95 % confidence interval in standard deviations, by Student's distribution.
 
     Args:
         degrees_of_freedom: degrees of freedom, of any shape; infinite for the normal distribution.
-        level: confidence level.
     """
-    return np.asarray(scipy.stats.t.ppf(0.5 * (1.0 + level), degrees_of_freedom))
+    return np.asarray(scipy.stats.t.ppf(0.5 * (1.0 + CONFIDENCE), degrees_of_freedom))
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +120,7 @@ class Estimates:
 
     Attributes:
         names: (n,) names as in the scenario language, with places in brackets: `mass`, `inertia[0]`, `motors.curve[1]`,
-            `autopilot.damping[2]`, `laboratory.motion_capture.position_noise`; see `KINDS`.
+            `autopilot.damping[2]`, `laboratory.motion_capture.position_noise`; see `declaration_at`.
         values: (n,) values in SI units.
         covariance: (n, n) covariance of their errors.
         degrees_of_freedom: (n,) degrees of freedom of Student's distribution of each error, or one number for all.
@@ -259,7 +204,7 @@ class Estimates:
     @property
     def units(self) -> tuple[str, ...]:
         """Units (n,) of the values."""
-        return tuple(kind_of(name).unit for name in self.names)
+        return tuple(declaration_of(name).unit for name in self.names)
 
     @property
     def variation_known(self) -> np.ndarray:
@@ -273,17 +218,13 @@ class Estimates:
     def _variations(self) -> list[Variation]:
         return [each for each in (self.variation, self.flight_variation) if each is not None]
 
-    def quantiles(self, level: float = CONFIDENCE) -> np.ndarray:
-        """Return half of the length of each confidence interval (n,) in standard deviations."""
-        return quantile(self.degrees_of_freedom, level)
+    def quantiles(self) -> np.ndarray:
+        """Return half of the length of each 95 % confidence interval (n,) in standard deviations."""
+        return quantile(self.degrees_of_freedom)
 
-    def intervals(self, level: float = CONFIDENCE) -> np.ndarray:
-        """Return lower and upper end of the confidence interval of each value, (n, 2).
-
-        Args:
-            level: confidence level.
-        """
-        reach = self.quantiles(level) * self.deviations
+    def intervals(self) -> np.ndarray:
+        """Return lower and upper end of the 95 % confidence interval of each value, (n, 2)."""
+        reach = self.quantiles() * self.deviations
         return np.stack([self.values - reach, self.values + reach], axis=1)
 
     def value(self, name: str) -> float:

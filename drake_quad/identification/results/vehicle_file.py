@@ -1,7 +1,7 @@
 """File of an identified vehicle in the scenario language, for `extends` and for studies.
 
 The file extends the vehicle that the identification began with. `vehicle` and `laboratory` have the estimates as
-numbers, or as normal distributions with the covariance of the estimates. The distributions are as wide as another
+normal distributions with the covariance of the estimates. The distributions are as wide as another
 stretch of flight may show: they contain the error of the mean and, where it is known, the variation from stretch to
 stretch. Their standard deviations also account for Student's distribution, so that 95 % of the samples are within the
 interval for another stretch.
@@ -27,11 +27,17 @@ from ruamel.yaml.representer import RoundTripRepresenter
 
 from drake_quad.errors import InputError, shown
 from drake_quad.files import output_folder, write_whole
-from drake_quad.identification.results.estimates import CONFIDENCE, KINDS, Estimates, field_path, kind_of, split_name
+from drake_quad.identification.results.estimates import (
+    CONFIDENCE,
+    Estimates,
+    declaration_at,
+    declaration_of,
+    field_path,
+    split_name,
+)
 from drake_quad.scenario.correlation import correlated_normals
 from drake_quad.scenario.files.library import Library, is_shipped, split_spec
 from drake_quad.scenario.files.loading import load_undesigned
-from drake_quad.scenario.limits import LARGEST
 from drake_quad.scenario.models import NAME, Nominal, Scenario, Vehicle
 from drake_quad.scenario.paths import value_at
 from drake_quad.statistics.interval import Interval
@@ -61,7 +67,6 @@ def write_vehicle(
     estimates: Estimates,
     *,
     base: str | Path,
-    distributions: bool = True,
     nominal: bool = False,
     given: Sequence[str] = (),
     voltage: float | None = None,
@@ -77,7 +82,6 @@ def write_vehicle(
         name: name of the scenario in the file.
         estimates: at least one estimate.
         base: FILE or FILE:NAME of the vehicle that the file extends, or a shipped one.
-        distributions: True to write distributions to `vehicle` and `laboratory`, False to write numbers.
         nominal: True to write the estimates to `nominal` as well, which planner and controllers believe.
         given: overrides of the base, such as a weighed mass, `nominal.mass=0.03`, with values in YAML.
         voltage: voltage of the battery for which an identified thrust curve holds, V; None if it is unknown.
@@ -94,10 +98,10 @@ def write_vehicle(
         raise InputError("there is no estimate to write")
     believed = load_undesigned(base, given)
     folder = output_folder(path.parent)
-    fields = _fields(name, estimates, believed, distributions, nominal, given, voltage)
+    fields = _fields(name, estimates, believed, nominal, given, voltage)
     scenario = {"extends": _Entry(_relative(base, folder)), **fields}
     document = CommentedMap({name: _commented(scenario, 2)})
-    document.yaml_set_start_comment(_wrapped(_introduction(estimates, distributions)))
+    document.yaml_set_start_comment(_wrapped(_introduction(estimates)))
 
     def write(target: Path) -> None:
         with target.open("w", encoding="utf-8") as file:
@@ -125,30 +129,27 @@ def _relative(base: str | Path, folder: Path) -> str:
 
 
 def _fields(
-    name: str,
-    estimates: Estimates,
-    base: Scenario,
-    distributions: bool,
-    nominal: bool,
-    given: Sequence[str],
-    voltage: float | None,
+    name: str, estimates: Estimates, base: Scenario, nominal: bool, given: Sequence[str], voltage: float | None
 ) -> dict[str, Any]:
     """Return the mappings of the scenario, with an entry at each leaf."""
     prefix = re.sub(r"\W", "_", name, flags=re.ASCII)[:50]
-    written = _values(estimates, f"v_{prefix}" if prefix[0].isdecimal() else prefix, distributions)
+    written = _values(estimates, f"v_{prefix}" if prefix[0].isdecimal() else prefix)
     comments = {each: _comment(estimates, each, written[each]) for each in estimates.names}
     tree: dict[str, Any] = {"nominal": {}, "vehicle": {}, "laboratory": {}, "control": {}}
     for path in dict.fromkeys(split_name(each)[0] for each in estimates.names):
         whole = {each: _Entry(written[each], comments[each]) for each in estimates.names if split_name(each)[0] == path}
-        value = _rigid(path, _listed(path, whole, base)) if KINDS[path].items else whole[path]
+        value = _rigid(path, _listed(path, whole, base)) if declaration_at(path).items else whole[path]
         *steps, last = field_path(path).split(".")
         node = tree
         for step in steps:
             node = node.setdefault(step, {})
         node[last] = value
         if nominal and path in Nominal.model_fields:
-            believed = _believed(path, estimates, base)
-            tree["nominal"][path] = _rigid(path, believed) if isinstance(believed, list) else believed
+            # An item that is not estimated is the one that is believed.
+            own: Any = getattr(base.nominal, path)
+            names = [f"{path}[{place}]" for place in range(declaration_at(path).items)]
+            items = [_Entry(_median(written.get(each, own[i]))) for i, each in enumerate(names)]
+            tree["nominal"][path] = _rigid(path, items) if items else _Entry(_median(written[path]))
     for assignment in given:
         _put(tree, assignment)
     _with_motors(tree, base, nominal, voltage)
@@ -177,14 +178,14 @@ def _put(tree: dict[str, Any], assignment: str) -> None:
         node.setdefault(steps[-1], _Entry(YAML(typ="safe").load(value), "given, not identified"))
 
 
-def _values(estimates: Estimates, prefix: str, distributions: bool) -> dict[str, Any]:
+def _values(estimates: Estimates, prefix: str) -> dict[str, Any]:
     """Return the number, or the distribution with the limits that the language requires, for each estimate."""
     numbers = {
         name: _number(name, _rounded(value, deviation))
         for name, value, deviation in zip(estimates.names, estimates.values, estimates.deviations, strict=True)
     }
-    drawn = [name for name in estimates.names if not kind_of(name).integer]
-    if not (distributions and drawn):
+    drawn = [name for name in estimates.names if not declaration_of(name).is_whole]
+    if not drawn:
         return numbers
     part = estimates.for_new_flight().part(drawn)
     # The normal distribution gets the 95 % interval of Student's distribution.
@@ -210,37 +211,32 @@ def _number(name: str, value: float) -> Any:
     Raises:
         InputError: if it must be positive, and is not.
     """
-    kind = kind_of(name)
-    if kind.lower > 0.0 >= value:
+    declared = declaration_of(name)
+    if declared.lower > 0.0 >= value:
         raise InputError(
-            f"the estimate of {name}, {value:.4g} {kind.unit}, must be larger than 0; list such a parameter as not"
+            f"the estimate of {name}, {value:.4g} {declared.unit}, must be larger than 0; list such a parameter as not"
             " identified"
         )
-    value = min(max(value, kind.lower), kind.upper)
-    return round(value) if kind.integer else value
+    value = min(max(value, declared.lower), declared.upper)
+    return round(value) if declared.is_whole else value
 
 
 def _limits(name: str, mean: float, deviation: float) -> dict[str, float]:
     """Return the limits of a distribution that the language requires."""
-    kind = kind_of(name)
+    declared, reach = declaration_of(name), _LIMIT_SIGMA * deviation
     limits: dict[str, float] = {}
-    if kind.lower > 0.0:
-        limits["min"] = max(kind.lower, float(f"{_MIN_RATIO * mean:.4g}"))
-    elif kind.lower == 0.0:
-        limits["min"] = 0.0
-    elif kind.lower > -LARGEST:
-        limits["min"] = max(kind.lower, float(f"{mean - _LIMIT_SIGMA * deviation:.4g}"))
-    if name.startswith("rotor_time_constant"):
-        limits["max"] = min(kind.upper, float(f"{mean + _LIMIT_SIGMA * deviation:.4g}"))
-    elif kind.upper <= 1.0:
-        limits["max"] = kind.upper
+    if declared.needs_min:
+        lowest = _MIN_RATIO * mean if declared.lower > 0.0 else 0.0 if declared.lower == 0.0 else mean - reach
+        limits["min"] = max(declared.lower, min(mean, float(f"{lowest:.4g}")))
+    if declared.needs_max:
+        limits["max"] = min(declared.upper, max(mean, float(f"{mean + reach:.4g}")))
     return limits
 
 
 def _comment(estimates: Estimates, name: str, written: Any) -> str:
     """Return a comment on an estimate with its unit, intervals, explained variance and source."""
     place = estimates.names.index(name)
-    unit = "" if kind_of(name).unit == "1" else kind_of(name).unit
+    unit = "" if declaration_of(name).unit == "1" else declaration_of(name).unit
     value = float(estimates.values[place])
     own, new_flight = (
         Interval(value, *each.intervals()[place]).text(unit=unit) for each in (estimates, estimates.for_new_flight())
@@ -257,12 +253,12 @@ def _comment(estimates: Estimates, name: str, written: Any) -> str:
     elif within > 0.0:
         assert estimates.variation is not None
         parts.append(f"{new_flight} in another {estimates.variation.duration:.2g} s of flight")
-    if name in estimates.explained:
-        share, output = estimates.explained[name]
+    share, output = estimates.explained.get(name, (0.0, ""))
+    if share > 0.0:
         parts.append(f"explains {100.0 * share:.3g} % of the variance of {output}")
     parts.append(" and ".join(map(str, estimates.sources_of(place))))
     mean = written["normal"]["mean"] if isinstance(written, dict) else written
-    if kind_of(name).integer:
+    if declaration_of(name).is_whole:
         parts.append("written as a whole number")
     elif abs(mean - value) > estimates.deviations[place]:
         parts.append("the estimate is outside the limits of the language, and the limit is written")
@@ -275,15 +271,12 @@ def _listed(path: str, whole: Mapping[str, _Entry], base: Scenario) -> list[_Ent
     Raises:
         InputError: if the base has no such list.
     """
-    items = []
-    for place in range(KINDS[path].items):
-        name = f"{path}[{place}]"
-        items.append(whole[name] if name in whole else _Entry(_of_base(base, path, place), "as in what this extends"))
-    return items
+    names = [f"{path}[{place}]" for place in range(declaration_at(path).items)]
+    return [whole[name] if name in whole else _of_base(base, path, place) for place, name in enumerate(names)]
 
 
-def _of_base(base: Scenario, path: str, place: int) -> Any:
-    """Return an item of a list of the base, as YAML.
+def _of_base(base: Scenario, path: str, place: int) -> _Entry:
+    """Return an item of a list of the base.
 
     Raises:
         InputError: if the base has no such list.
@@ -291,29 +284,14 @@ def _of_base(base: Scenario, path: str, place: int) -> Any:
     holder, _, field = field_path(path).rpartition(".")
     owner = value_at(base, holder)
     if owner is None:  # an effect that is switched off
-        return 0.0
+        return _Entry(0.0, "as in what this extends")
+    if path == "motors.curve" and not base.vehicle.motors.take_throttles and place < 2:
+        return _Entry(0.0, "not identified, and 0 at the start of the identification")
     if not hasattr(owner, field):
-        raise InputError(
-            f"{path}[{place}] is not estimated, and what the vehicle extends has none; all {KINDS[path].items} are"
-            " needed"
-        )
+        raise InputError(f"{path}[{place}] must be estimated, too: what the vehicle extends has none")
     value = getattr(owner, field)[place]
-    return value if isinstance(value, float) else value.model_dump(mode="json", exclude_none=True)
-
-
-def _believed(path: str, estimates: Estimates, base: Scenario) -> Any:
-    """Return the estimates of a field as numbers for `nominal`."""
-
-    def number(name: str) -> float:
-        place = estimates.names.index(name)
-        value: float = _number(name, _rounded(estimates.values[place], estimates.deviations[place]))
-        return value
-
-    if not KINDS[path].items:
-        return _Entry(number(path))
-    own: Any = getattr(base.nominal, path)
-    names = [f"{path}[{place}]" for place in range(KINDS[path].items)]
-    return [_Entry(number(name) if name in estimates.names else own[place]) for place, name in enumerate(names)]
+    written = value if isinstance(value, float) else value.model_dump(mode="json", exclude_none=True)
+    return _Entry(written, "as in what this extends")
 
 
 def _rigid(path: str, items: list[_Entry]) -> list[_Entry]:
@@ -340,9 +318,10 @@ def _moved(value: Any, step: float) -> Any:
 
 
 def _with_motors(tree: dict[str, Any], base: Scenario, nominal: bool, voltage: float | None) -> None:
-    """Complete the motors, if their thrust curve was estimated, and raise speed limits that would cut it off.
+    """Complete the motors, if their thrust curve was estimated, and change speed limits that would cut it off.
 
-    `nominal` gets the curve if it is asked for, or if the base has no throttle motors that could be believed.
+    If the curve is not asked for in `nominal`, and the base believes in no throttle motors, `nominal` gets motors that
+    give its full thrust at full throttle.
     """
     if "motors" not in tree["vehicle"]:
         return
@@ -351,13 +330,16 @@ def _with_motors(tree: dict[str, Any], base: Scenario, nominal: bool, voltage: f
     tree["vehicle"]["motors"] = {"kind": _Entry("throttle"), "curve": curve}
     if voltage is not None:
         tree["vehicle"]["motors"]["voltage"] = _Entry(float(f"{voltage:.5g}"))
-    parts = ["vehicle"]
+    believed = numbers
+    if not base.nominal.motors.take_throttles:
+        tree["vehicle"].setdefault("min_rotor_speed", _Entry(0.0, "does not limit the thrust curve"))
+        if not nominal:
+            believed = [0.0, 0.0, float(f"{base.nominal.thrust_factor * base.nominal.max_rotor_speed**2:.4g}")]
     if nominal or not base.nominal.motors.take_throttles:
-        parts.append("nominal")
-        tree["nominal"]["motors"] = {"kind": _Entry("throttle"), "curve": [_Entry(each) for each in numbers]}
+        tree["nominal"]["motors"] = {"kind": _Entry("throttle"), "curve": [_Entry(each) for each in believed]}
     full = max(0.0, float(thrust_of(1.0, ThrustCurve(*numbers))))
     top = _SPEED_MARGIN * math.sqrt(full / base.nominal.thrust_factor)
-    for part in parts:
+    for part in ("vehicle", "nominal") if nominal else ("vehicle",):
         limit = getattr(base, part).max_rotor_speed
         if isinstance(limit, float) and limit < top:
             why = "higher than at full throttle, so that it does not limit the thrust curve"
@@ -401,21 +383,18 @@ def _without_contradictions(vehicle: dict[str, Any]) -> None:
             vehicle.setdefault(name, _Entry(0.0, "is in body_drag"))
 
 
-def _introduction(estimates: Estimates, distributions: bool) -> list[str]:
+def _introduction(estimates: Estimates) -> list[str]:
     """Return the paragraphs of the comment at the top of the file."""
     logs = dict.fromkeys(source.log for i in range(len(estimates.names)) for source in estimates.sources_of(i))
-    drawn = ""
-    if distributions:
-        among = " and how it varies among them" if estimates.variation_known.any() else ""
-        pairs = zip(estimates.names, estimates.variation_known, strict=True)
-        unknown = [name for name, known in pairs if among and not known]
-        but = f", which is not known of {', '.join(unknown)}" if unknown else ""
-        drawn = (
-            f" A distribution has what the flights say of a number{among}{but}. Fields that share a variable are"
-            " correlated."
-        )
+    among = " and how it varies among them" if estimates.variation_known.any() else ""
+    pairs = zip(estimates.names, estimates.variation_known, strict=True)
+    unknown = [name for name, known in pairs if among and not known]
+    but = f", which is not known of {', '.join(unknown)}" if unknown else ""
+    drawn = (
+        f"A distribution has what the flights say of a number{among}{but}. Fields that share a variable are correlated."
+    )
     unseen = [f"{name} is not identified: {why}" for name, why in estimates.not_identified.items()]
-    return [f"Identified from {', '.join(logs)}.{drawn}", *estimates.remarks, *unseen]
+    return [f"Identified from {', '.join(logs)}. {drawn}", *estimates.remarks, *unseen]
 
 
 def _wrapped(paragraphs: list[str], width: int = _COMMENT_WIDTH) -> str:

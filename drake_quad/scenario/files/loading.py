@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from functools import reduce
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar, get_args
+from typing import Any, NamedTuple, TypeVar
 
 from pydantic import ValidationError
 
@@ -23,7 +23,7 @@ from drake_quad.scenario.files.relative import refuse_dropped, refuse_elsewhere,
 from drake_quad.scenario.limits import MOST_LEVELS
 from drake_quad.scenario.models import Mission, Nominal, Scenario, Vehicle
 from drake_quad.scenario.paths import is_item, joined, steps_of
-from drake_quad.scenario.unions import OpenUnion
+from drake_quad.scenario.unions import alternatives
 
 # Names of forms that stand in no file.
 _TAGS = ("number", *DISTRIBUTIONS)
@@ -356,15 +356,11 @@ def _complaint(problem: Any, value: str, path: tuple[Any, ...], model: type[Mode
 
 def _further_in(model: type[Model], name: str) -> list[str]:
     """Return the paths of the fields of that name in the mappings of a model."""
-    found = []
-    for field, info in model.model_fields.items():
-        members = [
-            member for union in info.metadata if isinstance(union, OpenUnion) for member in union.members.values()
-        ]
-        mappings = info.annotation, *get_args(info.annotation), *members
-        if any(name in getattr(mapping, "model_fields", {}) for mapping in mappings):
-            found.append(f"{field}.{name}")
-    return found
+    return [
+        f"{field}.{name}"
+        for field, info in model.model_fields.items()
+        if any(name in getattr(mapping, "model_fields", ()) for mapping in alternatives(info.annotation, info.metadata))
+    ]
 
 
 def _real_path(problem: Any, data: Any) -> tuple[Any, ...]:

@@ -7,15 +7,7 @@ import numpy as np
 
 from drake_quad.errors import InputError
 from drake_quad.identification.logs.conversion import Table
-from drake_quad.identification.logs.formats.log_format import (
-    FORMATS,
-    LogContent,
-    LogFormat,
-    NamedMapping,
-    library,
-    read_by_library,
-    with_file,
-)
+from drake_quad.identification.logs.formats.log_format import FORMATS, LogContent, LogFormat, NamedMapping
 from drake_quad.identification.logs.mapping import load_mapping
 from drake_quad.identification.logs.source import LogFile
 from drake_quad.process_settings import without_error_output, without_prints
@@ -55,7 +47,7 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
     Raises:
         InputError: if pymavlink is not installed or cannot read the log, or the log is not that of a quadrotor.
     """
-    reader_module = library(log, "pymavlink.DFReader", "ardupilot")
+    reader_module = log.library("pymavlink.DFReader", "ardupilot")
 
     def index() -> tuple[dict[str, Any], dict[str, list[int]]]:
         """Return the formats and the offsets of all messages, by their names."""
@@ -71,12 +63,12 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
                 if hasattr(reader, "filehandle"):
                     reader.filehandle.close()
 
-        formats, offsets = with_file(log, ".bin", opened)
+        formats, offsets = log.read_from_disk(".bin", opened)
         return {each.name: each for each in formats.values()}, {
             each.name: offsets[number] for number, each in formats.items()
         }
 
-    formats, offsets = read_by_library(log, "an ArduPilot log", index)
+    formats, offsets = log.read_by_library("an ArduPilot log", index)
     name, mapping = given or load_mapping("ardupilot")
     parameters = _parameters(log, formats, offsets)
     frame = int(parameters.get("FRAME_CLASS", _QUADROTOR))
@@ -119,8 +111,7 @@ def _records(log: LogFile, form: Any, offsets: Iterable[int]) -> dict[str, np.nd
     starts = starts[starts + layout.itemsize <= len(log.data)]
     if layout.itemsize != form.len - _HEADER_SIZE or not len(starts):
         return None
-    windows = np.lib.stride_tricks.sliding_window_view(np.frombuffer(log.data, np.uint8), layout.itemsize)
-    records = np.ascontiguousarray(windows[starts]).view(layout)[:, 0]
+    records = log.records(layout, starts)
     return {
         column: records[column] * _SCALED_TYPES[letter][1] if letter in _SCALED_TYPES else records[column]
         for column, letter in zip(form.columns, letters, strict=True)

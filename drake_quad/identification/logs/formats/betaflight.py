@@ -10,14 +10,7 @@ import numpy as np
 
 from drake_quad.errors import InputError, listed
 from drake_quad.identification.logs.conversion import Table
-from drake_quad.identification.logs.formats.log_format import (
-    FORMATS,
-    LogContent,
-    LogFormat,
-    NamedMapping,
-    library,
-    read_by_library,
-)
+from drake_quad.identification.logs.formats.log_format import FORMATS, LogContent, LogFormat, NamedMapping
 from drake_quad.identification.logs.mapping import load_mapping
 from drake_quad.identification.logs.source import LogFile
 
@@ -33,12 +26,12 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
     Raises:
         InputError: if the decoder is not installed, or no flight can be read.
     """
-    decoder = library(log, "betaflight_chirp_core.decoder", "betaflight")
+    decoder = log.library("betaflight_chirp_core.decoder", "betaflight")
     flights = decoder.split_sessions(log.data)
     if not flights:
         raise InputError(f"{log.mark}: is a Betaflight log whose first line is damaged")
     longest = max(range(len(flights)), key=lambda i: flights[i][1] - flights[i][0])
-    flight = read_by_library(log, "a Betaflight log", lambda: _decoded(decoder, log.data, *flights[longest]))
+    flight = log.read_by_library("a Betaflight log", lambda: _decoded(decoder, log.data, *flights[longest]))
     remarks = [*log.remarks]
     if len(flights) > 1:
         remarks.append(f"the log has {len(flights)} flights; the longest is read, number {longest + 1}")

@@ -138,65 +138,55 @@ def _places(log: LogFile, start: int, kinds: dict[int, _Kind]) -> tuple[dict[int
     """Return the offsets of the records of each event type, by its id, and remarks on lost data."""
     data, sizes = log.data, {identity: kind.layout.itemsize for identity, kind in kinds.items()}
     if int.from_bytes(data[-_CHECKSUM:], "little") == zlib.crc32(memoryview(data)[:-_CHECKSUM]):
-        records = _chain(memoryview(data)[:-_CHECKSUM], start, sizes)
-        end = _end_of(records, start, sizes)
-        remarks = _unread(log, end, sizes) if end < len(data) - _CHECKSUM else []
+        bounds = _bounds(memoryview(data)[:-_CHECKSUM], start, sizes)
+        remarks = _unread(log, bounds[-1], sizes) if bounds[-1] < len(data) - _CHECKSUM else []
     else:
-        records = _chain(memoryview(data), start, sizes)
-        count = _count_before_checksum(data, records, start, sizes)
+        bounds = _bounds(memoryview(data), start, sizes)
+        count = _count_before_checksum(data, bounds)
         if count is None:
-            remarks = ["the checksum is wrong: the log is cut or damaged", *_cut(log, records, start, sizes)]
+            remarks = ["the checksum is wrong: the log is cut or damaged", *_cut(log, bounds, sizes)]
         else:
-            del records[count:]
-            end = _end_of(records, start, sizes) + _CHECKSUM
-            remarks = [log.unread(end, "they follow the checksum at the end of the log")]
+            del bounds[count + 1 :]
+            remarks = [log.unread(bounds[-1] + _CHECKSUM, "they follow the checksum at the end of the log")]
     places: dict[int, list[int]] = {identity: [] for identity in kinds}
-    for identity, place in records:
-        places[identity].append(place)
+    for place in bounds[:-1]:
+        places[data[place] | data[place + 1] << 8].append(place)
     return places, [*log.remarks, *remarks]
 
 
-def _chain(data: memoryview, start: int, sizes: Mapping[int, int]) -> list[tuple[int, int]]:
-    """Return the id and the offset of each record from an offset on, up to the first incomplete or unknown record."""
-    records, place, last = [], start, len(data) - 2
-    while place <= last:
-        identity = data[place] | data[place + 1] << 8
-        size = sizes.get(identity)
+def _bounds(data: memoryview, start: int, sizes: Mapping[int, int]) -> list[int]:
+    """Return the offsets of the records from an offset on, and the end of the last one.
+
+    Records are read up to the first one that is incomplete, or whose id is unknown.
+    """
+    bounds, place = [start], start
+    while place <= len(data) - 2:
+        size = sizes.get(data[place] | data[place + 1] << 8)
         if size is None or place + size > len(data):
             break
-        records.append((identity, place))
         place += size
-    return records
+        bounds.append(place)
+    return bounds
 
 
-def _count_before_checksum(
-    data: bytes, records: Sequence[tuple[int, int]], start: int, sizes: Mapping[int, int]
-) -> int | None:
+def _count_before_checksum(data: bytes, bounds: Sequence[int]) -> int | None:
     """Return the number of records before the first valid checksum of all preceding data; None if there is none."""
-    checksum, view = zlib.crc32(memoryview(data)[:start]), memoryview(data)
-    for count, place in enumerate([*(place for _, place in records), _end_of(records, start, sizes)]):
-        checksum = zlib.crc32(view[start:place], checksum)
-        start = place
+    checksum, end, view = 0, 0, memoryview(data)
+    for count, place in enumerate(bounds):
+        checksum = zlib.crc32(view[end:place], checksum)
+        end = place
         if data[place : place + _CHECKSUM] == checksum.to_bytes(_CHECKSUM, "little"):
             return count
     return None
 
 
-def _end_of(records: Sequence[tuple[int, int]], start: int, sizes: Mapping[int, int]) -> int:
-    """Return the offset of the first byte after the last record."""
-    identity, place = records[-1] if records else (None, start)
-    return place + (0 if identity is None else sizes[identity])
-
-
-def _cut(log: LogFile, records: list[tuple[int, int]], start: int, sizes: Mapping[int, int]) -> list[str]:
+def _cut(log: LogFile, bounds: list[int], sizes: Mapping[int, int]) -> list[str]:
     """Remove the records of a cut log that reach into its trailing zeros or 0xff, and return remarks on unread data."""
-    end = _end_of(records, start, sizes)
-    if end < len(log.data) or (records and log.written <= records[-1][1]):
-        while records and _end_of(records, start, sizes) > log.written:
-            records.pop()
-    end = _end_of(records, start, sizes)
+    if bounds[-1] < len(log.data) or (len(bounds) > 1 and log.written <= bounds[-2]):
+        while len(bounds) > 1 and bounds[-1] > log.written:
+            bounds.pop()
     # A log that is damaged only earlier still ends with its checksum, so all its bytes are read.
-    return _unread(log, end, sizes) if len(log.data) - end not in (0, _CHECKSUM) else []
+    return _unread(log, bounds[-1], sizes) if len(log.data) - bounds[-1] not in (0, _CHECKSUM) else []
 
 
 def _unread(log: LogFile, end: int, sizes: Mapping[int, int]) -> list[str]:
@@ -207,11 +197,7 @@ def _unread(log: LogFile, end: int, sizes: Mapping[int, int]) -> list[str]:
 
 
 def _table(log: LogFile, kind: _Kind, places: list[int], unit: float) -> Table:
-    size = kind.layout.itemsize
-    windows = np.lib.stride_tricks.sliding_window_view(np.frombuffer(log.data, np.uint8), size)
-    even = len(places) == 1 or places[-1] - places[0] == (len(places) - 1) * size
-    rows = windows[places[0] : places[-1] + 1 : size] if even else windows[places]
-    records = np.ascontiguousarray(rows).view(kind.layout)[:, 0]
+    records = log.records(kind.layout, places)
     columns = {name: records[str(i)] for i, name in enumerate(kind.variables)}
     if _PACKED in columns:
         columns |= _unpacked(columns.pop(_PACKED).astype(np.uint32))
@@ -219,10 +205,10 @@ def _table(log: LogFile, kind: _Kind, places: list[int], unit: float) -> Table:
 
 
 def _unpacked(packed: np.ndarray) -> dict[str, np.ndarray]:
-    """The parts of quaternions of 32 bits, as `quatcompress.h` of the firmware packs them.
+    """Return the parts of quaternions of 32 bits, as `quatcompress.h` of the firmware packs them.
 
-    The two highest bits are the number of the largest part (x, y, z, w), which is positive; the others follow, each a
-    sign and nine bits of the share of 1/√2.
+    The two highest bits are the number of the largest part (x, y, z, w), which is positive. The other parts follow,
+    each with a sign and nine bits of its ratio to 1/√2.
     """
     largest = packed >> 30
     parts = np.zeros((len(packed), 4))
@@ -237,10 +223,4 @@ def _unpacked(packed: np.ndarray) -> dict[str, np.ndarray]:
     return {f"{_PACKED}.{axis}": column for axis, column in zip("xyzw", parts.T, strict=True)}
 
 
-FORMATS.append(
-    LogFormat(
-        "a Crazyflie's SD card log",
-        lambda log: log.data.startswith(bytes([_FIRST_BYTE])),
-        _read,
-    )
-)
+FORMATS.append(LogFormat("a Crazyflie's SD card log", lambda log: log.data[:1] == bytes([_FIRST_BYTE]), _read))

@@ -1,12 +1,9 @@
 """Registry of the formats of flight logs that `read_log` knows by their content."""
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
-from tempfile import NamedTemporaryFile
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from drake_quad.errors import InputError, listed, shortened, shown
-from drake_quad.extras import needed
+from drake_quad.errors import InputError, listed, shown
 from drake_quad.identification.logs.conversion import Table
 from drake_quad.identification.logs.mapping import Mapping, load_mapping, shipped_mappings
 from drake_quad.identification.logs.source import LogFile
@@ -88,43 +85,3 @@ def best_mapping(
         f"{log.mark}: does not fit the mapping {name}: there is no {listed([shown(each) for each in missing], 4)}; it"
         f" has {listed(columns, 12)}"
     )
-
-
-def library(log: LogFile, module: str, extra: str) -> Any:
-    """Return a module of an optional library.
-
-    Raises:
-        InputError: if the library is not installed.
-    """
-    try:
-        return needed(module, extra)
-    except ImportError as error:
-        raise InputError(f"{log.mark}: cannot be read: {error}") from None
-
-
-def read_by_library(log: LogFile, what: str, read: Callable[[], Any]) -> Any:
-    """Read a log with a library, and convert its exceptions to one sentence.
-
-    Args:
-        log: content of the file.
-        what: name of the format with an article.
-        read: function that calls the library.
-
-    Raises:
-        InputError: if the library fails.
-    """
-    try:
-        return read()
-    except InputError:
-        raise
-    except Exception as error:  # libraries raise any exception on a damaged log
-        reason = shortened(" ".join(str(error).split()) or type(error).__name__)
-        raise InputError(f"{log.mark}: is {what} that cannot be read: {reason}") from None
-
-
-def with_file(log: LogFile, suffix: str, read: Callable[[Path], Any]) -> Any:
-    """Return the result of a function of a path, for a library that reads files and not bytes."""
-    with NamedTemporaryFile(suffix=suffix) as file:
-        file.write(log.data)
-        file.flush()
-        return read(Path(file.name))

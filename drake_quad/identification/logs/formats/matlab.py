@@ -18,7 +18,6 @@ from drake_quad.identification.logs.formats.log_format import (
     LogFormat,
     NamedMapping,
     best_mapping,
-    read_by_library,
 )
 from drake_quad.identification.logs.source import LogFile
 from drake_quad.identification.logs.units import UNITS
@@ -39,9 +38,8 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
         raise InputError(f"{log.mark}: is a MAT-file of version 7.3, which is HDF5; save it in MATLAB with -v7")
     from scipy.io import loadmat  # loads in a tenth of a second
 
-    content = read_by_library(
-        log, "a MAT-file", lambda: loadmat(io.BytesIO(log.data), simplify_cells=True, chars_as_strings=True)
-    )
+    options = {"simplify_cells": True, "chars_as_strings": True}
+    content = log.read_by_library("a MAT-file", lambda: loadmat(io.BytesIO(log.data), **options))
     variables = dict(_numeric("", content, 0))
     lengths = {length for values in variables.values() for length in values.shape}
     names = [*variables]
@@ -60,9 +58,12 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
         if along.shape[0] != len(time):
             remarks.append(f"{each} is not read: it is not as long as {mapping.time.column}")
             continue
-        columns[each] = along
-        if along.ndim == 2 and along.shape[1] <= _MAX_COMPONENTS:
-            columns |= {f"{each}[{i}]": along[:, i] for i in range(along.shape[1])}
+        parts = {f"{each}[{i}]": column for i, column in enumerate(along.T)} if along.ndim == 2 else {}
+        is_split = bool(parts.keys() & mapping.names)
+        if is_split:
+            columns |= parts
+        if each in mapping.names or not is_split:
+            columns[each] = along
     del columns[mapping.time.column]
     scale = UNITS["s"][mapping.time.unit].scale
     return LogContent([Table("", time.astype(float) * scale, columns)], (name, mapping), remarks)

@@ -16,18 +16,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drake_quad.errors import InputError, listed, shortened
+from drake_quad.errors import InputError, listed
 from drake_quad.identification.logs.conversion import Table
-from drake_quad.identification.logs.formats.log_format import (
-    FORMATS,
-    LogContent,
-    LogFormat,
-    NamedMapping,
-    library,
-    with_file,
-)
+from drake_quad.identification.logs.formats.log_format import FORMATS, LogContent, LogFormat, NamedMapping
 from drake_quad.identification.logs.mapping import load_mapping
-from drake_quad.identification.logs.source import LogFile
+from drake_quad.identification.logs.source import LogFile, reason_of
 
 _NANOSECOND = 1e-9
 # Headers whose stamps differ from the times of recording by more have another clock, s.
@@ -145,10 +138,9 @@ def _content(log: LogFile, given: NamedMapping | None, what: str, messages: Iter
     except InputError:
         raise
     except Exception as error:  # libraries raise any exception on a damaged bag
-        reason = shortened(" ".join(str(error).split()) or type(error).__name__)
         if not topics:
-            raise InputError(f"{log.mark}: is {what} that cannot be read: {reason}") from None
-        remarks.append(f"the log is cut or damaged; it is read until this error: {reason}")
+            raise InputError(f"{log.mark}: is {what} that cannot be read: {reason_of(error)}") from None
+        remarks.append(f"the log is cut or damaged; it is read until this error: {reason_of(error)}")
     if undecoded:
         remarks.append(f"the messages of {listed(sorted(undecoded))} cannot be decoded")
     if not topics:
@@ -208,8 +200,8 @@ def _full(kind: str) -> str:
 
 def _read_bag_1(log: LogFile, given: NamedMapping | None) -> LogContent:
     """Read a ROS 1 bag."""
-    rosbag1 = library(log, "rosbags.rosbag1", "ros")
-    typesys = library(log, "rosbags.typesys", "ros")
+    rosbag1 = log.library("rosbags.rosbag1", "ros")
+    typesys = log.library("rosbags.typesys", "ros")
 
     def messages(path: Any) -> Iterator[_Message]:
         with rosbag1.Reader(path) as reader:
@@ -219,13 +211,13 @@ def _read_bag_1(log: LogFile, given: NamedMapping | None) -> LogContent:
                 decode = functools.partial(decoder, data, connection.msgtype)
                 yield _Message(connection.topic, _short(connection.msgtype), time, decode)
 
-    content: LogContent = with_file(log, ".bag", lambda path: _content(log, given, "a ROS 1 bag", messages(path)))
+    content: LogContent = log.read_from_disk(".bag", lambda path: _content(log, given, "a ROS 1 bag", messages(path)))
     return content
 
 
 def _read_bag_2(log: LogFile, given: NamedMapping | None) -> LogContent:
     """Read the SQLite file of a ROS 2 bag."""
-    typesys = library(log, "rosbags.typesys", "ros")
+    typesys = log.library("rosbags.typesys", "ros")
 
     def messages() -> Iterator[_Message]:
         data = bytearray(log.data)
@@ -246,8 +238,8 @@ def _read_bag_2(log: LogFile, given: NamedMapping | None) -> LogContent:
 
 def _read_mcap(log: LogFile, given: NamedMapping | None) -> LogContent:
     """Read an MCAP file with messages of ROS 2, ROS 1 or JSON."""
-    mcap = library(log, "mcap.reader", "mcap")
-    typesys = library(log, "rosbags.typesys", "ros")
+    mcap = log.library("mcap.reader", "mcap")
+    typesys = log.library("rosbags.typesys", "ros")
 
     def messages() -> Iterator[_Message]:
         decoders: dict[int, _Decoder] = {}

@@ -8,14 +8,7 @@ import numpy as np
 
 from drake_quad.errors import InputError
 from drake_quad.identification.logs.conversion import Table
-from drake_quad.identification.logs.formats.log_format import (
-    FORMATS,
-    LogContent,
-    LogFormat,
-    NamedMapping,
-    library,
-    read_by_library,
-)
+from drake_quad.identification.logs.formats.log_format import FORMATS, LogContent, LogFormat, NamedMapping
 from drake_quad.identification.logs.mapping import load_mapping
 from drake_quad.identification.logs.px4_status import (
     STATUS_TOPICS,
@@ -173,7 +166,7 @@ def _parsed(log: LogFile, data: bytes, topics: set[str]) -> Any:
     Raises:
         InputError: if pyulog is not installed, or cannot read the data.
     """
-    pyulog = library(log, "pyulog", "ulog")
+    pyulog = log.library("pyulog", "ulog")
 
     def read() -> Any:
         # The output of pyulog is hidden, since remarks contain the same information.
@@ -181,7 +174,7 @@ def _parsed(log: LogFile, data: bytes, topics: set[str]) -> Any:
             _check_fields(pyulog.ULog(_Bounded(data), parse_header_only=True).message_formats)
             return pyulog.ULog(_Bounded(data), sorted(topics.union(STATUS_TOPICS)))
 
-    return read_by_library(log, "a ULog", read)
+    return log.read_by_library("a ULog", read)
 
 
 def _rotors(parameters: collections.abc.Mapping[str, Any]) -> tuple[int, ...] | None:

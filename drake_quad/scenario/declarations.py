@@ -1,0 +1,75 @@
+"""Units and bounds of the quantities of the scenario language, as its fields declare them."""
+
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Any, NamedTuple, get_args, get_origin
+
+from drake_quad.scenario.description import unit_in
+from drake_quad.scenario.distributions import Model, is_number_or_distribution
+from drake_quad.scenario.limits import LARGEST
+from drake_quad.scenario.quantities import Rule
+from drake_quad.scenario.unions import alternatives
+
+
+class Declaration(NamedTuple):
+    """Declaration of a quantity: a number, or a list of numbers, that may be distributions.
+
+    Attributes:
+        unit: unit; "1" for a ratio or a count.
+        lower: smallest number that the language allows.
+        upper: largest number that it allows.
+        needs_min: whether a normal distribution needs a smallest value.
+        needs_max: whether a normal distribution needs a largest value.
+        is_whole: whether numbers must be whole.
+        items: number of items of a list; 0 for a single number.
+    """
+
+    unit: str
+    lower: float
+    upper: float
+    needs_min: bool
+    needs_max: bool
+    is_whole: bool
+    items: int = 0
+
+
+def quantities_in(model: type[Model]) -> Iterator[tuple[str, Declaration]]:
+    """Yield path and declaration of each quantity of a mapping, and of the mappings in it.
+
+    Lists of mappings, such as the sources of wind, are left out.
+    """
+    for name, field in model.model_fields.items():
+        for path, declaration in _quantities(field.annotation, field.metadata, field.description or ""):
+            yield name + path, declaration
+
+
+def _quantities(hint: Any, metadata: Sequence[Any], description: str) -> Iterator[tuple[str, Declaration]]:
+    """Yield the quantities of a type; the path is empty for the type itself, and begins with a dot in a mapping."""
+    if get_origin(hint) is Annotated:
+        hint, *inner = get_args(hint)
+        yield from _quantities(hint, [*inner, *metadata], description)
+    elif is_number_or_distribution(hint):
+        yield "", _declaration(unit_in(description) or "1", [rule for rule in metadata if isinstance(rule, Rule)])
+    elif get_origin(hint) is tuple:
+        items = get_args(hint)
+        for path, declaration in _quantities(items[0], (), description) if Ellipsis not in items else ():
+            if not path:
+                yield path, declaration._replace(items=len(items))
+    else:
+        for choice in alternatives(hint, metadata):
+            if isinstance(choice, type) and issubclass(choice, Model):
+                yield from ((f".{path}", declaration) for path, declaration in quantities_in(choice))
+            elif choice is not hint:
+                yield from _quantities(choice, (), description)
+
+
+def _declaration(unit: str, rules: Sequence[Rule]) -> Declaration:
+    """Return the declaration of a single number that follows some rules."""
+    binding = [rule for rule in rules if not rule.is_of_numbers]
+    return Declaration(
+        unit,
+        max([-LARGEST, *(rule.lower for rule in rules if rule.lower is not None)]),
+        min([LARGEST, *(rule.upper for rule in rules if rule.upper is not None)]),
+        any(rule.lower is not None for rule in binding),
+        any(rule.upper is not None for rule in binding),
+        any(rule.is_whole for rule in rules),
+    )
