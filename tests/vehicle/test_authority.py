@@ -37,7 +37,7 @@ def test_short_forms_lack_nothing(rotors):
             layout([(0.2, 0.2), (0.1, 0.1), (-0.1, -0.1), (-0.2, -0.2)]),
             r"torque about the axis (0.71, 0.71, 0), since its rotors are in a line",
         ),
-        (layout([(0.0, 0.0)] * 4), "roll and pitch torque, since its rotors are all in the middle"),
+        (layout([(0.0, 0.0)] * 4), "roll and pitch torque, since all its rotors are at the centre"),
     ],
 )
 def test_what_a_layout_lacks(rotors, lacking):
@@ -58,7 +58,7 @@ def test_of_several_vehicles_any_counts():
 def test_one_of_several_vehicles_whose_rotors_are_all_in_the_middle_counts():
     arm = np.array([0.2, 0.0])
     places = ((arm, -arm), (-arm, -arm), (-arm, arm), (arm, arm))
-    assert missing_direction(layout(places)) == "roll and pitch torque, since its rotors are all in the middle"
+    assert missing_direction(layout(places)) == "roll and pitch torque, since all its rotors are at the centre"
 
 
 def test_yaw_is_by_drag_factor_over_thrust_factor():

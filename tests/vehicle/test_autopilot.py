@@ -21,10 +21,10 @@ from drake_quad.vehicle.autopilot import (
     LoopRules,
     NeglectedDrag,
     SensorNoise,
-    autopilot_law,
-    lean_after,
-    sensed,
-    thrust_alone,
+    autopilot_step,
+    estimated_attitude_and_rates,
+    next_lean_error,
+    wrench_without_torque,
 )
 from drake_quad.vehicle.parameters import Inertia
 
@@ -44,7 +44,7 @@ NO_NOISE = "laboratory.motion_capture={position_noise: 0, attitude_noise: 0}"
 
 def wrench_of(noise, numbers):
     """Return the wrench of an autopilot that remembers nothing."""
-    wrench, memory = autopilot_law(TARGET, STATE, noise, numbers, None, 0.0025)
+    wrench, memory = autopilot_step(TARGET, STATE, noise, numbers, None, 0.0025)
     assert memory is None
     return wrench
 
@@ -66,7 +66,7 @@ def test_the_wrench_is_that_of_two_proportional_loops():
     noise = SensorNoise((0.7, -1.2, 0.4), (1.1, -0.3, 0.9))
     found = wrench_of(noise, NUMBERS)
     np.testing.assert_allclose(found, law(TARGET, STATE, NUMBERS, noise), rtol=1e-13)
-    np.testing.assert_array_equal(thrust_alone(TARGET), [6.6, 0.0, 0.0, 0.0])
+    np.testing.assert_array_equal(wrench_without_torque(TARGET), [6.6, 0.0, 0.0, 0.0])
 
 
 class Px4Rates:
@@ -117,7 +117,7 @@ def test_the_rate_loop_is_px4_s_tick_by_tick():
         ]
         limited = np.clip(asked, [-2.0, -1.0, -0.5], [2.0, 1.0, 0.5])
         clipped += np.any(asked != limited)
-        wrench, memory = autopilot_law(target, state, None, numbers, memory, period, LoopRules(gyroscopic=False))
+        wrench, memory = autopilot_step(target, state, None, numbers, memory, period, LoopRules(gyroscopic=False))
         expected = np.array(numbers.inertia) * px4.update(shown, limited)
         np.testing.assert_allclose(wrench[1:], expected, rtol=1e-9, atol=1e-9)
     assert clipped > 20
@@ -130,7 +130,7 @@ def test_an_estimator_without_drag_takes_the_force_of_the_air_for_a_tilt():
     lean = LeanError(0.0, 0.0)
     state = STATE._replace(v_x=1.5, v_y=-0.8)
     for _ in range(200):
-        lean = lean_after(lean, state, drag, period)
+        lean = next_lean_error(lean, state, drag, period)
     np.testing.assert_allclose(lean, -0.04 * np.array([1.5, -0.8]) * (1.0 - np.exp(-200 * period / 0.5)), rtol=1e-12)
 
 
@@ -142,8 +142,8 @@ def test_the_estimated_thrust_points_less_in_the_direction_of_flight(yaw):
         return Rotation.from_euler("ZYX", [attitude.yaw, attitude.pitch, attitude.roll]).apply([0.0, 0.0, 1.0])
 
     state = STATE._replace(roll=0.0, pitch=0.0, yaw=yaw)
-    true, _ = sensed(state, None, NUMBERS)
-    seen, _ = sensed(state, None, NUMBERS, LeanError(-2e-3, 1e-3))
+    true, _ = estimated_attitude_and_rates(state, None, NUMBERS)
+    seen, _ = estimated_attitude_and_rates(state, None, NUMBERS, LeanError(-2e-3, 1e-3))
     np.testing.assert_allclose((direction(seen) - direction(true))[:2], [-2e-3, 1e-3], atol=1e-8)
     assert seen.yaw == true.yaw
 

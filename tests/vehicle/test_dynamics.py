@@ -15,9 +15,9 @@ from drake_quad.vehicle.attitude_kinematics import RIGID_KINEMATICS, SMALL_ANGLE
 from drake_quad.vehicle.dynamics import (
     RotorAction,
     drag,
-    held_rotor_speed,
     hover_rotor_speeds,
     rotor_action,
+    target_rotor_speed,
 )
 from drake_quad.vehicle.effects import NO_EFFECTS
 from drake_quad.vehicle.faults import SpeedFactors
@@ -240,7 +240,7 @@ def test_every_rotor_is_held_within_its_limits(asymmetric_vehicle):
     commands, held, shares = [1e4, -1e4, np.nan, 250.0], [high, low, low, 250.0], [1.0, 0.9, 0.8, 0.7]
     for turn in range(4):
         command = RotorSpeed(*np.roll(commands, turn).tolist())
-        found = held_rotor_speed(command, asymmetric_vehicle, SpeedFactors(*shares))
+        found = target_rotor_speed(command, asymmetric_vehicle, SpeedFactors(*shares))
         np.testing.assert_allclose(found, shares * np.roll(held, turn), rtol=1e-15)
 
 

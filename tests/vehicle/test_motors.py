@@ -16,10 +16,10 @@ from drake_quad.vehicle.motors import (
     ThrottleModel,
     ThrustCurve,
     allocate_throttle,
+    believed_rotor_speeds,
+    rotor_speeds_of_throttles,
     throttle_for,
     thrust_of,
-    told_as,
-    told_by_throttle,
 )
 from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers
@@ -55,7 +55,7 @@ def test_a_vehicle_turns_its_rotors_as_throttles_say():
     curve = ThrustCurve(0.1, 1.0, 2.8)
     rotors = Rotors.plus().with_thrust_factors(4.0e-5, 4.1e-5, 4.2e-5, 4.3e-5)
     parameters = QuadrotorParameters(rotors=rotors)
-    told = told_by_throttle(Throttle(0.5, -1.0, 7.0, np.nan), curve, parameters)
+    told = rotor_speeds_of_throttles(Throttle(0.5, -1.0, 7.0, np.nan), curve, parameters)
     np.testing.assert_allclose(np.square(told) * 4.15e-5, [0.1 + 0.5 + 0.7, 0.1, 3.9, 0.1], rtol=1e-12)
 
 
@@ -69,7 +69,7 @@ def test_the_allocation_gives_a_wrench_by_throttles(asymmetric_vehicle):
     command, shortfall = allocate_throttle(wrench, model)
     assert all(0.0 < throttle < 1.0 for throttle in command)
     assert shortfall == (0.0, 0.0, 0.0, 0.0)
-    told = told_by_throttle(command, model.curve, parameters)
+    told = rotor_speeds_of_throttles(command, model.curve, parameters)
     np.testing.assert_allclose(rotor_action(told, parameters).wrench, wrench, rtol=1e-12)
 
 
@@ -98,14 +98,16 @@ def test_the_rotors_limits_hold_with_throttles_too(asymmetric_vehicle):
 
 
 def test_a_wrong_belief_of_the_curve_is_a_wrong_thrust(asymmetric_vehicle):
-    """What the autopilot must command for the rotors to turn as wanted is what `told_as` says."""
+    """What the autopilot must command for the rotors to turn as wanted is what `believed_rotor_speeds` says."""
     vehicle = ThrottleModel.of(asymmetric_vehicle, ThrustCurve(0.2, 0.9, 3.3))
     believed = ThrottleModel.of(QuadrotorParameters(), ThrustCurve(0.1, 1.1, 2.7))
     wanted = RotorSpeed(200.0, 210.0, 190.0, 205.0)
-    commanded = told_as(wanted, vehicle, believed)
+    commanded = believed_rotor_speeds(wanted, vehicle, believed)
     thrusts = believed.thrust_factor * np.square(commanded)
     command = Throttle(*(throttle_for(thrust, believed.curve) for thrust in thrusts))
-    np.testing.assert_allclose(told_by_throttle(command, vehicle.curve, asymmetric_vehicle), wanted, rtol=1e-12)
+    np.testing.assert_allclose(
+        rotor_speeds_of_throttles(command, vehicle.curve, asymmetric_vehicle), wanted, rtol=1e-12
+    )
     assert np.abs(np.subtract(commanded, wanted)).min() > 1.0
 
 

@@ -139,7 +139,7 @@ def test_effects_of_motors_and_air_move_it_as_a_quadrotor(time_step):
 def test_an_effect_that_it_does_not_know_is_refused():
     effects = Effects(battery=Battery(12.6, 10.2, 1.0, 0.04, 0.6))
     numbers = RespondingNumbers(QuadrotorNumbers(effects=effects), RESPONSE)
-    with pytest.raises(ValueError, match="responds as a whole knows no battery"):
+    with pytest.raises(ValueError, match="does not support these effects: battery"):
         RespondingQuadrotor(numbers=numbers, effects=("battery",))
 
 
