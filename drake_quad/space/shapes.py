@@ -63,7 +63,7 @@ class _Solid(_Placed, ABC):
     def distance(self, x: Row, y: Row, z: Row) -> Row:
         """Return the distance of a point of W from the surface, m; negative inside."""
 
-    def at_least(self, x: Row, y: Row, z: Row) -> None:
+    def distance_lower_bound(self, x: Row, y: Row, z: Row) -> None:
         """None: nothing that the distance is not below costs less."""
 
     def distances(self, points: ArrayLike) -> np.ndarray:
@@ -264,7 +264,7 @@ class Hull:
         # Rounding may leave less than nothing on an edge.
         return maximum(0.0, least)
 
-    def at_least(self, x: Row, y: Row, z: Row) -> Row:
+    def distance_lower_bound(self, x: Row, y: Row, z: Row) -> Row:
         """How far a point of W is from a ball around the hull, m: the distance is not below it."""
         c_x, c_y, c_z = self.centre
         return _norm((x - c_x, y - c_y, z - c_z)) - self._reach

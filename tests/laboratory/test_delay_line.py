@@ -9,7 +9,7 @@ from pydrake.systems.analysis import Simulator_
 
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import layout_of
-from drake_quad.laboratory.delay_line import carried, declare_delay_line, newest
+from drake_quad.laboratory.delay_line import declare_delay_line, delay_line_step, latest_sample
 from drake_quad.signals import Row
 
 
@@ -27,7 +27,7 @@ def filled(now, longest):
 
 
 def a_tick_later(now, under_way, delay):
-    return carried(now, under_way, delay.ticks)
+    return delay_line_step(now, under_way, delay.ticks)
 
 
 @fleet_system(float, AutoDiffXd)
@@ -98,5 +98,5 @@ def test_an_unfilled_line_shows_its_initial_rows():
 
 def test_newest_is_what_was_sampled_last():
     """Out at once where there can be no delay, and else on its way."""
-    assert newest("out", ()) == "out"
-    assert newest("out", ("sampled last", "sampled before")) == "sampled last"
+    assert latest_sample("out", ()) == "out"
+    assert latest_sample("out", ("sampled last", "sampled before")) == "sampled last"

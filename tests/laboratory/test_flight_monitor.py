@@ -8,14 +8,14 @@ from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
 from drake_quad.laboratory.flight_monitor import (
+    CollidedSolid,
     CrashLimits,
     FlightMonitor,
     FreeBall,
     Surroundings,
-    Touched,
     Window,
+    detect_contact,
     nearest_solid,
-    touching,
 )
 from drake_quad.signals import SIGNALS, State
 from drake_quad.space.shapes import Ball, Cuboid, hull_of
@@ -295,8 +295,8 @@ class Counted:
         self.count += 1
         return self.shape.distance(x, y, z)
 
-    def at_least(self, x, y, z):
-        return self.shape.at_least(x, y, z)
+    def distance_lower_bound(self, x, y, z):
+        return self.shape.distance_lower_bound(x, y, z)
 
 
 def test_distances_are_computed_only_of_who_has_moved_as_far_as_it_may():
@@ -306,17 +306,17 @@ def test_distances_are_computed_only_of_who_has_moved_as_far_as_it_may():
     counts = []
     # It may move by 1.3 m, then by 2.61 m; a vehicle that has crashed is not looked at.
     for x, flies in ((0.0, True), (0.5, True), (-1.29, True), (-1.31, True), (0.5, True), (0.9, True), (1.4, True)):
-        touch, free = touching(level._replace(x=x), flies, free, surroundings)
+        touch, free = detect_contact(level._replace(x=x), flies, free, surroundings)
         counts.append(solid.count)
-        assert touch == Touched(1.0 if x == 1.4 else 0.0)
+        assert touch == CollidedSolid(1.0 if x == 1.4 else 0.0)
     assert counts == [1, 1, 1, 2, 2, 2, 3]
-    touch, kept = touching(level._replace(x=1.5), False, free, surroundings)
-    assert (touch, kept, solid.count) == (Touched(), free, 3)
+    touch, kept = detect_contact(level._replace(x=1.5), False, free, surroundings)
+    assert (touch, kept, solid.count) == (CollidedSolid(), free, 3)
 
 
 def test_a_hull_s_distance_is_computed_only_if_it_may_be_the_nearest():
     near, far = Counted(Ball((1.0, 0.0, 1.0), radius=0.5)), Counted(hull_of(np.add(np.eye(4, 3), [5.0, 0.0, 0.0])))
-    touching(State(*[0.0] * 12), True, FreeBall(), Surroundings((near, far), 0.1))
+    detect_contact(State(*[0.0] * 12), True, FreeBall(), Surroundings((near, far), 0.1))
     assert (near.count, far.count) == (1, 0)
-    touching(State(*[0.0] * 12), True, FreeBall(), Surroundings((far, near), 0.1))
+    detect_contact(State(*[0.0] * 12), True, FreeBall(), Surroundings((far, near), 0.1))
     assert (near.count, far.count) == (2, 1)

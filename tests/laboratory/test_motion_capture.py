@@ -24,7 +24,7 @@ from drake_quad.laboratory.motion_capture import (
     VelocityError,
     _rotation,
     attitude_of_markers,
-    seen_pose,
+    measured_pose,
 )
 from drake_quad.randomness.noise import Samples
 from drake_quad.randomness.streams import StreamKind
@@ -267,7 +267,7 @@ def test_each_row_of_the_pose_has_a_noise_of_its_own():
     noise = Pose(1.0, -2.0, 3.0, -4.0, 5.0, -6.0)
     state = State(1.0, 2.0, 3.0, 0.01, 0.02, 0.03, *[9.0] * 6)
     cameras = Cameras.of(CameraNumbers(position_noise=0.1, attitude_noise=0.5))
-    found = seen_pose(state, noise, cameras, misaligned=True)
+    found = measured_pose(state, noise, cameras, misaligned=True)
     np.testing.assert_allclose(found, Pose(1.1, 1.8, 3.3, -1.99, 2.52, -2.97))
 
 
@@ -280,7 +280,7 @@ def test_velocity_is_seen_too_large_by_its_share_and_nothing_else(filtered):
     numbers = CameraNumbers(derivative_bandwidth=40.0)
     mistaken = numbers._replace(velocity_error=VelocityError(*shares.T))
     _, true = seen(line, MotionCapture(num_vehicles=2, filtered=filtered, numbers=numbers), duration=2.0, n=2)
-    camera = MotionCapture(num_vehicles=2, filtered=filtered, mistaken=True, numbers=mistaken)
+    camera = MotionCapture(num_vehicles=2, filtered=filtered, velocity_scaled=True, numbers=mistaken)
     _, frames = seen(line, camera, duration=2.0, n=2)
     expected = true.copy()
     expected[6:9] *= 1.0 + shares.T[:, :, None]

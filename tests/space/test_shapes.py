@@ -98,7 +98,7 @@ def test_floats_and_machine_code_agree_with_arrays(shape):
 @each_shape
 def test_no_distance_is_below_its_bound(shape):
     points = np.vstack([around(shape, 2000), shape.triangles().reshape(-1, 3)])
-    bound = shape.at_least(*points.T)
+    bound = shape.distance_lower_bound(*points.T)
     assert bound is None or (shape.distances(points) >= bound).all()
     # Half the hull's corners are not far within the ball: a bound of minus infinity would be one, too.
     assert (bound is None) == (not hasattr(shape, "corners") or isinstance(shape, Cuboid))

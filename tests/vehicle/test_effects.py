@@ -128,8 +128,8 @@ def test_numbers_that_are_not_given_do_nothing(asymmetric_vehicle):
         assert_close(slope(vehicle, context, sample), slope(bare, bare_context, sample))
 
 
-def test_an_effect_without_numbers_is_refused():
-    with pytest.raises(ValueError, match="the effect body_drag has no numbers"):
+def test_an_effect_without_parameters_is_rejected():
+    with pytest.raises(ValueError, match="the effect body_drag has no parameters"):
         Quadrotor(
             effects=("ground_effect", "body_drag"), numbers=QuadrotorNumbers(effects=Effects(ground_effect=GROUND))
         )

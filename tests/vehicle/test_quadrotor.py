@@ -216,7 +216,7 @@ def test_a_vehicle_hovers_level_at_the_origin_unless_another_place_is_given():
 
 
 def test_a_slung_load_cannot_be_combined_with_a_payload():
-    with pytest.raises(ValueError, match="a vehicle with a payload has no slung load"):
+    with pytest.raises(ValueError, match="the effects payload and slung_load cannot be combined"):
         quadrotor(effects=("payload", "slung_load"))
 
 

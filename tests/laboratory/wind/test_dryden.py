@@ -20,9 +20,9 @@ from drake_quad.laboratory.wind.dryden import (
     SampledTurbulence,
     Turbulence,
     TurbulenceNumbers,
-    filtered,
-    filtered_velocity,
+    next_filter_state,
     stationary_state,
+    turbulent_velocity,
 )
 from drake_quad.randomness.noise import Samples
 from drake_quad.randomness.streams import StreamKind
@@ -35,9 +35,9 @@ def matrices(turbulence, period):
     """A, B and C of the whole filter, column by column from its step and its output."""
     sampled = SampledTurbulence.of(TurbulenceNumbers(turbulence), period)
     unit, none = [FilterState(*column) for column in np.eye(5)], FilterState(*np.zeros(5))
-    A = np.column_stack([filtered(column, none, sampled) for column in unit])
-    B = np.column_stack([filtered(none, column, sampled) for column in unit])
-    C = np.column_stack([filtered_velocity(column, turbulence.deviation) for column in unit])
+    A = np.column_stack([next_filter_state(column, none, sampled) for column in unit])
+    B = np.column_stack([next_filter_state(none, column, sampled) for column in unit])
+    C = np.column_stack([turbulent_velocity(column, turbulence.deviation) for column in unit])
     return A, B, C
 
 
@@ -127,8 +127,8 @@ def test_power_spectral_density_over_two_decades():
     state = stationary_state(FilterState(*rng.standard_normal((5, count))))
     record = np.empty((ticks, 3, count))
     for tick in range(ticks):
-        record[tick] = filtered_velocity(state, turbulence.deviation)
-        state = filtered(state, FilterState(*rng.standard_normal((5, count))), sampled)
+        record[tick] = turbulent_velocity(state, turbulence.deviation)
+        state = next_filter_state(state, FilterState(*rng.standard_normal((5, count))), sampled)
     frequency, density = scipy.signal.welch(record, fs=1.0 / period, nperseg=2**14, axis=0, detrend=False)
     density = density.mean(axis=2)
     bands = np.geomspace(0.05, 5.0, 13)

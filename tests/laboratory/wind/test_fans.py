@@ -10,7 +10,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
-from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet, air, jet_speed
+from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet, jet_speed, local_air
 from drake_quad.laboratory.wind.wind import build_wind
 from drake_quad.randomness.noise import Samples, random_streams
 from drake_quad.randomness.streams import StreamKind
@@ -87,7 +87,7 @@ def test_the_core_keeps_the_exit_speed_and_joins_the_far_jet_smoothly():
 @pytest.mark.parametrize("along", [0.0, -0.01, -3.0])
 def test_from_the_plane_of_the_outlet_on_back_the_air_is_at_rest(along):
     for across in (0.0, 0.3, 2.0):
-        mean, variance, rate = air(at(along, across), (JET,))
+        mean, variance, rate = local_air(at(along, across), (JET,))
         assert (*mean, variance, rate) == (0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -95,7 +95,7 @@ def test_of_several_jets_the_variances_add_up_and_the_rates():
     place = at(4.0, 0.3)
     other = JET._replace(outlet=Outlet(1.0, 1.0, 2.0), turbulence=0.4)
     (speed_1, width_1), (speed_2, width_2) = jet_speed(place, JET), jet_speed(place, other)
-    _, variance, rate = air(place, (JET, other))
+    _, variance, rate = local_air(place, (JET, other))
     assert min(speed_1, speed_2) > 1.0
     assert variance == pytest.approx((0.22 * speed_1) ** 2 + (0.4 * speed_2) ** 2)
     assert rate == pytest.approx(speed_1 / width_1 + speed_2 / width_2)
