@@ -14,7 +14,7 @@ from drake_quad.reference.minimum_snap import snap_cost
 from drake_quad.reference.path_problem import PathLimits, PathProblem
 from drake_quad.reference.planner import GivenTimes, Heuristic, LeastSnap, Shortest, Timing, plan_path
 from drake_quad.reference.polynomial_path import PolynomialPath
-from drake_quad.reference.regions import Box, Corridor, Place, Sphere, common, touch
+from drake_quad.reference.regions import Box, Corridor, Sphere, WaypointRegion, intersection_of, overlap
 from drake_quad.space.blocked import explain
 from drake_quad.space.grid import Grid, is_near
 from drake_quad.space.passage import Passage, chain, find_passage, other_passages, worth_a_look
@@ -47,7 +47,7 @@ class WayAround(NamedTuple):
 
 def straight_on(problem: PathProblem) -> WayAround:
     """Past obstacles that are not in the way."""
-    return WayAround(problem, np.arange(len(problem.places)))
+    return WayAround(problem, np.arange(len(problem.waypoints)))
 
 
 def within(problem: PathProblem, bounds: Box | None) -> PathProblem:
@@ -58,14 +58,14 @@ def within(problem: PathProblem, bounds: Box | None) -> PathProblem:
     """
     if bounds is None:
         return problem
-    corridors = [bounds if corridor is None else common(corridor, bounds) for corridor in problem.corridors]
+    corridors = [bounds if corridor is None else intersection_of(corridor, bounds) for corridor in problem.corridors]
     for i, corridor in enumerate(corridors):
         if corridor is None:
             raise InputError(f"the corridor of segment {i} lies outside the bounds of the space, {bounds} m")
-    for i, place in enumerate(problem.places):
-        if not touch(place, bounds):
+    for i, place in enumerate(problem.waypoints):
+        if not overlap(place, bounds):
             raise InputError(f"waypoint {i}, {place} m, lies outside the bounds of the space, {bounds} m")
-    return PathProblem(problem.places, derivatives=problem.derivatives, corridors=corridors, limits=problem.limits)
+    return PathProblem(problem.waypoints, derivatives=problem.derivatives, corridors=corridors, limits=problem.limits)
 
 
 def plan_around(space: Space, bounds: Box, problem: PathProblem, timing: Timing) -> tuple[PolynomialPath, WayAround]:
@@ -101,7 +101,7 @@ def _promise(way: WayAround, timing: Timing) -> float:
     problem = way.problem
     if not problem.limits.by_order:
         problem = PathProblem(
-            problem.places, derivatives=problem.derivatives, corridors=problem.corridors, limits=_ANY_LIMITS
+            problem.waypoints, derivatives=problem.derivatives, corridors=problem.corridors, limits=_ANY_LIMITS
         )
     try:
         path = plan_path(problem, Heuristic())
@@ -149,7 +149,7 @@ def _ways_around(space: Space, bounds: Box, problem: PathProblem) -> list[WayAro
 
 def check_places(space: Space, problem: PathProblem) -> None:
     """Raises InputError if a waypoint that is a point is nearer to an obstacle than the clearance."""
-    for i, place in enumerate(problem.places):
+    for i, place in enumerate(problem.waypoints):
         if isinstance(place, Box) and place.is_point:
             (distance,), (number,) = space.nearest(place.centre[np.newaxis])
             if distance < space.clearance + SLACK:
@@ -259,7 +259,7 @@ def _ways_through(
             return []
         candidates.append(worth_a_look(regions, chain(regions, way), points, (lengths + onward)[free]))
     ends = [regions.holding(points).any(axis=1) for points in places] if divided else None
-    passage = find_passage(regions, candidates, problem.places, problem.corridors, ends=ends)
+    passage = find_passage(regions, candidates, problem.waypoints, problem.corridors, ends=ends)
     if passage is None:
         return []
     others = [each for each in other_passages(regions, places, problem.corridors, count=_OTHERS) if each != passage]
@@ -278,7 +278,7 @@ def _free_points(problem: PathProblem, space: Space, bounds: Box) -> list[np.nda
         InputError: none of them is free.
     """
     found = []
-    for i, (place, middle) in enumerate(zip(problem.places, problem.representatives(), strict=True)):
+    for i, (place, middle) in enumerate(zip(problem.waypoints, problem.representatives(), strict=True)):
         points, diagonal = _points_of(place)
         points = np.vstack([middle, points[is_near(place, points)]])
         distances, numbers = space.nearest(points)
@@ -294,7 +294,7 @@ def _free_points(problem: PathProblem, space: Space, bounds: Box) -> list[np.nda
     return found
 
 
-def _points_of(place: Place) -> tuple[np.ndarray, float]:
+def _points_of(place: WaypointRegion) -> tuple[np.ndarray, float]:
     """(n, 3) points on a grid over a place, m, and the diagonal of its cells, m."""
     match place:
         case Box():
@@ -315,17 +315,17 @@ def with_corridors(problem: PathProblem, regions: Regions, passage: Passage) -> 
     Raises:
         InputError: a place and the regions around it have nothing to speak of in common.
     """
-    places: list[Place] = []
+    places: list[WaypointRegion] = []
     corridors: list[Corridor] = []
     waypoints = []
-    for place, leg, corridor in zip(problem.places[:-1], passage, problem.corridors, strict=True):
+    for place, leg, corridor in zip(problem.waypoints[:-1], passage, problem.corridors, strict=True):
         waypoints.append(len(places))
         inside = [_both(regions[number], corridor) for number in leg]
         handovers = [_both(one, other) for one, other in itertools.pairwise(inside)]
         places += [place, *handovers]
         corridors += inside
     waypoints.append(len(places))
-    places.append(problem.places[-1])
+    places.append(problem.waypoints[-1])
     derivatives = np.full((len(places), *problem.derivatives.shape[1:]), np.nan)
     derivatives[waypoints] = problem.derivatives
     inner = PathProblem(places, derivatives=derivatives, corridors=corridors, limits=problem.limits)
@@ -333,6 +333,6 @@ def with_corridors(problem: PathProblem, regions: Regions, passage: Passage) -> 
 
 
 def _both(region: Corridor, corridor: Corridor | None) -> Corridor:
-    found = region if corridor is None else common(region, corridor)
+    found = region if corridor is None else intersection_of(region, corridor)
     assert found is not None, "seen to by the search"
     return found

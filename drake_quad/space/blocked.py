@@ -66,7 +66,7 @@ class _Search:
         self.grid = grid
         # From any place to the nearest point of the grid, m.
         self.reach = 0.5 * float(np.linalg.norm(grid.steps)) + 1e-9
-        self._near = [is_near(place, grid.points, self.reach) for place in problem.places]
+        self._near = [is_near(place, grid.points, self.reach) for place in problem.waypoints]
         beside = 0.0 if certain else self.reach
         self._inside = [
             None if corridor is None else is_near(corridor, grid.points, beside) for corridor in problem.corridors

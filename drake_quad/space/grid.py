@@ -7,7 +7,7 @@ from functools import cached_property, reduce
 
 import numpy as np
 
-from drake_quad.reference.regions import Box, Place, Sphere
+from drake_quad.reference.regions import Box, Sphere, WaypointRegion
 from drake_quad.space.space import Space
 
 # A place leads to points of the grid within so many spacings of it.
@@ -162,7 +162,7 @@ class Grid:
         return np.asarray(ndimage.label(free.reshape(self.shape), np.ones((3, 3, 3)))[0]).ravel()
 
 
-def is_near(place: Place, points: np.ndarray, distance: float = 0.0) -> np.ndarray:
+def is_near(place: WaypointRegion, points: np.ndarray, distance: float = 0.0) -> np.ndarray:
     """Return a mask (n,) of the points (n, 3) that are in a place or within a distance (m) of it.
 
     Near the edges of a polytope the mask also includes some points that are farther away.

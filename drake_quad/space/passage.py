@@ -23,7 +23,7 @@ from pydrake.planning import GcsTrajectoryOptimization
 from pydrake.solvers import ClarabelSolver
 
 from drake_quad.process_settings import without_drake_remarks
-from drake_quad.reference.regions import Box, Corridor, Place, Polytope, Sphere
+from drake_quad.reference.regions import Box, Corridor, Polytope, Sphere, WaypointRegion
 from drake_quad.space.regions import NARROWEST, Regions
 
 # Regions of a leg among which the graph is searched, those of its chain or more: it takes half a second for so many.
@@ -81,7 +81,7 @@ def chain(regions: Regions, way: np.ndarray) -> list[int]:
 def find_passage(
     regions: Regions,
     candidates: Sequence[Sequence[int]],
-    places: Sequence[Place],
+    places: Sequence[WaypointRegion],
     corridors: Sequence[Corridor | None],
     *,
     ends: Sequence[np.ndarray] | None = None,
@@ -219,14 +219,14 @@ def _is_wide(region: Polytope | None) -> bool:
     return region is not None and region.radius > NARROWEST
 
 
-def _has(region: HPolyhedron, place: Place) -> bool:
+def _has(region: HPolyhedron, place: WaypointRegion) -> bool:
     """Is there a point of the place in the region?"""
     if isinstance(place, Box) and place.is_point:
         return region.PointInSet(place.centre, 1e-9)
     return region.IntersectsWith(_set(place))
 
 
-def _set(place: Place) -> ConvexSet:
+def _set(place: WaypointRegion) -> ConvexSet:
     if isinstance(place, Sphere):
         return Hyperellipsoid.MakeHypersphere(place.radius, place.centre)
     if isinstance(place, Polytope):

@@ -55,7 +55,7 @@ def test_every_timing_keeps_the_clearance_and_its_limits(room, times):
     assert least(scenario, plan) >= 0.27
     passed = plan.waypoints[waypoints]
     np.testing.assert_allclose(passed, [[0, 0, 1], [3, 3, 1.2], [6, 0, 1]], atol=1e-9)
-    assert len(problem.places) == len(plan.path.times) > 3
+    assert len(problem.waypoints) == len(plan.path.times) > 3
     if "[0, 5, 12]" in times:
         np.testing.assert_allclose(plan.path.times[waypoints], [0, 5, 12])
     else:

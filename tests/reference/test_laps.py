@@ -5,7 +5,7 @@ import pytest
 
 from drake_quad import InputError, load_scenario, simulate
 from drake_quad.flight.mission import plan_route
-from drake_quad.reference.laps import LapDurations, flown_in_laps, periodic_motion
+from drake_quad.reference.laps import LapDurations, path_of_laps, periodic_seam
 from drake_quad.reference.minimum_snap import MinimumSnap, rest_at_ends, snap_cost
 from drake_quad.reference.polynomial_path import evaluate, peak_norm
 from drake_quad.reference.time_allocation import trapezoid_times
@@ -27,11 +27,11 @@ def test_the_motion_at_the_seam_is_that_of_the_middle_of_many_laps():
     path = MinimumSnap(points, durations, rest_at_ends(len(points), 3)).path()
     middle = [12 * DURATIONS.sum()]
     expected = np.array([evaluate(path, middle, order)[:, 0] for order in (1, 2, 3)])
-    np.testing.assert_allclose(periodic_motion(POINTS, DURATIONS, FREE), expected, atol=1e-6)
+    np.testing.assert_allclose(periodic_seam(POINTS, DURATIONS, FREE), expected, atol=1e-6)
 
 
 def test_no_other_motion_at_the_seam_costs_less_snap():
-    seam = periodic_motion(POINTS, DURATIONS, FREE)
+    seam = periodic_seam(POINTS, DURATIONS, FREE)
     least = snap_cost(closed(seam))
     for change in 1e-2 * np.eye(3):
         for side in (1.0, -1.0):
@@ -41,10 +41,10 @@ def test_no_other_motion_at_the_seam_costs_less_snap():
 def test_at_a_stop_there_is_rest_and_what_is_given_stays():
     stop = FREE.copy()
     stop[[0, -1]] = 0.0
-    np.testing.assert_array_equal(periodic_motion(POINTS, DURATIONS, stop), 0.0)
+    np.testing.assert_array_equal(periodic_seam(POINTS, DURATIONS, stop), 0.0)
     still = FREE.copy()
     still[-1, 0] = 0.25
-    seam = periodic_motion(POINTS, DURATIONS, still)
+    seam = periodic_seam(POINTS, DURATIONS, still)
     np.testing.assert_array_equal(seam[0], 0.25)
     path = closed(seam)
     for order in (4, 5):
@@ -57,7 +57,7 @@ def test_at_a_stop_there_is_rest_and_what_is_given_stays():
 def test_laps_begin_and_end_at_rest_and_are_alike_in_between(laps):
     lead = np.array([[0.2, -0.1, 0.0]])
     durations = LapDurations(np.array([1.5, 1.8, 1.6, 2.0, 1.3]), DURATIONS, 1.2 * DURATIONS[::-1])
-    path, starts = flown_in_laps(np.vstack([lead, POINTS]), durations, laps, lead=1)
+    path, starts = path_of_laps(np.vstack([lead, POINTS]), durations, laps, lead=1)
     assert starts[0] == 1.5
     assert len(starts) == laps + 1
     np.testing.assert_allclose(np.diff(starts), [6.7] + [6.0] * (laps - 2) + [7.2])

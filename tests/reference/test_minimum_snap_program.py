@@ -258,7 +258,7 @@ def test_where_nothing_must_be_exceeded_nothing_is_and_the_path_is_the_smoothest
     wide = [Box([-99.0] * 3, [99.0] * 3)] * 4
     planned = MinimumSnapProgram(PathProblem(points(waypoints), limits=limits, corridors=wide), durations, slack=slack)
     path = planned.solve()
-    assert planned.exceeded == pytest.approx(0.0, abs=1e-6)
+    assert planned.excess == pytest.approx(0.0, abs=1e-6)
     assert snap_cost(path).sum() == pytest.approx(snap_cost(free).sum(), rel=1e-4)
 
 
@@ -333,7 +333,7 @@ def test_the_solver_is_asked_again_for_less_accuracy_and_says_nothing_of_it(monk
 
 
 def test_bounds_are_not_added_for_ever(monkeypatch):
-    monkeypatch.setattr(minimum_snap_program, "_ROUNDS", 1)
+    monkeypatch.setattr(minimum_snap_program, "_MAX_ROUNDS", 1)
     waypoints, durations = random_route(5, 4)
     limits = PathLimits(speed=0.9 * peak_norm(MinimumSnap(waypoints, durations).path(), 1))
     with pytest.raises(SolverError, match="still broke a limit or corridor after 1 rounds"):
@@ -360,10 +360,10 @@ def test_what_limits_are_exceeded_by_is_the_least_that_must_be():
         PathProblem(points(waypoints), limits=PathLimits(**limits)), durations, slack=RelaxedBounds.LIMITS
     )
     program.solve()
-    assert program.exceeded > 0.01
+    assert program.excess > 0.01
 
     def path(share):
-        wider = PathLimits(**{name: (1.0 + share * program.exceeded) * limit for name, limit in limits.items()})
+        wider = PathLimits(**{name: (1.0 + share * program.excess) * limit for name, limit in limits.items()})
         return path_within(PathProblem(points(waypoints), limits=wider), durations)
 
     assert path(1.01).duration == pytest.approx(durations.sum())

@@ -99,21 +99,24 @@ def test_only_points_without_corridors_are_the_fast_path_s():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({"places": POINTS[:1]}, "two or more waypoints"),
-        ({"places": []}, "two or more waypoints"),
-        ({"places": [POINTS[0], Box.point([1.0])]}, "same dimension"),
-        ({"places": [[0.0, 0.0], [1.0, 1.0]]}, "must be a Box, of which Box.point is one, a Sphere or a Polytope"),
-        ({"places": [POINTS[0], Box.point([1e-7, 0, 0])]}, "waypoints 0 and 1 are 1e-07 m apart: repeat one exactly"),
-        ({"places": [POINTS[0], Box.point([1e150, 0, 0])]}, "waypoint 1, .* is farther than 100000 m from the origin"),
-        ({"derivatives": np.full((3, 3, 3), np.inf)}, "are finite, on all axes or on none"),
-        ({"derivatives": HALF_GIVEN}, "are finite, on all axes or on none"),
+        ({"waypoints": POINTS[:1]}, "two or more waypoints"),
+        ({"waypoints": []}, "two or more waypoints"),
+        ({"waypoints": [POINTS[0], Box.point([1.0])]}, "same dimension"),
+        ({"waypoints": [[0.0, 0.0], [1.0, 1.0]]}, "must be a Box .Box.point for a point., a Sphere or a Polytope"),
+        ({"waypoints": [POINTS[0], Box.point([1e-7, 0, 0])]}, "waypoints 0 and 1 are 1e-07 m apart; make them equal"),
+        (
+            {"waypoints": [POINTS[0], Box.point([1e150, 0, 0])]},
+            "waypoint 1, .* is farther than 100000 m from the origin",
+        ),
+        ({"derivatives": np.full((3, 3, 3), np.inf)}, "must be finite on all axes or NaN on all axes"),
+        ({"derivatives": HALF_GIVEN}, "must be finite on all axes or NaN on all axes"),
         (
             {"derivatives": PUSHED, "corridors": [None, around([2, 0, 0], [2, 2, 0])]},
-            "what is given at waypoint 1 leads out of the corridor of segment 1",
+            "the derivatives given at waypoint 1 lead out of the corridor of segment 1",
         ),
         (
             {"derivatives": ALONG_Y, "corridors": [around([0, 0, 0], [2, 0, 0]), None]},
-            "what is given at waypoint 1 leads out of the corridor of segment 0",
+            "the derivatives given at waypoint 1 lead out of the corridor of segment 0",
         ),
         ({"corridors": [None]}, "1 corridors for 2 segments"),
         ({"derivatives": np.zeros((2, 3, 3))}, "must have"),
@@ -131,28 +134,28 @@ def test_only_points_without_corridors_are_the_fast_path_s():
         ),
         (
             {
-                "places": [POINTS[0], Sphere([2, 0, 0], 0.2), POINTS[2]],
+                "waypoints": [POINTS[0], Sphere([2, 0, 0], 0.2), POINTS[2]],
                 "corridors": [around([-1, -1, -1], [3, 3, 1]), around([1, 1, -1], [3, 3, 1])],
             },
             "waypoint 1, the sphere of 0.2 m around .* lies outside the corridor of segment 1.*0.8 m apart on y",
         ),
         (
             {
-                "places": [POINTS[0], Sphere([2, 0.5, 0], 0.6), POINTS[2]],
+                "waypoints": [POINTS[0], Sphere([2, 0.5, 0], 0.6), POINTS[2]],
                 "corridors": [around([-1, -1, -1], [1.6, 3, 1]), around([1.6, 0.95, -1], [3, 3, 1])],
             },
             "waypoint 1, .* has no point where the corridors of segments 0 and 1 overlap",
         ),
         (
             {
-                "places": [POINTS[0], Sphere([2, 0, 0], 0.5), POINTS[2]],
+                "waypoints": [POINTS[0], Sphere([2, 0, 0], 0.5), POINTS[2]],
                 "corridors": [None, around([2.4, 0.4, 0], [3, 3, 0])],
             },
             r"corridor of segment 1, the box from \(2.4, 0.4, 0\) to \(3, 3, 0\) m$",
         ),
         (
             {
-                "places": [Box.point([0, 0, 0, 0]), Box.point([1, 0, 0, 0]), Box.point([2, 0, 0, 0])],
+                "waypoints": [Box.point([0, 0, 0, 0]), Box.point([1, 0, 0, 0]), Box.point([2, 0, 0, 0])],
                 "corridors": [around([-1, 0, 0, 1], [3, 0, 0, 2]), None],
             },
             "waypoint 0, .* they are 1 m apart on axis 3",
@@ -169,7 +172,7 @@ def test_only_points_without_corridors_are_the_fast_path_s():
 )
 def test_what_no_path_can_keep_is_refused(arguments, words):
     with pytest.raises(InputError, match=words):
-        PathProblem(**{"places": POINTS, **arguments})
+        PathProblem(**{"waypoints": POINTS, **arguments})
 
 
 @pytest.mark.parametrize(
@@ -193,4 +196,4 @@ def test_impossible_parts_are_refused(make, words):
 
 def test_a_start_has_a_position_for_each_waypoint():
     with pytest.raises(InputError, match=r"the start has the shape \(2, 3\), but must have \(3, 3\)"):
-        PathProblem(places=POINTS, start=np.zeros((2, 3)))
+        PathProblem(waypoints=POINTS, start=np.zeros((2, 3)))

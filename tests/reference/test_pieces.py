@@ -116,7 +116,7 @@ def test_a_path_of_too_high_a_degree_has_no_place_in_a_file():
     Plan.facing(PolynomialPath(np.array([0.0, 1.0]), coefficients))
     assert pieces_of(Plan.facing(PolynomialPath(np.array([0.0, 1.0]), coefficients))).shape == (1, 33)
     coefficients[0, 9] = 1.0
-    with pytest.raises(InputError, match="the path is of degree 9, but a piece has room for degree 7"):
+    with pytest.raises(InputError, match="the path has degree 9, but a piece has at most degree 7"):
         pieces_of(Plan.facing(PolynomialPath(np.array([0.0, 1.0]), coefficients)))
 
 

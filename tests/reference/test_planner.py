@@ -6,10 +6,18 @@ import numpy as np
 import pytest
 
 from drake_quad.errors import InputError
-from drake_quad.reference.binding import bindings
+from drake_quad.reference.active_constraints import active_constraints
 from drake_quad.reference.minimum_snap import MinimumSnap, rest_at_ends, snap_cost
 from drake_quad.reference.path_problem import Box, PathLimits, PathProblem, Sphere
-from drake_quad.reference.planner import GivenTimes, Heuristic, LeastSnap, Shortest, merged, passing_times, plan_path
+from drake_quad.reference.planner import (
+    GivenTimes,
+    Heuristic,
+    LeastSnap,
+    Shortest,
+    passing_times,
+    plan_path,
+    without_repeats,
+)
 from drake_quad.reference.polynomial_path import evaluate, evaluate_at, peak_norm
 from drake_quad.reference.time_allocation import rest_to_rest_durations
 
@@ -112,7 +120,7 @@ def test_corridors_boxes_and_spheres_are_kept_with_any_timing():
     assert totals[GivenTimes] == 18.0
     assert totals[LeastSnap] == pytest.approx(17.0)
     assert totals[Shortest] < totals[Heuristic]
-    touched = {binding.what for binding in bindings(plan_path(asked, Shortest()), LIMITS, asked.corridors)}
+    touched = {binding.what for binding in active_constraints(plan_path(asked, Shortest()), LIMITS, asked.corridors)}
     assert touched == {"acceleration", "corridor"}
 
 
@@ -171,14 +179,14 @@ def test_repeats_are_one_waypoint_where_times_are_chosen_and_a_stay_where_they_a
 def test_repeats_keep_what_is_given_there():
     derivatives = rest_at_ends(3, 3)
     derivatives[1] = 0.0
-    kept = merged(problem(SQUARE[[0, 0, 1]], derivatives=np.full((3, 3, 3), np.nan)))
+    kept = without_repeats(problem(SQUARE[[0, 0, 1]], derivatives=np.full((3, 3, 3), np.nan)))
     assert np.isnan(kept.derivatives).all()
-    kept = merged(problem(SQUARE[[0, 1, 1, 2]], derivatives=np.concatenate([derivatives, derivatives[-1:]])))
+    kept = without_repeats(problem(SQUARE[[0, 1, 1, 2]], derivatives=np.concatenate([derivatives, derivatives[-1:]])))
     np.testing.assert_array_equal(kept.derivatives[1], 0.0)
     moving = rest_at_ends(4, 3)
     moving[1, 0], moving[2, 0] = [1.0, 0.0, 0.0], [0.5, 0.0, 0.0]
     with pytest.raises(InputError, match="waypoint 2 repeats waypoint 1, but another derivative"):
-        merged(problem(SQUARE[[0, 1, 1, 2]], derivatives=moving))
+        without_repeats(problem(SQUARE[[0, 1, 1, 2]], derivatives=moving))
 
 
 def test_times_may_begin_anywhere_and_span_a_day():
@@ -205,13 +213,13 @@ def test_merged_waypoints_keep_the_corridors_that_lead_to_them_and_all_that_is_g
     derivatives = np.full((5, 3, 3), np.nan)
     derivatives[1, 0], derivatives[2, 1] = [0.5, 0.0, 0.0], [0.0, 0.1, 0.0]
     around = [Box([-size] * 3, [3.0 + size] * 3) for size in (1.0, 2.0, 3.0, 4.0)]
-    kept = merged(problem(SQUARE[[0, 1, 1, 2, 2]], derivatives=derivatives, corridors=around))
+    kept = without_repeats(problem(SQUARE[[0, 1, 1, 2, 2]], derivatives=derivatives, corridors=around))
     assert kept.corridors == (around[0], around[2])
     assert kept.limits == LIMITS
-    np.testing.assert_array_equal([place.centre for place in kept.places], SQUARE[:3])
+    np.testing.assert_array_equal([place.centre for place in kept.waypoints], SQUARE[:3])
     np.testing.assert_array_equal(kept.derivatives[1, :2], [[0.5, 0.0, 0.0], [0.0, 0.1, 0.0]])
     assert np.isnan(kept.derivatives[1, 2]).all()
-    same = merged(problem(SQUARE[[0, 1, 1, 2]], derivatives=derivatives[[0, 1, 1, 3]]))
+    same = without_repeats(problem(SQUARE[[0, 1, 1, 2]], derivatives=derivatives[[0, 1, 1, 3]]))
     np.testing.assert_array_equal(same.derivatives[1, 0], [0.5, 0.0, 0.0])
 
 
@@ -252,7 +260,7 @@ def test_far_too_short_a_time_is_explained_by_a_limit_and_a_remedy_that_works(ti
 
 
 def test_what_is_no_way_to_choose_times_is_refused():
-    with pytest.raises(TypeError, match="is not a way to choose times"):
+    with pytest.raises(TypeError, match="is not a GivenTimes, Heuristic, LeastSnap or Shortest"):
         plan_path(problem(), Shortest)
 
 
@@ -278,16 +286,16 @@ def test_a_velocity_that_leads_out_of_its_corridor_is_explained():
         (problem(), GivenTimes((0.0, 1.0, 2.0, np.inf, np.inf)), "times must be finite and increase$"),
         (problem(), GivenTimes((0.0, 1.0, 2.0, 3.0, 1e9)), "the times span 1e\\+09 s, more than 86400 s"),
         (problem(), LeastSnap(0.0), "total duration is 0 s, but must be positive"),
-        (problem(), LeastSnap(1e6), "total duration is 1e\\+06 s, but must be positive, and 86400 at most"),
+        (problem(), LeastSnap(1e6), "total duration is 1e\\+06 s, but must be positive and at most 86400 s"),
         (problem(limits=PathLimits(speed=1e-9)), Shortest(), "would take about .* s, more than 86400 s"),
         (problem(limits=PathLimits(speed=1e-300)), Heuristic(), "would take about .* s, more than 86400 s"),
-        (PathProblem([Box([0, 0], [1, 1])] * 2, limits=LIMITS), Shortest(), "nothing has to move, so give the times"),
+        (PathProblem([Box([0, 0], [1, 1])] * 2, limits=LIMITS), Shortest(), "nothing has to move; give the times"),
         (
             PathProblem([Sphere([0, 0], 1.0), Sphere([0.1, 0], 1.0), Sphere([0, 0.1], 1.0)], limits=LIMITS),
             Shortest(),
-            "nothing has to move, so give the times",
+            "nothing has to move; give the times",
         ),
-        (problem(limits=PathLimits()), Shortest(), "a limit on the speed or the acceleration is needed"),
+        (problem(limits=PathLimits()), Shortest(), "give a limit on the speed or acceleration"),
         (problem(SQUARE[[0, 0]]), Shortest(), r"all waypoints are the same point, \(0, 0, 0\) m"),
     ],
 )

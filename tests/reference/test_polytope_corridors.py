@@ -92,7 +92,7 @@ def test_a_path_stays_behind_every_face_everywhere(timing, seed):
 
 def test_a_flat_polytope_is_refused():
     flat = Polytope([[1, 1, 0], [-1, -1, 0]], [0, 0])
-    with pytest.raises(InputError, match=r"corridor of segment 0, .* is flat: give it an extent, or a box"):
+    with pytest.raises(InputError, match=r"corridor of segment 0, .* is flat; give it an extent, or use a box"):
         PathProblem([Box.point([0, 0, 0]), Box.point([1, -1, 0])], corridors=[flat])
 
 

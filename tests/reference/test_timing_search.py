@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from drake_quad.errors import InputError
-from drake_quad.reference.infeasibility import explain
+from drake_quad.reference.infeasibility import explain_infeasibility
 from drake_quad.reference.minimum_snap import MinimumSnap, rest_at_ends, snap_cost
-from drake_quad.reference.minimum_snap_program import NO_PATH, InfeasibleError, path_within
+from drake_quad.reference.minimum_snap_program import PLANNING_ERRORS, InfeasibleError, path_within
 from drake_quad.reference.path_problem import Box, PathLimits, PathProblem
 from drake_quad.reference.time_allocation import rest_to_rest_durations, stretch_factor, trapezoid_times
 from drake_quad.reference.time_optimization import least_snap_durations
 from drake_quad.reference.timing_search import (
     heuristic_path,
-    improved,
+    improve_repeatedly,
     least_snap_path,
     path_through_given_motion,
     shortest_path,
@@ -189,7 +189,7 @@ def test_least_snap_within_limits_is_the_first_on_the_way_to_the_shortest(longer
     nearest = int(np.argmin(distances))
     assert distances[nearest] <= 1e-6 * total
     path_within(asked, between(shares[nearest]))
-    with pytest.raises(NO_PATH):
+    with pytest.raises(PLANNING_ERRORS):
         path_within(asked, between(shares[nearest - 1]))
 
 
@@ -206,10 +206,10 @@ def test_why_there_is_no_path_of_least_snap_is_explained():
     with pytest.raises(InputError) as error:
         least_snap_path(problem(points, [1.5, 0.0]), 6.0)
     smoothest = least_snap_path(problem(points, [1.5, 0.0], limits=PathLimits()), 6.0)
-    assert str(error.value) == explain(problem(points, [1.5, 0.0]), smoothest.durations)
+    assert str(error.value) == explain_infeasibility(problem(points, [1.5, 0.0]), smoothest.durations)
     halls = [Box([0.0, -1.0], [4.0, 1.0]), Box([4.0, -1.0], [8.0, 1.0])]
     with pytest.raises(
-        InputError, match=r"^the corridor of segment \d cannot be kept at these times with what is given"
+        InputError, match=r"^the corridor of segment \d cannot be kept at these times with the derivatives given"
     ):
         least_snap_path(problem(points, [-1.5, 0.0], corridors=halls), 12.0)
 
@@ -220,7 +220,7 @@ def test_a_total_that_is_too_long_for_a_given_velocity_in_corridors_is_explained
     asked = problem(points, [1.5, 0.0], corridors=halls)
     least_snap_path(asked.without_limits(), 8.0)
     with pytest.raises(
-        InputError, match=r"^the corridor of segment \d cannot be kept at these times with what is given"
+        InputError, match=r"^the corridor of segment \d cannot be kept at these times with the derivatives given"
     ):
         least_snap_path(asked, 60.0)
 
@@ -241,18 +241,18 @@ def test_changes_go_on_while_they_gain_and_reach_less_far_when_they_do_not():
         reaches.append(reach)
         return x - reach
 
-    assert improved(1.0, change, lambda x: 1.0 + abs(x - 0.5)) == pytest.approx(0.4)
+    assert improve_repeatedly(1.0, change, lambda x: 1.0 + abs(x - 0.5)) == pytest.approx(0.4)
     np.testing.assert_allclose(reaches, [0.3, 0.3, 0.3, 0.1, 0.1 / 3.0, 0.1 / 9.0])
 
 
 def test_changes_end_where_they_gain_next_to_nothing_or_there_is_no_path():
-    assert improved(1.0, lambda x, reach: 0.9995 * x, float) == 0.9995
-    assert improved(1.0, lambda x, reach: 1.0005 * x, float) == 1.0
+    assert improve_repeatedly(1.0, lambda x, reach: 0.9995 * x, float) == 0.9995
+    assert improve_repeatedly(1.0, lambda x, reach: 1.0005 * x, float) == 1.0
 
     def change(x, reach):
         if x < 0.5:
             raise InfeasibleError
         return 0.6 * x
 
-    assert improved(1.0, change, float) == 0.36
-    assert improved(0.4, change, float) == 0.4
+    assert improve_repeatedly(1.0, change, float) == 0.36
+    assert improve_repeatedly(0.4, change, float) == 0.4

@@ -67,11 +67,11 @@ def test_a_single_yaw_is_kept_all_the_time():
 
 
 def test_wrong_yaws_are_explained():
-    with pytest.raises(InputError, match="needs a yaw at one"):
+    with pytest.raises(InputError, match="no waypoint has a yaw"):
         yaw_through([0.0, 1.0], [math.nan, math.nan])
-    with pytest.raises(InputError, match="waypoints 1 and 2 are passed at once, but have different yaws"):
+    with pytest.raises(InputError, match="waypoints 1 and 2 are passed at the same time, but have different yaws"):
         yaw_through([0.0, 1.0, 1.0], [0.0, 1.0, 2.0])
-    with pytest.raises(InputError, match="needs times that differ"):
+    with pytest.raises(InputError, match="all waypoint times are equal"):
         yaw_through([1.0, 1.0], [0.0, 0.0])
     np.testing.assert_allclose(yaw_through([0.0, 1.0, 1.0], [0.0, 1.0, 1.0 + math.tau]).times, [0.0, 1.0])
 

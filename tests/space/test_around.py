@@ -37,7 +37,7 @@ def test_bounds_hold_in_every_corridor_and_change_nothing_else():
     found = within(problem, BOUNDS)
     assert found.corridors[0].equals(BOUNDS)
     assert found.corridors[1].equals(Box([0.0, 0.5, 0.0], [4.0, 1.5, 2.0]))
-    assert found.places == problem.places
+    assert found.waypoints == problem.waypoints
     assert found.limits == LIMITS
     np.testing.assert_array_equal(found.derivatives, derivatives)
     assert within(problem, None) is problem
@@ -74,7 +74,7 @@ def test_a_passage_becomes_corridors_and_the_given_waypoints_keep_their_derivati
     problem = PathProblem([first, middle, last], derivatives=derivatives, corridors=[None, corridor], limits=LIMITS)
     way = with_corridors(problem, regions, ((0, 1), (1, 2)))
     assert way.waypoints.tolist() == [0, 2, 4]
-    assert [way.problem.places[i] for i in way.waypoints] == [first, middle, last]
+    assert [way.problem.waypoints[i] for i in way.waypoints] == [first, middle, last]
     np.testing.assert_array_equal(way.problem.derivatives[way.waypoints], derivatives)
     assert np.isnan(way.problem.derivatives[[1, 3]]).all()
     assert way.problem.limits == LIMITS
@@ -82,11 +82,11 @@ def test_a_passage_becomes_corridors_and_the_given_waypoints_keep_their_derivati
     boxes = ([0, 0, 0], [2, 1, 1]), ([1.5, 0, 0], [4, 1, 1]), ([2.5, 0, 0], [4, 1, 0.8]), ([3, 0, 0], [4, 3, 0.8])
     handovers = ([1.5, 0, 0], [2, 1, 1]), ([3, 0, 0], [4, 1, 0.8])
     for found, (low, high) in zip(
-        (*way.problem.corridors, *way.problem.places[1::2]), (*boxes, *handovers), strict=True
+        (*way.problem.corridors, *way.problem.waypoints[1::2]), (*boxes, *handovers), strict=True
     ):
         axes = np.eye(3)
-        np.testing.assert_allclose([-found.reach(-axis) for axis in axes], low, atol=1e-9)
-        np.testing.assert_allclose([found.reach(axis) for axis in axes], high, atol=1e-9)
+        np.testing.assert_allclose([-found.support(-axis) for axis in axes], low, atol=1e-9)
+        np.testing.assert_allclose([found.support(axis) for axis in axes], high, atol=1e-9)
 
 
 def detour(*corners):
@@ -109,7 +109,7 @@ TIMINGS = {
 
 @pytest.mark.parametrize(("timing", "limits"), TIMINGS.values(), ids=TIMINGS)
 def test_the_best_of_all_ways_is_taken(monkeypatch, timing, limits):
-    ways = [WayAround(PathProblem(way.problem.places, limits=limits), way.waypoints) for way in DETOURS]
+    ways = [WayAround(PathProblem(way.problem.waypoints, limits=limits), way.waypoints) for way in DETOURS]
     monkeypatch.setattr(around, "_ways_around", lambda *_: ways)
     path, way = plan_around(space_of(), BOUNDS, PathProblem([BEGIN, END], limits=limits), timing)
     assert way is ways[-1]
@@ -309,7 +309,7 @@ def test_what_a_straight_way_promises_is_what_it_costs():
     straight = DETOURS[-1]
     timing = LeastSnap(4.0)
     for limits in (LIMITS, PathLimits()):
-        way = WayAround(PathProblem(straight.problem.places, limits=limits), straight.waypoints)
+        way = WayAround(PathProblem(straight.problem.waypoints, limits=limits), straight.waypoints)
         expected = snap_cost(plan_path(way.problem, timing)).sum()
         assert around._promise(way, timing) == pytest.approx(expected, rel=1e-6)
     assert around._promise(straight, Shortest()) == plan_path(straight.problem, Heuristic()).duration
@@ -320,7 +320,7 @@ def test_ways_around_a_pillar_differ_and_lead_past_both_of_its_sides():
     ways = around._ways_around(space, BOUNDS, PathProblem([BEGIN, END], limits=LIMITS))
     corridors = {tuple((*region.offsets, *region.normals.ravel()) for region in way.problem.corridors) for way in ways}
     assert len(corridors) == len(ways) > 1
-    sides = [np.mean([place.centre[1] for place in way.problem.places[1:-1]]) > 1.1 for way in ways]
+    sides = [np.mean([place.centre[1] for place in way.problem.waypoints[1:-1]]) > 1.1 for way in ways]
     # The right side is the shorter one.
     assert not sides[0]
     assert any(sides)

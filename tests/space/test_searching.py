@@ -127,8 +127,8 @@ def test_faces_of_a_region_keep_clearance_and_slack_from_a_wall_and_lie_on_the_b
     regions = Regions(space, bounds)
     region = regions[regions.grow(np.array([0.3, 0.0, 0.1]))]
     axes = np.eye(3)
-    np.testing.assert_allclose([-region.reach(-axis) for axis in axes], bounds.low, atol=1e-6)
-    np.testing.assert_allclose([region.reach(axis) for axis in axes], [1.0 - 0.2 - SLACK, 1.3, 1.4], atol=1e-8)
+    np.testing.assert_allclose([-region.support(-axis) for axis in axes], bounds.low, atol=1e-6)
+    np.testing.assert_allclose([region.support(axis) for axis in axes], [1.0 - 0.2 - SLACK, 1.3, 1.4], atol=1e-8)
 
 
 def test_a_seed_lies_in_its_region_wherever_it_is_free():

@@ -9,13 +9,13 @@ from pydantic_core import PydanticCustomError
 
 from drake_quad.errors import InputError
 from drake_quad.framework.result_cache import kept
-from drake_quad.reference.laps import LapDurations, flown_in_laps
+from drake_quad.reference.laps import LapDurations, path_of_laps
 from drake_quad.reference.minimum_snap import rest_at_ends
 from drake_quad.reference.path_problem import PathProblem
 from drake_quad.reference.plan import Plan
-from drake_quad.reference.planner import merged, passing_times, plan_path
+from drake_quad.reference.planner import passing_times, plan_path, without_repeats
 from drake_quad.reference.polynomial_path import PolynomialPath
-from drake_quad.reference.regions import Box, Corridor, Sphere, common
+from drake_quad.reference.regions import Box, Corridor, Sphere, intersection_of
 from drake_quad.reference.routes import Leg
 from drake_quad.reference.time_allocation import stretch_factor
 from drake_quad.reference.yaw import yaw_through
@@ -200,7 +200,7 @@ class WaypointRoute(MovingRoute):
         if self.space is None:
             return corridors
         space = self.space.box()
-        inside = [space if corridor is None else common(corridor, space) for corridor in corridors]
+        inside = [space if corridor is None else intersection_of(corridor, space) for corridor in corridors]
         for i, corridor in enumerate(inside):
             if corridor is None:
                 raise InputError(f"the corridor of segment {i} lies outside the space")
@@ -236,7 +236,7 @@ class WaypointRoute(MovingRoute):
             path, way = self._around(space)
             return path, (), way
         given = isinstance(self.times, Given)
-        problem = self.problem() if given else merged(self.problem(3))
+        problem = self.problem() if given else without_repeats(self.problem(3))
         path = plan_path(problem.without_limits() if given else problem, self.times.timing())
         if given:
             durations, points = LapDurations(*[path.durations] * 3), path.waypoints
@@ -250,7 +250,7 @@ class WaypointRoute(MovingRoute):
         stops[:-1] |= staying
         stops[1:] |= staying
         stops[[0, -1]] = stops[0] or stops[-1]
-        flown, laps = flown_in_laps(points, durations, self.laps, stops=stops)
+        flown, laps = path_of_laps(points, durations, self.laps, stops=stops)
         factor = stretch_factor(flown, problem.limits) if problem.limits.by_order else 0.0
         if given:
             if factor > 1.0 + 1e-9:
@@ -270,7 +270,7 @@ class WaypointRoute(MovingRoute):
 
         problem, timing = self.problem(), self.times.timing()
         if not isinstance(self.times, Given):
-            problem = merged(problem)
+            problem = without_repeats(problem)
         bounded = within(problem, space.bounds)
         check_places(space, problem)
         path = plan_path(bounded, timing)
