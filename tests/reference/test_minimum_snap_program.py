@@ -336,7 +336,7 @@ def test_bounds_are_not_added_for_ever(monkeypatch):
     monkeypatch.setattr(minimum_snap_program, "_MAX_ROUNDS", 1)
     waypoints, durations = random_route(5, 4)
     limits = PathLimits(speed=0.9 * peak_norm(MinimumSnap(waypoints, durations).path(), 1))
-    with pytest.raises(SolverError, match="still broke a limit or corridor after 1 rounds"):
+    with pytest.raises(SolverError, match="still violates a limit or corridor after 1 rounds"):
         MinimumSnapProgram(PathProblem(points(waypoints), limits=limits), durations).solve()
 
 

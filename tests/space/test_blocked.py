@@ -4,7 +4,7 @@ import pytest
 
 from drake_quad.reference.path_problem import PathProblem
 from drake_quad.reference.regions import Box
-from drake_quad.space.blocked import explain
+from drake_quad.space.blocked import explain_blockage
 from drake_quad.space.shapes import Cuboid
 from drake_quad.space.space import Obstacle, Space
 
@@ -24,7 +24,7 @@ def wall(x, low=0.0, high=1.0):
 def explained(walls, places=(LEFT, RIGHT), corridors=None, bounds=BOUNDS):
     """Return the explanation for a room with some named walls."""
     space = Space(tuple(Obstacle(name, shape) for name, shape in walls.items()), radius=0.07, margin=0.03)
-    return explain(space, bounds, PathProblem(places, corridors=corridors))
+    return explain_blockage(space, bounds, PathProblem(places, corridors=corridors))
 
 
 WALLS = {
@@ -78,7 +78,7 @@ def test_a_gap_too_narrow_for_any_grid_is_reported_with_its_width():
     gap = {"left": wall(1.0, high=0.3995), "right": wall(1.0, low=0.6005)}
     said = explained(gap)
     assert said.startswith("no way was found at 0.1 m from obstacles (radius 0.07 + margin 0.03); there may be one")
-    assert said.endswith("through gaps that leave the centre of mass less than 0.035 m")
+    assert said.endswith("through gaps that are narrower than 0.035 m for the centre of mass")
     # Gaps that are 1 mm too narrow are not always recognised as closed, but gaps that are 5 cm too narrow are.
     assert "there is no way" in explained({"left": wall(1.0, high=0.425), "right": wall(1.0, low=0.575)})
 

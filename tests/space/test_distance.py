@@ -4,7 +4,7 @@ from scipy.spatial import KDTree
 
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.polynomial_path import evaluate
-from drake_quad.space.distance import Approach, nearest_approach
+from drake_quad.space.distance import NearestApproach, nearest_approach
 from drake_quad.space.shapes import Ball, Cuboid, Cylinder
 from drake_quad.space.space import Obstacle, Space
 
@@ -75,7 +75,7 @@ def test_the_nearest_of_many_small_obstacles_is_found(seed):
 
 
 def test_an_approach_is_printed_in_one_line():
-    approach = Approach(-0.2, 1.234, np.array([0.5, -1.25, 2.0]), "pillar")
+    approach = NearestApproach(-0.2, 1.234, np.array([0.5, -1.25, 2.0]), "pillar")
     assert str(approach) == "0 m from pillar at 1.23 s, (0.5, -1.25, 2) m"
     assert str(approach._replace(distance=0.1234)).startswith("0.123 m from pillar")
 

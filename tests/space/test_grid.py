@@ -160,7 +160,7 @@ def test_no_way_leads_through_a_thin_wall_at_any_place_between_the_points(offset
     assert across == (0.015 < offset < 0.035)
     assert np.isfinite(lengths[free & ahead]).all()
     assert (lengths[~ahead] == np.inf).all()
-    assert grid.way(lengths, before, *places) is None
+    assert grid.shortest_route(lengths, before, *places) is None
 
 
 def test_a_step_past_an_edge_is_free_if_the_clearance_is_small():
@@ -169,7 +169,7 @@ def test_a_step_past_an_edge_is_free_if_the_clearance_is_small():
     grid = Grid.of(space, Box([0.0, 0.0, 0.5], [1.0, 1.0, 0.5]), most=10_000, finest=0.05)
     places = np.array([[[0.1, 0.1, 0.5]], [[0.9, 0.1, 0.5]]])
     lengths, before = grid.lengths_from(places[0], space.clearance)
-    way = grid.way(lengths, before, *places)
+    way = grid.shortest_route(lengths, before, *places)
     assert 0.45 < way[:, 1].max() < 0.6
     fine = np.concatenate([np.linspace(a, b, 40) for a, b in itertools.pairwise(way)])
     assert least_distances(space, fine).min() >= space.clearance - 1e-9
@@ -180,7 +180,7 @@ def test_a_way_begins_and_ends_at_the_places_that_make_it_shortest():
     begins = np.array([[0.0, 0.0, 0.0], [0.33, 0.5, 0.5], [0.0, 1.0, 1.0]])
     ends = np.array([[1.0, 1.0, 0.0], [0.72, 0.5, 0.5], [1.0, 0.0, 1.0]])
     lengths, before = grid.lengths_from(begins, 0.1)
-    way = grid.way(lengths, before, begins, ends)
+    way = grid.shortest_route(lengths, before, begins, ends)
     np.testing.assert_array_equal(way[[0, -1]], [begins[1], ends[1]])
     length = np.linalg.norm(np.diff(way, axis=0), axis=1).sum()
     assert 0.39 - 1e-9 <= length < 0.42
@@ -198,7 +198,7 @@ def test_a_way_ends_over_the_point_that_makes_it_shortest_and_begins_at_the_near
     lengths, before = grid.lengths_from(begins, room.space.clearance)
     used = set()
     for end in reached[:: len(reached) // 25] + 0.3 * grid.spacing:
-        way = grid.way(lengths, before, begins, end[None])
+        way = grid.shortest_route(lengths, before, begins, end[None])
         away = np.linalg.norm(grid.points - end, axis=1)
         near = away <= 1.8 * grid.spacing
         (last,) = np.flatnonzero((grid.points == way[-2]).all(axis=1))
@@ -218,7 +218,7 @@ def test_a_place_leads_only_to_points_that_are_free_and_near():
     lengths, _ = grid.lengths_from(inside, space.clearance)
     assert (lengths == np.inf).all()
     lengths, before = grid.lengths_from(beside, space.clearance)
-    assert grid.way(lengths, before, beside, inside) is None
+    assert grid.shortest_route(lengths, before, beside, inside) is None
 
 
 def test_rooms_are_connected_components():
@@ -231,7 +231,7 @@ def test_rooms_are_connected_components():
     expected = connected_components(coo_matrix((np.ones(pairs.shape[1]), tuple(pairs)), (size, size)), directed=False)[
         1
     ]
-    rooms = grid.rooms(free)
+    rooms = grid.components(free)
     assert (rooms[~free] == 0).all()
     assert (rooms[free] > 0).all()
     assert len(set(rooms[free])) > 3

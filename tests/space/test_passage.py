@@ -8,7 +8,7 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
 from drake_quad.reference.regions import Box, Polytope, Sphere
 from drake_quad.space import passage
-from drake_quad.space.passage import chain, find_passage, other_passages, worth_a_look
+from drake_quad.space.passage import candidate_regions, find_passage, other_passages, region_chain
 from drake_quad.space.regions import Regions
 from drake_quad.space.space import Space
 
@@ -21,10 +21,10 @@ class Boxes(Regions):
 
     def __init__(self, *boxes):
         super().__init__(Space((), radius=0.1), Box([-99.0] * 3, [99.0] * 3))
-        self._found = [Polytope.from_box(Box(*box)) for box in boxes]
+        self._regions = [Polytope.from_box(Box(*box)) for box in boxes]
 
     def grow(self, seed):
-        self._found.append(Polytope.from_box(Box(seed - 0.3, seed + 0.3)))
+        self._regions.append(Polytope.from_box(Box(seed - 0.3, seed + 0.3)))
         return len(self) - 1
 
 
@@ -62,7 +62,7 @@ def shortest_polyline(regions, legs, places, corridors):
 def costs_of_all(regions, places, corridors, longest=4):
     """Return the cost of each possible passage, m: the length of its polyline and its handovers."""
     orders = [order for count in range(1, longest + 1) for order in itertools.permutations(range(len(regions)), count)]
-    chains = [order for order in orders if all(regions.common(i, j) for i, j in itertools.pairwise(order))]
+    chains = [order for order in orders if all(regions.intersection(i, j) for i, j in itertools.pairwise(order))]
     possible = [
         [each for each in chains if shortest_polyline(regions, [each], places[i : i + 2], [corridor]) is not None]
         for i, corridor in enumerate(corridors)
@@ -143,8 +143,8 @@ def test_regions_that_hardly_overlap_do_not_lead_to_each_other():
     for overlap, leads in ((0.0015, False), (0.0025, True)):
         regions = Boxes(([0, 0, 0], [1 + overlap, 1, 1]), ([1, 0, 0], [2, 1, 1]))
         places = [Box.point([0.5, 0.5, 0.5]), Box.point([1.5, 0.5, 0.5])]
-        assert (regions.common(0, 1) is not None) == leads
-        assert (regions.common(1, 0) is not None) == leads
+        assert (regions.intersection(0, 1) is not None) == leads
+        assert (regions.intersection(1, 0) is not None) == leads
         assert find_passage(regions, [[0, 1]], places, [None]) == (((0, 1),) if leads else None)
         ends = [place.centre[None] for place in places]
         assert other_passages(regions, ends, [None], count=3) == ([((0, 1),)] if leads else [])
@@ -193,8 +193,8 @@ def test_a_chain_follows_the_box_that_continues_longest():
         ([0, 0, 0], [1.2, 1, 1]), ([0, 0, 0], [2.2, 1, 1]), ([2, 0, 0], [4, 1, 1]), ([1.5, 0, 0], [2.5, 1, 1])
     )
     way = np.column_stack([np.arange(0.1, 4.0, 0.2), np.full(20, 0.5), np.full(20, 0.5)])
-    assert chain(regions, way) == [1, 2]
-    assert chain(regions, way[::-1]) == [2, 1]
+    assert region_chain(regions, way) == [1, 2]
+    assert region_chain(regions, way[::-1]) == [2, 1]
     assert len(regions) == 4
 
 
@@ -204,13 +204,13 @@ def test_a_chain_grows_regions_where_it_has_none():
     way = np.array(
         [[0.5, 0.5, 0.5], [0.9, 0.5, 0.5], [1.3, 0.5, 0.5], [1.7, 0.5, 0.5], [1.9, 0.5, 0.5], [2.5, 0.5, 0.5]]
     )
-    found = chain(regions, way)
+    found = region_chain(regions, way)
     assert (found[0], found[-1]) == (0, 1)
     assert len(regions) > 2
     for one, other in itertools.pairwise(found):
         assert one != other
-        assert regions.common(one, other) is not None
-    assert regions.holding(way, found).any(axis=0).all()
+        assert regions.intersection(one, other) is not None
+    assert regions.containing(way, found).any(axis=0).all()
 
 
 def test_candidates_are_the_regions_of_the_chain_and_then_those_of_the_shortest_ways():
@@ -220,30 +220,30 @@ def test_candidates_are_the_regions_of_the_chain_and_then_those_of_the_shortest_
     lengths = np.random.default_rng(1).permutation(24).astype(float)
     lengths[10:12] = np.inf
     shortest = {i: lengths[2 * i : 2 * i + 2].min() for i in range(12)}
-    chosen = worth_a_look(regions, [5, 3, 5], points, lengths)
+    chosen = candidate_regions(regions, [5, 3, 5], points, lengths)
     others = sorted(set(shortest) - {3, 5}, key=shortest.get)
     assert chosen == [5, 3, *others[:6]]
     # No way leads over the points of the other boxes.
     lengths[4:] = np.inf
-    assert sorted(worth_a_look(regions, [5, 3], points, lengths)) == [0, 1, 3, 5]
-    assert worth_a_look(regions, list(range(12)), points, lengths) == list(range(12))
+    assert sorted(candidate_regions(regions, [5, 3], points, lengths)) == [0, 1, 3, 5]
+    assert candidate_regions(regions, list(range(12)), points, lengths) == list(range(12))
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_without_chance_other_passages_are_the_shortest_from_centre_to_centre(monkeypatch, seed):
     """The way runs through the centre of each intersection, each handover has a cost, and all passages are compared."""
-    monkeypatch.setattr(passage, "_SPREAD", 0.0)
+    monkeypatch.setattr(passage, "_LOG_FACTOR_DEVIATION", 0.0)
     random = np.random.default_rng([5, seed])
     low = random.uniform(0.0, 2.0, (6, 3))
     regions = Boxes(*((begin, begin + size) for begin, size in zip(low, random.uniform(0.8, 2.0, (6, 3)), strict=True)))
     ends = [regions[number].centre + 0.3 * random.uniform(-1.0, 1.0, (3, 3)) for number in (0, 3, 5)]
 
     def away(number, points):
-        held = points[regions.holding(points, [number])[0]]
+        held = points[regions.containing(points, [number])[0]]
         return np.linalg.norm(held - regions[number].centre, axis=1).min(initial=np.inf) + HANDOVER
 
     def between(one, other):
-        common = regions.common(one, other).centre
+        common = regions.intersection(one, other).centre
         return sum(np.linalg.norm(regions[number].centre - common) for number in (one, other)) + HANDOVER
 
     legs = []
@@ -254,7 +254,7 @@ def test_without_chance_other_passages_are_the_shortest_from_centre_to_centre(mo
             + sum(between(*pair) for pair in itertools.pairwise(order))
             for count in range(1, 7)
             for order in itertools.permutations(range(6), count)
-            if all(regions.common(*pair) is not None for pair in itertools.pairwise(order))
+            if all(regions.intersection(*pair) is not None for pair in itertools.pairwise(order))
         }
         best = min(costs, key=costs.get)
         legs.append(best if np.isfinite(costs[best]) else ())

@@ -9,7 +9,7 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from drake_quad.errors import InputError
 from drake_quad.framework.formulas import kernel
 from drake_quad.framework.records import ROW
-from drake_quad.space.shapes import Ball, Cuboid, Cylinder, hull_of, placed
+from drake_quad.space.shapes import Ball, Cuboid, Cylinder, hull_of, transformed_points
 from drake_quad.space.space import Obstacle, Space
 
 CENTRE, ROTATION = (0.3, -0.7, 1.1), (0.4, -0.9, 2.0)
@@ -151,7 +151,9 @@ def test_rotation_is_roll_pitch_yaw():
 def test_placed_points_are_scaled_turned_and_moved():
     cuboid = SHAPES["cuboid"]
     own = Cuboid((0.0, 0.0, 0.0), size=cuboid.size).corners()
-    np.testing.assert_allclose(placed(0.5 * own, centre=CENTRE, rotation=ROTATION, scale=2.0), cuboid.corners())
+    np.testing.assert_allclose(
+        transformed_points(0.5 * own, centre=CENTRE, rotation=ROTATION, scale=2.0), cuboid.corners()
+    )
 
 
 @pytest.mark.parametrize(
@@ -230,16 +232,16 @@ def test_a_hull_is_the_same_far_from_the_origin(away):
 
 def test_points_of_any_plane_have_no_hull():
     flat = POINTS * [1.0, 1.0, 0.0]
-    for points in (flat + np.array([0.0, 0.0, 1.0]), placed(flat, centre=CENTRE, rotation=ROTATION)):
+    for points in (flat + np.array([0.0, 0.0, 1.0]), transformed_points(flat, centre=CENTRE, rotation=ROTATION)):
         with pytest.raises(InputError, match="the 30 points of a hull are in a plane"):
             hull_of(points)
 
 
 def test_points_that_are_placed_keep_their_size_unless_a_scale_is_given():
     corners = SHAPES["cuboid"].corners()
-    np.testing.assert_array_equal(placed(corners), corners)
-    np.testing.assert_allclose(placed(corners, scale=3.0), 3.0 * corners)
-    np.testing.assert_allclose(placed(corners, centre=CENTRE), corners + CENTRE)
+    np.testing.assert_array_equal(transformed_points(corners), corners)
+    np.testing.assert_allclose(transformed_points(corners, scale=3.0), 3.0 * corners)
+    np.testing.assert_allclose(transformed_points(corners, centre=CENTRE), corners + CENTRE)
 
 
 @pytest.mark.parametrize("wrong", [0.0, -1.0, math.inf, math.nan])

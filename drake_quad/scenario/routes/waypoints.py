@@ -30,7 +30,7 @@ from drake_quad.space.distance import nearest_approach
 from drake_quad.space.space import Space
 
 if TYPE_CHECKING:
-    from drake_quad.space.around import WayAround
+    from drake_quad.space.around import RouteAround
 
 # Half a turn plus a tolerance for rounding, rad. If consecutive yaws differ by no more, they describe continuous turns.
 _HALF_TURN = math.pi + 1e-6
@@ -217,12 +217,12 @@ class WaypointRoute(MovingRoute):
         plan = Plan(path, yaw, _laps_as_legs(path, laps), laps)
         return Planned(plan, self.problem(self.laps)) if way is None else Planned(plan, way.problem, way.waypoints)
 
-    def _passing_times(self, path: PolynomialPath, way: "WayAround | None") -> np.ndarray:
+    def _passing_times(self, path: PolynomialPath, way: "RouteAround | None") -> np.ndarray:
         """Return the times (waypoints,) at which the waypoints are passed, s."""
         own = path if way is None else path._replace(times=path.times[way.waypoints])
         return passing_times(self.problem(self.laps), own)
 
-    def _path(self, space: Space | None) -> tuple[PolynomialPath, tuple[float, ...], "WayAround | None"]:
+    def _path(self, space: Space | None) -> tuple[PolynomialPath, tuple[float, ...], "RouteAround | None"]:
         """Return the path, the times of its laps, s, if there are several, and its way around obstacles, if any.
 
         Where times are chosen, they are chosen for three laps, and the middle one is repeated.
@@ -259,24 +259,24 @@ class WaypointRoute(MovingRoute):
             return flown._replace(times=flown.times + start), tuple([start + time for time in laps]), None
         return flown.stretched(factor), tuple([factor * time for time in laps]), None
 
-    def _around(self, space: Space) -> tuple[PolynomialPath, "WayAround"]:
+    def _around(self, space: Space) -> tuple[PolynomialPath, "RouteAround"]:
         """Return the path that keeps the clearance and the bounds of a space, and its way around obstacles.
 
         Raises:
             InputError: there is no such path, or none is found.
         """
         # These import pydrake.planning, which most flights do not need.
-        from drake_quad.space.around import check_places, plan_around, straight_on, within
+        from drake_quad.space.around import check_waypoint_clearance, direct_route, plan_around, with_bounds
 
         problem, timing = self.problem(), self.times.timing()
         if not isinstance(self.times, Given):
             problem = without_repeats(problem)
-        bounded = within(problem, space.bounds)
-        check_places(space, problem)
+        bounded = with_bounds(problem, space.bounds)
+        check_waypoint_clearance(space, problem)
         path = plan_path(bounded, timing)
         approach = nearest_approach(path, space)
         if approach is None or approach.distance >= space.clearance:
-            return path, straight_on(bounded)
+            return path, direct_route(bounded)
         if space.bounds is None:
             raise InputError(
                 f"without a way around, the path comes to {approach}, nearer than {space.clearance:.3g} m; space.bounds"
