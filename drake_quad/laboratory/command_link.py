@@ -75,7 +75,7 @@ class CommandLink(FleetSystem):
     states are those of a `DelayLine`, `wrench` and `wrench_under_way`. The only parameter of the context is `link`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number N of vehicles.
         signal: signal that the link transmits.
         period: tick period, s; the paper's controllers run at 50 Hz.
         longest_delay: largest possible delay, in ticks.

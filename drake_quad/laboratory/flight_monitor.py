@@ -82,7 +82,7 @@ class FreeBall(NamedTuple):
     radius: Row = 0.0
 
 
-# Bound on the rounding errors of distances, m.
+# Upper bound of the rounding errors of distances, m.
 _DISTANCE_TOLERANCE = 1e-6
 
 
@@ -259,7 +259,7 @@ class FlightMonitor(FleetSystem):
     The states are `crashed`, `crash_time`, `touched`, `free` and `sums`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number N of vehicles.
         period: tick period, s.
         limits: limits beyond which a vehicle has crashed.
         surroundings: solids that a vehicle must not touch.

@@ -327,7 +327,7 @@ class MotionCapture(FleetSystem):
     frame. The only parameter of the context is `cameras`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number N of vehicles.
         period: frame period h, s; the paper's cameras run at 100 Hz.
         noisy: True for measurements with noise.
         loses_frames: True if frames can be lost.

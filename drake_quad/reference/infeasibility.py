@@ -19,7 +19,7 @@ from drake_quad.reference.walls import wall_approaches
 # Factors on the durations that are tried if the necessary factor cannot be estimated.
 _TRIED_FACTORS = (1.05, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0)
 _NUM_BISECTIONS = 10
-_QUANTITIES = {1: ("speed", "m/s"), 2: ("acceleration", "m/s²")}
+_QUANTITY_AND_UNIT = {1: ("speed", "m/s"), 2: ("acceleration", "m/s²")}
 
 
 def explain_infeasibility(problem: PathProblem, durations: np.ndarray) -> str:
@@ -51,7 +51,7 @@ def _describe_violation(problem: PathProblem, path: PolynomialPath, qualifier: s
         i = int(np.argmax(peaks.norm))
         found.append((peaks.norm[i] / limit, order, int(peaks.segment[i]), float(peaks.norm[i])))
     _, order, segment, value = max(found)
-    name, unit = _QUANTITIES[order]
+    name, unit = _QUANTITY_AND_UNIT[order]
     return (
         f"the {name} limit of {problem.limits.by_order[order]:g} {unit} cannot be kept on segment {segment}: "
         f"at these times {qualifier} {_rounded_up(value):g} {unit} is needed"

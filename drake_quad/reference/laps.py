@@ -51,12 +51,12 @@ def path_of_laps(
         free[stops] = 0.0
     at_rest = rest_at_ends(2, axes)
     seam = periodic_seam(lap, durations.between, free[lead:])
-    parts = [_between(waypoints, durations.first, free, at_rest[0], seam)]
-    parts += [_between(lap, durations.between, free[lead:], seam, seam)] * (laps - 2)
-    parts += [_between(lap, durations.last, free[lead:], seam, at_rest[0])]
-    durations_of_parts = np.concatenate([np.diff(part.times) for part in parts])
+    laps_in_order = [_between(waypoints, durations.first, free, at_rest[0], seam)]
+    laps_in_order += [_between(lap, durations.between, free[lead:], seam, seam)] * (laps - 2)
+    laps_in_order += [_between(lap, durations.last, free[lead:], seam, at_rest[0])]
+    durations_of_parts = np.concatenate([np.diff(part.times) for part in laps_in_order])
     times = np.concatenate([[0.0], np.cumsum(durations_of_parts)])
-    path = PolynomialPath(times, np.concatenate([part.coefficients for part in parts]))
+    path = PolynomialPath(times, np.concatenate([part.coefficients for part in laps_in_order]))
     starts = lead + (len(lap) - 1) * np.arange(laps + 1)
     return path, tuple(times[starts].tolist())
 

@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike
 from drake_quad.errors import InputError
 from drake_quad.reference.polynomial_path import PolynomialPath, hermite_matrix, power_basis
 
-DEGREE = 7
+DEGREE = 7  # degree of the polynomial of a segment
 NUM_FREE = 3  # velocity, acceleration and jerk, the derivatives that can be free at a waypoint
 START_DERIVATIVES = slice(1, 4)  # velocity to jerk at the start, within a segment's boundary derivatives
 END_DERIVATIVES = slice(5, 8)  # velocity to jerk at the end, within a segment's boundary derivatives
@@ -49,7 +49,9 @@ def _snap_form() -> np.ndarray:
 
 _SNAP_FORM = _snap_form()
 FROM_BOUNDARY = hermite_matrix(4)
+"""(8, 8) matrix from the boundary derivatives of a segment to its coefficients."""
 BOUNDARY_FORM = np.round(FROM_BOUNDARY.T @ _SNAP_FORM @ FROM_BOUNDARY)
+"""(8, 8) matrix of a segment's cost in unit time, as a quadratic form in its boundary derivatives."""
 # (4, 8) matrix L with cost = |L d|² for the boundary derivatives d of a segment. The sum of squares is accurate and
 # positive even where the quadratic form would be a difference of large numbers.
 _SNAP_ROOT = np.linalg.cholesky(_SNAP_FORM[4:, 4:]).T @ FROM_BOUNDARY[4:]
@@ -136,7 +138,7 @@ class MinimumSnap:
         known *= (unit[:, np.newaxis] ** np.arange(1, NUM_FREE + 1))[:, :, np.newaxis]
         self.boundary = self._to_boundary(known)
         self.boundary[:, 4] = np.diff(points, axis=0)
-        # Linear maps from the boundary derivatives of a segment to the position at each contact.
+        # Each row maps the boundary derivatives of a segment to the position at a contact.
         self._contact_bases = [power_basis(0, contact.s, DEGREE + 1) @ FROM_BOUNDARY for contact in self.contacts]
         identity = np.eye(axes)
         self._directions = np.array(
@@ -298,7 +300,7 @@ class MinimumSnap:
         missing = np.einsum("cu,ca,uan->cn", self._rows, self._directions, by_axis) - gaps.reshape(len(gaps), -1)
         # A multiplier along one direction moves the path along another direction by their scalar product.
         response = (self._rows @ self._contact_responses) * (self._directions @ self._directions.T)
-        # Least squares, since two contacts can be linearly dependent.
+        # The equations are solved by least squares, since two contacts can be linearly dependent.
         multipliers = np.linalg.lstsq(response, missing, rcond=1e-12)[0]
         by_axis -= np.einsum("uc,ca,cn->uan", self._contact_responses, self._directions, multipliers)
         multipliers = multipliers.reshape(gaps.shape)
@@ -347,6 +349,7 @@ def checked_waypoints(waypoints: ArrayLike, times: ArrayLike) -> tuple[np.ndarra
     if late.size:
         i = late[0]
         raise InputError(
-            f"waypoint times must increase, but time {i + 1} is {instants[i + 1]:g} s after {instants[i]:g} s"
+            f"waypoint times must increase, but waypoint {i} is passed at {instants[i]:g} s and waypoint {i + 1} at"
+            f" {instants[i + 1]:g} s"
         )
     return points, instants

@@ -122,7 +122,7 @@ def without_repeats(problem: PathProblem) -> PathProblem:
         if (
             (kept_derivatives != repeated_derivatives) & ~np.isnan(kept_derivatives) & ~np.isnan(repeated_derivatives)
         ).any():
-            raise InputError(f"waypoint {i} repeats waypoint {i - 1}, but another derivative is given there")
+            raise InputError(f"waypoint {i} repeats waypoint {i - 1}, but different derivatives are given there")
         derivatives[kept[-1]] = np.where(np.isnan(kept_derivatives), repeated_derivatives, kept_derivatives)
     if len(kept) < 2:
         raise InputError(f"all waypoints are the same point, {problem.waypoints[0]} m; there is nothing to fly")

@@ -13,7 +13,7 @@ AXES = "xyz"
 # Accuracy of lengths that a solver returns, relative to the largest length in the program.
 _RELATIVE_ROUNDING = 1e-9
 # Limit on the radius and the centre of the ball inscribed in an unbounded polytope, larger than any flight, m.
-_MAX_RADIUS = 1e5
+_MAX_INSCRIBED_RADIUS = 1e5
 
 
 class Box:
@@ -32,7 +32,7 @@ class Box:
         self.high = np.array(high, dtype=float)
         if self.low.shape != self.high.shape or self.low.ndim != 1:
             raise InputError(
-                f"a box needs two corners of one dimension, not {format_vector(low)} and {format_vector(high)}"
+                f"a box needs two corners of the same dimension, not {format_vector(low)} and {format_vector(high)}"
             )
         if not (np.isfinite(self.low).all() and np.isfinite(self.high).all() and (self.low <= self.high).all()):
             raise InputError(
@@ -214,7 +214,7 @@ class Polytope:
         program.AddLinearCost(-x[-1])
         rows = np.column_stack([self.normals, np.ones(self.faces)])
         program.AddLinearConstraint(rows, np.full(self.faces, -np.inf), self.offsets, x)
-        program.AddBoundingBoxConstraint(-_MAX_RADIUS, _MAX_RADIUS, x)
+        program.AddBoundingBoxConstraint(-_MAX_INSCRIBED_RADIUS, _MAX_INSCRIBED_RADIUS, x)
         result = ClpSolver().Solve(program)
         if not result.is_success():
             return np.zeros(axes), -math.inf

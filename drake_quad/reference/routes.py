@@ -52,7 +52,7 @@ def figure_eight(
         offset: distance of the circles' centres from the start, in the directions of Y and -Y, m; larger than the
             radius.
     """
-    # Angle at the start between Y and a tangent. The circles sweep half a turn plus twice this angle.
+    # At the start, Y and a tangent include this angle. The circles sweep half a turn plus twice the angle.
     tangent = math.asin(radius / offset)
     sweep = math.pi + 2.0 * tangent
     count = math.ceil(sweep / _MAX_ARC)

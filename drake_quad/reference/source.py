@@ -28,7 +28,7 @@ def build_reference(plan: Plan, *, num_vehicles: int = 1, ahead: Sequence[float]
 
     Args:
         plan: plan that every vehicle follows.
-        num_vehicles: N.
+        num_vehicles: number N of vehicles.
         ahead: times relative to the present at which the position is previewed, s.
     """
     builder = DiagramBuilder()

@@ -21,15 +21,15 @@ from drake_quad.reference.polynomial_path import norm_peaks, power_basis
 # Largest change of the logarithms of the durations. All observed optima need less, and floating point still suffices.
 _MAX_LOG_CHANGE = 5.0
 # Radius of the trust region, in logarithms of the durations.
-_INITIAL_RADIUS = 0.3
-_MAX_RADIUS = 1.0
-_MIN_RADIUS = 1e-6
+_INITIAL_TRUST_RADIUS = 0.3
+_MAX_TRUST_RADIUS = 1.0
+_MIN_TRUST_RADIUS = 1e-6
 _MAX_STEPS = 60
 # The optimisation ends when the predicted relative gain in the total duration is less than this.
 _MIN_GAIN = 1e-4
 # Weight of the excess over a limit relative to the logarithm of the total duration, if the path cannot be scaled in
 # time. For a path that can be scaled, the weight is 1.
-_EXCESS_PRICE = 10.0
+_EXCESS_WEIGHT = 10.0
 
 
 def least_snap_durations(
@@ -106,16 +106,16 @@ def shortest_durations(
         reach: largest change of the logarithms of the durations, before the final scaling.
     """
     stretchable = derivatives is None or not np.nan_to_num(derivatives).any()
-    price, floor = (1.0, -math.inf) if stretchable else (_EXCESS_PRICE, 0.0)
+    weight, floor = (1.0, -math.inf) if stretchable else (_EXCESS_WEIGHT, 0.0)
 
     def merit(durations: np.ndarray, excess: float) -> float:
-        return math.log(durations.sum()) + price * max(excess, floor)
+        return math.log(durations.sum()) + weight * max(excess, floor)
 
     def peaks_of(durations: np.ndarray) -> _LimitPeaks:
         return _limit_peaks(MinimumSnap(points, durations, derivatives, contacts=contacts), limits)
 
     start = np.log(durations)
-    radius = min(_INITIAL_RADIUS, reach)
+    radius = min(_INITIAL_TRUST_RADIUS, reach)
     peaks = peaks_of(durations)
     for _ in range(_MAX_STEPS):
         value = merit(durations, peaks.worst)
@@ -123,18 +123,20 @@ def shortest_durations(
         while True:
             log_change = np.log(durations) - start
             box = np.maximum(-radius, -reach - log_change), np.minimum(radius, reach - log_change)
-            change, gain = _best_change(durations, peaks.excess, gradients, box=box, price=price, floor=floor)
+            change, gain = _best_change(durations, peaks.excess, gradients, box=box, weight=weight, floor=floor)
             candidate = durations * np.exp(change)
             candidate_peaks = peaks_of(candidate)
             gain_ratio = (value - merit(candidate, candidate_peaks.worst)) / max(gain, 1e-300)
-            if gain_ratio > 0.1 or radius < _MIN_RADIUS or gain < _MIN_GAIN:
+            if gain_ratio > 0.1 or radius < _MIN_TRUST_RADIUS or gain < _MIN_GAIN:
                 break
             radius = float(np.abs(change).max()) / 3.0
         if gain_ratio > 0.0:
             durations, peaks = candidate, candidate_peaks
-        if gain < _MIN_GAIN or radius < _MIN_RADIUS:
+        if gain < _MIN_GAIN or radius < _MIN_TRUST_RADIUS:
             break
-        radius = min(2.0 * radius, _MAX_RADIUS) if gain_ratio > 0.7 else radius / 2.0 if gain_ratio < 0.3 else radius
+        radius = (
+            min(2.0 * radius, _MAX_TRUST_RADIUS) if gain_ratio > 0.7 else radius / 2.0 if gain_ratio < 0.3 else radius
+        )
     return durations * math.exp(peaks.worst) if stretchable else durations
 
 
@@ -199,7 +201,7 @@ def _best_change(
     gradients: np.ndarray,
     *,
     box: tuple[np.ndarray, np.ndarray],
-    price: float,
+    weight: float,
     floor: float,
 ) -> tuple[np.ndarray, float]:
     """Return the best change (segments,) of the logarithms of the durations in the linear model, and its gain.
@@ -209,7 +211,7 @@ def _best_change(
         excess: (peaks,) excess of each peak.
         gradients: (peaks, segments) derivatives of the excess.
         box: (segments,) lower and upper bounds of the change.
-        price: weight of the largest excess.
+        weight: weight of the largest excess.
         floor: excess below which a smaller excess has no benefit.
     """
     low, high = box
@@ -218,7 +220,7 @@ def _best_change(
     max_change = np.abs(gradients) @ np.maximum(-low, high)
     is_relevant = excess + max_change >= max(float((excess - max_change).max()), floor)
     segments = len(durations)
-    slope = np.append(durations / durations.sum(), price)
+    slope = np.append(durations / durations.sum(), weight)
     rows = np.column_stack([gradients[is_relevant], np.full(int(is_relevant.sum()), -1.0)])
     # SciPy's linprog takes five to eighteen times as long for such small programs.
     program = MathematicalProgram()

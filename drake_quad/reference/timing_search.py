@@ -24,15 +24,17 @@ _ANY_LIMITS = PathLimits(acceleration=1.0)
 # planned in closed form, than for a route that requires the solver.
 _MIN_DURATION_SHARE_OF_POINTS = 1e-3
 _MIN_DURATION_SHARE = 1e-2
-# Largest number of rounds in which the times are adapted to the path, and relative gain below which the search ends.
+# Largest number of rounds in which the times are adapted to the path.
 _MAX_ROUNDS = 10
+# Relative gain of a round below which the search ends.
 _MIN_GAIN = 1e-3
 # Distance from a wall at which a path counts as touching it, relative to the largest extent of the corridor.
 _CONTACT_TOLERANCE = 1e-4
 # Unit time from the ends of a segment within which contacts are ignored.
 _CONTACT_END_MARGIN = 0.02
-# Largest change of the logarithms of the durations in the first round, and the smallest one that is tried.
+# Largest change of the logarithms of the durations in the first round.
 _INITIAL_REACH = 0.3
+# Limit on this change below which the search ends.
 _MIN_REACH = 0.02
 _NUM_BISECTIONS = 6
 # Total duration below which a path contains no motion except for rounding errors, s.
@@ -209,7 +211,9 @@ def path_through_given_motion(problem: PathProblem, *, shorten: bool) -> Polynom
         if paths and not shorten:
             break
     if not paths:
-        raise InputError(f"no times were found; if it stopped everywhere, {explain_infeasibility(problem, stopping)}")
+        raise InputError(
+            f"no times were found; for a flight that stops everywhere, {explain_infeasibility(problem, stopping)}"
+        )
     return min(paths, key=_DURATION)
 
 

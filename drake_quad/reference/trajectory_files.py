@@ -11,7 +11,7 @@ from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, hermite_path, knots
 
 _MAX_SAMPLES = 20_000
-_PIECES = "pieces.csv"
+_PIECES_FILE = "pieces.csv"
 # Rounding error of coefficients that are computed from derivatives, relative to the largest coefficient.
 _COEFFICIENT_TOLERANCE = 1e-12
 _COLUMNS = (
@@ -58,14 +58,14 @@ def save_plan(plan: Plan, folder: Path | str, *, name: str, period: float = 0.02
     return [
         write_table(target / "trajectory.csv", dict(zip(_COLUMNS, table, strict=True)), digits=9),
         write_whole(target / "trajectory.yaml", write_yaml),
-        save_pieces(plan, target / _PIECES),
+        save_pieces(plan, target / _PIECES_FILE),
     ]
 
 
 def _yaml_text(plan: Plan, name: str) -> str:
     """Return the content of the YAML file."""
     if not (_follows_from_knots(plan.path, 4) and _follows_from_knots(plan.yaw, 2)):
-        return f"{name}:\n  route:\n    kind: trajectory\n    pieces: {_PIECES}\n"
+        return f"{name}:\n  route:\n    kind: trajectory\n    pieces: {_PIECES_FILE}\n"
     lines = [f"{name}:", "  route:", "    kind: trajectory", "    knots:"]
     for time, derivatives in zip(plan.path.times, knots(plan.path, 4), strict=True):
         motion = zip(("position", "velocity", "acceleration", "jerk"), derivatives.tolist(), strict=True)

@@ -308,7 +308,7 @@ def _free_points(problem: PathProblem, space: Space, bounds: Box) -> list[np.nda
             most = int(distances.argmax())
             count = "no point" if distances[most] + 0.5 * diagonal < space.clearance else "almost no point"
             raise InputError(
-                f"waypoint {i}, {region} m, has {count} at {space.clearance:.3g} m from obstacles"
+                f"waypoint {i}, {region} m, has {count} with a clearance of {space.clearance:.3g} m"
                 f" ({space.clearance_in_words}): {space.names[numbers[most]]} is too near"
             )
         free_points.append(free[np.linalg.norm(free - middle, axis=1).argsort(kind="stable")])

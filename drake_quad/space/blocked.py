@@ -41,7 +41,7 @@ def explain_blockage(space: Space, bounds: Box, problem: PathProblem) -> str:
                 if not search.connects(free, first, last):
                     return _sentence(space, problem, first, last, _blocking_sets(space, bounds, problem, first, last))
     return (
-        f"no way was found at {space.clearance:.3g} m from obstacles ({space.clearance_in_words}); there may be one"
+        f"no way was found with a clearance of {space.clearance:.3g} m ({space.clearance_in_words}); there may be one"
         f" through gaps that are narrower than {2.0 * search.half_diagonal:.2g} m for the centre of mass"
     )
 
@@ -69,7 +69,7 @@ class _Search:
 
     def __init__(self, grid: Grid, problem: PathProblem, *, certain: bool) -> None:
         self.grid = grid
-        # Half the diagonal of a cell, the largest distance of any point from the nearest grid point, m.
+        # No point is farther from the nearest grid point than half the diagonal of a cell, m.
         self.half_diagonal = 0.5 * float(np.linalg.norm(grid.steps)) + 1e-9
         self._near = [is_near(waypoint, grid.points, self.half_diagonal) for waypoint in problem.waypoints]
         tolerance = 0.0 if certain else self.half_diagonal
@@ -93,13 +93,14 @@ class _Search:
 
 
 def _sentence(space: Space, problem: PathProblem, first: int, last: int, blocking: _BlockingSets) -> str:
+    """Return a sentence with the waypoints between which there is no route, and with the obstacles in the way."""
     legs = [leg for leg in range(first, last) if problem.corridors[leg] is not None]
     corridors = (
         f" in the corridor{'s' if len(legs) > 1 else ''} of segment{'s' if len(legs) > 1 else ''} {_join_names(legs)}"
     )
     between = (
         f"there is no way from waypoint {first} to waypoint {last}{corridors if legs else ''}"
-        f" at {space.clearance:.3g} m from obstacles"
+        f" with a clearance of {space.clearance:.3g} m"
     )
     if not blocking.sets:
         return f"{between} within the bounds of the space"

@@ -8,7 +8,7 @@ from drake_quad.reference.polynomial_path import PolynomialPath, evaluate_at, no
 from drake_quad.space.space import Space
 
 # Accuracy of the smallest distance, m.
-_TOLERANCE = 1e-5
+_DISTANCE_TOLERANCE = 1e-5
 # Number of pieces into which a segment is divided initially.
 _INITIAL_PIECES = 32
 
@@ -55,7 +55,7 @@ def nearest_approach(path: PolynomialPath, space: Space) -> NearestApproach | No
         if distance[least] < best:
             best, location = float(distance[least]), (int(segment[least]), float(middle[least]))
             name = space.names[int(number[least])]
-        is_candidate = distance - half * lengths[segment] < best - _TOLERANCE
+        is_candidate = distance - half * lengths[segment] < best - _DISTANCE_TOLERANCE
         segment, middle, half = np.repeat(segment[is_candidate], 2), np.repeat(middle[is_candidate], 2), 0.5 * half
         middle[::2] -= half
         middle[1::2] += half

@@ -15,7 +15,7 @@ from drake_quad.space.space import Space
 
 # Largest distance between a waypoint and the grid points that it is connected to, in spacings of the grid.
 _MAX_CONNECTION_SPACINGS = 1.8
-# One of each pair of opposite directions to the 26 neighbours.
+# Directions to the 26 neighbours of a point, one of each opposite pair.
 _DIRECTIONS = [step for step in itertools.product((-1, 0, 1), repeat=3) if step > (0, 0, 0)]
 
 

@@ -29,7 +29,8 @@ from drake_quad.space.regions import MIN_COMMON_RADIUS, Regions
 # Number of candidate regions of a leg, unless its chain has more. The search takes half a second for this number.
 _MAX_CANDIDATES = 8
 # Cost of a transition to another region, in m of length. A path with fewer segments has fewer turns.
-_HANDOVER_COST = 0.1
+_TRANSITION_COST = 0.1
+# Number of paths that Drake tries when it rounds the solution of the convex relaxation.
 _MAX_ROUNDED_PATHS = 10
 # Standard deviation of the logarithm of the random factors on lengths.
 _LOG_FACTOR_DEVIATION = 0.6
@@ -58,7 +59,7 @@ def region_chain(regions: Regions, route: np.ndarray) -> list[int]:
     for _ in range(_MAX_CHAIN_LENGTH):
         inside = regions.containing(np.array(points))
         steps = inside[:, :-1] & inside[:, 1:]
-        # Number of steps of the route that each region covers from here on.
+        # Each region covers this number of steps of the route from here on.
         follows = np.cumprod(steps, axis=1).sum(axis=1)
         best = next(
             (
@@ -134,7 +135,7 @@ def find_passage(
     graph.AddPathLengthCost(1.0)
     graph_of_sets = graph.graph_of_convex_sets()
     for edge in graph_of_sets.Edges():
-        edge.AddCost(_HANDOVER_COST)
+        edge.AddCost(_TRANSITION_COST)
     options = GraphOfConvexSetsOptions()
     options.convex_relaxation, options.preprocessing, options.solver = True, True, ClarabelSolver()
     options.max_rounded_paths, options.rounding_seed = _MAX_ROUNDED_PATHS, 0
@@ -214,13 +215,13 @@ def _distance_matrix(
         if _are_connected(regions, i, j, corridor):
             intersection = regions.intersection(i, j)
             assert intersection is not None
-            length = np.linalg.norm(centres[[i, j]] - intersection.centre, axis=1).sum() + _HANDOVER_COST
+            length = np.linalg.norm(centres[[i, j]] - intersection.centre, axis=1).sum() + _TRANSITION_COST
             lengths[i, j] = lengths[j, i] = length
     for end, (points, contains) in enumerate(zip(ends, containing, strict=True)):
         for number in np.flatnonzero(contains.any(axis=1)):
             if number in allowed:
                 distances = np.linalg.norm(points[contains[number]] - centres[number], axis=1)
-                length = float(distances.min()) + _HANDOVER_COST
+                length = float(distances.min()) + _TRANSITION_COST
                 lengths[count + end, number] = lengths[number, count + end] = length
     return lengths
 

@@ -258,7 +258,7 @@ class Hull:
             length = float(np.linalg.norm(along))
             along /= length
             ahead = _product(along.tolist(), p) - float(along @ corners[first])
-            # Distance from the first corner to the nearest point of the edge, m.
+            # The step is the distance from the first corner to the nearest point of the edge, m.
             step = minimum(length, maximum(0.0, ahead))
             least = minimum(least, squared[first] + step * (step - 2.0 * ahead))
         # Rounding can make the result slightly negative for a point on an edge.

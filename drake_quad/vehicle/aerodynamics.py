@@ -57,7 +57,7 @@ class Flow(NamedTuple):
 
 
 class AirLoad(Protocol):
-    """Record of the numbers of a load on the vehicle that depends on the air and on the rotors."""
+    """Parameters of a load on the vehicle that depends on the air and on the rotors."""
 
     def load(self, flow: Flow) -> Load:
         """Return the force and the torque on the vehicle, in addition to those of the paper's equations."""

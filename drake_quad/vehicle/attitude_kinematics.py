@@ -108,7 +108,7 @@ class RotationSince(NamedTuple):
         tilt, before = self.tilt, self.beginning
         x, y, z = (tilt.in_heading(axis) for axis in coordinates.axes())
         sin_pitch = 0.0 - x.z
-        # Sine and cosine of the change of roll, both times the cosine of the pitch.
+        # These are sine and cosine of the change of roll, both multiplied by the cosine of the pitch.
         sine = tilt.cos_roll * y.z - tilt.sin_roll * z.z
         cosine = tilt.cos_roll * z.z + tilt.sin_roll * y.z
         usual = Attitude(

@@ -13,7 +13,7 @@ _MIN_SINGULAR_VALUE = 1e-3
 _MIN_COMPONENT = 0.02
 # Tolerance on a rotor's share of the thrust, relative to the largest share.
 _SHARE_TOLERANCE = 1e-9
-_PARTS = ("thrust", "roll torque", "pitch torque", "yaw torque")
+_WRENCH_PARTS = ("thrust", "roll torque", "pitch torque", "yaw torque")
 
 
 def missing_direction(rotors: Rotors) -> str | None:
@@ -27,7 +27,7 @@ def missing_direction(rotors: Rotors) -> str | None:
         for rotor in rotors
         for row in (1.0, rotor.y, -rotor.x, -rotor.direction * rotor.drag_factor / rotor.thrust_factor)
     ]
-    # Matrices (N, 4, 4) from the rotor forces to the wrench.
+    # These matrices (N, 4, 4) map the rotor forces to the wrench of each vehicle.
     maps = np.array(np.broadcast_arrays(*rows), dtype=float).reshape(4, 4, -1).T
     _, *arms, levers = np.moveaxis(maps, 1, 0)
     arm, lever = np.hypot(*arms).max(axis=1), np.abs(levers).max(axis=1)
@@ -49,7 +49,7 @@ def _describe_missing(direction: np.ndarray) -> str:
         size = np.copysign(np.hypot(x, y), x)
         return f"torque about the axis ({x / size:.2f}, {y / size:.2f}, 0), since its rotors are in a line"
     # If several parts are involved, the last one cannot be produced without the others.
-    names = [name for name, part in zip(_PARTS, (thrust, roll, pitch, yaw), strict=True) if part]
+    names = [name for name, part in zip(_WRENCH_PARTS, (thrust, roll, pitch, yaw), strict=True) if part]
     *others, lacking = names
     if not others:
         return f"{lacking}, since its rotors are in a line"

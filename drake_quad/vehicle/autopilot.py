@@ -359,7 +359,7 @@ class AttitudeAutopilot(FleetSystem):
     The states are `wrench` and, if a part has a memory, `memory`. The only parameter of the context is `autopilot`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number N of vehicles.
         period: period h of the autopilot, s. The default, 2.5 ms, corresponds to 400 Hz, the default of PX4's parameter
             IMU_GYRO_RATEMAX.
         noisy: True if the sensors have noise.
@@ -409,7 +409,7 @@ class ThrustAlone(FleetSystem):
     The torques of the `wrench` are zero, since the model of the vehicle contains its attitude loop.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number N of vehicles.
     """
 
     def declare(self) -> None:

@@ -85,6 +85,7 @@ class Effects(NamedTuple):
 
 
 NO_EFFECTS = Effects()
+"""Effects that are all switched off."""
 
 
 def hover_equivalent(parameters: QuadrotorParameters, effects: Effects, height: PositionW) -> QuadrotorParameters:

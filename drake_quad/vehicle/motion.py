@@ -101,7 +101,7 @@ def accelerations(
         flow = Flow(axes.in_body(air), air, rotors.speed, action.wrench, height, parameters)
         forces, torques = zip(*(each.load(flow) for each in effects.air_loads), strict=True)
         load, torque = reduce(plus, forces), reduce(plus, torques)
-        # The force along z_B acts as thrust does.
+        # The force along z_B acts like thrust, so it is added to the wrench.
         thrust, tau_x, tau_y, tau_z = action.wrench
         action = action._replace(wrench=Wrench(thrust + load.z, tau_x + torque.x, tau_y + torque.y, tau_z + torque.z))
         force = plus(times(load.x, axes.x), times(load.y, axes.y))

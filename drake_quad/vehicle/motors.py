@@ -203,7 +203,7 @@ class ThrottleAllocation(FleetSystem):
     The only parameter of the context is `model`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number N of vehicles.
         paired: True if all rotors are equal and in opposite pairs, which saves operations.
         priority: part of the wrench that is kept first if the rotors cannot produce the whole wrench.
         numbers: autopilot's model of the motors, whose thrust curve increases over [0, 1].

@@ -23,6 +23,7 @@ from drake_quad.vehicle.stepping import (
 
 Kinematics = Literal["exact", "small_angle"]
 KINEMATICS = {"exact": RIGID_KINEMATICS, "small_angle": SMALL_ANGLE_KINEMATICS}
+"""Attitude kinematics by name."""
 
 
 class Place(NamedTuple):
@@ -115,7 +116,7 @@ class Quadrotor(FleetSystem):
     `payload`, which depend on a case distinction.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number N of vehicles.
         time_step: time step h, s, 10 ms by default; 0 for a continuous state.
         kinematics: "exact", or "small_angle" for the last three lines of eq (3) as in the paper.
         faulty: True if rotors may have faults.

@@ -114,6 +114,7 @@ class RespondingState(NamedTuple):
 
 
 BodyRatesOf = Callable[[Attitude, Attitude], BodyRates]
+"""Function that returns body rates for the rates of the angles and the attitude."""
 
 
 def _angle_rates_as_body_rates(rates: Attitude, attitude: Attitude) -> BodyRates:
@@ -274,7 +275,7 @@ def acceleration_of(state: RespondingState, *others: Any) -> VehicleAcceleration
 
 
 def stepping_acceleration(body: RespondingBody, rotors: RotorSpeed, *others: Any) -> VehicleAcceleration:
-    """Return what `acceleration_of` does, for the groups of a discrete state."""
+    """Return the acceleration of the vehicle as `acceleration_of` does, for the groups of a discrete state."""
     return acceleration_of(RespondingState(body, rotors), *others)
 
 
@@ -316,7 +317,7 @@ class RespondingQuadrotor(FleetSystem):
     with effects also `effects`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number N of vehicles.
         time_step: time step h, s, 10 ms by default; 0 for a continuous state.
         kinematics: "exact", or "small_angle" if the body rates are the rates of the angles.
         faulty: True if rotors may have faults.

@@ -43,7 +43,7 @@ class SlungLoad(NamedTuple):
 HANGING = Swing(0.0, 0.0, 0.0, 0.0)
 """Swing of a load that hangs straight down at rest."""
 
-# This offset is added to -q · z to avoid 0 / 0 if the rod is horizontal along X. It is too small to change components
+# Offset that is added to -q · z to avoid 0 / 0 if the rod is horizontal along X. It is too small to change components
 # above 1e-14.
 _COMPONENT_OFFSET = 1e-30
 

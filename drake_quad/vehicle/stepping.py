@@ -142,7 +142,7 @@ def step_of_flight(
     """Return the end of a step of a vehicle that has not crashed, and whose rotors approach a target speed."""
     body, half = before.body, 0.5 * time_step
     rotors_of_stages = start, middle, end = rotor_states_over_step(before.rotors, target, half, parameters, effects)
-    # Rotors, and the time since the start of the step, at each stage of the method.
+    # Each stage of the method has its rotor state and its time since the start of the step.
     stages = (start, 0.0), (middle, half), (middle, half), (end, time_step)
     attitude = kinematics.integrated(Attitude(body.roll, body.pitch, body.yaw))
     payload_time = 0.0 if effects.payload is None else time - half
@@ -223,7 +223,7 @@ def acceleration_at(state: VehicleState, *others: Any) -> VehicleAcceleration:
 def stepping_acceleration(
     body: State, rotors: RotorSpeed, swing: Swing | None, charge: Charge | None, *others: Any
 ) -> VehicleAcceleration:
-    """Return what `acceleration_at` does, for the groups of a discrete state."""
+    """Return the acceleration of the vehicle as `acceleration_at` does, for the groups of a discrete state."""
     return acceleration_at(VehicleState(body, rotors, swing, charge), *others)
 
 

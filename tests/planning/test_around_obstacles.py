@@ -127,7 +127,7 @@ REFUSED = {
     ),
     "a gate in a wall": (
         ["route.waypoints=[[0, 0, 1], {box: {min: [2.45, 2.55, 1.15], max: [2.55, 2.65, 1.25]}}, [6, 0, 1]]"],
-        "waypoint 1, .* has no point at 0.27 m from obstacles .*: ball is too near",
+        "waypoint 1, .* has no point with a clearance of 0.27 m .*: ball is too near",
     ),
     "another route": (
         ["route={kind: circle, radius: 2.1, height: 1.2}"],

@@ -161,7 +161,7 @@ def test_becomes_a_trajectory_of_drake():
         ([[0.0], [math.nan]], [0.0, 1.0], "finite"),
         ([[0.0], [1.0]], [0.0, math.inf], "finite"),
         ([0.0, 1.0], [0.0, 1.0], "as rows"),
-        ([[0.0], [1.0], [2.0], [3.0]], [0.0, 2.0, 1.0, 0.5], "time 2 is 1 s after 2 s"),
+        ([[0.0], [1.0], [2.0], [3.0]], [0.0, 2.0, 1.0, 0.5], "waypoint 1 is passed at 2 s and waypoint 2 at 1 s"),
     ],
 )
 def test_bad_waypoints_are_explained(waypoints, times, words):

@@ -184,7 +184,7 @@ def test_what_no_path_can_keep_is_refused(arguments, words):
         (lambda: Box([0, 0], [1, -1]), "is empty"),
         (lambda: Box([0, 0], [1, math.inf]), "not finite"),
         (lambda: Box([-math.inf, 0], [1, 1]), "not finite"),
-        (lambda: Box([0, 0], [1]), "two corners of one dimension"),
+        (lambda: Box([0, 0], [1]), "two corners of the same dimension"),
         (lambda: Sphere([0, 0], 0.0), "radius of a sphere is 0 m"),
         (lambda: Sphere([0, math.nan], 1.0), "must be finite"),
     ],

@@ -185,7 +185,7 @@ def test_repeats_keep_what_is_given_there():
     np.testing.assert_array_equal(kept.derivatives[1], 0.0)
     moving = rest_at_ends(4, 3)
     moving[1, 0], moving[2, 0] = [1.0, 0.0, 0.0], [0.5, 0.0, 0.0]
-    with pytest.raises(InputError, match="waypoint 2 repeats waypoint 1, but another derivative"):
+    with pytest.raises(InputError, match="waypoint 2 repeats waypoint 1, but different derivatives"):
         without_repeats(problem(SQUARE[[0, 1, 1, 2]], derivatives=moving))
 
 

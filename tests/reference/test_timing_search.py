@@ -162,8 +162,8 @@ def test_a_given_velocity_that_no_time_keeps_is_explained():
     asked = problem(np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]), [1.9, 0.0])
     with pytest.raises(
         InputError,
-        match=r"^no times were found; if it stopped everywhere, the acceleration limit of 1 m/s² cannot be kept on "
-        r"segment \d: at these times at least 2.15 m/s² is needed; flown 2.75 times slower it is feasible$",
+        match=r"^no times were found; for a flight that stops everywhere, the acceleration limit of 1 m/s² cannot be "
+        r"kept on segment \d: at these times at least 2.15 m/s² is needed; flown 2.75 times slower it is feasible$",
     ):
         path_through_given_motion(asked, shorten=False)
 
@@ -229,7 +229,9 @@ def test_a_velocity_out_of_its_corridor_is_explained_where_times_are_chosen():
     points = np.array([[0.0, 0.0], [4.0, 0.0], [7.0, 0.0]])
     halls = [Box([0.0, -1.0], [4.0, 1.0]), Box([4.0, -1.0], [7.0, 1.0])]
     for shorten in (False, True):
-        with pytest.raises(InputError, match="^no times were found; if it stopped everywhere, the corridor of segment"):
+        with pytest.raises(
+            InputError, match="^no times were found; for a flight that stops everywhere, the corridor of segment"
+        ):
             path_through_given_motion(problem(points, [-1.5, 0.0], corridors=halls), shorten=shorten)
 
 

@@ -175,7 +175,9 @@ def test_a_gate_is_passed_where_it_is_free(gate):
 @pytest.mark.parametrize("gate", GATES.values(), ids=GATES)
 def test_a_gate_without_room_is_refused(gate):
     wall = Cuboid((2.0, 1.0, 1.0), size=(0.3, 4.0, 3.0))
-    with pytest.raises(InputError, match=r"waypoint 1, .* has no point at 0.2 m .*: solid_1 is too near"):
+    with pytest.raises(
+        InputError, match=r"waypoint 1, .* has no point with a clearance of 0.2 m .*: solid_1 is too near"
+    ):
         plan_around(
             space_of(Ball((0.1, 0.1, 0.1), radius=0.01), wall), BOUNDS, PathProblem([BEGIN, gate, END]), Heuristic()
         )
@@ -200,7 +202,7 @@ def test_a_gate_with_next_to_no_room_is_refused_as_such():
     """Two spheres leave 2 mm between them, and 21 points along 1 m are 5 cm apart."""
     gate = Box([2.0, 0.5, 1.0], [2.0, 1.5, 1.0])
     balls = [Ball((2.0, 1.025 + side * (0.201 + 2.0), 1.0), radius=2.0) for side in (-1.0, 1.0)]
-    with pytest.raises(InputError, match="has almost no point at 0.2 m"):
+    with pytest.raises(InputError, match="has almost no point with a clearance of 0.2 m"):
         plan_around(space_of(*balls), BOUNDS, PathProblem([BEGIN, gate, END]), Heuristic())
 
 
@@ -386,7 +388,7 @@ def test_a_place_without_room_is_told_from_one_whose_room_may_lie_between_its_po
     gate = Box([2.0, 0.5, 1.0], [2.0, 1.5, 1.0])
     for short, words in ((0.024, "almost no point"), (0.026, "no point")):
         wall = Cuboid((2.2 - short + 0.1, 1.0, 1.0), size=(0.2, 4.0, 4.0))
-        with pytest.raises(InputError, match=f"waypoint 1, .* has {words} at 0.2 m"):
+        with pytest.raises(InputError, match=f"waypoint 1, .* has {words} with a clearance of 0.2 m"):
             around._free_points(PathProblem([BEGIN, gate, END]), space_of(wall), BOUNDS)
 
 

@@ -10,7 +10,7 @@ from drake_quad.space.space import Obstacle, Space
 
 # A room of 2 m by 1 m by 1 m; its bounds leave out the clearance of 0.1 m.
 BOUNDS = Box([0.1, 0.1, 0.1], [1.9, 0.9, 0.9])
-CLEARANCE = r"at 0\.1 m from obstacles"
+CLEARANCE = r"with a clearance of 0\.1 m"
 LEFT = Box.point([0.3, 0.5, 0.5])
 MIDDLE = Box.point([1.0, 0.5, 0.5])
 RIGHT = Box.point([1.7, 0.5, 0.5])
@@ -51,7 +51,7 @@ WALLS = {
 def test_the_smallest_sets_of_obstacles_that_close_the_way_are_named(walls, expected):
     """All sets of one or of two obstacles are named, but only one larger set."""
     said = explained(walls)
-    assert said.startswith("there is no way from waypoint 0 to waypoint 1 at 0.1 m from obstacles (radius 0.07 + ")
+    assert said.startswith("there is no way from waypoint 0 to waypoint 1 with a clearance of 0.1 m (radius 0.07 + ")
     assert expected in said
 
 
@@ -77,7 +77,7 @@ def test_a_gap_too_narrow_for_any_grid_is_reported_with_its_width():
     """The way is 1 mm wide, and the diagonal of the cells of the finest grid is 2 cm √3, which is 3.5 cm."""
     gap = {"left": wall(1.0, high=0.3995), "right": wall(1.0, low=0.6005)}
     said = explained(gap)
-    assert said.startswith("no way was found at 0.1 m from obstacles (radius 0.07 + margin 0.03); there may be one")
+    assert said.startswith("no way was found with a clearance of 0.1 m (radius 0.07 + margin 0.03); there may be one")
     assert said.endswith("through gaps that are narrower than 0.035 m for the centre of mass")
     # Gaps that are 1 mm too narrow are not always recognised as closed, but gaps that are 5 cm too narrow are.
     assert "there is no way" in explained({"left": wall(1.0, high=0.425), "right": wall(1.0, low=0.575)})
@@ -85,9 +85,9 @@ def test_a_gap_too_narrow_for_any_grid_is_reported_with_its_width():
 
 def test_the_leg_that_is_closed_is_named():
     said = explained({"a": wall(1.4)}, (LEFT, MIDDLE, RIGHT))
-    assert said.startswith("there is no way from waypoint 1 to waypoint 2 at")
+    assert said.startswith("there is no way from waypoint 1 to waypoint 2 with a clearance of")
     said = explained({"a": wall(0.7)}, (LEFT, MIDDLE, RIGHT))
-    assert said.startswith("there is no way from waypoint 0 to waypoint 1 at")
+    assert said.startswith("there is no way from waypoint 0 to waypoint 1 with a clearance of")
 
 
 def test_legs_that_are_open_one_by_one_may_be_closed_together():
@@ -96,7 +96,7 @@ def test_legs_that_are_open_one_by_one_may_be_closed_together():
     across = Cuboid((1.0, 0.5, 0.5), size=(2.0, 0.06, 1.0))
     below, above = Box.point([0.3, 0.2, 0.5]), Box.point([1.7, 0.8, 0.5])
     said = explained({"a": across}, (below, gate, above))
-    assert said.startswith("there is no way from waypoint 0 to waypoint 2 at")
+    assert said.startswith("there is no way from waypoint 0 to waypoint 2 with a clearance of")
     assert "without a, there would be one" in said
     assert "no way was found" in explained({"a": across}, (below, gate, Box.point([1.7, 0.2, 0.5])))
 
@@ -108,10 +108,14 @@ def test_a_corridor_is_named_only_for_its_own_segment():
     places = (Box.point([0.3, 0.3, 0.5]), Box.point([1.7, 0.3, 0.5]), Box.point([0.3, 0.3, 0.5]))
     assert "no way was found" in explained(walls, places)
     said = explained(walls, places, [None, corridor])
-    assert said.startswith("there is no way from waypoint 1 to waypoint 2 in the corridor of segment 1 at 0.1 m")
+    assert said.startswith(
+        "there is no way from waypoint 1 to waypoint 2 in the corridor of segment 1 with a clearance of 0.1 m"
+    )
     assert said.endswith("without a, there would be one")
     said = explained(walls, places, [corridor, None])
-    assert said.startswith("there is no way from waypoint 0 to waypoint 1 in the corridor of segment 0 at 0.1 m")
+    assert said.startswith(
+        "there is no way from waypoint 0 to waypoint 1 in the corridor of segment 0 with a clearance of 0.1 m"
+    )
 
 
 def test_corridors_that_are_closed_together_are_both_named():
@@ -121,14 +125,16 @@ def test_corridors_that_are_closed_together_are_both_named():
     lower, upper = Box([0.0, 0.0, 0.0], [2.0, 0.5, 1.0]), Box([0.0, 0.5, 0.0], [2.0, 1.0, 1.0])
     places = (Box.point([0.3, 0.2, 0.5]), gate, Box.point([1.7, 0.8, 0.5]))
     said = explained({"a": across}, places, [lower, upper])
-    assert said.startswith("there is no way from waypoint 0 to waypoint 2 in the corridors of segments 0 and 1 at")
+    assert said.startswith(
+        "there is no way from waypoint 0 to waypoint 2 in the corridors of segments 0 and 1 with a clearance of"
+    )
     assert "without a, there would be one" in said
 
 
 def test_bounds_alone_may_close_the_way():
     """The bounds end before the second waypoint, whatever stands in the room."""
     said = explained({"a": wall(1.0)}, (LEFT, RIGHT), bounds=Box([0.1, 0.1, 0.1], [1.2, 0.9, 0.9]))
-    assert said.startswith("there is no way from waypoint 0 to waypoint 1 at 0.1 m from obstacles")
+    assert said.startswith("there is no way from waypoint 0 to waypoint 1 with a clearance of 0.1 m")
     assert said.endswith("within the bounds of the space")
 
 

@@ -71,7 +71,7 @@ class Sensor(FleetSystem):
     arrived, under the name of the sensor, and, if there is latency, the readings under way.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number N of vehicles.
         name: name of the sensor.
         law: measurement equation of the sensor.
         period: time between readings, s.

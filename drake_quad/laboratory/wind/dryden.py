@@ -250,7 +250,7 @@ class DrydenTurbulence(FleetSystem):
     The states are `wind` and `filter`. The only parameter of the context is `turbulence`.
 
     Args:
-        num_vehicles: N. The turbulence of each vehicle is independent of the others.
+        num_vehicles: number N of vehicles. The turbulence of each vehicle is independent of the others.
         period: sampling interval, s; equal to the vehicle's time step.
         numbers: parameters of the turbulence.
     """

@@ -25,7 +25,7 @@ _LN_2 = math.log(2.0)
 # Lower limit on the distance from the outlet, m, which avoids 0 / 0 there.
 _MIN_LENGTH = 1e-9
 # Lower limit on the arguments of square roots, whose derivatives are infinite at zero.
-_TINY = 1e-200
+_MIN_SQUARE = 1e-200
 
 
 class Outlet(NamedTuple):
@@ -110,7 +110,7 @@ def jet_speed(state: State, jet: Jet) -> tuple[Row, Row]:
     """Return the mean speed of a jet at the position of a vehicle (m/s), and the half-width of the jet there (m)."""
     x, y, z = state.x - jet.outlet.x, state.y - jet.outlet.y, state.z - jet.outlet.z
     along = x * jet.direction.x + y * jet.direction.y + z * jet.direction.z
-    across = sqrt(maximum(x * x + y * y + z * z - along * along, _TINY))
+    across = sqrt(maximum(x * x + y * y + z * z - along * along, _MIN_SQUARE))
     reach = CORE_LENGTH * jet.diameter
     core = 0.5 * jet.diameter * maximum(1.0 - along / reach, 0.0)
     half_width = SPREAD * maximum(along, _MIN_LENGTH)
@@ -122,7 +122,7 @@ def jet_speed(state: State, jet: Jet) -> tuple[Row, Row]:
 def local_air(state: State, jets: tuple[Jet, ...]) -> LocalAir:
     """Return the sum of all jets at the position of a vehicle."""
     x = y = z = variance = rate = 0.0
-    # The order of the summation affects rounding: the first jet is added last.
+    # The first jet is added last. The order only affects rounding.
     for jet in reversed(jets):
         speed, half_width = jet_speed(state, jet)
         deviation = jet.turbulence * speed
@@ -141,13 +141,13 @@ def next_sample(state: State, eddies: Eddies, noise: Eddies, jets: tuple[Jet, ..
     """Return the wind and the turbulence one period (s) later, for the turbulence before and normal samples."""
     local = local_air(state, jets)
     decay = exp(-period * local.rate)
-    noise_gain = sqrt(maximum(1.0 - decay * decay, _TINY))
+    noise_gain = sqrt(maximum(1.0 - decay * decay, _MIN_SQUARE))
     next_eddies = Eddies._make(decay * eddy + noise_gain * number for eddy, number in zip(eddies, noise, strict=True))
     return FansState(_with_turbulence(local, next_eddies), next_eddies)
 
 
 def _with_turbulence(local: LocalAir, eddies: Eddies) -> Wind:
-    deviation = sqrt(maximum(local.variance, _TINY))
+    deviation = sqrt(maximum(local.variance, _MIN_SQUARE))
     return Wind._make(mean + deviation * eddy for mean, eddy in zip(local.mean, eddies, strict=True))
 
 
@@ -174,7 +174,7 @@ class Fans(FleetSystem):
     The states are `wind` and `eddies`. The only parameter of the context is `jets`.
 
     Args:
-        num_vehicles: N. The turbulence of each vehicle is independent of the others.
+        num_vehicles: number N of vehicles. The turbulence of each vehicle is independent of the others.
         period: sampling interval, s; equal to the vehicle's time step.
         numbers: jets of the fans.
     """

@@ -56,7 +56,7 @@ class Gust(FleetSystem):
     state is `wind`. The only parameter of the context is `gust`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number N of vehicles.
         period: sampling interval, s; equal to the vehicle's time step.
         numbers: parameters of the gust.
     """

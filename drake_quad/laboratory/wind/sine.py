@@ -41,7 +41,7 @@ class SineWind(FleetSystem):
     `wind`. The only parameter of the context is `sine`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number N of vehicles.
         period: sampling interval, s; equal to the vehicle's time step.
         numbers: parameters of the wind.
     """

@@ -27,7 +27,7 @@ class SteadyWind(FleetSystem):
     The only parameter of the context is `velocity`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number N of vehicles.
         numbers: velocity of the air in W.
     """
 
@@ -55,7 +55,7 @@ def build_wind(sources: Mapping[str, Any], *, streams: Mapping[str, list[Stream]
     Args:
         sources: systems with one output port for the wind and optionally the input port `state`, by name.
         streams: streams of the sources' random input ports, by the name of the source.
-        num_vehicles: N.
+        num_vehicles: number N of vehicles.
     """
     builder = DiagramBuilder()
     if not sources:
