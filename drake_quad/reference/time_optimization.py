@@ -212,7 +212,7 @@ def _best_change(
         gradients: (peaks, segments) derivatives of the excess.
         box: (segments,) lower and upper bounds of the change.
         weight: weight of the largest excess.
-        floor: excess below which a smaller excess has no benefit.
+        floor: excess below which a further reduction has no benefit.
     """
     low, high = box
     worst = max(float(excess.max()), floor)

@@ -274,7 +274,9 @@ def least_snap_path(problem: PathProblem, total: float) -> PolynomialPath:
 
 
 def _nearest_within_limits(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
-    """Return the first path within the limits between the durations with the least snap and those of the fastest path.
+    """Return the path within the limits whose durations are nearest to those with the least snap.
+
+    The durations are varied between those with the least snap and those of the fastest path.
 
     Args:
         problem: problem with limits.
