@@ -10,7 +10,7 @@ from drake_quad.reference.time_allocation import stretch_factor
 RISE = minimum_snap([[0.0, 0.0, 0.0], [0.0, 0.0, 2.0]], [1.0, 3.0])
 
 
-def test_the_top_speed_of_a_single_segment_binds_in_its_middle():
+def test_the_speed_limit_is_active_in_the_middle_of_a_single_segment():
     limits = PathLimits(speed=2.1875)
     path = RISE.stretched(stretch_factor(RISE, limits))
     (binding,) = active_constraints(path, limits)
@@ -18,7 +18,7 @@ def test_the_top_speed_of_a_single_segment_binds_in_its_middle():
     assert binding.time == pytest.approx(2.0, abs=1e-6)
 
 
-def test_both_acceleration_and_braking_bind():
+def test_the_acceleration_limit_is_active_when_speeding_up_and_braking():
     limits = PathLimits(speed=100.0, acceleration=1.0)
     path = RISE.stretched(stretch_factor(RISE, limits))
     found = active_constraints(path, limits)
@@ -27,21 +27,21 @@ def test_both_acceleration_and_braking_bind():
     np.testing.assert_allclose(middle - found[0].time, found[1].time - middle, atol=1e-6)
 
 
-def test_a_wall_that_is_touched_between_the_waypoints_binds():
+def test_a_wall_that_is_touched_between_waypoints_is_active():
     path = minimum_snap([[0.0, 0.0], [1.0, 1.0], [2.0, 0.0]], [0.0, 1.0, 2.0])
     top = Box([-1.0, -1.0], [3.0, 1.0])
     found = active_constraints(path, PathLimits(), (top, None))
-    # Turns back right at the waypoint, which is on both segments; the corridor is that of the first only.
+    # The path turns back at the waypoint, which is on both segments. Only the first one has a corridor.
     assert all((binding.what, binding.where) == ("corridor", "y max") for binding in found)
     assert active_constraints(path, PathLimits(), (Box([-1.0, -1.0], [3.0, 1.1]), None)) == []
 
 
-def test_nothing_binds_below_the_limits():
+def test_nothing_is_active_below_the_limits():
     assert active_constraints(RISE, PathLimits(10.0, 10.0), (None,)) == []
 
 
-def test_limits_and_walls_bind_in_order_of_time_each_on_its_segment():
-    """A zigzag from 1 s on that turns back at walls on its first and third segment, and is fastest on its second."""
+def test_active_constraints_are_in_order_of_time_with_their_segments():
+    """A zigzag from 1 s on turns back at walls on its first and third segment, and is fastest on its second."""
     times = [1.0, 2.5, 3.0, 5.0]
     path = minimum_snap([[0.0, 0.0], [0.0, 1.0], [0.0, -1.0], [1.0, 0.0]], times)
     samples = np.linspace(1.0, 5.0, 40_001)
@@ -58,7 +58,7 @@ def test_limits_and_walls_bind_in_order_of_time_each_on_its_segment():
 
 
 @pytest.mark.parametrize(("share", "count"), [(0.9995, 1), (1.0008, 1), (1.0015, 0)])
-def test_what_is_kept_by_less_than_a_thousandth_binds(share, count):
+def test_a_margin_below_a_thousandth_counts_as_active(share, count):
     assert len(active_constraints(RISE, PathLimits(speed=2.1875 * share))) == count
     top = minimum_snap([[0.0, 0.0], [0.2, 1.0], [0.3, 0.0]], [0.0, 1.0, 2.2])
     highest = evaluate(top, np.linspace(0.0, 2.2, 22_001))[1].max()

@@ -10,7 +10,7 @@ from drake_quad.space.space import Obstacle, Space
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_nothing_between_samples_is_nearer(seed):
+def test_no_point_between_samples_is_nearer(seed):
     random = np.random.default_rng(seed)
     waypoints = random.uniform(-2.0, 2.0, (5, 3))
     path = minimum_snap(waypoints, np.cumsum([0.0, *random.uniform(0.5, 2.0, 4)]))
@@ -80,8 +80,8 @@ def test_an_approach_is_printed_in_one_line():
     assert str(approach._replace(distance=0.1234)).startswith("0.123 m from pillar")
 
 
-def test_a_path_at_rest_is_as_near_as_its_place():
-    """Nothing moves, so that no piece can hold a nearer point than its middle."""
+def test_the_distance_of_a_path_at_rest_is_that_of_its_position():
+    """Nothing moves, so no piece can contain a nearer point than its middle."""
     path = minimum_snap(np.array([[1.0, 2.0, 3.0]] * 2), np.array([0.0, 2.0]))
     found = nearest_approach(path, Space((Obstacle("ball", Ball((1.0, 2.0, 4.0), radius=0.25)),), radius=0.1))
     assert found.distance == pytest.approx(0.75)

@@ -1,4 +1,4 @@
-"""Chains of regions and passages through them, compared with all that exist in small mazes of boxes."""
+"""Chains of regions and passages through them agree with an enumeration in small mazes of boxes."""
 
 import itertools
 
@@ -12,12 +12,12 @@ from drake_quad.space.passage import candidate_regions, find_passage, other_pass
 from drake_quad.space.regions import Regions
 from drake_quad.space.space import Space
 
-# m, the cost of one handover from region to region.
+# m, the cost of a transition from one region to the next
 HANDOVER = 0.1
 
 
 class Boxes(Regions):
-    """Given boxes in place of grown regions; growing only adds a box around a seed."""
+    """Regions that are given boxes. Growing a region only adds a box around the seed."""
 
     def __init__(self, *boxes):
         super().__init__(Space((), radius=0.1), Box([-99.0] * 3, [99.0] * 3))
@@ -60,7 +60,7 @@ def shortest_polyline(regions, legs, places, corridors):
 
 
 def costs_of_all(regions, places, corridors, longest=4):
-    """Return the cost of each possible passage, m: the length of its polyline and its handovers."""
+    """Return the cost of each possible passage, m: the length of its polyline plus its transition costs."""
     orders = [order for count in range(1, longest + 1) for order in itertools.permutations(range(len(regions)), count)]
     chains = [order for order in orders if all(regions.intersection(i, j) for i, j in itertools.pairwise(order))]
     possible = [
@@ -71,12 +71,12 @@ def costs_of_all(regions, places, corridors, longest=4):
     for legs in itertools.product(*possible):
         length = shortest_polyline(regions, legs, places, corridors)
         if length is not None:
-            # A leg has a handover from its place into a region, from region to region, and to the next place.
+            # A leg has transitions from its waypoint into a region, from region to region, and to the next waypoint.
             costs[legs] = length + HANDOVER * sum(len(leg) + 1 for leg in legs)
     return costs
 
 
-# Four boxes, one on each side of a pillar, overlap in the corners.
+# Four boxes, one on each side of a pillar, overlap at the corners.
 AROUND = (
     ([0, 0, 0], [4, 1, 1]),
     ([0, 3, 0], [4, 4, 1]),
@@ -105,7 +105,7 @@ MAZES = {
         [Box.point([0.5, 0.5, 0.9]), Box.point([2.6, 0.5, 0.9])],
         [None],
     ),
-    # The detour over the top is 8 cm longer, which is less than the cost of a handover.
+    # The detour over the top is 8 cm longer, which is less than the cost of a transition.
     "a detour that saves a handover": (
         (
             ([0, 0, 0], [0.8, 1, 1]),
@@ -131,15 +131,15 @@ def test_no_passage_is_cheaper_than_the_one_that_is_found(boxes, places, corrido
 
 
 def test_a_passage_uses_only_candidates():
-    """Without the box at the bottom the way leads over the top, which is longer; without both there is no way."""
+    """Without the box at the bottom, the route leads over the top, which is longer. Without both there is none."""
     regions = Boxes(*AROUND)
     assert find_passage(regions, [[0, 1, 2, 3]], [BEGIN, Box.point([3.5, 1.3, 0.5])], [None]) == ((2, 0, 3),)
     assert find_passage(regions, [[3, 1, 2]], [BEGIN, Box.point([3.5, 1.3, 0.5])], [None]) == ((2, 1, 3),)
     assert find_passage(regions, [[3, 2]], [BEGIN, END], [None]) is None
 
 
-def test_regions_that_hardly_overlap_do_not_lead_to_each_other():
-    """Two regions must share a ball of 1 mm, and so must the part of them inside a corridor."""
+def test_regions_that_hardly_overlap_are_not_connected():
+    """The intersection of two regions must contain a ball of 1 mm, and so must the part of it inside a corridor."""
     for overlap, leads in ((0.0015, False), (0.0025, True)):
         regions = Boxes(([0, 0, 0], [1 + overlap, 1, 1]), ([1, 0, 0], [2, 1, 1]))
         places = [Box.point([0.5, 0.5, 0.5]), Box.point([1.5, 0.5, 0.5])]
@@ -167,28 +167,28 @@ def test_other_passages_can_be_flown(places):
 
 
 def test_other_passages_differ_only_if_their_lengths_are_similar():
-    """Both ways around a square have the same length. If one of them becomes longer, only the other is found."""
+    """Both routes around a square have the same length. If one of them becomes longer, only the other is found."""
     regions = Boxes(*AROUND)
     middle = [np.array([[0.5, 2.0, 0.5]]), np.array([[3.5, 2.0, 0.5]])]
     assert set(other_passages(regions, middle, [None], count=12)) == {((2, 0, 3),), ((2, 1, 3),)}
-    # The centre of the bottom box is so far away that the way over it has 40 m, and the way along the top has 5 m.
+    # The centre of the bottom box is so far away that this route has 40 m, and the route along the top has 5 m.
     far = Boxes(([0, -40, 0], [4, 1, 1]), *AROUND[1:])
     assert other_passages(far, middle, [None], count=12) == [((2, 1, 3),)]
     assert other_passages(far, middle, [Box([0, 0, 0], [4, 2.5, 1])], count=12) == [((2, 0, 3),)]
     assert other_passages(far, middle, [Box([0, 1.5, 0], [4, 2.5, 1])], count=12) == []
 
 
-def test_the_way_from_a_place_to_the_centre_of_its_region_counts():
-    """Two large boxes hold both ends. The point of the end that is nearest to each centre decides between them."""
+def test_the_distance_from_a_waypoint_to_the_centre_of_its_region_counts():
+    """Two large boxes contain both ends. The point of the end that is nearest to each centre decides between them."""
     regions = Boxes(([0, 0, 0], [4, 1, 1]), ([-50, -1, -50], [50, 99, 50]))
     ends = [np.array([[0.5, 0.5, 0.5]]), np.array([[2.0, 0.5, 0.5], [3.5, 0.5, 0.5]])]
     assert other_passages(regions, ends, [None], count=12) == [((0,),)]
-    # Only the larger box holds a point of this end.
+    # Only the larger box contains a point of this end.
     ends[1] = np.array([[2.0, 4.0, 0.5]])
     assert {leg[-1] for (leg,) in other_passages(regions, ends, [None], count=12)} == {1}
 
 
-def test_a_chain_follows_the_box_that_continues_longest():
+def test_a_chain_uses_the_box_that_covers_the_route_longest():
     regions = Boxes(
         ([0, 0, 0], [1.2, 1, 1]), ([0, 0, 0], [2.2, 1, 1]), ([2, 0, 0], [4, 1, 1]), ([1.5, 0, 0], [2.5, 1, 1])
     )
@@ -198,7 +198,7 @@ def test_a_chain_follows_the_box_that_continues_longest():
     assert len(regions) == 4
 
 
-def test_a_chain_grows_regions_where_it_has_none():
+def test_a_chain_grows_regions_where_there_are_none():
     """The two boxes are 0.8 m apart."""
     regions = Boxes(([0, 0, 0], [1, 1, 1]), ([1.8, 0, 0], [3, 1, 1]))
     way = np.array(
@@ -213,7 +213,7 @@ def test_a_chain_grows_regions_where_it_has_none():
     assert regions.containing(way, found).any(axis=0).all()
 
 
-def test_candidates_are_the_regions_of_the_chain_and_then_those_of_the_shortest_ways():
+def test_candidates_are_the_chain_and_then_regions_on_the_shortest_routes():
     boxes = [([i, 0, 0], [i + 1.0, 1, 1]) for i in range(12)]
     regions = Boxes(*boxes)
     points = np.column_stack([np.arange(24) / 2 + 0.25, np.full(24, 0.5), np.full(24, 0.5)])
@@ -223,15 +223,15 @@ def test_candidates_are_the_regions_of_the_chain_and_then_those_of_the_shortest_
     chosen = candidate_regions(regions, [5, 3, 5], points, lengths)
     others = sorted(set(shortest) - {3, 5}, key=shortest.get)
     assert chosen == [5, 3, *others[:6]]
-    # No way leads over the points of the other boxes.
+    # No route leads over the points of the other boxes.
     lengths[4:] = np.inf
     assert sorted(candidate_regions(regions, [5, 3], points, lengths)) == [0, 1, 3, 5]
     assert candidate_regions(regions, list(range(12)), points, lengths) == list(range(12))
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_without_chance_other_passages_are_the_shortest_from_centre_to_centre(monkeypatch, seed):
-    """The way runs through the centre of each intersection, each handover has a cost, and all passages are compared."""
+def test_without_random_factors_other_passages_are_the_shortest_between_centres(monkeypatch, seed):
+    """A route leads through the centres of regions and intersections, with a cost for each transition."""
     monkeypatch.setattr(passage, "_LOG_FACTOR_DEVIATION", 0.0)
     random = np.random.default_rng([5, seed])
     low = random.uniform(0.0, 2.0, (6, 3))
@@ -262,8 +262,8 @@ def test_without_chance_other_passages_are_the_shortest_from_centre_to_centre(mo
     assert other_passages(regions, ends, [None, None], count=2) == expected
 
 
-def test_a_leg_starts_in_a_region_that_has_its_place_inside_of_the_corridor():
-    """The upper box has a part of the place, and of the corridor, but no part of both."""
+def test_a_leg_starts_in_a_region_that_contains_its_waypoint_inside_the_corridor():
+    """The upper box intersects the waypoint, and the corridor, but not their intersection."""
     regions = Boxes(([0, 2, 0], [4, 3, 1]), ([0, 0, 0], [4, 2.2, 1]))
     gate, end = Box([0.5, 0.2, 0.5], [0.5, 2.9, 0.5]), Box.point([3.5, 2.4, 0.5])
     # Its upper face rises from y = 1 m at x = 0 to 3 m at x = 4 m.
