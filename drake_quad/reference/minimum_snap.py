@@ -129,7 +129,7 @@ class MinimumSnap:
             )
         self._fixed = ~np.isnan(given).any(axis=2)
         if (self._fixed != ~np.isnan(given).all(axis=2)).any():
-            raise InputError("velocity, acceleration and jerk at a waypoint are given on all axes or on none")
+            raise InputError("velocity, acceleration and jerk at a waypoint must be given on all axes or on none")
         unit = waypoint_units(durations)
         self._scales = boundary_scales(durations, unit)
         self._weight = (durations.min() / durations) ** 7.0
