@@ -115,15 +115,19 @@ class Metric(NamedTuple):
 
 
 def _rms(axis: str) -> Metric:
+    """Return the definition of the RMSE on an axis."""
     return Metric("m", f"RMSE on {axis.upper()}", lambda s, _: np.sqrt(getattr(s.error, axis) / s.ticks), _CENTIMETRES)
 
 
 def _effort(axis: str) -> Metric:
+    """Return the definition of the control effort on an axis."""
     label = f"control effort on {axis.upper()}"
     return Metric("m²/s⁴", label, lambda s, _: getattr(s.effort, axis) / s.ticks, Display("m²/s⁴", 1.0, 4))
 
 
 def _variation(axis: str) -> Metric:
+    """Return the definition of the total variation of the command on an axis."""
+
     def value(sums: Sums, period: float) -> Any:
         return getattr(sums.variation, axis) / (np.where(sums.ticks > 1.0, sums.ticks - 1.0, np.nan) * period)
 
@@ -188,9 +192,9 @@ class Metrics(NamedTuple):
         """True if the vehicle crashed."""
         return self.crash_time < math.inf
 
-    def taken(self, places: Any) -> "Metrics":
+    def take(self, indices: Any) -> "Metrics":
         """Return the metrics of some vehicles, given their indices or a mask."""
-        return Metrics._make(values[places] for values in self)
+        return Metrics._make(values[indices] for values in self)
 
 
 _HINTS = get_type_hints(Metrics, include_extras=True)

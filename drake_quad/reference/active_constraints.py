@@ -45,6 +45,7 @@ def active_constraints(
 
 
 def _active_limits(path: PolynomialPath, limits: PathLimits) -> list[ActiveConstraint]:
+    """Return the peaks at which a path attains a limit."""
     active = []
     for order, limit in limits.by_order.items():
         peaks = norm_peaks(path, order)
@@ -55,6 +56,7 @@ def _active_limits(path: PolynomialPath, limits: PathLimits) -> list[ActiveConst
 
 
 def _active_walls(path: PolynomialPath, corridors: Sequence[Corridor | None]) -> list[ActiveConstraint]:
+    """Return the points at which a path touches a wall of a corridor."""
     active = []
     for approach in wall_approaches(path, corridors):
         for side, room in (("min", approach.position - approach.low), ("max", approach.high - approach.position)):
@@ -68,4 +70,5 @@ def _active_walls(path: PolynomialPath, corridors: Sequence[Corridor | None]) ->
 
 
 def _time(path: PolynomialPath, segment: int, s: float) -> float:
+    """Return the time of a point, given its segment and the unit time on it, s."""
     return float(path.times[segment] + s * (path.times[segment + 1] - path.times[segment]))

@@ -45,12 +45,12 @@ def explain_infeasibility(problem: PathProblem, durations: np.ndarray) -> str:
 
 def _describe_violation(problem: PathProblem, path: PolynomialPath, qualifier: str) -> str:
     """Return a sentence with the limit that a path violates most, the segment, and the value that it needs there."""
-    found = []
+    violations = []
     for order, limit in problem.limits.by_order.items():
         peaks = norm_peaks(path, order)
         i = int(np.argmax(peaks.norm))
-        found.append((peaks.norm[i] / limit, order, int(peaks.segment[i]), float(peaks.norm[i])))
-    _, order, segment, value = max(found)
+        violations.append((peaks.norm[i] / limit, order, int(peaks.segment[i]), float(peaks.norm[i])))
+    _, order, segment, value = max(violations)
     name, unit = _QUANTITY_AND_UNIT[order]
     return (
         f"the {name} limit of {problem.limits.by_order[order]:g} {unit} cannot be kept on segment {segment}: "
@@ -90,6 +90,7 @@ def _slower_factor(problem: PathProblem, durations: np.ndarray, enough: float) -
 
 
 def _explain_corridors(problem: PathProblem, durations: np.ndarray) -> str:
+    """Return a sentence with the corridor that cannot be kept, and the width that it would need."""
     unknown = "no path was found that satisfies the corridors and the derivatives given at the waypoints at these times"
     relaxed = MinimumSnapProgram(problem.without_limits(), durations, slack=RelaxedBounds.CORRIDORS)
     try:

@@ -203,6 +203,7 @@ class PathProblem:
         return tuple(faces_of_waypoints)
 
     def _regions(self, waypoint: int) -> list[WaypointRegion]:
+        """Return the corridors before and after a waypoint, and its own region."""
         adjacent = self.corridors[max(waypoint - 1, 0) : waypoint + 1]
         return [*(corridor for corridor in adjacent if corridor is not None), self.waypoints[waypoint]]
 
@@ -235,6 +236,7 @@ class PathProblem:
         )
 
     def _check_waypoints(self) -> None:
+        """Raise InputError if a waypoint is too far away, or too near to the next one."""
         for i, region in enumerate(self.waypoints):
             if np.abs(region.centre).max() > _MAX_COORDINATE:
                 raise InputError(f"waypoint {i}, {region} m, is farther than {_MAX_COORDINATE:g} m from the origin")
@@ -247,6 +249,7 @@ class PathProblem:
                 )
 
     def _check_overlaps(self) -> None:
+        """Raise InputError if successive corridors, or a waypoint and its corridors, do not overlap."""
         intersections: dict[int, Corridor] = {}
         for i, (before, after) in enumerate(itertools.pairwise(self.corridors)):
             if before and after:
@@ -271,6 +274,7 @@ class PathProblem:
                 )
 
     def _check_derivatives(self) -> None:
+        """Raise InputError if given derivatives are incomplete, leave a flat corridor, or exceed a limit."""
         given = ~np.isnan(self.derivatives)
         if (given.any(axis=2) != given.all(axis=2)).any() or np.isinf(self.derivatives).any():
             raise InputError(
@@ -300,6 +304,7 @@ class PathProblem:
 
 
 def _is_point(region: WaypointRegion) -> bool:
+    """Return True if a region is a single point."""
     return isinstance(region, Box) and region.is_point
 
 

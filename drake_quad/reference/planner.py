@@ -151,6 +151,7 @@ def _repeats(one: WaypointRegion, other: WaypointRegion) -> bool:
 
 
 def _at_given_times(problem: PathProblem, times: np.ndarray) -> PolynomialPath:
+    """Return the path for given times (waypoints,), s, with a stop where a waypoint is repeated."""
     if times.shape != (len(problem.waypoints),):
         raise InputError(f"there are {times.size} times for {len(problem.waypoints)} waypoints; give one for each")
     if not np.isfinite(times).all():

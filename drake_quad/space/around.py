@@ -354,6 +354,7 @@ def with_corridors(problem: PathProblem, regions: Regions, passage: Passage) -> 
 
 
 def _intersection(region: Corridor, corridor: Corridor | None) -> Corridor:
+    """Return the part of a region within a corridor."""
     intersection = region if corridor is None else intersection_of(region, corridor)
     assert intersection is not None, "checked by the search"
     return intersection

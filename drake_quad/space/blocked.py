@@ -135,14 +135,15 @@ def _blocking_sets(space: Space, bounds: Box, problem: PathProblem, first: int, 
             if connects(fewer):
                 needed = fewer
         for count in range(1, min(_MAX_SET_SIZE, len(needed)) + 1):
-            found = [without for without in itertools.combinations(every, count) if connects(without)]
-            if found:
-                return _BlockingSets(found, is_sure)
+            removable = [without for without in itertools.combinations(every, count) if connects(without)]
+            if removable:
+                return _BlockingSets(removable, is_sure)
         if needed:
             return _BlockingSets([needed], is_sure)
     return _BlockingSets([], False)
 
 
 def _join_names(names: Sequence[object]) -> str:
+    """Return names separated by commas, with "and" before the last one."""
     words = [str(name) for name in names]
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else ""

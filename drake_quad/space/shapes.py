@@ -369,12 +369,14 @@ def _norm(rows: Sequence[Row]) -> Row:
 
 
 def _check_pose(solid: _Solid) -> None:
+    """Raise InputError if centre or rotation are not three finite numbers."""
     for name, numbers in (("centre", solid.centre), ("rotation", solid.rotation)):
         if len(numbers) != 3 or not all(map(math.isfinite, numbers)):
             raise InputError(f"the {name} of a solid must be three finite numbers, not {shown(numbers)}")
 
 
 def _check_positive(name: str, *values: float) -> None:
+    """Raise InputError if a size is not positive and finite."""
     for value in values:
         if not 0.0 < value < math.inf:
             raise InputError(f"the {name} of a solid is {value:g} m, but must be positive and finite")

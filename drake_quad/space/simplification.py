@@ -108,6 +108,7 @@ def _surrounding(data: bytes, shape: tuple[int, ...], most: int) -> Surrounding:
 
 
 def _principal(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the centre of corners, and the singular values and directions of their principal axes."""
     middle = corners.mean(axis=0)
     _, widths, axes = np.linalg.svd(corners - middle, full_matrices=False)
     return middle, widths, axes

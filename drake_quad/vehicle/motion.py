@@ -140,8 +140,8 @@ def _with_payload(
     """Return the accelerations of a vehicle with a payload, for a force in W that excludes the weight, N."""
     _, *torque = action.wrench
     spin = parameters.rotor_inertia * action.residual
-    moved, turned = loaded_body_accelerations(
+    linear, angular = loaded_body_accelerations(
         axes.in_body(force), Vector(*torque), Vector(motion.p, motion.q, motion.r), spin, body
     )
-    in_world = axes.in_world(moved)
-    return Motion(in_world.x, in_world.y, in_world.z - parameters.gravity, *turned)
+    in_world = axes.in_world(linear)
+    return Motion(in_world.x, in_world.y, in_world.z - parameters.gravity, *angular)

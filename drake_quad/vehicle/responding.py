@@ -287,6 +287,7 @@ def _hover_state(numbers: RespondingNumbers) -> RespondingState:
 
 
 def _state_output(state: RespondingState, body_rates: BodyRatesOf) -> State:
+    """Return the output `state` of a vehicle with a continuous state."""
     return state_of(state.body, body_rates)
 
 

@@ -66,8 +66,8 @@ class Rotors(NamedTuple):
             drag_factor: drag factor d, N m s².
         """
         x, y = 0.5 * length, 0.5 * width
-        places = (x, 0.0), (0.0, -y), (-x, 0.0), (0.0, y)
-        return cls._alternating(places, rotor_1_direction, thrust_factor, drag_factor)
+        positions = (x, 0.0), (0.0, -y), (-x, 0.0), (0.0, y)
+        return cls._alternating(positions, rotor_1_direction, thrust_factor, drag_factor)
 
     @classmethod
     def x(
@@ -89,18 +89,19 @@ class Rotors(NamedTuple):
             drag_factor: drag factor d, N m s².
         """
         x, y = 0.5 * length, 0.5 * width
-        places = (x, -y), (-x, -y), (-x, y), (x, y)
-        return cls._alternating(places, rotor_1_direction, thrust_factor, drag_factor)
+        positions = (x, -y), (-x, -y), (-x, y), (x, y)
+        return cls._alternating(positions, rotor_1_direction, thrust_factor, drag_factor)
 
     @classmethod
     def _alternating(
-        cls, places: tuple[tuple[Row, Row], ...], direction: float, thrust_factor: Row, drag_factor: Row
+        cls, positions: tuple[tuple[Row, Row], ...], direction: float, thrust_factor: Row, drag_factor: Row
     ) -> "Rotors":
+        """Return rotors in the order of the positions, of which neighbours turn in opposite directions."""
         directions = direction, -direction, direction, -direction
         return cls(
             *(
                 Rotor(x, y, 0.0, direction, thrust_factor, drag_factor)
-                for (x, y), direction in zip(places, directions, strict=True)
+                for (x, y), direction in zip(positions, directions, strict=True)
             )
         )
 

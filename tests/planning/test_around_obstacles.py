@@ -123,7 +123,7 @@ REFUSED = {
             "route.corridors=[null, {min: [2.5, -0.5, 0.5], max: [6.5, 3.5, 2.0]}]",
             "space.obstacles.wall.size.1=4.5",
         ],
-        r"no way from waypoint 1 to waypoint 2 in the corridor of segment 1 with a clearance .* without wall, there would be one",
+        r"no way from waypoint 1 to waypoint 2 in the corridor of segment 1 with .* without wall, there would be one",
     ),
     "a gate in a wall": (
         ["route.waypoints=[[0, 0, 1], {box: {min: [2.45, 2.55, 1.15], max: [2.55, 2.65, 1.25]}}, [6, 0, 1]]"],

@@ -30,7 +30,8 @@ from drake_quad.vehicle.responding import (
 )
 from drake_quad.vehicle.rotors import Rotors
 
-OMEGA, ZETA = np.array([6.8, 6.1, 3.0]), np.array([0.45, 1.0, 1.4])
+OMEGA = np.array([6.8, 6.1, 3.0])
+ZETA = np.array([0.45, 1.0, 1.4])
 RESPONSE = AttitudeResponse(NaturalFrequencies(*OMEGA), DampingRatios(*ZETA))
 TARGET = AttitudeTarget(0.0, 0.3, -0.2, 0.5, 9.0, 9.0, 9.0)
 

@@ -226,6 +226,7 @@ def next_sample(state: FilterState, noise: FilterState, sampled: SampledTurbulen
 
 
 def _wind(state: FilterState, sampled: SampledTurbulence) -> Wind:
+    """Return the turbulent velocity along the axes of W."""
     u, v, w = turbulent_velocity(state, sampled.deviation)
     cos_heading, sin_heading = sampled.cos_heading, sampled.sin_heading
     return Wind(u * cos_heading - v * sin_heading, u * sin_heading + v * cos_heading, w)

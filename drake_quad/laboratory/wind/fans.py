@@ -147,6 +147,7 @@ def next_sample(state: State, eddies: Eddies, noise: Eddies, jets: tuple[Jet, ..
 
 
 def _with_turbulence(local: LocalAir, eddies: Eddies) -> Wind:
+    """Return the mean velocity plus the turbulence."""
     deviation = sqrt(maximum(local.variance, _MIN_SQUARE))
     return Wind._make(mean + deviation * eddy for mean, eddy in zip(local.mean, eddies, strict=True))
 

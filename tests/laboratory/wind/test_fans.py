@@ -16,7 +16,8 @@ from drake_quad.randomness.noise import Samples, random_streams
 from drake_quad.randomness.streams import StreamKind
 from drake_quad.signals import State
 
-D, Q = 0.75, 2.5
+D = 0.75
+Q = 2.5
 AXIS = (0.0, 0.6, 0.8)
 JET = Jet.of_fan(outlet=Outlet(1.0, 2.0, 3.0), direction=Direction(0.0, 3.0, 4.0), flow=Q, diameter=D, turbulence=0.22)
 

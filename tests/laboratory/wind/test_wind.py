@@ -21,7 +21,8 @@ from drake_quad.signals import State, Wind
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers
 
-MASS, G = 0.68, 9.81
+MASS = 0.68
+G = 9.81
 
 
 def test_terminal_velocity_balances_weight_and_drag():
