@@ -362,7 +362,7 @@ def planning_work() -> dict[str, Callable[[], object]]:
     course = PathProblem([Box.point(point) for point in points[:21]], limits=limits)
     return {
         "50 waypoints at given times within speed, acceleration and corridors": lambda: plan_path(hallways, hurried),
-        "times of 20 segments, least snap in 60 s": lambda: plan_path(PathProblem(course.places), LeastSnap(60.0)),
+        "times of 20 segments, least snap in 60 s": lambda: plan_path(PathProblem(course.waypoints), LeastSnap(60.0)),
         "times of 20 segments, shortest within speed and acceleration": lambda: plan_path(course, Shortest()),
         "three legs around 20 obstacles, shortest": through_forest(Shortest()),
         "three legs around 20 obstacles, least snap in 30 s": through_forest(LeastSnap(30.0)),

@@ -336,7 +336,7 @@ ALL_ERRORS = {
     "noisy": True,
     "loses_frames": True,
     "misaligned": True,
-    "mistaken": True,
+    "velocity_scaled": True,
     "filtered": True,
     "drifts": True,
     "longest_latency": 2,

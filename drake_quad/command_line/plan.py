@@ -11,7 +11,7 @@ from drake_quad.files import output_folder
 from drake_quad.flight.mission import planned
 from drake_quad.planning.believed import planned_parameters
 from drake_quad.planning.feasibility import plan_demand
-from drake_quad.reference.binding import Binding, bindings
+from drake_quad.reference.active_constraints import ActiveConstraint, active_constraints
 from drake_quad.reference.feasibility import sample_times
 from drake_quad.reference.minimum_snap import snap_cost
 from drake_quad.reference.path_problem import PathLimits, PathProblem
@@ -39,7 +39,9 @@ def main(arguments: argparse.Namespace) -> None:
     folder = output_folder(folder_of(arguments, mission.name))
     route = mission.route
     # What is between two regions around obstacles is no place of the route.
-    places = () if problem is None else problem.places if waypoints is None else [problem.places[i] for i in waypoints]
+    places = (
+        () if problem is None else problem.waypoints if waypoints is None else [problem.waypoints[i] for i in waypoints]
+    )
     limits = route.limits()
     figure = plot_plan(
         plan,
@@ -62,7 +64,7 @@ def main(arguments: argparse.Namespace) -> None:
         )
         rows.append(("clearance", f"{space.clearance:.3f}", f"m: {space.clearance_in_words}"))
     print_table(rows)
-    print("binds:", binding_summary(bindings(plan.path, limits, problem.corridors if problem else ())))
+    print("binds:", binding_summary(active_constraints(plan.path, limits, problem.corridors if problem else ())))
     print_files(files)
 
 
@@ -88,8 +90,8 @@ def summary(
             f"rad/s of {parameters.min_rotor_speed:g} to {parameters.max_rotor_speed:g}",
         ),
     ]
-    if problem is not None and len(path.times) < len(problem.places):
-        repeats = len(problem.places) - len(path.times)
+    if problem is not None and len(path.times) < len(problem.waypoints):
+        repeats = len(problem.waypoints) - len(path.times)
         rows.insert(1, ("repeats", f"{repeats}", "waypoints that repeat the one before, passed once"))
     return rows
 
@@ -99,7 +101,7 @@ def _of(unit: str, limit: float) -> str:
     return f"{unit} of {limit:g}" if np.isfinite(limit) else unit
 
 
-def binding_summary(found: list[Binding]) -> str:
+def binding_summary(found: list[ActiveConstraint]) -> str:
     """The limits and places that a path touches, each with the segments on which it does."""
     by_what: dict[str, set[int]] = {}
     for binding in found:

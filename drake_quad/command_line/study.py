@@ -199,7 +199,7 @@ def print_study(name: str, study: Study, folder: Path, how: str, *, imports: Seq
 
 def _end_of(study: Study, place: int) -> str:
     """What came of the sample in a place: its error, or when it crashed, and into what."""
-    own, obstacle = study.metrics.taken(place), study.obstacle_of(place)
+    own, obstacle = study.metrics.take(place), study.obstacle_of(place)
     if not own.crashed:
         return f"{100.0 * own.rmse:.1f} cm"
     return f"crashed{'' if obstacle is None else f' into {obstacle}'} at {own.crash_time:.2f} s"

@@ -60,7 +60,7 @@ def effects(found: Evaluation, controller: str, other: str) -> dict[str, Compari
 def beside(metrics: Metrics, baseline: Metrics) -> Comparison:
     """Compare what two controllers did on the samples that both flew, which are the first ones."""
     count = min(len(metrics.rmse), len(baseline.rmse))
-    return compare(metrics.taken(slice(count)), baseline.taken(slice(count)))
+    return compare(metrics.take(slice(count)), baseline.take(slice(count)))
 
 
 def helps(found: Evaluation, network: str, base: str) -> Claim | None:

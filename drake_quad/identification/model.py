@@ -55,8 +55,8 @@ from drake_quad.signals import (
 from drake_quad.vehicle.attitude_kinematics import RIGID_KINEMATICS
 from drake_quad.vehicle.dynamics import Motion
 from drake_quad.vehicle.effects import Effects
-from drake_quad.vehicle.motion import accelerations, turning
-from drake_quad.vehicle.motors import decays, lagging
+from drake_quad.vehicle.motion import accelerations, rotor_state
+from drake_quad.vehicle.motors import decay_factors, lagged_speeds
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.responding import (
     AttitudeResponse,
@@ -64,7 +64,7 @@ from drake_quad.vehicle.responding import (
     NaturalFrequencies,
     RespondingBody,
     responding_step,
-    shown_state,
+    state_of,
 )
 from drake_quad.vehicle.stepping import VehicleState, rotor_target, step_of_flight
 
@@ -175,8 +175,8 @@ def step(
 def rotors_after(rotors: RotorSpeed, command: RotorSpeed | Throttle, span: Span, numbers: Numbers) -> RotorSpeed:
     """Return the rotors at the end of a step."""
     target = _target(rotors, command, span, numbers)
-    lags = decays(rotors, target, span.span, numbers.parameters, numbers.effects.spin_down)
-    return lagging(rotors, target, lags)
+    lags = decay_factors(rotors, target, span.span, numbers.parameters, numbers.effects.spin_down)
+    return lagged_speeds(rotors, target, lags)
 
 
 def rotors_at_rest(command: RotorSpeed | Throttle, span: Span, numbers: Numbers) -> RotorSpeed:
@@ -196,7 +196,7 @@ def specific_force(
 ) -> SpecificForce:
     """Return the specific force that an accelerometer at the centre of mass measures."""
     parameters, effects, response = numbers
-    turned = turning(rotors, _target(rotors, command, span, numbers), parameters, effects)
+    turned = rotor_state(rotors, _target(rotors, command, span, numbers), parameters, effects)
     axes = BodyAxes.of(body.roll, body.pitch, body.yaw)
     motion = Motion.of(body) if response is None else Motion(body.v_x, body.v_y, body.v_z, 0.0, 0.0, 0.0)
     rates = accelerations(axes, motion, None, body.z, turned, wind, parameters, effects).motion
@@ -381,7 +381,7 @@ class LogModel:
     def measured_state(self, state: np.ndarray) -> np.ndarray:
         """Return measured states (12, S) of states of the model, for the misalignment in the scenario."""
         if self.responds:
-            state = np.stack(shown_state(RespondingBody(*state), small_rotation))
+            state = np.stack(state_of(RespondingBody(*state), small_rotation))
         return self._turned(state)
 
     def _turned(self, state: np.ndarray) -> np.ndarray:

@@ -1,1 +1,1 @@
-"""Surroundings of the vehicle: motion capture, sensors, command link, wind, flight monitor."""
+"""Models of everything around the vehicle: motion capture, sensors, command link, wind and flight monitor."""

@@ -1,6 +1,7 @@
-"""The radio link from the ground station to the vehicle.
+"""Radio link from the ground station to the vehicle.
 
-It carries a wrench or, to an autopilot, an attitude target, as MAVLink's message SET_ATTITUDE_TARGET does.
+The link transmits a wrench or, for a vehicle with an autopilot, an attitude target, as MAVLink's message
+SET_ATTITUDE_TARGET does.
 """
 
 from typing import Any, Literal, NamedTuple
@@ -9,25 +10,25 @@ from pydrake.common import RandomDistribution
 
 from drake_quad.framework.elementary import where
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
-from drake_quad.laboratory.delay_line import carried, declare_delay_line, newest
+from drake_quad.laboratory.delay_line import declare_delay_line, delay_line_step, latest_sample
 from drake_quad.signals import AttitudeTarget, Number, Wrench
 
 Command = Literal["wrench", "attitude_target"]
 
 
 class PacketLoss(NamedTuple):
-    """A random number between 0 and 1 for each packet, which is lost if it is below the loss rate."""
+    """Uniform random number in [0, 1) for a packet, which is lost if the number is below the loss rate."""
 
     packet: Number
 
 
 class LinkNumbers(NamedTuple):
-    """What a command link does to packets.
+    """Parameters of a command link.
 
     Attributes:
-        delay_ticks: whole number of ticks from sampling to arrival.
-        loss_rate: share of the packets that are lost.
-        initial: the command that is out before the first packet arrives.
+        delay_ticks: delay from sampling to arrival, a whole number of ticks.
+        loss_rate: probability that a packet is lost.
+        initial: output before the first packet arrives.
     """
 
     delay_ticks: Number = 0.0
@@ -35,25 +36,27 @@ class LinkNumbers(NamedTuple):
     initial: Wrench | AttitudeTarget = Wrench(0.0, 0.0, 0.0, 0.0)
 
 
-def sent(command: Any, out: Any, under_way: tuple[Any, ...], random: PacketLoss | None, numbers: LinkNumbers) -> Any:
-    """What is out, and under way if there can be a delay, after a tick.
+def link_step(
+    command: Any, out: Any, under_way: tuple[Any, ...], random: PacketLoss | None, numbers: LinkNumbers
+) -> Any:
+    """Return the output of the link and the packets under way after a tick.
 
     Args:
-        command: a record, sampled at this tick.
-        out: the command that is out.
-        under_way: the last packets, the newest first.
-        random: None if no packet can be lost.
-        numbers: of the link.
+        command: command at this tick, a record.
+        out: output of the link before this tick.
+        under_way: packets of the ticks before, the latest one first.
+        random: random number of the packet; None if no packet can be lost.
+        numbers: parameters of the link.
     """
     packet = command
     if random is not None:
-        packet = where(random.packet < numbers.loss_rate, newest(out, under_way), command)
-    return carried(packet, under_way, numbers.delay_ticks)
+        packet = where(random.packet < numbers.loss_rate, latest_sample(out, under_way), command)
+    return delay_line_step(packet, under_way, numbers.delay_ticks)
 
 
 @fleet_system(float, AutoDiffXd)
 class CommandLink(FleetSystem):
-    """Samples what is commanded, carries it for a number of ticks, and holds it until the next one arrives.
+    """Link that samples a command, delays it by a number of ticks, and holds it until the next one arrives.
 
     .. pydrake_system::
 
@@ -64,20 +67,20 @@ class CommandLink(FleetSystem):
         output_ports:
         - wrench
 
-    What is sampled at a tick leaves `delay_ticks` later; in place of a packet that is lost goes the one before it.
-    `packet_loss` is random: a number between 0 and 1 for each packet, which is lost if it is below the loss rate. The
-    port is there if packets can be lost.
+    A command that is sampled at a tick arrives `delay_ticks` ticks later. If a packet is lost, the link repeats the
+    previous one. `packet_loss` is a random input: a uniform number in [0, 1) for each packet, which is lost if the
+    number is below the loss rate. The port exists only if packets can be lost.
 
-    The ports are called after the signal that the link carries: a `wrench`, or an `attitude_target` for an autopilot.
-    The states are those of a `DelayLine`, `wrench` and `wrench_under_way`; the only parameter of the context is `link`.
+    The ports have the name of the signal that the link transmits: `wrench`, or `attitude_target` for an autopilot. The
+    states are those of a `DelayLine`, `wrench` and `wrench_under_way`. The only parameter of the context is `link`.
 
     Args:
-        num_vehicles: N.
-        signal: that it carries.
-        period: of the ticks, s; the paper's controllers run at 50 Hz.
-        longest_delay: that there will ever be, in ticks.
-        loses_packets: whether packets can be lost.
-        numbers: of the link.
+        num_vehicles: number N of vehicles.
+        signal: signal that the link transmits.
+        period: tick period, s; the paper's controllers run at 50 Hz.
+        longest_delay: largest possible delay, in ticks.
+        loses_packets: True if packets can be lost.
+        numbers: parameters of the link.
     """
 
     def declare(
@@ -89,11 +92,11 @@ class CommandLink(FleetSystem):
         loses_packets: bool = False,
         numbers: LinkNumbers = LinkNumbers(),
     ) -> None:
-        """Declares the system."""
+        """Declare ports, states and parameters."""
         command, link = self.input(signal), self.parameter("link", lambda numbers: numbers)
         random = None
         if loses_packets:
             random = self.random_input("packet_loss", PacketLoss, RandomDistribution.kUniform, period=period)
         line = declare_delay_line(self, signal, lambda numbers: numbers.initial, longest_delay)
-        self.update(period, sent, command, line.out, line.under_way, random, link, writes=line)
+        self.update(period, link_step, command, line.out, line.under_way, random, link, writes=line)
         self.state_output(line.out)

@@ -1,4 +1,4 @@
-"""Whole ticks of delay for a sampled signal."""
+"""Delay of a sampled signal by a whole number of ticks."""
 
 from typing import Any, NamedTuple
 
@@ -8,17 +8,17 @@ from drake_quad.signals import Row
 
 
 class DelayLine(NamedTuple):
-    """The states of a system in which a signal waits for its time.
+    """States of a system that delays a signal.
 
-    What is sampled at a tick is out `delay` ticks later, and stays out until the next one is:
+    The sample of a tick becomes the output `delay` ticks later, and is held until the next one:
 
-        tick            0          1          2
-        sampled         u₀         u₁         u₂
-        1 tick of delay initial    u₀         u₁
+        tick                        0          1          2
+        sample                      u₀         u₁         u₂
+        output, 1 tick of delay     initial    u₀         u₁
 
     Attributes:
-        out: what is out.
-        under_way: a tuple of the last samples, the newest first; an empty tuple where there can be no delay.
+        out: state with the output.
+        under_way: state with a tuple of the last samples, the latest first; an empty tuple if no delay is possible.
     """
 
     out: StateGroup
@@ -26,33 +26,33 @@ class DelayLine(NamedTuple):
 
 
 def declare_delay_line(system: FleetSystem, name: str, initial: Any, longest: int) -> DelayLine:
-    """Declares the states of a delay line.
+    """Declare the states of a delay line.
 
     Args:
-        system: that they are declared in.
-        name: of what is out; what is under way is called after it.
-        initial: a recipe for the record that is out before the first sample is.
-        longest: delay that there will ever be, in ticks.
+        system: system that declares the states.
+        name: name of the state with the output. The samples under way are in the state `{name}_under_way`.
+        initial: function that returns the output before the first sample for the parameters of the system.
+        longest: largest possible delay, in ticks.
     """
     out = system.state(name, initial)
     waiting = system.state(f"{name}_under_way", lambda numbers: (initial(numbers),) * longest) if longest else ()
     return DelayLine(out, waiting)
 
 
-def newest(out: Any, under_way: tuple[Any, ...]) -> Any:
-    """What was sampled last."""
+def latest_sample(out: Any, under_way: tuple[Any, ...]) -> Any:
+    """Return the latest sample of a delay line."""
     for sample in under_way:
         return sample
     return out
 
 
-def carried(sample: Any, under_way: tuple[Any, ...], delay: Row) -> tuple[Any, tuple[Any, ...]]:
-    """What a delay line holds a tick later: what is out, and what is under way if there can be a delay.
+def delay_line_step(sample: Any, under_way: tuple[Any, ...], delay: Row) -> tuple[Any, tuple[Any, ...]]:
+    """Return the output and the samples under way of a delay line after a tick.
 
     Args:
-        sample: a record, taken at this tick.
-        under_way: the last samples, the newest first.
-        delay: in whole ticks.
+        sample: sample of this tick, a record.
+        under_way: samples of the ticks before, the latest one first.
+        delay: delay, a whole number of ticks.
     """
     out = sample
     for ticks, earlier in enumerate(under_way, start=1):

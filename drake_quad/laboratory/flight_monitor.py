@@ -1,4 +1,4 @@
-"""The referee of a flight: who has crashed, and how well it goes."""
+"""Flight monitor: detection of crashes, and accumulation of the metrics during a flight."""
 
 import math
 from typing import Any, NamedTuple, Protocol
@@ -23,12 +23,12 @@ from drake_quad.signals import (
 
 
 class CrashLimits(NamedTuple):
-    """Where a flight ends.
+    """Limits beyond which a vehicle has crashed.
 
     Attributes:
-        tilt: of roll or pitch, rad.
-        position_error: Euclidean, m.
-        height: a vehicle below this z has crashed, m.
+        tilt: largest absolute roll and pitch, rad.
+        position_error: largest Euclidean position error, m.
+        height: smallest z of the vehicle in W, m.
     """
 
     tilt: float = math.radians(80.0)
@@ -37,43 +37,43 @@ class CrashLimits(NamedTuple):
 
 
 class Solid(Protocol):
-    """Something to fly into."""
+    """Solid that a vehicle can collide with."""
 
     def distance(self, x: Row, y: Row, z: Row) -> Row:
-        """How far a point of W is from its surface, m; negative inside."""
+        """Return the distance of a point of W from the surface, m; negative inside."""
 
-    def at_least(self, x: Row, y: Row, z: Row) -> Row | None:
-        """A number that the distance is not below, m, and that costs less; None if the distance costs little itself."""
+    def distance_lower_bound(self, x: Row, y: Row, z: Row) -> Row | None:
+        """Return a lower bound of the distance that is cheaper to compute, m; None if the distance itself is cheap."""
 
 
 class Surroundings(NamedTuple):
-    """What a vehicle may touch.
+    """Solids around a vehicle, and the size of the vehicle.
 
     Attributes:
-        solids: a vehicle that touches one of them has crashed.
-        radius: of the vehicle around its centre of mass, m.
+        solids: solids. A vehicle that touches one of them has crashed.
+        radius: radius of the vehicle around its centre of mass, m.
     """
 
     solids: tuple[Solid, ...] = ()
     radius: float = 0.0
 
 
-class Touched(NamedTuple):
-    """What a vehicle crashed into.
+class CollidedSolid(NamedTuple):
+    """Solid that a vehicle crashed into.
 
     Attributes:
-        number: of the solid, from 1 on; 0 if it touched none.
+        number: number of the solid, from 1 on; 0 if the vehicle has touched none.
     """
 
     number: Row = 0.0
 
 
 class FreeBall(NamedTuple):
-    """Where a vehicle can touch nothing.
+    """Ball in which the centre of mass of a vehicle can be without touching a solid.
 
     Attributes:
-        x, y, z: the middle, m.
-        radius: as far as its centre of mass can be from there, m.
+        x, y, z: centre of the ball in W, m.
+        radius: radius of the ball, m.
     """
 
     x: Row = 0.0
@@ -82,41 +82,41 @@ class FreeBall(NamedTuple):
     radius: Row = 0.0
 
 
-# What distances may be off by in floating point, m.
-_ROUNDING = 1e-6
+# Upper bound of the rounding errors of distances, m.
+_DISTANCE_TOLERANCE = 1e-6
 
 
 class Window(NamedTuple):
-    """When a flight counts for its metrics.
+    """Metric window, the time interval from which the metrics of a flight are computed.
 
     Attributes:
-        start: first time that counts, s.
-        end: last time that counts, s.
+        start: first instant of the window, s.
+        end: last instant of the window, s.
     """
 
     start: float = 0.0
     end: float = math.inf
 
 
-class Judgement(NamedTuple):
-    """What the monitor knows of a vehicle.
+class MonitorState(NamedTuple):
+    """State of the monitor for a vehicle.
 
     Attributes:
-        crashed: whether it has crashed.
-        crash_time: when.
-        touched: what it crashed into.
-        free: where it can touch nothing.
-        sums: from which its metrics follow.
+        crashed: 1 if the vehicle has crashed, else 0.
+        crash_time: time of the crash, s; infinite if there was none.
+        touched: solid that the vehicle crashed into.
+        free: ball that is known to be free of solids.
+        sums: sums from which the metrics are computed.
     """
 
     crashed: Crashed
     crash_time: CrashTime
-    touched: Touched
+    touched: CollidedSolid
     free: FreeBall
     sums: Sums
 
 
-def judged(
+def monitor_step(
     state: State,
     reference: Reference,
     command: Acceleration,
@@ -124,14 +124,14 @@ def judged(
     target: AttitudeTarget | None,
     shortfall: Wrench,
     before: CrashTime,
-    touched: Touched,
+    touched: CollidedSolid,
     free: FreeBall,
     sums: Sums,
     time: Row,
     limits: CrashLimits,
     surroundings: Surroundings,
     window: Window,
-) -> Judgement:
+) -> MonitorState:
     """Return the state of the monitor of a vehicle after one more tick.
 
     Args:
@@ -140,22 +140,22 @@ def judged(
         command: commanded acceleration.
         wrench: wrench that is sent over the link; None with an autopilot.
         target: target that is sent to an autopilot over the link; None without an autopilot.
-        shortfall: part of the wrench that the rotors cannot give.
-        before: crash time up to now, s.
-        touched: obstacle of the crash up to now.
-        free: last region that is known to be free of obstacles.
-        sums: sums of the metrics up to now.
+        shortfall: part of the wrench that the rotors cannot produce.
+        before: crash time before this tick, s.
+        touched: solid of a crash before this tick.
+        free: ball that is known to be free of solids.
+        sums: sums of the metrics before this tick.
         time: time of the tick, s.
         limits: limits beyond which a vehicle has crashed.
-        surroundings: obstacles that the vehicle must not touch.
+        surroundings: solids that the vehicle must not touch.
         window: metric window.
     """
     error = PositionError(reference.x - state.x, reference.y - state.y, reference.z - state.z)
     total: Row = 0.0
     for part in (*command, *(wrench or ()), *(target or ())):
         total = total + part
-    touch, free = touching(state, before.crash_time == math.inf, free, surroundings)
-    # Not a number is beyond any limit.
+    touch, free = detect_contact(state, before.crash_time == math.inf, free, surroundings)
+    # Comparisons with NaN are false, so a vehicle whose state is NaN has crashed.
     flying = (
         (abs(state.roll) <= limits.tilt)
         & (abs(state.pitch) <= limits.tilt)
@@ -170,47 +170,52 @@ def judged(
         complete = complete & (part == 0.0)
     after = add_tick(sums, TickValues(error, command, where(complete, 0.0, 1.0)))
     counts = (time >= window.start) & (time <= window.end)
-    return Judgement(
+    return MonitorState(
         Crashed(where(flying, 0.0, 1.0)),
         CrashTime(where(flying, before.crash_time, minimum(before.crash_time, time))),
-        Touched(where(touch.number > 0.0, touch.number, touched.number)),
+        CollidedSolid(where(touch.number > 0.0, touch.number, touched.number)),
         free,
         where(flying & counts, after, sums),
     )
 
 
-def touching(state: State, flies: bool, free: FreeBall, surroundings: Surroundings) -> tuple[Touched, FreeBall]:
-    """What a vehicle touches now if it flies, and where it can touch nothing.
+def detect_contact(
+    state: State, flies: bool, free: FreeBall, surroundings: Surroundings
+) -> tuple[CollidedSolid, FreeBall]:
+    """Return the solid that a flying vehicle touches, and a ball that is free of solids.
 
-    A distance changes by no more than the vehicle moves: it can touch nothing that is r + d away (r its radius) before
-    it has moved by d, and until then no distance is computed.
+    Distances are only computed when the vehicle has left the free ball: if the nearest solid is at the distance r + d
+    and r is the radius of the vehicle, the vehicle must move by d before it can touch a solid.
 
     Args:
-        state: the true one.
-        flies: whether it has not crashed.
-        free: where it can touch nothing, as was found last.
-        surroundings: that it must not touch.
+        state: true state of the vehicle.
+        flies: True if the vehicle has not crashed.
+        free: ball that is known to be free of solids.
+        surroundings: solids that the vehicle must not touch.
     """
     if not surroundings.solids:
-        return Touched(), free
+        return CollidedSolid(), free
     x, y, z = state.x - free.x, state.y - free.y, state.z - free.z
-    leaves = flies & (x * x + y * y + z * z >= free.radius * free.radius)
+    has_left = flies & (x * x + y * y + z * z >= free.radius * free.radius)
     position = state.x, state.y, state.z
 
     def nearest(x: Row, y: Row, z: Row) -> tuple[Row, Row]:
         return nearest_solid(x, y, z, surroundings.solids)
 
-    distance, number = where_needed(leaves, nearest, position, (math.inf, 0.0))
-    around = FreeBall(*position, maximum(0.0, distance - (surroundings.radius + _ROUNDING)))
-    return Touched(where(distance < surroundings.radius, number, 0.0)), where(leaves, around, free)
+    distance, number = where_needed(has_left, nearest, position, (math.inf, 0.0))
+    around = FreeBall(*position, maximum(0.0, distance - (surroundings.radius + _DISTANCE_TOLERANCE)))
+    return CollidedSolid(where(distance < surroundings.radius, number, 0.0)), where(has_left, around, free)
 
 
 def nearest_solid(x: Row, y: Row, z: Row, solids: tuple[Solid, ...]) -> tuple[Row, Row]:
-    """How far a point is from the nearest solid, m, and the number of that from 1 on; infinity and 0 if none."""
+    """Return the distance of a point of W from the nearest solid, m, and the number of this solid.
+
+    Solids are numbered from 1 on. Without solids, the distance is infinite and the number 0.
+    """
     least: Row = math.inf
     number: Row = 0.0
     for i, solid in enumerate(solids, start=1):
-        bound = solid.at_least(x, y, z)
+        bound = solid.distance_lower_bound(x, y, z)
         if bound is None:
             distance = solid.distance(x, y, z)
         else:
@@ -220,7 +225,7 @@ def nearest_solid(x: Row, y: Row, z: Row, solids: tuple[Solid, ...]) -> tuple[Ro
     return least, number
 
 
-def _unknown(value: Any) -> Any:
+def _nan_like(value: Any) -> Any:
     """Return NaN in place of a sum, or of each field of a record of sums."""
     return type(value)(*[np.nan] * len(value)) if hasattr(value, "_fields") else np.nan
 
@@ -254,10 +259,10 @@ class FlightMonitor(FleetSystem):
     The states are `crashed`, `crash_time`, `touched`, `free` and `sums`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number N of vehicles.
         period: tick period, s.
         limits: limits beyond which a vehicle has crashed.
-        surroundings: obstacles that a vehicle must not touch.
+        surroundings: solids that a vehicle must not touch.
         window: metric window.
     """
 
@@ -277,10 +282,10 @@ class FlightMonitor(FleetSystem):
         shortfall = self.input("shortfall", absent=Wrench(0.0, 0.0, 0.0, 0.0))
         crashed = self.state("crashed", lambda _: Crashed(0.0))
         crash_time, sums = self.state("crash_time", lambda _: CrashTime(math.inf)), self.state("sums", lambda _: Sums())
-        touched = self.state("touched", lambda _: Touched())
-        held = crash_time, touched, self.state("free", lambda _: FreeBall()), sums
-        reads = state, reference, command, *sent, shortfall, *held, TIME, limits, surroundings, window
-        self.update(period, judged, *reads, writes=[crashed, *held])
+        touched = self.state("touched", lambda _: CollidedSolid())
+        other_states = crash_time, touched, self.state("free", lambda _: FreeBall()), sums
+        arguments = state, reference, command, *sent, shortfall, *other_states, TIME, limits, surroundings, window
+        self.update(period, monitor_step, *arguments, writes=[crashed, *other_states])
         self.state_output(crashed)
         self.state_output(crash_time)
 
@@ -289,14 +294,14 @@ class FlightMonitor(FleetSystem):
         sums = self._arrays(context, "sums")
         for port, names in SUMS_OF_PORTS.items():
             if not self.GetInputPort(port).HasValue(context):
-                sums = sums._replace(**{name: _unknown(getattr(sums, name)) for name in names})
+                sums = sums._replace(**{name: _nan_like(getattr(sums, name)) for name in names})
         return summarized(sums, self._arrays(context, "crash_time").crash_time, self._period)
 
     def touched(self, context: Context) -> np.ndarray:
-        """(N,) number of the solid that each vehicle crashed into, from 1 on; 0 if it touched none."""
+        """Return the (N,) number of the solid that each vehicle crashed into, from 1 on; 0 if it touched none."""
         return np.asarray(self._arrays(context, "touched").number).astype(int)
 
     def _arrays(self, context: Context, name: str) -> Any:
-        """The record of a state, of (N,) arrays."""
+        """Return a state as a record of (N,) arrays."""
         group = self.states[name]
         return group.layout.build(group.vector(self, context).CopyToVector().reshape(-1, self.num_vehicles))

@@ -1,19 +1,19 @@
-"""The laboratory: everything between a commanded wrench, or attitude, and a measured state.
+"""The laboratory: everything between the commanded wrench or attitude and the measured state.
 
-The way of a change (◆) from the state to the rotors, with frames every 10 ms, ticks of the control every 20 ms and one
-tick of delay on the link:
+The following diagram shows how a change of the state (◆) reaches the rotors, with a frame every 10 ms, a control tick
+every 20 ms, and one tick of delay on the link:
 
     time             0      10     20     30     40     50     60 ms
-    frame            ●━━━━━━◆━━━━━━●━━━━━━●━━━━━━●━━━━━━●━━━━━━○     takes the state of its instant
-    tick, sent       ●━━━━━━━━━━━━━◆━━━━━━━━━━━━━●━━━━━━━━━━━━━○     reads the frame before, 10 ms old
-    rotor command    ●━━━━━━━━━━━━━●━━━━━━━━━━━━━◆━━━━━━━━━━━━━○     a tick later
+    frame            ●━━━━━━◆━━━━━━●━━━━━━●━━━━━━●━━━━━━●━━━━━━○     samples the state at its instant
+    tick, sent       ●━━━━━━━━━━━━━◆━━━━━━━━━━━━━●━━━━━━━━━━━━━○     uses the previous frame, 10 ms old
+    rotor command    ●━━━━━━━━━━━━━●━━━━━━━━━━━━━◆━━━━━━━━━━━━━○     one tick later
 
-What happens just before the frame of 10 ms is in the rotor commands 30 ms later. What happens just after it waits for
-the frame of 20 ms, which no tick reads, and for that of 30 ms: it takes 50 ms. Every frame of latency adds 10 ms, every
-tick of delay 20 ms; then comes the lag of the rotors.
+A change just before the frame at 10 ms affects the rotor commands 30 ms later. A change just after it first appears in
+the frame at 20 ms. No tick uses this frame, so the change takes effect with the frame at 30 ms, after 50 ms in total.
+Each frame of latency adds 10 ms, and each tick of delay adds 20 ms. The lag of the rotors follows.
 
-An autopilot on board stands between link and allocation. It sees the vehicle itself, at its own instants; neither
-cameras nor link delay what it does.
+An autopilot on board is between the link and the allocation. It senses the state of the vehicle directly at its own
+ticks, so neither the cameras nor the link delay its control loops.
 """
 
 from collections.abc import Mapping
@@ -48,13 +48,13 @@ def build_laboratory(
     sensors: Mapping[str, Any] = MappingProxyType({}),
     samples: Samples | Exported | None,
 ) -> Diagram:
-    """Builds the diagram `laboratory` around a vehicle.
+    """Build the diagram `laboratory` around a vehicle.
 
-    The wrench goes through the command link to the allocation on board, whose rotor speeds the vehicle follows in the
-    wind; motion capture sees its state. With motors that take throttles there is `throttle_command` in place of
-    `rotor_speed_command`; with a slung load and a battery, there are outputs `swing` and `charge`. With an autopilot an
-    attitude target goes through the link in place of the wrench, and the laboratory shows the wrench that the autopilot
-    makes of it. Each sensor adds an output port with its name.
+    The command link transmits the wrench to the allocation on board, which commands the rotor speeds. The vehicle flies
+    in the wind, and motion capture measures its state. For motors that take throttles, the output `throttle_command`
+    replaces `rotor_speed_command`. A slung load adds the output `swing`, and a battery adds `charge`. With an
+    autopilot, the link transmits an attitude target instead of the wrench, and the wrench that the autopilot commands
+    is an output. Each sensor adds an output port with its name.
 
     .. pydrake_system::
 
@@ -71,39 +71,40 @@ def build_laboratory(
         - wind
 
     Args:
-        vehicle: with input ports `rotor_speed_command` or `throttle_command`, `wind`, `crashed`, perhaps
-            `attitude_target`, and output ports `state`, `rotor_speed`, and perhaps `acceleration`, `swing` and
-            `charge`.
-        allocation: from `wrench` to what the vehicle takes and `shortfall`, packed.
-        motion_capture: from `state` to `measurement`.
-        command_link: from `wrench` to `wrench`, or from `attitude_target` to `attitude_target`.
-        autopilot: from `attitude_target`, and perhaps `state`, to `wrench`; None if the wrench comes over the link.
-        wind: its sources by name, each with one output port and perhaps the input port `state`.
-        sensors: sensors by name, each with one output port. Its input ports are called as what it reads: an output port
-            of the vehicle, `wind`, the rotors' or throttles' command, or `wrench`.
-        samples: of a study that the vehicles fly, which say what noise there is; None to feed random input ports from
-            Drake's random sources, or `Exported` to make them input ports.
+        vehicle: system with the input ports `rotor_speed_command` or `throttle_command`, `wind`, `crashed`, and
+            optionally `attitude_target`. Its output ports are `state`, `rotor_speed`, and optionally `acceleration`,
+            `swing` and `charge`.
+        allocation: system from `wrench` to a packed output of the vehicle's command and `shortfall`.
+        motion_capture: system from `state` to `measurement`.
+        command_link: system from `wrench` to `wrench`, or from `attitude_target` to `attitude_target`.
+        autopilot: system from `attitude_target`, and optionally `state`, to `wrench`; None if the link transmits a
+            wrench.
+        wind: wind sources by name, each with one output port and optionally the input port `state`.
+        sensors: sensors by name, each with one output port. The input ports of a sensor have the names of the signals
+            that it reads: an output port of the vehicle, `wind`, the command of the rotors or throttles, or `wrench`.
+        samples: samples of a study, which determine the noise; None to connect random input ports to Drake's random
+            sources; `Exported` to make them input ports of the diagram.
     """
     builder = DiagramBuilder()
     builder.AddNamedSystem("command_link", command_link)
     allocated = split_output(builder, "allocation", allocation)
     builder.AddNamedSystem("vehicle", vehicle)
     builder.AddNamedSystem("motion_capture", motion_capture)
-    gusts = random_streams(wind, StreamKind.WIND)
-    air = builder.AddNamedSystem("wind", build_wind(wind, streams=gusts, num_vehicles=vehicle.num_vehicles))
+    wind_streams = random_streams(wind, StreamKind.WIND)
+    air = builder.AddNamedSystem("wind", build_wind(wind, streams=wind_streams, num_vehicles=vehicle.num_vehicles))
 
     carried = "wrench" if autopilot is None else "attitude_target"
-    (told,) = (name for name in allocated if name != "shortfall")
+    (command_name,) = (name for name in allocated if name != "shortfall")
     state, wind_port = vehicle.GetOutputPort("state"), air.GetOutputPort("wind")
     sources = {port.get_name(): port for port in map(vehicle.get_output_port, range(vehicle.num_output_ports()))}
-    sources |= {"wind": wind_port, told: allocated[told], carried: command_link.GetOutputPort(carried)}
+    sources |= {"wind": wind_port, command_name: allocated[command_name], carried: command_link.GetOutputPort(carried)}
     systems = [allocation, vehicle, motion_capture, air]
     if autopilot is not None:
         systems.append(builder.AddNamedSystem("autopilot", autopilot))
         sources["wrench"] = autopilot.GetOutputPort("wrench")
-    readings = random_streams(sensors, StreamKind.NOISE)
+    sensor_streams = random_streams(sensors, StreamKind.NOISE)
     if sensors:
-        on_board = build_sensors(sensors, streams=readings, available=sources)
+        on_board = build_sensors(sensors, streams=sensor_streams, available=sources)
         systems.append(builder.AddNamedSystem("sensors", on_board))
     connect_inputs(builder, systems, sources)
 
@@ -115,8 +116,8 @@ def build_laboratory(
         for name, streams in random_streams(electronics, StreamKind.NOISE).items()
         for stream in streams
     }
-    ports |= {stream: air.GetInputPort(stream.name) for streams in gusts.values() for stream in streams}
-    ports |= {stream: on_board.GetInputPort(stream.name) for streams in readings.values() for stream in streams}
+    ports |= {stream: air.GetInputPort(stream.name) for streams in wind_streams.values() for stream in streams}
+    ports |= {stream: on_board.GetInputPort(stream.name) for streams in sensor_streams.values() for stream in streams}
     _feed_noise(builder, ports, samples, vehicle.num_vehicles)
 
     builder.ExportInput(command_link.GetInputPort(carried), carried)
@@ -124,7 +125,7 @@ def build_laboratory(
     builder.ExportOutput(motion_capture.GetOutputPort("measurement"), "measurement")
     builder.ExportOutput(state, "state")
     builder.ExportOutput(vehicle.GetOutputPort("rotor_speed"), "rotor_speed")
-    builder.ExportOutput(allocated[told], told)
+    builder.ExportOutput(allocated[command_name], command_name)
     for name in ("swing", "charge"):
         if vehicle.HasOutputPort(name):
             builder.ExportOutput(vehicle.GetOutputPort(name), name)

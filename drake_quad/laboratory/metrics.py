@@ -7,9 +7,9 @@ For a tick k of n, with the position error e_k and the commanded acceleration u_
     peak                   max |e_k|
     control effort         Σ u_k² / n, m²/s⁴
     total variation        Σ |u_k - u_{k-1}| / (duration of n - 1 ticks), m/s² per second
-    saturation share       share of the ticks at which the rotors, as the ground believes them, cannot give the wrench
+    saturation share       share of the ticks at which the rotors cannot produce the wrench, by the nominal model
 
-Ticks count within the scenario's window and until the vehicle crashes.
+The sums include the ticks within the metric window of the scenario, up to a crash.
 """
 
 import math
@@ -29,7 +29,7 @@ class TickValues(NamedTuple):
     Attributes:
         error: position of the reference minus true position.
         command: commanded acceleration.
-        saturated: 1 if the rotors cannot give the commanded wrench, else 0.
+        saturated: 1 if the rotors cannot produce the commanded wrench, else 0.
     """
 
     error: PositionError
@@ -46,7 +46,7 @@ class Sums(NamedTuple):
     Attributes:
         ticks: number n of ticks.
         peak: max |e|², m².
-        saturated: number of ticks at which the rotors cannot give the wrench.
+        saturated: number of ticks at which the rotors cannot produce the wrench.
         error: Σ e², m².
         effort: Σ u², m²/s⁴.
         variation: Σ |Δu|, m/s².
@@ -67,7 +67,7 @@ SUMS_OF_PORTS = {"acceleration_command": ("effort", "variation"), "shortfall": (
 
 
 def add_tick(sums: Sums, tick: TickValues) -> Sums:
-    """Return the sums with one more tick."""
+    """Return the sums after one more tick."""
     e_x, e_y, e_z = (e * e for e in tick.error)
     started = minimum(sums.ticks, 1.0)
     changes = [started * abs(command - last) for command, last in zip(tick.command, sums.last, strict=True)]
@@ -104,7 +104,7 @@ class Metric(NamedTuple):
         label: label in tables and plots.
         value: function from (N,) sums, with NaN for zero ticks, and the duration of a tick, s, to the (N,) metric.
         display: format in tables; None if tables omit the metric.
-        differentiable: whether the metric is a differentiable function of the trajectory.
+        differentiable: True if the metric is a differentiable function of the trajectory.
     """
 
     unit: str
@@ -115,15 +115,19 @@ class Metric(NamedTuple):
 
 
 def _rms(axis: str) -> Metric:
+    """Return the definition of the RMSE on an axis."""
     return Metric("m", f"RMSE on {axis.upper()}", lambda s, _: np.sqrt(getattr(s.error, axis) / s.ticks), _CENTIMETRES)
 
 
 def _effort(axis: str) -> Metric:
+    """Return the definition of the control effort on an axis."""
     label = f"control effort on {axis.upper()}"
     return Metric("m²/s⁴", label, lambda s, _: getattr(s.effort, axis) / s.ticks, Display("m²/s⁴", 1.0, 4))
 
 
 def _variation(axis: str) -> Metric:
+    """Return the definition of the total variation of the command on an axis."""
+
     def value(sums: Sums, period: float) -> Any:
         return getattr(sums.variation, axis) / (np.where(sums.ticks > 1.0, sums.ticks - 1.0, np.nan) * period)
 
@@ -142,23 +146,24 @@ _SATURATION = Metric(
 
 
 class Metrics(NamedTuple):
-    """Metrics of a flight, or (N,) arrays of them for a fleet; NaN if no tick counted or nothing was commanded.
+    """Metrics of a flight, or (N,) arrays of them for a fleet.
 
-    The definition of each metric is in its annotation.
+    The definition of each metric is in its annotation. A metric is NaN if no tick is in the metric window, or if the
+    input from which it is computed is not connected.
 
     Attributes:
         rmse: root mean square of the Euclidean position error.
         rmse_x: root mean square of the position error along X of W.
-        rmse_y: the same along Y.
-        rmse_z: the same along Z.
+        rmse_y: root mean square of the position error along Y of W.
+        rmse_z: root mean square of the position error along Z of W.
         peak_error: largest Euclidean position error.
         effort_x: control effort on X.
         effort_y: control effort on Y.
         effort_z: control effort on Z.
         variation_x: total variation of the commanded acceleration on X.
-        variation_y: total variation on Y.
-        variation_z: total variation on Z.
-        saturation_share: share of the ticks at which the rotors cannot give the wrench.
+        variation_y: total variation of the commanded acceleration on Y.
+        variation_z: total variation of the commanded acceleration on Z.
+        saturation_share: share of the ticks at which the rotors cannot produce the wrench.
         crash_time: time of the crash; infinite for a vehicle that did not crash.
     """
 
@@ -187,15 +192,15 @@ class Metrics(NamedTuple):
         """True if the vehicle crashed."""
         return self.crash_time < math.inf
 
-    def taken(self, places: Any) -> "Metrics":
+    def take(self, indices: Any) -> "Metrics":
         """Return the metrics of some vehicles, given their indices or a mask."""
-        return Metrics._make(values[places] for values in self)
+        return Metrics._make(values[indices] for values in self)
 
 
 _HINTS = get_type_hints(Metrics, include_extras=True)
 _DEFINITIONS = {name: definition for name, hint in _HINTS.items() for _, definition in [get_args(hint)]}
 METRICS: dict[str, Metric] = {name: metric for name, metric in _DEFINITIONS.items() if isinstance(metric, Metric)}
-"""Definition of each metric, without the crash time."""
+"""Definition of each metric; the crash time has none."""
 UNITS = {name: definition.unit for name, definition in _DEFINITIONS.items()}
 """Unit of each metric and of the crash time."""
 
@@ -204,8 +209,8 @@ def summarized(sums: Sums, crash_time: np.ndarray, period: float) -> Metrics:
     """Return the metrics of each vehicle.
 
     Args:
-        sums: sums of (N,) arrays.
-        crash_time: (N,), s; infinite for a vehicle that did not crash.
+        sums: sums over the ticks of each vehicle, (N,) arrays.
+        crash_time: (N,) crash times, s; infinite for a vehicle that did not crash.
         period: duration of a tick, s.
     """
     ticks: Any = np.where(sums.ticks > 0.0, sums.ticks, np.nan)

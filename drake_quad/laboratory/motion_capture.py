@@ -1,8 +1,8 @@
-"""Motion capture: what the ground station sees of the vehicles.
+"""Motion capture: measurements of the vehicles' states at the ground station.
 
-A frame is taken at the beginning, by an initialization event, and at every multiple of the period; it can be read from
-then on, but by the other discrete updates of that instant only at the next. A simulator that goes on with a flight must
-suppress initialization events, or filters begin anew:
+The cameras take a frame at the beginning, by an initialization event, and at every multiple of the period. A frame is
+available from then on. Other discrete updates at the same instant still use the frame before. A simulator that
+continues a flight must suppress initialization events, which reset the filters:
 
     frame  ●━━━━━━━━━━○●━━━━━━━━━━○
            0          h            2h
@@ -17,7 +17,7 @@ from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_sys
 from drake_quad.geometry.axes import BodyAxes, Tilt
 from drake_quad.geometry.kinematics import small_rotation
 from drake_quad.geometry.quaternion import Quaternion
-from drake_quad.laboratory.delay_line import carried, declare_delay_line, newest
+from drake_quad.laboratory.delay_line import declare_delay_line, delay_line_step, latest_sample
 from drake_quad.signals import Angle, Attitude, BodyRates, Number, PositionW, Quantity, Row, State
 
 # Largest change of an angle over two frames for which eq (2) is used, rad; it corresponds to 2.5 rad/s at 100 Hz. The
@@ -26,7 +26,7 @@ _MAX_ANGLE_CHANGE = 0.05
 
 
 class VelocityError(NamedTuple):
-    """By how much velocity along X, Y, Z is seen too large, as a share of it."""
+    """Relative scale error of the measured velocity along X, Y and Z of W; positive if it is measured too large."""
 
     x: Number
     y: Number
@@ -34,7 +34,7 @@ class VelocityError(NamedTuple):
 
 
 class VelocityDrift(NamedTuple):
-    """A slowly changing error of velocity along X, Y, Z; or a normal number for each."""
+    """Slowly varying error of the measured velocity along X, Y and Z of W, or a standard normal sample for each."""
 
     x: Annotated[Row, Quantity("m/s", "W")]
     y: Annotated[Row, Quantity("m/s", "W")]
@@ -42,17 +42,17 @@ class VelocityDrift(NamedTuple):
 
 
 class CameraNumbers(NamedTuple):
-    """By how much cameras are wrong.
+    """Errors of the cameras.
 
     Attributes:
-        position_noise: standard deviation on each axis.
-        attitude_noise: standard deviation of roll, pitch and yaw.
-        dropout_rate: share of the frames that are lost.
+        position_noise: standard deviation of the position noise on each axis.
+        attitude_noise: standard deviation of the noise of roll, pitch and yaw.
+        dropout_rate: probability that a frame is lost.
         misalignment: roll, pitch and yaw of the frame of the markers in B.
-        derivative_bandwidth: ω of the filter that makes velocity and body rates; None without a filter.
-        latency_frames: whole number of frames after which one can be read.
-        velocity_error: of the velocity on each axis, as a share of it.
-        velocity_drift: standard deviation of a slowly changing error of the velocity on each axis.
+        derivative_bandwidth: bandwidth ω of the filter that estimates velocity and body rates; None without a filter.
+        latency_frames: latency, a whole number of frame periods.
+        velocity_error: relative scale error of the velocity on each axis.
+        velocity_drift: standard deviation of the drift of the velocity on each axis.
         drift_time: correlation time of the drift.
     """
 
@@ -68,10 +68,10 @@ class CameraNumbers(NamedTuple):
 
 
 class Cameras(NamedTuple):
-    """Parameter of the cameras.
+    """Parameters of the cameras in the context.
 
     Attributes:
-        errors: numbers of their errors.
+        errors: errors of the cameras.
         R_BM: orientation of the markers' frame in B, from the misalignment.
     """
 
@@ -80,12 +80,12 @@ class Cameras(NamedTuple):
 
     @classmethod
     def of(cls, numbers: CameraNumbers) -> "Cameras":
-        """Return the parameter of cameras with some numbers."""
+        """Return the parameters of cameras with given errors."""
         return cls(numbers, BodyAxes.of(*numbers.misalignment))
 
 
 class Pose(NamedTuple):
-    """Position and attitude; or a normal number for the noise of each."""
+    """Position and attitude, or a standard normal sample for the noise of each."""
 
     x: PositionW
     y: PositionW
@@ -96,12 +96,12 @@ class Pose(NamedTuple):
 
     @classmethod
     def of(cls, state: State) -> "Pose":
-        """The pose of a state."""
+        """Return the pose of a state."""
         return cls(state.x, state.y, state.z, state.roll, state.pitch, state.yaw)
 
 
 class Dropout(NamedTuple):
-    """A random number between 0 and 1 for each frame, which is lost if it is below the dropout rate."""
+    """Uniform random number in [0, 1) for a frame, which is lost if the number is below the dropout rate."""
 
     frame: Number
 
@@ -118,8 +118,8 @@ def attitude_of_markers(attitude: Attitude, R_BM: BodyAxes) -> Attitude:
     return angles._replace(yaw=attitude.yaw + angles.yaw)
 
 
-def seen_pose(state: State, noise: Pose | None, cameras: Cameras, misaligned: bool) -> Pose:
-    """Position and attitude of a vehicle, with misalignment and noise."""
+def measured_pose(state: State, noise: Pose | None, cameras: Cameras, misaligned: bool) -> Pose:
+    """Return the position and attitude that the cameras measure, with misalignment and noise."""
     x, y, z, roll, pitch, yaw = Pose.of(state)
     if misaligned:
         roll, pitch, yaw = attitude_of_markers(Attitude(roll, pitch, yaw), cameras.R_BM)
@@ -135,13 +135,27 @@ def first_frame(
     noise: Pose | None,
     cameras: Cameras,
     misaligned: bool,
-    mistaken: bool,
+    velocity_scaled: bool,
     filtered: bool,
     num_under_way: int,
 ) -> tuple[State, tuple[State, ...], Pose, VelocityDrift]:
-    """What the states of a `MotionCapture` hold at the beginning; a filter begins at rest."""
-    pose = seen_pose(state, noise, cameras, misaligned)
-    frame = State(*pose, *(0.0,) * 6) if filtered else _exact(pose, state, _factors(cameras, mistaken))
+    """Return the initial values of the states of a `MotionCapture`; a filter starts with zero velocity.
+
+    Args:
+        state: true state of the vehicle.
+        noise: standard normal samples; None if there is no noise.
+        cameras: parameters of the cameras.
+        misaligned: True if the frame of the markers differs from B.
+        velocity_scaled: True if the velocity has a scale error.
+        filtered: True if filters estimate velocity and body rates.
+        num_under_way: largest possible latency, in frames.
+    """
+    pose = measured_pose(state, noise, cameras, misaligned)
+    frame = (
+        State(*pose, *(0.0,) * 6)
+        if filtered
+        else _unfiltered_frame(pose, state, _velocity_factors(cameras, velocity_scaled))
+    )
     return frame, (frame,) * num_under_way, pose, VelocityDrift(0.0, 0.0, 0.0)
 
 
@@ -156,72 +170,72 @@ def next_frame(
     drift_noise: VelocityDrift | None,
     cameras: Cameras,
     misaligned: bool,
-    mistaken: bool,
+    velocity_scaled: bool,
     period: float,
 ) -> tuple[State, tuple[State, ...], Pose, VelocityDrift | None]:
-    """What the states of a `MotionCapture` hold after a frame.
+    """Return the values of the states of a `MotionCapture` after a frame.
 
     Args:
-        state: of the vehicle.
-        out: the frame that can be read.
-        under_way: the last frames, the newest first.
-        before: the pose in the frame before the last one; None without a filter.
-        drift: of the velocity in the frame before; None if there is none.
-        noise: normal numbers; None if there is no noise.
-        random: None if no frame can be lost.
-        drift_noise: normal numbers; None if there is no drift.
-        cameras: their errors.
-        misaligned: whether the frame of the markers is not B.
-        mistaken: whether velocity is seen too large or too small.
-        period: h, s.
+        state: true state of the vehicle.
+        out: frame that is available before this frame.
+        under_way: frames before this one that are not yet available, the latest one first.
+        before: pose in the frame before the latest one; None without a filter.
+        drift: drift of the velocity in the latest frame; None if there is none.
+        noise: standard normal samples; None if there is no noise.
+        random: random number of the frame; None if no frame can be lost.
+        drift_noise: standard normal samples for the drift; None if there is no drift.
+        cameras: parameters of the cameras.
+        misaligned: True if the frame of the markers differs from B.
+        velocity_scaled: True if the velocity has a scale error.
+        period: frame period h, s.
     """
-    factors = _factors(cameras, mistaken)
-    last, pose = newest(out, under_way), seen_pose(state, noise, cameras, misaligned)
-    lost = False if random is None else random.frame < cameras.errors.dropout_rate
-    after = None if drift is None or drift_noise is None else _drifted(drift, drift_noise, cameras, period)
+    factors = _velocity_factors(cameras, velocity_scaled)
+    last, pose = latest_sample(out, under_way), measured_pose(state, noise, cameras, misaligned)
+    is_lost = False if random is None else random.frame < cameras.errors.dropout_rate
+    after = None if drift is None or drift_noise is None else _next_drift(drift, drift_noise, cameras, period)
     bandwidth = cameras.errors.derivative_bandwidth
     if before is None or bandwidth is None:
-        frame = where(lost, last, _drifting(_exact(pose, state, factors), after, 1.0))
+        frame = where(is_lost, last, _with_drift(_unfiltered_frame(pose, state, factors), after, 1.0))
     else:
-        # The filter goes on without the drift.
-        true = _drifting(last, drift, -1.0)
-        frame = _filtered(where(lost, Pose.of(last), pose), true, before, bandwidth, factors, period)
-        frame = _drifting(frame, after, 1.0)
-    return *carried(frame, under_way, cameras.errors.latency_frames), Pose.of(last), after
+        # The drift is not part of the filter's state, so it is subtracted before and added after the filter step.
+        true = _with_drift(last, drift, -1.0)
+        frame = _filtered_frame(where(is_lost, Pose.of(last), pose), true, before, bandwidth, factors, period)
+        frame = _with_drift(frame, after, 1.0)
+    return *delay_line_step(frame, under_way, cameras.errors.latency_frames), Pose.of(last), after
 
 
-def _drifting(frame: State, drift: VelocityDrift | None, sign: float) -> State:
-    """A frame with the drift added to its velocity, or taken from it."""
+def _with_drift(frame: State, drift: VelocityDrift | None, sign: float) -> State:
+    """Return a frame with `sign` times the drift added to its velocity."""
     if drift is None:
         return frame
     x, y, z = (sign * each for each in drift)
     return frame._replace(v_x=frame.v_x + x, v_y=frame.v_y + y, v_z=frame.v_z + z)
 
 
-def _factors(cameras: Cameras, mistaken: bool) -> VelocityError | None:
-    """What velocity is multiplied by; None if it is seen as it is."""
-    return VelocityError._make(1.0 + error for error in cameras.errors.velocity_error) if mistaken else None
+def _velocity_factors(cameras: Cameras, velocity_scaled: bool) -> VelocityError | None:
+    """Return the factors by which the velocity is multiplied; None if it has no scale error."""
+    return VelocityError._make(1.0 + error for error in cameras.errors.velocity_error) if velocity_scaled else None
 
 
-def _drifted(drift: VelocityDrift, drift_noise: VelocityDrift, cameras: Cameras, period: float) -> VelocityDrift:
-    """The drift of the velocity, a frame later: a Gauss-Markov process."""
+def _next_drift(drift: VelocityDrift, drift_noise: VelocityDrift, cameras: Cameras, period: float) -> VelocityDrift:
+    """Return the drift of the velocity one frame later, by a first-order Gauss-Markov process."""
     decay = exp(-period / cameras.errors.drift_time)
-    fresh = sqrt(1.0 - decay * decay)
+    noise_gain = sqrt(1.0 - decay * decay)
     return VelocityDrift._make(
-        decay * each + fresh * deviation * number
+        decay * each + noise_gain * deviation * number
         for each, deviation, number in zip(drift, cameras.errors.velocity_drift, drift_noise, strict=True)
     )
 
 
-def _exact(pose: Pose, state: State, factors: VelocityError | None) -> State:
-    """A frame with the true velocity, or a multiple of it, and the true body rates."""
+def _unfiltered_frame(pose: Pose, state: State, factors: VelocityError | None) -> State:
+    """Return a frame with the true velocity times the factors, and with the true body rates."""
     velocity = state.v_x, state.v_y, state.v_z
     if factors is not None:
         velocity = factors.x * state.v_x, factors.y * state.v_y, factors.z * state.v_z
     return State(*pose, *velocity, state.p, state.q, state.r)
 
 
-def _filtered(
+def _filtered_frame(
     pose: Pose, last: State, before: Pose, bandwidth: Row, factors: VelocityError | None, period: float
 ) -> State:
     """Return a frame whose velocity and body rates are filtered differences; see `MotionCapture`."""
@@ -260,7 +274,8 @@ def _rotation_vector(roll: Row, pitch: Row, yaw: Row, roll_after: Row, pitch_aft
     return BodyRates(*before.rotation_to(after))
 
 
-def _nothing(_: CameraNumbers) -> State:
+def _zero_state(_: CameraNumbers) -> State:
+    """Return a state that is zero, which the first frame replaces."""
     return State(*(0.0,) * len(State._fields))
 
 
@@ -279,52 +294,52 @@ class MotionCapture(FleetSystem):
         output_ports:
         - measurement
 
-    A frame is position and attitude of the frame of the markers at an instant, with noise; a frame that is lost is the
-    one before it once more. Of each coordinate x the filter ω s / (s + ω) makes the derivative, from differences over
-    two frames:
+    A frame contains position and attitude of the frame of the markers at an instant, with noise. If a frame is lost,
+    the previous one is repeated. The filter ω s / (s + ω) estimates the derivative of each coordinate x from
+    differences over two frames:
 
         v⁺ = a v + (1 - a) (x⁺ - x⁻) / 2h,    a = exp(-ω h)
 
-    where x⁻, x, x⁺ follow each other, so that white noise of standard deviation σ in x is one of σ (1 - a) / (√2 h) in
-    v. Differences over a single frame would have most of their noise at a frequency that control with every second
-    frame aliases to zero, which makes a vehicle drift. Differences over two frames have no noise there, at the cost of
-    half a frame of additional delay. Body rates follow from the rotation over two frames. For small changes of roll,
-    pitch and yaw they follow from eq (2) with the differences of these angles and the attitude between them. Without a
-    filter, velocity and body rates are measured exactly. A frame is available `latency_frames` periods after it was
-    taken.
+    where x⁻, x and x⁺ are successive samples. White noise of standard deviation σ in x causes noise of standard
+    deviation σ (1 - a) / (√2 h) in v. Differences over a single frame would have most of their noise at a frequency
+    that control with every second frame aliases to zero, which makes a vehicle drift. Differences over two frames have
+    no noise there, at the cost of half a frame of additional delay. Body rates are estimated in the same way from the
+    rotation over two frames. For small changes of roll, pitch and yaw, this rotation follows from eq (2) with the
+    differences of these angles and the attitude between them. Without a filter, velocity and body rates are measured
+    exactly. A frame is available `latency_frames` periods after it was taken.
 
-    Estimators on board of a vehicle, which make velocity with an accelerometer, may see it too large by a share, as
-    those of the Crazyflie do in some flights; `velocity_error` is this share on each axis of W. What else they
-    are off by stays on for a while: `velocity_drift` is its standard deviation on each axis, of the process
+    The velocity can have two further errors, for estimators on board that use an accelerometer. `velocity_error` is a
+    relative scale error on each axis of W, as the Crazyflie shows in some flights. `velocity_drift` is the standard
+    deviation σ of a slowly varying error d on each axis,
 
         d⁺ = a d + √(1 - a²) σ n,    a = exp(-h / T)
 
-    with the `drift_time` T and normal n; it begins at zero, and beside a filter it is added to what that makes.
+    with the `drift_time` T and standard normal n. It starts at zero, and it is added to the output of a filter.
 
     By default cameras are ideal: they sample the state and hold it until the next frame.
 
-    The random ports are there if there is need for them: `camera_noise` has normal numbers for position and attitude,
-    `dropout` a number between 0 and 1 for each frame, which is lost if it is below the dropout rate, `velocity_drift`
-    normal numbers for the drift of the velocity.
+    The random input ports exist only if they are needed. `camera_noise` contains standard normal samples for position
+    and attitude. `dropout` is a uniform number in [0, 1) for each frame, which is lost if the number is below the
+    dropout rate. `velocity_drift` contains standard normal samples for the drift of the velocity.
 
-    The states are those of a `DelayLine`, `measurement` and `measurement_under_way`; with a filter, `pose_before` is
-    that in the frame before the newest; with a drift, `drift` is that of the newest. The only parameter of the context
-    is `cameras`.
+    The states are `measurement` and `measurement_under_way`, those of a `DelayLine`. A filter adds the state
+    `pose_before`, the pose in the frame before the latest one. A drift adds the state `drift`, the drift in the latest
+    frame. The only parameter of the context is `cameras`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number N of vehicles.
         period: frame period h, s; the paper's cameras run at 100 Hz.
         noisy: True for measurements with noise.
         loses_frames: True if frames can be lost.
         misaligned: True if the frame of the markers differs from B.
-        mistaken: True if the velocity has a scale error.
+        velocity_scaled: True if the velocity has a scale error.
         filtered: True if filters estimate velocity and body rates.
         drifts: True if the velocity has a drift.
         longest_latency: largest possible latency, in frames.
         numbers: parameters of the errors.
 
     Raises:
-        ValueError: there are filters, but no bandwidth.
+        ValueError: if `filtered` is True and the bandwidth is None.
     """
 
     def declare(
@@ -334,15 +349,15 @@ class MotionCapture(FleetSystem):
         noisy: bool = False,
         loses_frames: bool = False,
         misaligned: bool = False,
-        mistaken: bool = False,
+        velocity_scaled: bool = False,
         filtered: bool = False,
         drifts: bool = False,
         longest_latency: int = 0,
         numbers: CameraNumbers = CameraNumbers(),
     ) -> None:
-        """Declares the system."""
+        """Declare ports, states and parameters."""
         if filtered and numbers.derivative_bandwidth is None:
-            raise ValueError("cameras with filters need a derivative_bandwidth")
+            raise ValueError("derivative_bandwidth is None, but cameras with filters need one")
         state, cameras = self.input("state"), self.parameter("cameras", Cameras.of)
         noise = random = before = drift = drift_noise = None
         gaussian, uniform = RandomDistribution.kGaussian, RandomDistribution.kUniform
@@ -350,16 +365,27 @@ class MotionCapture(FleetSystem):
             noise = self.random_input("camera_noise", Pose, gaussian, period=period)
         if loses_frames:
             random = self.random_input("dropout", Dropout, uniform, period=period)
-        line = declare_delay_line(self, "measurement", _nothing, longest_latency)
+        line = declare_delay_line(self, "measurement", _zero_state, longest_latency)
         if filtered:
-            before = self.state("pose_before", lambda numbers: Pose.of(_nothing(numbers)))
+            before = self.state("pose_before", lambda numbers: Pose.of(_zero_state(numbers)))
         if drifts:
             drift_noise = self.random_input("velocity_drift", VelocityDrift, gaussian, period=period)
             drift = self.state("drift", lambda numbers: VelocityDrift(0.0, 0.0, 0.0))
         writes = *line, before, drift
-        first = state, noise, cameras, misaligned, mistaken, filtered, longest_latency
-        self.initialize(first_frame, *first, writes=writes)
+        first_arguments = state, noise, cameras, misaligned, velocity_scaled, filtered, longest_latency
+        self.initialize(first_frame, *first_arguments, writes=writes)
         sources = noise, random, drift_noise
-        later = state, line.out, line.under_way, before, drift, *sources, cameras, misaligned, mistaken, period
-        self.update(period, next_frame, *later, writes=writes)
+        next_arguments = (
+            state,
+            line.out,
+            line.under_way,
+            before,
+            drift,
+            *sources,
+            cameras,
+            misaligned,
+            velocity_scaled,
+            period,
+        )
+        self.update(period, next_frame, *next_arguments, writes=writes)
         self.state_output(line.out)

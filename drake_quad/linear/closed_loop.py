@@ -24,8 +24,8 @@ from drake_quad.scenario.paths import joined
 from drake_quad.scenario.routes.hover import HoverRoute
 from drake_quad.signals import RotorSpeed, Wrench
 from drake_quad.vehicle.dynamics import hover_rotor_speeds, rotor_action
-from drake_quad.vehicle.effects import as_in_hover
-from drake_quad.vehicle.motors import ThrottleModel, told_as
+from drake_quad.vehicle.effects import hover_equivalent
+from drake_quad.vehicle.motors import ThrottleModel, believed_rotor_speeds
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 # Subsystems that only observe the loop.
@@ -216,7 +216,7 @@ def _hover_speeds(resting: Scenario) -> RotorSpeed:
         InputError: the rotors cannot hold the vehicle in hover.
     """
     parameters, effects = vehicle_parameters(resting.vehicle), resting.vehicle.effect_numbers()
-    hover = hover_rotor_speeds(as_in_hover(parameters, effects, _HOVER.position[2]))
+    hover = hover_rotor_speeds(hover_equivalent(parameters, effects, _HOVER.position[2]))
     if not max(hover) < parameters.max_rotor_speed or not min(hover) > parameters.min_rotor_speed:
         raise InputError(
             f"the rotors cannot hold {resting.name} in hover: they would turn at {max(hover):.0f} rad/s, but can at"
@@ -231,7 +231,7 @@ def _hover_wrench(resting: Scenario, hover: RotorSpeed) -> Wrench:
     flown, known = resting.vehicle.effect_numbers().thrust_curve, resting.nominal.motors.thrust_curve()
     if flown is not None and known is not None:
         parameters = vehicle_parameters(resting.vehicle)
-        commanded = told_as(hover, ThrottleModel.of(parameters, flown), ThrottleModel.of(believed, known))
+        commanded = believed_rotor_speeds(hover, ThrottleModel.of(parameters, flown), ThrottleModel.of(believed, known))
     return rotor_action(commanded, believed).wrench
 
 

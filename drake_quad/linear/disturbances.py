@@ -24,7 +24,7 @@ from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.scenario.batch import Batch
 from drake_quad.signals import RotorSpeed, Wind
 from drake_quad.vehicle.dynamics import Motion
-from drake_quad.vehicle.motion import accelerations, turning
+from drake_quad.vehicle.motion import accelerations, rotor_state
 
 # Wind and drag change within tenths of a second.
 _STEP = 0.02
@@ -82,13 +82,13 @@ def disturbances_along(batch: Batch, plan: Plan) -> Disturbed:
     parameters = vehicle_parameters(fleet.vehicle)
     # Throttle curve, battery and slung load do not disturb the path at given rotor speeds.
     effects = fleet.vehicle.effect_numbers()._replace(thrust_curve=None, battery=None, slung_load=None)
-    spinning = turning(rotors, rotors, parameters, effects)
+    spinning = rotor_state(rotors, rotors, parameters, effects)
     height = position[2][:, np.newaxis]
     axes, motion = BodyAxes.of(*angles), Motion(*columns)
     rates = accelerations(axes, motion, None, height, spinning, Wind(*wind), parameters, effects).motion
     believed = nominal_parameters(scenario)
     still = Wind(0.0, 0.0, 0.0)
-    as_believed = turning(rotors, rotors, believed, effects)
+    as_believed = rotor_state(rotors, rotors, believed, effects)
     planned = accelerations(axes, motion, None, height, as_believed, still, believed, effects).motion
     shape = 1, len(times), len(batch)
     pushed = [row - a[:, np.newaxis] for row, a in zip((rates.v_x, rates.v_y, rates.v_z), acceleration, strict=True)]

@@ -24,8 +24,8 @@ from drake_quad.geometry.axes import BodyAxes
 from drake_quad.linear.context_vector import port_rows, undotted
 from drake_quad.signals import RotorSpeed, State, Wind
 from drake_quad.vehicle.dynamics import Motion, hover_rotor_speeds
-from drake_quad.vehicle.effects import NO_EFFECTS, Effects, as_in_hover
-from drake_quad.vehicle.motion import accelerations, turning
+from drake_quad.vehicle.effects import NO_EFFECTS, Effects, hover_equivalent
+from drake_quad.vehicle.motion import accelerations, rotor_state
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Kinematics, Quadrotor, QuadrotorNumbers
 from drake_quad.vehicle.slung_load import HANGING, rod_of
@@ -86,7 +86,7 @@ def find_trim(
         InputError: there is no trim within the rotors' limits.
     """
     effects = _of_motion(effects)
-    hover = np.array([float(speed) for speed in hover_rotor_speeds(as_in_hover(parameters, effects, position[2]))])
+    hover = np.array([float(speed) for speed in hover_rotor_speeds(hover_equivalent(parameters, effects, position[2]))])
     scale = np.concatenate([[0.1, 0.1], np.maximum(hover, 1.0)])
 
     def unbalanced(scaled: np.ndarray) -> np.ndarray:
@@ -94,7 +94,7 @@ def find_trim(
         roll, pitch, *speeds = scaled * scale
         v_x, v_y, v_z = velocity
         axes, motion = BodyAxes.of(roll, pitch, yaw), Motion(v_x, v_y, v_z, 0.0, 0.0, 0.0)
-        rotors = turning(RotorSpeed(*speeds), RotorSpeed(*speeds), parameters, effects)
+        rotors = rotor_state(RotorSpeed(*speeds), RotorSpeed(*speeds), parameters, effects)
         found = accelerations(axes, motion, rod_of(HANGING), position[2], rotors, Wind(*wind), parameters, effects)
         return np.array(found.motion)
 

@@ -3,7 +3,7 @@
 from drake_quad.framework.records import record_like
 from drake_quad.scenario.layouts import rotors_of
 from drake_quad.scenario.models import Mission, Nominal
-from drake_quad.vehicle.motors import mean_thrust_factor, speeds_of_throttles
+from drake_quad.vehicle.motors import mean_thrust_factor, speed_range_of_throttles
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 _DEFAULTS = QuadrotorParameters._field_defaults
@@ -20,7 +20,7 @@ def planned_parameters(mission: Mission) -> QuadrotorParameters:
     parameters, curve = nominal_parameters(mission), mission.nominal.motors.thrust_curve()
     if curve is None:
         return parameters
-    slowest, fastest = speeds_of_throttles(curve, mean_thrust_factor(parameters))
+    slowest, fastest = speed_range_of_throttles(curve, mean_thrust_factor(parameters))
     return parameters._replace(
         min_rotor_speed=max(parameters.min_rotor_speed, slowest),
         max_rotor_speed=min(parameters.max_rotor_speed, fastest),

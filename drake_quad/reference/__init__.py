@@ -1,1 +1,1 @@
-"""Reference trajectories: minimum snap, routes, times of waypoints, yaw."""
+"""Planning of reference trajectories: minimum-snap paths, routes, times of waypoints, and yaw."""

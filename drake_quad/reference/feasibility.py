@@ -1,4 +1,4 @@
-"""Checks that the rotors can fly a path."""
+"""Check that the rotors can follow a path within their speed limits."""
 
 from typing import NamedTuple
 
@@ -6,18 +6,18 @@ import numpy as np
 
 from drake_quad.reference.polynomial_path import PolynomialPath
 
-# A segment is a polynomial of degree 7; this many samples leave no peak of its derivatives unseen.
-_SAMPLES = 64
+# A segment is a polynomial of degree 7, so this many samples resolve every peak of its derivatives.
+_SAMPLES_PER_SEGMENT = 64
 
 
 class Violation(NamedTuple):
-    """The first moment at which a path asks for more than a rotor can give.
+    """First violation of a rotor's speed limits.
 
     Attributes:
-        time: s.
-        rotor: 1 to 4.
-        speed: that the path asks for, rad/s.
-        limit: that it breaks, rad/s.
+        time: time of the violation, s.
+        rotor: number of the rotor, 1 to 4.
+        speed: speed that the path requires of the rotor, rad/s.
+        limit: limit that this speed violates, rad/s.
     """
 
     time: float
@@ -33,27 +33,27 @@ class Violation(NamedTuple):
 
 
 def sample_times(path: PolynomialPath) -> np.ndarray:
-    """(samples,) times, dense enough on every segment to see all that happens, s."""
-    fractions = np.linspace(0.0, 1.0, _SAMPLES)
+    """Return (samples,) times, s, that are dense enough on each segment to resolve all peaks."""
+    fractions = np.linspace(0.0, 1.0, _SAMPLES_PER_SEGMENT)
     return np.asarray((path.times[:-1, np.newaxis] + path.durations[:, np.newaxis] * fractions).ravel())
 
 
 def first_violation(
     times: np.ndarray, rotor_speeds: np.ndarray, *, min_rotor_speed: float, max_rotor_speed: float
 ) -> Violation | None:
-    """Returns where rotor speeds first break the rotors' limits, or None.
+    """Return the first violation of the rotors' speed limits, or None if there is none.
 
     Args:
-        times: (samples,), s.
-        rotor_speeds: (4, samples) that a path asks for, rad/s.
-        min_rotor_speed: rad/s.
-        max_rotor_speed: rad/s.
+        times: (samples,) times, s.
+        rotor_speeds: (4, samples) speeds that the path requires, rad/s.
+        min_rotor_speed: idle speed, rad/s.
+        max_rotor_speed: maximum speed, rad/s.
     """
-    beyond = (rotor_speeds < min_rotor_speed) | (rotor_speeds > max_rotor_speed)
-    if not beyond.any():
+    violates = (rotor_speeds < min_rotor_speed) | (rotor_speeds > max_rotor_speed)
+    if not violates.any():
         return None
-    sample = int(np.flatnonzero(beyond.any(axis=0))[0])
-    rotor = int(np.flatnonzero(beyond[:, sample])[0])
+    sample = int(np.flatnonzero(violates.any(axis=0))[0])
+    rotor = int(np.flatnonzero(violates[:, sample])[0])
     speed = float(rotor_speeds[rotor, sample])
     limit = min_rotor_speed if speed < min_rotor_speed else max_rotor_speed
     return Violation(float(times[sample]), rotor + 1, speed, limit)

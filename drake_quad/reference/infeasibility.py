@@ -1,11 +1,11 @@
-"""Why there is no path: which limit, on which segment, by how much, and what would make it feasible."""
+"""Explanations for an infeasible path: the violated limit or corridor, the segment, the excess, and a remedy."""
 
 import math
 
 import numpy as np
 
 from drake_quad.reference.minimum_snap_program import (
-    NO_PATH,
+    PLANNING_ERRORS,
     WALL_MARGIN,
     MinimumSnapProgram,
     RelaxedBounds,
@@ -14,96 +14,101 @@ from drake_quad.reference.minimum_snap_program import (
 from drake_quad.reference.path_problem import PathProblem
 from drake_quad.reference.polynomial_path import PolynomialPath, norm_peaks
 from drake_quad.reference.time_allocation import stretch_factor
-from drake_quad.reference.walls import turns
+from drake_quad.reference.walls import wall_approaches
 
-# Slower flights that are tried where no rule says how much slower is enough.
-_SLOWER = (1.05, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0)
-_BISECTIONS = 10
-_QUANTITIES = {1: ("speed", "m/s"), 2: ("acceleration", "m/s²")}
+# Factors on the durations that are tried if the necessary factor cannot be estimated.
+_TRIED_FACTORS = (1.05, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0)
+_NUM_BISECTIONS = 10
+_QUANTITY_AND_UNIT = {1: ("speed", "m/s"), 2: ("acceleration", "m/s²")}
 
 
-def explain(problem: PathProblem, durations: np.ndarray) -> str:
-    """Returns a sentence on why no path keeps to a problem's demands at these durations (segments,), s."""
+def explain_infeasibility(problem: PathProblem, durations: np.ndarray) -> str:
+    """Return a sentence that says why no path satisfies the constraints for given durations (segments,), s."""
     try:
         unlimited = path_within(problem.without_limits(), durations)
-    except NO_PATH:
+    except PLANNING_ERRORS:
         return _explain_corridors(problem, durations)
     if not problem.limits.by_order:
-        # That began at points a little elsewhere.
-        return "there is a path, but the solver gave up on the way to it; move a waypoint a little, or its times"
+        # The successful attempt started from slightly different points.
+        return "there is a path, but the solver failed to find it; move a waypoint slightly, or change the times"
     try:
         least_excess = MinimumSnapProgram(problem, durations, slack=RelaxedBounds.LIMITS).solve()
-        complaint = _broken_limit(problem, least_excess, "at least")
-    except NO_PATH:
-        # The numbers are beyond the solver; those of the path without limits are not.
-        complaint = _broken_limit(problem, unlimited, "by the smoothest path")
+        complaint = _describe_violation(problem, least_excess, "at least")
+    except PLANNING_ERRORS:
+        # The solver failed, so the message describes the path without limits.
+        complaint = _describe_violation(problem, unlimited, "by the smoothest path")
     slower = _slower_factor(problem, durations, stretch_factor(unlimited, problem.limits))
     if slower is None:
-        return f"{complaint}; no slower flight was found that keeps to what is given at the waypoints"
+        return f"{complaint}; no slower flight was found that satisfies the derivatives given at the waypoints"
     return f"{complaint}; flown {slower:.3g} times slower it is feasible"
 
 
-def _broken_limit(problem: PathProblem, path: PolynomialPath, how: str) -> str:
-    """Names the limit and the segment that a path breaks most, and how much it needs there."""
-    found = []
+def _describe_violation(problem: PathProblem, path: PolynomialPath, qualifier: str) -> str:
+    """Return a sentence with the limit that a path violates most, the segment, and the value that it needs there."""
+    violations = []
     for order, limit in problem.limits.by_order.items():
         peaks = norm_peaks(path, order)
         i = int(np.argmax(peaks.norm))
-        found.append((peaks.norm[i] / limit, order, int(peaks.segment[i]), float(peaks.norm[i])))
-    _, order, segment, value = max(found)
-    name, unit = _QUANTITIES[order]
+        violations.append((peaks.norm[i] / limit, order, int(peaks.segment[i]), float(peaks.norm[i])))
+    _, order, segment, value = max(violations)
+    name, unit = _QUANTITY_AND_UNIT[order]
     return (
         f"the {name} limit of {problem.limits.by_order[order]:g} {unit} cannot be kept on segment {segment}: "
-        f"at these times {how} {_rounded_up(value):g} {unit} is needed"
+        f"at these times {qualifier} {_rounded_up(value):g} {unit} is needed"
     )
 
 
 def _slower_factor(problem: PathProblem, durations: np.ndarray, enough: float) -> float | None:
-    """The factor of all durations that makes the problem feasible, rounded up to three digits; None if none does.
+    """Return the factor on all durations that makes the problem feasible, rounded up to three digits, or None.
 
-    Where no motion is given, `enough` is the factor by which a path without limits would have to be stretched.
+    Args:
+        problem: problem that is infeasible for these durations.
+        durations: (segments,) durations, s.
+        enough: factor with which a path without limits satisfies the limits. It is used if no motion is given at the
+            waypoints, since the path can then be slowed down as it is.
     """
 
     def feasible(factor: float) -> bool:
         try:
             path_within(problem, factor * durations)
-        except NO_PATH:
+        except PLANNING_ERRORS:
             return False
         return True
 
     low = 1.0
-    tried = (1.001 * enough,) if problem.stretchable else _SLOWER
-    for high in tried:
+    factors = (1.001 * enough,) if problem.stretchable else _TRIED_FACTORS
+    for high in factors:
         if feasible(high):
             break
         low = high
     else:
         return None
-    for _ in range(_BISECTIONS):
+    for _ in range(_NUM_BISECTIONS):
         middle = math.sqrt(low * high)
         low, high = (low, middle) if feasible(middle) else (middle, high)
     return _rounded_up(high)
 
 
 def _explain_corridors(problem: PathProblem, durations: np.ndarray) -> str:
-    unknown = "no path was found that keeps to the corridors and to what is given at the waypoints at these times"
+    """Return a sentence with the corridor that cannot be kept, and the width that it would need."""
+    unknown = "no path was found that satisfies the corridors and the derivatives given at the waypoints at these times"
     relaxed = MinimumSnapProgram(problem.without_limits(), durations, slack=RelaxedBounds.CORRIDORS)
     try:
         path = relaxed.solve()
-    except NO_PATH:
+    except PLANNING_ERRORS:
         return unknown
-    worst = min(turns(path, problem.corridors), key=lambda turn: turn.room, default=None)
+    worst = min(wall_approaches(path, problem.corridors), key=lambda approach: approach.room, default=None)
     if worst is None or worst.room >= 0.0:
-        # There is one, but the solver gave up on it.
+        # The relaxed path keeps to the corridors, so a path exists that the solver failed to find.
         return unknown
     wider = WALL_MARGIN * worst.size - worst.room
     return (
-        f"the corridor of segment {worst.segment} cannot be kept at these times with what is given at the waypoints: "
-        f"it would have to be {_rounded_up(wider):g} m wider"
+        f"the corridor of segment {worst.segment} cannot be kept at these times with the derivatives given at the"
+        f" waypoints: it would have to be {_rounded_up(wider):g} m wider"
     )
 
 
 def _rounded_up(value: float) -> float:
-    """The next larger number with three digits, of a positive one."""
+    """Return a positive number, rounded up to three significant digits."""
     unit = 10.0 ** (math.floor(math.log10(value)) - 2)
     return math.ceil(value / unit * (1.0 - 1e-12)) * unit

@@ -1,4 +1,4 @@
-"""Lissajous figures, which many published flights follow: a sine of time along each axis."""
+"""Lissajous figures: paths with a sine of time along each axis, which many published flights follow."""
 
 import math
 
@@ -7,25 +7,25 @@ from numpy.typing import ArrayLike
 
 from drake_quad.reference.polynomial_path import PolynomialPath, hermite_path
 
-# Knots for a turn of the fastest sine; between them the path is within 1e-10 of the amplitude of it.
-_KNOTS = 16
+# Knots per turn of the fastest sine. Between the knots, the error of the path is below 1e-10 of the amplitude.
+_KNOTS_PER_TURN = 16
 
 
 def lissajous(
     *, centre: ArrayLike, amplitude: ArrayLike, turns: ArrayLike, phase: ArrayLike, period: float, laps: int
 ) -> PolynomialPath:
-    """Returns laps of c + a sin(2π n t / T + φ), each along its axis of W.
+    """Return the path c + a sin(2π n t / T + φ), evaluated for each axis of W.
 
     Args:
-        centre: (3,) c, m.
-        amplitude: (3,) a, m.
-        turns: (3,) n of each sine in a lap, whole numbers.
-        phase: (3,) φ, rad.
-        period: T of a lap, s.
-        laps: how many.
+        centre: (3,) centre c, m.
+        amplitude: (3,) amplitudes a, m.
+        turns: (3,) numbers n of turns per lap, integers.
+        phase: (3,) phases φ, rad.
+        period: duration T of a lap, s.
+        laps: number of laps.
     """
     a, n = np.asarray(amplitude), np.asarray(turns)
-    knots = _KNOTS * max(1, int(np.abs(n).max())) * laps
+    knots = _KNOTS_PER_TURN * max(1, int(np.abs(n).max())) * laps
     times = np.linspace(0.0, period * laps, knots + 1)
     frequency = math.tau * n / period
     angle = frequency * times[:, np.newaxis] + np.asarray(phase)

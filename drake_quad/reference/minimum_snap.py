@@ -1,22 +1,23 @@
-"""Minimum-snap interpolation: the algebra, in segment-local unit time.
+"""Minimum-snap interpolation through waypoints, as linear algebra in segment-local unit time.
 
-On segment i, of duration T_i, an axis flies p(s) = Σ c_k s^k, k = 0..7, with s = (t - t_i) / T_i in [0, 1]
+On segment i of duration T_i, each axis is the polynomial p(s) = Σ c_k s^k, k = 0..7, with s = (t - t_i) / T_i in [0, 1]
 (paper eq (20)). The cost is ∫ (d⁴p/dt⁴)² dt, summed over the segments (paper eqs (18), (19)).
 
-A degree-7 segment is fixed by its boundary derivatives, position to jerk at both ends. Positions are the
-waypoints; velocity, acceleration and jerk are given at some waypoints, zero at both ends of the path (paper, section
-on the trajectory); what is left, three numbers a waypoint and axis, is shared by the two segments that meet there, so
-that the path has three continuous derivatives by construction. The cost is a positive definite quadratic form in these
-numbers whose matrix is block tridiagonal, so its minimum costs one banded Cholesky factorisation: linear in the
-number of segments. At the minimum the fourth to sixth derivatives are continuous too (paper eq (21)), but where a
-derivative is given.
+The boundary derivatives of a segment, position to jerk at both ends, determine its polynomial of degree 7. The
+positions are the waypoints. Velocity, acceleration and jerk are given at some waypoints, and are zero at both ends of
+the path (paper, section on the trajectory). The free derivatives are three numbers for each waypoint and axis. Both
+segments that meet at a waypoint share them, so the path has three continuous derivatives by construction.
 
-Every quantity is scaled by the duration of the shorter segment that it touches, and the matrix to unit diagonal;
-absolute time never enters. That keeps 0.2 s segments beside 20 s ones accurate.
+The cost is a positive definite quadratic form in the free derivatives, with a block tridiagonal matrix. Its minimum
+therefore requires one banded Cholesky factorisation, whose cost is linear in the number of segments. At the minimum,
+the fourth to sixth derivatives are also continuous (paper eq (21)), except where a derivative is given.
 
-In these units the form's entries are powers of the durations, so its derivatives with respect to them are as simple as
-the form itself: the gradient of the cost costs no further solution (envelope theorem), and how the path answers to
-every duration costs one with as many right-hand sides.
+Every quantity is scaled by the duration of the shorter adjacent segment, and the matrix is scaled to unit diagonal.
+Absolute time never enters. The result is therefore accurate even if segments of 0.2 s and of 20 s are adjacent.
+
+In these units, the entries of the form are powers of the durations, so their derivatives with respect to the durations
+have a simple form. The gradient of the cost requires no further solution (envelope theorem). The derivatives of the
+path with respect to all durations require one solution with as many right-hand sides.
 """
 
 import math
@@ -31,15 +32,16 @@ from numpy.typing import ArrayLike
 from drake_quad.errors import InputError
 from drake_quad.reference.polynomial_path import PolynomialPath, hermite_matrix, power_basis
 
-DEGREE = 7
-FREE = 3  # velocity, acceleration, jerk: what a waypoint leaves free
-START, END = slice(1, 4), slice(5, 8)  # velocity to jerk within a segment's boundary derivatives
-# The order of each boundary derivative: position to jerk at the start, position to jerk at the end.
+DEGREE = 7  # degree of the polynomial of a segment
+NUM_FREE = 3  # velocity, acceleration and jerk, the derivatives that can be free at a waypoint
+START_DERIVATIVES = slice(1, 4)  # velocity to jerk at the start, within a segment's boundary derivatives
+END_DERIVATIVES = slice(5, 8)  # velocity to jerk at the end, within a segment's boundary derivatives
+# Order of each boundary derivative: position to jerk at the start, then position to jerk at the end.
 ORDERS = np.array([0, 1, 2, 3, 0, 1, 2, 3])
 
 
 def _snap_form() -> np.ndarray:
-    """(8, 8) matrix of ∫₀¹ (d⁴p/ds⁴)² ds as a quadratic form in the coefficients."""
+    """Return the (8, 8) matrix of ∫₀¹ (d⁴p/ds⁴)² ds as a quadratic form in the coefficients."""
     falling = np.array([math.perm(k, 4) for k in range(DEGREE + 1)], dtype=float)
     exponent = np.add.outer(np.arange(DEGREE + 1), np.arange(DEGREE + 1)) - 7.0
     return np.outer(falling, falling) / np.where(exponent > 0, exponent, 1.0)
@@ -47,45 +49,47 @@ def _snap_form() -> np.ndarray:
 
 _SNAP_FORM = _snap_form()
 FROM_BOUNDARY = hermite_matrix(4)
+"""(8, 8) matrix from the boundary derivatives of a segment to its coefficients."""
 BOUNDARY_FORM = np.round(FROM_BOUNDARY.T @ _SNAP_FORM @ FROM_BOUNDARY)
-# (4, 8) matrix whose product with boundary derivatives has the segment's cost as its square. A sum of squares stays
-# exact, and positive, where the form would be the difference of large numbers.
-_ROOT = np.linalg.cholesky(_SNAP_FORM[4:, 4:]).T @ FROM_BOUNDARY[4:]
+"""(8, 8) matrix of a segment's cost in unit time, as a quadratic form in its boundary derivatives."""
+# (4, 8) matrix L with cost = |L d|² for the boundary derivatives d of a segment. The sum of squares is accurate and
+# positive even where the quadratic form would be a difference of large numbers.
+_SNAP_ROOT = np.linalg.cholesky(_SNAP_FORM[4:, 4:]).T @ FROM_BOUNDARY[4:]
 
 
 def minimum_snap(waypoints: ArrayLike, times: ArrayLike, derivatives: ArrayLike | None = None) -> PolynomialPath:
-    """Returns the path of least integrated squared snap through waypoints at given times.
+    """Return the path with the least integrated squared snap through waypoints at given times.
 
-    This is the fast path: the same problem as `minimum_snap_program` without its inequalities.
+    The problem is that of `minimum_snap_program` without inequalities, which has a closed-form solution.
 
     Args:
         waypoints: (segments + 1, axes) points to pass, m.
-        times: (segments + 1,) when to pass them, strictly increasing, s.
-        derivatives: (segments + 1, 3, axes) velocity (m/s), acceleration (m/s²) and jerk (m/s³) at the waypoints, NaN
-            where the path is free to choose; if not given, rest at both ends and freedom in between.
+        times: (segments + 1,) times of the waypoints, strictly increasing, s.
+        derivatives: (segments + 1, 3, axes) velocity (m/s), acceleration (m/s²) and jerk (m/s³) at the waypoints; NaN
+            for free derivatives. By default the path is at rest at both ends and free in between.
 
     Raises:
-        InputError: a shape does not fit, a number is not finite or the times do not increase.
+        InputError: if shapes do not match, a number is not finite, or the times do not increase.
     """
     points, times = checked_waypoints(waypoints, times)
     return MinimumSnap(points, np.diff(times), derivatives).path()._replace(times=times)
 
 
 def rest_at_ends(count: int, axes: int) -> np.ndarray:
-    """(count, 3, axes) derivatives at so many waypoints: zero at the first and the last, NaN for free in between."""
-    derivatives = np.full((count, FREE, axes), np.nan)
+    """Return (count, 3, axes) derivatives at the waypoints: zero at the first and the last, NaN (free) in between."""
+    derivatives = np.full((count, NUM_FREE, axes), np.nan)
     derivatives[[0, -1]] = 0.0
     return derivatives
 
 
 class Contact(NamedTuple):
-    """A place at which a path is held along a direction, as by a wall that it touches.
+    """Point of a path whose position along a direction is given, as for a path that touches a wall.
 
     Attributes:
-        segment: index.
-        s: place on the segment, 0 to 1.
+        segment: index of the segment.
+        s: unit time on the segment, 0 to 1.
         direction: (axes,) unit vector, or the index of an axis.
-        position: along it, m.
+        position: position along the direction, m.
     """
 
     segment: int
@@ -95,17 +99,17 @@ class Contact(NamedTuple):
 
 
 class MinimumSnap:
-    """The minimum-snap path through points, and how it changes with its durations.
+    """Minimum-snap path through points, and its derivatives with respect to the durations.
 
     Args:
-        points: (segments + 1, axes), m.
-        durations: (segments,) positive, s.
-        derivatives: as for `minimum_snap`; a derivative is given on all axes or on none.
-        contacts: where the path is held too.
+        points: (segments + 1, axes) waypoints, m.
+        durations: (segments,) positive durations, s.
+        derivatives: derivatives as for `minimum_snap`, each given on all axes or on none.
+        contacts: further points at which the position along a direction is given.
 
     Attributes:
-        boundary: (segments, 8, axes) boundary derivatives of each segment with respect to s, position relative to its
-            start; m.
+        boundary: (segments, 8, axes) boundary derivatives of each segment with respect to s, with the position relative
+            to the start of the segment, m.
     """
 
     def __init__(
@@ -119,20 +123,22 @@ class MinimumSnap:
         self.points, self.durations, self.contacts = points, durations, tuple(contacts)
         axes = points.shape[1]
         given = rest_at_ends(len(points), axes) if derivatives is None else np.asarray(derivatives, dtype=float)
-        if given.shape != (len(points), FREE, axes):
-            raise InputError(f"the derivatives have the shape {given.shape}, but must have {(len(points), FREE, axes)}")
+        if given.shape != (len(points), NUM_FREE, axes):
+            raise InputError(
+                f"the derivatives have the shape {given.shape}, but must have {(len(points), NUM_FREE, axes)}"
+            )
         self._fixed = ~np.isnan(given).any(axis=2)
         if (self._fixed != ~np.isnan(given).all(axis=2)).any():
-            raise InputError("velocity, acceleration and jerk at a waypoint are given on all axes or on none")
+            raise InputError("velocity, acceleration and jerk at a waypoint must be given on all axes or on none")
         unit = waypoint_units(durations)
         self._scales = boundary_scales(durations, unit)
         self._weight = (durations.min() / durations) ** 7.0
 
         known = np.where(self._fixed[:, :, np.newaxis], given, 0.0)
-        known *= (unit[:, np.newaxis] ** np.arange(1, FREE + 1))[:, :, np.newaxis]
+        known *= (unit[:, np.newaxis] ** np.arange(1, NUM_FREE + 1))[:, :, np.newaxis]
         self.boundary = self._to_boundary(known)
         self.boundary[:, 4] = np.diff(points, axis=0)
-        # From boundary derivatives to the position at each contact.
+        # Each row maps the boundary derivatives of a segment to the position at a contact.
         self._contact_bases = [power_basis(0, contact.s, DEGREE + 1) @ FROM_BOUNDARY for contact in self.contacts]
         identity = np.eye(axes)
         self._directions = np.array(
@@ -141,121 +147,138 @@ class MinimumSnap:
                 for contact in self.contacts
             ]
         ).reshape(-1, axes)
-        self._forces = np.zeros(len(self.contacts))
+        self._multipliers = np.zeros(len(self.contacts))
         if not self._fixed.all():
             self._factorise()
             if self.contacts:
-                self._hold()
-            # Position enters only through its change over the segment: the rows of the form cancel on constants.
-            pull = -self._pull(BOUNDARY_FORM @ self.boundary)
+                self._prepare_contacts()
+            # Positions enter only as differences over a segment, since the form vanishes for constant positions.
+            right_side = -self._free_gradient(BOUNDARY_FORM @ self.boundary)
             gaps = np.array(
                 [
                     contact.position - direction @ points[contact.segment]
                     for contact, direction in zip(self.contacts, self._directions, strict=True)
                 ]
             )
-            answer, self._forces = self._answer(pull, gaps - self._at_contacts(self.boundary))
-            self.boundary += self._to_boundary(answer)
+            solution, self._multipliers = self._solve_with_contacts(right_side, gaps - self._at_contacts(self.boundary))
+            self.boundary += self._to_boundary(solution)
 
     def path(self) -> PolynomialPath:
-        """The path, beginning at time zero."""
+        """Return the path, which begins at time zero."""
         coefficients = FROM_BOUNDARY @ self.boundary
         coefficients[:, 0] = self.points[:-1]
         return PolynomialPath(np.concatenate([[0.0], np.cumsum(self.durations)]), coefficients)
 
     @cached_property
     def cost(self) -> float:
-        """The integral of the squared snap over the path, summed over the axes, m²/s⁷."""
-        roots = _ROOT @ self.boundary
+        """Integral of the squared snap over the path, summed over the axes, m²/s⁷."""
+        roots = _SNAP_ROOT @ self.boundary
         return float(np.einsum("n,nka,nka->", self.durations**-7.0, roots, roots))
 
     def cost_gradient(self) -> np.ndarray:
-        """(segments,) derivatives of the cost with respect to the durations, m²/s⁸."""
-        roots, growth = _ROOT @ self.boundary, _ROOT @ (ORDERS[:, np.newaxis] * self.boundary)
+        """Return the (segments,) derivatives of the cost with respect to the durations, m²/s⁸."""
+        roots, growth = _SNAP_ROOT @ self.boundary, _SNAP_ROOT @ (ORDERS[:, np.newaxis] * self.boundary)
         gradient = np.einsum("n,nka,nka->n", self.durations**-8.0, roots, 2.0 * growth - 7.0 * roots)
-        # The forces are in the units of the form, in which the weight of the shortest segment is one.
+        # The multipliers are in the units of the form, in which the weight of the shortest segment is one.
         shortest = self.durations.min()
         shifts = self._at_contacts(ORDERS[:, np.newaxis] * self.boundary)
-        for contact, force, shift in zip(self.contacts, self._forces, shifts, strict=True):
-            gradient[contact.segment] += 2.0 * force * shift / (shortest**7.0 * self.durations[contact.segment])
+        for contact, multiplier, shift in zip(self.contacts, self._multipliers, shifts, strict=True):
+            gradient[contact.segment] += 2.0 * multiplier * shift / (shortest**7.0 * self.durations[contact.segment])
         return np.asarray(gradient)
 
     def boundary_gradient(self) -> np.ndarray:
-        """(segments, 8, axes, segments) derivatives of `boundary` with respect to the logarithms of the durations."""
+        """Return the derivatives of `boundary` with respect to the logarithms of the durations.
+
+        Returns:
+            (segments, 8, axes, segments) derivatives; the last index is that of the duration.
+        """
         segments, _, axes = self.boundary.shape
-        every = np.arange(segments)
+        indices = np.arange(segments)
         growth = ORDERS[:, np.newaxis] * self.boundary
         gradient = np.zeros((segments, 8, axes, segments))
         if not self._fixed.all():
             form = BOUNDARY_FORM @ self.boundary
             residual = ORDERS[:, np.newaxis] * form - 7.0 * form + BOUNDARY_FORM @ growth
-            # A duration acts on its own segment's residual only; then everything answers.
+            # A duration changes only the residual of its own segment, but the solution changes everywhere.
             local = np.zeros((segments, 8, axes, segments))
-            local[every, :, :, every] = residual
+            local[indices, :, :, indices] = residual
             gaps = np.zeros((len(self.contacts), segments))
             for i, (segment, *_) in enumerate(self.contacts):
-                force, direction = self._forces[i] / self._weight[segment], self._directions[i]
-                local[segment, :, :, segment] += np.outer(force * ORDERS * self._contact_bases[i], direction)
+                multiplier, direction = self._multipliers[i] / self._weight[segment], self._directions[i]
+                local[segment, :, :, segment] += np.outer(multiplier * ORDERS * self._contact_bases[i], direction)
                 gaps[i, segment] = -self._contact_bases[i] @ growth[segment] @ direction
-            pull = -self._pull(local.reshape(segments, 8, axes * segments))
-            answer, _ = self._answer(pull, gaps)
-            gradient += self._to_boundary(answer).reshape(gradient.shape)
-        gradient[every, :, :, every] += growth
+            right_side = -self._free_gradient(local.reshape(segments, 8, axes * segments))
+            solution, _ = self._solve_with_contacts(right_side, gaps)
+            gradient += self._to_boundary(solution).reshape(gradient.shape)
+        gradient[indices, :, :, indices] += growth
         return gradient
 
     def _to_boundary(self, shared: np.ndarray) -> np.ndarray:
-        """From (waypoints, 3, columns) derivatives in the waypoints' units to (segments, 8, columns) in segments'."""
+        """Return boundary derivatives (segments, 8, columns) for the derivatives at the waypoints.
+
+        Args:
+            shared: (waypoints, 3, columns) derivatives in the waypoints' units of time.
+        """
         boundary = np.zeros((len(shared) - 1, 8, shared.shape[2]))
-        boundary[:, START] = shared[:-1] * self._scales[:, START, np.newaxis]
-        boundary[:, END] = shared[1:] * self._scales[:, END, np.newaxis]
+        boundary[:, START_DERIVATIVES] = shared[:-1] * self._scales[:, START_DERIVATIVES, np.newaxis]
+        boundary[:, END_DERIVATIVES] = shared[1:] * self._scales[:, END_DERIVATIVES, np.newaxis]
         return boundary
 
-    def _pull(self, forces: np.ndarray) -> np.ndarray:
-        """The transpose of `_to_boundary`, weighted by the segments' share in the cost; zero where all is given."""
-        weighted = forces * (self._scales * self._weight[:, np.newaxis])[:, :, np.newaxis]
-        pull = np.zeros((len(forces) + 1, FREE, forces.shape[2]))
-        pull[:-1] += weighted[:, START]
-        pull[1:] += weighted[:, END]
-        pull[self._fixed] = 0.0
-        return pull
+    def _free_gradient(self, boundary_gradient: np.ndarray) -> np.ndarray:
+        """Return the gradient (waypoints, 3, columns) with respect to the free derivatives; zero for given ones.
+
+        Args:
+            boundary_gradient: (segments, 8, columns) gradient with respect to the boundary derivatives, not yet
+                weighted by the segments' weights in the cost.
+        """
+        weighted = boundary_gradient * (self._scales * self._weight[:, np.newaxis])[:, :, np.newaxis]
+        gradient = np.zeros((len(boundary_gradient) + 1, NUM_FREE, boundary_gradient.shape[2]))
+        gradient[:-1] += weighted[:, START_DERIVATIVES]
+        gradient[1:] += weighted[:, END_DERIVATIVES]
+        gradient[self._fixed] = 0.0
+        return gradient
 
     def _factorise(self) -> None:
+        """Compute the banded Cholesky factor of the matrix of the cost in the free derivatives."""
         scales = self._scales
         form = BOUNDARY_FORM * scales[:, :, np.newaxis] * scales[:, np.newaxis, :]
         form *= self._weight[:, np.newaxis, np.newaxis]
-        diagonal = np.zeros((len(form) + 1, FREE, FREE))
-        diagonal[:-1] += form[:, START, START]
-        diagonal[1:] += form[:, END, END]
-        coupling = form[:, END, START]
+        diagonal = np.zeros((len(form) + 1, NUM_FREE, NUM_FREE))
+        diagonal[:-1] += form[:, START_DERIVATIVES, START_DERIVATIVES]
+        diagonal[1:] += form[:, END_DERIVATIVES, END_DERIVATIVES]
+        coupling = form[:, END_DERIVATIVES, START_DERIVATIVES]
 
-        size = FREE * len(diagonal)
-        bands = np.zeros((2 * FREE, size))
-        for row in range(FREE):
-            for column in range(FREE):
+        size = NUM_FREE * len(diagonal)
+        bands = np.zeros((2 * NUM_FREE, size))
+        for row in range(NUM_FREE):
+            for column in range(NUM_FREE):
                 if row >= column:
-                    bands[row - column, column::FREE] = diagonal[:, row, column]
-                bands[FREE + row - column, column : size - FREE : FREE] = coupling[:, row, column]
+                    bands[row - column, column::NUM_FREE] = diagonal[:, row, column]
+                bands[NUM_FREE + row - column, column : size - NUM_FREE : NUM_FREE] = coupling[:, row, column]
         unit = 1.0 / np.sqrt(bands[0])
-        # Without their couplings, rows of what is given leave it as it is.
+        # Rows of given derivatives have no coupling to others, so the solution is zero there.
         free = np.where(self._fixed.ravel(), 0.0, unit)
-        for distance in range(1, 2 * FREE):
+        for distance in range(1, 2 * NUM_FREE):
             bands[distance, : size - distance] *= free[: size - distance] * free[distance:]
         bands[0] = 1.0
         self._unit = unit
         self._factor = scipy.linalg.cholesky_banded(bands, lower=True, check_finite=False)
 
-    def _hold(self) -> None:
-        """Prepares the contacts: how the path answers to a unit force at each."""
+    def _prepare_contacts(self) -> None:
+        """Compute the response of the free derivatives to a unit multiplier at each contact."""
         size = len(self._unit)
         self._rows = np.zeros((len(self.contacts), size))
         for row, contact, basis in zip(self._rows, self.contacts, self._contact_bases, strict=True):
-            scaled, at = basis * self._scales[contact.segment], FREE * contact.segment
-            row[at : at + FREE], row[at + FREE : at + 2 * FREE] = scaled[START], scaled[END]
+            scaled, at = basis * self._scales[contact.segment], NUM_FREE * contact.segment
+            row[at : at + NUM_FREE], row[at + NUM_FREE : at + 2 * NUM_FREE] = (
+                scaled[START_DERIVATIVES],
+                scaled[END_DERIVATIVES],
+            )
         self._rows[:, self._fixed.ravel()] = 0.0
-        self._answers = self._solve(self._rows.T.reshape(size // FREE, FREE, -1)).reshape(size, -1)
+        self._contact_responses = self._solve(self._rows.T.reshape(size // NUM_FREE, NUM_FREE, -1)).reshape(size, -1)
 
     def _at_contacts(self, boundary: np.ndarray) -> np.ndarray:
-        """(contacts,) what boundary derivatives (segments, 8, axes) make of the position along each, m."""
+        """Return the (contacts,) positions along the directions for boundary derivatives (segments, 8, axes), m."""
         return np.array(
             [
                 basis @ boundary[contact.segment] @ direction
@@ -263,58 +286,62 @@ class MinimumSnap:
             ]
         )
 
-    def _answer(self, pull: np.ndarray, gaps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The derivatives that answer to a pull and move the contacts by given gaps, and the contacts' forces.
+    def _solve_with_contacts(self, right_side: np.ndarray, gaps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the free derivatives that move the contacts by given gaps, and the multipliers of the contacts.
 
         Args:
-            pull: (waypoints, 3, axes × columns).
-            gaps: (contacts,) + columns, m.
+            right_side: (waypoints, 3, axes × columns) right-hand side of the equations without contacts.
+            gaps: (contacts,) or (contacts, columns) changes of the positions at the contacts, m.
         """
-        answer = self._solve(pull)
+        solution = self._solve(right_side)
         if not self.contacts:
-            return answer, np.zeros_like(gaps)
-        by_axis = answer.reshape(len(self._unit), self.points.shape[1], -1)
+            return solution, np.zeros_like(gaps)
+        by_axis = solution.reshape(len(self._unit), self.points.shape[1], -1)
         missing = np.einsum("cu,ca,uan->cn", self._rows, self._directions, by_axis) - gaps.reshape(len(gaps), -1)
-        # A force along one direction moves the path along another by their common part.
-        response = (self._rows @ self._answers) * (self._directions @ self._directions.T)
-        # Least squares, should two contacts say the same.
-        forces = np.linalg.lstsq(response, missing, rcond=1e-12)[0]
-        by_axis -= np.einsum("uc,ca,cn->uan", self._answers, self._directions, forces)
-        forces = forces.reshape(gaps.shape)
-        return by_axis.reshape(answer.shape), forces
+        # A multiplier along one direction moves the path along another direction by their scalar product.
+        response = (self._rows @ self._contact_responses) * (self._directions @ self._directions.T)
+        # The equations are solved by least squares, since two contacts can be linearly dependent.
+        multipliers = np.linalg.lstsq(response, missing, rcond=1e-12)[0]
+        by_axis -= np.einsum("uc,ca,cn->uan", self._contact_responses, self._directions, multipliers)
+        multipliers = multipliers.reshape(gaps.shape)
+        return by_axis.reshape(solution.shape), multipliers
 
-    def _solve(self, pull: np.ndarray) -> np.ndarray:
-        """(waypoints, 3, columns) the derivatives in the waypoints' units that answer to a pull."""
-        right_side = pull.reshape(len(self._unit), -1) * self._unit[:, np.newaxis]
-        solution = scipy.linalg.cho_solve_banded((self._factor, True), right_side, overwrite_b=True, check_finite=False)
-        return np.asarray(solution * self._unit[:, np.newaxis]).reshape(pull.shape)
+    def _solve(self, right_side: np.ndarray) -> np.ndarray:
+        """Return the (waypoints, 3, columns) free derivatives in the waypoints' units for a right-hand side."""
+        scaled = right_side.reshape(len(self._unit), -1) * self._unit[:, np.newaxis]
+        solution = scipy.linalg.cho_solve_banded((self._factor, True), scaled, overwrite_b=True, check_finite=False)
+        return np.asarray(solution * self._unit[:, np.newaxis]).reshape(right_side.shape)
 
 
 def snap_cost(path: PolynomialPath) -> np.ndarray:
-    """Returns the (axes,) integrals of the squared snap over the path, m²/s⁷."""
+    """Return the (axes,) integrals of the squared snap over the path, m²/s⁷."""
     c = path.coefficients
     return np.einsum("nka,kl,nla,n->a", c, _SNAP_FORM, c, path.durations**-7.0)
 
 
 def waypoint_units(durations: np.ndarray) -> np.ndarray:
-    """(segments + 1,) the waypoints' own units of time: the duration of the shorter segment there, s."""
+    """Return the (segments + 1,) unit of time of each waypoint, the duration of its shorter adjacent segment, s."""
     inner = np.minimum(durations[:-1], durations[1:])
     return np.concatenate([durations[:1], inner, durations[-1:]])
 
 
 def boundary_scales(durations: np.ndarray, unit: np.ndarray) -> np.ndarray:
-    """(segments, 8) factors from derivatives in the waypoints' units of time to those in the segment's."""
+    """Return (segments, 8) factors that convert derivatives from the waypoints' units of time to the segment's."""
     ratio = np.repeat(np.column_stack([durations / unit[:-1], durations / unit[1:]]), 4, axis=1)
     return np.asarray(ratio**ORDERS)
 
 
 def checked_waypoints(waypoints: ArrayLike, times: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Returns both as float arrays, (segments + 1, axes) and (segments + 1,), or raises InputError."""
+    """Return waypoints (segments + 1, axes) and times (segments + 1,) as checked float arrays.
+
+    Raises:
+        InputError: if shapes do not match, a number is not finite, or the times do not increase.
+    """
     points, instants = np.array(waypoints, dtype=float), np.array(times, dtype=float)
     if points.ndim != 2 or len(points) < 2 or instants.shape != (len(points),):
         raise InputError(
-            f"waypoints of shape {points.shape} with times of shape {instants.shape}: "
-            "two or more waypoints are needed, as rows, and one time for each"
+            f"the waypoints have the shape {points.shape} and the times {instants.shape}; "
+            "give two or more waypoints as rows, and one time for each"
         )
     if not (np.isfinite(points).all() and np.isfinite(instants).all()):
         raise InputError("waypoints and times must be finite numbers")
@@ -322,6 +349,7 @@ def checked_waypoints(waypoints: ArrayLike, times: ArrayLike) -> tuple[np.ndarra
     if late.size:
         i = late[0]
         raise InputError(
-            f"waypoint times must increase, but time {i + 1} is {instants[i + 1]:g} s after {instants[i]:g} s"
+            f"waypoint times must increase, but waypoint {i} is passed at {instants[i]:g} s and waypoint {i + 1} at"
+            f" {instants[i + 1]:g} s"
         )
     return points, instants

@@ -1,4 +1,4 @@
-"""Minimum snap as a MathematicalProgram: the form that takes inequalities."""
+"""Minimum-snap planning with inequality constraints, as a Drake MathematicalProgram."""
 
 from enum import Enum
 
@@ -9,8 +9,8 @@ from drake_quad.process_settings import without_drake_remarks
 from drake_quad.reference.minimum_snap import (
     BOUNDARY_FORM,
     DEGREE,
-    FREE,
     FROM_BOUNDARY,
+    NUM_FREE,
     MinimumSnap,
     boundary_scales,
     waypoint_units,
@@ -24,93 +24,96 @@ from drake_quad.reference.polynomial_path import (
     power_basis,
 )
 from drake_quad.reference.regions import Box, Sphere
-from drake_quad.reference.walls import Turn, turns
+from drake_quad.reference.walls import WallApproach, wall_approaches
 
-# Tried in turn: near the edge of what is feasible Clarabel may make no progress towards the first. Its own is 1e-8.
-_TOLERANCES = (1e-9, 1e-7, 1e-5)
-# What limits must be exceeded by, as a share, for there to be no path.
-_BREACH = 1e-4
-# Limits are put this share lower than they are, and walls this share of a corridor's largest extent further in, so
-# that they hold between the places where they are put.
-_MARGIN, WALL_MARGIN = 1e-4, 1e-5
-# How far a corridor may be left, where a waypoint on its wall leaves no room for a margin; a share likewise.
+# Tolerances that are tried in this order. Near the limit of feasibility, Clarabel may fail to reach the smallest one.
+# Its default is 1e-8.
+_SOLVER_TOLERANCES = (1e-9, 1e-7, 1e-5)
+# Smallest necessary violation of the limits, relative to them, that proves a problem to be infeasible.
+_MIN_RELATIVE_EXCESS = 1e-4
+# The program bounds a path at single points. These margins keep it within limits and corridors between the points.
+_LIMIT_MARGIN = 1e-4  # relative to the limit
+WALL_MARGIN = 1e-5  # relative to the largest extent of the corridor
+# Tolerance for leaving a corridor, relative to its largest extent. A waypoint on a wall leaves no room for a margin.
 _WALL_TOLERANCE = 1e-7
-_ROUNDS = 25
-# The weight of the snap beside what is exceeded: enough to choose among paths that exceed it equally.
-_SNAP_BESIDE_SLACK = 1e-6
+_MAX_ROUNDS = 25
+# Weight of the snap relative to the slack, large enough to select among paths with equal slack.
+_SNAP_WEIGHT_WITH_SLACK = 1e-6
 
 
 class InfeasibleError(Exception):
-    """No path keeps to all that is asked at these times."""
+    """Error for a problem without a solution at the given times."""
 
 
 class SolverError(RuntimeError):
-    """The solver gave up."""
+    """Error for a failure of the solver."""
 
 
-NO_PATH = (InfeasibleError, SolverError)
+PLANNING_ERRORS = (InfeasibleError, SolverError)
+"""Errors that mean that no path was found."""
 
 
 def path_within(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
-    """Returns the path of least integrated squared snap that keeps to a problem's demands.
+    """Return the path with the least integrated squared snap that satisfies the constraints of a problem.
 
     Args:
-        problem: what the path must keep to.
-        durations: (segments,), s.
+        problem: constraints of the path.
+        durations: (segments,) durations, s.
 
     Raises:
-        InfeasibleError: there is no such path.
-        SolverError: the solver gave up.
+        InfeasibleError: if there is no such path.
+        SolverError: if the solver fails.
     """
     if problem.passes_points:
         path = MinimumSnap(problem.representatives(), durations, problem.derivatives).path()
-        if all(peak_norm(path, order) <= _kept(limit) for order, limit in problem.limits.by_order.items()):
+        if all(peak_norm(path, order) <= _with_rounding(limit) for order, limit in problem.limits.by_order.items()):
             return path
     try:
         return MinimumSnapProgram(problem, durations).solve()
     except SolverError:
-        # Just beyond what is feasible the solver may find neither a path nor a proof that there is none.
+        # If a problem is only just infeasible, the solver may find neither a path nor a proof of infeasibility.
         relaxed = MinimumSnapProgram(problem, durations, slack=RelaxedBounds.LIMITS)
         relaxed.solve()
-        if relaxed.exceeded > _BREACH:
+        if relaxed.excess > _MIN_RELATIVE_EXCESS:
             raise InfeasibleError from None
         raise
 
 
-def _kept(limit: float) -> float:
-    """The largest number that counts as keeping to a limit: rounding errors are no breach."""
+def _with_rounding(limit: float) -> float:
+    """Return a limit with an allowance for rounding errors."""
     return limit * (1.0 + 1e-9)
 
 
 class RelaxedBounds(Enum):
-    """What a program may exceed, at a price that replaces the snap: to find out by how much it must."""
+    """Constraints that a program may violate. It then minimises the violation instead of the snap."""
 
-    LIMITS = "limits"  # by a share of each limit
-    CORRIDORS = "corridors"  # by a distance in m
+    LIMITS = "limits"  # violation relative to each limit
+    CORRIDORS = "corridors"  # violation as a distance, m
 
 
 class MinimumSnapProgram:
-    """The program whose solution is the path of least integrated squared snap (paper eqs (18)-(21)).
+    """Program whose solution is the path with the least integrated squared snap (paper eqs (18)-(21)).
 
-    The variables are what the path is free to choose of position, velocity, acceleration and jerk at the waypoints, as
-    differences from the fast path through representatives of the places; so they are of one size, and zero wherever
-    nothing stands in the way, however much the durations differ. Both segments that meet at a waypoint share its
-    variables, so the path has three continuous derivatives. Without inequalities six are continuous at the optimum; a
-    bound that is met may break the fourth to sixth.
+    The variables are the free positions, velocities, accelerations and jerks at the waypoints, relative to the
+    unconstrained path through one point of each waypoint. They are scaled to similar magnitudes for any durations, and
+    they are zero if no constraint is active. Both segments that meet at a waypoint share its variables, so the path has
+    three continuous derivatives. Without inequalities, six derivatives are continuous at the optimum. An active bound
+    can cause jumps of the fourth to sixth.
 
-    A limit or corridor is infinitely many inequalities, one at every place of a segment. The program starts with none
-    of them; `solve` adds those that its solution breaks most, at the peaks, until none is broken any more.
+    A limit or a corridor is an inequality for each of infinitely many points of a segment. The program starts without
+    these inequalities. `solve` adds them at the points where the solution violates them most, until there is no
+    violation.
 
     Args:
-        problem: what the path must keep to.
-        durations: (segments,), s.
-        slack: what may be exceeded, if anything.
+        problem: constraints of the path.
+        durations: (segments,) durations, s.
+        slack: constraints that may be violated; None if all must be satisfied.
 
     Attributes:
-        program: Drake's MathematicalProgram, to which constraints may be added.
-        variables: (segments + 1, 4, axes) decision variables, in units of `scales`; None where a value is given.
-        scales: (segments + 1, 4) what turns a variable into position, velocity, acceleration and jerk, in m and s.
-        exceeded: after `solve`, by how much the slack was used.
+        program: Drake's MathematicalProgram, to which constraints can be added.
+        variables: (segments + 1, 4, axes) decision variables, in units of `scales`; None for given values.
+        scales: (segments + 1, 4) factors from a variable to position, velocity, acceleration and jerk, in m and s.
+        excess: violation of the relaxed constraints after `solve`.
     """
 
     def __init__(self, problem: PathProblem, durations: np.ndarray, *, slack: RelaxedBounds | None = None) -> None:
@@ -118,41 +121,43 @@ class MinimumSnapProgram:
         self._points = problem.representatives()
         unconstrained = MinimumSnap(self._points, durations, problem.derivatives)
         unit = waypoint_units(durations)
-        in_units = _sizes(unconstrained, unit)
-        self.scales = in_units / unit[:, np.newaxis] ** np.arange(FREE + 1)
+        in_units = _variable_scales(unconstrained, unit)
+        self.scales = in_units / unit[:, np.newaxis] ** np.arange(NUM_FREE + 1)
         self._to_segment = boundary_scales(durations, unit) * np.hstack([in_units[:-1], in_units[1:]])
         self.program = MathematicalProgram()
-        self.exceeded = 0.0
+        self.excess = 0.0
         self._slack = slack
-        # Empty without a slack.
+        # The array is empty if there is no slack.
         self._slack_variable = self.program.NewContinuousVariables(0 if slack is None else 1, "slack")
-        base = knots(unconstrained.path(), FREE + 1) / self.scales[:, :, np.newaxis]
-        base[:, 0] = 0.0  # positions count from the representatives
+        base = knots(unconstrained.path(), NUM_FREE + 1) / self.scales[:, :, np.newaxis]
+        base[:, 0] = 0.0  # positions are relative to the representatives
         self._declare_variables(base)
         self._add_cost(unconstrained.cost)
-        self._add_places()
+        self._add_waypoints()
 
     def solve(self) -> PolynomialPath:
-        """Solves the program, and adds bounds and solves again until the path keeps to limits and corridors.
+        """Solve the program repeatedly, with additional bounds, until the path satisfies limits and corridors.
 
         Raises:
-            InfeasibleError: there is no such path.
-            SolverError: the solver gave up.
+            InfeasibleError: if there is no such path.
+            SolverError: if the solver fails.
         """
-        for _ in range(_ROUNDS):
+        for _ in range(_MAX_ROUNDS):
             path = self._solve_once()
             if not self._tighten(path):
                 return path
-        raise SolverError(f"the path still broke a limit or corridor after {_ROUNDS} rounds of adding bounds")
+        raise SolverError(
+            f"the path still violates a limit or corridor after {_MAX_ROUNDS} rounds of additional bounds"
+        )
 
     def bound_norm(self, segment: int, s: float, order: int, bound: float) -> None:
-        """Bounds the norm of a derivative in time at one place of a segment: a Lorentz cone.
+        """Bound the norm of a time derivative at one point of a segment, by a Lorentz cone constraint.
 
         Args:
-            segment: index.
-            s: place, 0 to 1.
-            order: 1 for the velocity.
-            bound: in m and s.
+            segment: index of the segment.
+            s: unit time on the segment, 0 to 1.
+            order: order of the derivative, 1 for the velocity.
+            bound: largest norm, in m and s.
         """
         rows, variables, constant = self._derivative(segment, s, order)
         matrix = np.vstack([np.zeros(rows.shape[1]), rows / bound])
@@ -166,21 +171,21 @@ class MinimumSnapProgram:
             raise InfeasibleError
 
     def bound_position(self, segment: int, s: float, direction: np.ndarray | int, low: float, high: float) -> None:
-        """Holds the position along a direction to an interval in m at one place of a segment.
+        """Bound the position along a direction at one point of a segment.
 
         Args:
-            segment: index.
-            s: place, 0 to 1.
+            segment: index of the segment.
+            s: unit time on the segment, 0 to 1.
             direction: (axes,) unit vector, or the index of an axis.
-            low: m, or -inf.
-            high: m.
+            low: smallest position along the direction, m, or -inf.
+            high: largest position along the direction, m.
         """
         rows, variables, constant = self._derivative(segment, s, 0)
         if isinstance(direction, int):
             direction = np.eye(len(rows))[direction]
         row = direction @ rows
-        used = row != 0.0
-        row, variables = row[used], variables[used]
+        is_used = row != 0.0
+        row, variables = row[is_used], variables[is_used]
         size = float(np.abs(row).max(initial=0.0)) or 1.0
         known = float(direction @ constant)
         low, high = low - known, high - known
@@ -196,10 +201,10 @@ class MinimumSnapProgram:
             raise InfeasibleError
 
     def _declare_variables(self, unconstrained: np.ndarray) -> None:
-        """Sets up the variables, and what they are added to, in units of the scales."""
+        """Create the variables, and the values to which they are added, in units of the scales."""
         problem = self._problem
         axes = self._points.shape[1]
-        self._base = np.zeros((len(self._points), FREE + 1, axes))
+        self._base = np.zeros((len(self._points), NUM_FREE + 1, axes))
         self._base[:, 1:] = problem.derivatives / self.scales[:, 1:, np.newaxis]
         for i in range(len(self._points)):
             room = problem.room(i)
@@ -209,33 +214,34 @@ class MinimumSnapProgram:
                 self._base[i, 0] = np.nan
         for i, corridor in enumerate(problem.corridors):
             if isinstance(corridor, Box):
-                # A corridor without extent leaves nothing but to stay where it is.
+                # Along an axis on which the corridor has no extent, the path cannot move.
                 flat = corridor.low == corridor.high
-                self._base[i : i + 2, 1:, flat] = 0.0  # what is given is zero there too, or the problem was refused
+                self._base[i : i + 2, 1:, flat] = 0.0  # `PathProblem` checks that given derivatives are also zero
         self._free = np.isnan(self._base)
         self._base[self._free] = unconstrained[self._free]
         self.variables = np.full(self._base.shape, None, dtype=object)
         self.variables[self._free] = self.program.NewContinuousVariables(int(self._free.sum()), "d")
 
     def _add_cost(self, total: float) -> None:
-        """Adds the snap, relative to that of another path of the same order."""
+        """Add the cost of the snap, divided by `total`, the cost of a similar path, to improve the scaling."""
         weights = self._durations**-7.0 / (total if total > 0.0 else (self._durations**-7.0).max())
         if self._slack is not None:
-            weights = _SNAP_BESIDE_SLACK * weights
+            weights = _SNAP_WEIGHT_WITH_SLACK * weights
             self.program.AddLinearCost(self._slack_variable[0])
             self.program.AddBoundingBoxConstraint(0.0, np.inf, self._slack_variable[0])
         for segment, weight in enumerate(weights):
             variables, free, boundary = self._local(segment)
-            for axis, used in enumerate(free.T):
-                if used.any():
-                    matrix = np.diag(self._to_segment[segment])[:, used]
+            for axis, is_used in enumerate(free.T):
+                if is_used.any():
+                    matrix = np.diag(self._to_segment[segment])[:, is_used]
                     form = matrix.T @ BOUNDARY_FORM * weight
                     self.program.AddQuadraticCost(
-                        2.0 * form @ matrix, 2.0 * form @ boundary[:, axis], variables[used, axis], is_convex=True
+                        2.0 * form @ matrix, 2.0 * form @ boundary[:, axis], variables[is_used, axis], is_convex=True
                     )
 
-    def _add_places(self) -> None:
-        for i, place in enumerate(self._problem.places):
+    def _add_waypoints(self) -> None:
+        """Add the constraints that the path passes through the regions of the waypoints."""
+        for i, region in enumerate(self._problem.waypoints):
             position, length = self.variables[i, 0], self.scales[i, 0]
             room = self._problem.room(i)
             for axis, variable in enumerate(position):
@@ -247,24 +253,31 @@ class MinimumSnapProgram:
                 offsets = (faces.offsets - faces.normals @ self._points[i]) / length
                 unbounded = np.full(len(offsets), -np.inf)
                 self.program.AddLinearConstraint(faces.normals[:, free], unbounded, offsets, position[free])
-            if isinstance(place, Sphere):
-                matrix = np.vstack([np.zeros(free.sum()), np.eye(len(position))[:, free] * length / place.radius])
-                offset = np.concatenate([[1.0], (self._points[i] - place.centre) / place.radius])
+            if isinstance(region, Sphere):
+                matrix = np.vstack([np.zeros(free.sum()), np.eye(len(position))[:, free] * length / region.radius])
+                offset = np.concatenate([[1.0], (self._points[i] - region.centre) / region.radius])
                 if free.any():
                     self.program.AddLorentzConeConstraint(matrix, offset, position[free])
 
     def _local(self, segment: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """A segment's (8, axes) variables, where there are any, and boundary derivatives where these are zero."""
+        """Return a segment's variables (None for given values), their mask, and its boundary derivatives without them.
+
+        Each of the three arrays has the shape (8, axes).
+        """
         local, free, base = (
-            values[segment : segment + 2].reshape(2 * (FREE + 1), -1)
+            values[segment : segment + 2].reshape(2 * (NUM_FREE + 1), -1)
             for values in (self.variables, self._free, self._base)
         )
         boundary = base * self._to_segment[segment][:, np.newaxis]
-        boundary[FREE + 1] += self._points[segment + 1] - self._points[segment]
+        boundary[NUM_FREE + 1] += self._points[segment + 1] - self._points[segment]
         return local, free, boundary
 
     def _derivative(self, segment: int, s: float, order: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(axes, n) rows, (n,) variables and (axes,) constant of a derivative in time at a place of a segment."""
+        """Return a time derivative at a point of a segment as a linear function of the variables.
+
+        Returns:
+            (axes, n) matrix, (n,) variables and (axes,) constant term.
+        """
         variables, free, boundary = self._local(segment)
         basis = power_basis(order, s, DEGREE + 1) @ FROM_BOUNDARY * self._durations[segment] ** -float(order)
         free = free.T
@@ -277,19 +290,20 @@ class MinimumSnapProgram:
         return rows, variables.T[free], constant
 
     def _solve_once(self) -> PolynomialPath:
+        """Solve the program with its present constraints."""
         values = self._base.copy()
-        # Clarabel does not survive a program without variables.
+        # Clarabel fails for a program without variables.
         if self.program.num_vars():
             self._optimise(values)
         boundary = np.concatenate([values[:-1], values[1:]], axis=1) * self._to_segment[:, :, np.newaxis]
-        boundary[:, FREE + 1] += np.diff(self._points, axis=0)
+        boundary[:, NUM_FREE + 1] += np.diff(self._points, axis=0)
         coefficients = FROM_BOUNDARY @ boundary
         coefficients[:, 0] += self._points[:-1]
         return PolynomialPath(np.concatenate([[0.0], np.cumsum(self._durations)]), coefficients)
 
     def _optimise(self, values: np.ndarray) -> None:
         """Solve the program and set the values of its variables."""
-        for tolerance in _TOLERANCES:
+        for tolerance in _SOLVER_TOLERANCES:
             options = SolverOptions()
             for name in ("tol_feas", "tol_gap_abs", "tol_gap_rel"):
                 options.SetOption(ClarabelSolver.id(), name, tolerance)
@@ -304,52 +318,59 @@ class MinimumSnapProgram:
             raise SolverError(f"the minimum-snap program was not solved: {status.name}")
         values[self._free] += result.GetSolution(self.variables[self._free])
         if self._slack is not None:
-            self.exceeded = float(result.GetSolution(self._slack_variable[0]))
+            self.excess = float(result.GetSolution(self._slack_variable[0]))
 
     def _tighten(self, path: PolynomialPath) -> bool:
-        """Adds bounds where the path breaks a limit or a corridor; returns whether it does."""
-        broken = False
-        share = 1.0 + (self.exceeded if self._slack is RelaxedBounds.LIMITS else 0.0)
+        """Add bounds where the path violates a limit or a corridor, and return whether it does."""
+        is_violated = False
+        share = 1.0 + (self.excess if self._slack is RelaxedBounds.LIMITS else 0.0)
         for order, limit in self._problem.limits.by_order.items():
             peaks = norm_peaks(path, order)
-            over = peaks.norm > _kept(limit) * share
-            for segment, s in zip(peaks.segment[over], peaks.s[over], strict=True):
-                broken = True
-                self.bound_norm(int(segment), float(s), order, (1.0 - _MARGIN) * limit)
-        return self._tighten_walls(path) or broken
+            violates = peaks.norm > _with_rounding(limit) * share
+            for segment, s in zip(peaks.segment[violates], peaks.s[violates], strict=True):
+                is_violated = True
+                self.bound_norm(int(segment), float(s), order, (1.0 - _LIMIT_MARGIN) * limit)
+        return self._tighten_walls(path) or is_violated
 
     def _tighten_walls(self, path: PolynomialPath) -> bool:
-        broken = False
-        beyond = self.exceeded if self._slack is RelaxedBounds.CORRIDORS else 0.0
-        for turn in turns(path, self._problem.corridors):
-            if turn.room >= -(_WALL_TOLERANCE * turn.size + beyond):
+        """Add bounds where the path leaves a corridor, and return whether it does."""
+        is_violated = False
+        allowed_excess = self.excess if self._slack is RelaxedBounds.CORRIDORS else 0.0
+        for approach in wall_approaches(path, self._problem.corridors):
+            if approach.room >= -(_WALL_TOLERANCE * approach.size + allowed_excess):
                 continue
-            broken = True
-            low, high = self._inside(turn)
-            self.bound_position(turn.segment, turn.s, turn.direction, low, high)
-        return broken
+            is_violated = True
+            low, high = self._walls_with_margin(approach)
+            self.bound_position(approach.segment, approach.s, approach.direction, low, high)
+        return is_violated
 
-    def _inside(self, turn: Turn) -> tuple[float, float]:
-        """The walls with a margin, no further in than half way to where the waypoints must be."""
-        ends = (turn.segment, turn.segment + 1)
-        margin = WALL_MARGIN * turn.size
-        if not np.isfinite(turn.low):
-            depths = [turn.high - turn.direction @ self._problem.inner_point(i) for i in ends]
-            return turn.low, turn.high - max(min(margin, *(0.5 * depth for depth in depths)), 0.0)
-        axis = int(np.argmax(turn.direction))
+    def _walls_with_margin(self, approach: WallApproach) -> tuple[float, float]:
+        """Return the bounds of a position with a margin to the walls.
+
+        The margin is at most half of the distance that the regions of the segment's waypoints have from the walls.
+        """
+        ends = (approach.segment, approach.segment + 1)
+        margin = WALL_MARGIN * approach.size
+        if not np.isfinite(approach.low):
+            depths = [approach.high - approach.direction @ self._problem.inner_point(i) for i in ends]
+            return approach.low, approach.high - max(min(margin, *(0.5 * depth for depth in depths)), 0.0)
+        axis = int(np.argmax(approach.direction))
         rooms = [room for i in ends if (room := self._problem.room(i)) is not None]
         return (
-            turn.low + min([margin, *(0.5 * (room.high[axis] - turn.low) for room in rooms)]),
-            turn.high - min([margin, *(0.5 * (turn.high - room.low[axis]) for room in rooms)]),
+            approach.low + min([margin, *(0.5 * (room.high[axis] - approach.low) for room in rooms)]),
+            approach.high - min([margin, *(0.5 * (approach.high - room.low[axis]) for room in rooms)]),
         )
 
 
-def _sizes(path: MinimumSnap, unit: np.ndarray) -> np.ndarray:
-    """(waypoints, 4) sizes of position to jerk, in the waypoints' units of time, that cost about as much as a path."""
+def _variable_scales(path: MinimumSnap, unit: np.ndarray) -> np.ndarray:
+    """Return (waypoints, 4) changes of position to jerk, in the waypoints' units of time, that cost as much as a path.
+
+    Each change alone has about the cost of the given path.
+    """
     scales = boundary_scales(path.durations, unit)
     costs = np.diag(BOUNDARY_FORM) * scales**2 * path.durations[:, np.newaxis] ** -7.0
-    curvature = np.zeros((len(unit), FREE + 1))
-    curvature[:-1] += costs[:, : FREE + 1]
-    curvature[1:] += costs[:, FREE + 1 :]
-    # Any size will do where nothing needs to move.
+    curvature = np.zeros((len(unit), NUM_FREE + 1))
+    curvature[:-1] += costs[:, : NUM_FREE + 1]
+    curvature[1:] += costs[:, NUM_FREE + 1 :]
+    # If the path has no cost, any scale will do.
     return np.asarray(np.sqrt((path.cost if path.cost > 0.0 else 1.0) / curvature))

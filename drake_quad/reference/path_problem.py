@@ -1,6 +1,6 @@
-"""What a path must keep to: places to pass, derivatives there, corridors and limits.
+"""Path-planning problem: waypoints, derivatives that are given there, corridors and limits.
 
-Waypoints and segments are counted from 0, as in the files: segment i leads from waypoint i to waypoint i + 1.
+Waypoints and segments are numbered from 0, as in scenario files. Segment i leads from waypoint i to waypoint i + 1.
 """
 
 import copy
@@ -16,22 +16,33 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
 from drake_quad.errors import InputError
 from drake_quad.reference.minimum_snap import rest_at_ends
-from drake_quad.reference.regions import AXES, Box, Corridor, Place, Polytope, Sphere, bounds, common, touch
+from drake_quad.reference.regions import (
+    AXES,
+    Box,
+    Corridor,
+    Polytope,
+    Sphere,
+    WaypointRegion,
+    bounding_box,
+    intersection_of,
+    overlap,
+)
 
-# What a quadrotor flies, and what floating point can plan, lies between: m.
-_NEAREST, _FARTHEST = 1e-5, 1e5
+# Limits within which plans are accurate in floating point, and which include everything that a quadrotor flies.
+_MIN_DISTANCE = 1e-5  # smallest distance between successive waypoints, m
+_MAX_COORDINATE = 1e5  # largest coordinate of a waypoint, m
 
 
 @dataclass(frozen=True)
 class PathLimits:
-    """Bounds on norms along the whole path; infinite where there is none.
+    """Limits on speed and acceleration along the whole path; infinite if there is none.
 
     Attributes:
-        speed: of the velocity, m/s.
-        acceleration: of the acceleration, m/s².
+        speed: largest norm of the velocity, m/s.
+        acceleration: largest norm of the acceleration, m/s².
 
     Raises:
-        InputError: a limit is not positive.
+        InputError: if a limit is not positive.
     """
 
     speed: float = math.inf
@@ -44,30 +55,31 @@ class PathLimits:
 
     @property
     def by_order(self) -> dict[int, float]:
-        """The finite limits by the order of the derivative that they bound."""
+        """Finite limits by the order of the derivative that they bound."""
         both = {1: self.speed, 2: self.acceleration}
         return {order: limit for order, limit in both.items() if limit < math.inf}
 
 
 @dataclass(frozen=True)
 class PathProblem:
-    """A path to be found.
+    """Constraints of a path that is to be planned.
 
     Attributes:
-        places: (segments + 1) where to pass; a point is a box of no extent.
-        derivatives: (segments + 1, 3, axes) velocity (m/s), acceleration (m/s²) and jerk (m/s³) at the waypoints, each
-            on all axes, or NaN on all where the path is free to choose. Rest at both ends and freedom in between by
-            default.
-        corridors: (segments) boxes or polytopes that the path must not leave on a segment, or None; none by default.
-        limits: on speed and acceleration; none by default.
-        start: (segments + 1, axes) where a search begins for waypoints that may be chosen, m; if not given, at the
-            centres of their places, and along the shortest way through those that are polytopes.
+        waypoints: regions through which the path passes, in order, segments + 1 of them; a point is a box of no extent.
+        derivatives: (segments + 1, 3, axes) velocity (m/s), acceleration (m/s²) and jerk (m/s³) at the waypoints. Each
+            is given on all axes, or NaN on all axes if it is free. By default the path is at rest at both ends and free
+            in between.
+        corridors: box or polytope that the path must not leave, for each segment; None for a segment without one. By
+            default there are none.
+        limits: limits on speed and acceleration; by default there are none.
+        start: (segments + 1, axes) initial points of a search within the waypoints' regions, m. By default these are
+            the centres of the regions, or, if a region is a polytope, points on the shortest polyline through all.
 
     Raises:
-        InputError: the shapes do not fit, or no path can keep to all of this, whatever its times.
+        InputError: if shapes do not match, or no path can satisfy the constraints at any times.
     """
 
-    places: tuple[Place, ...]
+    waypoints: tuple[WaypointRegion, ...]
     derivatives: np.ndarray
     corridors: tuple[Corridor | None, ...]
     limits: PathLimits = field(default_factory=PathLimits)
@@ -75,135 +87,140 @@ class PathProblem:
 
     def __init__(
         self,
-        places: Sequence[Place],
+        waypoints: Sequence[WaypointRegion],
         *,
         derivatives: ArrayLike | None = None,
         corridors: Sequence[Corridor | None] | None = None,
         limits: PathLimits | None = None,
         start: ArrayLike | None = None,
     ) -> None:
-        if not all(isinstance(place, Box | Sphere | Polytope) for place in places):
-            raise InputError("a waypoint must be a Box, of which Box.point is one, a Sphere or a Polytope")
-        axes = len(places[0].centre) if places else 0
-        if len(places) < 2 or any(len(place.centre) != axes for place in places):
-            raise InputError("two or more waypoints of the same dimension are needed")
-        given = rest_at_ends(len(places), axes) if derivatives is None else np.array(derivatives, dtype=float)
-        if given.shape != (len(places), 3, axes):
-            raise InputError(f"the derivatives have the shape {given.shape}, but must have {(len(places), 3, axes)}")
-        boxes = (None,) * (len(places) - 1) if corridors is None else tuple(corridors)
-        if len(boxes) != len(places) - 1:
-            raise InputError(f"there are {len(boxes)} corridors for {len(places) - 1} segments")
-        object.__setattr__(self, "places", tuple(places))
+        if not all(isinstance(region, Box | Sphere | Polytope) for region in waypoints):
+            raise InputError("a waypoint must be a Box (Box.point for a point), a Sphere or a Polytope")
+        axes = len(waypoints[0].centre) if waypoints else 0
+        if len(waypoints) < 2 or any(len(region.centre) != axes for region in waypoints):
+            raise InputError("a path needs two or more waypoints of the same dimension")
+        given = rest_at_ends(len(waypoints), axes) if derivatives is None else np.array(derivatives, dtype=float)
+        if given.shape != (len(waypoints), 3, axes):
+            raise InputError(f"the derivatives have the shape {given.shape}, but must have {(len(waypoints), 3, axes)}")
+        boxes = (None,) * (len(waypoints) - 1) if corridors is None else tuple(corridors)
+        if len(boxes) != len(waypoints) - 1:
+            raise InputError(f"there are {len(boxes)} corridors for {len(waypoints) - 1} segments")
+        object.__setattr__(self, "waypoints", tuple(waypoints))
         object.__setattr__(self, "derivatives", given)
         object.__setattr__(self, "corridors", boxes)
         object.__setattr__(self, "limits", limits or PathLimits())
         object.__setattr__(self, "start", None if start is None else np.array(start, dtype=float))
-        if self.start is not None and self.start.shape != (len(places), axes):
-            raise InputError(f"the start has the shape {self.start.shape}, but must have {(len(places), axes)}")
-        self._check_places()
+        if self.start is not None and self.start.shape != (len(waypoints), axes):
+            raise InputError(f"the start has the shape {self.start.shape}, but must have {(len(waypoints), axes)}")
+        self._check_waypoints()
         self._check_overlaps()
         self._check_derivatives()
 
     @property
     def segments(self) -> int:
         """Number of segments."""
-        return len(self.places) - 1
+        return len(self.waypoints) - 1
 
     @property
     def passes_points(self) -> bool:
-        """True if every place is a point and there are no corridors: the fast path's problem, but for the limits."""
-        return all(map(_is_point, self.places)) and not any(self.corridors)
+        """True if all waypoints are points and there are no corridors, so that only limits prevent a closed form."""
+        return all(map(_is_point, self.waypoints)) and not any(self.corridors)
 
     @property
     def stretchable(self) -> bool:
-        """True if no motion is given at the waypoints, so that a path may be flown slower, or faster, as it is."""
+        """True if no motion is given at the waypoints, so that a path remains valid at a different speed."""
         return not np.nan_to_num(self.derivatives).any()
 
     def without_limits(self) -> "PathProblem":
-        """The same problem, whatever the speed and acceleration."""
-        # A copy needs no further checks.
+        """Return the same problem without limits on speed and acceleration."""
+        # The checks of the constructor have already passed.
         problem = copy.copy(self)
         vars(problem).update(limits=PathLimits(), start=self.representatives())
         vars(problem).pop("_representatives", None)
         return problem
 
     def room(self, waypoint: int) -> Box | None:
-        """The box that the boxes among a waypoint's place and the corridors before and after it leave it."""
+        """Return the intersection of all boxes among a waypoint's region and the corridors before and after it."""
         room = None
         for region in self._regions(waypoint):
             if isinstance(region, Box):
                 room = region if room is None else room.intersection(region)
-                assert room is not None, "seen to by the constructor"
+                assert room is not None, "checked by the constructor"
         return room
 
     def faces(self, waypoint: int) -> Polytope | None:
-        """What the polytopes among a waypoint's place and the corridors before and after it leave it.
+        """Return the intersection of all polytopes among a waypoint's region and the corridors before and after it.
 
-        None for a point, which lies there already.
+        The result is None for a point, for which the constructor has checked that it lies in the polytopes.
         """
-        return None if _is_point(self.places[waypoint]) else self._faces[waypoint]
+        return None if _is_point(self.waypoints[waypoint]) else self._faces[waypoint]
 
     def inner_point(self, waypoint: int) -> np.ndarray:
-        """(axes,) a point of a waypoint's room as far from its faces as can be, m; its representative without faces."""
+        """Return the allowed point (axes,) of a waypoint with the largest distance from all faces, m.
+
+        Without polytopes, the result is the waypoint's representative.
+        """
         faces, room = self.faces(waypoint), self.room(waypoint)
-        place = self.places[waypoint]
-        if faces is None or isinstance(place, Sphere):
+        region = self.waypoints[waypoint]
+        if faces is None or isinstance(region, Sphere):
             return self.representatives()[waypoint]
-        joint = faces if room is None else faces.intersection(room)
-        assert joint is not None, "seen to by the constructor"
-        return joint.centre
+        intersection = faces if room is None else faces.intersection(room)
+        assert intersection is not None, "checked by the constructor"
+        return intersection.centre
 
     def representatives(self) -> np.ndarray:
-        """(segments + 1, axes) an allowed point for each waypoint: the centre, or the nearest that corridors leave.
+        """Return an allowed point (segments + 1, axes) for each waypoint, m.
 
-        Where a place is a polytope, its point on the shortest way; or the nearest to the start if there is one.
+        The point is the nearest allowed one to `start`, or, without a start, to the centre of the waypoint's region. If
+        there is no start and a region is a polytope, all points are those of the shortest polyline.
         """
         return self._representatives
 
     @cached_property
     def _representatives(self) -> np.ndarray:
-        polytopes = any(isinstance(place, Polytope) for place in self.places)
+        polytopes = any(isinstance(region, Polytope) for region in self.waypoints)
         if self.start is None and polytopes:
-            return self._shortest_way()
-        wishes = [place.centre for place in self.places] if self.start is None else self.start
+            return self._shortest_polyline()
+        targets = [region.centre for region in self.waypoints] if self.start is None else self.start
         points = []
-        for i, wish in enumerate(wishes):
+        for i, target in enumerate(targets):
             room, faces = self.room(i), self.faces(i)
-            if faces is None or faces.beyond(wish if room is None else room.nearest(wish)) <= 0.0:
-                points.append(wish if room is None else room.nearest(wish))
+            if faces is None or faces.max_violation(target if room is None else room.nearest(target)) <= 0.0:
+                points.append(target if room is None else room.nearest(target))
             else:
-                points.append((faces if room is None else faces.intersection(room) or faces).nearest(wish))
+                points.append((faces if room is None else faces.intersection(room) or faces).nearest(target))
         return np.array(points)
 
     @cached_property
     def _faces(self) -> tuple[Polytope | None, ...]:
-        found: list[Polytope | None] = []
-        for i in range(len(self.places)):
-            joint = None
+        faces_of_waypoints: list[Polytope | None] = []
+        for i in range(len(self.waypoints)):
+            intersection = None
             for region in self._regions(i):
                 if isinstance(region, Polytope):
-                    joint = region if joint is None else joint.intersection(region)
-            found.append(joint)
-        return tuple(found)
+                    intersection = region if intersection is None else intersection.intersection(region)
+            faces_of_waypoints.append(intersection)
+        return tuple(faces_of_waypoints)
 
-    def _regions(self, waypoint: int) -> list[Place]:
-        around = self.corridors[max(waypoint - 1, 0) : waypoint + 1]
-        return [*(corridor for corridor in around if corridor is not None), self.places[waypoint]]
+    def _regions(self, waypoint: int) -> list[WaypointRegion]:
+        """Return the corridors before and after a waypoint, and its own region."""
+        adjacent = self.corridors[max(waypoint - 1, 0) : waypoint + 1]
+        return [*(corridor for corridor in adjacent if corridor is not None), self.waypoints[waypoint]]
 
-    def _shortest_way(self) -> np.ndarray:
-        """(segments + 1, axes) the shortest polyline with a point in every waypoint's room."""
+    def _shortest_polyline(self) -> np.ndarray:
+        """Return the shortest polyline (segments + 1, axes) with an allowed point for each waypoint, m."""
         program = MathematicalProgram()
-        axes = len(self.places[0].centre)
-        points = program.NewContinuousVariables(len(self.places), axes)
-        for i, place in enumerate(self.places):
+        axes = len(self.waypoints[0].centre)
+        points = program.NewContinuousVariables(len(self.waypoints), axes)
+        for i, region in enumerate(self.waypoints):
             room, faces = self.room(i), self.faces(i)
             if room is not None:
                 program.AddBoundingBoxConstraint(room.low, room.high, points[i])
             if faces is not None:
                 program.AddLinearConstraint(faces.normals, np.full(faces.faces, -np.inf), faces.offsets, points[i])
-            if isinstance(place, Sphere):
+            if isinstance(region, Sphere):
                 matrix = np.vstack([np.zeros(axes), np.eye(axes)])
-                program.AddLorentzConeConstraint(matrix, np.concatenate([[place.radius], -place.centre]), points[i])
+                program.AddLorentzConeConstraint(matrix, np.concatenate([[region.radius], -region.centre]), points[i])
         difference = np.vstack([np.zeros(2 * axes), np.hstack([-np.eye(axes), np.eye(axes)])])
         for pair in itertools.pairwise(points):
             length = program.NewContinuousVariables(1)
@@ -212,53 +229,61 @@ class PathProblem:
             program.AddLorentzConeConstraint(rows, np.zeros(axes + 1), np.concatenate([length, *pair]))
         result = ClarabelSolver().Solve(program)
         if not result.is_success():
-            raise InputError("no point was found for each waypoint: the places and corridors leave too little room")
-        found = result.GetSolution(points)
+            raise InputError("no point was found for each waypoint: the waypoints and corridors leave too little room")
+        solution = result.GetSolution(points)
         return np.array(
-            [found[i] if (room := self.room(i)) is None else room.nearest(found[i]) for i in range(len(found))]
+            [solution[i] if (room := self.room(i)) is None else room.nearest(solution[i]) for i in range(len(solution))]
         )
 
-    def _check_places(self) -> None:
-        for i, place in enumerate(self.places):
-            if np.abs(place.centre).max() > _FARTHEST:
-                raise InputError(f"waypoint {i}, {place} m, is farther than {_FARTHEST:g} m from the origin")
-        for i, (one, other) in enumerate(itertools.pairwise(self.places)):
+    def _check_waypoints(self) -> None:
+        """Raise InputError if a waypoint is too far away, or too near to the next one."""
+        for i, region in enumerate(self.waypoints):
+            if np.abs(region.centre).max() > _MAX_COORDINATE:
+                raise InputError(f"waypoint {i}, {region} m, is farther than {_MAX_COORDINATE:g} m from the origin")
+        for i, (one, other) in enumerate(itertools.pairwise(self.waypoints)):
             distance = float(np.linalg.norm(other.centre - one.centre))
-            if _is_point(one) and _is_point(other) and 0.0 < distance < _NEAREST:
+            if _is_point(one) and _is_point(other) and 0.0 < distance < _MIN_DISTANCE:
                 raise InputError(
-                    f"waypoints {i} and {i + 1} are {distance:g} m apart: repeat one exactly, or keep {_NEAREST:g} m"
+                    f"waypoints {i} and {i + 1} are {distance:g} m apart; make them equal, or place them at least"
+                    f" {_MIN_DISTANCE:g} m apart"
                 )
 
     def _check_overlaps(self) -> None:
-        joints: dict[int, Corridor] = {}
+        """Raise InputError if successive corridors, or a waypoint and its corridors, do not overlap."""
+        intersections: dict[int, Corridor] = {}
         for i, (before, after) in enumerate(itertools.pairwise(self.corridors)):
             if before and after:
-                joint = common(before, after)
-                if joint is None:
-                    raise InputError(f"the corridors of segments {i} and {i + 1} do not overlap{_gap(before, after)}")
-                joints[i + 1] = joint
-        for i, place in enumerate(self.places):
-            around = range(max(i - 1, 0), min(i + 1, self.segments))
-            corridors = [(segment, region) for segment in around if (region := self.corridors[segment])]
-            for segment, region in corridors:
-                if not touch(place, region):
+                intersection = intersection_of(before, after)
+                if intersection is None:
                     raise InputError(
-                        f"waypoint {i}, {place} m, lies outside the corridor of segment {segment}, {region} m"
-                        f"{_gap(place, region)}"
+                        f"the corridors of segments {i} and {i + 1} do not overlap{_describe_gap(before, after)}"
                     )
-            if i in joints and not touch(place, joints[i]):
+                intersections[i + 1] = intersection
+        for i, region in enumerate(self.waypoints):
+            adjacent = range(max(i - 1, 0), min(i + 1, self.segments))
+            corridors = [(segment, corridor) for segment in adjacent if (corridor := self.corridors[segment])]
+            for segment, corridor in corridors:
+                if not overlap(region, corridor):
+                    raise InputError(
+                        f"waypoint {i}, {region} m, lies outside the corridor of segment {segment}, {corridor} m"
+                        f"{_describe_gap(region, corridor)}"
+                    )
+            if i in intersections and not overlap(region, intersections[i]):
                 raise InputError(
-                    f"waypoint {i}, {place} m, has no point where the corridors of segments {i - 1} and {i} overlap"
+                    f"waypoint {i}, {region} m, has no point where the corridors of segments {i - 1} and {i} overlap"
                 )
 
     def _check_derivatives(self) -> None:
+        """Raise InputError if given derivatives are incomplete, leave a flat corridor, or exceed a limit."""
         given = ~np.isnan(self.derivatives)
         if (given.any(axis=2) != given.all(axis=2)).any() or np.isinf(self.derivatives).any():
-            raise InputError("velocity, acceleration and jerk at a waypoint are finite, on all axes or on none")
+            raise InputError(
+                "velocity, acceleration and jerk at a waypoint must be finite on all axes or NaN on all axes"
+            )
         for segment, corridor in enumerate(self.corridors):
             if isinstance(corridor, Polytope) and corridor.is_flat:
                 raise InputError(
-                    f"the corridor of segment {segment}, {corridor} m, is flat: give it an extent, or a box"
+                    f"the corridor of segment {segment}, {corridor} m, is flat; give it an extent, or use a box"
                 )
             if not isinstance(corridor, Box):
                 continue
@@ -266,7 +291,7 @@ class PathProblem:
             for waypoint in (segment, segment + 1):
                 if np.nan_to_num(self.derivatives[waypoint][:, flat]).any():
                     raise InputError(
-                        f"what is given at waypoint {waypoint} leads out of the corridor of segment {segment}, "
+                        f"the derivatives given at waypoint {waypoint} lead out of the corridor of segment {segment}, "
                         f"{corridor} m, which has no extent in that direction"
                     )
         for order, limit in self.limits.by_order.items():
@@ -278,19 +303,20 @@ class PathProblem:
                 )
 
 
-def _is_point(place: Place) -> bool:
-    return isinstance(place, Box) and place.is_point
+def _is_point(region: WaypointRegion) -> bool:
+    """Return True if a region is a single point."""
+    return isinstance(region, Box) and region.is_point
 
 
-def _gap(one: Place, other: Place) -> str:
-    """Says how far two regions are apart, and boxes on which axis."""
+def _describe_gap(one: WaypointRegion, other: WaypointRegion) -> str:
+    """Return text with the distance of two regions, and for boxes the axis; empty if the distance is not known."""
     if isinstance(one, Polytope) or isinstance(other, Polytope):
-        polytope, place = (one, other) if isinstance(one, Polytope) else (other, one)
-        if not _is_point(place):
+        polytope, region = (one, other) if isinstance(one, Polytope) else (other, one)
+        if not _is_point(region):
             return ""
-        distance = float(np.linalg.norm(polytope.nearest(place.centre) - place.centre))
+        distance = float(np.linalg.norm(polytope.nearest(region.centre) - region.centre))
         return f": they are {distance:g} m apart"
-    one, other = bounds(one), bounds(other)
+    one, other = bounding_box(one), bounding_box(other)
     gaps = np.maximum(one.low - other.high, other.low - one.high)
     axis = int(np.argmax(gaps))
     name = AXES[axis] if len(gaps) <= len(AXES) else f"axis {axis}"

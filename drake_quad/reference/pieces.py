@@ -1,9 +1,9 @@
-"""A plan as pieces of polynomials in seconds, as other programs have it: Crazyswarm2, uav_trajectories, minimum snap.
+"""Conversion of plans from and to polynomial pieces, as in Crazyswarm2, uav_trajectories and minsnap-trajectories.
 
-A piece is a duration and polynomials c_0 + c_1 t + ... + c_7 t⁷ in the seconds t from its beginning, for x, y, z (m)
-and the yaw (rad). In a file (`duration,x^0,...,x^7,y^0,...,z^0,...,yaw^0,...,yaw^7`) a row is a piece, and the first
-begins at time 0. The format is that of W. Hönig et al., "Trajectory planning for quadrotor swarms", 2018, and of the
-programs that came of it.
+A piece consists of a duration and polynomials c_0 + c_1 t + ... + c_7 t⁷ for x, y, z (m) and the yaw (rad), where t is
+the time from the beginning of the piece, s. In a file, the columns are `duration,x^0,...,x^7,y^0,...,z^0,...,yaw^0,...,
+yaw^7`, each row is a piece, and the first piece begins at time 0. The format is that of W. Hönig et al., "Trajectory
+planning for quadrotor swarms", 2018, and of the programs that are based on it.
 """
 
 import math
@@ -20,28 +20,28 @@ from drake_quad.reference.polynomial_path import PolynomialPath, knots, refined
 
 AXES = ("x", "y", "z", "yaw")
 POWERS = 8
-"""Coefficients of a polynomial of the format."""
+"""Number of coefficients of each polynomial in the format."""
 COLUMNS = ("duration", *(f"{axis}^{power}" for axis in AXES for power in range(POWERS)))
-"""Of a file."""
+"""Names of the columns of a file."""
 
 
 def pieces_of(plan: Plan) -> np.ndarray:
-    """(pieces, 33) a plan as rows with the columns of `COLUMNS`, exact.
+    """Return a plan as a (pieces, 33) table with the columns of `COLUMNS`; the conversion is exact.
 
-    Where the yaw has knots of its own, a piece ends at the knots of either. A plan that begins later than at 0 hovers
-    until then.
+    A piece ends at each knot of the position and at each knot of the yaw. If a plan begins later than at time 0, the
+    first piece hovers until then.
 
     Raises:
-        InputError: a polynomial is of a higher degree than 7.
+        InputError: if a polynomial has a degree higher than 7.
     """
     path, yaw = refined(plan.path, plan.yaw.times), refined(plan.yaw, plan.path.times)
     polynomials = [_in_seconds(part) for part in (path, yaw)]
     rows = np.column_stack([path.durations, *(part.reshape(len(part), -1) for part in polynomials)])
     start = float(path.times[0])
     if start > 0.0:
-        standing = np.zeros((1, len(COLUMNS)))
-        standing[0, 0], standing[0, 1::POWERS] = start, rows[0, 1::POWERS]
-        rows = np.vstack([standing, rows])
+        hover = np.zeros((1, len(COLUMNS)))
+        hover[0, 0], hover[0, 1::POWERS] = start, rows[0, 1::POWERS]
+        rows = np.vstack([hover, rows])
     return rows
 
 
@@ -76,20 +76,23 @@ def _whole_turns(yaws: np.ndarray) -> np.ndarray:
 
 
 def save_pieces(plan: Plan, path: Path | str) -> Path:
-    """Writes a plan as a file of pieces, which Crazyswarm2 and a route of kind `trajectory` read, and returns its path.
+    """Write a plan to a file of pieces, which Crazyswarm2 and a route of kind `trajectory` can read.
+
+    Returns:
+        The path of the file.
 
     Raises:
-        InputError: as `pieces_of`.
-        OSError: the file cannot be written.
+        InputError: if a polynomial has a degree higher than 7.
+        OSError: if the file cannot be written.
     """
     return write_table(Path(path), dict(zip(COLUMNS, pieces_of(plan).T, strict=True)))
 
 
 def minsnap_trajectory(plan: Plan) -> Any:
-    """The position of a plan as a `PiecewisePolynomialTrajectory` of minsnap-trajectories, exact.
+    """Return the position of a plan as a `PiecewisePolynomialTrajectory` of minsnap-trajectories; exact.
 
     Raises:
-        ImportError: minsnap-trajectories is not installed; the extra `minsnap` has it.
+        ImportError: if minsnap-trajectories, which the extra `minsnap` contains, is not installed.
     """
     minsnap, path = needed("minsnap_trajectories", "minsnap"), plan.path
     scale = path.durations[:, np.newaxis, np.newaxis] ** -np.arange(path.coefficients.shape[1])[:, np.newaxis]
@@ -97,12 +100,12 @@ def minsnap_trajectory(plan: Plan) -> Any:
 
 
 def minsnap_waypoints(plan: Plan) -> list[Any]:
-    """The knots of a plan, with position to jerk, as waypoints from which minsnap-trajectories makes a path.
+    """Return the knots of a plan, with position to jerk, as waypoints for minsnap-trajectories.
 
-    With `degree=7` and `num_continuous_orders=4` it is the same path.
+    From these waypoints, minsnap-trajectories plans the same path with `degree=7` and `num_continuous_orders=4`.
 
     Raises:
-        ImportError: minsnap-trajectories is not installed; the extra `minsnap` has it.
+        ImportError: if minsnap-trajectories, which the extra `minsnap` contains, is not installed.
     """
     minsnap = needed("minsnap_trajectories", "minsnap")
     return [
@@ -112,14 +115,14 @@ def minsnap_waypoints(plan: Plan) -> list[Any]:
 
 
 def plan_of_minsnap(trajectory: Any, yaw: float = 0.0) -> Plan:
-    """The plan to fly what minsnap-trajectories has planned, with a constant yaw (rad).
+    """Return the plan that follows a trajectory of minsnap-trajectories with a constant yaw.
 
     Args:
-        trajectory: a `PiecewisePolynomialTrajectory` of three dimensions.
-        yaw: rad.
+        trajectory: `PiecewisePolynomialTrajectory` with three dimensions.
+        yaw: constant yaw, rad.
 
     Raises:
-        InputError: it has no piece, or not three dimensions.
+        InputError: if the trajectory has no piece, or not three dimensions.
     """
     coefficients = np.asarray(trajectory.coefficients, dtype=float)
     times = np.asarray(trajectory.time_reference, dtype=float)
@@ -133,11 +136,11 @@ def plan_of_minsnap(trajectory: Any, yaw: float = 0.0) -> Plan:
 
 
 def _in_seconds(path: PolynomialPath) -> np.ndarray:
-    """(segments, axes, 8) the coefficients of the powers of the seconds from the beginning of a segment."""
+    """Return the (segments, axes, 8) coefficients of the powers of the time from the start of a segment, in s."""
     segments, powers, axes = path.coefficients.shape
     if powers > POWERS and path.coefficients[:, POWERS:].any():
-        raise InputError(f"the path is of degree {powers - 1}, but a piece has room for degree {POWERS - 1}")
-    found = np.zeros((segments, POWERS, axes))
-    found[:, :powers] = path.coefficients[:, :POWERS]
-    found *= (path.durations[:, np.newaxis] ** -np.arange(POWERS))[:, :, np.newaxis]
-    return found.transpose(0, 2, 1)
+        raise InputError(f"the path has degree {powers - 1}, but a piece has at most degree {POWERS - 1}")
+    coefficients = np.zeros((segments, POWERS, axes))
+    coefficients[:, :powers] = path.coefficients[:, :POWERS]
+    coefficients *= (path.durations[:, np.newaxis] ** -np.arange(POWERS))[:, :, np.newaxis]
+    return coefficients.transpose(0, 2, 1)

@@ -1,4 +1,4 @@
-"""A plan: a route with times, as the trajectory that the controllers follow."""
+"""Plans: the position and yaw over time that controllers follow."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -16,22 +16,23 @@ from drake_quad.reference.routes import Leg
 from drake_quad.reference.yaw import constant_yaw
 from drake_quad.signals import SIGNALS, Jerk, Reference, Snap
 
-# Number of continuous derivatives of position and yaw where a reference comes to rest, including order zero.
 PATH_ORDERS = 4
+"""Number of continuous derivatives of the position where a reference comes to rest, including order zero."""
 YAW_ORDERS = 2
-# Acceleration that braking may use even if the route needs less, m/s²; the paper's limit of the acceleration.
+"""Number of continuous derivatives of the yaw where a reference comes to rest, including order zero."""
+# Acceleration that braking may use even if the route needs less, m/s². It is the paper's limit on the acceleration.
 _BRAKING_ACCELERATION = 0.7
 # Angular acceleration that braking of the yaw may use, rad/s². With this assumption, a yaw rate of 1 rad/s ends within
 # two seconds.
 _YAW_BRAKING_ACCELERATION = 1.0
 
 REFERENCE_PORTS = {name: SIGNALS[name] for name in ("reference", "reference_jerk", "reference_snap")}
-"""What a plan shows at each of its ports."""
+"""Type of the signal at each output port of a reference."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Position and yaw over time.
+    """Position and yaw as functions of time.
 
     Before the start and after the end of its path the reference hovers: position and yaw are constant, and all
     derivatives are zero. If the path ends in motion, the reference brakes first; see `drake_quad.reference.rest`.
@@ -52,12 +53,12 @@ class Plan:
     def facing(
         cls, path: PolynomialPath, yaw: float = 0.0, legs: tuple[Leg, ...] = (), laps: tuple[float, ...] = ()
     ) -> "Plan":
-        """Returns the plan to fly a path with a constant yaw in rad."""
+        """Return the plan that follows a path with a constant yaw (rad)."""
         return cls(path, constant_yaw(path.times[0], path.times[-1], yaw), legs, laps)
 
     @classmethod
     def hover(cls, position: ArrayLike, *, duration: float, yaw: float = 0.0) -> "Plan":
-        """Returns the plan to stay at a position (3,) in m for a duration in s."""
+        """Return the plan that stays at a position (3,), m, for a duration, s."""
         coefficients = np.zeros((1, 8, 3))
         coefficients[0, 0] = position
         return cls.facing(PolynomialPath(np.array([0.0, duration]), coefficients), yaw, (Leg("hover", 0),))
@@ -89,17 +90,17 @@ class Plan:
 
     @property
     def lap_times(self) -> tuple[float, ...]:
-        """When the laps begin and the last one ends, s; a route without laps is one."""
+        """Start times of the laps and end time of the last one, s; a route without laps counts as one lap."""
         return self.laps or (float(self.path.times[0]), float(self.path.times[-1]))
 
     @property
     def leg_times(self) -> list[float]:
-        """When the legs begin, s."""
+        """Start times of the legs, s."""
         return [float(self.path.times[leg.first]) for leg in self.legs]
 
     @property
     def waypoints(self) -> np.ndarray:
-        """(segments + 1, 3) the points that the path passes, m."""
+        """(segments + 1, 3) points at which the segments of the path begin and end, m."""
         return self.path.waypoints
 
     @property
@@ -108,7 +109,11 @@ class Plan:
         return float(self.yaw.coefficients[0, 0, 0])
 
     def derivative(self, order: int) -> PiecewisePolynomial:
-        """Return a trajectory (3, 1) of the position's derivative of an order, in m and s, valid at any time."""
+        """Return the derivative of the position as a (3, 1) trajectory, in m and s, that is valid at any time.
+
+        Args:
+            order: order of the derivative, 0 for the position itself.
+        """
         return to_piecewise_polynomial(path_derivative(self.flown_path, order))
 
     def reference(self) -> PiecewisePolynomial:
@@ -116,8 +121,8 @@ class Plan:
         end = max(self.flown_path.times[-1], self.flown_yaw.times[-1])
         path, yaw = (_until(end, part) for part in (self.flown_path, self.flown_yaw))
         path, yaw = refined(path, yaw.times), refined(yaw, path.times)
-        position, velocity, acceleration, jerk, snap = (_axes(path_derivative(path, order)) for order in range(5))
-        (angle,), (rate,), (angular_acceleration,) = (_axes(path_derivative(yaw, order)) for order in range(3))
+        position, velocity, acceleration, jerk, snap = (_by_axis(path_derivative(path, order)) for order in range(5))
+        (angle,), (rate,), (angular_acceleration,) = (_by_axis(path_derivative(yaw, order)) for order in range(3))
         rows: list[Any] = [
             *Reference._make([*position, *velocity, *acceleration, angle, rate]),
             *Jerk._make(jerk),
@@ -128,7 +133,7 @@ class Plan:
 
 def to_piecewise_polynomial(path: PolynomialPath) -> PiecewisePolynomial:
     """Return the path as Drake's (axes, 1) trajectory."""
-    return _piecewise_polynomial(path.times, _axes(path))
+    return _piecewise_polynomial(path.times, _by_axis(path))
 
 
 def _until(end: float, path: PolynomialPath) -> PolynomialPath:
@@ -136,8 +141,8 @@ def _until(end: float, path: PolynomialPath) -> PolynomialPath:
     return path._replace(times=np.append(path.times[:-1], end))
 
 
-def _axes(path: PolynomialPath) -> np.ndarray:
-    """(axes, segments, powers) the coefficients."""
+def _by_axis(path: PolynomialPath) -> np.ndarray:
+    """Return the coefficients as an (axes, segments, powers) array."""
     return path.coefficients.transpose(2, 0, 1)
 
 

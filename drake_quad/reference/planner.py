@@ -1,4 +1,4 @@
-"""From what a path must keep to, and a way to choose its times, to the path."""
+"""Planning of a minimum-snap path for given constraints, with several methods to choose its times."""
 
 import itertools
 from dataclasses import dataclass, replace
@@ -8,7 +8,7 @@ import numpy as np
 from drake_quad.errors import InputError
 from drake_quad.reference.path_problem import PathProblem
 from drake_quad.reference.polynomial_path import PolynomialPath
-from drake_quad.reference.regions import Box, Place
+from drake_quad.reference.regions import Box, WaypointRegion
 from drake_quad.reference.time_allocation import rest_to_rest_durations
 from drake_quad.reference.timing_search import (
     heuristic_path,
@@ -18,16 +18,16 @@ from drake_quad.reference.timing_search import (
     shortest_path,
 )
 
-# Nothing flies for longer than a day, s.
-_LONGEST = 86_400.0
+# Largest duration of a path, one day, s. Longer durations are taken to be mistakes.
+_MAX_DURATION = 86_400.0
 
 
 @dataclass(frozen=True)
 class GivenTimes:
-    """The waypoints are passed when they are said to be.
+    """Timing with given times.
 
     Attributes:
-        times: (segments + 1,) increasing, s.
+        times: (segments + 1,) increasing times of the waypoints, s.
     """
 
     times: tuple[float, ...]
@@ -35,18 +35,19 @@ class GivenTimes:
 
 @dataclass(frozen=True)
 class Heuristic:
-    """By rule: the shorter of a ride without stops and a flight with stops everywhere, stretched to the limits.
+    """Heuristic timing: the faster of a non-stop and a stop-at-every-waypoint profile, scaled to the limits.
 
-    Where a velocity, say, is given at a waypoint, no stretch keeps it: then the first feasible one of several totals.
+    If a nonzero derivative is given at a waypoint, scaling would change it. The timing is then the first feasible one
+    of several total durations.
     """
 
 
 @dataclass(frozen=True)
 class LeastSnap:
-    """The times with the least snap in a given total.
+    """Timing with the least integrated squared snap for a given total duration.
 
     Attributes:
-        duration: s.
+        duration: total duration, s.
     """
 
     duration: float
@@ -54,44 +55,44 @@ class LeastSnap:
 
 @dataclass(frozen=True)
 class Shortest:
-    """The least total time for which the minimum-snap path keeps to the limits, a local optimum.
+    """Timing with the shortest total duration for which the minimum-snap path satisfies the limits.
 
-    Where stopping at every waypoint takes no longer, with the times of that.
+    The duration is a local optimum. If a flight that stops at every waypoint is not slower, its times are used.
     """
 
 
 Timing = GivenTimes | Heuristic | LeastSnap | Shortest
+"""Method to choose the times of a path."""
 
 
 def plan_path(problem: PathProblem, timing: Timing) -> PolynomialPath:
-    """Returns the minimum-snap path that keeps to a problem's demands, with its times chosen.
+    """Return the minimum-snap path that satisfies the constraints of a problem.
 
-    Waypoints that repeat the one before are one waypoint if the times are chosen here; if they are given, the vehicle
-    stays there.
+    If the times are given, the vehicle stays at a waypoint that is repeated. Otherwise repeated waypoints count as one.
 
     Args:
-        problem: what the path must keep to.
-        timing: how its times are chosen.
+        problem: constraints of the path.
+        timing: method to choose the times.
 
     Raises:
-        InputError: there is no such path, or none is found; the message says why. Or times do not increase, limits that
-            are needed are missing, or all waypoints are the same.
+        InputError: if there is no such path or none is found (the message gives the reason), times do not increase,
+            necessary limits are missing, or all waypoints are equal.
     """
     match timing:
         case GivenTimes(times):
             return _at_given_times(problem, np.asarray(times, dtype=float))
         case LeastSnap(duration):
-            if not 0.0 < duration <= _LONGEST:
+            if not 0.0 < duration <= _MAX_DURATION:
                 raise InputError(
-                    f"the total duration is {duration:g} s, but must be positive, and {_LONGEST:g} at most"
+                    f"the total duration is {duration:g} s, but must be positive and at most {_MAX_DURATION:g} s"
                 )
-            return least_snap_path(merged(problem), duration)
+            return least_snap_path(without_repeats(problem), duration)
     if not isinstance(timing, Heuristic | Shortest):
-        raise TypeError(f"{timing!r} is not a way to choose times")
+        raise TypeError(f"{timing!r} is not a GivenTimes, Heuristic, LeastSnap or Shortest")
     if not problem.limits.by_order:
-        raise InputError("to choose the total time, a limit on the speed or the acceleration is needed")
+        raise InputError("the total time cannot be chosen without limits; give a limit on the speed or acceleration")
     shorten = isinstance(timing, Shortest)
-    problem = merged(problem)
+    problem = without_repeats(problem)
     _check_duration(problem)
     if not problem.stretchable:
         return path_through_given_motion(problem, shorten=shorten)
@@ -99,69 +100,72 @@ def plan_path(problem: PathProblem, timing: Timing) -> PolynomialPath:
 
 
 def _check_duration(problem: PathProblem) -> None:
-    """Raises InputError if the route is too long."""
+    """Raise InputError if the route takes too long within its limits."""
     duration = float(rest_to_rest_durations(problem.representatives(), problem.limits).sum())
-    if duration > _LONGEST:
-        raise InputError(f"within the limits the route would take about {duration:g} s, more than {_LONGEST:g} s")
+    if duration > _MAX_DURATION:
+        raise InputError(f"within the limits the route would take about {duration:g} s, more than {_MAX_DURATION:g} s")
 
 
-def merged(problem: PathProblem) -> PathProblem:
-    """Returns the problem with each run of waypoints that repeat one point as one waypoint.
+def without_repeats(problem: PathProblem) -> PathProblem:
+    """Return the problem with successive waypoints at the same point merged into one.
 
     Raises:
-        InputError: what is given at repeats contradicts itself, or nothing is left to fly.
+        InputError: if the derivatives given at repeated waypoints differ, or all waypoints are equal.
     """
-    keep: list[int] = []
+    kept: list[int] = []
     derivatives = problem.derivatives.copy()
-    for i, place in enumerate(problem.places):
-        if not (keep and _repeats(problem.places[keep[-1]], place)):
-            keep.append(i)
+    for i, region in enumerate(problem.waypoints):
+        if not (kept and _repeats(problem.waypoints[kept[-1]], region)):
+            kept.append(i)
             continue
-        here, there = derivatives[keep[-1]], derivatives[i]
-        if ((here != there) & ~np.isnan(here) & ~np.isnan(there)).any():
-            raise InputError(f"waypoint {i} repeats waypoint {i - 1}, but another derivative is given there")
-        derivatives[keep[-1]] = np.where(np.isnan(here), there, here)
-    if len(keep) < 2:
-        raise InputError(f"all waypoints are the same point, {problem.places[0]} m; there is nothing to fly")
-    # The segments that are left are those that lead to the waypoints that are left.
-    corridors = [problem.corridors[i - 1] for i in keep[1:]]
+        kept_derivatives, repeated_derivatives = derivatives[kept[-1]], derivatives[i]
+        if (
+            (kept_derivatives != repeated_derivatives) & ~np.isnan(kept_derivatives) & ~np.isnan(repeated_derivatives)
+        ).any():
+            raise InputError(f"waypoint {i} repeats waypoint {i - 1}, but different derivatives are given there")
+        derivatives[kept[-1]] = np.where(np.isnan(kept_derivatives), repeated_derivatives, kept_derivatives)
+    if len(kept) < 2:
+        raise InputError(f"all waypoints are the same point, {problem.waypoints[0]} m; there is nothing to fly")
+    # The remaining segments are those that lead to the remaining waypoints.
+    corridors = [problem.corridors[i - 1] for i in kept[1:]]
     return PathProblem(
-        [problem.places[i] for i in keep],
-        derivatives=derivatives[keep],
+        [problem.waypoints[i] for i in kept],
+        derivatives=derivatives[kept],
         corridors=corridors,
         limits=problem.limits,
-        start=None if problem.start is None else problem.start[keep],
+        start=None if problem.start is None else problem.start[kept],
     )
 
 
 def passing_times(problem: PathProblem, path: PolynomialPath) -> np.ndarray:
-    """Returns the (waypoints,) times at which a path planned for a problem passes its waypoints, s."""
-    if len(path.times) == len(problem.places):
+    """Return the (waypoints,) times at which a path passes the waypoints of its problem, s."""
+    if len(path.times) == len(problem.waypoints):
         return path.times
-    new = [not _repeats(one, other) for one, other in itertools.pairwise(problem.places)]
-    return np.asarray(path.times[np.cumsum([0, *new])])
+    is_new = [not _repeats(one, other) for one, other in itertools.pairwise(problem.waypoints)]
+    return np.asarray(path.times[np.cumsum([0, *is_new])])
 
 
-def _repeats(one: Place, other: Place) -> bool:
-    """True if both are the same point."""
+def _repeats(one: WaypointRegion, other: WaypointRegion) -> bool:
+    """Return True if both regions are the same point."""
     return isinstance(one, Box) and isinstance(other, Box) and one.is_point and one.equals(other)
 
 
 def _at_given_times(problem: PathProblem, times: np.ndarray) -> PolynomialPath:
-    if times.shape != (len(problem.places),):
-        raise InputError(f"there are {times.size} times for {len(problem.places)} waypoints")
+    """Return the path for given times (waypoints,), s, with a stop where a waypoint is repeated."""
+    if times.shape != (len(problem.waypoints),):
+        raise InputError(f"there are {times.size} times for {len(problem.waypoints)} waypoints; give one for each")
     if not np.isfinite(times).all():
         raise InputError("times must be finite and increase")
-    late = np.flatnonzero(np.diff(times) <= 0.0)
-    if times[-1] - times[0] > _LONGEST:
-        raise InputError(f"the times span {times[-1] - times[0]:g} s, more than {_LONGEST:g} s")
-    if late.size:
-        i = int(late[0])
+    decreasing = np.flatnonzero(np.diff(times) <= 0.0)
+    if times[-1] - times[0] > _MAX_DURATION:
+        raise InputError(f"the times span {times[-1] - times[0]:g} s, more than {_MAX_DURATION:g} s")
+    if decreasing.size:
+        i = int(decreasing[0])
         raise InputError(f"times must be finite and increase, but {times[i]:g} s is followed by {times[i + 1]:g} s")
     derivatives = problem.derivatives.copy()
     for i in range(problem.segments):
-        if _repeats(problem.places[i], problem.places[i + 1]):
+        if _repeats(problem.waypoints[i], problem.waypoints[i + 1]):
             pair = derivatives[i : i + 2]
             pair[np.isnan(pair)] = 0.0
-    staying = replace(problem, derivatives=derivatives)
-    return path_or_reason(staying, np.diff(times))._replace(times=times)
+    with_stops = replace(problem, derivatives=derivatives)
+    return path_or_reason(with_stops, np.diff(times))._replace(times=times)

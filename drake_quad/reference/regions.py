@@ -1,4 +1,4 @@
-"""Regions that paths keep to and pass through: boxes, spheres and convex polytopes."""
+"""Regions for waypoints and corridors: boxes, spheres and convex polytopes."""
 
 import math
 from functools import cached_property
@@ -10,39 +10,43 @@ from pydrake.solvers import ClarabelSolver, ClpSolver, MathematicalProgram
 from drake_quad.errors import InputError
 
 AXES = "xyz"
-# A solver's word on a length is good to this share of the largest length in question.
-_ROUNDING = 1e-9
-# The inscribed ball of an unbounded polytope is not made larger than this: as far as anything is flown, m.
-_LARGEST_RADIUS = 1e5
+# Accuracy of lengths that a solver returns, relative to the largest length in the program.
+_RELATIVE_ROUNDING = 1e-9
+# Limit on the radius and the centre of the ball inscribed in an unbounded polytope, larger than any flight, m.
+_MAX_INSCRIBED_RADIUS = 1e5
 
 
 class Box:
-    """An axis-aligned box; a point if both corners are the same.
+    """Axis-aligned box; a point if both corners are equal.
 
     Attributes:
-        low: (axes,) its lowest corner, m.
-        high: (axes,) its highest corner, m.
+        low: (axes,) lowest corner, m.
+        high: (axes,) highest corner, m.
 
     Raises:
-        InputError: a corner is not finite, or low exceeds high.
+        InputError: if a corner is not finite, or `low` exceeds `high`.
     """
 
     def __init__(self, low: ArrayLike, high: ArrayLike) -> None:
         self.low = np.array(low, dtype=float)
         self.high = np.array(high, dtype=float)
         if self.low.shape != self.high.shape or self.low.ndim != 1:
-            raise InputError(f"a box needs two corners of one dimension, not {text(low)} and {text(high)}")
+            raise InputError(
+                f"a box needs two corners of the same dimension, not {format_vector(low)} and {format_vector(high)}"
+            )
         if not (np.isfinite(self.low).all() and np.isfinite(self.high).all() and (self.low <= self.high).all()):
-            raise InputError(f"a box from {text(self.low)} to {text(self.high)} m is empty or not finite")
+            raise InputError(
+                f"a box from {format_vector(self.low)} to {format_vector(self.high)} m is empty or not finite"
+            )
 
     @classmethod
     def point(cls, position: ArrayLike) -> "Box":
-        """A box of no extent, m."""
+        """Return a box without extent at a position (axes,), m."""
         return cls(position, position)
 
     @property
     def centre(self) -> np.ndarray:
-        """(axes,), m."""
+        """(axes,) centre of the box, m."""
         return 0.5 * (self.low + self.high)
 
     @property
@@ -51,62 +55,62 @@ class Box:
         return bool((self.low == self.high).all())
 
     def equals(self, other: "Box") -> bool:
-        """True if both are the same box."""
+        """Return True if both boxes have the same corners."""
         return bool((self.low == other.low).all() and (self.high == other.high).all())
 
     def intersection(self, other: "Box") -> "Box | None":
-        """What both have in common, or None."""
+        """Return the intersection of both boxes, or None if it is empty."""
         low, high = np.maximum(self.low, other.low), np.minimum(self.high, other.high)
         return Box(low, high) if (low <= high).all() else None
 
     def nearest(self, position: np.ndarray) -> np.ndarray:
-        """The point of the box that is nearest to a position (axes,), m."""
+        """Return the point of the box that is nearest to a position (axes,), m."""
         return np.clip(position, self.low, self.high)
 
     def __str__(self) -> str:
         if self.is_point:
-            return text(self.low)
-        return f"the box from {text(self.low)} to {text(self.high)}"
+            return format_vector(self.low)
+        return f"the box from {format_vector(self.low)} to {format_vector(self.high)}"
 
 
 class Sphere:
-    """A ball to pass through.
+    """Ball through which a path passes.
 
     Attributes:
-        centre: (axes,), m.
-        radius: m.
+        centre: (axes,) centre, m.
+        radius: radius, m.
 
     Raises:
-        InputError: the centre is not finite or the radius not positive.
+        InputError: if the centre is not finite, or the radius is not positive and finite.
     """
 
     def __init__(self, centre: ArrayLike, radius: float) -> None:
         self.centre = np.array(centre, dtype=float)
         self.radius = float(radius)
         if not np.isfinite(self.centre).all():
-            raise InputError(f"the centre of a sphere, {text(self.centre)}, must be finite")
+            raise InputError(f"the centre of a sphere, {format_vector(self.centre)}, must be finite")
         if not 0.0 < self.radius < math.inf:
             raise InputError(f"the radius of a sphere is {self.radius:g} m, but must be positive and finite")
 
     def nearest(self, position: np.ndarray) -> np.ndarray:
-        """The point of the ball that is nearest to a position (axes,), m."""
-        away = position - self.centre
-        distance = float(np.linalg.norm(away))
-        return position if distance <= self.radius else self.centre + away * (self.radius / distance)
+        """Return the point of the ball that is nearest to a position (axes,), m."""
+        offset = position - self.centre
+        distance = float(np.linalg.norm(offset))
+        return position if distance <= self.radius else self.centre + offset * (self.radius / distance)
 
     def __str__(self) -> str:
-        return f"the sphere of {self.radius:g} m around {text(self.centre)}"
+        return f"the sphere of {self.radius:g} m around {format_vector(self.centre)}"
 
 
 class Polytope:
-    """A convex polytope, the points p with n · p <= d for every face; it may be unbounded, or flat.
+    """Convex polytope: the points p with n · p <= d for every face. It may be unbounded, or flat.
 
     Attributes:
         normals: (faces, axes) outward unit normals n.
         offsets: (faces,) distances d of the faces from the origin along their normals, m.
 
     Raises:
-        InputError: the shapes do not fit, a number is not finite, a normal is zero or no point satisfies all.
+        InputError: if shapes do not match, a number is not finite, a normal is zero, or the polytope is empty.
     """
 
     def __init__(self, normals: ArrayLike, offsets: ArrayLike) -> None:
@@ -118,12 +122,12 @@ class Polytope:
             raise InputError("the faces of a polytope need finite numbers, and normals that are not zero")
         self.normals = rows / lengths[:, np.newaxis]
         self.offsets = distances / lengths
-        if self.radius < -_ROUNDING * self._largest_offset:
+        if self.radius < -_RELATIVE_ROUNDING * self._largest_offset:
             raise InputError(f"a polytope of {len(rows)} faces is empty: no point lies behind all of them")
 
     @classmethod
     def from_box(cls, box: Box) -> "Polytope":
-        """A box by its faces."""
+        """Return a box as a polytope."""
         identity = np.eye(len(box.low))
         return cls(np.vstack([-identity, identity]), np.concatenate([-box.low, box.high]))
 
@@ -134,27 +138,27 @@ class Polytope:
 
     @property
     def centre(self) -> np.ndarray:
-        """(axes,) of the largest ball inside (Chebyshev centre), m."""
+        """(axes,) centre of the largest inscribed ball (Chebyshev centre), m."""
         return self._inscribed[0]
 
     @property
     def radius(self) -> float:
-        """Of the largest ball inside, m; zero if the polytope is flat."""
+        """Radius of the largest inscribed ball, m; zero if the polytope is flat."""
         return self._inscribed[1]
 
     @property
     def is_flat(self) -> bool:
         """True if the polytope has no extent in some direction."""
-        return self.radius <= _ROUNDING * self._largest_offset
+        return self.radius <= _RELATIVE_ROUNDING * self._largest_offset
 
     @cached_property
     def size(self) -> float:
-        """The largest of its extents along its faces' normals that are finite, m; 1 m if there is none."""
-        extents = [offset + self.reach(-normal) for normal, offset in zip(self.normals, self.offsets, strict=True)]
+        """Largest finite extent of the polytope along the normals of its faces, m; 1 m if all are infinite."""
+        extents = [offset + self.support(-normal) for normal, offset in zip(self.normals, self.offsets, strict=True)]
         return max((extent for extent in extents if math.isfinite(extent)), default=1.0)
 
-    def reach(self, direction: np.ndarray) -> float:
-        """How far it extends along a direction (axes,): the largest direction · p, m; infinite if unbounded."""
+    def support(self, direction: np.ndarray) -> float:
+        """Return the largest value of direction · p over the points p, m; infinite if the polytope is unbounded."""
         program = MathematicalProgram()
         p = program.NewContinuousVariables(len(direction))
         program.AddLinearCost(-direction, 0.0, p)
@@ -163,14 +167,14 @@ class Polytope:
         return -result.get_optimal_cost() if result.is_success() else math.inf
 
     def equals(self, other: "Polytope") -> bool:
-        """True if both have the same faces in the same order."""
+        """Return True if both polytopes have the same faces in the same order."""
         return np.array_equal(self.normals, other.normals) and np.array_equal(self.offsets, other.offsets)
 
     def intersection(self, other: "Box | Polytope") -> "Polytope | None":
-        """What both have in common, or None."""
+        """Return the intersection of both regions, or None if it is empty."""
         faces = Polytope.from_box(other) if isinstance(other, Box) else other
         rows = np.vstack([np.column_stack([p.normals, p.offsets]) for p in (self, faces)])
-        # A face that both have is one.
+        # Equal faces are merged.
         _, first = np.unique(rows, axis=0, return_index=True)
         rows = rows[np.sort(first)]
         try:
@@ -178,39 +182,39 @@ class Polytope:
         except InputError:
             return None
 
-    def beyond(self, position: np.ndarray) -> float:
-        """How far a position (axes,) lies beyond the face that it breaks most, m; negative inside."""
+    def max_violation(self, position: np.ndarray) -> float:
+        """Return the largest distance of a position (axes,) beyond the plane of a face, m; negative inside."""
         return float((self.normals @ position - self.offsets).max())
 
     def contains(self, position: np.ndarray) -> bool:
-        """True if a position (axes,) is in it, to rounding errors of the solvers that find such positions."""
-        return self.beyond(position) <= 1e-7 * max(self.size, 1.0)
+        """Return True if a position (axes,) is in the polytope, up to the accuracy of solvers."""
+        return self.max_violation(position) <= 1e-7 * max(self.size, 1.0)
 
     def nearest(self, position: np.ndarray) -> np.ndarray:
-        """The point of the polytope that is nearest to a position (axes,), m."""
-        if self.beyond(position) <= 0.0:
+        """Return the point of the polytope that is nearest to a position (axes,), m."""
+        if self.max_violation(position) <= 0.0:
             return position
         program = MathematicalProgram()
         p = program.NewContinuousVariables(len(position))
-        # Relative to the position, so that the solver meets small numbers.
+        # The variables are relative to the position, so that they are small for the solver.
         program.AddQuadraticCost(2.0 * np.eye(len(p)), np.zeros(len(p)), p, is_convex=True)
         offsets = self.offsets - self.normals @ position
         program.AddLinearConstraint(self.normals, np.full(self.faces, -np.inf), offsets, p)
-        # The cost is flat around its least: a place is only as good as the root of what the cost is good to.
+        # The cost is flat around its minimum, so the accuracy of the point is the square root of that of the cost.
         for option in ("tol_gap_abs", "tol_gap_rel", "tol_feas"):
             program.SetSolverOption(ClarabelSolver.id(), option, 1e-12)
         return position + ClarabelSolver().Solve(program).GetSolution(p)
 
     @cached_property
     def _inscribed(self) -> tuple[np.ndarray, float]:
-        """Centre and radius of the largest ball inside; the radius is negative if the polytope is empty."""
+        """Centre and radius of the largest inscribed ball, m; the radius is negative if the polytope is empty."""
         axes = self.normals.shape[1]
         program = MathematicalProgram()
         x = program.NewContinuousVariables(axes + 1)
         program.AddLinearCost(-x[-1])
         rows = np.column_stack([self.normals, np.ones(self.faces)])
         program.AddLinearConstraint(rows, np.full(self.faces, -np.inf), self.offsets, x)
-        program.AddBoundingBoxConstraint(-_LARGEST_RADIUS, _LARGEST_RADIUS, x)
+        program.AddBoundingBoxConstraint(-_MAX_INSCRIBED_RADIUS, _MAX_INSCRIBED_RADIUS, x)
         result = ClpSolver().Solve(program)
         if not result.is_success():
             return np.zeros(axes), -math.inf
@@ -222,34 +226,36 @@ class Polytope:
         return max(float(np.abs(self.offsets).max()), 1.0)
 
     def __str__(self) -> str:
-        return f"the polytope of {self.faces} faces around {text(self.centre)}"
+        return f"the polytope of {self.faces} faces around {format_vector(self.centre)}"
 
 
 Corridor = Box | Polytope
-Place = Box | Sphere | Polytope
+"""Region that a path must not leave on a segment."""
+WaypointRegion = Box | Sphere | Polytope
+"""Region through which a path passes at a waypoint."""
 
 
-def common(one: Corridor, other: Corridor) -> Corridor | None:
-    """What two regions have in common, or None."""
+def intersection_of(one: Corridor, other: Corridor) -> Corridor | None:
+    """Return the intersection of two regions, or None if it is empty."""
     if isinstance(one, Box):
         return one.intersection(other) if isinstance(other, Box) else other.intersection(one)
     return one.intersection(other)
 
 
-def touch(place: Place, region: Corridor) -> bool:
-    """True if a place has a point in a region."""
-    if isinstance(place, Sphere):
-        return bool(np.linalg.norm(region.nearest(place.centre) - place.centre) <= place.radius)
-    if isinstance(region, Polytope) and isinstance(place, Box) and place.is_point:
-        return region.contains(place.centre)
-    return common(place, region) is not None
+def overlap(waypoint: WaypointRegion, corridor: Corridor) -> bool:
+    """Return True if a waypoint's region and a corridor have a common point."""
+    if isinstance(waypoint, Sphere):
+        return bool(np.linalg.norm(corridor.nearest(waypoint.centre) - waypoint.centre) <= waypoint.radius)
+    if isinstance(corridor, Polytope) and isinstance(waypoint, Box) and waypoint.is_point:
+        return corridor.contains(waypoint.centre)
+    return intersection_of(waypoint, corridor) is not None
 
 
-def bounds(place: Box | Sphere) -> Box:
-    """The smallest box around a box or a sphere."""
-    return place if isinstance(place, Box) else Box(place.centre - place.radius, place.centre + place.radius)
+def bounding_box(region: Box | Sphere) -> Box:
+    """Return the smallest box around a box or a sphere."""
+    return region if isinstance(region, Box) else Box(region.centre - region.radius, region.centre + region.radius)
 
 
-def text(values: ArrayLike) -> str:
-    """A vector as messages write it."""
+def format_vector(values: ArrayLike) -> str:
+    """Return a vector as text for messages."""
     return "(" + ", ".join(f"{value:g}" for value in np.atleast_1d(np.asarray(values, dtype=float))) + ")"

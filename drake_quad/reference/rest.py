@@ -1,4 +1,4 @@
-"""Extension of a reference beyond its route: rest before the start, braking if it ends in motion, and rest after that.
+"""Extension of a reference beyond its route: rest before the start, braking if it ends in motion, and rest afterwards.
 
 A minimum-snap path that ends at rest has zero velocity, acceleration and jerk at its end, but not zero snap. Without
 the extension, a controller would evaluate the path at its end for ever and feed this snap forward for ever.
@@ -13,7 +13,8 @@ from drake_quad.reference.polynomial_path import PolynomialPath, knots, norm_pea
 # Velocity, acceleration and jerk below which a path counts as at rest, in m (or rad) and s. Solvers and files with six
 # decimals leave smaller values, and jumps of this size have no visible effect: 0.01 m/s² is 1 mrad of tilt.
 _REST_TOLERANCES = np.array([1e-3, 1e-2, 1e-1])
-# Duration of the constant pieces, s. A trajectory holds its first and last value outside, so any duration will do.
+# Duration of the constant pieces, s. Outside its times, a trajectory keeps its first and last value, so any duration
+# will do.
 _REST_DURATION = 1.0
 # Candidate durations of the braking piece, s. The attitude needs some tenths of a second to follow.
 _BRAKING_DURATIONS = np.geomspace(1.0, 30.0, 60)
@@ -65,7 +66,7 @@ def _braking(path: PolynomialPath, orders: int, acceleration: float) -> Polynomi
     """Return the piece that brakes from the motion at the end of a path to rest; it starts at time 0."""
     limits = peak_norm(path, 1), max(peak_norm(path, 2), acceleration)
     pieces = _pieces_to_rest(_BRAKING_DURATIONS, knots(path, orders)[-1])
-    # A path of all candidates one after another, so that their peaks are found at once.
+    # One path contains all candidates in succession, so that one call finds all their peaks.
     candidates = PolynomialPath(np.concatenate([[0.0], np.cumsum(_BRAKING_DURATIONS)]), pieces)
     excess = np.zeros(len(pieces))
     for order, limit in enumerate(limits, start=1):
@@ -74,8 +75,8 @@ def _braking(path: PolynomialPath, orders: int, acceleration: float) -> Polynomi
             np.maximum.at(excess, peaks.segment, peaks.norm / limit)
     # The tolerance is for rounding, since a path may end with its largest acceleration.
     within = np.flatnonzero(excess <= 1.0 + 1e-9)
-    chosen = int(within[0] if within.size else np.argmin(excess))
-    return PolynomialPath(np.array([0.0, _BRAKING_DURATIONS[chosen]]), pieces[chosen : chosen + 1])
+    best = int(within[0] if within.size else np.argmin(excess))
+    return PolynomialPath(np.array([0.0, _BRAKING_DURATIONS[best]]), pieces[best : best + 1])
 
 
 def _pieces_to_rest(durations: np.ndarray, start: np.ndarray) -> np.ndarray:

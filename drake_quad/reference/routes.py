@@ -1,4 +1,4 @@
-"""Routes: where to fly. When to be where is a matter of `time_allocation`."""
+"""Routes: sequences of waypoints with named parts, without times."""
 
 import math
 from typing import NamedTuple
@@ -7,11 +7,11 @@ import numpy as np
 
 
 class Leg(NamedTuple):
-    """A named part of a route.
+    """Named part of a route.
 
     Attributes:
-        name: what the vehicle does on it.
-        first: index of the waypoint at which it begins.
+        name: name of the part, such as "climb".
+        first: index of the waypoint at which the part begins.
     """
 
     name: str
@@ -22,37 +22,40 @@ class Route(NamedTuple):
     """Waypoints in W.
 
     Attributes:
-        waypoints: (segments + 1, 3), m.
-        legs: in order, the first one at waypoint 0.
+        waypoints: (segments + 1, 3) points in W, m.
+        legs: named parts in order; the first one begins at waypoint 0.
     """
 
     waypoints: np.ndarray
     legs: tuple[Leg, ...]
 
 
-# Waypoints on a circle are at most this far apart; minimum snap then stays within 1 % of the radius of it.
-_ARC = math.radians(46.0)
+# Largest angle between successive waypoints on a circle. The minimum-snap path then deviates from the circle by less
+# than 1 % of its radius.
+_MAX_ARC = math.radians(46.0)
 
 
 def figure_eight(
     *, lower_height: float = 1.0, upper_height: float = 2.0, radius: float = 1.4, offset: float = 1.9
 ) -> Route:
-    """Returns the paper's route: two circles in opposite senses, one above the other's height, and their tangents.
+    """Return the paper's route: two circles in opposite directions at different heights, and their tangents.
 
-    From the ground up to the lower height; a straight climb along a tangent; a level circle; the other tangent back
-    over the start and down; a level curve in the opposite sense; straight back to the start. The defaults give the
-    extent of the paper's figures, about ±1.4 m by ±3.3 m.
+    The route leads from the ground up to the lower height, along a tangent to the upper height, and around the first
+    circle. It returns along the other tangent over the start, descends, follows the second circle in the opposite
+    direction, and leads straight back to the point above the start. The defaults give the extent of the paper's
+    figures, about ±1.4 m by ±3.3 m.
 
     Args:
-        lower_height: of the second circle and of the crossing at the end, m.
-        upper_height: of the first circle, m.
-        radius: of both circles, m.
-        offset: of their centres from the start, along Y and against it; larger than the radius, m.
+        lower_height: height of the second circle and of the end of the route, m.
+        upper_height: height of the first circle, m.
+        radius: radius of both circles, m.
+        offset: distance of the circles' centres from the start, in the directions of Y and -Y, m; larger than the
+            radius.
     """
-    # Angle at the start between Y and a tangent; the circles sweep half a turn and twice this angle.
+    # At the start, Y and a tangent include this angle. The circles sweep half a turn plus twice the angle.
     tangent = math.asin(radius / offset)
     sweep = math.pi + 2.0 * tangent
-    count = math.ceil(sweep / _ARC)
+    count = math.ceil(sweep / _MAX_ARC)
     angle = np.linspace(-tangent, sweep - tangent, count + 1)
     x, y = radius * np.cos(angle), offset + radius * np.sin(angle)
     upper = np.column_stack([x, y, np.full_like(x, upper_height)])
@@ -75,14 +78,14 @@ def figure_eight(
 
 
 def circle(*, radius: float, height: float, laps: int) -> Route:
-    """Returns laps of a level circle about the Z axis of W, anticlockwise from the positive X axis.
+    """Return laps of a level circle around the Z axis of W, anticlockwise from the positive X axis.
 
     Args:
-        radius: m.
-        height: m.
+        radius: radius of the circle, m.
+        height: height of the circle, m.
         laps: number of full turns.
     """
-    per_lap = math.ceil(math.tau / _ARC)
+    per_lap = math.ceil(math.tau / _MAX_ARC)
     angle = np.linspace(0.0, math.tau * laps, per_lap * laps + 1)
     waypoints = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full_like(angle, height)])
     return Route(waypoints, tuple(Leg(f"lap {i + 1}", i * per_lap) for i in range(laps)))

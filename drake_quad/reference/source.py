@@ -1,4 +1,4 @@
-"""The reference as a Drake system."""
+"""Drake diagram that outputs the reference of a plan."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -12,7 +12,7 @@ from drake_quad.reference.plan import REFERENCE_PORTS, Plan
 
 
 def build_reference(plan: Plan, *, num_vehicles: int = 1, ahead: Sequence[float] = ()) -> Diagram:
-    """Builds the diagram `reference` around Drake's TrajectorySource.
+    """Build the diagram `reference` around Drake's TrajectorySource.
 
     .. pydrake_system::
 
@@ -23,21 +23,22 @@ def build_reference(plan: Plan, *, num_vehicles: int = 1, ahead: Sequence[float]
         - reference_snap
         - reference_ahead
 
-    The last one is there if it is asked for: X, Y and Z of the position at one time ahead after another.
+    The output `reference_ahead` exists if `ahead` is not empty. It contains X, Y and Z of the position at each of these
+    future times, one after another.
 
     Args:
-        plan: flown by every vehicle.
-        num_vehicles: N.
-        ahead: times from now, s.
+        plan: plan that every vehicle follows.
+        num_vehicles: number N of vehicles.
+        ahead: times relative to the present at which the position is previewed, s.
     """
     builder = DiagramBuilder()
     source = append(builder, "trajectory", TrajectorySource(plan.reference()))
     parts = Demultiplexer([len(kind._fields) for kind in REFERENCE_PORTS.values()])
     append(builder, "parts", parts, source)
-    shown = {name: parts.get_output_port(i) for i, name in enumerate(REFERENCE_PORTS)}
+    outputs = {name: parts.get_output_port(i) for i, name in enumerate(REFERENCE_PORTS)}
     if ahead:
-        shown["reference_ahead"] = _positions_ahead(builder, plan, ahead)
-    for name, port in shown.items():
+        outputs["reference_ahead"] = _positions_ahead(builder, plan, ahead)
+    for name, port in outputs.items():
         if num_vehicles > 1:
             port = append(builder, name, Broadcast(num_vehicles=num_vehicles, num_rows=port.size()), port)
         builder.ExportOutput(port, name)
@@ -45,7 +46,7 @@ def build_reference(plan: Plan, *, num_vehicles: int = 1, ahead: Sequence[float]
 
 
 def _positions_ahead(builder: DiagramBuilder, plan: Plan, ahead: Sequence[float]) -> Any:
-    """Return the port that shows where the reference will be."""
+    """Return the port with the future positions of the reference."""
     sources = []
     for i, time in enumerate(ahead):
         position = plan.derivative(0)

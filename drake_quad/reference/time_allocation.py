@@ -1,4 +1,4 @@
-"""When to pass the waypoints, by rule: riding along the chords, or stopping everywhere; and a stretch to the limits."""
+"""Heuristic times of waypoints: a trapezoidal speed profile, rest at every waypoint, and scaling to the limits."""
 
 import math
 
@@ -7,25 +7,26 @@ import numpy as np
 from drake_quad.reference.path_problem import PathLimits
 from drake_quad.reference.polynomial_path import PolynomialPath, peak_norm
 
-# Peaks of speed and acceleration of the minimum-snap path from rest to rest over one metre in one second: 35/16 at the
-# middle, and 84 √5 / 25 at s = (5 - √5) / 10.
+# Peak speed (order 1) and peak acceleration (order 2) of the minimum-snap path from rest to rest over one metre in one
+# second. The speed peaks at the middle, and the acceleration at s = (5 - √5) / 10.
 _REST_TO_REST_PEAKS = {1: 35.0 / 16.0, 2: 84.0 * math.sqrt(5.0) / 25.0}
 
 
 def trapezoid_times(waypoints: np.ndarray, *, speed: float, acceleration: float) -> np.ndarray:
-    """Returns the (segments + 1,) times of a ride along the chords with a trapezoidal speed profile, s.
+    """Return the (segments + 1,) times of the waypoints for a trapezoidal speed profile along the polyline, s.
 
-    The ride starts and ends at rest, and never slows down in between: it is a heuristic for `minimum_snap`, whose
-    path then has peaks above these numbers; `stretch_factor` says what brings them down.
+    The profile starts and ends at rest and does not slow down at waypoints in between. It is a heuristic for
+    `minimum_snap`, whose path then has larger peaks of speed and acceleration. `stretch_factor` returns the factor that
+    reduces them.
 
     Args:
-        waypoints: (segments + 1, axes) points to pass, no two neighbours equal, m.
-        speed: top of the trapezoid, m/s.
-        acceleration: its slope at both ends, m/s².
+        waypoints: (segments + 1, axes) points to pass, m; successive ones must differ.
+        speed: largest speed of the profile, m/s.
+        acceleration: acceleration at both ends of the profile, m/s².
     """
     distance = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(waypoints, axis=0), axis=1))])
     total = distance[-1]
-    # Below this length the profile is a triangle: the ride brakes before it has reached the speed.
+    # On a short route the profile is a triangle, since it must brake before it reaches the speed.
     top = min(speed, math.sqrt(acceleration * total))
     ramp = top**2 / (2.0 * acceleration)
     duration = total / top + top / acceleration
@@ -37,11 +38,11 @@ def trapezoid_times(waypoints: np.ndarray, *, speed: float, acceleration: float)
 
 
 def rest_to_rest_durations(waypoints: np.ndarray, limits: PathLimits) -> np.ndarray:
-    """Returns the (segments,) durations with which a flight that stops at every waypoint just keeps to the limits, s.
+    """Return the (segments,) shortest durations within the limits of a flight that stops at every waypoint, s.
 
     Args:
-        waypoints: (segments + 1, axes) points to pass, no two neighbours equal, m.
-        limits: one at least.
+        waypoints: (segments + 1, axes) points to pass, m; successive ones must differ.
+        limits: limits, of which at least one is finite.
     """
     distance = np.linalg.norm(np.diff(waypoints, axis=0), axis=1)
     demands = [
@@ -51,8 +52,8 @@ def rest_to_rest_durations(waypoints: np.ndarray, limits: PathLimits) -> np.ndar
 
 
 def stretch_factor(path: PolynomialPath, limits: PathLimits) -> float:
-    """Returns how many times slower a path is to be flown so that one limit is attained and the other is kept.
+    """Return the factor on the durations with which a path attains one limit and satisfies the other.
 
-    It is less than one for a path that stays below the limits.
+    The factor is less than one for a path that stays below the limits.
     """
     return max((peak_norm(path, order) / limit) ** (1.0 / order) for order, limit in limits.by_order.items())

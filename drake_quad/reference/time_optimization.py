@@ -1,7 +1,7 @@
-"""When to pass the waypoints, optimised: for the least snap in a given time, or for the least time within limits.
+"""Optimisation of waypoint times: the least snap for a given total time, or the least time within limits.
 
-Both follow exact gradients of the fast path (`minimum_snap.MinimumSnap`) with respect to the logarithms of the
-segments' durations, so that a segment of 0.1 s counts as much as one of 100 s.
+Both methods use exact gradients of the path without inequalities (`minimum_snap.MinimumSnap`) with respect to the
+logarithms of the segments' durations. In logarithms, segments of 0.1 s and of 100 s have equal weight.
 """
 
 import math
@@ -18,16 +18,18 @@ from drake_quad.reference.minimum_snap import DEGREE, FROM_BOUNDARY, Contact, Mi
 from drake_quad.reference.path_problem import PathLimits
 from drake_quad.reference.polynomial_path import norm_peaks, power_basis
 
-# Logarithms of how far durations may move from where they start: far beyond what any optimum was seen to need, and
-# short of where floating point ends.
-_REACH = 5.0
-_FIRST_STEP, _LARGEST_STEP, _SMALLEST_STEP = 0.3, 1.0, 1e-6
-_STEPS = 60
-# A step that promises less than this share of the total duration is not worth taking.
-_LEAST_GAIN = 1e-4
-# What a unit of a limit's logarithmic excess costs where a path cannot be stretched at will, in units of the logarithm
-# of the total duration; a stretch buys one for one.
-_PRICE = 10.0
+# Largest change of the logarithms of the durations. All observed optima need less, and floating point still suffices.
+_MAX_LOG_CHANGE = 5.0
+# Radius of the trust region, in logarithms of the durations.
+_INITIAL_TRUST_RADIUS = 0.3
+_MAX_TRUST_RADIUS = 1.0
+_MIN_TRUST_RADIUS = 1e-6
+_MAX_STEPS = 60
+# The optimisation ends when the predicted relative gain in the total duration is less than this.
+_MIN_GAIN = 1e-4
+# Weight of the excess over a limit relative to the logarithm of the total duration, if the path cannot be scaled in
+# time. For a path that can be scaled, the weight is 1.
+_EXCESS_WEIGHT = 10.0
 
 
 def least_snap_durations(
@@ -36,7 +38,7 @@ def least_snap_durations(
     derivatives: np.ndarray | None = None,
     *,
     contacts: Sequence[Contact] = (),
-    reach: float = _REACH,
+    reach: float = _MAX_LOG_CHANGE,
 ) -> np.ndarray:
     """Return the durations (segments,) with the same sum that minimise the cost of the minimum-snap path, s.
 
@@ -51,7 +53,7 @@ def least_snap_durations(
     """
     total = float(durations.sum())
 
-    def shared(logarithms: np.ndarray) -> np.ndarray:
+    def with_same_sum(logarithms: np.ndarray) -> np.ndarray:
         weights = np.exp(logarithms - logarithms.max())
         return np.asarray(total * weights / weights.sum())
 
@@ -59,7 +61,7 @@ def least_snap_durations(
 
     def logarithm_of_cost(logarithms: np.ndarray) -> tuple[float, np.ndarray]:
         nonlocal best
-        durations = shared(logarithms)
+        durations = with_same_sum(logarithms)
         solution = MinimumSnap(points, durations, derivatives, contacts=contacts)
         value = math.log(solution.cost)
         best = min(best, (value, durations), key=lambda pair: pair[0])
@@ -71,8 +73,8 @@ def least_snap_durations(
     start = np.log(durations)
     bounds = [(x - reach, x + reach) for x in start]
     options = {"maxiter": 300, "maxfun": 600, "ftol": 1e-12, "gtol": 1e-8}
-    # A step of the search may reach durations so unequal that the form is no longer positive definite in floating
-    # point; what was found before stands.
+    # The search can reach durations so unequal that the matrix is not positive definite in floating point. The result
+    # is then the best one found before.
     with suppress(np.linalg.LinAlgError), single_threaded_blas():
         scipy.optimize.minimize(logarithm_of_cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
     return best[1]
@@ -87,64 +89,67 @@ def shortest_durations(
     contacts: Sequence[Contact] = (),
     reach: float = math.inf,
 ) -> np.ndarray:
-    """Returns (segments,) durations of least sum whose minimum-snap path keeps to the limits, s.
+    """Return (segments,) durations with the least sum whose minimum-snap path satisfies the limits, s.
 
-    It is a local optimum. Every peak of speed or acceleration says by which factor the path would have to be stretched
-    for that peak's sake; the largest of them times the total duration is minimised, by linear programs over the peaks'
-    exact gradients within a trust region. If derivatives other than zero are given, which no stretch keeps, the excess
-    over the limits is priced instead, and may remain.
+    The result is a local optimum. For each peak of speed or acceleration there is a factor with which the path must be
+    slowed down for this peak to satisfy its limit. The method minimises the largest factor times the total duration, by
+    linear programs with the exact gradients of the peaks in a trust region. If nonzero derivatives are given, a path
+    cannot be slowed down as it is. The method then minimises a weighted sum of duration and excess, and some excess
+    over the limits may remain.
 
     Args:
-        points: (segments + 1, axes), m.
-        durations: (segments,) where to start, s.
-        limits: one at least.
-        derivatives: given at the waypoints, as for `minimum_snap`.
-        contacts: where the path is held too.
-        reach: how far the logarithms of the durations may move, before a last stretch.
+        points: (segments + 1, axes) waypoints, m.
+        durations: (segments,) initial durations, s.
+        limits: limits, of which at least one is finite.
+        derivatives: derivatives that are given at the waypoints, as for `minimum_snap`.
+        contacts: further conditions on the path.
+        reach: largest change of the logarithms of the durations, before the final scaling.
     """
     stretchable = derivatives is None or not np.nan_to_num(derivatives).any()
-    price, floor = (1.0, -math.inf) if stretchable else (_PRICE, 0.0)
+    weight, floor = (1.0, -math.inf) if stretchable else (_EXCESS_WEIGHT, 0.0)
 
     def merit(durations: np.ndarray, excess: float) -> float:
-        return math.log(durations.sum()) + price * max(excess, floor)
+        return math.log(durations.sum()) + weight * max(excess, floor)
 
-    def planned(durations: np.ndarray) -> _LimitPeaks:
-        return _peaks(MinimumSnap(points, durations, derivatives, contacts=contacts), limits)
+    def peaks_of(durations: np.ndarray) -> _LimitPeaks:
+        return _limit_peaks(MinimumSnap(points, durations, derivatives, contacts=contacts), limits)
 
     start = np.log(durations)
-    radius = min(_FIRST_STEP, reach)
-    peaks = planned(durations)
-    for _ in range(_STEPS):
+    radius = min(_INITIAL_TRUST_RADIUS, reach)
+    peaks = peaks_of(durations)
+    for _ in range(_MAX_STEPS):
         value = merit(durations, peaks.worst)
         gradients = _excess_gradients(peaks)
         while True:
-            moved = np.log(durations) - start
-            box = np.maximum(-radius, -reach - moved), np.minimum(radius, reach - moved)
-            change, gain = _best_change(durations, peaks.excess, gradients, box=box, price=price, floor=floor)
+            log_change = np.log(durations) - start
+            box = np.maximum(-radius, -reach - log_change), np.minimum(radius, reach - log_change)
+            change, gain = _best_change(durations, peaks.excess, gradients, box=box, weight=weight, floor=floor)
             candidate = durations * np.exp(change)
-            found = planned(candidate)
-            share = (value - merit(candidate, found.worst)) / max(gain, 1e-300)
-            if share > 0.1 or radius < _SMALLEST_STEP or gain < _LEAST_GAIN:
+            candidate_peaks = peaks_of(candidate)
+            gain_ratio = (value - merit(candidate, candidate_peaks.worst)) / max(gain, 1e-300)
+            if gain_ratio > 0.1 or radius < _MIN_TRUST_RADIUS or gain < _MIN_GAIN:
                 break
             radius = float(np.abs(change).max()) / 3.0
-        if share > 0.0:
-            durations, peaks = candidate, found
-        if gain < _LEAST_GAIN or radius < _SMALLEST_STEP:
+        if gain_ratio > 0.0:
+            durations, peaks = candidate, candidate_peaks
+        if gain < _MIN_GAIN or radius < _MIN_TRUST_RADIUS:
             break
-        radius = min(2.0 * radius, _LARGEST_STEP) if share > 0.7 else radius / 2.0 if share < 0.3 else radius
+        radius = (
+            min(2.0 * radius, _MAX_TRUST_RADIUS) if gain_ratio > 0.7 else radius / 2.0 if gain_ratio < 0.3 else radius
+        )
     return durations * math.exp(peaks.worst) if stretchable else durations
 
 
 class _LimitPeaks(NamedTuple):
-    """The peaks of a path under limits.
+    """Peaks of speed and acceleration along a path with limits.
 
     Attributes:
-        solution: the path.
-        order: (peaks,) 1 for a peak of the speed, 2 for one of the acceleration.
-        segment: (peaks,) where it is.
-        s: (peaks,) where on the segment it is.
-        value: (peaks, axes) the vector there, m and s.
-        excess: (peaks,) logarithm of the stretch that would bring it to its limit.
+        solution: minimum-snap path.
+        order: (peaks,) order of the derivative: 1 for speed, 2 for acceleration.
+        segment: (peaks,) indices of the segments.
+        s: (peaks,) unit times on the segments, 0 to 1.
+        value: (peaks, axes) velocity or acceleration at the peaks, in m and s.
+        excess: (peaks,) logarithm of the factor on the durations with which the peak attains its limit.
     """
 
     solution: MinimumSnap
@@ -156,26 +161,28 @@ class _LimitPeaks(NamedTuple):
 
     @property
     def worst(self) -> float:
+        """Largest excess."""
         return float(self.excess.max(initial=-math.inf))
 
 
-def _peaks(solution: MinimumSnap, limits: PathLimits) -> _LimitPeaks:
+def _limit_peaks(solution: MinimumSnap, limits: PathLimits) -> _LimitPeaks:
+    """Return all nonzero peaks of the limited derivatives of a path."""
     path = solution.path()
     parts = []
     for order, limit in limits.by_order.items():
         peaks = norm_peaks(path, order)
         norm = peaks.norm
-        moving = norm > 0.0
-        excess = np.log(norm[moving] / limit) / order
+        is_moving = norm > 0.0
+        excess = np.log(norm[is_moving] / limit) / order
         orders = np.full(len(excess), order)
-        parts.append((orders, peaks.segment[moving], peaks.s[moving], peaks.value[moving], excess))
+        parts.append((orders, peaks.segment[is_moving], peaks.s[is_moving], peaks.value[is_moving], excess))
     return _LimitPeaks(solution, *(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
 def _excess_gradients(peaks: _LimitPeaks) -> np.ndarray:
-    """(peaks, segments) derivatives of the excess with respect to the logarithms of the durations.
+    """Return the (peaks, segments) derivatives of the excess with respect to the logarithms of the durations.
 
-    A peak's place moves too, but to first order its height does not notice.
+    A peak also moves along the path, but to first order this does not change its height.
     """
     solution = peaks.solution
     boundary_gradient = solution.boundary_gradient()
@@ -194,23 +201,32 @@ def _best_change(
     gradients: np.ndarray,
     *,
     box: tuple[np.ndarray, np.ndarray],
-    price: float,
+    weight: float,
     floor: float,
 ) -> tuple[np.ndarray, float]:
-    """(segments,) change of the logarithms within a box that the linear model likes best, and what it promises."""
+    """Return the best change (segments,) of the logarithms of the durations in the linear model, and its gain.
+
+    Args:
+        durations: (segments,) present durations, s.
+        excess: (peaks,) excess of each peak.
+        gradients: (peaks, segments) derivatives of the excess.
+        box: (segments,) lower and upper bounds of the change.
+        weight: weight of the largest excess.
+        floor: excess below which a further reduction has no benefit.
+    """
     low, high = box
     worst = max(float(excess.max()), floor)
-    # A peak that stays below what others fall to in the best case cannot matter.
-    swing = np.abs(gradients) @ np.maximum(-low, high)
-    matters = excess + swing >= max(float((excess - swing).max()), floor)
+    # A peak is irrelevant if it stays below the smallest value that another peak can reach.
+    max_change = np.abs(gradients) @ np.maximum(-low, high)
+    is_relevant = excess + max_change >= max(float((excess - max_change).max()), floor)
     segments = len(durations)
-    slope = np.append(durations / durations.sum(), price)
-    rows = np.column_stack([gradients[matters], np.full(int(matters.sum()), -1.0)])
-    # For so few numbers SciPy's linprog takes five to eighteen times as long.
+    slope = np.append(durations / durations.sum(), weight)
+    rows = np.column_stack([gradients[is_relevant], np.full(int(is_relevant.sum()), -1.0)])
+    # SciPy's linprog takes five to eighteen times as long for such small programs.
     program = MathematicalProgram()
     x = program.NewContinuousVariables(segments + 1)
     program.AddLinearCost(slope, 0.0, x)
-    program.AddLinearConstraint(rows, np.full(len(rows), -math.inf), worst - excess[matters], x)
+    program.AddLinearConstraint(rows, np.full(len(rows), -math.inf), worst - excess[is_relevant], x)
     program.AddBoundingBoxConstraint(np.append(low, floor - worst), np.append(high, math.inf), x)
     result = ClpSolver().Solve(program)
     if not result.is_success():

@@ -1,4 +1,4 @@
-"""The search for a path's times: where the algebra of `time_optimization` meets corridors, places and given motion."""
+"""Search for the times of a path with corridors, waypoint regions and given derivatives."""
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -7,78 +7,95 @@ from operator import attrgetter
 import numpy as np
 
 from drake_quad.errors import InputError
-from drake_quad.reference.infeasibility import explain
+from drake_quad.reference.infeasibility import explain_infeasibility
 from drake_quad.reference.minimum_snap import Contact, snap_cost
-from drake_quad.reference.minimum_snap_program import NO_PATH, path_within
+from drake_quad.reference.minimum_snap_program import PLANNING_ERRORS, path_within
 from drake_quad.reference.path_problem import PathLimits, PathProblem
 from drake_quad.reference.polynomial_path import PolynomialPath
 from drake_quad.reference.time_allocation import rest_to_rest_durations, stretch_factor, trapezoid_times
 from drake_quad.reference.time_optimization import least_snap_durations, shortest_durations
-from drake_quad.reference.walls import turns
+from drake_quad.reference.walls import wall_approaches
 
-# What the search makes small.
+# Cost that the search minimises.
 _DURATION = attrgetter("duration")
-# Without limits, times are shared out as with these; only their ratios count.
+# Limits that determine the ratios of the durations if a problem has no limits.
 _ANY_LIMITS = PathLimits(acceleration=1.0)
-# No segment gets less than this share of the longest one to begin with: less for a route of points, which is planned
-# in closed form, than for one that needs the solver.
-_LEAST_SHARE_OF_POINTS, _LEAST_SHARE = 1e-3, 1e-2
-# Rounds of fitting times to where the path goes, if it may choose; and the gain in time for which one more is worth it.
-_ROUNDS = 10
-_LEAST_GAIN = 1e-3
-# A path touches a corridor within this share of its largest extent, at least this far from the segment's ends.
-_TOUCHING, _CONTACT_ROOM = 1e-4, 0.02
-# How far the logarithms of the durations move in a round, at first and at least.
-_FIRST_REACH, _LAST_REACH = 0.3, 0.02
-_BISECTIONS = 6
-# What takes less is no motion but rounding errors, s.
-_NO_TIME = 1e-3
-# A flight that takes more than this share of one with stops everywhere is searched for from another start too.
-_LITTLE_GAINED = 0.95
-# Durations of a flight through given velocities that are tried, as factors of one with stops everywhere.
-_TRIED = (0.7, 0.85, 1.0, 1.25, 1.6, 2.5)
+# Smallest initial duration of a segment, relative to the longest segment. It is smaller for a route of points, which is
+# planned in closed form, than for a route that requires the solver.
+_MIN_DURATION_SHARE_OF_POINTS = 1e-3
+_MIN_DURATION_SHARE = 1e-2
+# Largest number of rounds in which the times are adapted to the path.
+_MAX_ROUNDS = 10
+# Relative gain of a round below which the search ends.
+_MIN_GAIN = 1e-3
+# Distance from a wall at which a path counts as touching it, relative to the largest extent of the corridor.
+_CONTACT_TOLERANCE = 1e-4
+# Unit time from the ends of a segment within which contacts are ignored.
+_CONTACT_END_MARGIN = 0.02
+# Largest change of the logarithms of the durations in the first round.
+_INITIAL_REACH = 0.3
+# Limit on this change below which the search ends.
+_MIN_REACH = 0.02
+_NUM_BISECTIONS = 6
+# Total duration below which a path contains no motion except for rounding errors, s.
+_MIN_TOTAL_DURATION = 1e-3
+# If a path takes more than this share of the duration of a flight with stops everywhere, a second start is tried.
+_MAX_SHARE_OF_STOPPING = 0.95
+# Total durations that are tried if derivatives are given, relative to a flight with stops everywhere.
+_TRIED_FACTORS = (0.7, 0.85, 1.0, 1.25, 1.6, 2.5)
 
 
 def path_or_reason(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
-    """Returns the path at these durations (segments,), s, or raises InputError that says why there is none."""
+    """Return the path for given durations (segments,), s.
+
+    Raises:
+        InputError: if there is no path; the message gives the reason.
+    """
     try:
         return path_within(problem, durations)
-    except NO_PATH:
-        raise InputError(explain(problem, durations)) from None
+    except PLANNING_ERRORS:
+        raise InputError(explain_infeasibility(problem, durations)) from None
 
 
 def heuristic_path(problem: PathProblem) -> PolynomialPath:
-    """Returns the shorter of a ride without stops and a flight with stops everywhere, stretched to the limits.
+    """Return the faster of a non-stop and a stop-at-every-waypoint flight, scaled to the limits.
 
     Args:
-        problem: with a limit, without given motion and without repeats.
+        problem: problem with a limit, without given nonzero derivatives, and without repeated waypoints.
     """
-    # Stops come first: these times tell where nothing has to move.
-    candidates = [_stretched(_fitted(problem, rule), problem.limits) for rule in (_stops_everywhere, _ride)]
+    # The flight with stops comes first, since its durations reveal a problem in which nothing has to move.
+    candidates = [
+        _scaled_to_limits(_path_by_rule(problem, rule), problem.limits)
+        for rule in (_stopping_durations, _trapezoid_durations)
+    ]
     return min(candidates, key=_DURATION)
 
 
-def _stops_everywhere(problem: PathProblem, points: np.ndarray) -> np.ndarray:
-    """(segments,) durations of a flight through points that stops at each; no stretch of it takes next to no time."""
+def _stopping_durations(problem: PathProblem, points: np.ndarray) -> np.ndarray:
+    """Return the (segments,) durations of a flight that stops at each of the given points, s."""
     durations = rest_to_rest_durations(points, problem.limits if problem.limits.by_order else _ANY_LIMITS)
-    return _none_too_short(problem, durations)
+    return _with_min_durations(problem, durations)
 
 
-def _ride(problem: PathProblem, points: np.ndarray) -> np.ndarray:
-    """(segments,) durations of a ride through points along the chords at the limits."""
+def _trapezoid_durations(problem: PathProblem, points: np.ndarray) -> np.ndarray:
+    """Return the (segments,) durations of a trapezoidal speed profile through the given points at the limits, s."""
     times = trapezoid_times(points, speed=problem.limits.speed, acceleration=problem.limits.acceleration)
-    return _none_too_short(problem, np.diff(times))
+    return _with_min_durations(problem, np.diff(times))
 
 
-def _none_too_short(problem: PathProblem, durations: np.ndarray) -> np.ndarray:
-    if durations.max() < _NO_TIME:
+def _with_min_durations(problem: PathProblem, durations: np.ndarray) -> np.ndarray:
+    """Return durations of which none is much shorter than the longest; all 1 s if there is no motion."""
+    if durations.max() < _MIN_TOTAL_DURATION:
         return np.ones_like(durations)
-    share = _LEAST_SHARE_OF_POINTS if problem.passes_points else _LEAST_SHARE
+    share = _MIN_DURATION_SHARE_OF_POINTS if problem.passes_points else _MIN_DURATION_SHARE
     return np.maximum(durations, share * durations.max())
 
 
-def _fitted(problem: PathProblem, rule: Callable[[PathProblem, np.ndarray], np.ndarray]) -> PolynomialPath:
-    """The path by a rule for the durations, whatever its peaks; twice, as places may leave it a choice of points."""
+def _path_by_rule(problem: PathProblem, rule: Callable[[PathProblem, np.ndarray], np.ndarray]) -> PolynomialPath:
+    """Return the path without limits whose durations follow from a rule.
+
+    The rule is applied twice, since the path can choose its points within the waypoints' regions.
+    """
     unlimited = problem.without_limits()
     points = problem.representatives()
     for _ in range(2):
@@ -87,37 +104,43 @@ def _fitted(problem: PathProblem, rule: Callable[[PathProblem, np.ndarray], np.n
     return path
 
 
-def _stretched(path: PolynomialPath, limits: PathLimits) -> PolynomialPath:
-    """The path as it is, but slower or faster, so that it attains a limit."""
+def _scaled_to_limits(path: PolynomialPath, limits: PathLimits) -> PolynomialPath:
+    """Return the path with all durations scaled so that it attains a limit."""
     factor = stretch_factor(path, limits)
-    if factor * path.duration < _NO_TIME:
-        raise InputError("one point lies in all the waypoints' places: nothing has to move, so give the times")
+    if factor * path.duration < _MIN_TOTAL_DURATION:
+        raise InputError("one point lies in the regions of all waypoints, so nothing has to move; give the times")
     return path.stretched(factor)
 
 
 def shortest_path(problem: PathProblem) -> PolynomialPath:
-    """Returns the minimum-snap path with the least total time that keeps it within the limits: a local optimum.
+    """Return the minimum-snap path with the least total time within the limits, a local optimum.
 
     Args:
-        problem: with a limit, without given motion and without repeats.
+        problem: problem with a limit, without given nonzero derivatives, and without repeated waypoints.
     """
     heuristic = heuristic_path(problem)
-    best = _shortened(problem, heuristic, smooth=True)
-    # Stopping everywhere always keeps to the limits; a route of very unequal steps may leave little to gain on it.
-    stops = 1.001 * _stops_everywhere(problem, best.waypoints)
-    # Touching a wall or not makes two optima of one.
-    if not problem.passes_points or best.duration > _LITTLE_GAINED * stops.sum():
-        best = min(best, _shortened(problem, heuristic, smooth=False), key=_DURATION)
-    return best if best.duration <= stops.sum() else path_or_reason(problem, stops)
+    best = _locally_shortest(problem, heuristic, smooth=True)
+    # A flight that stops everywhere satisfies the limits. For very unequal segments, it can be as fast as the optimum.
+    stopping = 1.001 * _stopping_durations(problem, best.waypoints)
+    # Paths that touch a wall and paths that do not can be different local optima.
+    if not problem.passes_points or best.duration > _MAX_SHARE_OF_STOPPING * stopping.sum():
+        best = min(best, _locally_shortest(problem, heuristic, smooth=False), key=_DURATION)
+    return best if best.duration <= stopping.sum() else path_or_reason(problem, stopping)
 
 
-def _shortened(problem: PathProblem, path: PolynomialPath, *, smooth: bool) -> PolynomialPath:
-    """The path with times that make it shorter, searched for from its own or from those of least snap.
+def _locally_shortest(problem: PathProblem, path: PolynomialPath, *, smooth: bool) -> PolynomialPath:
+    """Return a path with locally optimal times.
 
-    From its own it is never longer than the path.
+    Args:
+        problem: problem with a limit, without given nonzero derivatives.
+        path: path to start from.
+        smooth: True to start from the times with the least snap instead of the path's own. With its own times, the
+            result is never slower than the path.
     """
     unlimited = problem.without_limits()
-    start = _stretched(_smoothest(unlimited, path.durations), problem.limits) if smooth else path
+    start = (
+        _scaled_to_limits(_least_snap_with_same_duration(unlimited, path.durations), problem.limits) if smooth else path
+    )
 
     def shortened(path: PolynomialPath, reach: float) -> PolynomialPath:
         durations = shortest_durations(
@@ -128,33 +151,39 @@ def _shortened(problem: PathProblem, path: PolynomialPath, *, smooth: bool) -> P
             contacts=_contacts(problem, path),
             reach=reach,
         )
-        return _stretched(path_within(unlimited, durations), problem.limits)
+        return _scaled_to_limits(path_within(unlimited, durations), problem.limits)
 
     if problem.passes_points:
         return min(path, shortened(start, np.inf), key=_DURATION)
-    return improved(start, shortened, _DURATION)
+    return improve_repeatedly(start, shortened, _DURATION)
 
 
-def improved(
+def improve_repeatedly(
     path: PolynomialPath,
     change: Callable[[PolynomialPath, float], PolynomialPath],
     cost: Callable[[PolynomialPath], float],
 ) -> PolynomialPath:
-    """The path after changes, each within a reach, for as long as the cost falls.
+    """Apply changes to a path until the cost no longer decreases, and return the best path.
 
-    A change is made as if the path kept touching its corridors, and passing its places, where it does now; so it is
-    good as far as that holds, and the reach shrinks when it does not.
+    A change assumes that the path keeps its present contacts with corridors and its points in the waypoints' regions.
+    If the cost increases because this does not hold, the reach is reduced.
+
+    Args:
+        path: initial path.
+        change: function that returns a new path for a path and a reach, the largest change of the logarithms of the
+            durations.
+        cost: function that returns the cost of a path.
     """
-    reach = _FIRST_REACH
-    for _ in range(_ROUNDS):
+    reach = _INITIAL_REACH
+    for _ in range(_MAX_ROUNDS):
         try:
             changed = change(path, reach)
-        except NO_PATH:
+        except PLANNING_ERRORS:
             break
         gain = 1.0 - cost(changed) / cost(path)
         if gain > 0.0:
             path = changed
-        if abs(gain) < _LEAST_GAIN or reach < _LAST_REACH:
+        if abs(gain) < _MIN_GAIN or reach < _MIN_REACH:
             break
         if gain < 0.0:
             reach /= 3.0
@@ -162,36 +191,38 @@ def improved(
 
 
 def path_through_given_motion(problem: PathProblem, *, shorten: bool) -> PolynomialPath:
-    """Returns the shortest path that is found where a velocity, say, is given at a waypoint.
+    """Return the fastest path that is found for a problem with nonzero derivatives given at waypoints.
 
-    Flying slower need not help then, so that times are tried: those of least snap in several sums, and those to which
-    they shrink.
+    Such a path cannot simply be slowed down to satisfy the limits. The search therefore tries several total durations,
+    each with the times of the least snap and with the shortest times near them.
 
     Args:
-        problem: with a limit, and without repeats.
-        shorten: whether to shrink the times; if not, the first that are feasible will do.
+        problem: problem with a limit, and without repeated waypoints.
+        shorten: True to minimise the total time; False to return the first feasible path.
 
     Raises:
-        InputError: no path is found; the message says why.
+        InputError: if no path is found; the message gives the reason.
     """
-    stops = _stops_everywhere(problem, problem.representatives())
-    found: list[PolynomialPath] = []
-    for durations in _durations_to_try(problem, stops, shorten=shorten):
-        with suppress(*NO_PATH):
-            found.append(path_within(problem, durations))
-        if found and not shorten:
+    stopping = _stopping_durations(problem, problem.representatives())
+    paths: list[PolynomialPath] = []
+    for durations in _durations_to_try(problem, stopping, shorten=shorten):
+        with suppress(*PLANNING_ERRORS):
+            paths.append(path_within(problem, durations))
+        if paths and not shorten:
             break
-    if not found:
-        raise InputError(f"no times were found; if it stopped everywhere, {explain(problem, stops)}")
-    return min(found, key=_DURATION)
+    if not paths:
+        raise InputError(
+            f"no times were found; for a flight that stops everywhere, {explain_infeasibility(problem, stopping)}"
+        )
+    return min(paths, key=_DURATION)
 
 
-def _durations_to_try(problem: PathProblem, stops: np.ndarray, *, shorten: bool) -> Iterator[np.ndarray]:
-    """(segments,) durations of least snap in several sums, and those of least sum near them."""
-    for factor in _TRIED:
+def _durations_to_try(problem: PathProblem, stopping: np.ndarray, *, shorten: bool) -> Iterator[np.ndarray]:
+    """Yield (segments,) durations with the least snap for several sums, and those with the least sum near them, s."""
+    for factor in _TRIED_FACTORS:
         try:
-            path = _smoothest(problem.without_limits(), factor * stops)
-        except NO_PATH:
+            path = _least_snap_with_same_duration(problem.without_limits(), factor * stopping)
+        except PLANNING_ERRORS:
             continue
         yield path.durations
         if shorten:
@@ -200,8 +231,8 @@ def _durations_to_try(problem: PathProblem, stops: np.ndarray, *, shorten: bool)
             )
 
 
-def _smoothest(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
-    """The path of least snap, with its times free but for their sum; limits are not looked at."""
+def _least_snap_with_same_duration(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
+    """Return the path with the least snap for the same total duration; limits are ignored."""
     if problem.passes_points:
         durations = least_snap_durations(problem.representatives(), durations, problem.derivatives)
         return path_within(problem, durations)
@@ -213,56 +244,65 @@ def _smoothest(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
             least_snap_durations(points, path.durations, problem.derivatives, contacts=contacts, reach=reach),
         )
 
-    return improved(path_within(problem, durations), smoothed, lambda path: float(snap_cost(path).sum()))
+    return improve_repeatedly(path_within(problem, durations), smoothed, lambda path: float(snap_cost(path).sum()))
 
 
 def least_snap_path(problem: PathProblem, total: float) -> PolynomialPath:
-    """Returns the path of least snap in a total time (s), at the times of least snap if the limits let it.
+    """Return the path with the least snap for a total time, within the limits.
 
-    If they do not, the times move towards those of the shortest path until they do.
+    If the times with the least snap violate the limits, they are moved towards those of the fastest path until the
+    limits are satisfied.
 
     Args:
-        problem: without repeats.
-        total: s.
+        problem: problem without repeated waypoints.
+        total: total time, s.
 
     Raises:
-        InputError: there is no such path; the message says why.
+        InputError: if there is no such path; the message gives the reason.
     """
-    start = _fitted(problem, _stops_everywhere).durations
+    start = _path_by_rule(problem, _stopping_durations).durations
     try:
-        durations = _smoothest(problem.without_limits(), start * (total / start.sum())).durations
-    except NO_PATH:
-        raise InputError(explain(problem, start * (total / start.sum()))) from None
+        durations = _least_snap_with_same_duration(problem.without_limits(), start * (total / start.sum())).durations
+    except PLANNING_ERRORS:
+        raise InputError(explain_infeasibility(problem, start * (total / start.sum()))) from None
     try:
         return path_within(problem, durations)
-    except NO_PATH:
+    except PLANNING_ERRORS:
         if not problem.stretchable:
-            raise InputError(explain(problem, durations)) from None
+            raise InputError(explain_infeasibility(problem, durations)) from None
         return _nearest_within_limits(problem, durations)
 
 
 def _nearest_within_limits(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
-    """The path with the durations nearest to those of least snap, on the way to the shortest, that keeps the limits."""
+    """Return the path within the limits whose durations are nearest to those with the least snap.
+
+    The durations are varied between those with the least snap and those of the fastest path.
+
+    Args:
+        problem: problem with limits.
+        durations: (segments,) durations with the least snap, s.
+    """
     total = float(durations.sum())
     shortest = shortest_path(problem).durations
     shortest *= total / shortest.sum()
     best = path_or_reason(problem, shortest)
     low, high = 0.0, 1.0
-    for _ in range(_BISECTIONS):
+    for _ in range(_NUM_BISECTIONS):
         share = 0.5 * (low + high)
         between = durations ** (1.0 - share) * shortest**share
         try:
             best = path_within(problem, between * (total / between.sum()))
             high = share
-        except NO_PATH:
+        except PLANNING_ERRORS:
             low = share
     return best
 
 
 def _contacts(problem: PathProblem, path: PolynomialPath) -> list[Contact]:
-    """Where the path touches its corridors."""
+    """Return the points at which a path touches the walls of its corridors."""
     return [
-        Contact(turn.segment, turn.s, turn.direction, turn.position)
-        for turn in turns(path, problem.corridors)
-        if turn.room < _TOUCHING * turn.size and _CONTACT_ROOM < turn.s < 1.0 - _CONTACT_ROOM
+        Contact(approach.segment, approach.s, approach.direction, approach.position)
+        for approach in wall_approaches(path, problem.corridors)
+        if approach.room < _CONTACT_TOLERANCE * approach.size
+        and _CONTACT_END_MARGIN < approach.s < 1.0 - _CONTACT_END_MARGIN
     ]

@@ -1,4 +1,4 @@
-"""A plan as files: tables for other tools, and a route that a scenario can include."""
+"""Export of plans: tables for other tools, and a route that a scenario can include."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,10 +10,10 @@ from drake_quad.reference.pieces import save_pieces
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, hermite_path, knots
 
-_MOST_SAMPLES = 20_000
-_PIECES = "pieces.csv"
-# Of coefficients that are made of derivatives, over the largest.
-_ROUNDING = 1e-12
+_MAX_SAMPLES = 20_000
+_PIECES_FILE = "pieces.csv"
+# Rounding error of coefficients that are computed from derivatives, relative to the largest coefficient.
+_COEFFICIENT_TOLERANCE = 1e-12
 _COLUMNS = (
     "time (s)",
     *(f"{name} (m)" for name in "xyz"),
@@ -27,62 +27,65 @@ _COLUMNS = (
 
 
 def save_plan(plan: Plan, folder: Path | str, *, name: str, period: float = 0.02) -> list[Path]:
-    """Writes a plan as `trajectory.csv`, sampled, and exactly as `trajectory.yaml` and `pieces.csv`.
+    """Write a plan as samples in `trajectory.csv`, and exactly in `trajectory.yaml` and `pieces.csv`.
 
-    The YAML file holds a scenario called `name` that has nothing but a route of kind `trajectory`, for others to
-    extend. Crazyswarm2 reads the pieces (`drake_quad.reference.pieces`), and the route names them if knots cannot say
-    what the plan is.
+    The YAML file contains a scenario `name` that has only a route of kind `trajectory`, so that other scenarios can
+    extend it. The route contains the knots of the plan, or, if these do not determine the plan, the name of the file of
+    pieces. Crazyswarm2 can read this file (`drake_quad.reference.pieces`).
 
     Args:
-        plan: to write.
-        folder: to write to.
-        name: letters, digits, '_', '.' and '-'.
-        period: between samples, s, longer for a plan of more than 20,000 of them; the end of the plan is the last one.
+        plan: plan to write.
+        folder: folder to write to.
+        name: name of the scenario, of letters, digits, '_', '.' and '-'.
+        period: time between samples, s. It is longer if there would be more than 20,000 samples. The last sample is the
+            end of the plan.
 
     Returns:
-        The files.
+        Paths of the files.
 
     Raises:
-        InputError: the folder cannot be written.
+        InputError: if the folder cannot be written.
     """
     target = output_folder(Path(folder))
     start, end = plan.path.times[[0, -1]]
-    times = np.append(np.arange(start, end - 1e-9, max(period, (end - start) / _MOST_SAMPLES)), end)
+    times = np.append(np.arange(start, end - 1e-9, max(period, (end - start) / _MAX_SAMPLES)), end)
     table = [times, *(row for order in range(5) for row in evaluate(plan.path, times, order))]
     table += [evaluate(plan.yaw, times, order)[0] for order in range(2)]
 
     def write_yaml(path: Path) -> None:
-        path.write_text(_as_yaml(plan, name), encoding="utf-8")
+        path.write_text(_yaml_text(plan, name), encoding="utf-8")
 
     return [
         write_table(target / "trajectory.csv", dict(zip(_COLUMNS, table, strict=True)), digits=9),
         write_whole(target / "trajectory.yaml", write_yaml),
-        save_pieces(plan, target / _PIECES),
+        save_pieces(plan, target / _PIECES_FILE),
     ]
 
 
-def _as_yaml(plan: Plan, name: str) -> str:
-    if not (_has_knots(plan.path, 4) and _has_knots(plan.yaw, 2)):
-        return f"{name}:\n  route:\n    kind: trajectory\n    pieces: {_PIECES}\n"
+def _yaml_text(plan: Plan, name: str) -> str:
+    """Return the content of the YAML file."""
+    if not (_follows_from_knots(plan.path, 4) and _follows_from_knots(plan.yaw, 2)):
+        return f"{name}:\n  route:\n    kind: trajectory\n    pieces: {_PIECES_FILE}\n"
     lines = [f"{name}:", "  route:", "    kind: trajectory", "    knots:"]
     for time, derivatives in zip(plan.path.times, knots(plan.path, 4), strict=True):
         motion = zip(("position", "velocity", "acceleration", "jerk"), derivatives.tolist(), strict=True)
-        lines.append(_entry({"time": float(time), **dict(motion)}))
+        lines.append(_yaml_entry({"time": float(time), **dict(motion)}))
     lines.append("    yaw_knots:")
     for time, derivatives in zip(plan.yaw.times, knots(plan.yaw, 2), strict=True):
         yaw, rate = derivatives[:, 0].tolist()
-        lines.append(_entry({"time": float(time), "yaw": yaw, "yaw_rate": rate}))
+        lines.append(_yaml_entry({"time": float(time), "yaw": yaw, "yaw_rate": rate}))
     return "\n".join(lines) + "\n"
 
 
-def _has_knots(path: PolynomialPath, orders: int) -> bool:
-    """Is a path what its derivatives below an order at its knots say?"""
+def _follows_from_knots(path: PolynomialPath, orders: int) -> bool:
+    """Return True if the derivatives of a path up to order `orders` - 1 at its knots determine the path."""
     rebuilt = hermite_path(path.times, knots(path, orders)).coefficients
     own = np.zeros((len(rebuilt), max(rebuilt.shape[1], path.coefficients.shape[1]), rebuilt.shape[2]))
     padded = own.copy()
     own[:, : path.coefficients.shape[1]], padded[:, : rebuilt.shape[1]] = path.coefficients, rebuilt
-    return np.allclose(own, padded, rtol=0.0, atol=_ROUNDING * max(1.0, np.abs(own).max()))
+    return np.allclose(own, padded, rtol=0.0, atol=_COEFFICIENT_TOLERANCE * max(1.0, np.abs(own).max()))
 
 
-def _entry(fields: Mapping[str, float | list[float]]) -> str:
+def _yaml_entry(fields: Mapping[str, float | list[float]]) -> str:
+    """Return an item of a YAML list."""
     return "      - {" + ", ".join(f"{key}: {value}" for key, value in fields.items()) + "}"

@@ -1,26 +1,26 @@
-"""Where a path comes nearest to the walls of its corridors."""
+"""Points at which a path comes locally nearest to the walls of its corridors."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.reference.polynomial_path import PolynomialPath, evaluate_at, summits, turning_points
+from drake_quad.reference.polynomial_path import PolynomialPath, evaluate_at, inner_maxima, turning_points
 from drake_quad.reference.regions import AXES, Box, Corridor, Polytope
 
 
-class Turn(NamedTuple):
-    """A place inside a segment with a corridor, at which the position turns back along a direction.
+class WallApproach(NamedTuple):
+    """Point inside a segment at which the position turns back along a direction across the corridor.
 
     Attributes:
-        segment: index.
-        s: place on the segment, 0 to 1.
-        wall: the name of the axis of a box, "x", or of the face of a polytope, "face 0".
+        segment: index of the segment.
+        s: unit time on the segment, 0 to 1.
+        wall: axis of a box, such as "x", or face of a polytope, such as "face 0".
         direction: (axes,) unit vector across the walls.
-        position: along it, m.
-        low: the lower wall on that axis, m; -inf for a face.
-        high: the upper wall, m.
-        size: the largest extent of the corridor, m.
+        position: position along the direction, m.
+        low: position of the lower wall along the direction, m; -inf for a face.
+        high: position of the upper wall along the direction, m.
+        size: largest extent of the corridor, m.
     """
 
     segment: int
@@ -38,29 +38,35 @@ class Turn(NamedTuple):
         return min(self.position - self.low, self.high - self.position)
 
 
-def turns(path: PolynomialPath, corridors: Sequence[Corridor | None]) -> Iterator[Turn]:
-    """Yields where a path turns back within corridors (segments) that leave it room in that direction."""
+def wall_approaches(path: PolynomialPath, corridors: Sequence[Corridor | None]) -> Iterator[WallApproach]:
+    """Yield the points at which a path comes locally nearest to a wall of its corridor.
+
+    Args:
+        path: path of the position.
+        corridors: corridor of each segment; None for a segment without one.
+    """
     if any(isinstance(corridor, Box) for corridor in corridors):
-        yield from _turns_in_boxes(path, corridors)
+        yield from _approaches_in_boxes(path, corridors)
     if any(isinstance(corridor, Polytope) for corridor in corridors):
-        yield from _turns_at_faces(path, corridors)
+        yield from _approaches_at_faces(path, corridors)
 
 
-def _turns_in_boxes(path: PolynomialPath, corridors: Sequence[Corridor | None]) -> Iterator[Turn]:
-    segments, axes, places = turning_points(path)
-    positions = evaluate_at(path, segments, places)[np.arange(len(places)), axes]
+def _approaches_in_boxes(path: PolynomialPath, corridors: Sequence[Corridor | None]) -> Iterator[WallApproach]:
+    """Yield the points at which a path turns back along an axis on which its box has an extent."""
+    segments, axes, unit_times = turning_points(path)
+    positions = evaluate_at(path, segments, unit_times)[np.arange(len(unit_times)), axes]
     directions = np.eye(path.coefficients.shape[2])
-    for segment, axis, s, position in zip(segments, axes, places, positions, strict=True):
+    for segment, axis, s, position in zip(segments, axes, unit_times, positions, strict=True):
         corridor = corridors[segment]
         if isinstance(corridor, Box) and corridor.low[axis] < corridor.high[axis]:
             low, high = float(corridor.low[axis]), float(corridor.high[axis])
             size = float((corridor.high - corridor.low).max())
             wall = AXES[axis] if len(directions) <= len(AXES) else f"axis {axis}"
-            yield Turn(int(segment), float(s), wall, directions[axis], float(position), low, high, size)
+            yield WallApproach(int(segment), float(s), wall, directions[axis], float(position), low, high, size)
 
 
-def _turns_at_faces(path: PolynomialPath, corridors: Sequence[Corridor | None]) -> Iterator[Turn]:
-    """Yields where a path is farthest out along the normal of a face."""
+def _approaches_at_faces(path: PolynomialPath, corridors: Sequence[Corridor | None]) -> Iterator[WallApproach]:
+    """Yield the points at which a path is farthest along the outward normal of a face."""
     faces = [
         (segment, face, corridor)
         for segment, corridor in enumerate(corridors)
@@ -68,9 +74,9 @@ def _turns_at_faces(path: PolynomialPath, corridors: Sequence[Corridor | None]) 
         for face in range(corridor.faces)
     ]
     heights = np.array([path.coefficients[segment] @ corridor.normals[face] for segment, face, corridor in faces])
-    rows, places, positions = summits(heights)
-    for row, s, position in zip(rows, places, positions, strict=True):
+    rows, unit_times, positions = inner_maxima(heights)
+    for row, s, position in zip(rows, unit_times, positions, strict=True):
         segment, face, corridor = faces[row]
         offset = float(corridor.offsets[face])
         normal = corridor.normals[face]
-        yield Turn(segment, float(s), f"face {face}", normal, float(position), -np.inf, offset, corridor.size)
+        yield WallApproach(segment, float(s), f"face {face}", normal, float(position), -np.inf, offset, corridor.size)

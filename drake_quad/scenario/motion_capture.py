@@ -65,7 +65,7 @@ class MotionCaptureSettings(Model):
             "noisy": any_of("position_noise", "attitude_noise"),
             "loses_frames": any_of("dropout_rate"),
             "misaligned": any_of("misalignment"),
-            "mistaken": any_of("velocity_error"),
+            "velocity_scaled": any_of("velocity_error"),
             "filtered": fleet.derivative_bandwidth is not None,
             "drifts": any_of("velocity_drift"),
             "longest_latency": largest_ticks(self.latency_frames, fleet.latency_frames),

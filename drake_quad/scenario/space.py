@@ -12,7 +12,7 @@ from drake_quad.scenario.limits import MOST_CORNERS, MOST_OBSTACLES, MOST_POINTS
 from drake_quad.scenario.quantities import PlainDirections, PlainNonNegative, PlainPositive, PlainPositives, Point
 from drake_quad.scenario.regions import BoxRegion
 from drake_quad.space import space as room
-from drake_quad.space.shapes import Ball, Cuboid, Cylinder, Hull, hull_of, placed
+from drake_quad.space.shapes import Ball, Cuboid, Cylinder, Hull, hull_of, transformed_points
 from drake_quad.space.simplification import MAX_GROWTH, surrounding
 
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,59}")
@@ -98,7 +98,7 @@ class HullObstacle(Model):
 
     def shape(self) -> Hull:
         """Return the solid."""
-        return hull_of(placed(self.points, centre=self.centre, rotation=self.rotation, scale=self.scale))
+        return hull_of(transformed_points(self.points, centre=self.centre, rotation=self.rotation, scale=self.scale))
 
 
 AnyObstacle = Annotated[BoxObstacle | CylinderObstacle | SphereObstacle | HullObstacle, Field(discriminator="kind")]

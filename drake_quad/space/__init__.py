@@ -1,1 +1,1 @@
-"""Obstacles, and corridors between them."""
+"""Obstacles, and planning of collision-free corridors between them."""

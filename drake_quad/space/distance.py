@@ -1,4 +1,4 @@
-"""How near a path comes to obstacles, anywhere between its samples."""
+"""Smallest distance of a path from obstacles, including all points between samples."""
 
 from typing import NamedTuple
 
@@ -7,20 +7,20 @@ import numpy as np
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate_at, norm_peaks
 from drake_quad.space.space import Space
 
-# The least distance is found to this, m.
-_TOLERANCE = 1e-5
-# Pieces into which a segment is cut at first.
-_PIECES = 32
+# Accuracy of the smallest distance, m.
+_DISTANCE_TOLERANCE = 1e-5
+# Number of pieces into which a segment is divided initially.
+_INITIAL_PIECES = 32
 
 
-class Approach(NamedTuple):
-    """Where a path comes nearest to an obstacle.
+class NearestApproach(NamedTuple):
+    """Point at which a path comes nearest to an obstacle.
 
     Attributes:
-        distance: of the centre of mass from the surface, m; negative inside.
-        time: when, s.
-        position: (3,) where, m.
-        obstacle: its name.
+        distance: distance of the centre of mass from the surface, m; negative inside.
+        time: time of the point, s.
+        position: (3,) position of the point, m.
+        obstacle: name of the obstacle.
     """
 
     distance: float
@@ -29,15 +29,16 @@ class Approach(NamedTuple):
     obstacle: str
 
     def __str__(self) -> str:
-        place = ", ".join(f"{each:.3g}" for each in self.position)
-        return f"{max(self.distance, 0.0):.3g} m from {self.obstacle} at {self.time:.2f} s, ({place}) m"
+        location = ", ".join(f"{each:.3g}" for each in self.position)
+        return f"{max(self.distance, 0.0):.3g} m from {self.obstacle} at {self.time:.2f} s, ({location}) m"
 
 
-def nearest_approach(path: PolynomialPath, space: Space) -> Approach | None:
-    """Where a path comes nearest to an obstacle, to a hundredth of a millimetre; None if there are no obstacles.
+def nearest_approach(path: PolynomialPath, space: Space) -> NearestApproach | None:
+    """Return the point at which a path comes nearest to an obstacle; None if there are no obstacles.
 
-    A piece of a path is no longer than its duration at the segment's top speed, and no distance changes faster than the
-    place: pieces that cannot hold the least are put away, and the others halved.
+    The distance is accurate to a hundredth of a millimetre. The method is branch and bound: the length of a piece of
+    the path is at most its duration times the largest speed on its segment, and the distance from an obstacle changes
+    by no more than the distance moved. Pieces that cannot contain the minimum are discarded, and the others are halved.
     """
     if not space.obstacles:
         return None
@@ -45,19 +46,19 @@ def nearest_approach(path: PolynomialPath, space: Space) -> Approach | None:
     top = np.zeros(len(path.durations))
     np.maximum.at(top, peaks.segment, peaks.norm)
     lengths = top * path.durations
-    segment = np.repeat(np.arange(len(lengths)), _PIECES)
-    middle, half = np.tile((np.arange(_PIECES) + 0.5) / _PIECES, len(lengths)), 0.5 / _PIECES
-    best, place, name = np.inf, (0, 0.0), ""
+    segment = np.repeat(np.arange(len(lengths)), _INITIAL_PIECES)
+    middle, half = np.tile((np.arange(_INITIAL_PIECES) + 0.5) / _INITIAL_PIECES, len(lengths)), 0.5 / _INITIAL_PIECES
+    best, location, name = np.inf, (0, 0.0), ""
     while len(segment):
         distance, number = space.nearest(evaluate_at(path, segment, middle))
         least = int(distance.argmin())
         if distance[least] < best:
-            best, place = float(distance[least]), (int(segment[least]), float(middle[least]))
+            best, location = float(distance[least]), (int(segment[least]), float(middle[least]))
             name = space.names[int(number[least])]
-        keep = distance - half * lengths[segment] < best - _TOLERANCE
-        segment, middle, half = np.repeat(segment[keep], 2), np.repeat(middle[keep], 2), 0.5 * half
+        is_candidate = distance - half * lengths[segment] < best - _DISTANCE_TOLERANCE
+        segment, middle, half = np.repeat(segment[is_candidate], 2), np.repeat(middle[is_candidate], 2), 0.5 * half
         middle[::2] -= half
         middle[1::2] += half
-    where, s = place
-    position = evaluate_at(path, np.array([where]), np.array([s]))[0]
-    return Approach(best, float(path.times[where] + s * path.durations[where]), position, name)
+    best_segment, s = location
+    position = evaluate_at(path, np.array([best_segment]), np.array([s]))[0]
+    return NearestApproach(best, float(path.times[best_segment] + s * path.durations[best_segment]), position, name)

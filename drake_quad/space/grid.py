@@ -1,4 +1,7 @@
-"""A grid of points, on which ways are measured: it seeds regions, and proves that there is no way."""
+"""Grid of points on which shortest routes are computed.
+
+The grid provides seeds for convex regions, and it can prove that no route exists.
+"""
 
 import itertools
 from collections.abc import Iterator
@@ -7,24 +10,24 @@ from functools import cached_property, reduce
 
 import numpy as np
 
-from drake_quad.reference.regions import Box, Place, Sphere
+from drake_quad.reference.regions import Box, Sphere, WaypointRegion
 from drake_quad.space.space import Space
 
-# A place leads to points of the grid within so many spacings of it.
-_NEAR = 1.8
-# One of each pair of opposite directions to the 26 neighbours.
+# Largest distance between a waypoint and the grid points that it is connected to, in spacings of the grid.
+_MAX_CONNECTION_SPACINGS = 1.8
+# Directions to the 26 neighbours of a point, one of each opposite pair.
 _DIRECTIONS = [step for step in itertools.product((-1, 0, 1), repeat=3) if step > (0, 0, 0)]
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Points in rows along the axes.
+    """Regular grid of points.
 
     Attributes:
-        shape: points on each axis.
-        points: (n, 3), m.
+        shape: number of points on each axis.
+        points: (n, 3) points, m.
         steps: (3,) distance between neighbours on each axis, m.
-        space: the obstacles.
+        space: obstacles.
     """
 
     shape: tuple[int, int, int]
@@ -34,7 +37,14 @@ class Grid:
 
     @classmethod
     def of(cls, space: Space, bounds: Box, *, most: int, finest: float) -> "Grid":
-        """A grid of so many points at most, and of no less than a spacing (m)."""
+        """Return a grid over bounds with the smallest possible spacing.
+
+        Args:
+            space: obstacles.
+            bounds: bounds of the grid.
+            most: largest number of points.
+            finest: smallest spacing, m.
+        """
         extent, spacing = bounds.high - bounds.low, finest
         while np.prod(np.ceil(extent / spacing) + 1.0) > most:
             spacing *= 1.05
@@ -46,7 +56,7 @@ class Grid:
 
     @property
     def spacing(self) -> float:
-        """The largest of the steps, m."""
+        """Largest of the three steps, m."""
         return float(self.steps.max())
 
     @cached_property
@@ -57,27 +67,28 @@ class Grid:
 
     @cached_property
     def distances(self) -> np.ndarray:
-        """(n, obstacles) from each point to each obstacle, m; negative inside."""
-        found = [obstacle.shape.distances(self.points) for obstacle in self.space.obstacles]
-        return np.stack(found, -1) if found else np.empty((len(self.points), 0))
+        """(n, obstacles) distance from each point to each obstacle, m; negative inside."""
+        distances = [obstacle.shape.distances(self.points) for obstacle in self.space.obstacles]
+        return np.stack(distances, -1) if distances else np.empty((len(self.points), 0))
 
     def lengths_from(
-        self, places: np.ndarray, clearance: float, inside: np.ndarray | None = None
+        self, starts: np.ndarray, clearance: float, inside: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Lengths of the shortest ways over free points from any of some places, and where each way comes from.
+        """Return the lengths of the shortest routes over free points from any of several starting points.
 
-        A way counts twice where it leaves no room, and less the more there is: regions around a convex obstacle are cut
-        by planes, and what hugs it is in none of them for long.
+        The lengths are weighted: by two at the clearance from an obstacle, and by less at larger distances. Convex
+        regions are bounded by planes, so a route that closely follows an obstacle would need many of them.
 
         Args:
-            places: (k, 3), m.
-            clearance: that a way keeps from obstacles, m.
-            inside: (n,) whether a way may lead over a point, if not over all.
+            starts: (k, 3) starting points, m.
+            clearance: distance that a route keeps from obstacles, m.
+            inside: (n,) True for grid points that a route may use; all points if not given.
 
         Returns:
-            (n,) lengths, infinite where no way leads, m, and (n,) numbers of the points before, negative at its begin.
+            (n,) weighted lengths, m, infinite for points that no route reaches, and (n,) indices of the preceding
+            points, negative at the start of a route.
         """
-        # Nobody waits for SciPy whose route leads past all obstacles; likewise below.
+        # SciPy is imported here and below, since routes that pass no obstacle do not need it.
         from scipy.sparse import coo_matrix
         from scipy.sparse.csgraph import dijkstra
 
@@ -89,87 +100,92 @@ class Grid:
             both = free[one] & free[other]
             one, other = one[both], other[both]
             length = np.linalg.norm(self.points[other] - self.points[one], axis=1)
-            # No distance changes faster than the place; where that is not enough, half way is looked at.
-            sure = self.nearest[one] + self.nearest[other] - length >= 2.0 * clearance
-            doubtful = np.flatnonzero(~sure)
-            middles = 0.5 * (self.points[one[doubtful]] + self.points[other[doubtful]])
-            sure[doubtful] = self.space.nearest(middles)[0] >= clearance
+            # Distances from obstacles change by no more than the distance moved, which often proves that the line is
+            # free. Otherwise its middle is checked.
+            is_free = self.nearest[one] + self.nearest[other] - length >= 2.0 * clearance
+            uncertain = np.flatnonzero(~is_free)
+            middles = 0.5 * (self.points[one[uncertain]] + self.points[other[uncertain]])
+            is_free[uncertain] = self.space.nearest(middles)[0] >= clearance
             room = np.minimum(self.nearest[one], self.nearest[other]) - clearance
-            rows.append(one[sure])
-            columns.append(other[sure])
-            lengths.append((length * (1.0 + self.spacing / (self.spacing + room)))[sure])
-        away = self._nearest_of(places)[0]
-        near = np.flatnonzero(free & (away <= _NEAR * self.spacing))
+            rows.append(one[is_free])
+            columns.append(other[is_free])
+            lengths.append((length * (1.0 + self.spacing / (self.spacing + room)))[is_free])
+        distances_to_starts = self._nearest_of(starts)[0]
+        near = np.flatnonzero(free & (distances_to_starts <= _MAX_CONNECTION_SPACINGS * self.spacing))
         rows.append(np.full(len(near), len(self.points)))
         columns.append(near)
-        # SciPy takes a length of zero for no way.
-        lengths.append(np.maximum(away[near], 1e-9))
+        # SciPy treats a length of zero as a missing connection.
+        lengths.append(np.maximum(distances_to_starts[near], 1e-9))
         size = len(self.points) + 1
         graph = coo_matrix((np.concatenate(lengths), (np.concatenate(rows), np.concatenate(columns))), (size, size))
-        found, before = dijkstra(graph.tocsr(), directed=False, indices=size - 1, return_predecessors=True)
-        return found[:-1], np.where(before[:-1] == size - 1, -1, before[:-1])
+        all_lengths, predecessors = dijkstra(graph.tocsr(), directed=False, indices=size - 1, return_predecessors=True)
+        return all_lengths[:-1], np.where(predecessors[:-1] == size - 1, -1, predecessors[:-1])
 
     def neighbours(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Yields for each of 13 directions the numbers of the points that have a neighbour there, and of these."""
+        """Yield, for each of 13 directions, the indices of the points with a neighbour there, and of the neighbours."""
         numbers = np.arange(len(self.points)).reshape(self.shape)
         for step in _DIRECTIONS:
-            here = numbers[tuple(slice(max(0, -s), n - max(0, s)) for s, n in zip(step, self.shape, strict=True))]
-            there = numbers[tuple(slice(max(0, s), n - max(0, -s)) for s, n in zip(step, self.shape, strict=True))]
-            yield here.ravel(), there.ravel()
+            starts = numbers[tuple(slice(max(0, -s), n - max(0, s)) for s, n in zip(step, self.shape, strict=True))]
+            neighbours = numbers[tuple(slice(max(0, s), n - max(0, -s)) for s, n in zip(step, self.shape, strict=True))]
+            yield starts.ravel(), neighbours.ravel()
 
-    def way(self, lengths: np.ndarray, before: np.ndarray, begins: np.ndarray, ends: np.ndarray) -> np.ndarray | None:
-        """(corners, 3) the shortest way from any of some places to any of others, m; None if there is none.
+    def shortest_route(
+        self, lengths: np.ndarray, predecessors: np.ndarray, starts: np.ndarray, ends: np.ndarray
+    ) -> np.ndarray | None:
+        """Return the shortest route (corners, 3) from any starting point to any end point, m; None if there is none.
 
         Args:
-            lengths: from the first places, of `lengths_from`.
-            before: likewise.
-            begins: (k, 3) the first places, m.
-            ends: (l, 3) the others, free as the first, m.
+            lengths: (n,) lengths from the starting points, a result of `lengths_from`.
+            predecessors: (n,) indices of the preceding points, a result of `lengths_from`.
+            starts: (k, 3) starting points, m.
+            ends: (l, 3) end points with at least the same clearance, m.
         """
-        _, number, end = self.shortest(lengths, ends)
+        _, number, end = self.nearest_end(lengths, ends)
         if number < 0:
             return None
         corners = [ends[end]]
         while number >= 0:
             corners.append(self.points[number])
-            number = int(before[number])
-        first = np.linalg.norm(begins - corners[-1], axis=1).argmin()
-        return np.array([*corners, begins[first]][::-1])
+            number = int(predecessors[number])
+        first = np.linalg.norm(starts - corners[-1], axis=1).argmin()
+        return np.array([*corners, starts[first]][::-1])
 
-    def shortest(self, lengths: np.ndarray, ends: np.ndarray) -> tuple[float, int, int]:
-        """Return the length of the shortest way to any of some places (k, 3), m, its last point, and which place it is.
+    def nearest_end(self, lengths: np.ndarray, ends: np.ndarray) -> tuple[float, int, int]:
+        """Return the length of the shortest route to any of several end points (k, 3), m.
 
-        Without a way the length is infinite and the numbers are negative.
+        Returns:
+            The length, the index of the last grid point, and the index of the end point. Without a route the length is
+            infinite and the indices are negative.
         """
-        away, nearest = self._nearest_of(ends)
-        near = np.flatnonzero(np.isfinite(lengths) & (away <= _NEAR * self.spacing))
+        distances_to_ends, nearest = self._nearest_of(ends)
+        near = np.flatnonzero(np.isfinite(lengths) & (distances_to_ends <= _MAX_CONNECTION_SPACINGS * self.spacing))
         if not len(near):
             return np.inf, -1, -1
-        number = int(near[(lengths[near] + away[near]).argmin()])
-        return float(lengths[number] + away[number]), number, int(nearest[number])
+        number = int(near[(lengths[near] + distances_to_ends[near]).argmin()])
+        return float(lengths[number] + distances_to_ends[number]), number, int(nearest[number])
 
-    def _nearest_of(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """For each point the distance (n,) to the nearest of some places (k, 3), m, and its number (n,)."""
+    def _nearest_of(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return, for each grid point, the distance (n,) to the nearest of several points (k, 3), m, and its index."""
         from scipy.spatial import KDTree
 
-        distances, numbers = KDTree(places).query(self.points)
+        distances, numbers = KDTree(points).query(self.points)
         return distances, numbers
 
-    def rooms(self, free: np.ndarray) -> np.ndarray:
-        """(n,) the number of the room that a free point is in, zero for the others."""
+    def components(self, free: np.ndarray) -> np.ndarray:
+        """Return the (n,) number of the connected component of each free point, from 1 on; zero for other points."""
         from scipy import ndimage
 
         return np.asarray(ndimage.label(free.reshape(self.shape), np.ones((3, 3, 3)))[0]).ravel()
 
 
-def is_near(place: Place, points: np.ndarray, distance: float = 0.0) -> np.ndarray:
-    """Return a mask (n,) of the points (n, 3) that are in a place or within a distance (m) of it.
+def is_near(region: WaypointRegion, points: np.ndarray, distance: float = 0.0) -> np.ndarray:
+    """Return a mask (n,) of the points (n, 3) that are in a region or within a distance (m) of it.
 
     Near the edges of a polytope the mask also includes some points that are farther away.
     """
-    match place:
+    match region:
         case Box():
-            return np.asarray(np.linalg.norm(points - np.clip(points, place.low, place.high), axis=1) <= distance)
+            return np.asarray(np.linalg.norm(points - np.clip(points, region.low, region.high), axis=1) <= distance)
         case Sphere():
-            return np.asarray(np.linalg.norm(points - place.centre, axis=1) <= place.radius + distance)
-    return np.asarray((points @ place.normals.T <= place.offsets + distance).all(axis=1))
+            return np.asarray(np.linalg.norm(points - region.centre, axis=1) <= region.radius + distance)
+    return np.asarray((points @ region.normals.T <= region.offsets + distance).all(axis=1))

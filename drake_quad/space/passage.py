@@ -1,7 +1,7 @@
-"""The regions to fly through: a shortest path in a graph of convex sets.
+"""Search for the convex regions through which a path leads: a shortest path in a graph of convex sets.
 
-A way over a grid says which regions are worth a look: those that it leads through, and those that a way not much longer
-does. Among them Drake searches the shortest polyline, the handover from region to region at a price.
+Routes on a grid determine the candidate regions: those through which the shortest route or a slightly longer one leads.
+Among these, Drake finds the shortest polyline, with a cost for each transition from one region to the next.
 
 T. Marcucci, M. Petersen, D. von Wrangel and R. Tedrake, "Motion planning around obstacles with convex optimization",
 Science Robotics 8 (84), 2023.
@@ -23,46 +23,50 @@ from pydrake.planning import GcsTrajectoryOptimization
 from pydrake.solvers import ClarabelSolver
 
 from drake_quad.process_settings import without_drake_remarks
-from drake_quad.reference.regions import Box, Corridor, Place, Polytope, Sphere
-from drake_quad.space.regions import NARROWEST, Regions
+from drake_quad.reference.regions import Box, Corridor, Polytope, Sphere, WaypointRegion
+from drake_quad.space.regions import MIN_COMMON_RADIUS, Regions
 
-# Regions of a leg among which the graph is searched, those of its chain or more: it takes half a second for so many.
-_MOST = 8
-# What a handover costs, m of length: a path of fewer segments turns less.
-_HANDOVER = 0.1
-_ROUNDED_PATHS = 10
-# Of the logarithm of the random numbers by which lengths are multiplied.
-_SPREAD = 0.6
-# Regions, and halvings of steps of a way, for one leg.
-_LONGEST_CHAIN = 60
+# Number of candidate regions of a leg, unless its chain has more. The search takes half a second for this number.
+_MAX_CANDIDATES = 8
+# Cost of a transition to another region, in m of length. A path with fewer segments has fewer turns.
+_TRANSITION_COST = 0.1
+# Number of paths that Drake tries when it rounds the solution of the convex relaxation.
+_MAX_ROUNDED_PATHS = 10
+# Standard deviation of the logarithm of the random factors on lengths.
+_LOG_FACTOR_DEVIATION = 0.6
+# Largest number of regions in the chain of a leg, including the halvings of steps of the route.
+_MAX_CHAIN_LENGTH = 60
 
 
 Passage = tuple[tuple[int, ...], ...]
-"""For each leg from place to place, the numbers of the regions in the order in which they are flown."""
+"""For each leg from one waypoint to the next, the indices of the regions in the order of the path."""
 
 
-def chain(regions: Regions, way: np.ndarray) -> list[int]:
-    """Regions that follow a way, each having something in common with the next; some are grown where none does.
+def region_chain(regions: Regions, route: np.ndarray) -> list[int]:
+    """Return a chain of regions that covers a route, with an intersection between each two successive ones.
+
+    New regions are grown where no existing region continues the chain.
 
     Args:
-        regions: to choose from.
-        way: (n, 3) points, free as the straight lines between them are, m.
+        regions: existing regions.
+        route: (n, 3) free points that are connected by free straight lines, m.
 
     Returns:
-        Their numbers; what was found until there if the way cannot be followed to its end.
+        Indices of the regions. The chain is incomplete if the route cannot be covered up to its end.
     """
-    points = [*way]
+    points = [*route]
     chosen: list[int] = []
-    for _ in range(_LONGEST_CHAIN):
-        inside = regions.holding(np.array(points))
+    for _ in range(_MAX_CHAIN_LENGTH):
+        inside = regions.containing(np.array(points))
         steps = inside[:, :-1] & inside[:, 1:]
-        # How many steps each region follows from here.
+        # Each region covers this number of steps of the route from here on.
         follows = np.cumprod(steps, axis=1).sum(axis=1)
         best = next(
             (
                 number
                 for number in np.argsort(-follows, kind="stable").tolist()
-                if follows[number] and (not chosen or (number != chosen[-1] and regions.common(chosen[-1], number)))
+                if follows[number]
+                and (not chosen or (number != chosen[-1] and regions.intersection(chosen[-1], number)))
             ),
             None,
         )
@@ -81,7 +85,7 @@ def chain(regions: Regions, way: np.ndarray) -> list[int]:
 def find_passage(
     regions: Regions,
     candidates: Sequence[Sequence[int]],
-    places: Sequence[Place],
+    waypoints: Sequence[WaypointRegion],
     corridors: Sequence[Corridor | None],
     *,
     ends: Sequence[np.ndarray] | None = None,
@@ -91,54 +95,64 @@ def find_passage(
     Args:
         regions: all regions.
         candidates: indices of the regions that each leg may use.
-        places: (legs + 1) places to pass.
+        waypoints: regions of the waypoints, legs + 1 of them.
         corridors: corridor of each leg, which it must not leave; None for a leg without a corridor.
-        ends: for each place, (regions,) flags of the regions in which a leg may start or end there; all of them if not
-            given.
+        ends: for each waypoint, (regions,) True for the regions in which a leg may start or end there; all regions if
+            not given.
     """
     graph = GcsTrajectoryOptimization(3)
-    # A place takes no time to pass; Drake wants a little.
-    stops = [graph.AddRegions([_set(place)], 0, h_max=1e-6, name=f"place {i}") for i, place in enumerate(places)]
-    kept = [_within(regions, numbers, corridor) for numbers, corridor in zip(candidates, corridors, strict=True)]
-    if not all(kept):
+    # Passing a waypoint takes no time, but Drake requires a positive upper limit.
+    stops = [
+        graph.AddRegions([_convex_set(waypoint)], 0, h_max=1e-6, name=f"waypoint {i}")
+        for i, waypoint in enumerate(waypoints)
+    ]
+    allowed_regions = [
+        _regions_in_corridor(regions, numbers, corridor)
+        for numbers, corridor in zip(candidates, corridors, strict=True)
+    ]
+    if not all(allowed_regions):
         return None
-    for leg, (numbers, corridor) in enumerate(zip(kept, corridors, strict=True)):
+    for leg, (numbers, corridor) in enumerate(zip(allowed_regions, corridors, strict=True)):
         pairs = [
             (i, j)
             for i, j in itertools.permutations(range(len(numbers)), 2)
-            if _lead_to_each_other(regions, numbers[i], numbers[j], corridor)
+            if _are_connected(regions, numbers[i], numbers[j], corridor)
         ]
         inside = [regions[n] if corridor is None else regions[n].intersection(corridor) for n in numbers]
         sets = [HPolyhedron(region.normals, region.offsets) for region in inside if region is not None]
         part = graph.AddRegions(sets, pairs, 1, name=f"leg {leg}")
-        # Drake would find by linear programs which regions have a place, and gives up where one of them fails.
+        # Drake would use linear programs to find the regions that contain a waypoint, and fail if one of them fails.
         first, last = (
-            [n for n, region in enumerate(sets) if (ends is None or ends[i][numbers[n]]) and _has(region, places[i])]
+            [
+                n
+                for n, region in enumerate(sets)
+                if (ends is None or ends[i][numbers[n]]) and _intersects(region, waypoints[i])
+            ]
             for i in (leg, leg + 1)
         )
         graph.AddEdges(stops[leg], part, edges_between_regions=[(0, n) for n in first])
         graph.AddEdges(part, stops[leg + 1], edges_between_regions=[(n, 0) for n in last])
     graph.AddPathLengthCost(1.0)
-    convex = graph.graph_of_convex_sets()
-    for edge in convex.Edges():
-        edge.AddCost(_HANDOVER)
+    graph_of_sets = graph.graph_of_convex_sets()
+    for edge in graph_of_sets.Edges():
+        edge.AddCost(_TRANSITION_COST)
     options = GraphOfConvexSetsOptions()
     options.convex_relaxation, options.preprocessing, options.solver = True, True, ClarabelSolver()
-    options.max_rounded_paths, options.rounding_seed = _ROUNDED_PATHS, 0
+    options.max_rounded_paths, options.rounding_seed = _MAX_ROUNDED_PATHS, 0
     with without_drake_remarks():
         _, result = graph.SolvePath(stops[0], stops[-1], options)
     if not result.is_success():
         return None
-    edges = convex.GetSolutionPath(stops[0].Vertices()[0], stops[-1].Vertices()[0], result)
+    edges = graph_of_sets.GetSolutionPath(stops[0].Vertices()[0], stops[-1].Vertices()[0], result)
     legs: list[tuple[int, ...]] = []
-    flown: list[int] = []
+    passed: list[int] = []
     for edge in edges:
         name, number = edge.v().name().split(": Region")
-        if name.startswith("place"):
-            legs.append(tuple(flown))
-            flown = []
+        if name.startswith("waypoint"):
+            legs.append(tuple(passed))
+            passed = []
         else:
-            flown.append(kept[len(legs)][int(number)])
+            passed.append(allowed_regions[len(legs)][int(number)])
     return tuple(legs)
 
 
@@ -150,104 +164,114 @@ def other_passages(
     count: int,
     seed: int = 0,
 ) -> list[Passage]:
-    """Passages that are shortest from centre to centre, where every length is multiplied by a random number.
+    """Return passages that are shortest between the centres of regions for randomly scaled lengths.
 
-    The shortest polyline is not always the soonest flown: these are others to choose from.
+    The shortest polyline does not always lead to the fastest path, so these passages are alternatives.
 
     Args:
-        regions: all.
-        ends: for each of the legs + 1 places its free points (k, 3), m.
-        corridors: that the legs must not leave, either; None for those without one.
-        count: how many are drawn; those that are drawn twice come once.
-        seed: of the random numbers.
+        regions: all regions.
+        ends: free points (k, 3) of each of the legs + 1 waypoints, m.
+        corridors: corridor of each leg, which it must not leave; None for a leg without a corridor.
+        count: number of random draws. The result contains each passage once.
+        seed: seed of the random numbers.
     """
     from scipy.sparse.csgraph import dijkstra
 
     random = np.random.default_rng(seed)
-    holding = [regions.holding(points) for points in ends]
-    lengths = [_lengths(regions, holding[i : i + 2], ends[i : i + 2], corridor) for i, corridor in enumerate(corridors)]
-    found: dict[Passage, None] = {}
+    containing = [regions.containing(points) for points in ends]
+    lengths = [
+        _distance_matrix(regions, containing[i : i + 2], ends[i : i + 2], corridor)
+        for i, corridor in enumerate(corridors)
+    ]
+    passages: dict[Passage, None] = {}
     for _ in range(count):
         legs = []
-        for known in lengths:
-            factors = np.exp(_SPREAD * random.standard_normal(known.shape))
-            before = dijkstra(known * factors, indices=len(known) - 2, return_predecessors=True)[1]
-            leg, number = [], int(before[-1])
+        for matrix in lengths:
+            factors = np.exp(_LOG_FACTOR_DEVIATION * random.standard_normal(matrix.shape))
+            predecessors = dijkstra(matrix * factors, indices=len(matrix) - 2, return_predecessors=True)[1]
+            leg, number = [], int(predecessors[-1])
             while 0 <= number < len(regions):
                 leg.append(number)
-                number = int(before[number])
+                number = int(predecessors[number])
             legs.append(tuple(leg[::-1]))
         if all(legs):
-            found[tuple(legs)] = None
-    return list(found)
+            passages[tuple(legs)] = None
+    return list(passages)
 
 
-def _lengths(
-    regions: Regions, holding: Sequence[np.ndarray], ends: Sequence[np.ndarray], corridor: Corridor | None
+def _distance_matrix(
+    regions: Regions, containing: Sequence[np.ndarray], ends: Sequence[np.ndarray], corridor: Corridor | None
 ) -> np.ndarray:
-    """From region to region by their centres and that of what they have in common, m; the last two are the ends."""
+    """Return the lengths of transitions between regions, m; zero if there is none.
+
+    A transition leads from centre to centre through the centre of the intersection, and includes the transition cost.
+    The last two rows and columns are the start and the end of the leg.
+    """
     count = len(regions)
     lengths = np.zeros((count + 2, count + 2))
     centres = np.array([regions[number].centre for number in range(count)])
-    allowed = set(_within(regions, range(count), corridor))
+    allowed = set(_regions_in_corridor(regions, range(count), corridor))
     for i, j in itertools.combinations(sorted(allowed), 2):
-        if _lead_to_each_other(regions, i, j, corridor):
-            common = regions.common(i, j)
-            assert common is not None
-            length = np.linalg.norm(centres[[i, j]] - common.centre, axis=1).sum() + _HANDOVER
+        if _are_connected(regions, i, j, corridor):
+            intersection = regions.intersection(i, j)
+            assert intersection is not None
+            length = np.linalg.norm(centres[[i, j]] - intersection.centre, axis=1).sum() + _TRANSITION_COST
             lengths[i, j] = lengths[j, i] = length
-    for end, (points, held) in enumerate(zip(ends, holding, strict=True)):
-        for number in np.flatnonzero(held.any(axis=1)):
+    for end, (points, contains) in enumerate(zip(ends, containing, strict=True)):
+        for number in np.flatnonzero(contains.any(axis=1)):
             if number in allowed:
-                away = np.linalg.norm(points[held[number]] - centres[number], axis=1)
-                length = float(away.min()) + _HANDOVER
+                distances = np.linalg.norm(points[contains[number]] - centres[number], axis=1)
+                length = float(distances.min()) + _TRANSITION_COST
                 lengths[count + end, number] = lengths[number, count + end] = length
     return lengths
 
 
-def _within(regions: Regions, numbers: Sequence[int], corridor: Corridor | None) -> list[int]:
-    """The numbers of the regions that have something in common with a corridor."""
+def _regions_in_corridor(regions: Regions, numbers: Sequence[int], corridor: Corridor | None) -> list[int]:
+    """Return the indices of the regions whose intersection with a corridor is wide enough."""
     return [number for number in numbers if corridor is None or _is_wide(regions[number].intersection(corridor))]
 
 
-def _lead_to_each_other(regions: Regions, one: int, other: int, corridor: Corridor | None) -> bool:
-    both = regions.common(one, other)
-    return both is not None and (corridor is None or _is_wide(both.intersection(corridor)))
+def _are_connected(regions: Regions, one: int, other: int, corridor: Corridor | None) -> bool:
+    """Return True if a path can change from one region to another within a corridor."""
+    intersection = regions.intersection(one, other)
+    return intersection is not None and (corridor is None or _is_wide(intersection.intersection(corridor)))
 
 
 def _is_wide(region: Polytope | None) -> bool:
-    return region is not None and region.radius > NARROWEST
+    """Return True if a region exists and is wide enough for a transition."""
+    return region is not None and region.radius > MIN_COMMON_RADIUS
 
 
-def _has(region: HPolyhedron, place: Place) -> bool:
-    """Is there a point of the place in the region?"""
-    if isinstance(place, Box) and place.is_point:
-        return region.PointInSet(place.centre, 1e-9)
-    return region.IntersectsWith(_set(place))
+def _intersects(region: HPolyhedron, waypoint: WaypointRegion) -> bool:
+    """Return True if a region and a waypoint have a common point."""
+    if isinstance(waypoint, Box) and waypoint.is_point:
+        return region.PointInSet(waypoint.centre, 1e-9)
+    return region.IntersectsWith(_convex_set(waypoint))
 
 
-def _set(place: Place) -> ConvexSet:
-    if isinstance(place, Sphere):
-        return Hyperellipsoid.MakeHypersphere(place.radius, place.centre)
-    if isinstance(place, Polytope):
-        return HPolyhedron(place.normals, place.offsets)
-    return Point(place.centre) if place.is_point else Hyperrectangle(place.low, place.high)
+def _convex_set(waypoint: WaypointRegion) -> ConvexSet:
+    """Return the region of a waypoint as a convex set of Drake."""
+    if isinstance(waypoint, Sphere):
+        return Hyperellipsoid.MakeHypersphere(waypoint.radius, waypoint.centre)
+    if isinstance(waypoint, Polytope):
+        return HPolyhedron(waypoint.normals, waypoint.offsets)
+    return Point(waypoint.centre) if waypoint.is_point else Hyperrectangle(waypoint.low, waypoint.high)
 
 
-def worth_a_look(regions: Regions, ways: Sequence[int], points: np.ndarray, lengths: np.ndarray) -> list[int]:
-    """Numbers of the regions that a leg is searched in: those of its chain, then by the shortest way through each.
+def candidate_regions(regions: Regions, chain: Sequence[int], points: np.ndarray, lengths: np.ndarray) -> list[int]:
+    """Return the indices of the candidate regions of a leg: its chain, then regions on short routes.
 
     Args:
-        regions: all.
-        ways: numbers of the chain.
+        regions: all regions.
+        chain: indices of the regions of the leg's chain.
         points: (n, 3) free points, m.
-        lengths: (n,) of the shortest way over each, m.
+        lengths: (n,) length of the shortest route through each point, m.
     """
-    holding = regions.holding(points)
-    shortest = np.where(holding, lengths, np.inf).min(axis=1, initial=np.inf)
-    chosen = list(dict.fromkeys(ways))
+    containing = regions.containing(points)
+    shortest = np.where(containing, lengths, np.inf).min(axis=1, initial=np.inf)
+    chosen = list(dict.fromkeys(chain))
     for number in np.argsort(shortest, kind="stable").tolist():
-        if len(chosen) >= _MOST or shortest[number] == np.inf:
+        if len(chosen) >= _MAX_CANDIDATES or shortest[number] == np.inf:
             break
         if number not in chosen:
             chosen.append(number)

@@ -1,9 +1,9 @@
-"""Free space as convex regions, grown by Drake's IRIS around seeds.
+"""Approximation of the free space by convex regions, which Drake's IRIS grows around seeds.
 
-A vehicle's centre of mass is free where it is at the clearance or farther from every obstacle. Regions are grown around
-the obstacles as they are, and their faces then moved in by the clearance: the ball of that radius around a point of
-what is left lies in the region as it was, and so touches no obstacle. A seed lies in its region, since IRIS begins with
-such a ball around it.
+A point is free if its distance from every obstacle is at least the clearance. IRIS grows a region between the original
+obstacles, and the faces of the region are then moved inwards by the clearance. A ball with this radius around a point
+of the reduced region is in the original region, so it touches no obstacle. The seed is in the reduced region, since
+IRIS starts with such a ball around it.
 
 R. Deits and R. Tedrake, "Computing large convex regions of obstacle-free space through semidefinite programming",
 Workshop on the Algorithmic Foundations of Robotics, 2014.
@@ -17,80 +17,88 @@ from pydrake.geometry.optimization import HPolyhedron, Hyperellipsoid, Iris, Iri
 from drake_quad.reference.regions import Box, Polytope
 from drake_quad.space.space import Space
 
-# Beside the clearance, m: so far may a path leave the faces that it is planned within.
+# Addition to the clearance, m, since the planner lets a path leave its corridors by a small tolerance.
 SLACK = 1e-5
-# Regions that have less in common do not lead to each other: radius of a ball, m.
-NARROWEST = 1e-3
-# Of IRIS: more rounds, or finer ones, gain a room little.
-_ROUNDS, _GAIN = 4, 0.05
-# Regions are grown until so much of the free points is covered.
-_COVERED = 0.95
-_MOST_REGIONS = 40
-# A point on a face lies in its region by floating point, m.
-_ROUNDING = 1e-9
+# Smallest radius of the ball inscribed in the intersection of two regions between which a path may lead, m.
+MIN_COMMON_RADIUS = 1e-3
+# Limits of the iterations of IRIS. Regions between obstacles hardly grow in further iterations.
+_MAX_IRIS_ROUNDS = 4
+_MIN_IRIS_GAIN = 0.05  # relative growth of the region's ellipsoid
+# Share of the free points that the regions must cover, unless there are already `_MAX_REGIONS`.
+_MIN_COVERAGE = 0.95
+_MAX_REGIONS = 40
+# Tolerance with which a point on a face counts as a point of the region, for rounding errors, m.
+_FACE_TOLERANCE = 1e-9
 
 
 class Regions:
-    """Convex regions of free places, more and more of them.
+    """Growing collection of convex regions of free points.
 
     Args:
-        space: the obstacles.
-        bounds: for the centre of mass.
+        space: obstacles.
+        bounds: bounds of the centre of mass.
     """
 
     def __init__(self, space: Space, bounds: Box) -> None:
         self._sets = [obstacle.shape.convex_set() for obstacle in space.obstacles]
         self._distance, self._bounds = space.clearance + SLACK, bounds
-        self._found: list[Polytope] = []
-        self._common: dict[tuple[int, int], Polytope | None] = {}
+        self._regions: list[Polytope] = []
+        self._intersections: dict[tuple[int, int], Polytope | None] = {}
 
     def __len__(self) -> int:
-        return len(self._found)
+        return len(self._regions)
 
     def __getitem__(self, number: int) -> Polytope:
-        return self._found[number]
+        return self._regions[number]
 
     def grow(self, seed: np.ndarray) -> int:
-        """Adds the region around a free point (3,), m, and returns its number."""
+        """Add the region around a free point (3,), m, and return its index."""
         domain = HPolyhedron.MakeBox(self._bounds.low - self._distance, self._bounds.high + self._distance)
-        options = IrisOptions(require_sample_point_is_contained=True, relative_termination_threshold=_GAIN)
+        options = IrisOptions(require_sample_point_is_contained=True, relative_termination_threshold=_MIN_IRIS_GAIN)
         options.starting_ellipse = Hyperellipsoid.MakeHypersphere(self._distance, seed)
-        for rounds in (_ROUNDS, 1):
+        for rounds in (_MAX_IRIS_ROUNDS, 1):
             options.iteration_limit = rounds
             region = Iris(self._sets, seed, domain, options)
             lengths = np.linalg.norm(region.A(), axis=1)
             normals, offsets = region.A() / lengths[:, np.newaxis], region.b() / lengths - self._distance
-            # The seed's ball may have been left by rounds after the first.
-            if (normals @ seed <= offsets + _ROUNDING).all():
+            # Rounds after the first may lose the ball around the seed.
+            if (normals @ seed <= offsets + _FACE_TOLERANCE).all():
                 break
         reduced = HPolyhedron(normals, offsets).ReduceInequalities()
-        self._found.append(Polytope(reduced.A(), reduced.b()))
-        return len(self._found) - 1
+        self._regions.append(Polytope(reduced.A(), reduced.b()))
+        return len(self._regions) - 1
 
     def cover(self, points: np.ndarray, distances: np.ndarray) -> None:
-        """Adds regions until they hold most of some free points, where there is most room first.
+        """Add regions until they contain most of the given free points.
+
+        Each new region starts from the uncovered point with the largest distance from obstacles.
 
         Args:
-            points: (n, 3), m.
-            distances: (n,) to the nearest obstacle, m.
+            points: (n, 3) free points, m.
+            distances: (n,) distances to the nearest obstacle, m.
         """
-        left = ~self.holding(points).any(axis=0)
-        enough = (1.0 - _COVERED) * len(points)
-        while left.sum() > enough and len(self._found) < _MOST_REGIONS:
-            candidates = np.flatnonzero(left)
+        uncovered = ~self.containing(points).any(axis=0)
+        max_uncovered = (1.0 - _MIN_COVERAGE) * len(points)
+        while uncovered.sum() > max_uncovered and len(self._regions) < _MAX_REGIONS:
+            candidates = np.flatnonzero(uncovered)
             number = self.grow(points[candidates[int(distances[candidates].argmax())]])
-            left &= ~self.holding(points, [number])[0]
+            uncovered &= ~self.containing(points, [number])[0]
 
-    def holding(self, points: np.ndarray, numbers: Iterable[int] | None = None) -> np.ndarray:
-        """(regions, n) which regions hold which of the points (n, 3); all regions unless numbers are given."""
-        chosen = self._found if numbers is None else [self._found[number] for number in numbers]
-        rows = [(points @ region.normals.T <= region.offsets + _ROUNDING).all(axis=1) for region in chosen]
+    def containing(self, points: np.ndarray, numbers: Iterable[int] | None = None) -> np.ndarray:
+        """Return a (regions, n) array that is True where a region contains a point.
+
+        Args:
+            points: (n, 3) points, m.
+            numbers: indices of the regions; all regions if not given.
+        """
+        chosen = self._regions if numbers is None else [self._regions[number] for number in numbers]
+        rows = [(points @ region.normals.T <= region.offsets + _FACE_TOLERANCE).all(axis=1) for region in chosen]
         return np.array(rows, dtype=bool).reshape(len(chosen), len(points))
 
-    def common(self, one: int, other: int) -> Polytope | None:
-        """What two regions have in common; None if it is nothing to speak of."""
+    def intersection(self, one: int, other: int) -> Polytope | None:
+        """Return the intersection of two regions; None if it is too small for a path."""
         pair = min(one, other), max(one, other)
-        if pair not in self._common:
-            both = self._found[pair[0]].intersection(self._found[pair[1]])
-            self._common[pair] = both if both is not None and both.radius > NARROWEST else None
-        return self._common[pair]
+        if pair not in self._intersections:
+            overlap = self._regions[pair[0]].intersection(self._regions[pair[1]])
+            self._intersections[pair] = overlap if overlap is not None and overlap.radius > MIN_COMMON_RADIUS else None
+        return self._intersections[pair]

@@ -36,7 +36,7 @@ _ROUNDING_ERROR = 16.0 * float(np.finfo(float).eps)
 
 
 class Surrounding(NamedTuple):
-    """Convex hull around an original hull.
+    """Simplified convex hull that contains an original hull.
 
     Attributes:
         corners: (n, 3) corners of the hull, m.
@@ -75,8 +75,8 @@ def surrounding(points: ArrayLike, most: int) -> Surrounding:
         InputError: if the points have no hull with a volume, no hull around them is found, or the hull would grow by
             more than `MAX_GROWTH` of its size.
     """
-    found = np.ascontiguousarray(points, dtype=float)
-    return _surrounding(found.tobytes(), found.shape, most)
+    array = np.ascontiguousarray(points, dtype=float)
+    return _surrounding(array.tobytes(), array.shape, most)
 
 
 @functools.lru_cache(maxsize=32)
@@ -93,21 +93,22 @@ def _surrounding(data: bytes, shape: tuple[int, ...], most: int) -> Surrounding:
     widths = np.ptp(along, axis=0)
     as_wide_as_long = along / widths
     margin = max(_MIN_ROUNDING_MARGIN, _ROUNDING_ERROR * float(np.abs(corners).max() / widths.min()))
-    tries = []
+    hulls = []
     for each in (offsets / size, as_wide_as_long):
-        around = _around(as_wide_as_long, as_wide_as_long[_spread(each, most)], margin)
-        tries.append(middle + (around * widths) @ axes)
-    growths = [float(hull.distances(each).max()) for each in tries]
+        enlarged = _around(as_wide_as_long, as_wide_as_long[_spread(each, most)], margin)
+        hulls.append(middle + (enlarged * widths) @ axes)
+    growths = [float(hull.distances(each).max()) for each in hulls]
     best = int(np.argmin(growths))
     if growths[best] > MAX_GROWTH * size:
         raise InputError(
             f"the convex hull has {len(corners)} corners, and a hull with {most} corners around it would be larger by"
             f" {100.0 * growths[best] / size:.2g} % of its size, more than {100.0 * MAX_GROWTH:g} %; simplify the mesh"
         )
-    return Surrounding(tries[best], growths[best], len(corners), size)
+    return Surrounding(hulls[best], growths[best], len(corners), size)
 
 
 def _principal(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the centre of corners, and the singular values and directions of their principal axes."""
     middle = corners.mean(axis=0)
     _, widths, axes = np.linalg.svd(corners - middle, full_matrices=False)
     return middle, widths, axes
@@ -119,20 +120,20 @@ def _spread(corners: np.ndarray, count: int) -> np.ndarray:
     if len(corners) > _MAX_CANDIDATES:
         candidates = np.unique((corners @ _directions(_MAX_CANDIDATES).T).argmax(axis=0))
     tried = corners[candidates]
-    chosen = list(dict.fromkeys([*tried.argmax(axis=0).tolist(), *tried.argmin(axis=0).tolist()]))
-    while len(chosen) < count:
-        distances = _outside(tried, tried[chosen])
-        distances[chosen] = -np.inf
-        chosen.append(int(distances.argmax()))
-    numbers: np.ndarray = candidates[chosen]
+    selected = list(dict.fromkeys([*tried.argmax(axis=0).tolist(), *tried.argmin(axis=0).tolist()]))
+    while len(selected) < count:
+        distances = _outside(tried, tried[selected])
+        distances[selected] = -np.inf
+        selected.append(int(distances.argmax()))
+    numbers: np.ndarray = candidates[selected]
     return numbers
 
 
 def _directions(count: int) -> np.ndarray:
     """Return evenly spread unit vectors (count, 3), a Fibonacci lattice on the sphere."""
-    place = np.arange(count) + 0.5
-    height = 1.0 - 2.0 * place / count
-    angle = math.pi * (3.0 - math.sqrt(5.0)) * place
+    index = np.arange(count) + 0.5
+    height = 1.0 - 2.0 * index / count
+    angle = math.pi * (3.0 - math.sqrt(5.0)) * index
     across = np.sqrt(1.0 - height * height)
     return np.column_stack([across * np.cos(angle), across * np.sin(angle), height])
 
@@ -187,5 +188,5 @@ def _around(points: np.ndarray, corners: np.ndarray, margin: float) -> np.ndarra
     shift = least.x[:3]
     # The solver may violate a face by its tolerance, so the factor is computed again. All offsets are positive.
     factor = float(((support + margin - normals @ shift) / offsets).max())
-    around: np.ndarray = shift + factor * centred
-    return around
+    enlarged: np.ndarray = shift + factor * centred
+    return enlarged

@@ -1,4 +1,4 @@
-"""The room in which is flown, and the solids in it."""
+"""Obstacles, bounds and clearance for planning and for the detection of crashes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,11 +12,11 @@ from drake_quad.space.shapes import Shape
 
 @dataclass(frozen=True)
 class Obstacle:
-    """A solid with a name.
+    """Solid with a name.
 
     Attributes:
-        name: for messages, tables and pictures.
-        shape: where it is.
+        name: name in messages, tables and pictures.
+        shape: shape and position of the solid.
     """
 
     name: str
@@ -43,33 +43,36 @@ class Space:
 
     @property
     def clearance(self) -> float:
-        """How far a planned path keeps from obstacles, m."""
+        """Smallest distance of a planned path from obstacles, m."""
         return self.radius + self.margin + self.tracking
 
     @property
     def clearance_in_words(self) -> str:
-        """What the clearance is made of."""
+        """Sum that makes up the clearance, such as "radius 0.2 + margin 0.1"."""
         parts = {"radius": self.radius, "margin": self.margin, "tracking": self.tracking}
         return " + ".join(f"{name} {share:.3g}" for name, share in parts.items() if share or name == "radius")
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the obstacles."""
+        """Names of the obstacles."""
         return tuple(obstacle.name for obstacle in self.obstacles)
 
     def nearest(self, points: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """The distance (n,) to the nearest obstacle, m, and its number (n,), for points (n, 3).
+        """Return the distance (n,) from the nearest obstacle, m, and its index (n,), for points (n, 3), m.
 
-        Without obstacles the distance is infinite and the number -1.
+        Without obstacles, the distances are infinite and the indices are -1.
         """
         return nearest([obstacle.shape for obstacle in self.obstacles], points)
 
 
 def nearest(shapes: Sequence[Shape], points: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """The distance (n,) to the nearest solid, m, and its number (n,), for points (n, 3); infinity and -1 if none."""
+    """Return the distance (n,) from the nearest solid, m, and its index (n,), for points (n, 3), m.
+
+    Without solids, the distances are infinite and the indices are -1.
+    """
     count = len(np.asarray(points))
     if not shapes:
         return np.full(count, np.inf), np.full(count, -1)
     distances = np.array([shape.distances(points) for shape in shapes])
-    found = distances.argmin(axis=0)
-    return distances[found, np.arange(count)], found
+    indices = distances.argmin(axis=0)
+    return distances[indices, np.arange(count)], indices

@@ -235,7 +235,7 @@ def compare(metrics: Metrics, baseline: Metrics, name: str = "rmse") -> Comparis
 def compare_studies(study: Study, baseline: Study, name: str = "rmse") -> Comparison:
     """Compares two studies of the same seed, on the samples that both have; see `compare`."""
     _, ours, others = np.intersect1d(study.samples, baseline.samples, return_indices=True)
-    return compare(study.metrics.taken(ours), baseline.metrics.taken(others), name)
+    return compare(study.metrics.take(ours), baseline.metrics.take(others), name)
 
 
 def worst(study: Study, count: int = 5) -> list[int]:

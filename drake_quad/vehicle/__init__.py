@@ -1,1 +1,1 @@
-"""Aircraft: rigid body, rotors, effects on them, allocation, autopilot."""
+"""Models of the aircraft: rigid body, rotors, additional effects, control allocation and autopilot."""

@@ -3,7 +3,7 @@
 The forces along the axes of B are, with u the velocity of the air relative to the vehicle at its centre of mass:
 
     body drag            F_k = (c₁ₖ + c₂ₖ |u|) u_k                          at the centre of pressure
-    translational lift   F_z = c_lift (u_x² + u_y²)                         at the mean of the rotors' places
+    translational lift   F_z = c_lift (u_x² + u_y²)                         at the mean position of the rotors
     climb                F_z = c_climb u_z: thrust is lost with the speed w = -u_z of climb
     rotor drag, inflow   F = Σ ωᵢ (k_d u_x, k_d u_y, k_z u_z)
 
@@ -21,7 +21,7 @@ from typing import Annotated, NamedTuple, Protocol
 from drake_quad.framework.elementary import maximum
 from drake_quad.geometry.axes import Vector, cross, length
 from drake_quad.signals import PositionW, Quantity, RotorSpeed, Row, Wrench
-from drake_quad.vehicle.dynamics import mean_place_of_rotors
+from drake_quad.vehicle.dynamics import mean_rotor_position
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.rotors import Length
 
@@ -57,7 +57,7 @@ class Flow(NamedTuple):
 
 
 class AirLoad(Protocol):
-    """Record of the numbers of a load on the vehicle that depends on the air and on the rotors."""
+    """Parameters of a load on the vehicle that depends on the air and on the rotors."""
 
     def load(self, flow: Flow) -> Load:
         """Return the force and the torque on the vehicle, in addition to those of the paper's equations."""
@@ -80,7 +80,7 @@ class QuadraticDrag(NamedTuple):
 
 
 class CentreOfPressure(NamedTuple):
-    """Where the drag of the body acts, seen from the centre of mass."""
+    """Point at which the drag of the body acts, relative to the centre of mass."""
 
     x: Length = 0.0
     y: Length = 0.0
@@ -88,7 +88,13 @@ class CentreOfPressure(NamedTuple):
 
 
 class BodyDrag(NamedTuple):
-    """Drag of the body, each of its axes by itself."""
+    """Drag of the body, independently for each axis of B.
+
+    Attributes:
+        linear: coefficients c₁.
+        quadratic: coefficients c₂.
+        centre_of_pressure: point at which the drag acts.
+    """
 
     linear: LinearDrag = LinearDrag()
     quadratic: QuadraticDrag = QuadraticDrag()
@@ -96,14 +102,14 @@ class BodyDrag(NamedTuple):
 
     def load(self, flow: Flow) -> Load:
         """Return the drag of the body."""
-        # The speed is computed from the velocity in W, as that of isotropic drag.
+        # The speed is computed from the velocity in W, as for isotropic drag (`drake_quad.vehicle.dynamics.drag`).
         speed, coefficients = length(flow.air_in_world), zip(self.linear, self.quadratic, flow.air, strict=True)
         force = Vector._make((c_1 + c_2 * speed) * u for c_1, c_2, u in coefficients)
         return Load(force, cross(Vector(*self.centre_of_pressure), force))
 
 
 class RotorAerodynamics(NamedTuple):
-    """What the air that the rotors meet does to them.
+    """Coefficients of the aerodynamic forces on the rotors.
 
     Attributes:
         lift: c_lift, thrust of all rotors over the squared speed across their discs.
@@ -118,22 +124,22 @@ class RotorAerodynamics(NamedTuple):
     inflow: Annotated[Row, Quantity("N s²/m")] = 0.0
 
     def load(self, flow: Flow) -> Load:
-        """Return lift, climb, drag and inflow of the rotors, which act at the mean of their places."""
+        """Return the sum of lift, climb, drag and inflow, which acts at the mean position of the rotors."""
         speed, air = flow.rotors, flow.air
         turning = speed.rotor_1 + speed.rotor_2 + speed.rotor_3 + speed.rotor_4
         drag = self.drag * turning
         across = air.x * air.x + air.y * air.y
         lift = self.lift * across + (self.climb + self.inflow * turning) * air.z
         force = Vector(drag * air.x, drag * air.y, lift)
-        return Load(force, cross(mean_place_of_rotors(flow.parameters), force))
+        return Load(force, cross(mean_rotor_position(flow.parameters), force))
 
 
 class GroundEffect(NamedTuple):
     """Thrust that rotors gain close above the ground.
 
     Attributes:
-        rotor_radius: R.
-        ground_height: z of the ground in W.
+        rotor_radius: radius R of a rotor.
+        ground_height: height z of the ground in W.
     """
 
     rotor_radius: Annotated[Row, Quantity("m")]
@@ -141,16 +147,16 @@ class GroundEffect(NamedTuple):
 
 
 def ground_effect(height: Row, ground: GroundEffect) -> Row:
-    """Thrust over that far from the ground, at the same rotor speed: 1 / (1 - (R / 4z)²).
+    """Return the ratio of the thrust to the thrust far from the ground at the same rotor speed: 1 / (1 - (R / 4z)²).
 
-    Cheeseman and Bennett, "The effect of the ground on a helicopter rotor in forward flight", ARC R&M 3021, 1955, from
-    a source below the ground that mirrors the rotor. It fades as 1 / z², without an end: 1.6 % at a height of 2 R,
-    0.4 % at 4 R. The formula has a pole at R / 4. The limit is ours: below R / 2, and below the ground, the ratio
-    stays what it is at R / 2, 4/3.
+    The formula is that of Cheeseman and Bennett, "The effect of the ground on a helicopter rotor in forward flight",
+    ARC R&M 3021, 1955, who model the ground by a source that mirrors the rotor. The gain decays as 1 / z²: it is 1.6 %
+    at a height of 2 R and 0.4 % at 4 R. The formula has a pole at R / 4. We therefore limit the ratio: below R / 2, and
+    below the ground, it is 4/3, its value at R / 2.
 
     Args:
-        height: of the vehicle in W, m. The rotors are at the height of its centre of mass.
-        ground: where it is, and the rotors' radius.
+        height: height of the vehicle in W, m. The rotors are at the height of the centre of mass.
+        ground: height of the ground and radius of the rotors.
     """
     clearance = maximum(height - ground.ground_height, 0.5 * ground.rotor_radius)
     ratio = 0.25 * ground.rotor_radius / clearance

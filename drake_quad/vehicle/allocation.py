@@ -31,8 +31,8 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 Priority = Literal["roll_pitch", "thrust"]
 """Part of a wrench that is kept first if the rotors cannot produce the whole wrench."""
 
-# This offset avoids 0 / 0 if both the room and the demand are zero. It is negligible for any other room.
-_TINY = 1e-100
+# Offset that avoids 0 / 0 if both the room and the demand are zero. It is negligible for any other room.
+_ZERO_DIVISION_OFFSET = 1e-100
 _UNBOUNDED = 1e100  # larger than any force or torque
 # Coefficients below this, relative to the largest ones of their kind, are rounding errors of zero.
 _MIN_COEFFICIENT = 1e-9
@@ -62,7 +62,7 @@ class Allocated(NamedTuple):
 
     Attributes:
         rotor_speed_command: rotor speeds that produce the wrench, or the part of it that the rotors can produce.
-        shortfall: commanded wrench minus the wrench of these speeds, exactly zero for parts that are kept.
+        shortfall: commanded wrench minus the wrench of these speeds; exactly zero in the parts that are kept.
     """
 
     rotor_speed_command: RotorSpeed
@@ -84,7 +84,7 @@ class _Square(NamedTuple):
 
 
 class _Bound(NamedTuple):
-    """Inequality of the share of roll and pitch torque: least <= tilt * share <= most."""
+    """Inequality that limits the share of roll and pitch torque: least <= tilt * share <= most."""
 
     tilt: Row
     least: Row
@@ -272,7 +272,7 @@ def _nearest(wanted: Row, bounds: Sequence[tuple[Row, Row]]) -> Row:
 
 def _fitting(room: Row, demand: Row) -> Row:
     """Return the share of a demand for which there is room, at most 1; the share is 1 if the demand is zero."""
-    room = room + _TINY
+    room = room + _ZERO_DIVISION_OFFSET
     return room / maximum(demand, room)
 
 
@@ -397,7 +397,7 @@ class Allocation(FleetSystem):
     The only parameter of the context is `rotors`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number N of vehicles.
         paired: True if all rotors are equal and in opposite pairs, which saves operations.
         priority: part of the wrench that is kept first if the rotors cannot produce the whole wrench.
         numbers: autopilot's model of the rotors.

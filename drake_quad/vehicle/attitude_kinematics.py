@@ -59,8 +59,9 @@ class AttitudeKinematics(NamedTuple):
     integrated: Callable[[Attitude], IntegratedAttitude]
 
 
-# Largest arguments of `arctan` and `arcsin` for small numbers.
-_MAX_TANGENT, _MAX_SINE = 0.125, 0.5
+# Largest arguments for which the polynomials `arctan(small=True)` and `arcsin(small=True)` are accurate.
+_MAX_TANGENT = 0.125
+_MAX_SINE = 0.5
 
 
 class RotationSince(NamedTuple):
@@ -68,7 +69,7 @@ class RotationSince(NamedTuple):
 
     Attributes:
         beginning: attitude at the start of the step.
-        tilt: roll and pitch at the start of the step.
+        tilt: sines and cosines of roll and pitch at the start of the step.
         beginning_axes: axes of B in W at the start of the step.
     """
 
@@ -100,13 +101,14 @@ class RotationSince(NamedTuple):
         """Return roll, pitch and yaw after a rotation.
 
         The yaw is the sum of the yaw at the start and the change of heading, so that it stays exactly the same if the
-        vehicle does not turn. If the roll changes by less than 7° as usual, it is the same kind of sum. With this and a
-        pitch below 30°, polynomials replace the costlier functions of any angle, and the results agree to rounding.
+        vehicle does not turn. If the roll changes by less than 7°, as is usual, it is a sum of the same kind. If in
+        addition the pitch is below 30°, polynomials replace the costlier functions for arbitrary angles; the results
+        agree up to rounding.
         """
         tilt, before = self.tilt, self.beginning
         x, y, z = (tilt.in_heading(axis) for axis in coordinates.axes())
         sin_pitch = 0.0 - x.z
-        # Sine and cosine of the change of roll, both times the cosine of the pitch.
+        # These are sine and cosine of the change of roll, both multiplied by the cosine of the pitch.
         sine = tilt.cos_roll * y.z - tilt.sin_roll * z.z
         cosine = tilt.cos_roll * z.z + tilt.sin_roll * y.z
         usual = Attitude(
@@ -155,9 +157,10 @@ class IntegratedAngles(NamedTuple):
         return coordinates
 
 
-def _same(body_rates: BodyRates, attitude: Attitude) -> Attitude:
+def _angle_rates_of(body_rates: BodyRates, attitude: Attitude) -> Attitude:
+    """Return the body rates as rates of roll, pitch and yaw."""
     return Attitude(*body_rates)
 
 
-SMALL_ANGLE_KINEMATICS = AttitudeKinematics(_same, IntegratedAngles)
+SMALL_ANGLE_KINEMATICS = AttitudeKinematics(_angle_rates_of, IntegratedAngles)
 """Small-angle kinematics of eq (3), in which p, q, r are the rates of roll, pitch and yaw."""

@@ -37,7 +37,7 @@ from drake_quad.signals import (
     Wrench,
 )
 from drake_quad.vehicle.parameters import Inertia
-from drake_quad.vehicle.runge_kutta import moved
+from drake_quad.vehicle.runge_kutta import advanced
 
 
 class LoopGains(NamedTuple):
@@ -49,11 +49,11 @@ class LoopGains(NamedTuple):
 
 
 class Gyroscope(NamedTuple):
-    """By how much a gyroscope is wrong.
+    """Errors of a gyroscope.
 
     Attributes:
-        noise: standard deviation of a sample, on each axis.
-        bias: that it always shows.
+        noise: standard deviation of the noise of a sample, the same for each axis.
+        bias: constant error of the measured body rates.
     """
 
     noise: BodyRateB = 0.0
@@ -63,12 +63,12 @@ class Gyroscope(NamedTuple):
 class NeglectedDrag(NamedTuple):
     """Drag that an estimator of the attitude neglects.
 
-    Where the model of the estimator has no drag, it takes the force of the air for a tilt. In flight at v the estimated
-    thrust points by d v / g less in the direction of flight than the true one, once the correction of the attitude by
-    the position has settled. The lag of this correction is first order.
+    An estimator whose model has no drag mistakes the drag force for a tilt. In flight at the velocity v, the estimated
+    thrust direction leans less in the direction of flight than the true one, by the angle d v / g, once the correction
+    of the attitude by position measurements has settled. This correction has a first-order lag.
 
     Attributes:
-        lean: d / g, error of the tilt over the velocity.
+        lean: ratio d / g of the tilt error to the velocity.
         time: time constant of the correction.
     """
 
@@ -77,14 +77,14 @@ class NeglectedDrag(NamedTuple):
 
 
 class LeanError(NamedTuple):
-    """Error of the estimated direction of the thrust along X and Y."""
+    """Error of the estimated thrust direction along X and Y of W."""
 
     x: Angle
     y: Angle
 
 
 class LoopAxisTerms(NamedTuple):
-    """Terms of a loop about each axis beside the proportional one."""
+    """Terms of a loop about each axis, in addition to the proportional term."""
 
     roll: Terms
     pitch: Terms
@@ -92,18 +92,18 @@ class LoopAxisTerms(NamedTuple):
 
 
 class AutopilotNumbers(NamedTuple):
-    """Gains, sensors and believed numbers of an autopilot, which lacks the parts that are None.
+    """Parameters of an autopilot and of its sensors. The autopilot has no part whose parameters are None.
 
     Attributes:
-        k_attitude: body rate over attitude error.
-        k_rate: angular acceleration over error of the body rate.
-        inertia: believed moments of inertia.
+        k_attitude: gains of the attitude loop, body rate over attitude error.
+        k_rate: gains of the rate loop, angular acceleration over error of the body rate.
+        inertia: moments of inertia in the autopilot's model of the vehicle.
         gyroscope: errors of the gyroscope.
         attitude_noise: standard deviation of the estimates of roll, pitch and yaw.
-        initial: wrench before the first is computed.
-        attitude: further terms of the loop of the attitude, whose output is a body rate.
-        rate: further terms of the loop of the body rates, whose output is an angular acceleration.
-        gyroscope_filter: filter of the gyroscope.
+        initial: wrench before the first one is computed.
+        attitude: further terms of the attitude loop, whose output is a body rate.
+        rate: further terms of the rate loop, whose output is an angular acceleration.
+        gyroscope_filter: low-pass filter of the measured body rates.
         max_rates: largest commanded body rates.
         yaw_weight: weight of the yaw in the error of the rotation; None for errors of roll, pitch and yaw.
         neglected_drag: drag that the estimator of the attitude neglects; None if it is exact.
@@ -128,8 +128,8 @@ class LoopRules(NamedTuple):
 
     Attributes:
         gyroscopic: True if the torque ω × I ω is added.
-        attitude_integrates_first: True if the integral of the attitude loop has the error of its own instant.
-        rate_integrates_first: the same for the rate loop.
+        attitude_integrates_first: True if the integral of the attitude loop includes the error of the present instant.
+        rate_integrates_first: True if the integral of the rate loop includes the error of the present instant.
     """
 
     gyroscopic: bool = True
@@ -151,13 +151,13 @@ class LoopMemory(NamedTuple):
 
 
 class AutopilotMemory(NamedTuple):
-    """State of an autopilot beside its wrench.
+    """State of an autopilot, except for its wrench.
 
     Attributes:
-        attitude: memory of the loop of the attitude.
-        rate: memory of the loop of the body rates.
-        gyroscope: states of the filters of p, q and r; None without a filter.
-        lean: error of the estimated tilt; None without one.
+        attitude: memory of the attitude loop.
+        rate: memory of the rate loop.
+        gyroscope: states of the filters of p, q and r; None if there is no filter.
+        lean: error of the estimated thrust direction; None if the estimator is exact.
     """
 
     attitude: LoopMemory
@@ -174,22 +174,22 @@ class AutopilotMemory(NamedTuple):
 
 
 class SensorNoise(NamedTuple):
-    """Normal numbers for the noise of gyroscope and attitude."""
+    """Standard normal samples for the noise of the gyroscope and of the estimated attitude."""
 
     rates: tuple[Number, Number, Number]
     attitude: tuple[Number, Number, Number]
 
 
-def sensed(
+def estimated_attitude_and_rates(
     state: State, noise: SensorNoise | None, numbers: AutopilotNumbers, lean: LeanError | None = None
 ) -> tuple[Attitude, BodyRates]:
     """Return attitude and body rates as the autopilot estimates them.
 
     Args:
-        state: state of the vehicle.
-        noise: normal numbers for the noise; None if there is none.
-        numbers: numbers of the autopilot.
-        lean: error of the estimated tilt; None without one.
+        state: true state of the vehicle.
+        noise: standard normal samples; None if there is no noise.
+        numbers: parameters of the autopilot.
+        lean: error of the estimated thrust direction; None if the estimator is exact.
     """
     bias = numbers.gyroscope.bias
     attitude = Attitude(state.roll, state.pitch, state.yaw)
@@ -199,12 +199,19 @@ def sensed(
         attitude = attitude._replace(roll=attitude.roll - left, pitch=attitude.pitch + forward)
     if noise is None:
         return attitude, rates
-    turning, leaning = numbers.gyroscope.noise, numbers.attitude_noise
-    return moved(attitude, noise.attitude, leaning), moved(rates, noise.rates, turning)
+    rate_noise, attitude_noise = numbers.gyroscope.noise, numbers.attitude_noise
+    return advanced(attitude, noise.attitude, attitude_noise), advanced(rates, noise.rates, rate_noise)
 
 
-def lean_after(lean: LeanError, state: State, drag: NeglectedDrag, period: Time) -> LeanError:
-    """Return the error of the estimated tilt a period (s) later, for the velocity at its end."""
+def next_lean_error(lean: LeanError, state: State, drag: NeglectedDrag, period: Time) -> LeanError:
+    """Return the error of the estimated thrust direction one period later.
+
+    Args:
+        lean: error at the start of the period.
+        state: state of the vehicle at the end of the period.
+        drag: drag that the estimator neglects.
+        period: length of the period, s.
+    """
     gain = 1.0 - exp(-period / drag.time)
     return LeanError(
         lean.x + gain * (-drag.lean * state.v_x - lean.x), lean.y + gain * (-drag.lean * state.v_y - lean.y)
@@ -214,18 +221,18 @@ def lean_after(lean: LeanError, state: State, drag: NeglectedDrag, period: Time)
 def rotation_error(attitude: Attitude, target: Attitude, yaw_weight: Number) -> BodyRates:
     """Return the error of the attitude along the axes of B as PX4 defines it, in rad for small errors.
 
-    The rotation to the target is taken apart into a rotation about z_B and one that then tilts the thrust axis by the
-    shortest way. The angle of the first is reduced to its share `yaw_weight`, since rotors have little yaw torque, and
-    the error is twice the vector part of the quaternion that results. The yaw is divided by the weight, so that the
-    weight does not change the gain of the yaw.
+    The rotation to the target is decomposed into a rotation about z_B and a rotation that then tilts the thrust axis
+    along the shortest path. The angle of the first rotation is multiplied by `yaw_weight`, since rotors have little yaw
+    torque. The error is twice the vector part of the resulting quaternion. Its yaw component is divided by the weight,
+    so that the weight does not change the yaw gain.
 
     Args:
-        attitude: estimated.
-        target: commanded.
-        yaw_weight: in (0, 1].
+        attitude: estimated attitude.
+        target: commanded attitude.
+        yaw_weight: weight of the yaw, in (0, 1].
     """
     w, x, y, z = Quaternion.of(*attitude).turn_to(Quaternion.of(*target))
-    # Two quaternions describe the rotation; the one with the smaller angle is taken.
+    # Two quaternions describe the same rotation. The sign selects the one with the smaller angle.
     sign = where(w < 0.0, -1.0, 1.0)
     w, x, y, z = sign * w, sign * x, sign * y, sign * z
     upright = sqrt(w * w + z * z + TINY)
@@ -239,7 +246,7 @@ def rotation_error(attitude: Attitude, target: Attitude, yaw_weight: Number) -> 
     )
 
 
-def _rates_wanted(
+def _commanded_rates(
     target: AttitudeTarget,
     attitude: Attitude,
     numbers: AutopilotNumbers,
@@ -251,15 +258,15 @@ def _rates_wanted(
     k_attitude = numbers.k_attitude
     wanted = Attitude(target.roll, target.pitch, target.yaw)
     if numbers.yaw_weight is None:
-        answers = [
+        results = [
             pid(r, y, k, terms, before, period, turns=turns, integrates_first=rules.attitude_integrates_first)
             for r, y, k, terms, before, turns in zip(
                 *(wanted, attitude, k_attitude, numbers.attitude or (None, None, None), memory, (False, False, True)),
                 strict=True,
             )
         ]
-        p, q, r = (answer for answer, _ in answers)
-        memory = LoopMemory(*[after for _, after in answers])
+        p, q, r = (result for result, _ in results)
+        memory = LoopMemory(*[after for _, after in results])
     else:
         p, q, r = (
             k * error for k, error in zip(k_attitude, rotation_error(attitude, wanted, numbers.yaw_weight), strict=True)
@@ -270,7 +277,7 @@ def _rates_wanted(
     return rates, memory
 
 
-def autopilot_law(
+def autopilot_step(
     target: AttitudeTarget,
     state: State,
     noise: SensorNoise | None,
@@ -282,34 +289,34 @@ def autopilot_law(
     """Return the wrench of an `AttitudeAutopilot`, and its memory.
 
     Args:
-        target: that came over the link.
-        state: of the vehicle.
-        noise: of the sensors; None if there is none.
-        numbers: of the autopilot.
-        memory: of the instant before; None if nothing is remembered.
-        period: h, s.
+        target: attitude target that the autopilot received over the link.
+        state: true state of the vehicle.
+        noise: standard normal samples for the noise of the sensors; None if there is no noise.
+        numbers: parameters of the autopilot.
+        memory: memory of the instant before; None if the autopilot has no memory.
+        period: period h of the autopilot, s.
         rules: variants of the loops.
     """
     i_xx, i_yy, i_zz = numbers.inertia
     attitude_memory, rate_memory, gyroscope, lean = memory or AutopilotMemory.of(numbers)
     if numbers.neglected_drag is not None:
         assert lean is not None
-        lean = lean_after(lean, state, numbers.neglected_drag, period)
-    attitude, rates = sensed(state, noise, numbers, lean)
+        lean = next_lean_error(lean, state, numbers.neglected_drag, period)
+    attitude, rates = estimated_attitude_and_rates(state, noise, numbers, lean)
     if numbers.gyroscope_filter is not None:
         assert gyroscope is not None
         low_pass = numbers.gyroscope_filter
-        shown = (filtered(rate, low_pass, delayed) for rate, delayed in zip(rates, gyroscope, strict=True))
-        (p, delayed_p), (q, delayed_q), (r, delayed_r) = shown
+        filtered_rates = (filtered(rate, low_pass, delayed) for rate, delayed in zip(rates, gyroscope, strict=True))
+        (p, delayed_p), (q, delayed_q), (r, delayed_r) = filtered_rates
         rates, gyroscope = BodyRates(p, q, r), (delayed_p, delayed_q, delayed_r)
-    wanted, attitude_memory = _rates_wanted(target, attitude, numbers, attitude_memory, period, rules)
-    answers = [
+    wanted, attitude_memory = _commanded_rates(target, attitude, numbers, attitude_memory, period, rules)
+    results = [
         pid(r, y, k, terms, before, period, integrates_first=rules.rate_integrates_first)
         for r, y, k, terms, before in zip(
             wanted, rates, numbers.k_rate, numbers.rate or (None, None, None), rate_memory, strict=True
         )
     ]
-    (roll, pitch, yaw), (p, q, r) = (answer for answer, _ in answers), rates
+    (roll, pitch, yaw), (p, q, r) = (result for result, _ in results), rates
     tau_x, tau_y, tau_z = i_xx * roll, i_yy * pitch, i_zz * yaw
     if rules.gyroscopic:
         tau_x = tau_x + (i_zz - i_yy) * q * r
@@ -318,12 +325,12 @@ def autopilot_law(
     wrench = Wrench(target.thrust, tau_x, tau_y, tau_z)
     if memory is None:
         return wrench, None
-    return wrench, AutopilotMemory(attitude_memory, LoopMemory(*[after for _, after in answers]), gyroscope, lean)
+    return wrench, AutopilotMemory(attitude_memory, LoopMemory(*[after for _, after in results]), gyroscope, lean)
 
 
 @fleet_system(float, AutoDiffXd)
 class AttitudeAutopilot(FleetSystem):
-    """Attitude and rate loop on board: τ = I k_rate (ω_r + k_attitude e - ω) + ω × I ω in B, and further terms.
+    """Attitude and rate loops on board: τ = I k_rate (ω_r + k_attitude e - ω) + ω × I ω in B, with optional terms.
 
     .. pydrake_system::
 
@@ -335,28 +342,29 @@ class AttitudeAutopilot(FleetSystem):
         output_ports:
         - wrench
 
-    e is the attitude of the `attitude_target` minus the vehicle's, the yaw error wrapped to half a turn; ω_r are the
-    body rates of the target, and ω those of the gyroscope. The thrust is that of the target. The autopilot is on board:
-    it takes the `state` of its own instant, and holds the `wrench` until its next:
+    e is the attitude of the `attitude_target` minus that of the vehicle, with the yaw error between -π and π. ω_r are
+    the body rates of the target, and ω are the body rates that the gyroscope measures. The thrust is that of the
+    target. The autopilot is on board, so it uses the `state` without delay. It holds the `wrench` until its next tick:
 
         state, target ●━━━━━○
                       ●━━━━━○ wrench
                       0     h
 
-    A target that arrives at one of its instants is seen at the next. `sensor_noise` is random: normal numbers for
-    gyroscope and attitude. The port is there if there is noise.
+    A target that arrives at a tick of the autopilot takes effect at the next tick. `sensor_noise` is a random input:
+    standard normal samples for the gyroscope and the attitude. The port exists only if there is noise.
 
-    Integrals, filtered derivatives, feed-forward and limits of both loops, a filter of the gyroscope, and an error of
-    the rotation in place of the angles are there if the numbers have them; see `AutopilotNumbers`.
+    `AutopilotNumbers` lists the optional parts: integrals, filtered derivatives, feed-forward and limits of both loops,
+    a filter of the gyroscope, and a rotation error that replaces the errors of the angles.
 
-    The states are `wrench` and, if anything is remembered, `memory`. The only parameter of the context is `autopilot`.
+    The states are `wrench` and, if a part has a memory, `memory`. The only parameter of the context is `autopilot`.
 
     Args:
-        num_vehicles: N.
-        period: h, s. 2.5 ms by default, as the 400 Hz of PX4's parameter IMU_GYRO_RATEMAX.
-        noisy: whether there is noise.
+        num_vehicles: number N of vehicles.
+        period: period h of the autopilot, s. The default, 2.5 ms, corresponds to 400 Hz, the default of PX4's parameter
+            IMU_GYRO_RATEMAX.
+        noisy: True if the sensors have noise.
         rules: variants of the loops.
-        numbers: gains, sensors, and believed numbers of the vehicle.
+        numbers: gains, parameters of the sensors, and the autopilot's model of the vehicle.
     """
 
     def declare(
@@ -376,19 +384,19 @@ class AttitudeAutopilot(FleetSystem):
         wrench = self.state("wrench", lambda numbers: numbers.initial)
         remembers = layout_of(AutopilotMemory, AutopilotMemory.of(numbers)).num_rows > 0
         memory = self.state("memory", AutopilotMemory.of) if remembers else None
-        reads = target, state, noise, parameter, memory, period, rules
-        self.update(period, autopilot_law, *reads, writes=[wrench, memory])
+        arguments = target, state, noise, parameter, memory, period, rules
+        self.update(period, autopilot_step, *arguments, writes=[wrench, memory])
         self.state_output(wrench)
 
 
-def thrust_alone(target: AttitudeTarget) -> Wrench:
-    """The thrust of an attitude target, without torques."""
+def wrench_without_torque(target: AttitudeTarget) -> Wrench:
+    """Return a wrench with the thrust of an attitude target and without torques."""
     return Wrench(target.thrust, 0.0, 0.0, 0.0)
 
 
 @fleet_system(float, AutoDiffXd)
 class ThrustAlone(FleetSystem):
-    """The thrust of an attitude target, which the rotors give evenly: for a vehicle whose attitude follows by itself.
+    """Wrench with the thrust of an attitude target and without torques, for a `RespondingQuadrotor`.
 
     .. pydrake_system::
 
@@ -398,12 +406,12 @@ class ThrustAlone(FleetSystem):
         output_ports:
         - wrench
 
-    The torques of the `wrench` are zero.
+    The torques of the `wrench` are zero, since the model of the vehicle contains its attitude loop.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number N of vehicles.
     """
 
     def declare(self) -> None:
-        """Declares the system."""
-        self.output("wrench", thrust_alone, self.input("attitude_target"))
+        """Declare the ports."""
+        self.output("wrench", wrench_without_torque, self.input("attitude_target"))

@@ -1,12 +1,12 @@
-"""A battery that is drawn empty, and whose voltage sags under the current.
+"""Battery that discharges, and whose voltage sags under load.
 
-    V_0 = V_full + (V_empty - V_full) Q / C                   at rest: linear in the charge drawn, Q
-    V = V_0 - R I,    η V I = P = Σ d |ωᵢ|³                   under the current of the rotors
+    V_0 = V_full + (V_empty - V_full) Q / C                   without current: linear in the discharged charge Q
+    V = V_0 - R I,    η V I = P = Σ d |ωᵢ|³                   with the current I of the rotors
     V = (V_0 + √(V_0² - 4 R P / η)) / 2
 
-A motor's speed at full throttle is proportional to its voltage: the rotors reach V / V_full of the speed that they are
-told, which is (V / V_full)² of the thrust. Where the battery cannot give the power, V is V_0 / 2, at which it gives
-most.
+The speed of a motor at full throttle is proportional to its voltage. The rotors therefore reach V / V_full of the
+commanded speed, which is (V / V_full)² of the thrust. If the battery cannot deliver the power, V is V_0 / 2, the
+voltage of maximum power.
 """
 
 from typing import Annotated, NamedTuple
@@ -21,14 +21,14 @@ _Voltage = Annotated[Row, Quantity("V")]
 
 
 class Battery(NamedTuple):
-    """A battery.
+    """Parameters of a battery.
 
     Attributes:
-        voltage: V_full, full and without current.
-        empty_voltage: V_empty, empty and without current.
-        capacity: C.
-        resistance: R, inside.
-        efficiency: η, mechanical power of the rotors over electrical power.
+        voltage: voltage V_full of the full battery without current.
+        empty_voltage: voltage V_empty of the empty battery without current.
+        capacity: capacity C.
+        resistance: internal resistance R.
+        efficiency: ratio η of the mechanical power of the rotors to the electrical power.
     """
 
     voltage: _Voltage
@@ -39,17 +39,18 @@ class Battery(NamedTuple):
 
 
 FULL = Charge(0.0)
+"""Charge drawn from a full battery."""
 
 
 class Terminals(NamedTuple):
-    """Voltage (V) and current (A) of a battery that is under load."""
+    """Voltage (V) and current (A) at the terminals of a battery."""
 
     voltage: Row
     current: Row
 
 
 def terminals(charge: Charge, power: Row, battery: Battery) -> Terminals:
-    """Voltage and current under a mechanical power of the rotors (W)."""
+    """Return the voltage and the current of a battery that supplies a mechanical power (W) of the rotors."""
     drawn = charge.drawn / battery.capacity
     at_rest = maximum(battery.voltage + (battery.empty_voltage - battery.voltage) * drawn, 0.0)
     electrical = power / battery.efficiency
@@ -59,13 +60,13 @@ def terminals(charge: Charge, power: Row, battery: Battery) -> Terminals:
 
 
 def rotor_power(speed: RotorSpeed, parameters: QuadrotorParameters) -> Row:
-    """P, the mechanical power of the rotors of a vehicle, W."""
+    """Return the mechanical power P of all rotors, W."""
     p_1, p_2, p_3, p_4 = (
         rotor.drag_factor * (abs(w) * w * w) for rotor, w in zip(parameters.rotors, speed, strict=True)
     )
     return p_1 + p_2 + p_3 + p_4
 
 
-def drawn_per_second(current: Row) -> Charge:
-    """The rate of the charge drawn at a current (A)."""
+def charge_rate(current: Row) -> Charge:
+    """Return the rate at which a current (A) discharges the battery, A h per second."""
     return Charge(current / _SECONDS_PER_HOUR)

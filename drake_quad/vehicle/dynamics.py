@@ -52,11 +52,11 @@ class Motion(NamedTuple):
 
 
 class RotorAction(NamedTuple):
-    """What the rotors do to the body: eqs (4) and (5).
+    """Action of the rotors on the body: eqs (4) and (5).
 
     Attributes:
-        wrench: their thrust, and their torques about the centre of mass.
-        residual: ω_r.
+        wrench: total thrust of the rotors, and their torques about the centre of mass.
+        residual: residual speed ω_r, the sum of the speeds with the signs of the directions of rotation.
     """
 
     wrench: Wrench
@@ -64,7 +64,7 @@ class RotorAction(NamedTuple):
 
 
 def rotor_action(speed: RotorSpeed, parameters: QuadrotorParameters) -> RotorAction:
-    """Eqs (4) and (5): what the rotors do to the body at their speeds."""
+    """Return the wrench and the residual speed for rotor speeds, by eqs (4) and (5)."""
     rotors, centre = parameters.rotors, parameters.centre_of_mass
     squares = [w * w for w in speed]
     forces = [rotor.thrust_factor * square for rotor, square in zip(rotors, squares, strict=True)]
@@ -81,11 +81,11 @@ def rotor_action(speed: RotorSpeed, parameters: QuadrotorParameters) -> RotorAct
 
 
 def residual_speed(speed: RotorSpeed, rotors: Rotors) -> Row:
-    """Eq (4): ω_r; or its rate, for rates."""
+    """Return ω_r of eq (4) for rotor speeds, or its rate of change for the rates of the rotor speeds."""
     return total([rotor.direction * w for rotor, w in zip(rotors, speed, strict=True)])
 
 
-def mean_place_of_rotors(parameters: QuadrotorParameters) -> Vector:
+def mean_rotor_position(parameters: QuadrotorParameters) -> Vector:
     """Return the mean position of the four rotors relative to the centre of mass, m."""
     rotors, centre = parameters.rotors, parameters.centre_of_mass
     x, y, z = (0.25 * total([getattr(rotor, axis) for rotor in rotors]) for axis in ("x", "y", "z"))
@@ -93,12 +93,12 @@ def mean_place_of_rotors(parameters: QuadrotorParameters) -> Vector:
 
 
 def drag(airspeed: Wind, linear: Row, quadratic: Row) -> tuple[Row, Row, Row]:
-    """The force D of eq (3) in W (N): (c₁ + c₂ |v|) v.
+    """Return the drag force D of eq (3) in W, N: (c₁ + c₂ |v|) v.
 
     Args:
-        airspeed: v, velocity of the air relative to the vehicle.
-        linear: c₁, N s/m.
-        quadratic: c₂, N s²/m².
+        airspeed: velocity v of the air relative to the vehicle in W, m/s.
+        linear: coefficient c₁, N s/m.
+        quadratic: coefficient c₂, N s²/m².
     """
     x, y, z = airspeed
     factor = linear + quadratic * sqrt(x * x + y * y + z * z + TINY)
@@ -141,15 +141,16 @@ def equations_of_motion(
     )
 
 
-def held_rotor_speed(command: RotorSpeed, parameters: QuadrotorParameters, factors: SpeedFactors) -> RotorSpeed:
-    """Where the rotors go under a held command.
+def target_rotor_speed(command: RotorSpeed, parameters: QuadrotorParameters, factors: SpeedFactors) -> RotorSpeed:
+    """Return the speeds that the rotors approach under a constant command.
 
-    A command is clipped to what the rotors can do, idle if it is not a number; a faulty rotor gets a share of that.
+    A command is clipped to the limits of the rotors; NaN becomes idle speed. The result is then multiplied by the
+    factors of faulty rotors.
 
     Args:
-        command: of their speeds.
-        parameters: of the vehicle.
-        factors: share of each rotor, 1 if it is not faulty.
+        command: commanded rotor speeds.
+        parameters: parameters of the vehicle.
+        factors: factor of each rotor, 1 if it is not faulty.
     """
     low, high = parameters.min_rotor_speed, parameters.max_rotor_speed
     return RotorSpeed._make(
@@ -158,10 +159,10 @@ def held_rotor_speed(command: RotorSpeed, parameters: QuadrotorParameters, facto
 
 
 def hover_rotor_speeds(parameters: QuadrotorParameters) -> RotorSpeed:
-    """The rotor speeds at which nothing moves in still air: eq (5) balances the weight.
+    """Return the rotor speeds for hover in still air: their wrench by eq (5) balances the weight without torque.
 
-    They differ where the rotors do or where the centre of mass is not in the middle; zero for a rotor that would have
-    to pull down.
+    The speeds differ if the rotors differ or the centre of mass is not in the middle. The speed is zero for a rotor
+    that would have to push the vehicle down.
     """
     weight = parameters.mass * parameters.gravity
     return RotorSpeed._make(sqrt(maximum(row.thrust * weight, 0.0)) for row in mixer_of(parameters))

@@ -8,15 +8,15 @@ from drake_quad.vehicle.aerodynamics import AirLoad, BodyDrag, GroundEffect, Rot
 from drake_quad.vehicle.battery import Battery
 from drake_quad.vehicle.motors import SpinDown, ThrustCurve
 from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters
-from drake_quad.vehicle.payload import Payload, whole
+from drake_quad.vehicle.payload import Payload, loaded_body
 from drake_quad.vehicle.slung_load import SlungLoad
 
 
 class ReactionTorque(NamedTuple):
-    """The reaction of the body to rotors that accelerate: τ_z -= J_r dω_r/dt.
+    """Reaction torque on the body when the rotors accelerate: τ_z -= J_r dω_r/dt.
 
     Attributes:
-        rotor_inertia: J_r of one rotor with its motor, as in `QuadrotorParameters`.
+        rotor_inertia: moment of inertia J_r of one rotor with its motor, as in `QuadrotorParameters`.
     """
 
     rotor_inertia: Annotated[Row, Quantity("kg m²")]
@@ -73,31 +73,34 @@ class Effects(NamedTuple):
         return bool(self.air_loads) or self.payload is not None or self.slung_load is not None
 
     def only(self, names: Sequence[str]) -> "Effects":
-        """Return the effects of some names.
+        """Return these effects with all but the named ones switched off.
 
         Raises:
-            ValueError: one of them has no numbers.
+            ValueError: if a named effect is off.
         """
         for name in names:
             if name not in self.names:
-                raise ValueError(f"the effect {name} has no numbers")
+                raise ValueError(f"the effect {name} has no parameters")
         return Effects(**{name: getattr(self, name) for name in names})
 
 
 NO_EFFECTS = Effects()
+"""Effects that are all switched off."""
 
 
-def as_in_hover(parameters: QuadrotorParameters, effects: Effects, height: PositionW) -> QuadrotorParameters:
-    """The parameters of a vehicle without effects whose rotors turn as fast in hover, at the beginning of a flight.
+def hover_equivalent(parameters: QuadrotorParameters, effects: Effects, height: PositionW) -> QuadrotorParameters:
+    """Return the parameters of a vehicle without effects that has the same rotor speeds in hover.
+
+    The result accounts for a payload that is attached at time zero, for a slung load and for ground effect.
 
     Args:
-        parameters: of the vehicle.
-        effects: on it.
-        height: at which it hovers, m.
+        parameters: parameters of the vehicle.
+        effects: effects on the vehicle.
+        height: height of the hover, m.
     """
     mass, (x, y) = parameters.mass, parameters.centre_of_mass
     if effects.payload is not None:
-        body = whole(mass, parameters.inertia, effects.payload, 0.0)
+        body = loaded_body(mass, parameters.inertia, effects.payload, 0.0)
         mass, x, y = body.mass, x + body.centre.x, y + body.centre.y
     if effects.slung_load is not None:
         mass = mass + effects.slung_load.mass

@@ -1,4 +1,4 @@
-"""Rotors that do not turn as they are told."""
+"""Rotor faults: a voltage drop of the battery and failures of single rotors, as factors on the rotor speeds."""
 
 import math
 from typing import Annotated, NamedTuple
@@ -8,7 +8,7 @@ from drake_quad.signals import Number, Quantity, Row, Time
 
 
 class SpeedFactors(NamedTuple):
-    """What is left of the speed of each rotor, as a share."""
+    """Factors by which the speeds of the rotors are multiplied; 1 for a rotor without a fault."""
 
     rotor_1: Number = 1.0
     rotor_2: Number = 1.0
@@ -17,12 +17,12 @@ class SpeedFactors(NamedTuple):
 
 
 class RotorFaults(NamedTuple):
-    """What the rotors lose of the speed that they are told.
+    """Parameters of rotor faults.
 
     Attributes:
-        battery_sag: share that all rotors lose with the battery, per second of flight.
-        failure_time: when rotors fail; infinite if they do not.
-        failure_factor: share of its speed that each rotor keeps from then on.
+        battery_sag: share of the commanded speed that all rotors lose per second of flight.
+        failure_time: time at which rotors fail; infinite if none fails.
+        failure_factor: factors on the rotor speeds from the failure on.
     """
 
     battery_sag: Annotated[Row, Quantity("1/s")] = 0.0
@@ -31,7 +31,7 @@ class RotorFaults(NamedTuple):
 
 
 def speed_factors(faults: RotorFaults, time: Row) -> SpeedFactors:
-    """What is left of the speed of the rotors at a time (s)."""
-    charge = maximum(1.0 - faults.battery_sag * time, 0.0)
+    """Return the factors on the rotor speeds at a time (s)."""
+    battery_factor = maximum(1.0 - faults.battery_sag * time, 0.0)
     failed = time >= faults.failure_time
-    return SpeedFactors._make(charge * where(failed, left, 1.0) for left in faults.failure_factor)
+    return SpeedFactors._make(battery_factor * where(failed, remaining, 1.0) for remaining in faults.failure_factor)

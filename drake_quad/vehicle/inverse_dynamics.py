@@ -1,7 +1,7 @@
-"""Rotor speeds that a trajectory asks for: the equations of motion read backwards.
+"""Inverse dynamics: rotor speeds that are necessary to follow a trajectory.
 
-The vehicle is differentially flat (`drake_quad.geometry.flatness`): position and yaw over time fix how the body turns,
-and so the torques.
+The vehicle is differentially flat (`drake_quad.geometry.flatness`): position and yaw as functions of time determine the
+attitude, the body rates and the torques.
 """
 
 from typing import NamedTuple
@@ -16,13 +16,13 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 
 
 class RotorDemand(NamedTuple):
-    """What a trajectory asks of the vehicle; the rows are as those of the trajectory.
+    """State and wrench that are necessary to follow a trajectory, with rows shaped like those of the trajectory.
 
     Attributes:
-        rotor_speed: zero where a rotor would have to pull down.
-        attitude: of the body.
-        body_rates: of the body.
-        wrench: of the rotors.
+        rotor_speed: rotor speeds; zero for a rotor that would have to push the vehicle down.
+        attitude: attitude of the vehicle.
+        body_rates: body rates of the vehicle.
+        wrench: wrench of the rotors.
     """
 
     rotor_speed: RotorSpeed
@@ -32,16 +32,16 @@ class RotorDemand(NamedTuple):
 
 
 def rotor_demand(reference: Reference, jerk: Jerk, snap: Snap, parameters: QuadrotorParameters) -> RotorDemand:
-    """Returns what the vehicle needs to follow a trajectory in still air without drag, rotors without lag.
+    """Return the rotor speeds, attitude, body rates and wrench for which a vehicle follows a trajectory exactly.
 
-    The gyroscopic torque of the rotors' residual speed is left out: it is that of the difference between four nearly
-    equal speeds.
+    The air is still, and drag and the lag of the rotors are neglected. The gyroscopic torque of the rotors' residual
+    speed is also neglected: it is small, since the rotors turn in opposite directions at nearly equal speeds.
 
     Args:
-        reference: numbers, or arrays of samples.
-        jerk: of the reference.
-        snap: of the reference.
-        parameters: of one vehicle.
+        reference: reference at one instant (numbers) or at several instants (arrays).
+        jerk: jerk of the reference.
+        snap: snap of the reference, and second derivative of its yaw.
+        parameters: parameters of one vehicle.
     """
     thrust = Acceleration(reference.a_x, reference.a_y, reference.a_z + parameters.gravity)
     specific_thrust, turned_jerk, turned_snap = (
@@ -59,5 +59,5 @@ def rotor_demand(reference: Reference, jerk: Jerk, snap: Snap, parameters: Quadr
 
 
 def _wrench_matrix(parameters: QuadrotorParameters) -> np.ndarray:
-    """(4, 4) matrix of eq (5), from squared rotor speeds to the wrench."""
+    """Return the (4, 4) matrix of eq (5), which maps squared rotor speeds to the wrench."""
     return np.array([rotor_action(RotorSpeed(*column), parameters).wrench for column in np.eye(4)]).T

@@ -1,4 +1,4 @@
-"""Which squared rotor speeds give a wrench: the inverse of eq (5)."""
+"""Mixer: the linear map from a wrench to squared rotor speeds, which is the inverse of eq (5)."""
 
 from typing import Annotated, NamedTuple
 
@@ -8,8 +8,8 @@ from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters
 from drake_quad.vehicle.rotors import Rotor
 
 
-class PerWrench(NamedTuple):
-    """What a rotor has to add to its squared speed (rad²/s²) for each unit of a wrench."""
+class MixerRow(NamedTuple):
+    """Change of one rotor's squared speed (rad²/s²) per unit of thrust (N) and of each torque (N m)."""
 
     thrust: Annotated[Row, Quantity("rad²/(N s²)")]
     tau_x: Annotated[Row, Quantity("rad²/(N m s²)")]
@@ -18,23 +18,25 @@ class PerWrench(NamedTuple):
 
 
 class Mixer(NamedTuple):
-    """The inverse of eq (5): from a wrench to the squared speeds of the rotors."""
+    """Inverse of eq (5), with one row for each rotor."""
 
-    rotor_1: PerWrench
-    rotor_2: PerWrench
-    rotor_3: PerWrench
-    rotor_4: PerWrench
+    rotor_1: MixerRow
+    rotor_2: MixerRow
+    rotor_3: MixerRow
+    rotor_4: MixerRow
 
 
 def mixer_of(parameters: QuadrotorParameters) -> Mixer:
-    """Inverts eq (5) for any layout of rotors.
+    """Return the mixer of a vehicle with any layout of four rotors.
 
-    The torque over the thrust is the mean of the rotors' levers, weighted by their thrusts: the thrusts are the
-    barycentric coordinates of the wrench in the tetrahedron of the four levers. What a rotor carries is the distance
-    from the face of the others, over its own.
+    The ratio of torque to thrust is the mean of the rotors' levers, weighted by their thrusts. The thrusts are
+    therefore the barycentric coordinates of the wrench in the tetrahedron of the four levers. The share of a rotor is
+    the distance of the wrench from the face that the other three levers span, divided by the distance of its own lever
+    from this face.
 
     Args:
-        parameters: of a vehicle; the levers of its rotors span a tetrahedron, see `drake_quad.vehicle.authority`.
+        parameters: parameters of a vehicle. The levers of its rotors must span a tetrahedron, which
+            `drake_quad.vehicle.authority` checks.
     """
     rotors, centre = parameters.rotors, parameters.centre_of_mass
     levers = [_lever(rotor, centre) for rotor in rotors]
@@ -43,7 +45,7 @@ def mixer_of(parameters: QuadrotorParameters) -> Mixer:
         a, b, c = (other for other in levers if other is not lever)
         normal = cross(minus(b, a), minus(c, a))
         scale = 1.0 / (dot(normal, minus(lever, a)) * rotor.thrust_factor)
-        rows.append(PerWrench(-dot(normal, a) * scale, normal.x * scale, normal.y * scale, normal.z * scale))
+        rows.append(MixerRow(-dot(normal, a) * scale, normal.x * scale, normal.y * scale, normal.z * scale))
     return Mixer._make(rows)
 
 

@@ -15,9 +15,9 @@ from drake_quad.vehicle.dynamics import (
     rotor_action,
 )
 from drake_quad.vehicle.effects import Effects
-from drake_quad.vehicle.motors import acceleration, decays, lagging
+from drake_quad.vehicle.motors import decay_factors, lagged_speeds, rotor_accelerations
 from drake_quad.vehicle.parameters import QuadrotorParameters
-from drake_quad.vehicle.payload import Whole, whole, whole_accelerations
+from drake_quad.vehicle.payload import LoadedBody, loaded_body, loaded_body_accelerations
 from drake_quad.vehicle.slung_load import Rod, pull, rod_rates
 
 
@@ -33,37 +33,37 @@ class Accelerations(NamedTuple):
     rod: Rod | None = None
 
 
-class Turning(NamedTuple):
+class RotorState(NamedTuple):
     """Rotors at an instant.
 
     Attributes:
-        speed: of each.
-        action: what they do to the body in air that is at rest, far from the ground.
+        speed: rotor speeds.
+        action: action of the rotors on the body in still air and far from the ground.
     """
 
     speed: RotorSpeed
     action: RotorAction
 
 
-def turning(speed: RotorSpeed, target: RotorSpeed, parameters: QuadrotorParameters, effects: Effects) -> Turning:
-    """Rotors on their way to a target."""
+def rotor_state(speed: RotorSpeed, target: RotorSpeed, parameters: QuadrotorParameters, effects: Effects) -> RotorState:
+    """Return the rotors at an instant, for their speeds and the target speeds that they approach."""
     action = rotor_action(speed, parameters)
     if effects.reaction_torque is not None:
-        rate = residual_speed(acceleration(speed, target, parameters, effects.spin_down), parameters.rotors)
+        rate = residual_speed(rotor_accelerations(speed, target, parameters, effects.spin_down), parameters.rotors)
         wrench = action.wrench
         tau_z = wrench.tau_z - effects.reaction_torque.rotor_inertia * rate
         action = action._replace(wrench=wrench._replace(tau_z=tau_z))
-    return Turning(speed, action)
+    return RotorState(speed, action)
 
 
-def turning_over_step(
+def rotor_states_over_step(
     rotors: RotorSpeed, target: RotorSpeed, half: float, parameters: QuadrotorParameters, effects: Effects
-) -> list[Turning]:
+) -> list[RotorState]:
     """Return the rotors at the start, in the middle and at the end of a step of which a half is given, s."""
-    decay = decays(rotors, target, half, parameters, effects.spin_down)
-    middle = lagging(rotors, target, decay)
-    speeds = rotors, middle, lagging(middle, target, decay)
-    return [turning(speed, target, parameters, effects) for speed in speeds]
+    decay = decay_factors(rotors, target, half, parameters, effects.spin_down)
+    middle = lagged_speeds(rotors, target, decay)
+    speeds = rotors, middle, lagged_speeds(middle, target, decay)
+    return [rotor_state(speed, target, parameters, effects) for speed in speeds]
 
 
 def accelerations(
@@ -71,7 +71,7 @@ def accelerations(
     motion: Motion,
     rod: Rod | None,
     height: PositionW,
-    rotors: Turning,
+    rotors: RotorState,
     wind: Wind,
     parameters: QuadrotorParameters,
     effects: Effects,
@@ -101,7 +101,7 @@ def accelerations(
         flow = Flow(axes.in_body(air), air, rotors.speed, action.wrench, height, parameters)
         forces, torques = zip(*(each.load(flow) for each in effects.air_loads), strict=True)
         load, torque = reduce(plus, forces), reduce(plus, torques)
-        # The force along z_B acts as thrust does.
+        # The force along z_B acts like thrust, so it is added to the wrench.
         thrust, tau_x, tau_y, tau_z = action.wrench
         action = action._replace(wrench=Wrench(thrust + load.z, tau_x + torque.x, tau_y + torque.y, tau_z + torque.z))
         force = plus(times(load.x, axes.x), times(load.y, axes.y))
@@ -119,12 +119,12 @@ def accelerations(
         rod = rod_rates(free, rod, parameters.mass, effects.slung_load)
     if effects.payload is None:
         return Accelerations(equations_of_motion(axes, motion, action, wind, parameters, force), rod)
-    body = whole(parameters.mass, parameters.inertia, effects.payload, time)
+    body = loaded_body(parameters.mass, parameters.inertia, effects.payload, time)
     return Accelerations(_with_payload(motion, axes, on_centre(), action, body, parameters), rod)
 
 
 def _near_ground(action: RotorAction, ratio: Row) -> RotorAction:
-    """What rotors do whose thrust is so many times as large."""
+    """Return the action of the rotors with thrust, roll torque and pitch torque multiplied by a ratio."""
     thrust, tau_x, tau_y, tau_z = action.wrench
     return action._replace(wrench=Wrench(ratio * thrust, ratio * tau_x, ratio * tau_y, tau_z))
 
@@ -134,14 +134,14 @@ def _with_payload(
     axes: BodyAxes,
     force: Vector,
     action: RotorAction,
-    body: Whole,
+    body: LoadedBody,
     parameters: QuadrotorParameters,
 ) -> Motion:
     """Return the accelerations of a vehicle with a payload, for a force in W that excludes the weight, N."""
     _, *torque = action.wrench
     spin = parameters.rotor_inertia * action.residual
-    moved, turned = whole_accelerations(
+    linear, angular = loaded_body_accelerations(
         axes.in_body(force), Vector(*torque), Vector(motion.p, motion.q, motion.r), spin, body
     )
-    in_world = axes.in_world(moved)
-    return Motion(in_world.x, in_world.y, in_world.z - parameters.gravity, *turned)
+    in_world = axes.in_world(linear)
+    return Motion(in_world.x, in_world.y, in_world.z - parameters.gravity, *angular)

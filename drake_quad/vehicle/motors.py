@@ -1,4 +1,4 @@
-"""Rotors on their way to what they are told: throttles, and the lag of their speed."""
+"""Motors: thrust curves of throttles, and the lag from commanded to actual rotor speeds."""
 
 from collections.abc import Callable
 from typing import Annotated, NamedTuple
@@ -14,7 +14,7 @@ _Force = Annotated[Row, Quantity("N")]
 
 
 class ThrustCurve(NamedTuple):
-    """Thrust of a rotor over its throttle u: K₀ + K₁ u + K₂ u²."""
+    """Thrust of a rotor as a function of its throttle u: K₀ + K₁ u + K₂ u²."""
 
     k_0: _Force
     k_1: _Force
@@ -22,45 +22,45 @@ class ThrustCurve(NamedTuple):
 
 
 class SpinDown(NamedTuple):
-    """Lag of rotors that slow down; `rotor_time_constant` is then that of those that speed up."""
+    """Time constant of rotors that slow down; `rotor_time_constant` then applies only to rotors that speed up."""
 
     time_constant: Annotated[Row, Quantity("s")]
 
 
 def mean_thrust_factor(parameters: QuadrotorParameters) -> Row:
-    """The mean of the rotors' thrust factors b, N s²."""
+    """Return the mean of the rotors' thrust factors b, N s²."""
     b_1, b_2, b_3, b_4 = parameters.rotors.thrust_factors
     return 0.25 * (b_1 + b_2 + b_3 + b_4)
 
 
 def thrust_of(throttle: Row, curve: ThrustCurve) -> Row:
-    """The thrust of a rotor, N."""
+    """Return the thrust of a rotor for a throttle in [0, 1], N."""
     return curve.k_0 + throttle * (curve.k_1 + curve.k_2 * throttle)
 
 
 def throttle_for(thrust: Row, curve: ThrustCurve) -> Row:
-    """The throttle for a thrust (N), of a curve that rises over [0, 1]."""
+    """Return the throttle for a thrust (N); the curve must increase over [0, 1]."""
     above = thrust - curve.k_0
     root = sqrt(maximum(curve.k_1 * curve.k_1 + 4.0 * curve.k_2 * above, 0.0))
-    # Of the two ways to write the root this one holds for a straight line, too.
+    # This form of the root of the quadratic equation is also valid for a straight line, k_2 = 0.
     return 2.0 * above / maximum(curve.k_1 + root, TINY)
 
 
-def speeds_of_throttles(curve: ThrustCurve, thrust_factor: Row) -> tuple[Row, Row]:
-    """The least and the largest speed (rad/s) that throttles stand for, of a curve that rises over [0, 1].
+def speed_range_of_throttles(curve: ThrustCurve, thrust_factor: Row) -> tuple[Row, Row]:
+    """Return the rotor speeds (rad/s) at throttle 0 and at throttle 1.
 
     Args:
-        curve: of the thrust of each rotor.
-        thrust_factor: b of a rotor whose thrust is that of the curve, N s².
+        curve: thrust curve of each rotor, which must increase over [0, 1].
+        thrust_factor: thrust factor b of a rotor to which the curve applies exactly, N s².
     """
     return sqrt(maximum(curve.k_0, 0.0) / thrust_factor), sqrt(thrust_of(1.0, curve) / thrust_factor)
 
 
-def told_by_throttle(command: Throttle, curve: ThrustCurve, parameters: QuadrotorParameters) -> RotorSpeed:
-    """The rotor speeds that throttles stand for: √(T / b), with b the mean of the rotors' thrust factors.
+def rotor_speeds_of_throttles(command: Throttle, curve: ThrustCurve, parameters: QuadrotorParameters) -> RotorSpeed:
+    """Return the rotor speeds that throttles command: √(T / b), with the mean b of the rotors' thrust factors.
 
-    So a rotor whose own factor is off from the mean gives as much more or less than the curve says. A throttle is
-    clipped to [0, 1], 0 if it is not a number.
+    The thrust of a rotor deviates from the curve by the same factor by which its own thrust factor deviates from the
+    mean. Throttles are clipped to [0, 1]; NaN becomes 0.
     """
     per_factor = 1.0 / mean_thrust_factor(parameters)
     thrusts = [thrust_of(minimum(maximum(throttle, 0.0), 1.0), curve) for throttle in command]
@@ -70,22 +70,40 @@ def told_by_throttle(command: Throttle, curve: ThrustCurve, parameters: Quadroto
 def time_constants(
     speed: RotorSpeed, target: RotorSpeed, parameters: QuadrotorParameters, down: SpinDown | None
 ) -> RotorSpeed:
-    """The lag of each rotor (s), by whether it speeds up or slows down; one at its target counts as slowing down."""
+    """Return the time constant of each rotor, s, which depends on whether the rotor speeds up or slows down.
+
+    A rotor that has reached its target has the time constant of a rotor that slows down.
+
+    Args:
+        speed: rotor speeds.
+        target: speeds that the rotors approach.
+        parameters: parameters of the vehicle.
+        down: time constant of rotors that slow down; None if it is the same in both directions.
+    """
     up = parameters.rotor_time_constant
     if down is None:
         return RotorSpeed(up, up, up, up)
     return RotorSpeed._make(where(to > now, up, down.time_constant) for now, to in zip(speed, target, strict=True))
 
 
-def lagging(speed: RotorSpeed, target: RotorSpeed, decay: RotorSpeed) -> RotorSpeed:
-    """Rotor speeds some time later, on their way to a target: the decay is exp(-time / time constant) of each."""
+def lagged_speeds(speed: RotorSpeed, target: RotorSpeed, decay: RotorSpeed) -> RotorSpeed:
+    """Return the rotor speeds after some time, given the factors by which the distances to the targets decay.
+
+    Args:
+        speed: rotor speeds at the beginning.
+        target: constant speeds that the rotors approach.
+        decay: results of `decay_factors`.
+    """
     return RotorSpeed._make(t + (w - t) * d for w, t, d in zip(speed, target, decay, strict=True))
 
 
-def decays(
+def decay_factors(
     speed: RotorSpeed, target: RotorSpeed, time: Row, parameters: QuadrotorParameters, down: SpinDown | None
 ) -> RotorSpeed:
-    """exp(-time / time constant) of each rotor. On its way to a target that is held, none turns round."""
+    """Return exp(-time / time constant) of each rotor, for a time in s; further arguments as for `time_constants`.
+
+    A rotor that approaches a constant target never passes it, so its time constant does not change on the way.
+    """
     if down is None:
         decay = exp(-time / parameters.rotor_time_constant)
         return RotorSpeed(decay, decay, decay, decay)
@@ -93,21 +111,21 @@ def decays(
     return RotorSpeed._make(exp(-time / lag) for lag in lags)
 
 
-def acceleration(
+def rotor_accelerations(
     speed: RotorSpeed, target: RotorSpeed, parameters: QuadrotorParameters, down: SpinDown | None
 ) -> RotorSpeed:
-    """dω/dt of the rotors on their way to a target, rad/s²."""
+    """Return the rates dω/dt of the rotor speeds, rad/s²; arguments are those of `time_constants`."""
     lags = time_constants(speed, target, parameters, down)
     return RotorSpeed._make((t - w) / lag for w, t, lag in zip(speed, target, lags, strict=True))
 
 
 class ThrottleModel(NamedTuple):
-    """What the autopilot believes of rotors that are told throttles.
+    """Autopilot's model of rotors whose motors take throttles.
 
     Attributes:
-        rotors: their model.
-        thrust_factor: b of a rotor whose thrust is that of the curve.
-        curve: of the thrust of each over its throttle.
+        rotors: model of the rotors.
+        thrust_factor: thrust factor b of a rotor to which the curve applies exactly.
+        curve: thrust of each rotor as a function of its throttle.
     """
 
     rotors: RotorModel
@@ -116,17 +134,17 @@ class ThrottleModel(NamedTuple):
 
     @classmethod
     def of(cls, parameters: QuadrotorParameters, curve: ThrustCurve) -> "ThrottleModel":
-        """The model of a vehicle."""
+        """Return an exact model of a vehicle with a thrust curve."""
         return cls(RotorModel.of(parameters), mean_thrust_factor(parameters), curve)
 
 
-def told_as(speed: RotorSpeed, vehicle: ThrottleModel, believed: ThrottleModel) -> RotorSpeed:
-    """The rotor speeds that the autopilot believes to command where rotors turn at some speeds, within its limits.
+def believed_rotor_speeds(speed: RotorSpeed, vehicle: ThrottleModel, believed: ThrottleModel) -> RotorSpeed:
+    """Return the rotor speeds that an autopilot with an inexact model commands for given actual rotor speeds.
 
     Args:
-        speed: of the rotors.
-        vehicle: as it is.
-        believed: by the autopilot.
+        speed: actual rotor speeds, within the limits of the autopilot.
+        vehicle: exact model of the vehicle.
+        believed: model of the autopilot.
     """
     throttles = [throttle_for(vehicle.thrust_factor * w * w, vehicle.curve) for w in speed]
     thrusts = [thrust_of(throttle, believed.curve) for throttle in throttles]
@@ -160,7 +178,7 @@ def allocate_throttle(
         allocation: `allocate` or `allocate_to_pairs`.
     """
     rotors, b, curve = model
-    slowest, fastest = speeds_of_throttles(curve, b)
+    slowest, fastest = speed_range_of_throttles(curve, b)
     within = rotors._replace(min_speed=maximum(rotors.min_speed, slowest), max_speed=minimum(rotors.max_speed, fastest))
     allocated = allocation(wrench, within, priority)
     throttles = [throttle_for(b * speed * speed, curve) for speed in allocated.rotor_speed_command]
@@ -185,7 +203,7 @@ class ThrottleAllocation(FleetSystem):
     The only parameter of the context is `model`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number N of vehicles.
         paired: True if all rotors are equal and in opposite pairs, which saves operations.
         priority: part of the wrench that is kept first if the rotors cannot produce the whole wrench.
         numbers: autopilot's model of the motors, whose thrust curve increases over [0, 1].
@@ -194,5 +212,5 @@ class ThrottleAllocation(FleetSystem):
     def declare(self, *, paired: bool = False, priority: Priority = "roll_pitch", numbers: ThrottleModel) -> None:
         """Declare ports and parameters."""
         wrench, model = self.input("wrench"), self.parameter("model", lambda model: model)
-        reads = wrench, model, priority, allocate_to_pairs if paired else allocate
-        self.packed_output("throttle_command_and_shortfall", AllocatedThrottle, allocate_throttle, *reads)
+        arguments = wrench, model, priority, allocate_to_pairs if paired else allocate
+        self.packed_output("throttle_command_and_shortfall", AllocatedThrottle, allocate_throttle, *arguments)

@@ -1,4 +1,4 @@
-"""The numbers of a quadrotor."""
+"""Parameters of a quadrotor."""
 
 from typing import Annotated, NamedTuple
 
@@ -39,8 +39,9 @@ class QuadrotorParameters(NamedTuple):
         quadratic_drag: ratio of drag force to squared airspeed. The paper neglects drag: 0.
         rotor_time_constant: time constant of the lag from the command to the rotor speed. It is not in the paper; 50 ms
             is typical of hobby-class motors of this size in step tests.
-        min_rotor_speed: idle speed. It is not in the paper; a fifth of the maximum speed.
-        max_rotor_speed: maximum speed. It is not in the paper; it gives 2.2 times the thrust of hover, a usual ratio.
+        min_rotor_speed: idle speed. It is not in the paper; the default is a fifth of the maximum speed.
+        max_rotor_speed: maximum speed. It is not in the paper; the default gives 2.2 times the thrust of hover, a usual
+            ratio.
         centre_of_mass: position relative to the origin of the rotors' layout, along the axes of B. It is 0 in the
             paper.
     """

@@ -1,15 +1,16 @@
-"""A mass that is fixed to the vehicle and is picked up or dropped at a time.
+"""Payload: a mass that is fixed to the vehicle, and that is picked up or dropped at a given time.
 
-State and equations stay those of one point, P: the centre of mass of the vehicle without its payload. Its velocity and
-the body rates go on when the payload comes or goes: what is dropped leaves with the velocity that it has, and what is
-picked up has the vehicle's when it is gripped. With the payload, the centre of mass C of the whole is at c from P:
+State and equations are always those of the point P, the centre of mass of the vehicle without its payload. The velocity
+of P and the body rates are continuous when the payload is picked up or dropped: a dropped payload keeps its velocity,
+and a payload that is picked up already moves with the vehicle. With the payload, the common centre of mass C is at the
+position c relative to P:
 
     M = m + m_p,    c = m_p r / M
-    I_C = I + I_p + (m m_p / M) (|r|² 1 - r rᵀ)                   parallel axes; products of inertia stay
+    I_C = I + I_p + (m m_p / M) (|r|² 1 - r rᵀ)                   parallel axis theorem, with products of inertia
     I_C α = τ_P - c x F - ω x (I_C ω + J_r ω_r z)
     a_P = F / M - α x c - ω x (ω x c)                             without gravity, in the axes of B
 
-where F and τ_P are the force on the vehicle without its weight, and the torque about P.
+where F is the force on the vehicle without its weight, and τ_P is the torque about P.
 """
 
 import math
@@ -23,7 +24,7 @@ from drake_quad.vehicle.rotors import Length
 
 
 class PayloadPosition(NamedTuple):
-    """Where the centre of mass of the payload is, seen from the vehicle's own."""
+    """Position of the payload's centre of mass relative to the vehicle's own centre of mass."""
 
     x: Length
     y: Length
@@ -34,11 +35,11 @@ class Payload(NamedTuple):
     """A mass that the vehicle carries for some time.
 
     Attributes:
-        mass: m_p.
-        position: r.
-        inertia: I_p, about its own centre of mass, along the axes of B.
-        picked_up: when it comes; 0 if it is there from the beginning.
-        dropped: when it goes; infinite if it stays.
+        mass: mass m_p.
+        position: position r.
+        inertia: moments of inertia I_p about the payload's own centre of mass, along the axes of B.
+        picked_up: time at which the vehicle picks up the payload; 0 if it carries the payload from the beginning.
+        dropped: time at which the vehicle drops the payload; infinite if it keeps it.
     """
 
     mass: Annotated[Row, Quantity("kg")]
@@ -48,14 +49,14 @@ class Payload(NamedTuple):
     dropped: Time = math.inf
 
 
-class Whole(NamedTuple):
+class LoadedBody(NamedTuple):
     """Vehicle and payload as one body.
 
     Attributes:
-        mass: M, kg.
-        centre: c, m.
-        diagonal: moments of inertia about C: xx, yy, zz, kg m².
-        products: the elements yz, zx and xy of the same matrix, kg m².
+        mass: total mass M, kg.
+        centre: position c of the common centre of mass C, m.
+        diagonal: elements xx, yy and zz of the inertia matrix about C, kg m².
+        products: elements yz, zx and xy of the same matrix, kg m².
     """
 
     mass: Row
@@ -64,14 +65,14 @@ class Whole(NamedTuple):
     products: Vector
 
 
-def whole(mass: Row, inertia: Inertia, payload: Payload, time: Row) -> Whole:
-    """Vehicle and payload, or what is left of them, at a time.
+def loaded_body(mass: Row, inertia: Inertia, payload: Payload, time: Row) -> LoadedBody:
+    """Return the vehicle together with its payload, or alone if the payload is not attached at this time.
 
     Args:
-        mass: of the vehicle.
-        inertia: of the vehicle.
-        payload: that it carries for some time.
-        time: s.
+        mass: mass m of the vehicle, kg.
+        inertia: moments of inertia I of the vehicle.
+        payload: payload of the vehicle.
+        time: time, s.
     """
     load = where(time >= payload.dropped, 0.0, where(time >= payload.picked_up, payload.mass, 0.0))
     share = load / payload.mass
@@ -80,7 +81,7 @@ def whole(mass: Row, inertia: Inertia, payload: Payload, time: Row) -> Whole:
     reduced = mass * load / total
     xx, yy, zz = reduced * r.x * r.x, reduced * r.y * r.y, reduced * r.z * r.z
     i_x, i_y, i_z = (own + share * other for own, other in zip(inertia, payload.inertia, strict=True))
-    return Whole(
+    return LoadedBody(
         total,
         times(load / total, r),
         Vector(i_x + (yy + zz), i_y + (zz + xx), i_z + (xx + yy)),
@@ -88,14 +89,16 @@ def whole(mass: Row, inertia: Inertia, payload: Payload, time: Row) -> Whole:
     )
 
 
-def whole_accelerations(force: Vector, torque: Vector, rates: Vector, spin: Row, body: Whole) -> tuple[Vector, Vector]:
-    """Acceleration of P without that of gravity (m/s²) and angular acceleration (rad/s²), in the axes of B.
+def loaded_body_accelerations(
+    force: Vector, torque: Vector, rates: Vector, spin: Row, body: LoadedBody
+) -> tuple[Vector, Vector]:
+    """Return the acceleration of P without gravity (m/s²) and the angular acceleration (rad/s²), in the axes of B.
 
     Args:
-        force: F, N.
-        torque: τ_P, N m.
-        rates: ω, rad/s.
-        spin: J_r ω_r, N m s.
+        force: force F in B, N.
+        torque: torque τ_P in B, N m.
+        rates: body rates ω, rad/s.
+        spin: angular momentum J_r ω_r of the rotors, N m s.
         body: vehicle and payload.
     """
     x, y, z = rates
@@ -104,13 +107,13 @@ def whole_accelerations(force: Vector, torque: Vector, rates: Vector, spin: Row,
         i_x * x + i_xy * y + i_zx * z, i_xy * x + i_y * y + i_yz * z, i_zx * x + i_yz * y + i_z * z + spin
     )
     about_centre = plus(torque, times(-1.0, plus(cross(body.centre, force), cross(rates, momentum))))
-    turning = _solved(body, about_centre)
-    swung = plus(cross(turning, body.centre), cross(rates, cross(rates, body.centre)))
-    return plus(times(1.0 / body.mass, force), times(-1.0, swung)), turning
+    turning = _angular_acceleration(body, about_centre)
+    rotating = plus(cross(turning, body.centre), cross(rates, cross(rates, body.centre)))
+    return plus(times(1.0 / body.mass, force), times(-1.0, rotating)), turning
 
 
-def _solved(body: Whole, torque: Vector) -> Vector:
-    """I_C⁻¹ τ, by the cofactors of the symmetric matrix."""
+def _angular_acceleration(body: LoadedBody, torque: Vector) -> Vector:
+    """Return I_C⁻¹ τ for a torque τ about C, by the cofactors of the symmetric matrix."""
     (i_x, i_y, i_z), (i_yz, i_zx, i_xy) = body.diagonal, body.products
     first = Vector(i_y * i_z - i_yz * i_yz, i_zx * i_yz - i_xy * i_z, i_xy * i_yz - i_y * i_zx)
     second = Vector(first.y, i_x * i_z - i_zx * i_zx, i_xy * i_zx - i_x * i_yz)

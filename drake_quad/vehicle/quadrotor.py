@@ -1,4 +1,4 @@
-"""The quadrotor as a Drake system."""
+"""Drake system of a quadrotor."""
 
 from typing import Literal, NamedTuple
 
@@ -9,7 +9,7 @@ from drake_quad.signals import Angle, PositionW, State, Wind
 from drake_quad.vehicle.attitude_kinematics import RIGID_KINEMATICS, SMALL_ANGLE_KINEMATICS
 from drake_quad.vehicle.battery import FULL
 from drake_quad.vehicle.dynamics import hover_rotor_speeds
-from drake_quad.vehicle.effects import NO_EFFECTS, Effects, as_in_hover
+from drake_quad.vehicle.effects import NO_EFFECTS, Effects, hover_equivalent
 from drake_quad.vehicle.faults import RotorFaults
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.slung_load import HANGING
@@ -23,10 +23,11 @@ from drake_quad.vehicle.stepping import (
 
 Kinematics = Literal["exact", "small_angle"]
 KINEMATICS = {"exact": RIGID_KINEMATICS, "small_angle": SMALL_ANGLE_KINEMATICS}
+"""Attitude kinematics by name."""
 
 
 class Place(NamedTuple):
-    """Where a vehicle hovers, and where it looks."""
+    """Position and yaw of a vehicle in hover."""
 
     x: PositionW = 0.0
     y: PositionW = 0.0
@@ -35,13 +36,13 @@ class Place(NamedTuple):
 
 
 class QuadrotorNumbers(NamedTuple):
-    """What may differ from vehicle to vehicle.
+    """Parameters that can differ between the vehicles of a fleet.
 
     Attributes:
-        parameters: of the vehicle.
-        faults: of its rotors.
-        start: where it hovers at the beginning, each rotor at the speed that this takes.
-        effects: on it, those that are switched on.
+        parameters: parameters of the vehicle.
+        faults: faults of its rotors.
+        start: position and yaw in which the vehicle hovers at the beginning, with its rotors at hover speed.
+        effects: parameters of the effects on the vehicle.
     """
 
     parameters: QuadrotorParameters = QuadrotorParameters()
@@ -51,14 +52,15 @@ class QuadrotorNumbers(NamedTuple):
 
 
 def hover(parameters: QuadrotorParameters, place: Place, effects: Effects = NO_EFFECTS) -> VehicleState:
-    """The state of a vehicle that hovers in still air, with a full battery and a load that hangs straight down."""
+    """Return the state of a vehicle that hovers in still air, with a full battery and with a slung load at rest."""
     body = State(place.x, place.y, place.z, 0.0, 0.0, place.yaw, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    rotors = hover_rotor_speeds(as_in_hover(parameters, effects, place.z))
+    rotors = hover_rotor_speeds(hover_equivalent(parameters, effects, place.z))
     swing = None if effects.slung_load is None else HANGING
     return VehicleState(body, rotors, swing, None if effects.battery is None else FULL)
 
 
-_OUTPUTS = {"state": "body", "rotor_speed": "rotors", "swing": "swing", "charge": "charge"}
+# Field of `VehicleState` for each output port.
+_FIELD_OF_OUTPUT = {"state": "body", "rotor_speed": "rotors", "swing": "swing", "charge": "charge"}
 
 
 @fleet_system(float, AutoDiffXd, Expression)
@@ -114,7 +116,7 @@ class Quadrotor(FleetSystem):
     `payload`, which depend on a case distinction.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number N of vehicles.
         time_step: time step h, s, 10 ms by default; 0 for a continuous state.
         kinematics: "exact", or "small_angle" for the last three lines of eq (3) as in the paper.
         faulty: True if rotors may have faults.
@@ -135,25 +137,25 @@ class Quadrotor(FleetSystem):
         effects: tuple[str, ...] = (),
         numbers: QuadrotorNumbers = QuadrotorNumbers(),
     ) -> None:
-        """Declares the system."""
+        """Declare ports, states and parameters."""
         if {"slung_load", "payload"} <= set(effects):
-            raise ValueError("a vehicle with a payload has no slung load")
+            raise ValueError("the effects payload and slung_load cannot be combined")
         self.time_step = time_step
 
-        def acting(numbers: QuadrotorNumbers) -> Effects:
+        def active_effects(numbers: QuadrotorNumbers) -> Effects:
             return numbers.effects.only(effects)
 
         def start(numbers: QuadrotorNumbers) -> VehicleState:
-            return hover(numbers.parameters, numbers.start, acting(numbers))
+            return hover(numbers.parameters, numbers.start, active_effects(numbers))
 
         parameters = self.parameter("parameters", lambda numbers: numbers.parameters)
         faults = self.parameter("faults", lambda numbers: numbers.faults) if faulty else None
-        effect_numbers = self.parameter("effects", acting) if effects else NO_EFFECTS
+        effect_numbers = self.parameter("effects", active_effects) if effects else NO_EFFECTS
         command = self.input("throttle_command" if "thrust_curve" in effects else "rotor_speed_command")
         inputs = command, self.input("wind", absent=Wind(0.0, 0.0, 0.0)), self.input("crashed")
-        # Without faults and payload nothing depends on the time; an Expression of it could not be compared.
+        # Only faults and a payload depend on the time. Other vehicles must not, so that they support Expression.
         time = TIME if faulty or "payload" in effects else 0.0
-        reads = *inputs, parameters, faults, effect_numbers, time
+        arguments = *inputs, parameters, faults, effect_numbers, time
         motion = KINEMATICS[kinematics]
         if time_step > 0.0:
             body = self.state("state", lambda numbers: start(numbers).body)
@@ -161,26 +163,26 @@ class Quadrotor(FleetSystem):
             swing = self.state("swing", lambda numbers: start(numbers).swing) if "slung_load" in effects else None
             charge = self.state("charge", lambda numbers: start(numbers).charge) if "battery" in effects else None
             groups = body, rotors, swing, charge
-            stepped = *groups, *reads, time_step, motion
-            self.update(time_step, quadrotor_step, *stepped, writes=groups, unrestricted=True, at_start=False)
+            step_arguments = *groups, *arguments, time_step, motion
+            self.update(time_step, quadrotor_step, *step_arguments, writes=groups, unrestricted=True, at_start=False)
             for group in self.states.values():
                 self.state_output(group)
-            self.output("acceleration", stepping_acceleration, *groups, *reads, motion)
+            self.output("acceleration", stepping_acceleration, *groups, *arguments, motion)
         else:
             state = self.continuous_state(start)
-            self.derivative(quadrotor_slope, state, *reads, motion)
-            for (name, part), value in zip(_OUTPUTS.items(), start(self._numbers), strict=True):
+            self.derivative(quadrotor_slope, state, *arguments, motion)
+            for (name, part), value in zip(_FIELD_OF_OUTPUT.items(), start(self._numbers), strict=True):
                 if value is not None:
                     self.output(name, getattr, state, part)
-            self.output("acceleration", acceleration_at, state, *reads, motion)
+            self.output("acceleration", acceleration_at, state, *arguments, motion)
 
     def set_hover(self, context: Context, place: Place) -> None:
-        """Puts the vehicles into hover with the context's parameters."""
+        """Set the state of a context to hover at a place, for the parameters of the context."""
         effects = self.get_parameter(context, "effects") if "effects" in self.parameters else NO_EFFECTS
         state = hover(self.get_parameter(context, "parameters"), place, effects)
         if self.time_step == 0.0:
             self.set_state(context, "continuous", state)
             return
-        for name, part in zip(_OUTPUTS, state, strict=True):
+        for name, part in zip(_FIELD_OF_OUTPUT, state, strict=True):
             if part is not None:
                 self.set_state(context, name, part)

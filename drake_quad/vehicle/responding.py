@@ -1,11 +1,12 @@
-"""A quadrotor whose closed attitude loop is known as a whole: it answers to attitude commands.
+"""Quadrotor with a second-order model of its closed attitude loop.
 
-Identified from flights, an autopilot with its vehicle is a lag of second order on each angle,
+The model describes an autopilot together with its vehicle, as it is identified from flights. Each angle follows its
+command by
 
     φ̈ = ω_n² (φ_r - φ) - 2 ζ ω_n φ̇
 
-and the thrust lags as the rotors do. What the rotors do to the attitude is in that answer already: only their thrust is
-taken, and translation follows the same equations as for a `Quadrotor`.
+The thrust lags behind its command as the rotors do. The torques of the rotors have no effect, since the response of the
+attitude includes them. Translation follows the same equations as for a `Quadrotor`.
 """
 
 from collections.abc import Callable
@@ -37,19 +38,19 @@ from drake_quad.signals import (
 from drake_quad.vehicle.dynamics import Motion
 from drake_quad.vehicle.effects import NO_EFFECTS, Effects
 from drake_quad.vehicle.faults import RotorFaults
-from drake_quad.vehicle.motion import Turning, accelerations, turning, turning_over_step
-from drake_quad.vehicle.motors import acceleration
+from drake_quad.vehicle.motion import RotorState, accelerations, rotor_state, rotor_states_over_step
+from drake_quad.vehicle.motors import rotor_accelerations
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Kinematics, QuadrotorNumbers, hover
 from drake_quad.vehicle.runge_kutta import runge_kutta_step
 from drake_quad.vehicle.stepping import VehicleState, rotor_target, unless_crashed, zeros_like
 
 RESPONDING_EFFECTS = ("body_drag", "rotor_aerodynamics", "ground_effect", "spin_down", "thrust_curve", "loads")
-"""Effects of the air and on the motors; the response of the attitude contains what else turns a vehicle."""
+"""Names of the supported effects. Others act on the attitude, whose response already includes them."""
 
 
 class NaturalFrequencies(NamedTuple):
-    """Of the answer of each angle."""
+    """Natural frequency of the response of each angle."""
 
     roll: AngleRate
     pitch: AngleRate
@@ -57,7 +58,7 @@ class NaturalFrequencies(NamedTuple):
 
 
 class DampingRatios(NamedTuple):
-    """Of the answer of each angle."""
+    """Damping ratio of the response of each angle."""
 
     roll: Number
     pitch: Number
@@ -65,11 +66,11 @@ class DampingRatios(NamedTuple):
 
 
 class AttitudeResponse(NamedTuple):
-    """How the attitude follows its command.
+    """Second-order response of the attitude to its command.
 
     Attributes:
-        natural_frequency: ω_n.
-        damping: ζ.
+        natural_frequency: natural frequencies ω_n.
+        damping: damping ratios ζ.
     """
 
     natural_frequency: NaturalFrequencies
@@ -77,11 +78,11 @@ class AttitudeResponse(NamedTuple):
 
 
 class RespondingNumbers(NamedTuple):
-    """What may differ from vehicle to vehicle.
+    """Parameters that can differ between the vehicles of a fleet.
 
     Attributes:
-        vehicle: as for a `Quadrotor`.
-        response: of its attitude.
+        vehicle: parameters as for a `Quadrotor`.
+        response: response of the attitude.
     """
 
     vehicle: QuadrotorNumbers
@@ -89,7 +90,7 @@ class RespondingNumbers(NamedTuple):
 
 
 class RespondingBody(NamedTuple):
-    """Position, attitude, velocity and rates of the angles."""
+    """Position, attitude, velocity and rates of roll, pitch and yaw."""
 
     x: PositionW
     y: PositionW
@@ -106,52 +107,53 @@ class RespondingBody(NamedTuple):
 
 
 class RespondingState(NamedTuple):
-    """Body and rotors; or their rates, per second."""
+    """State of the body and of the rotors, or its time derivative."""
 
     body: RespondingBody
     rotors: RotorSpeed
 
 
 BodyRatesOf = Callable[[Attitude, Attitude], BodyRates]
+"""Function that returns body rates for the rates of the angles and the attitude."""
 
 
-def _same(rates: Attitude, attitude: Attitude) -> BodyRates:
-    """What eq (3) takes for (2)."""
+def _angle_rates_as_body_rates(rates: Attitude, attitude: Attitude) -> BodyRates:
+    """Return the rates of the angles as body rates, which is the small-angle approximation of eq (3)."""
     return BodyRates(*rates)
 
 
-def _same_rates(accelerations: Attitude, *_: Attitude) -> AngularAcceleration:
+def _angle_accelerations_as_body(accelerations: Attitude, *_: Attitude) -> AngularAcceleration:
     """Return the second derivatives of the angles, in place of the derivative of eq (2)."""
     return AngularAcceleration(*accelerations)
 
 
-_BODY_RATES: dict[str, BodyRatesOf] = {"exact": small_rotation, "small_angle": _same}
+_BODY_RATES: dict[str, BodyRatesOf] = {"exact": small_rotation, "small_angle": _angle_rates_as_body_rates}
 _BODY_ACCELERATIONS: dict[str, Callable[[Attitude, Attitude, Attitude], AngularAcceleration]] = {
     "exact": angular_acceleration,
-    "small_angle": _same_rates,
+    "small_angle": _angle_accelerations_as_body,
 }
 
 
-def shown_state(body: RespondingBody, body_rates: BodyRatesOf) -> State:
-    """The state of the vehicle, with body rates in place of the rates of the angles.
+def state_of(body: RespondingBody, body_rates: BodyRatesOf) -> State:
+    """Return the state of the vehicle, with body rates in place of the rates of the angles.
 
     Args:
-        body: of the vehicle.
-        body_rates: from the rates of the angles and the attitude.
+        body: state of the body.
+        body_rates: function that returns the body rates for the rates of the angles and the attitude.
     """
     x, y, z, roll, pitch, yaw, v_x, v_y, v_z, *rates = body
     p, q, r = body_rates(Attitude(*rates), Attitude(roll, pitch, yaw))
     return State(x, y, z, roll, pitch, yaw, v_x, v_y, v_z, p, q, r)
 
 
-def _answer(error: Row, rate: Row, natural_frequency: Row, damping: Row) -> AngleAcceleration:
-    """The acceleration (rad/s²) of an angle that is behind its command by an error (rad), and its rate (rad/s)."""
+def _angle_acceleration(error: Row, rate: Row, natural_frequency: Row, damping: Row) -> AngleAcceleration:
+    """Return the second derivative of an angle (rad/s²), for its error (rad) and its rate (rad/s)."""
     return natural_frequency * (natural_frequency * error - 2.0 * damping * rate)
 
 
 def body_slope(
     body: RespondingBody,
-    rotors: Turning,
+    rotors: RotorState,
     target: AttitudeTarget,
     wind: Wind,
     parameters: QuadrotorParameters,
@@ -172,7 +174,7 @@ def body_slope(
     # Body rates only affect the angular acceleration, which the response replaces.
     motion = Motion(body.v_x, body.v_y, body.v_z, 0.0, 0.0, 0.0)
     axes = BodyAxes.of(body.roll, body.pitch, body.yaw)
-    moving, _ = accelerations(axes, motion, None, body.z, rotors, wind, parameters, effects)
+    body_accelerations, _ = accelerations(axes, motion, None, body.z, rotors, wind, parameters, effects)
     frequency, damping = response
     return RespondingBody(
         body.v_x,
@@ -181,12 +183,12 @@ def body_slope(
         body.roll_rate,
         body.pitch_rate,
         body.yaw_rate,
-        moving.v_x,
-        moving.v_y,
-        moving.v_z,
-        _answer(target.roll - body.roll, body.roll_rate, frequency.roll, damping.roll),
-        _answer(target.pitch - body.pitch, body.pitch_rate, frequency.pitch, damping.pitch),
-        _answer(wrapped(target.yaw - body.yaw), body.yaw_rate, frequency.yaw, damping.yaw),
+        body_accelerations.v_x,
+        body_accelerations.v_y,
+        body_accelerations.v_z,
+        _angle_acceleration(target.roll - body.roll, body.roll_rate, frequency.roll, damping.roll),
+        _angle_acceleration(target.pitch - body.pitch, body.pitch_rate, frequency.pitch, damping.pitch),
+        _angle_acceleration(wrapped(target.yaw - body.yaw), body.yaw_rate, frequency.yaw, damping.yaw),
     )
 
 
@@ -223,13 +225,13 @@ def responding_step(
         kinematics: "exact" or "small_angle".
     """
     half = 0.5 * time_step
-    before = VehicleState(shown_state(body, _BODY_RATES[kinematics]), rotors)
+    before = VehicleState(state_of(body, _BODY_RATES[kinematics]), rotors)
     goal = rotor_target(before, command, parameters, faults, effects, time - half)
-    start, middle, end = turning_over_step(rotors, goal, half, parameters, effects)
-    turned = start, middle, middle, end
+    start, middle, end = rotor_states_over_step(rotors, goal, half, parameters, effects)
+    rotors_of_stages = start, middle, middle, end
 
     def slope(stage: int, at: RespondingBody, _: RespondingBody) -> RespondingBody:
-        return body_slope(at, turned[stage], target, wind, parameters, response, effects)
+        return body_slope(at, rotors_of_stages[stage], target, wind, parameters, response, effects)
 
     after = RespondingState(runge_kutta_step(body, slope, time_step).end, end.speed)
     return unless_crashed(crashed, RespondingState(body, rotors), after)
@@ -249,12 +251,12 @@ def responding_slope(
     kinematics: Kinematics,
 ) -> RespondingState:
     """Return the time derivative of body and rotors; arguments are those of `responding_step`."""
-    now = VehicleState(shown_state(state.body, _BODY_RATES[kinematics]), state.rotors)
+    now = VehicleState(state_of(state.body, _BODY_RATES[kinematics]), state.rotors)
     goal = rotor_target(now, command, parameters, faults, effects, time)
-    rotors = turning(state.rotors, goal, parameters, effects)
+    rotors = rotor_state(state.rotors, goal, parameters, effects)
     slope = RespondingState(
         body_slope(state.body, rotors, target, wind, parameters, response, effects),
-        acceleration(state.rotors, goal, parameters, effects.spin_down),
+        rotor_accelerations(state.rotors, goal, parameters, effects.spin_down),
     )
     return unless_crashed(crashed, zeros_like(slope), slope)
 
@@ -264,33 +266,34 @@ def acceleration_of(state: RespondingState, *others: Any) -> VehicleAcceleration
     *_, kinematics = others
     slope, body = responding_slope(state, *others).body, state.body
     # The rates of the angles are those of the slope, which are zero for a vehicle that has crashed.
-    turning = _BODY_ACCELERATIONS[kinematics](
+    angular = _BODY_ACCELERATIONS[kinematics](
         Attitude(slope.roll_rate, slope.pitch_rate, slope.yaw_rate),
         Attitude(slope.roll, slope.pitch, slope.yaw),
         Attitude(body.roll, body.pitch, body.yaw),
     )
-    return VehicleAcceleration(slope.v_x, slope.v_y, slope.v_z, *turning)
+    return VehicleAcceleration(slope.v_x, slope.v_y, slope.v_z, *angular)
 
 
 def stepping_acceleration(body: RespondingBody, rotors: RotorSpeed, *others: Any) -> VehicleAcceleration:
-    """Return what `acceleration_of` does, for the groups of a discrete state."""
+    """Return the acceleration of the vehicle as `acceleration_of` does, for the groups of a discrete state."""
     return acceleration_of(RespondingState(body, rotors), *others)
 
 
-def _begun(numbers: RespondingNumbers) -> RespondingState:
-    """The state of a vehicle that hovers in still air."""
+def _hover_state(numbers: RespondingNumbers) -> RespondingState:
+    """Return the state of a vehicle that hovers in still air."""
     body, rotors, _, _ = hover(numbers.vehicle.parameters, numbers.vehicle.start, numbers.vehicle.effects)
     x, y, z, roll, pitch, yaw, v_x, v_y, v_z, _, _, _ = body
     return RespondingState(RespondingBody(x, y, z, roll, pitch, yaw, v_x, v_y, v_z, 0.0, 0.0, 0.0), rotors)
 
 
-def _shown(state: RespondingState, body_rates: BodyRatesOf) -> State:
-    return shown_state(state.body, body_rates)
+def _state_output(state: RespondingState, body_rates: BodyRatesOf) -> State:
+    """Return the output `state` of a vehicle with a continuous state."""
+    return state_of(state.body, body_rates)
 
 
 @fleet_system(float, AutoDiffXd)
 class RespondingQuadrotor(FleetSystem):
-    """A quadrotor with its autopilot, or a fleet of them, whose attitude follows its command as a lag of second order.
+    """Quadrotor with its autopilot, or a fleet of them, whose attitude has a second-order response to its command.
 
     .. pydrake_system::
 
@@ -305,24 +308,25 @@ class RespondingQuadrotor(FleetSystem):
         - rotor_speed
         - acceleration
 
-    A point mass with attitude: it is moved by the thrust of its rotors, gravity and drag as a `Quadrotor` is
-    (`drake_quad.vehicle.dynamics`), and turned towards the `attitude_target`, of which thrust and body rates
-    do not count here. Inertia and single rotors count for nothing but the sum of the thrusts.
+    The system is a point mass with an attitude. The thrust of the rotors, gravity and drag move it as they move a
+    `Quadrotor` (`drake_quad.vehicle.dynamics`). The attitude follows that of the `attitude_target`; the thrust and the
+    body rates of the target have no effect. Only the sum of the rotors' thrusts matters, and inertia has no effect.
 
-    Ports, time steps, faults and what is not connected are as for a `Quadrotor`; the discrete state is in the groups
-    `state`, a `RespondingBody`, and `rotor_speed`, the continuous one is a `RespondingState`. The parameters of the
-    context are `parameters`, `response`, for a vehicle that is faulty `faults`, and, if any are on, `effects`.
+    Ports, time steps, faults and inputs that are not connected are as for a `Quadrotor`. The discrete state consists of
+    the groups `state`, a `RespondingBody`, and `rotor_speed`. The continuous state is a `RespondingState`. The
+    parameters of the context are `parameters` and `response`, for vehicles with faults also `faults`, and for vehicles
+    with effects also `effects`.
 
     Args:
-        num_vehicles: N.
-        time_step: h in seconds, 10 ms by default; 0 for a continuous state.
-        kinematics: "exact", or "small_angle", by which body rates are the rates of the angles.
-        faulty: whether rotors may have faults.
-        effects: names of those that are switched on, out of `RESPONDING_EFFECTS`.
-        numbers: of the vehicles.
+        num_vehicles: number N of vehicles.
+        time_step: time step h, s, 10 ms by default; 0 for a continuous state.
+        kinematics: "exact", or "small_angle" if the body rates are the rates of the angles.
+        faulty: True if rotors may have faults.
+        effects: names of the effects that are switched on, a subset of `RESPONDING_EFFECTS`.
+        numbers: parameters of the vehicles.
 
     Raises:
-        ValueError: an effect has no numbers, or is not known here.
+        ValueError: if an effect has no parameters or is not supported.
     """
 
     def declare(
@@ -334,10 +338,10 @@ class RespondingQuadrotor(FleetSystem):
         effects: tuple[str, ...] = (),
         numbers: RespondingNumbers,
     ) -> None:
-        """Declares the system."""
+        """Declare ports, states and parameters."""
         unknown = set(effects).difference(RESPONDING_EFFECTS)
         if unknown:
-            raise ValueError(f"an attitude that responds as a whole knows no {', '.join(sorted(unknown))}")
+            raise ValueError(f"a RespondingQuadrotor does not support these effects: {', '.join(sorted(unknown))}")
         self.time_step = time_step
         parameters = self.parameter("parameters", lambda numbers: numbers.vehicle.parameters)
         response = self.parameter("response", lambda numbers: numbers.response)
@@ -345,22 +349,24 @@ class RespondingQuadrotor(FleetSystem):
         command = self.input("throttle_command" if "thrust_curve" in effects else "rotor_speed_command")
         target = self.input("attitude_target")
         inputs = command, target, self.input("wind", absent=Wind(0.0, 0.0, 0.0)), self.input("crashed")
-        acting: Any = NO_EFFECTS
+        effect_numbers: Any = NO_EFFECTS
         if effects:
-            acting = self.parameter("effects", lambda numbers: numbers.vehicle.effects.only(effects))
-        constants = parameters, response, faults, acting, TIME if faulty else 0.0
+            effect_numbers = self.parameter("effects", lambda numbers: numbers.vehicle.effects.only(effects))
+        constants = parameters, response, faults, effect_numbers, TIME if faulty else 0.0
         body_rates = _BODY_RATES[kinematics]
         if time_step > 0.0:
-            body = self.state("state", lambda numbers: _begun(numbers).body)
-            rotors = self.state("rotor_speed", lambda numbers: _begun(numbers).rotors)
-            reads = body, rotors, *inputs, *constants, time_step, kinematics
-            self.update(time_step, responding_step, *reads, writes=[body, rotors], unrestricted=True, at_start=False)
-            self.output("state", shown_state, body, body_rates)
+            body = self.state("state", lambda numbers: _hover_state(numbers).body)
+            rotors = self.state("rotor_speed", lambda numbers: _hover_state(numbers).rotors)
+            arguments = body, rotors, *inputs, *constants, time_step, kinematics
+            self.update(
+                time_step, responding_step, *arguments, writes=[body, rotors], unrestricted=True, at_start=False
+            )
+            self.output("state", state_of, body, body_rates)
             self.state_output(rotors)
             self.output("acceleration", stepping_acceleration, body, rotors, *inputs, *constants, kinematics)
         else:
-            state = self.continuous_state(_begun)
+            state = self.continuous_state(_hover_state)
             self.derivative(responding_slope, state, *inputs, *constants, kinematics)
-            self.output("state", _shown, state, body_rates)
+            self.output("state", _state_output, state, body_rates)
             self.output("rotor_speed", getattr, state, "rotors")
             self.output("acceleration", acceleration_of, state, *inputs, *constants, kinematics)

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 # Data sheets and papers round moments to two or three digits, so those of a flat body may slightly violate the rule.
-_TOLERANCE = 0.01
-_NAMES = ("I_xx", "I_yy", "I_zz")
+_SUM_TOLERANCE = 0.01
+_MOMENT_NAMES = ("I_xx", "I_yy", "I_zz")
 
 
 def inertia_flaw(moments: Sequence[float]) -> str:
@@ -20,9 +20,9 @@ def inertia_flaw(moments: Sequence[float]) -> str:
     Args:
         moments: I_xx, I_yy, I_zz, kg m².
     """
-    *others, (largest, name) = sorted(zip(moments, _NAMES, strict=True))
+    *others, (largest, name) = sorted(zip(moments, _MOMENT_NAMES, strict=True))
     together = sum(moment for moment, _ in others)
-    if largest <= (1.0 + _TOLERANCE) * together:
+    if largest <= (1.0 + _SUM_TOLERANCE) * together:
         return ""
     names = " + ".join(sorted(other for _, other in others))
     return f"{name}, {largest:.4g}, is larger than {names}, {together:.4g} kg m²"
@@ -46,15 +46,15 @@ def nearest_rigid(
     Returns:
         (3,) or (3, N) moments, kg m².
     """
-    found = np.array(np.broadcast_arrays(*moments), dtype=float)
-    columns = (-1, *[1] * (found.ndim - 1))
+    nearest = np.array(np.broadcast_arrays(*moments), dtype=float)
+    columns = (-1, *[1] * (nearest.ndim - 1))
     low = np.reshape(lowest, columns)
     high = np.full_like(low, np.inf) if highest is None else np.reshape(highest, columns)
     # Each pass either removes the excess or moves another moment to its bound, so three passes suffice.
-    for _ in _NAMES:
-        largest = found == found.max(axis=0)
-        excess = np.maximum(0.0, 2.0 * found.max(axis=0) - found.sum(axis=0))
-        room = np.where(largest, found - low, high - found)
+    for _ in _MOMENT_NAMES:
+        largest = nearest == nearest.max(axis=0)
+        excess = np.maximum(0.0, 2.0 * nearest.max(axis=0) - nearest.sum(axis=0))
+        room = np.where(largest, nearest - low, high - nearest)
         share = excess / np.maximum((room > 0.0).sum(axis=0), 1)
-        found = found + np.where(largest, -1.0, 1.0) * np.minimum(room, share)
-    return found
+        nearest = nearest + np.where(largest, -1.0, 1.0) * np.minimum(room, share)
+    return nearest

@@ -1,4 +1,4 @@
-"""Four rotors: where each is, which way it turns, and what it gives."""
+"""Positions, directions of rotation, and thrust and drag factors of the four rotors."""
 
 from typing import Annotated, NamedTuple
 
@@ -8,8 +8,9 @@ Length = Annotated[Row, Quantity("m", "B")]
 ThrustFactor = Annotated[Row, Quantity("N s²", sign="positive")]
 DragFactor = Annotated[Row, Quantity("N m s²", sign="nonnegative")]
 
-# Directions of turning, seen from above.
-CLOCKWISE, ANTICLOCKWISE = -1.0, 1.0
+# Directions of rotation, seen from above.
+CLOCKWISE = -1.0
+ANTICLOCKWISE = 1.0
 
 
 class Rotor(NamedTuple):
@@ -35,9 +36,9 @@ class Rotor(NamedTuple):
 class Rotors(NamedTuple):
     """The four rotors of a vehicle; rows are numbers for one vehicle, or arrays for a fleet.
 
-    In the short forms they are numbered clockwise seen from above, neighbours turn against each other, and the
-    numbers that are left out are those of the paper's Table I. The thrust factor there is large for an 8-inch
-    propeller; it is kept, since everything in the paper rests on it.
+    `plus` and `x` number the rotors clockwise seen from above, and neighbouring rotors turn in opposite directions.
+    Their default values are those of the paper's Table I. The thrust factor of this table is large for an 8-inch
+    propeller; it is kept, since all results of the paper depend on it.
     """
 
     rotor_1: Rotor
@@ -55,18 +56,18 @@ class Rotors(NamedTuple):
         thrust_factor: Row = 4.13e-5,
         drag_factor: Row = 8.5e-7,
     ) -> "Rotors":
-        """Rotors in front, to the right, at the back and to the left.
+        """Return rotors 1 to 4 in front, to the right, at the back and to the left.
 
         Args:
-            length: between front and back, m.
-            width: between right and left, m.
+            length: distance between the front and the rear rotor, m.
+            width: distance between the right and the left rotor, m.
             rotor_1_direction: 1 if rotor 1 turns anticlockwise, -1 if clockwise.
-            thrust_factor: b, N s².
-            drag_factor: d, N m s².
+            thrust_factor: thrust factor b, N s².
+            drag_factor: drag factor d, N m s².
         """
         x, y = 0.5 * length, 0.5 * width
-        places = (x, 0.0), (0.0, -y), (-x, 0.0), (0.0, y)
-        return cls._alternating(places, rotor_1_direction, thrust_factor, drag_factor)
+        positions = (x, 0.0), (0.0, -y), (-x, 0.0), (0.0, y)
+        return cls._alternating(positions, rotor_1_direction, thrust_factor, drag_factor)
 
     @classmethod
     def x(
@@ -78,34 +79,38 @@ class Rotors(NamedTuple):
         thrust_factor: Row = 4.13e-5,
         drag_factor: Row = 8.5e-7,
     ) -> "Rotors":
-        """Rotors in front to the right, at the back to the right, at the back to the left and in front to the left.
+        """Return rotors 1 to 4 at the front right, rear right, rear left and front left.
 
         Args:
-            length: between front and back, m.
-            width: between right and left, m.
+            length: distance between the front and the rear rotors, m.
+            width: distance between the right and the left rotors, m.
             rotor_1_direction: 1 if rotor 1 turns anticlockwise, -1 if clockwise.
-            thrust_factor: b, N s².
-            drag_factor: d, N m s².
+            thrust_factor: thrust factor b, N s².
+            drag_factor: drag factor d, N m s².
         """
         x, y = 0.5 * length, 0.5 * width
-        places = (x, -y), (-x, -y), (-x, y), (x, y)
-        return cls._alternating(places, rotor_1_direction, thrust_factor, drag_factor)
+        positions = (x, -y), (-x, -y), (-x, y), (x, y)
+        return cls._alternating(positions, rotor_1_direction, thrust_factor, drag_factor)
 
     @classmethod
     def _alternating(
-        cls, places: tuple[tuple[Row, Row], ...], direction: float, thrust_factor: Row, drag_factor: Row
+        cls, positions: tuple[tuple[Row, Row], ...], direction: float, thrust_factor: Row, drag_factor: Row
     ) -> "Rotors":
-        turns = direction, -direction, direction, -direction
+        """Return rotors in the order of the positions, of which neighbours turn in opposite directions."""
+        directions = direction, -direction, direction, -direction
         return cls(
-            *(Rotor(x, y, 0.0, turn, thrust_factor, drag_factor) for (x, y), turn in zip(places, turns, strict=True))
+            *(
+                Rotor(x, y, 0.0, direction, thrust_factor, drag_factor)
+                for (x, y), direction in zip(positions, directions, strict=True)
+            )
         )
 
     @property
     def thrust_factors(self) -> tuple[Row, ...]:
-        """Those of the rotors."""
+        """Thrust factors b of the four rotors."""
         return tuple([rotor.thrust_factor for rotor in self])
 
     def with_thrust_factors(self, b_1: Row, b_2: Row, b_3: Row, b_4: Row) -> "Rotors":
-        """The same rotors with other thrust factors."""
+        """Return these rotors with other thrust factors."""
         factors = (b_1, b_2, b_3, b_4)
         return Rotors(*(rotor._replace(thrust_factor=b) for rotor, b in zip(self, factors, strict=True)))

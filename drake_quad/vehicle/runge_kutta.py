@@ -29,22 +29,24 @@ def runge_kutta_step(start: Any, slope: Callable[[int, Any, Any], Any], time_ste
     """
     half = 0.5 * time_step
     slope_1 = slope(0, start, start)
-    second = moved(start, slope_1, half)
+    second = advanced(start, slope_1, half)
     slope_2 = slope(1, second, start)
-    third = moved(start, slope_2, half)
+    third = advanced(start, slope_2, half)
     slope_3 = slope(2, third, second)
-    fourth = moved(start, slope_3, time_step)
+    fourth = advanced(start, slope_3, time_step)
     slope_4 = slope(3, fourth, third)
     sixth, third_part = time_step / 6.0, time_step / 3.0
-    end = moved(moved(moved(moved(start, slope_1, sixth), slope_2, third_part), slope_3, third_part), slope_4, sixth)
+    end = advanced(
+        advanced(advanced(advanced(start, slope_1, sixth), slope_2, third_part), slope_3, third_part), slope_4, sixth
+    )
     return Step((start, second, third, fourth), end)
 
 
-def moved(state: Any, slope: Any, time: Row) -> Any:
+def advanced(state: Any, slope: Any, time: Row) -> Any:
     """Advance a row, or a record of rows, by a time (s) with constant slope; a part that is None stays None."""
     if state is None:
         return None
     if not isinstance(state, tuple):
         return state + time * slope
     record: Any = type(state)
-    return record._make(moved(part, rate, time) for part, rate in zip(state, slope, strict=True))
+    return record._make(advanced(part, rate, time) for part, rate in zip(state, slope, strict=True))

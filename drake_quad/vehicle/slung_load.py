@@ -29,11 +29,11 @@ from drake_quad.signals import Quantity, Row, Swing
 
 
 class SlungLoad(NamedTuple):
-    """A load on a cable.
+    """Parameters of a load on a cable.
 
     Attributes:
-        mass: m_L.
-        length: l.
+        mass: mass m_L of the load.
+        length: length l of the cable.
     """
 
     mass: Annotated[Row, Quantity("kg")]
@@ -41,8 +41,9 @@ class SlungLoad(NamedTuple):
 
 
 HANGING = Swing(0.0, 0.0, 0.0, 0.0)
+"""Swing of a load that hangs straight down at rest."""
 
-# This offset is added to -q · z to avoid 0 / 0 if the rod is horizontal along X. It is too small to change components
+# Offset that is added to -q · z to avoid 0 / 0 if the rod is horizontal along X. It is too small to change components
 # above 1e-14.
 _COMPONENT_OFFSET = 1e-30
 

@@ -26,12 +26,12 @@ from drake_quad.signals import (
     Wind,
 )
 from drake_quad.vehicle.attitude_kinematics import AttitudeKinematics
-from drake_quad.vehicle.battery import Battery, drawn_per_second, rotor_power, terminals
-from drake_quad.vehicle.dynamics import Motion, held_rotor_speed
+from drake_quad.vehicle.battery import Battery, charge_rate, rotor_power, terminals
+from drake_quad.vehicle.dynamics import Motion, target_rotor_speed
 from drake_quad.vehicle.effects import Effects
 from drake_quad.vehicle.faults import RotorFaults, SpeedFactors, speed_factors
-from drake_quad.vehicle.motion import accelerations, turning, turning_over_step
-from drake_quad.vehicle.motors import acceleration, told_by_throttle
+from drake_quad.vehicle.motion import accelerations, rotor_state, rotor_states_over_step
+from drake_quad.vehicle.motors import rotor_accelerations, rotor_speeds_of_throttles
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.runge_kutta import runge_kutta_step
 from drake_quad.vehicle.slung_load import Rod, rod_of, swing_of, swing_rates
@@ -40,13 +40,13 @@ _Record = TypeVar("_Record")
 
 
 class VehicleState(NamedTuple):
-    """Rigid body and rotors, and what else there is; or their rates, per second.
+    """Complete state of a vehicle, or its time derivative.
 
     Attributes:
-        body: its position, attitude and motion.
-        rotors: their speeds.
-        swing: of a slung load; None if there is none.
-        charge: drawn from the battery; None if there is none.
+        body: position, attitude, velocity and body rates.
+        rotors: rotor speeds.
+        swing: swing of a slung load; None if there is none.
+        charge: charge drawn from the battery; None if there is no battery.
     """
 
     body: State
@@ -101,18 +101,21 @@ def rotor_target(
     effects: Effects,
     time: Row,
 ) -> RotorSpeed:
-    """Where the rotors go; arguments as for `quadrotor_step`, and the time at which faults are taken (s)."""
+    """Return the speeds that the rotors approach, given the faults, the battery and the thrust curve.
+
+    The arguments are those of `quadrotor_step`, except that `time` is the instant at which the faults are evaluated, s.
+    """
     factors = SpeedFactors() if faults is None else speed_factors(faults, time)
     if effects.battery is not None and state.charge is not None:
         power = rotor_power(state.rotors, parameters)
         share = terminals(state.charge, power, effects.battery).voltage / effects.battery.voltage
         factors = SpeedFactors._make(factor * share for factor in factors)
     if effects.thrust_curve is not None:
-        command = told_by_throttle(Throttle(*command), effects.thrust_curve, parameters)
-    return held_rotor_speed(RotorSpeed(*command), parameters, factors)
+        command = rotor_speeds_of_throttles(Throttle(*command), effects.thrust_curve, parameters)
+    return target_rotor_speed(RotorSpeed(*command), parameters, factors)
 
 
-class Moving(NamedTuple):
+class IntegratedState(NamedTuple):
     """Quantities that a step integrates, except for the position, or their time derivatives.
 
     Attributes:
@@ -138,25 +141,27 @@ def step_of_flight(
 ) -> VehicleState:
     """Return the end of a step of a vehicle that has not crashed, and whose rotors approach a target speed."""
     body, half = before.body, 0.5 * time_step
-    turned = start, middle, end = turning_over_step(before.rotors, target, half, parameters, effects)
-    # Rotors, and the time since the start of the step, at each stage of the method.
+    rotors_of_stages = start, middle, end = rotor_states_over_step(before.rotors, target, half, parameters, effects)
+    # Each stage of the method has its rotor state and its time since the start of the step.
     stages = (start, 0.0), (middle, half), (middle, half), (end, time_step)
     attitude = kinematics.integrated(Attitude(body.roll, body.pitch, body.yaw))
-    held_at = 0.0 if effects.payload is None else time - half
+    payload_time = 0.0 if effects.payload is None else time - half
 
-    def slope(stage: int, at: Moving, stage_before: Moving) -> Moving:
+    def slope(stage: int, at: IntegratedState, stage_before: IntegratedState) -> IntegratedState:
         rotors, elapsed = stages[stage]
         climbs = stage > 0 and effects.depend_on_height
         height = body.z + elapsed * stage_before.motion.v_z if climbs else body.z
         motion = at.motion
         rates = attitude.rates(at.attitude, BodyRates(motion.p, motion.q, motion.r))
         axes = attitude.axes(at.attitude)
-        return Moving(rates, *accelerations(axes, motion, at.rod, height, rotors, wind, parameters, effects, held_at))
+        return IntegratedState(
+            rates, *accelerations(axes, motion, at.rod, height, rotors, wind, parameters, effects, payload_time)
+        )
 
-    moving = Moving(attitude.start, Motion.of(body), None if before.swing is None else rod_of(before.swing))
+    moving = IntegratedState(attitude.start, Motion.of(body), None if before.swing is None else rod_of(before.swing))
     step = runge_kutta_step(moving, slope, time_step)
     moving, sixth = step.end, time_step / 6.0
-    # A position's part of the method is a weighted mean of the stages' velocities.
+    # The derivative of the position is a state, so the method reduces to a weighted mean of the stages' velocities.
     motion_1, motion_2, motion_3, motion_4 = (stage.motion for stage in step.stages)
     x = body.x + sixth * (motion_1.v_x + 2.0 * (motion_2.v_x + motion_3.v_x) + motion_4.v_x)
     y = body.y + sixth * (motion_1.v_y + 2.0 * (motion_2.v_y + motion_3.v_y) + motion_4.v_y)
@@ -165,15 +170,15 @@ def step_of_flight(
     swing = None if moving.rod is None else swing_of(moving.rod)
     charge = before.charge
     if effects.battery is not None and charge is not None:
-        rates = (_drawing(charge, rotors.speed, parameters, effects.battery) for rotors in turned)
+        rates = (_discharge_rate(charge, rotors.speed, parameters, effects.battery) for rotors in rotors_of_stages)
         (rate_1,), (rate_2,), (rate_3,) = rates
         charge = Charge(charge.drawn + sixth * (rate_1 + 4.0 * rate_2 + rate_3))
     return VehicleState(state, end.speed, swing, charge)
 
 
-def _drawing(charge: Charge, speed: RotorSpeed, parameters: QuadrotorParameters, battery: Battery) -> Charge:
+def _discharge_rate(charge: Charge, speed: RotorSpeed, parameters: QuadrotorParameters, battery: Battery) -> Charge:
     """Return the rate at which rotors draw charge."""
-    return drawn_per_second(terminals(charge, rotor_power(speed, parameters), battery).current)
+    return charge_rate(terminals(charge, rotor_power(speed, parameters), battery).current)
 
 
 def quadrotor_slope(
@@ -190,19 +195,19 @@ def quadrotor_slope(
     """Return the time derivative of rigid body and rotors; arguments are those of `quadrotor_step`."""
     body = state.body
     target = rotor_target(state, command, parameters, faults, effects, time)
-    rotors = turning(state.rotors, target, parameters, effects)
+    rotors = rotor_state(state.rotors, target, parameters, effects)
     attitude, motion = Attitude(body.roll, body.pitch, body.yaw), Motion.of(body)
     rod = None if state.swing is None else rod_of(state.swing)
     axes = BodyAxes.of(*attitude)
-    faster = accelerations(axes, motion, rod, body.z, rotors, wind, parameters, effects, time)
-    turning_rates = kinematics.angle_rates(BodyRates(motion.p, motion.q, motion.r), attitude)
-    swing = None if state.swing is None or faster.rod is None else swing_rates(state.swing, faster.rod.rate)
+    derivatives = accelerations(axes, motion, rod, body.z, rotors, wind, parameters, effects, time)
+    angle_rates = kinematics.angle_rates(BodyRates(motion.p, motion.q, motion.r), attitude)
+    swing = None if state.swing is None or derivatives.rod is None else swing_rates(state.swing, derivatives.rod.rate)
     charge = state.charge
     if effects.battery is not None and charge is not None:
-        charge = _drawing(charge, state.rotors, parameters, effects.battery)
+        charge = _discharge_rate(charge, state.rotors, parameters, effects.battery)
     slope = VehicleState(
-        State(body.v_x, body.v_y, body.v_z, *turning_rates, *faster.motion),
-        acceleration(state.rotors, target, parameters, effects.spin_down),
+        State(body.v_x, body.v_y, body.v_z, *angle_rates, *derivatives.motion),
+        rotor_accelerations(state.rotors, target, parameters, effects.spin_down),
         swing,
         charge,
     )
@@ -218,7 +223,7 @@ def acceleration_at(state: VehicleState, *others: Any) -> VehicleAcceleration:
 def stepping_acceleration(
     body: State, rotors: RotorSpeed, swing: Swing | None, charge: Charge | None, *others: Any
 ) -> VehicleAcceleration:
-    """Return what `acceleration_at` does, for the groups of a discrete state."""
+    """Return the acceleration of the vehicle as `acceleration_at` does, for the groups of a discrete state."""
     return acceleration_at(VehicleState(body, rotors, swing, charge), *others)
 
 

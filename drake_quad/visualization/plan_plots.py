@@ -15,7 +15,7 @@ from drake_quad.reference.feasibility import sample_times
 from drake_quad.reference.path_problem import PathLimits
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import evaluate
-from drake_quad.reference.regions import Box, Corridor, Place, Polytope, Sphere
+from drake_quad.reference.regions import Box, Corridor, Polytope, Sphere, WaypointRegion
 from drake_quad.space.space import Space
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.visualization.curves import tell_apart
@@ -31,7 +31,7 @@ def plot_plan(
     parameters: QuadrotorParameters,
     *,
     limits: PathLimits | None = None,
-    places: Sequence[Place] = (),
+    places: Sequence[WaypointRegion] = (),
     corridors: Sequence[Corridor | None] = (),
     waypoints: np.ndarray | None = None,
     space: Space | None = None,
@@ -70,7 +70,7 @@ def _draw_view(
     view: tuple[int, int],
     waypoints: np.ndarray,
     position: np.ndarray,
-    places: Sequence[Place],
+    places: Sequence[WaypointRegion],
     corridors: Sequence[Corridor | None],
 ) -> None:
     """Draw the path in a plane, and from above the numbers of its waypoints (n, 3)."""

@@ -136,7 +136,7 @@ def test_a_regulator_is_designed_within_the_limits_that_are_asked_for(run, repla
 def test_a_plan_names_the_obstacle_that_is_next_to_it(run, replaced, tmp_path):  # noqa: F811
     flown = plan_route(load_scenario("figure_eight"))
     space = Space((Obstacle("ball", Ball((3.0, 0.0, 1.0), radius=0.2)), Obstacle("far", Ball((9.0, 9.0, 1.0)))), 0.1)
-    problem = SimpleNamespace(places=[*range(len(flown.path.times) + 2)], corridors=())
+    problem = SimpleNamespace(waypoints=[*range(len(flown.path.times) + 2)], corridors=())
     planned = [flown, problem, None, space]
     calls = replaced("plan", planned=lambda _: planned, plot_plan="figure", save_plan=["pieces"], save_figures=["plan"])
     result = run("plan", "figure_eight", "--vector", "pdf", "--output", tmp_path)
@@ -161,7 +161,7 @@ def test_a_plan_names_the_obstacle_that_is_next_to_it(run, replaced, tmp_path): 
     assert rows[-3:] == [["wrote"], ["pieces"], ["plan"]]
     ((plan, _), named) = calls["plot_plan"][0]
     assert plan is flown
-    assert (named["places"], named["space"], named["waypoints"]) == (problem.places, space, None)
+    assert (named["places"], named["space"], named["waypoints"]) == (problem.waypoints, space, None)
     assert calls["save_plan"] == [((flown, tmp_path), {"name": "figure_eight"})]
     assert calls["save_figures"] == [(({"plan": "figure"}, tmp_path), {"vector": "pdf"})]
     # The plan around obstacles passes further places, which are not drawn.

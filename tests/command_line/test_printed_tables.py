@@ -43,7 +43,7 @@ from drake_quad.laboratory.metrics import Metrics
 from drake_quad.linear.margins import Margins
 from drake_quad.planning.believed import planned_parameters
 from drake_quad.planning.feasibility import plan_demand
-from drake_quad.reference.binding import Binding
+from drake_quad.reference.active_constraints import ActiveConstraint
 from drake_quad.reference.path_problem import PathLimits
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.replication.printed import Cell, Runs
@@ -531,8 +531,9 @@ def test_default_fields_are_those_of_the_layout_and_the_autopilot():
 
 def test_what_binds_a_plan_is_told_with_its_segments():
     found = [
-        Binding("speed", "", 4, 1.0), Binding("speed", "", 0, 1.1), Binding("speed", "", 2, 1.2),
-        Binding("speed", "", 3, 1.3), Binding("corridor", "y max", 1, 1.4),
+        ActiveConstraint("speed", "", 4, 1.0), ActiveConstraint("speed", "", 0, 1.1),
+        ActiveConstraint("speed", "", 2, 1.2),
+        ActiveConstraint("speed", "", 3, 1.3), ActiveConstraint("corridor", "y max", 1, 1.4),
     ]  # fmt: skip
     assert plan.binding_summary(found) == "speed on segments 0, 2-4; corridor y max on segment 1"
     assert plan.binding_summary([]) == "nothing"

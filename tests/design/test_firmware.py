@@ -16,7 +16,7 @@ from drake_quad.design.firmware.px4 import px4_layer, torque_units
 from drake_quad.flight.mission import plan_route
 from drake_quad.planning.believed import nominal_parameters
 from drake_quad.signals import AttitudeTarget, Reference, State
-from drake_quad.vehicle.autopilot import AutopilotMemory, autopilot_law
+from drake_quad.vehicle.autopilot import AutopilotMemory, autopilot_step
 
 HERE = Path(__file__).parent
 DEGREE = math.pi / 180.0
@@ -61,7 +61,7 @@ def computed(parameters, recorded):
         target = AttitudeTarget(*cascade.GetOutputPort("attitude_target").Eval(context))
         cascade.updates[0].computation.run(cascade, context, [context.get_mutable_discrete_state(0)])
         structure = recipe.structure
-        wrench, memory = autopilot_law(
+        wrench, memory = autopilot_step(
             target, state, None, recipe.numbers, memory, structure["period"], structure["rules"]
         )
         turning = np.array(wrench[1:]) / per_unit * [1.0, -1.0, 1.0]

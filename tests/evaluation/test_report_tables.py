@@ -39,7 +39,7 @@ def centimetres(metrics, name="rmse"):
 @pytest.fixture(scope="module")
 def found():
     found = evaluation(crashed=range(8))
-    found.flights["outdoor"]["mpc"] = flights(0.3).taken(slice(10))
+    found.flights["outdoor"]["mpc"] = flights(0.3).take(slice(10))
     nan = float("nan")
     found.traits["outdoor"] = found.traits["outdoor"] | {"mpc": Traits(nan, nan, nan, 9e-4, nan)}
     return found
@@ -85,16 +85,16 @@ def test_a_delay_in_words():
 
 
 def test_a_controller_with_fewer_samples_is_compared_on_the_first_ones():
-    many, few = flights(0.3), flights(0.2, own=1).taken(slice(10))
+    many, few = flights(0.3), flights(0.2, own=1).take(slice(10))
     for one, other in ((many, few), (few, many)):
-        assert beside(one, other) == beside(*(each.taken(slice(10)) for each in (one, other)))
+        assert beside(one, other) == beside(*(each.take(slice(10)) for each in (one, other)))
 
 
 def test_a_controller_with_fewer_samples_is_best_only_as_an_equal():
     found = evaluation()
-    found.flights["outdoor"] = {"pd": flights(0.2), "indi": flights(0.2001, own=9).taken(slice(10))}
+    found.flights["outdoor"] = {"pd": flights(0.2), "indi": flights(0.2001, own=9).take(slice(10))}
     assert best_in(found, "outdoor") == ["pd", "indi"]
-    found.flights["outdoor"]["indi"] = flights(0.1).taken(slice(10))
+    found.flights["outdoor"]["indi"] = flights(0.1).take(slice(10))
     assert best_in(found, "outdoor") == ["pd"]
     # If all crash often, the best of them is still named. Designs with other limits are no candidates.
     found.flights["outdoor"] = {"pd": flights(0.2, crashed=range(9)), "indi@3": flights(0.1)}

@@ -1,4 +1,4 @@
-"""An accelerometer shows all force but the weight, where it is; and any sensor samples, adds noise and comes late."""
+"""An accelerometer measures the specific force at its position, and any sensor has samples, noise and latency."""
 
 from typing import Annotated, NamedTuple
 
@@ -27,7 +27,7 @@ from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers
 
 GRAVITY = 9.7
-# A sphere, so that nothing turns it; and idle rotors stand still.
+# Equal moments of inertia avoid gyroscopic torques, and idle rotors stand still.
 BALL = QuadrotorParameters(inertia=Inertia(0.01, 0.01, 0.01), rotor_inertia=0.0, gravity=GRAVITY, min_rotor_speed=0.0)
 PLACE = np.array([0.11, -0.07, 0.05])
 
@@ -71,8 +71,8 @@ def hovering_speed(parameters, thrust_per_weight=1.0):
     return np.sqrt(0.25 * thrust_per_weight * parameters.mass * parameters.gravity / rotor.thrust_factor)
 
 
-def test_at_rest_it_shows_gravity_upwards():
-    """In hover along z; and of a body that is held at any attitude the column of its rotation, g times Z in B."""
+def test_at_rest_the_reading_is_gravity_upwards():
+    """In hover this is along z. For a body held at any attitude, it is g times Z in the axes of B."""
     hover = np.zeros((12, 2))
     found, _ = readings(BALL, hover, np.full((4, 2), hovering_speed(BALL)), place=PLACE)
     np.testing.assert_allclose(found, np.broadcast_to([[0.0], [0.0], [GRAVITY]], found.shape), atol=1e-12)
@@ -83,8 +83,8 @@ def test_at_rest_it_shows_gravity_upwards():
         np.testing.assert_allclose(force, rotation.inv().apply([0.0, 0.0, GRAVITY]), atol=1e-12)
 
 
-def test_in_free_fall_it_shows_nothing_but_the_swing_of_its_place():
-    """Of a body that tumbles without thrust: zero at the centre of mass, and ω × (ω × r) beside it."""
+def test_in_free_fall_only_the_centripetal_acceleration_is_left():
+    """A body tumbles without thrust. The reading is zero at the centre of mass, and ω × (ω × r) beside it."""
     state = np.zeros((12, 2))
     state[3:6], state[6:9] = [[0.3], [-0.4], [1.0]], [[1.0], [2.0], [3.0]]
     rates = np.array([[0.0, 2.0], [0.0, -1.5], [0.0, 3.0]])
@@ -97,7 +97,7 @@ def test_in_free_fall_it_shows_nothing_but_the_swing_of_its_place():
     np.testing.assert_allclose(beside, np.broadcast_to(swing, beside.shape), atol=1e-9)
 
 
-def test_in_a_coordinated_turn_it_shows_the_thrust_alone():
+def test_in_a_coordinated_turn_the_reading_is_the_thrust():
     """A bank of φ, a speed v and a yaw rate of -g tan φ / v: g / cos φ along z, and the swing of its place.
 
     Nothing turns a ball under equal thrusts, so the flight is an exact circle of radius v² / (g tan φ).
@@ -122,8 +122,8 @@ def test_in_a_coordinated_turn_it_shows_the_thrust_alone():
     np.testing.assert_allclose(beside, np.broadcast_to(expected + swing, beside.shape), atol=1e-9)
 
 
-def test_it_shows_the_motion_of_its_own_place():
-    """Any motion p(t), R(t): R'(d²/dt² (p + R r) + g z), by second differences of the path of the place."""
+def test_the_reading_follows_the_motion_of_the_sensor():
+    """For any motion p(t), R(t), the reference R'(d²/dt² (p + R r) + g z) uses second differences."""
     rng = np.random.default_rng(3)
     path, turn = rng.uniform(-1.0, 1.0, (2, 3, 4))
 
@@ -150,8 +150,8 @@ def test_it_shows_the_motion_of_its_own_place():
     np.testing.assert_allclose(found, now.inv().apply(seen + np.array([0.0, 0.0, GRAVITY])), atol=1e-4)
 
 
-def test_readings_have_the_bias_and_white_noise_of_the_numbers():
-    """Of each vehicle its own; the noise of an axis and of a reading is independent of the others."""
+def test_readings_have_the_given_bias_and_white_noise():
+    """Each vehicle has its own values. The noise is independent between axes, readings and vehicles."""
     noise, n = np.array([0.1, 0.2]), 2000
     numbers = AccelerometerNumbers(bias=SpecificForce(np.array([0.5, -1.0]), 2.0, 3.0), noise=noise)
     sensor = Sensor(2, name="accelerometer", law=ACCELEROMETER, noisy=True, numbers=numbers)
@@ -191,8 +191,8 @@ ALTIMETER = SensorLaw(Altitude, lambda numbers, noise, state: Altitude(state.z),
 
 
 @pytest.mark.parametrize("latency", [0, 1, 3])
-def test_a_reading_is_of_its_instant_and_arrives_whole_periods_later(latency):
-    """Until then there is that of the beginning, as at a control that begins with the first reading."""
+def test_a_reading_is_sampled_at_its_instant_and_arrives_whole_periods_later(latency):
+    """Before the first arrival, the output is the initial reading."""
     line = PiecewisePolynomial.FirstOrderHold([0.0, 10.0], np.array([[1.0] * 12, [11.0] * 12]).T)
     builder = DiagramBuilder()
     source = builder.AddSystem(TrajectorySource(line))

@@ -1,4 +1,4 @@
-"""Whole ticks of delay, and what is on the line before anything was sampled."""
+"""Delays by whole ticks, and the output before the first sample arrives."""
 
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ from pydrake.systems.analysis import Simulator_
 
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import layout_of
-from drake_quad.laboratory.delay_line import carried, declare_delay_line, newest
+from drake_quad.laboratory.delay_line import declare_delay_line, delay_line_step, latest_sample
 from drake_quad.signals import Row
 
 
@@ -27,12 +27,12 @@ def filled(now, longest):
 
 
 def a_tick_later(now, under_way, delay):
-    return carried(now, under_way, delay.ticks)
+    return delay_line_step(now, under_way, delay.ticks)
 
 
 @fleet_system(float, AutoDiffXd)
 class Delayed(FleetSystem):
-    """Shows its input a number of ticks later, and at the beginning the input of that time."""
+    """System that delays its input by a number of ticks. Before that, the output is the input at the beginning."""
 
     def declare(self, *, longest=0, numbers=Delay()):
         now, delay = self.input("now", layout=layout_of(Pair)), self.parameter("delay", lambda delay: delay)
@@ -43,13 +43,13 @@ class Delayed(FleetSystem):
 
 
 def shown(system, inputs):
-    """What is out after each tick of inputs (ticks, size), one a tick; at the beginning the input is -1."""
+    """Return the output after each tick, for inputs (ticks, size) of one per tick; the input at the beginning is -1."""
     simulator = Simulator_[system.scalar](system)
     context, found = simulator.get_mutable_context(), []
     system.get_input_port().FixValue(context, 0.0 * inputs[0] - 1.0)
     simulator.Initialize()
     for tick, values in enumerate(inputs):
-        # What is pending at a tick is done on the way to the next, with the input that is there then.
+        # A pending update is executed when the simulator advances, with the input at that time.
         if tick:
             simulator.AdvanceTo(float(tick))
         found.append(system.get_output_port().Eval(context))
@@ -60,14 +60,14 @@ def shown(system, inputs):
 
 
 @pytest.mark.parametrize(("delay", "longest"), [(0, 0), *((d, n) for d in range(4) for n in (3, 5))])
-def test_until_the_first_sample_is_out_the_line_shows_what_it_was_filled_with(delay, longest):
+def test_before_the_first_sample_arrives_the_output_is_the_initial_one(delay, longest):
     inputs = np.arange(1.0, 17.0).reshape(8, 2)
     found = shown(Delayed(longest=longest, numbers=Delay(delay)), inputs)
     np.testing.assert_array_equal(found[:delay], -1.0)
     np.testing.assert_array_equal(found[delay:], inputs[: 8 - delay])
 
 
-def test_each_vehicle_of_a_fleet_waits_its_own_time():
+def test_each_vehicle_of_a_fleet_has_its_own_delay():
     delays = np.array([2.0, 0.0, 4.0, 1.0])
     inputs = np.random.default_rng(0).normal(size=(9, 2, 4))
     system = Delayed(num_vehicles=4, longest=4, numbers=Delay(delays))
@@ -78,7 +78,7 @@ def test_each_vehicle_of_a_fleet_waits_its_own_time():
 
 
 @pytest.mark.parametrize("delays", [2, np.array([2.0, 0.0, 4.0, 1.0])])
-def test_derivatives_wait_as_their_numbers_do(delays):
+def test_derivatives_are_delayed_like_their_values(delays):
     inputs = np.random.default_rng(1).normal(size=(9, 8))
     gradients = np.arange(72.0).reshape(72, 1)
     system = Delayed(num_vehicles=4, longest=4, numbers=Delay(delays))
@@ -89,14 +89,14 @@ def test_derivatives_wait_as_their_numbers_do(delays):
     np.testing.assert_array_equal(ExtractGradient(found).reshape(9, 8), np.where(slopes == -1.0, 0.0, slopes))
 
 
-def test_an_unfilled_line_shows_its_initial_rows():
+def test_a_line_without_samples_outputs_its_initial_rows():
     system = Delayed(longest=2, numbers=Delay(2.0))
     context = system.CreateDefaultContext()
     assert system.get_state(context, "later") == Pair(7.0, 8.0)
     assert system.get_state(context, "later_under_way") == (Pair(7.0, 8.0), Pair(7.0, 8.0))
 
 
-def test_newest_is_what_was_sampled_last():
-    """Out at once where there can be no delay, and else on its way."""
-    assert newest("out", ()) == "out"
-    assert newest("out", ("sampled last", "sampled before")) == "sampled last"
+def test_latest_sample_is_that_of_the_last_tick():
+    """Without delay this is the output, otherwise it is under way."""
+    assert latest_sample("out", ()) == "out"
+    assert latest_sample("out", ("sampled last", "sampled before")) == "sampled last"

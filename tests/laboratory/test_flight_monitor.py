@@ -8,14 +8,14 @@ from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
 from drake_quad.laboratory.flight_monitor import (
+    CollidedSolid,
     CrashLimits,
     FlightMonitor,
     FreeBall,
     Surroundings,
-    Touched,
     Window,
+    detect_contact,
     nearest_solid,
-    touching,
 )
 from drake_quad.signals import SIGNALS, State
 from drake_quad.space.shapes import Ball, Cuboid, hull_of
@@ -24,23 +24,23 @@ PERIOD = 0.02
 
 
 def row(port, field):
-    """The place of a field in what a port holds."""
+    """Return the index of a field in the signal of a port."""
     return SIGNALS[port]._fields.index(field)
 
 
 def watched(tape, num_vehicles=1, **options):
-    """The metrics that the monitor gathers over a tape of (ticks, size) inputs by port, and who has crashed."""
+    """Return the metrics, and which vehicles have crashed, for a tape of (ticks, size) inputs by port."""
     monitor, context = judged(tape, num_vehicles, **options)
     return monitor.metrics(context), monitor.GetOutputPort("crashed").Eval(context)
 
 
 def judged(tape, num_vehicles=1, **options):
-    """The monitor of a tape, and its context at the end."""
+    """Return the monitor of a tape, and its context at the end."""
     builder = DiagramBuilder()
     monitor = builder.AddNamedSystem("monitor", FlightMonitor(num_vehicles=num_vehicles, period=PERIOD, **options))
     ticks = len(next(iter(tape.values())))
     for name, values in tape.items():
-        # Each row holds from half a period before its tick.
+        # Each row applies from half a period before its tick.
         breaks = PERIOD * (np.arange(ticks + 1) - 0.5)
         rows = np.vstack([values, values[-1:]])
         source = builder.AddSystem(TrajectorySource(PiecewisePolynomial.ZeroOrderHold(breaks, rows.T)))
@@ -64,7 +64,7 @@ def random_tape(ticks=40, num_vehicles=1, seed=0):
 
 
 def expected(tape, ticks):
-    """The metrics straight from their definitions, by name."""
+    """Return the metrics, computed straight from their definitions, by name."""
     error = tape["reference"][ticks, :3] - tape["state"][ticks, :3]
     command = tape["acceleration_command"][ticks]
     variation = np.abs(np.diff(command, axis=0)).sum(axis=0) / (PERIOD * (len(error) - 1))
@@ -86,12 +86,12 @@ def expected(tape, ticks):
 
 
 def check(metrics, wanted, vehicle=0):
-    """Check a vehicle's metrics against those that are wanted, by name."""
+    """Check a vehicle's metrics against the expected ones, by name."""
     found = {name: getattr(metrics, name)[vehicle] for name in wanted}
     assert found == pytest.approx(wanted, rel=1e-12)
 
 
-def test_metrics_are_their_definitions():
+def test_metrics_follow_their_definitions():
     tape = random_tape()
     metrics, crashed = watched(tape)
     check(metrics, expected(tape, slice(None)))
@@ -99,7 +99,7 @@ def test_metrics_are_their_definitions():
     assert not metrics.crashed[0]
 
 
-def test_only_the_window_counts():
+def test_only_ticks_in_the_window_count():
     tape = random_tape()
     metrics, _ = watched(tape, window=Window(0.2, 0.5))
     check(metrics, expected(tape, slice(10, 26)))
@@ -121,7 +121,7 @@ def test_only_the_window_counts():
         *(("attitude_target", field, -math.inf) for field in SIGNALS["attitude_target"]._fields),
     ],
 )
-def test_a_crash_is_called_and_ends_what_counts(port, field, value):
+def test_a_crash_is_detected_and_ends_the_metrics(port, field, value):
     tape = random_tape()
     if port in ("wrench", "attitude_target"):
         tape[port] = np.ones((len(tape["state"]), len(SIGNALS[port]._fields)))
@@ -132,8 +132,8 @@ def test_a_crash_is_called_and_ends_what_counts(port, field, value):
     check(metrics, expected(tape, slice(25)))
 
 
-def test_a_crash_is_for_good():
-    """Also of a vehicle that is within all limits again a tick later."""
+def test_a_crash_is_permanent():
+    """This also holds if the vehicle is within all limits again at the next tick."""
     tape = random_tape()
     tape["state"][25, row("state", "roll")] = 1.5
     metrics, crashed = watched(tape)
@@ -142,8 +142,8 @@ def test_a_crash_is_for_good():
     check(metrics, expected(tape, slice(25)))
 
 
-def test_the_error_of_a_crash_is_the_distance_in_space():
-    """Against 5 m: (3, 2.8, 2.8) m is nearer than that, (3, 2.9, 2.9) m is not, whichever axis has which."""
+def test_the_crash_limit_applies_to_the_euclidean_error():
+    """With a limit of 5 m, (3, 2.8, 2.8) m is within and (3, 2.9, 2.9) m is beyond, in any order of the axes."""
     for turn in range(3):
         tape = random_tape()
         tape["state"][:, 0:3] = 10.0
@@ -164,7 +164,7 @@ def test_at_the_limits_a_vehicle_still_flies():
 
 
 @pytest.mark.parametrize("part", range(4))
-def test_rotors_are_saturated_if_they_give_up_any_part_of_the_wrench(part):
+def test_any_shortfall_of_the_wrench_counts_as_saturation(part):
     tape = random_tape()
     tape["shortfall"][:] = 0.0
     tape["shortfall"][[3, 7, 8], part] = 0.1, -0.2, 1e-9
@@ -181,7 +181,7 @@ def test_a_single_tick_has_an_error_but_no_variation():
     assert np.isnan([nothing.rmse[0], nothing.peak_error[0], nothing.effort_x[0], nothing.saturation_share[0]]).all()
 
 
-def test_a_crash_touches_no_other_vehicle():
+def test_a_crash_does_not_affect_other_vehicles():
     tape = random_tape(num_vehicles=3)
     tape["state"].reshape(-1, 12, 3)[15:, 0, 1] = math.nan
     metrics, crashed = watched(tape, num_vehicles=3)
@@ -191,7 +191,7 @@ def test_a_crash_touches_no_other_vehicle():
         check(metrics, expected(alone, ticks), i)
 
 
-def test_what_is_not_connected_is_not_measured():
+def test_metrics_of_ports_that_are_not_connected_are_nan():
     tape = random_tape()
     metrics, _ = watched({name: tape[name] for name in ("state", "reference")})
     assert math.isfinite(metrics.rmse[0])
@@ -202,7 +202,7 @@ SOLIDS = Ball((2.0, 0.0, 1.0), radius=0.5), Cuboid((0.0, 3.0, 1.0), size=(1.0, 1
 
 
 def still(num_vehicles=1, **rows):
-    """Five ticks in which vehicles stay at the reference, at 1 m."""
+    """Return five ticks in which vehicles stay at the reference, at 1 m."""
     tape = {"state": np.zeros((5, 12, num_vehicles)), "reference": np.zeros((5, 11, num_vehicles))}
     for port in tape:
         tape[port][:, row(port, "z")] = 1.0
@@ -212,8 +212,8 @@ def still(num_vehicles=1, **rows):
     return {port: values.reshape(5, -1) for port, values in tape.items()}
 
 
-def test_who_is_nearer_to_a_solid_than_the_radius_has_crashed_into_it():
-    """Just within and just beyond the radius of each, and inside of one."""
+def test_a_vehicle_within_its_radius_of_a_solid_has_crashed_into_it():
+    """Vehicles are just within and just beyond the radius from each solid, and inside of one."""
     x = np.array([1.29, 1.31, 0.0, 0.0, 0.0])
     y = np.array([0.0, 0.0, 2.29, 2.31, 3.0])
     monitor, context = judged(still(5, x=x, y=y), 5, surroundings=Surroundings(SOLIDS, 0.2))
@@ -222,7 +222,7 @@ def test_who_is_nearer_to_a_solid_than_the_radius_has_crashed_into_it():
 
 
 def test_a_vehicle_that_begins_in_a_solid_has_crashed_into_it():
-    """At the beginning no place is known to be free."""
+    """At the beginning no ball is known to be free."""
     for place in ((0.4, 0.0), (0.0, 0.9)):
         tape = still(x=place[0], y=place[1])
         solid = Ball((place[0] + 0.1, place[1], 1.1), radius=0.2)
@@ -231,11 +231,11 @@ def test_a_vehicle_that_begins_in_a_solid_has_crashed_into_it():
         assert monitor.metrics(context).crash_time == [0.0]
 
 
-def test_where_there_are_no_solids_none_is_the_nearest():
+def test_without_solids_the_nearest_distance_is_infinite():
     assert nearest_solid(1.0, 2.0, 3.0, ()) == (math.inf, 0.0)
 
 
-def test_a_touch_is_for_good_and_the_first_counts():
+def test_the_first_collision_is_recorded_permanently():
     tape = still()
     tape["state"][2:, row("state", "x")] = tape["reference"][2:, row("reference", "x")] = 1.4
     tape["state"][3:, 0:2] = tape["reference"][3:, 0:2] = 0.0, 3.0
@@ -244,7 +244,7 @@ def test_a_touch_is_for_good_and_the_first_counts():
     assert monitor.metrics(context).crash_time[0] == pytest.approx(2 * PERIOD)
 
 
-def test_who_crashed_before_it_came_to_a_solid_touched_none():
+def test_a_vehicle_that_crashed_before_it_reached_a_solid_touched_none():
     tape = still()
     tape["state"][2, row("state", "roll")] = 1.5
     tape["state"][3:, row("state", "x")] = tape["reference"][3:, row("reference", "x")] = 1.4
@@ -254,8 +254,8 @@ def test_who_crashed_before_it_came_to_a_solid_touched_none():
 
 
 @pytest.mark.parametrize("num_vehicles", [1, 11])
-def test_no_touch_is_missed_where_no_distance_is_computed(num_vehicles):
-    """Against the distances to all solids at every tick, of vehicles that crawl, fly and jump about them."""
+def test_no_collision_is_missed_although_distances_are_skipped(num_vehicles):
+    """The reference computes the distances to all solids at every tick, for slow, fast and jumping vehicles."""
     rng = np.random.default_rng(num_vehicles)
     ticks, radius = 400, 0.2
     rock = hull_of(rng.normal(size=(12, 3)) * 0.2 + [-1.5, -1.0, 1.2])
@@ -286,7 +286,7 @@ def test_no_touch_is_missed_where_no_distance_is_computed(num_vehicles):
 
 
 class Counted:
-    """A solid that counts how often it is asked for its distance."""
+    """Solid that counts how often its distance is computed."""
 
     def __init__(self, shape):
         self.shape, self.count = shape, 0
@@ -295,28 +295,28 @@ class Counted:
         self.count += 1
         return self.shape.distance(x, y, z)
 
-    def at_least(self, x, y, z):
-        return self.shape.at_least(x, y, z)
+    def distance_lower_bound(self, x, y, z):
+        return self.shape.distance_lower_bound(x, y, z)
 
 
-def test_distances_are_computed_only_of_who_has_moved_as_far_as_it_may():
+def test_distances_are_computed_only_after_a_vehicle_has_left_its_free_ball():
     solid = Counted(Ball((2.0, 0.0, 1.0), radius=0.5))
     surroundings, free = Surroundings((solid,), 0.2), FreeBall()
     level = State(*[0.0] * 12)._replace(z=1.0)
     counts = []
-    # It may move by 1.3 m, then by 2.61 m; a vehicle that has crashed is not looked at.
+    # The radius of the free ball is 1.3 m, then 2.61 m. Distances of a crashed vehicle are not computed.
     for x, flies in ((0.0, True), (0.5, True), (-1.29, True), (-1.31, True), (0.5, True), (0.9, True), (1.4, True)):
-        touch, free = touching(level._replace(x=x), flies, free, surroundings)
+        touch, free = detect_contact(level._replace(x=x), flies, free, surroundings)
         counts.append(solid.count)
-        assert touch == Touched(1.0 if x == 1.4 else 0.0)
+        assert touch == CollidedSolid(1.0 if x == 1.4 else 0.0)
     assert counts == [1, 1, 1, 2, 2, 2, 3]
-    touch, kept = touching(level._replace(x=1.5), False, free, surroundings)
-    assert (touch, kept, solid.count) == (Touched(), free, 3)
+    touch, kept = detect_contact(level._replace(x=1.5), False, free, surroundings)
+    assert (touch, kept, solid.count) == (CollidedSolid(), free, 3)
 
 
-def test_a_hull_s_distance_is_computed_only_if_it_may_be_the_nearest():
+def test_the_distance_of_a_hull_is_computed_only_if_it_can_be_the_nearest():
     near, far = Counted(Ball((1.0, 0.0, 1.0), radius=0.5)), Counted(hull_of(np.add(np.eye(4, 3), [5.0, 0.0, 0.0])))
-    touching(State(*[0.0] * 12), True, FreeBall(), Surroundings((near, far), 0.1))
+    detect_contact(State(*[0.0] * 12), True, FreeBall(), Surroundings((near, far), 0.1))
     assert (near.count, far.count) == (1, 0)
-    touching(State(*[0.0] * 12), True, FreeBall(), Surroundings((far, near), 0.1))
+    detect_contact(State(*[0.0] * 12), True, FreeBall(), Surroundings((far, near), 0.1))
     assert (near.count, far.count) == (2, 1)

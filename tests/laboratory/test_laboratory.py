@@ -1,4 +1,4 @@
-"""Motion capture, command link and recorder, in time."""
+"""Timing of motion capture, command link and recorder."""
 
 import math
 
@@ -28,13 +28,13 @@ SEVEN = Wrench(7.0, 7.0, 7.0, 7.0)
 
 
 def clock(size):
-    """A source whose every element is the time plus one."""
+    """Return a source whose elements are all the time plus one."""
     line = PiecewisePolynomial.FirstOrderHold([0.0, 100.0], np.array([[1.0] * size, [101.0] * size]).T)
     return TrajectorySource(line)
 
 
 def recorded(system, output, size, duration, period=0.005, column=0):
-    """The times and values of a system's output, sampled as a discrete update samples, under a ramp."""
+    """Return times and values of a system's output under a ramp, as a discrete update samples it."""
     builder = DiagramBuilder()
     source = builder.AddNamedSystem("clock", clock(size))
     builder.AddNamedSystem("system", system)
@@ -50,7 +50,7 @@ def recorded(system, output, size, duration, period=0.005, column=0):
 
 
 def held(times, period):
-    """The newest multiple of the period before each time, as a discrete update at that time sees it."""
+    """Return the latest multiple of the period before each time, as a discrete update at that time sees it."""
     ticks = np.round(times / period, 6)
     return np.maximum(np.ceil(ticks) - 1, 0) * period
 
@@ -64,7 +64,7 @@ def test_motion_capture_holds_its_frames_from_the_first():
 def test_the_command_link_delays_by_whole_ticks(delay):
     link = CommandLink(period=0.02, longest_delay=delay, numbers=LinkNumbers(delay, initial=SEVEN))
     time, value = recorded(link, "wrench", 4, 0.3)
-    # Before a tick's own update is done, what was sent at that tick is not out yet.
+    # Before the update of a tick is executed, the command of that tick has not been sent.
     tick = np.ceil(np.round(time / 0.02, 6)) - 1 - delay
     expected = np.where(tick < 0, 7.0, 1.0 + 0.02 * tick)
     np.testing.assert_allclose(value, expected, atol=1e-12)
@@ -80,7 +80,7 @@ def test_each_vehicle_of_a_fleet_has_its_own_delay():
 
 
 @pytest.mark.parametrize("delay", [0, 2])
-def test_lost_packets_leave_the_last_one_out(delay):
+def test_a_lost_packet_is_replaced_by_the_one_before(delay):
     rate, n = 0.3, 20
     numbers = LinkNumbers(delay, rate)
     link = CommandLink(num_vehicles=n, period=0.02, longest_delay=delay, loses_packets=True, numbers=numbers)
@@ -96,7 +96,7 @@ def test_lost_packets_leave_the_last_one_out(delay):
     out = found.data().reshape(4, n, -1)[0, :, delay + 2 :]
     time = found.sample_times()[delay + 2 :]
     ages = np.round((time - (out - 1.0)) / 0.02)
-    # Out is the packet that was sent `delay` ticks before the last tick, or an older one if that was lost.
+    # The output is the packet that was sent `delay` ticks before the last tick, or an older one if that was lost.
     late = ages - (delay + 1)
     assert late.min() == 0.0
     for ticks in (0, 1, 2):
@@ -106,7 +106,7 @@ def test_lost_packets_leave_the_last_one_out(delay):
     np.testing.assert_array_equal(fresh | (late[:, 1:] == late[:, :-1] + 1), True)
 
 
-def test_the_recorder_keeps_what_a_discrete_update_sees_at_each_tick_to_the_last():
+def test_the_recorder_stores_what_a_discrete_update_sees_at_each_tick():
     builder = DiagramBuilder()
     source = builder.AddNamedSystem("clock", clock(2))
     recorder = builder.AddNamedSystem("recorder", build_recorder({"a": 2, "b": 2}, period=0.02))
@@ -127,7 +127,7 @@ BREEZE = Jet(Outlet(0.0, 0.0, 0.0), Direction(1.0, 0.0, 0.0), 5.0, 1.0)
 CALM = Turbulence.at_low_altitude(height=10.0, wind_at_20_feet=5.0, airspeed=5.0)
 
 
-def test_by_default_numbers_are_those_of_an_ideal_laboratory():
+def test_by_default_the_laboratory_is_ideal():
     none = 0.0, 0.0, 0.0
     assert LinkNumbers() == (0.0, 0.0, Wrench(0.0, *none))
     assert CameraNumbers() == record_like(CameraNumbers, models.Laboratory().motion_capture)
@@ -140,14 +140,14 @@ def test_by_default_numbers_are_those_of_an_ideal_laboratory():
     assert TurbulenceNumbers(CALM).heading == 0.0
 
 
-def test_by_default_a_vehicle_crashes_where_it_does_in_a_scenario():
+def test_default_crash_limits_are_those_of_a_scenario():
     crash = {name: models.Crash.model_fields[name].default for name in CrashLimits._fields}
     assert CrashLimits()._asdict() == pytest.approx(crash)
 
 
 @pytest.mark.slow
-def test_before_a_simulation_begins_nothing_is_seen_and_no_wind_blows():
-    """The first samples are taken when it begins."""
+def test_before_a_simulation_begins_measurements_and_wind_are_zero():
+    """The initialization events take the first samples."""
     wind = Wind(1.0, 2.0, 3.0)
     for system in (
         MotionCapture(filtered=True, drifts=True, longest_latency=2, num_vehicles=2, numbers=FILTERED),

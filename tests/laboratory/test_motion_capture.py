@@ -1,4 +1,4 @@
-"""The cameras and their filters against theory."""
+"""The cameras and their filters agree with theory."""
 
 import math
 
@@ -24,7 +24,7 @@ from drake_quad.laboratory.motion_capture import (
     VelocityError,
     _rotation,
     attitude_of_markers,
-    seen_pose,
+    measured_pose,
 )
 from drake_quad.randomness.noise import Samples
 from drake_quad.randomness.streams import StreamKind
@@ -34,7 +34,7 @@ H = 0.01
 
 
 def seen(state, camera, *, duration, n=1):
-    """Times and (12, n, ticks) measurements of a trajectory of the state, as they are just before a frame."""
+    """Return times and (12, n, ticks) measurements of a trajectory of the state, as they are just before a frame."""
     builder = DiagramBuilder()
     source = builder.AddNamedSystem("state", TrajectorySource(state))
     cameras = builder.AddNamedSystem("cameras", camera)
@@ -57,7 +57,7 @@ def filtering(bandwidth, **structure):
 
 
 def ramp(rates):
-    """A state whose six coordinates grow evenly from zero."""
+    """Return a state whose six coordinates grow linearly from zero."""
     rows = np.zeros((12, 2))
     rows[:6, 1] = 100.0 * np.array(rates)
     return PiecewisePolynomial.FirstOrderHold([0.0, 100.0], rows)
@@ -75,8 +75,8 @@ def test_noise_has_the_stated_deviation_and_nothing_else():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("bandwidth", [20.0, 100.0])
-def test_spectrum_of_the_velocity_noise(bandwidth):
-    """White noise through (1 - a) / 2h (1 - z⁻²) / (1 - a z⁻¹), and its variance σ² (1 - a)² / 2h²."""
+def test_the_velocity_noise_has_the_spectrum_of_the_filter(bandwidth):
+    """White noise is filtered by (1 - a) / 2h (1 - z⁻²) / (1 - a z⁻¹); the variance is σ² (1 - a)² / 2h²."""
     n, sigma = 60, 1e-3
     numbers = CameraNumbers(sigma, derivative_bandwidth=bandwidth)
     camera = MotionCapture(num_vehicles=n, noisy=True, filtered=True, numbers=numbers)
@@ -93,8 +93,8 @@ def test_spectrum_of_the_velocity_noise(bandwidth):
         assert density.mean(axis=0)[band].mean() == pytest.approx(theory[band].mean(), rel=0.05)
 
 
-def test_who_reads_every_second_frame_sees_no_noise_folded_down():
-    """A velocity that hardly wanders: its mean over 4 s is position noise over 4 s, not rate noise over √200."""
+def test_sampling_every_second_frame_aliases_no_noise_to_zero_frequency():
+    """The mean velocity over 4 s has position noise over 4 s, not rate noise over √200."""
     n, sigma = 200, 1e-3
     numbers = CameraNumbers(sigma, derivative_bandwidth=100.0)
     camera = MotionCapture(num_vehicles=n, noisy=True, filtered=True, numbers=numbers)
@@ -105,33 +105,33 @@ def test_who_reads_every_second_frame_sees_no_noise_folded_down():
     assert mean.std() < 0.1 * frames[6, :, 100:].std() / math.sqrt(200)
 
 
-def test_the_filter_lags_behind_a_velocity_as_a_first_order_lag_does():
+def test_the_filter_is_a_first_order_lag():
     rates = [0.5, -1.0, 2.0, 0.0, 0.0, 0.0]
     time, frames = seen(ramp(rates), filtering(25.0), duration=1.0)
-    # What is logged at a tick is the frame before it. The difference over two frames is half a frame late: after a
-    # start, the mean of the lag now and a frame ago.
+    # The value logged at a tick is the frame before it. The difference over two frames is half a frame late. After a
+    # start, the result is therefore the mean of the present lag and that of a frame ago.
     now, before = (1.0 - np.exp(-25.0 * np.maximum(time - late, 0.0)) for late in (H, 2.0 * H))
     np.testing.assert_allclose(frames[6:9, 0], np.outer(rates[:3], 0.5 * (now + before)), atol=1e-12)
 
 
-def test_body_rates_are_those_of_the_turning_body():
-    """Roll, pitch and yaw that change together, against Drake's angular velocity."""
+def test_body_rates_are_those_of_the_rotating_body():
+    """Roll, pitch and yaw change at the same time; the reference is Drake's angular velocity."""
     rates = np.array([0.3, -0.2, 0.5])
     time, frames = seen(ramp([0.0, 0.0, 0.0, *rates]), filtering(400.0), duration=2.0)
     for tick in (60, 120, 199):
-        # A difference over a period is the rate in its middle; the filter lags by a few milliseconds more.
+        # A difference over a period is the rate at its middle, and the filter adds a lag of a few milliseconds.
         attitude = RollPitchYaw(rates * (time[tick] - H))
         w_WB_W = attitude.CalcAngularVelocityInParentFromRpyDt(rates)
         expected = attitude.ToRotationMatrix().inverse() @ w_WB_W
         np.testing.assert_allclose(frames[9:12, 0, tick], expected, atol=2e-3)
 
 
-def test_steps_of_the_attitude_are_turned_at_the_frame_in_their_middle():
-    """With a filter that is fast enough to be none, against Drake's angular velocity there."""
+def test_angle_differences_are_converted_at_the_middle_frame():
+    """The filter is so fast that it has no effect; the reference is Drake's angular velocity at that frame."""
     rates = np.array([0.3, -0.2, 0.5])
     time, frames = seen(ramp([0.0, 0.0, 0.0, *rates]), filtering(1e4), duration=2.0)
     for tick in (60, 120, 199):
-        # What is logged at a tick is the frame before it, which differs from that of two frames earlier still.
+        # The value logged at a tick is the frame before it, with the difference from two frames before that one.
         middle = RollPitchYaw(rates * (time[tick] - 2.0 * H))
         expected = middle.CalcAngularVelocityInChildFromRpyDt(rates)
         np.testing.assert_allclose(frames[9:12, 0, tick], expected, atol=1e-12)
@@ -142,7 +142,7 @@ def test_steps_of_the_attitude_are_turned_at_the_frame_in_their_middle():
     "turning", [(0.0, 6.0, 0.0), (0.0, 6.0, 0.05), (1.0, -5.0, 0.4), (8.0, 0.0, 0.0), (3.0, 4.0, 7.0)]
 )
 def test_body_rates_are_right_for_a_body_that_turns_over(turning, misaligned):
-    """Constant rates lead through pitches of ±90° and rolls of ±180°, where angles jump; markers turn with the body."""
+    """Constant rates lead through pitches of ±90° and rolls of ±180°, where angles jump. Markers rotate as the body."""
     times = H * np.arange(210)
     begun = Rotation.from_euler("ZYX", [0.4, 0.0, 0.0])
     turned = begun * scipy.spatial.transform.Rotation.from_rotvec(np.outer(times, turning))
@@ -161,8 +161,8 @@ def test_body_rates_are_right_for_a_body_that_turns_over(turning, misaligned):
 
 @pytest.mark.parametrize("change", [0.3, -0.3, 0.06, -0.06])
 @pytest.mark.parametrize("angle", ["roll", "pitch", "yaw"])
-def test_a_large_step_of_an_angle_is_the_rotation_vector_between_the_attitudes(angle, change):
-    """Each angle changes by itself, in both directions. A small step follows eq (2)."""
+def test_a_large_angle_change_is_measured_as_a_rotation_vector(angle, change):
+    """Each angle changes alone, in both directions. A small change follows eq (2)."""
     before = Pose(0.0, 0.0, 0.0, 0.2, -0.4, 0.7)
     after = before._replace(**{angle: getattr(before, angle) + change})
     turns = [Rotation.from_euler("ZYX", (p.yaw, p.pitch, p.roll)) for p in (before, after)]
@@ -187,8 +187,8 @@ def test_a_frame_of_markers_that_point_straight_up_is_finite():
         np.testing.assert_allclose(matrix, up.as_matrix(), atol=1e-7)
 
 
-def test_without_errors_a_frame_is_the_state_whatever_errors_there_could_be():
-    """Ideal cameras, to the bit: also with ports for noise and dropouts, and room for latency and misalignment."""
+def test_a_frame_without_errors_is_the_state():
+    """This holds exactly, even if the cameras have ports for noise and dropouts, latency and misalignment."""
     rng = np.random.default_rng(0)
     state = PiecewisePolynomial.FirstOrderHold([0.0, 1.0], rng.normal(size=(12, 2)))
     time, ideal = seen(state, MotionCapture(), duration=1.0)
@@ -196,7 +196,7 @@ def test_without_errors_a_frame_is_the_state_whatever_errors_there_could_be():
     _, real = seen(state, MotionCapture(noisy=True, loses_frames=True, longest_latency=3), duration=1.0)
     np.testing.assert_array_equal(real, ideal)
     _, turned = seen(state, MotionCapture(misaligned=True), duration=1.0)
-    # Attitudes of more than a quarter turn come back as others that are the same rotation; these are less.
+    # The pitch is below a quarter turn, since other attitudes are returned as different angles of the same rotation.
     assert np.abs(ideal[3:5]).max() < 1.5
     np.testing.assert_allclose(turned, ideal, atol=1e-14)
 
@@ -213,8 +213,8 @@ def test_latency_is_a_whole_number_of_frames():
 
 
 @pytest.mark.parametrize("bandwidth", [None, 50.0])
-def test_until_the_first_frame_arrives_the_cameras_show_the_start(bandwidth):
-    """With its velocity and body rates where they are seen; a filter begins at rest, whatever moves."""
+def test_before_the_first_frame_arrives_the_output_is_the_initial_frame(bandwidth):
+    """Without a filter it includes velocity and body rates; a filter starts at zero."""
     start = np.array([1.0, 2.0, 3.0, 0.1, -0.2, 0.3, -0.4, 0.5, -0.6, 0.7, -0.8, 0.9])
     numbers = CameraNumbers(derivative_bandwidth=bandwidth or 0.0, latency_frames=4)
     camera = MotionCapture(filtered=bandwidth is not None, longest_latency=4, numbers=numbers)
@@ -232,26 +232,26 @@ def test_lost_frames_repeat_the_one_before():
     steps = np.diff(frames[0, :, 2:], axis=1)
     lost = np.abs(steps) < 1e-9
     assert lost.mean() == pytest.approx(rate, abs=4.0 * math.sqrt(rate * (1.0 - rate) / lost.size))
-    # Nothing is lost for good: the frame after is up to date.
+    # The frame after a lost one is up to date.
     fresh = np.abs(frames[0] - (time - H)) < 1e-9
     np.testing.assert_array_equal(fresh[:, 3:], ~lost)
-    # The filter sees no motion while frames are lost, and all of it afterwards.
+    # While frames are lost, the filter sees no motion. Afterwards it sees all of it at once.
     filtered = MotionCapture(num_vehicles=n, loses_frames=True, filtered=True, numbers=numbers)
     _, frames = seen(state, filtered, duration=10.0, n=n)
     assert frames[6, :, 100:].mean() == pytest.approx(1.0, abs=0.02)
 
 
 @pytest.mark.parametrize("attitude", [(0.0, 0.0, 0.0), (0.3, -0.7, 2.5), (-1.2, 1.1, -3.0)])
-def test_misaligned_markers_turn_with_the_body(attitude):
-    """R_WB R_BM, by Drake's rotation matrices."""
+def test_misaligned_markers_rotate_with_the_body(attitude):
+    """The reference is R_WB R_BM by Drake's rotation matrices."""
     misalignment = (0.05, -0.08, 0.2)
     turned = RollPitchYaw(attitude).ToRotationMatrix() @ RollPitchYaw(misalignment).ToRotationMatrix()
     found = RollPitchYaw(*attitude_of_markers(Attitude(*attitude), BodyAxes.of(*misalignment))).ToRotationMatrix()
     np.testing.assert_allclose(found.matrix(), turned.matrix(), atol=1e-14)
 
 
-def test_cameras_see_the_attitude_of_the_markers_where_the_body_is():
-    """Of each vehicle its own; with the body's velocity and body rates."""
+def test_cameras_measure_the_attitude_of_the_markers():
+    """Each vehicle has its own misalignment; position, velocity and body rates are those of the body."""
     rolls = np.array([0.05, -0.1])
     numbers = CameraNumbers(misalignment=Attitude(rolls, -0.08, 0.2))
     state = np.tile([1.0, 2.0, 3.0, 0.1, -0.2, 0.3, 0.4, -0.5, 0.6, -0.7, 0.8, -0.9], (2, 1)).T
@@ -263,24 +263,24 @@ def test_cameras_see_the_attitude_of_the_markers_where_the_body_is():
         np.testing.assert_allclose(frames[:, i, -1], expected, atol=1e-14)
 
 
-def test_each_row_of_the_pose_has_a_noise_of_its_own():
+def test_each_row_of_the_pose_has_independent_noise():
     noise = Pose(1.0, -2.0, 3.0, -4.0, 5.0, -6.0)
     state = State(1.0, 2.0, 3.0, 0.01, 0.02, 0.03, *[9.0] * 6)
     cameras = Cameras.of(CameraNumbers(position_noise=0.1, attitude_noise=0.5))
-    found = seen_pose(state, noise, cameras, misaligned=True)
+    found = measured_pose(state, noise, cameras, misaligned=True)
     np.testing.assert_allclose(found, Pose(1.1, 1.8, 3.3, -1.99, 2.52, -2.97))
 
 
 @pytest.mark.parametrize("filtered", [False, True])
-def test_velocity_is_seen_too_large_by_its_share_and_nothing_else(filtered):
-    """Of each vehicle its own share, on each axis; also where a filter makes velocity of positions."""
+def test_only_the_velocity_has_the_scale_error(filtered):
+    """Each vehicle has its own error on each axis, also if a filter estimates the velocity."""
     shares = np.array([[0.1, -0.2, 0.05], [0.3, 0.0, -0.1]])
     state = np.random.default_rng(3).normal(scale=0.3, size=(12, 3))
     line = PiecewisePolynomial.FirstOrderHold([0.0, 1.0, 2.0], np.repeat(state, 2, axis=0))
     numbers = CameraNumbers(derivative_bandwidth=40.0)
     mistaken = numbers._replace(velocity_error=VelocityError(*shares.T))
     _, true = seen(line, MotionCapture(num_vehicles=2, filtered=filtered, numbers=numbers), duration=2.0, n=2)
-    camera = MotionCapture(num_vehicles=2, filtered=filtered, mistaken=True, numbers=mistaken)
+    camera = MotionCapture(num_vehicles=2, filtered=filtered, velocity_scaled=True, numbers=mistaken)
     _, frames = seen(line, camera, duration=2.0, n=2)
     expected = true.copy()
     expected[6:9] *= 1.0 + shares.T[:, :, None]
@@ -288,8 +288,8 @@ def test_velocity_is_seen_too_large_by_its_share_and_nothing_else(filtered):
     np.testing.assert_allclose(frames, expected, atol=1e-13)
 
 
-def test_what_drifts_in_velocity_has_its_deviation_and_its_time():
-    """On each axis its own; correlated by exp(-h/T) from frame to frame; and nothing else is off."""
+def test_the_velocity_drift_has_its_deviation_and_correlation_time():
+    """Each axis has its own drift, with the correlation exp(-h/T) between frames, and nothing else changes."""
     state = np.tile(np.arange(12.0)[:, None] * 0.1, 2)
     line = PiecewisePolynomial.FirstOrderHold([0.0, 100.0], state)
     numbers = CameraNumbers(velocity_drift=VelocityDrift(0.03, 0.01, 0.0), drift_time=0.1)

@@ -23,7 +23,7 @@ from drake_quad.vehicle.battery import Battery
 from drake_quad.vehicle.effects import Effects, ReactionTorque
 from drake_quad.vehicle.motors import ThrustCurve
 from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters
-from drake_quad.vehicle.payload import Payload, PayloadPosition, whole
+from drake_quad.vehicle.payload import Payload, PayloadPosition, loaded_body
 from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers
 from drake_quad.vehicle.slung_load import SlungLoad
 
@@ -128,7 +128,7 @@ def test_a_payload_at_rest_is_there_or_not_as_it_is_at_the_beginning(laboratory)
         payload = resting.effect_numbers().payload
         assert (payload is not None) == there
         if payload is not None:
-            masses = [whole(0.68, Inertia(), payload, moment).mass for moment in (0.0, 1.0, 3.0, 1e4)]
+            masses = [loaded_body(0.68, Inertia(), payload, moment).mass for moment in (0.0, 1.0, 3.0, 1e4)]
             assert masses == pytest.approx([0.73] * 4)
     assert at_rest(laboratory(PAYLOAD.format(0.0, "dropped"))).vehicle.payload is None
     battery = "vehicle.battery={voltage: 12, empty_voltage: 10, capacity: 1, resistance: 0, efficiency: 0.7}"

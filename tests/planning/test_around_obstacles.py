@@ -55,7 +55,7 @@ def test_every_timing_keeps_the_clearance_and_its_limits(room, times):
     assert least(scenario, plan) >= 0.27
     passed = plan.waypoints[waypoints]
     np.testing.assert_allclose(passed, [[0, 0, 1], [3, 3, 1.2], [6, 0, 1]], atol=1e-9)
-    assert len(problem.places) == len(plan.path.times) > 3
+    assert len(problem.waypoints) == len(plan.path.times) > 3
     if "[0, 5, 12]" in times:
         np.testing.assert_allclose(plan.path.times[waypoints], [0, 5, 12])
     else:
@@ -115,7 +115,7 @@ REFUSED = {
     "no bounds": (["space.bounds=null"], r"m from .* nearer than 0.27 m; space.bounds is needed"),
     "a wall across": (
         [SMALL, "space.obstacles.wall.size=[0.2, 9, 2.6]", "space.obstacles.wall.rotation=[0, 0, 0]"],
-        r"no way from waypoint 1 to waypoint 2 at 0.27 m .* without wall, there would be one",
+        r"no way from waypoint 1 to waypoint 2 with a clearance of 0.27 m .* without wall, there would be one",
     ),
     "a corridor that the wall closes": (
         [
@@ -123,11 +123,11 @@ REFUSED = {
             "route.corridors=[null, {min: [2.5, -0.5, 0.5], max: [6.5, 3.5, 2.0]}]",
             "space.obstacles.wall.size.1=4.5",
         ],
-        r"no way from waypoint 1 to waypoint 2 in the corridor of segment 1 at .* without wall, there would be one",
+        r"no way from waypoint 1 to waypoint 2 in the corridor of segment 1 with .* without wall, there would be one",
     ),
     "a gate in a wall": (
         ["route.waypoints=[[0, 0, 1], {box: {min: [2.45, 2.55, 1.15], max: [2.55, 2.65, 1.25]}}, [6, 0, 1]]"],
-        "waypoint 1, .* leaves no room at 0.27 m from obstacles .*: ball is too near",
+        "waypoint 1, .* has no point with a clearance of 0.27 m .*: ball is too near",
     ),
     "another route": (
         ["route={kind: circle, radius: 2.1, height: 1.2}"],

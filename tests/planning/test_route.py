@@ -30,7 +30,7 @@ def test_the_slalom_keeps_to_all_that_it_asks(slalom):
     problem = mission.route.problem()
     assert peak_norm(plan.path, 1) <= 2.0 * (1.0 + 1e-6)
     assert peak_norm(plan.path, 2) <= 1.5 * (1.0 + 1e-6)
-    for place, position in zip(problem.places, evaluate(plan.path, plan.path.times).T, strict=True):
+    for place, position in zip(problem.waypoints, evaluate(plan.path, plan.path.times).T, strict=True):
         np.testing.assert_allclose(place.nearest(position), position, atol=1e-6)
     for order in (1, 2, 3):
         np.testing.assert_allclose(evaluate(plan.path, plan.path.times[4:5], order), 0.0, atol=1e-9)

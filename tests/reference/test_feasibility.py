@@ -20,27 +20,27 @@ def check(path, **limits):
     return first_violation(times, np.array(plan_demand(Plan.facing(path), TABLE_I, times).rotor_speed), **limits)
 
 
-def test_a_climb_breaks_the_limit_where_its_acceleration_says():
-    """Straight up every rotor turns at √(m (g + a) / 4b), so the limit is an acceleration."""
+def test_a_climb_violates_the_limit_where_its_acceleration_is_too_large():
+    """In vertical flight all rotors turn at √(m (g + a) / 4b), so the limit is an acceleration."""
     assert check(CLIMB) is None
     peak = 7.51319 * 1.0 / 2.0**2
     speed = np.sqrt(0.68 * (9.81 + 0.99 * peak) / (4.0 * 4.13e-5))
     violation = check(CLIMB, max_rotor_speed=speed)
-    # The acceleration peaks at s = (5 - √5) / 10 of a rest-to-rest segment.
+    # The acceleration of a rest-to-rest segment peaks at s = (5 - √5) / 10.
     assert violation.time == pytest.approx(2.0 * (5.0 - np.sqrt(5.0)) / 10.0, abs=0.05)
     assert violation.rotor == 1
     assert violation.speed > speed == violation.limit
     assert check(CLIMB, max_rotor_speed=1.01 * speed) is None
 
 
-def test_too_slow_is_a_violation_too():
+def test_a_too_small_rotor_speed_is_a_violation():
     violation = check(CLIMB, min_rotor_speed=190.0)
     assert violation.speed < 190.0
     assert violation.time > 1.0
     assert "rotor 1 would have to turn at" in str(violation)
 
 
-def test_the_first_moment_counts_and_then_the_first_rotor():
+def test_the_first_violation_is_that_of_the_first_time_and_rotor():
     times, speeds = np.array([0.0, 0.5, 1.0]), np.full((4, 3), 100.0)
     speeds[2, 1], speeds[3, 1], speeds[0, 2] = 250.0, 40.0, 300.0
     limits = {"min_rotor_speed": 50.0, "max_rotor_speed": 200.0}
@@ -60,7 +60,7 @@ def test_samples_are_dense_on_short_segments_too():
         np.testing.assert_allclose(np.diff(within).max(), (end - start) / 63.0)
 
 
-def test_a_route_that_the_rotors_cannot_fly_is_refused(diagrams):
+def test_a_route_that_the_rotors_cannot_fly_is_rejected(diagrams):
     scenario = load_scenario(diagrams / "figure_eight.yaml", ["route.top_acceleration=40", "route.top_speed=50"])
     with pytest.raises(
         InputError, match=r"cannot fly this route: at \d+\.\d+ s rotor \d would have to turn at \d+ rad/s"

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from drake_quad.reference import infeasibility
-from drake_quad.reference.infeasibility import explain
+from drake_quad.reference.infeasibility import explain_infeasibility
 from drake_quad.reference.minimum_snap import rest_at_ends
 from drake_quad.reference.minimum_snap_program import InfeasibleError, SolverError, path_within
 from drake_quad.reference.path_problem import Box, PathLimits, PathProblem
 
 
 def problem(points, velocity=None, **more):
-    """With stops everywhere, or a velocity at waypoint 1."""
+    """Return a problem with stops at all waypoints, or with a velocity at waypoint 1."""
     derivatives = np.zeros((len(points), 3, len(points[0])))
     if velocity is not None:
         derivatives = rest_at_ends(len(points), len(points[0]))
@@ -22,61 +22,63 @@ def problem(points, velocity=None, **more):
 @pytest.mark.parametrize(
     ("limits", "words"),
     [
-        # From rest to rest, 1 m in 1 s takes 35/16 m/s and 84 √5 / 25 m/s².
+        # From rest to rest, 1 m in 1 s requires 35/16 m/s and 84 √5 / 25 m/s².
         (PathLimits(speed=1.0, acceleration=5.0), "the speed limit of 1 m/s cannot be kept on segment 1: "
          "at these times at least 2.19 m/s is needed; flown 2.19 times slower it is feasible"),
         (PathLimits(speed=2.0, acceleration=2.0), "the acceleration limit of 2 m/s² cannot be kept on segment 1: "
          "at these times at least 7.52 m/s² is needed; flown 1.94 times slower it is feasible"),
     ],
 )  # fmt: skip
-def test_the_limit_and_segment_that_are_broken_most_are_named(limits, words):
-    assert explain(problem([[0.0], [0.5], [1.5], [2.2]], limits=limits), np.ones(3)) == words
+def test_the_most_violated_limit_and_its_segment_are_named(limits, words):
+    assert explain_infeasibility(problem([[0.0], [0.5], [1.5], [2.2]], limits=limits), np.ones(3)) == words
 
 
 @pytest.mark.parametrize("speed", [2.19, 3.01, 40.7, 511.0, 0.0633])
-def test_numbers_of_three_digits_are_not_rounded_up(speed):
+def test_values_with_three_digits_are_not_rounded_up(speed):
     asked = problem([[0.0], [16.0 / 35.0 * speed]], limits=PathLimits(speed=0.5 * speed))
-    assert f"at least {speed:g} m/s is needed; flown " in explain(asked, np.ones(1))
+    assert f"at least {speed:g} m/s is needed; flown " in explain_infeasibility(asked, np.ones(1))
 
 
-def test_what_is_given_is_kept_by_the_least_factor_of_three_digits():
+def test_the_smallest_feasible_factor_is_found_to_three_digits():
     asked = problem([[0.0], [4.0], [8.0]], [1.5], limits=PathLimits(speed=3.0, acceleration=1.0))
     durations = np.array([3.0, 3.2])
-    said = re.search(r"on segment 0: .* flown ([\d.]+) times slower it is feasible", explain(asked, durations))
+    said = re.search(
+        r"on segment 0: .* flown ([\d.]+) times slower it is feasible", explain_infeasibility(asked, durations)
+    )
     factor = float(said[1])
     path_within(asked, factor * durations)
     with pytest.raises(InfeasibleError):
         path_within(asked, (factor - 0.011) * durations)
 
 
-def test_a_velocity_that_no_slower_flight_keeps_is_told():
-    """At 0.05 m/s², 1.9 m/s takes 36 m to brake."""
+def test_a_velocity_that_no_slower_flight_can_have_is_reported():
+    """At 0.05 m/s², braking from 1.9 m/s takes 36 m."""
     asked = problem([[0.0], [0.2], [0.4]], [1.9], limits=PathLimits(acceleration=0.05))
     assert re.fullmatch(
         r"the acceleration limit of 0.05 m/s² cannot be kept on segment \d: at these times at least [\d.]+ m/s² is "
-        r"needed; no slower flight was found that keeps to what is given at the waypoints",
-        explain(asked, np.array([1.0, 1.0])),
+        r"needed; no slower flight was found that satisfies the derivatives given at the waypoints",
+        explain_infeasibility(asked, np.array([1.0, 1.0])),
     )
 
 
-def test_beyond_the_solver_the_smoothest_path_tells_what_is_needed():
+def test_if_the_solver_fails_the_smoothest_path_gives_the_necessary_value():
     asked = problem([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]], limits=PathLimits(acceleration=1.0))
-    asked = PathProblem(asked.places, limits=asked.limits)
-    said = explain(asked, np.array([1e-9, 1e-9]))
+    asked = PathProblem(asked.waypoints, limits=asked.limits)
+    said = explain_infeasibility(asked, np.array([1e-9, 1e-9]))
     assert "at these times by the smoothest path " in said
 
 
-def test_a_corridor_is_told_by_what_it_would_have_to_be_wider():
-    """Flown through backwards, the second corridor is left by so much at least."""
+def test_the_necessary_width_of_a_corridor_is_reported():
+    """If the route is flown backwards, the path leaves the second corridor by at least the same distance."""
     points, durations = [[0.0], [4.0], [8.0]], np.array([4.0, 4.0])
 
     def within(wider):
         return problem(points, [-1.5], corridors=[None, Box([4.0 - wider], [8.5 + wider])])
 
     said = re.fullmatch(
-        r"the corridor of segment 1 cannot be kept at these times with what is given at the waypoints: "
+        r"the corridor of segment 1 cannot be kept at these times with the derivatives given at the waypoints: "
         r"it would have to be ([\d.]+) m wider",
-        explain(within(0.0), durations),
+        explain_infeasibility(within(0.0), durations),
     )
     wider = float(said[1])
     path_within(within(wider), durations)
@@ -85,8 +87,8 @@ def test_a_corridor_is_told_by_what_it_would_have_to_be_wider():
 
 
 @pytest.mark.parametrize("after", [[], [[9.0, 1.0]]])
-def test_a_corridor_that_is_left_by_what_is_given_is_told_by_how_far(after):
-    """Also on a segment on which nothing is left to choose, whatever follows."""
+def test_a_corridor_that_given_derivatives_leave_is_reported_with_the_distance(after):
+    """This also holds for a segment on which nothing is free, whatever follows."""
     points, durations = [[0.0, 0.0], [4.0, 0.0], *after], np.ones(1 + len(after))
     motion = np.full((len(points), 3, 2), np.nan)
     motion[:2] = 0.0
@@ -96,7 +98,9 @@ def test_a_corridor_that_is_left_by_what_is_given_is_told_by_how_far(after):
         corridors = [Box([-9.0, -0.2 - wider], [9.0, 0.2 + wider]), *(None for _ in after)]
         return PathProblem([Box.point(point) for point in points], derivatives=motion, corridors=corridors)
 
-    said = re.fullmatch(r"the corridor of segment 0 cannot .* ([\d.]+) m wider", explain(within(0.0), durations))
+    said = re.fullmatch(
+        r"the corridor of segment 0 cannot .* ([\d.]+) m wider", explain_infeasibility(within(0.0), durations)
+    )
     wider = float(said[1])
     path_within(within(wider), durations)
     with pytest.raises(InfeasibleError):
@@ -104,11 +108,11 @@ def test_a_corridor_that_is_left_by_what_is_given_is_told_by_how_far(after):
 
 
 @pytest.mark.parametrize("corridors", [None, [Box([-1.0], [5.0])]])
-def test_no_corridor_is_blamed_where_only_the_solver_gave_up(monkeypatch, corridors):
+def test_no_corridor_is_blamed_if_only_the_solver_failed(monkeypatch, corridors):
     def gives_up(problem, durations):
         raise SolverError
 
     monkeypatch.setattr(infeasibility, "path_within", gives_up)
-    assert explain(problem([[0.0], [4.0]], corridors=corridors), np.ones(1)) == (
-        "no path was found that keeps to the corridors and to what is given at the waypoints at these times"
+    assert explain_infeasibility(problem([[0.0], [4.0]], corridors=corridors), np.ones(1)) == (
+        "no path was found that satisfies the corridors and the derivatives given at the waypoints at these times"
     )

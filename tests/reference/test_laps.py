@@ -1,11 +1,11 @@
-"""Routes flown in laps."""
+"""Paths with several laps: their seams, times and stops."""
 
 import numpy as np
 import pytest
 
 from drake_quad import InputError, load_scenario, simulate
 from drake_quad.flight.mission import plan_route
-from drake_quad.reference.laps import LapDurations, flown_in_laps, periodic_motion
+from drake_quad.reference.laps import LapDurations, path_of_laps, periodic_seam
 from drake_quad.reference.minimum_snap import MinimumSnap, rest_at_ends, snap_cost
 from drake_quad.reference.polynomial_path import evaluate, peak_norm
 from drake_quad.reference.time_allocation import trapezoid_times
@@ -21,30 +21,30 @@ def closed(seam, derivatives=FREE):
     return MinimumSnap(POINTS, DURATIONS, given).path()
 
 
-def test_the_motion_at_the_seam_is_that_of_the_middle_of_many_laps():
-    """Of 24 laps from rest to rest, whose ends are felt no more after a dozen."""
+def test_the_motion_at_the_seam_is_that_in_the_middle_of_many_laps():
+    """There are 24 laps from rest to rest; the effect of the ends vanishes after a dozen."""
     points, durations = np.vstack([POINTS, *[POINTS[1:]] * 23]), np.tile(DURATIONS, 24)
     path = MinimumSnap(points, durations, rest_at_ends(len(points), 3)).path()
     middle = [12 * DURATIONS.sum()]
     expected = np.array([evaluate(path, middle, order)[:, 0] for order in (1, 2, 3)])
-    np.testing.assert_allclose(periodic_motion(POINTS, DURATIONS, FREE), expected, atol=1e-6)
+    np.testing.assert_allclose(periodic_seam(POINTS, DURATIONS, FREE), expected, atol=1e-6)
 
 
-def test_no_other_motion_at_the_seam_costs_less_snap():
-    seam = periodic_motion(POINTS, DURATIONS, FREE)
+def test_the_motion_at_the_seam_has_the_least_snap():
+    seam = periodic_seam(POINTS, DURATIONS, FREE)
     least = snap_cost(closed(seam))
     for change in 1e-2 * np.eye(3):
         for side in (1.0, -1.0):
             assert (snap_cost(closed(seam + side * change[:, np.newaxis])) > least).all()
 
 
-def test_at_a_stop_there_is_rest_and_what_is_given_stays():
+def test_given_derivatives_at_the_seam_are_kept():
     stop = FREE.copy()
     stop[[0, -1]] = 0.0
-    np.testing.assert_array_equal(periodic_motion(POINTS, DURATIONS, stop), 0.0)
+    np.testing.assert_array_equal(periodic_seam(POINTS, DURATIONS, stop), 0.0)
     still = FREE.copy()
     still[-1, 0] = 0.25
-    seam = periodic_motion(POINTS, DURATIONS, still)
+    seam = periodic_seam(POINTS, DURATIONS, still)
     np.testing.assert_array_equal(seam[0], 0.25)
     path = closed(seam)
     for order in (4, 5):
@@ -54,10 +54,10 @@ def test_at_a_stop_there_is_rest_and_what_is_given_stays():
 
 
 @pytest.mark.parametrize("laps", [2, 5])
-def test_laps_begin_and_end_at_rest_and_are_alike_in_between(laps):
+def test_laps_begin_and_end_at_rest_and_are_equal_in_between(laps):
     lead = np.array([[0.2, -0.1, 0.0]])
     durations = LapDurations(np.array([1.5, 1.8, 1.6, 2.0, 1.3]), DURATIONS, 1.2 * DURATIONS[::-1])
-    path, starts = flown_in_laps(np.vstack([lead, POINTS]), durations, laps, lead=1)
+    path, starts = path_of_laps(np.vstack([lead, POINTS]), durations, laps, lead=1)
     assert starts[0] == 1.5
     assert len(starts) == laps + 1
     np.testing.assert_allclose(np.diff(starts), [6.7] + [6.0] * (laps - 2) + [7.2])
@@ -92,7 +92,7 @@ def route(diagrams, text, *more):
         f"kind: waypoints, laps: 4, times: [1, 5, 8, 13], {SQUARE}",
     ],
 )
-def test_routes_that_close_are_flown_on_and_on_within_their_limits(diagrams, text):
+def test_closed_routes_are_flown_in_laps_within_their_limits(diagrams, text):
     plan = plan_route(route(diagrams, text))
     first, *between, last = np.diff(plan.lap_times)
     assert between == pytest.approx([between[0]] * 2)
@@ -101,20 +101,20 @@ def test_routes_that_close_are_flown_on_and_on_within_their_limits(diagrams, tex
     assert speed <= 2.0 * (1.0 + 1e-9)
     assert acceleration <= 0.7 * (1.0 + 1e-9)
     if "times: [" not in text:
-        # To fly on takes no more time than to stop.
+        # A lap without a stop takes no more time than one with a stop.
         assert between[0] <= min(first, last) * (1.0 + 1e-12)
         assert max(speed / 2.0, acceleration / 0.7) == pytest.approx(1.0)
     assert np.linalg.norm(evaluate(plan.path, plan.lap_times[1:-1], 1), axis=0).min() > 0.1
 
 
-def test_three_laps_of_the_eight_are_timed_as_a_ride_at_cruise_speed_stretched_to_its_limits(diagrams):
+def test_three_laps_of_the_figure_eight_have_a_trapezoidal_profile_scaled_to_the_limits(diagrams):
     plan = plan_route(route(diagrams, "kind: figure_eight, laps: 3, cruise_speed: 1.1, top_acceleration: 0.6"))
     ride = trapezoid_times(plan.path.waypoints, speed=1.1, acceleration=0.6)
     stretched = np.diff(plan.path.times) / np.diff(ride)
     np.testing.assert_allclose(stretched, stretched[0], rtol=1e-9)
 
 
-def test_with_a_stop_at_the_end_there_is_rest_between_laps(diagrams):
+def test_a_stop_at_the_end_means_rest_between_laps(diagrams):
     stopping = SQUARE.replace("[0, 0, 1]]", "{point: [0, 0, 1], stop: true}]")
     plan = plan_route(route(diagrams, f"kind: waypoints, laps: 3, {stopping}"))
     for order in (1, 2, 3):
@@ -123,8 +123,8 @@ def test_with_a_stop_at_the_end_there_is_rest_between_laps(diagrams):
     np.testing.assert_allclose(np.diff(plan.lap_times), once.duration, rtol=1e-3)
 
 
-def test_where_times_are_given_a_waypoint_that_is_repeated_is_stayed_at(diagrams):
-    """Also that at which laps begin; the flight begins when it is said to."""
+def test_with_given_times_the_vehicle_stays_at_a_repeated_waypoint(diagrams):
+    """This includes the waypoint at which laps begin. The flight begins at its given time."""
     staying = "waypoints: [[0, 0, 1], [0, 0, 1], [1, 0, 1], [1, 0, 1], [0, 1, 1], [0, 0, 1]]"
     given = "times: [2, 3, 7, 8, 13, 17], top_speed: null, top_acceleration: null"
     plan = plan_route(route(diagrams, f"kind: waypoints, laps: 2, {given}, {staying}"))
@@ -136,7 +136,7 @@ def test_where_times_are_given_a_waypoint_that_is_repeated_is_stayed_at(diagrams
         assert np.linalg.norm(evaluate(plan.path, [start + 11.0], 1)) > 0.01
 
 
-def test_legs_and_yaws_come_again_in_every_lap(diagrams):
+def test_legs_and_yaws_are_repeated_in_each_lap(diagrams):
     eight = plan_route(route(diagrams, "kind: figure_eight, laps: 3"))
     climbs = [leg.first for leg in eight.legs if leg.name == "climb"]
     np.testing.assert_allclose(eight.path.times[climbs], eight.lap_times[:-1])
@@ -150,7 +150,7 @@ def test_legs_and_yaws_come_again_in_every_lap(diagrams):
     np.testing.assert_allclose(evaluate(plan.yaw, passed)[0], 0.7, atol=1e-9)
 
 
-def test_circles_and_lissajous_figures_have_laps_and_other_routes_are_one(diagrams):
+def test_circles_and_lissajous_figures_have_laps_and_other_routes_have_one(diagrams):
     circle = plan_route(route(diagrams, "kind: circle, laps: 3"))
     np.testing.assert_allclose(circle.path.waypoints[[0, 8, 16, 24]], np.tile([1.5, 0.0, 1.0], (4, 1)), atol=1e-12)
     np.testing.assert_allclose(circle.lap_times, circle.path.times[[0, 8, 16, 24]])
@@ -171,14 +171,14 @@ def test_circles_and_lissajous_figures_have_laps_and_other_routes_are_one(diagra
         (f"laps: 0, {SQUARE}", "laps is 0"),
     ],
 )
-def test_what_cannot_be_flown_in_laps_is_said_in_a_sentence(diagrams, text, words):
+def test_a_route_that_cannot_have_laps_is_rejected_with_the_reason(diagrams, text, words):
     with pytest.raises(InputError, match=words) as caught:
         plan_route(route(diagrams, f"kind: waypoints, {text}"))
     assert "\n" not in str(caught.value)
 
 
-def test_metrics_of_later_laps(diagrams):
-    """They are those of the time from then on."""
+def test_metrics_can_start_at_a_later_lap(diagrams):
+    """They are those of the time from the start of this lap on."""
     lap = "kind: lissajous, amplitude: [0.4, 0.3, 0.0], period: 4, laps: 2"
     later, since, whole = (
         simulate(route(diagrams, lap, *window)).metrics.rmse
@@ -194,13 +194,13 @@ def test_metrics_of_later_laps(diagrams):
         ("{first_lap: 2, start: 1.0}", "must not stand beside a start, 1"),
     ],
 )
-def test_laps_that_there_are_not_cannot_count(diagrams, window, words):
+def test_metrics_cannot_start_at_a_lap_that_does_not_exist(diagrams, window, words):
     with pytest.raises(InputError, match=words):
         simulate(route(diagrams, "kind: circle", f"metrics={window}"))
 
 
 @pytest.mark.parametrize(("share", "fits"), [(1.0, True), (1.0 / 1.2, False)])
-def test_given_times_of_laps_keep_to_a_limit_or_are_refused_with_the_factor_that_they_lack(diagrams, share, fits):
+def test_given_times_of_laps_that_violate_a_limit_are_rejected_with_the_necessary_factor(diagrams, share, fits):
     given = f"kind: waypoints, laps: 3, times: [1, 5, 8, 13], {SQUARE}, top_acceleration: null, top_speed: "
     fastest = float(peak_norm(plan_route(route(diagrams, given + "null")).path, 1))
     limited = given + repr(share * fastest)
@@ -230,7 +230,7 @@ def test_a_waypoint_of_every_lap_is_a_stop_and_the_others_are_not(diagrams):
         ("[0, 0, 1], [1, 0, 1], [0.5, 1, 1], [0, 1, 1], [0, 0, 1], [0, 0, 1]", True),
     ],
 )
-def test_there_is_rest_between_laps_just_if_the_vehicle_stays_there(diagrams, points, rests):
+def test_there_is_rest_between_laps_only_if_the_vehicle_stays_there(diagrams, points, rests):
     given = "times: [0, 4, 5, 9, 10, 14], top_speed: null, top_acceleration: null"
     plan = plan_route(route(diagrams, f"kind: waypoints, laps: 2, {given}, waypoints: [{points}]"))
     speed = np.linalg.norm(evaluate(plan.path, [14.0], 1))

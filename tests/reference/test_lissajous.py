@@ -1,4 +1,4 @@
-"""Sines of time along the axes."""
+"""Lissajous figures are sines of time along the axes."""
 
 import math
 
@@ -35,7 +35,7 @@ def test_the_path_and_its_derivatives_are_those_of_sines(figure):
             )
 
 
-def test_a_scenario_flies_it(diagrams):
+def test_a_scenario_can_fly_a_lissajous_figure(diagrams):
     route = (
         "route={kind: lissajous, centre: [1, 2, 1.5], amplitude: [0.5, 0, 0.2], turns: [1, 0, 2], period: 9, laps: 3}"
     )

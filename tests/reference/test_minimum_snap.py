@@ -44,7 +44,7 @@ planners = pytest.mark.parametrize("plan", PLANNERS.values(), ids=PLANNERS.keys(
 
 
 def jumps(path: PolynomialPath, order: int) -> tuple[float, float]:
-    """Largest jump of a derivative in time at a waypoint, and its largest value at one."""
+    """Return the largest jump of a time derivative at a waypoint, and its largest value at a waypoint."""
     every = np.arange(len(path.coefficients))
     ends = [evaluate_at(path, every, np.full(len(every), s), order) for s in (1.0, 0.0)]
     return np.abs(ends[0][:-1] - ends[1][1:]).max(initial=0.0), np.abs(ends).max()
@@ -52,7 +52,7 @@ def jumps(path: PolynomialPath, order: int) -> tuple[float, float]:
 
 @planners
 @pytest.mark.parametrize(("waypoints", "times", "cost"), EXACT_COSTS)
-def test_exact_costs(plan, waypoints, times, cost):
+def test_costs_are_exact(plan, waypoints, times, cost):
     path = plan(np.array(waypoints)[:, np.newaxis], times)
     assert snap_cost(path)[0] == pytest.approx(cost, rel=1e-8)
 
@@ -67,7 +67,7 @@ def test_rest_to_rest_is_the_known_polynomial_with_its_known_peaks():
 
 @given(st.integers(1, 12), st.integers(0, 2**32 - 1))
 @settings(max_examples=50, deadline=None)
-def test_is_the_clamped_interpolating_spline_of_degree_7(segments, seed):
+def test_the_path_is_the_clamped_interpolating_spline_of_degree_7(segments, seed):
     rng = np.random.default_rng(seed)
     waypoints = rng.normal(size=(segments + 1, 3))
     times = np.cumsum(rng.uniform(0.5, 2.0, segments + 1))
@@ -87,9 +87,9 @@ def test_is_the_clamped_interpolating_spline_of_degree_7(segments, seed):
     "durations",
     [[0.2, 20.0], [20.0, 0.2, 20.0], [0.2, 20.0, 0.2], [20.0, 20.0, 0.2, 20.0, 0.2, 0.2, 20.0], [0.2, 0.2, 20.0, 0.2]],
 )
-def test_short_segments_beside_long_ones(plan, durations):
+def test_short_segments_next_to_long_ones_are_accurate(plan, durations):
     rng = np.random.default_rng(7)
-    # Steps as a vehicle would fly them, at about 1 m/s.
+    # The steps are those of a vehicle at about 1 m/s.
     steps = rng.normal(size=(len(durations), 3)) * np.array(durations)[:, np.newaxis]
     waypoints = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
     path = plan(waypoints, np.concatenate([[0.0], np.cumsum(durations)]))
@@ -104,7 +104,7 @@ def test_short_segments_beside_long_ones(plan, durations):
 
 @given(st.integers(1, 10), st.integers(0, 2**32 - 1))
 @settings(max_examples=25, deadline=None)
-def test_fast_path_and_program_agree(segments, seed):
+def test_closed_form_and_program_agree(segments, seed):
     rng = np.random.default_rng(seed)
     waypoints = rng.normal(size=(segments + 1, 2))
     times = np.cumsum(rng.uniform(0.3, 3.0, segments + 1))
@@ -120,13 +120,13 @@ def test_doubling_all_times_divides_the_cost_by_128():
     np.testing.assert_allclose(ratio, 128.0, rtol=1e-12)
 
 
-def test_no_other_path_through_the_waypoints_costs_less():
-    """Random smooth detours that vanish at the waypoints with three derivatives only add to the cost."""
+def test_the_path_has_the_least_cost_of_all_through_the_waypoints():
+    """Random smooth detours that vanish at the waypoints with three derivatives only increase the cost."""
     rng = np.random.default_rng(5)
     waypoints, times = rng.normal(size=(4, 1)), [0.0, 1.0, 2.5, 3.0]
     best = minimum_snap(waypoints, times)
     for _ in range(20):
-        # s⁴ (1 - s)⁴ is a detour of degree 8; its minimum-snap part of degree 7 is exactly zero, so add a degree.
+        # s⁴ (1 - s)⁴ has degree 8. Paths of degree 7 contain no such detour, so it increases the degree.
         detour = rng.normal(size=3) * 1e-2
         bump = np.array([math.comb(4, k) * (-1.0) ** k for k in range(5)])
         coefficients = np.zeros((3, 9, 1))
@@ -138,7 +138,7 @@ def test_no_other_path_through_the_waypoints_costs_less():
         assert cost > snap_cost(best)[0]
 
 
-def test_becomes_a_trajectory_of_drake():
+def test_the_path_can_be_converted_to_a_trajectory_of_drake():
     waypoints, times = np.random.default_rng(1).normal(size=(7, 3)), np.array([1.0, 2.0, 2.2, 4.0, 5.0, 8.0, 8.5])
     path = minimum_snap(waypoints, times)
     trajectory = to_piecewise_polynomial(path)
@@ -161,10 +161,10 @@ def test_becomes_a_trajectory_of_drake():
         ([[0.0], [math.nan]], [0.0, 1.0], "finite"),
         ([[0.0], [1.0]], [0.0, math.inf], "finite"),
         ([0.0, 1.0], [0.0, 1.0], "as rows"),
-        ([[0.0], [1.0], [2.0], [3.0]], [0.0, 2.0, 1.0, 0.5], "time 2 is 1 s after 2 s"),
+        ([[0.0], [1.0], [2.0], [3.0]], [0.0, 2.0, 1.0, 0.5], "waypoint 1 is passed at 2 s and waypoint 2 at 1 s"),
     ],
 )
-def test_bad_waypoints_are_explained(waypoints, times, words):
+def test_invalid_waypoints_are_rejected_with_the_reason(waypoints, times, words):
     with pytest.raises(InputError, match=words):
         minimum_snap(waypoints, times)
 
@@ -178,22 +178,22 @@ def test_bad_waypoints_are_explained(waypoints, times, words):
         (np.stack([np.zeros((3, 2)), [[0.0, math.nan], [0.0, 0.0], [0.0, 0.0]]]), "on all axes or on none"),
     ],
 )
-def test_bad_derivatives_are_explained(derivatives, words):
+def test_invalid_derivatives_are_rejected_with_the_reason(derivatives, words):
     with pytest.raises(InputError, match=words):
         minimum_snap([[0.0, 0.0], [1.0, 1.0]], [0.0, 1.0], derivatives)
 
 
-def test_the_form_has_whole_numbers_and_no_cost_for_standing_still():
+def test_the_form_has_integers_and_no_cost_for_rest():
     np.testing.assert_array_equal(BOUNDARY_FORM % 1.0, 0.0)
     np.testing.assert_array_equal(BOUNDARY_FORM @ [1, 0, 0, 0, 1, 0, 0, 0], 0.0)
     assert BOUNDARY_FORM[0, 0] == 100_800.0
 
 
-def test_a_waypoint_counts_time_in_durations_of_its_shorter_segment():
+def test_the_unit_of_time_of_a_waypoint_is_its_shorter_segment():
     np.testing.assert_array_equal(waypoint_units(np.array([3.0, 0.2, 20.0])), [3.0, 0.2, 0.2, 20.0])
 
 
-def test_a_contact_that_is_told_twice_holds_as_one():
+def test_a_repeated_contact_acts_like_one():
     rng = np.random.default_rng(8)
     points, durations = rng.normal(size=(4, 2)), rng.uniform(0.5, 2.0, 3)
     contact = Contact(1, 0.4, 1, 0.7)
@@ -206,14 +206,14 @@ def test_a_contact_that_is_told_twice_holds_as_one():
 @given(st.integers(2, 12), st.integers(0, 2**32 - 1), st.booleans(), st.integers(0, 3))
 @settings(max_examples=40, deadline=None)
 def test_gradients_agree_with_finite_differences(segments, seed, given_motion, touched):
-    """Of the cost, and of the whole path, with respect to the durations."""
+    """These are the gradients of the cost, and of the whole path, with respect to the durations."""
     rng = np.random.default_rng(seed)
     points, durations = rng.normal(size=(segments + 1, 3)), rng.uniform(0.3, 3.0, segments)
     derivatives = rest_at_ends(segments + 1, 3)
     if given_motion:
         derivatives[segments // 2, 0] = rng.normal(size=3)
         derivatives[rng.integers(segments + 1)] = 0.0
-    # One on a segment and axis, so that they cannot contradict each other.
+    # There is one contact for each segment and axis, so that contacts cannot contradict each other.
     places = rng.choice(segments * 3, size=min(touched, segments), replace=False)
     contacts = [Contact(int(i) // 3, rng.uniform(0.2, 0.8), int(i) % 3, rng.normal()) for i in places]
     if given_motion:
@@ -238,8 +238,8 @@ def test_gradients_agree_with_finite_differences(segments, seed, given_motion, t
     np.testing.assert_allclose(boundary_gradient, np.stack(boundaries, axis=-1), rtol=0.0, atol=1e-6 * scale)
 
 
-def test_a_path_of_which_all_is_given_does_not_answer_to_contacts():
-    """And its cost changes with the durations as it does without them."""
+def test_contacts_do_not_change_a_path_without_free_derivatives():
+    """The derivatives of its cost are those without contacts."""
     rng = np.random.default_rng(9)
     points, durations, derivatives = rng.normal(size=(4, 2)), rng.uniform(0.5, 2.0, 3), rng.normal(size=(4, 3, 2))
     free, held = (
@@ -250,7 +250,7 @@ def test_a_path_of_which_all_is_given_does_not_answer_to_contacts():
     np.testing.assert_array_equal(held.boundary_gradient(), free.boundary_gradient())
 
 
-def test_contacts_are_where_they_are_held_and_the_rest_costs_least():
+def test_contacts_are_satisfied_with_the_least_cost():
     rng = np.random.default_rng(6)
     points, durations = rng.normal(size=(6, 3)), rng.uniform(0.5, 2.0, 5)
     contacts = [Contact(0, 0.5, 0, 0.3), Contact(3, 0.3, 2, -0.4), Contact(3, 0.7, 2, 0.2)]
@@ -258,7 +258,7 @@ def test_contacts_are_where_they_are_held_and_the_rest_costs_least():
     for contact in contacts:
         place = evaluate_at(held.path(), np.array([contact.segment]), np.array([contact.s]))
         assert place[0, contact.direction] == pytest.approx(contact.position, abs=1e-12)
-    # The same by the program, with the contacts as equalities.
+    # The reference is the program with the contacts as equality constraints.
     planned = MinimumSnapProgram(PathProblem([Box.point(point) for point in points]), durations)
     for contact in contacts:
         planned.bound_position(contact.segment, contact.s, contact.direction, contact.position, contact.position)
@@ -274,7 +274,7 @@ def test_the_cost_is_that_of_the_coefficients():
     assert solution.cost == pytest.approx(snap_cost(solution.path()).sum(), rel=1e-12)
 
 
-def test_given_derivatives_are_kept_and_the_rest_is_as_smooth_as_it_can_be():
+def test_given_derivatives_are_kept_and_free_ones_are_optimal():
     rng = np.random.default_rng(2)
     derivatives = rest_at_ends(6, 3)
     derivatives[2, 0] = [1.0, -2.0, 0.5]
@@ -283,7 +283,7 @@ def test_given_derivatives_are_kept_and_the_rest_is_as_smooth_as_it_can_be():
     velocity, acceleration = (evaluate(path, path.times, order).T for order in (1, 2))
     np.testing.assert_allclose(velocity[[0, 2, 5]], [[0, 0, 0], [1, -2, 0.5], [0.3, 0, 0]], atol=1e-12)
     np.testing.assert_allclose(acceleration[[0, 5]], [[0, 0, 0], [0, 0.1, 0]], atol=1e-12)
-    # A derivative that is free has no force on it: the (7 - k)-th derivative is continuous, or zero at an end.
+    # For a free derivative of order k, the derivative of order 7 - k is continuous, or zero at an end.
     every = np.arange(5)
     for order, free in ((4, [1, 2, 3, 4]), (5, [1, 2, 3, 4]), (6, [1, 3, 4])):
         before = evaluate_at(path, every, np.ones(5), order)[:-1]
@@ -304,7 +304,7 @@ def test_stops_cut_the_path_into_independent_ones():
     np.testing.assert_allclose(whole.coefficients, expected, atol=1e-11)
 
 
-def test_a_derivative_is_given_on_all_axes_or_on_none():
+def test_a_derivative_must_be_given_on_all_axes_or_on_none():
     derivatives = rest_at_ends(3, 3)
     derivatives[1, 0, 0] = 1.0
     with pytest.raises(InputError, match="on all axes or on none"):
@@ -312,7 +312,7 @@ def test_a_derivative_is_given_on_all_axes_or_on_none():
 
 
 def their_plan(waypoints, times):
-    """minsnap_trajectories, with jerk at rest at the ends as here."""
+    """Return the plan of minsnap_trajectories, with zero jerk at the ends as here."""
     rest = {"velocity": np.zeros(3), "acceleration": np.zeros(3), "jerk": np.zeros(3)}
     last = len(times) - 1
     references = [
@@ -323,7 +323,7 @@ def their_plan(waypoints, times):
 
 
 def their_cost(trajectory, times):
-    """Gauss-Legendre quadrature, exact for the square of a cubic."""
+    """Return the cost by Gauss-Legendre quadrature, which is exact for the square of a cubic."""
     nodes, weights = np.polynomial.legendre.leggauss(4)
     half = 0.5 * np.diff(times)
     instants = times[:-1, np.newaxis] + half[:, np.newaxis] * (nodes + 1.0)

@@ -25,7 +25,7 @@ def points(array):
 
 
 def dense(path, order=0, count=400):
-    """(segments, count, axes) samples."""
+    """Return (segments, count, axes) samples."""
     s = np.linspace(0.0, 1.0, count)
     every = np.repeat(np.arange(len(path.coefficients)), count)
     return evaluate_at(path, every, np.tile(s, len(path.coefficients)), order).reshape(
@@ -46,7 +46,7 @@ def random_route(seed, segments):
 
 @pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.integers(2, 15), st.floats(0.8, 0.97))
-@example(999999999, 9, 0.8623080172107366)  # infeasible, which the solver cannot tell
+@example(999999999, 9, 0.8623080172107366)  # infeasible, which the solver cannot prove
 @settings(max_examples=30, deadline=None)
 def test_limits_are_kept_everywhere_and_attained(seed, segments, share):
     waypoints, durations = random_route(seed, segments)
@@ -67,7 +67,7 @@ def test_limits_are_kept_everywhere_and_attained(seed, segments, share):
 
 
 def test_an_independent_optimiser_finds_the_same_constrained_path():
-    """One axis, two segments: SLSQP over velocity, acceleration and jerk at the waypoint, on a dense grid."""
+    """With one axis and two segments, SLSQP varies velocity, acceleration and jerk at the waypoint on a dense grid."""
     waypoints, durations, limit = np.array([[0.0], [1.0], [0.5]]), np.array([1.0, 1.0]), 5.0
     free = MinimumSnap(waypoints, durations).path()
     assert peak_norm(free, 2) > 1.05 * limit
@@ -92,7 +92,7 @@ def test_an_independent_optimiser_finds_the_same_constrained_path():
     )
     assert found.success
     path = path_within(PathProblem(points(waypoints), limits=PathLimits(acceleration=limit)), durations)
-    # Ours keeps a margin of 1e-4 below the limit, theirs none.
+    # Our path keeps a margin of 1e-4 below the limit, the reference has none.
     assert snap_cost(path)[0] / cost == pytest.approx(found.fun, rel=1e-3)
 
 
@@ -129,18 +129,18 @@ def test_a_waypoint_on_the_wall_is_passed_along_it():
     corridor = Box([-1.0, 0.0], [3.0, 1.0])
     path = path_within(PathProblem(points(waypoints), corridors=[corridor] * 2), np.array([1.0, 0.8]))
     assert dense(path)[:, :, 1].min() >= -1e-6
-    # A depth of v² / 2a below the wall is within the tolerance.
+    # A depth of v² / 2a below the wall is within the tolerance of the corridor.
     assert evaluate(path, [1.0], 1)[1, 0] == pytest.approx(0.0, abs=5e-3)
 
 
-def test_boxes_and_spheres_are_passed_where_it_costs_least():
+def test_boxes_and_spheres_are_passed_at_the_point_of_least_cost():
     ends = [Box.point([0.0, 0.0]), Box.point([4.0, 0.0])]
     sphere = Sphere([2.0, 1.0], 0.5)
     durations = np.array([2.0, 2.0])
     path = path_within(PathProblem([ends[0], sphere, ends[1]]), durations)
     passed = evaluate(path, [2.0])[:, 0]
     assert np.linalg.norm(passed - sphere.centre) == pytest.approx(sphere.radius, rel=1e-6)
-    # By symmetry the cheapest place is the lowest one.
+    # By symmetry the point of least cost is the lowest one.
     np.testing.assert_allclose(passed, [2.0, 0.5], atol=1e-6)
     box = Box([1.0, 0.75], [3.0, 2.0])
     passed = evaluate(path_within(PathProblem([ends[0], box, ends[1]]), durations), [2.0])[:, 0]
@@ -165,8 +165,8 @@ def test_a_user_s_own_constraint_can_be_added(order):
 @pytest.mark.parametrize(
     ("slack", "share"), [(None, 1.0), (RelaxedBounds.LIMITS, 1e-6), (RelaxedBounds.CORRIDORS, 1e-6)]
 )
-def test_each_variable_alone_moved_by_one_costs_as_much_as_the_path(slack, share):
-    """However much the durations differ; that keeps the numbers of the program of one size."""
+def test_a_unit_change_of_any_variable_costs_as_much_as_the_path(slack, share):
+    """This holds for any durations, and keeps the numbers of the program at similar magnitudes."""
     waypoints, durations = np.array([[0.0, 0.0], [1.0, 3.0], [30.0, 2.0], [28.0, 1.0]]), np.array([0.3, 20.0, 2.0])
     places = [points(waypoints)[0], Box([0.0, 2.0], [2.0, 4.0]), Sphere([30.0, 2.0], 1.0), points(waypoints)[3]]
     planned = MinimumSnapProgram(PathProblem(places), durations, slack=slack)
@@ -178,7 +178,7 @@ def test_each_variable_alone_moved_by_one_costs_as_much_as_the_path(slack, share
     np.testing.assert_allclose(list(costs.values()), share, rtol=1e-9)
 
 
-def test_points_within_limits_are_passed_on_the_fast_path_itself():
+def test_points_within_limits_are_planned_in_closed_form():
     waypoints, durations = random_route(5, 4)
     free = MinimumSnap(waypoints, durations).path()
     limits = PathLimits(speed=peak_norm(free, 1), acceleration=1.01 * peak_norm(free, 2))
@@ -188,7 +188,7 @@ def test_points_within_limits_are_passed_on_the_fast_path_itself():
 
 
 @pytest.mark.parametrize("order", [1, 2])
-def test_one_limit_that_is_broken_is_enough(order):
+def test_a_single_violated_limit_is_enough_to_require_the_program(order):
     waypoints, durations = random_route(5, 4)
     free = MinimumSnap(waypoints, durations).path()
     bounds = {1: 9.0 * peak_norm(free, 1), 2: 9.0 * peak_norm(free, 2)}
@@ -197,7 +197,7 @@ def test_one_limit_that_is_broken_is_enough(order):
     assert peak_norm(path, order) == pytest.approx(bounds[order], rel=1e-3)
 
 
-def test_a_box_is_passed_at_the_face_that_is_nearest():
+def test_a_box_is_passed_at_its_nearest_face():
     ends, durations = points([[0.0, 0.0], [4.0, 0.0]]), np.array([2.0, 3.0])
     for low, high, face in ((0.75, 2.0, 0.75), (-2.0, -0.75, -0.75)):
         across = path_within(PathProblem([ends[0], Box([1.0, low], [3.0, high]), ends[1]]), durations)
@@ -207,13 +207,13 @@ def test_a_box_is_passed_at_the_face_that_is_nearest():
         np.testing.assert_allclose(along.waypoints[1], [face, 1.0], atol=1e-6)
 
 
-def test_a_path_begins_where_a_sphere_lets_it():
+def test_a_path_begins_at_the_best_point_of_a_sphere():
     places = [Sphere([0.0, 0.0], 0.5), Box.point([4.0, 3.0])]
     np.testing.assert_allclose(path_within(PathProblem(places), np.array([2.0])).waypoints[0], [0.4, 0.3], atol=1e-6)
 
 
 def test_a_sphere_is_cut_by_a_corridor_without_height():
-    """At a height of 1 m it is a circle of 0.4 m."""
+    """At a height of 1 m the intersection is a circle with a radius of 0.4 m."""
     flat = Box([-1.0, -3.0, 1.0], [5.0, 3.0, 1.0])
     places = [Box.point([0.0, 0.0, 1.0]), Sphere([2.0, 1.0, 1.3], 0.5), Box.point([4.0, 0.0, 1.0])]
     path = path_within(PathProblem(places, corridors=[flat, None]), np.array([2.0, 2.0]))
@@ -237,7 +237,7 @@ def test_after_a_corridor_without_height_a_path_is_free_again():
     np.testing.assert_allclose(path.coefficients[:, :, 2:], heights.coefficients, atol=1e-6)
 
 
-def test_corridors_of_millimetres_are_kept_as_those_of_metres():
+def test_the_scale_of_corridors_does_not_matter():
     waypoints, durations = random_route(8, 5)
     low, high = np.minimum(waypoints[:-1], waypoints[1:]) - 0.1, np.maximum(waypoints[:-1], waypoints[1:]) + 0.1
 
@@ -251,18 +251,18 @@ def test_corridors_of_millimetres_are_kept_as_those_of_metres():
 
 
 @pytest.mark.parametrize("slack", list(RelaxedBounds))
-def test_where_nothing_must_be_exceeded_nothing_is_and_the_path_is_the_smoothest(slack):
+def test_an_unnecessary_slack_is_zero_and_the_path_is_the_smoothest(slack):
     waypoints, durations = random_route(3, 4)
     free = MinimumSnap(waypoints, durations).path()
     limits = PathLimits(speed=3.0 * peak_norm(free, 1), acceleration=3.0 * peak_norm(free, 2))
     wide = [Box([-99.0] * 3, [99.0] * 3)] * 4
     planned = MinimumSnapProgram(PathProblem(points(waypoints), limits=limits, corridors=wide), durations, slack=slack)
     path = planned.solve()
-    assert planned.exceeded == pytest.approx(0.0, abs=1e-6)
+    assert planned.excess == pytest.approx(0.0, abs=1e-6)
     assert snap_cost(path).sum() == pytest.approx(snap_cost(free).sum(), rel=1e-4)
 
 
-def test_what_cannot_be_kept_is_infeasible():
+def test_impossible_constraints_are_infeasible():
     single = PathProblem(points([[0.0], [1.0]]), limits=PathLimits(speed=1.0))
     assert peak_norm(path_within(single, np.array([2.2])), 1) == pytest.approx(2.1875 / 2.2)
     with pytest.raises(InfeasibleError):
@@ -272,8 +272,8 @@ def test_what_cannot_be_kept_is_infeasible():
         path_within(double, np.array([0.9, 0.9]))
 
 
-def test_bounds_on_a_path_that_is_given_are_refused_if_it_is_outside():
-    """From rest to rest: half-way it is in the middle, and there is nothing to choose."""
+def test_bounds_that_a_fixed_path_violates_are_infeasible():
+    """The path from rest to rest has no free derivative, and is in the middle at half time."""
     program = MinimumSnapProgram(PathProblem(points([[0.0, 1.0], [4.0, 3.0]])), np.array([2.0]))
     program.bound_position(0, 0.5, 0, 1.9, 2.1)
     program.bound_position(0, 0.5, 1, 1.9, 2.1)
@@ -282,8 +282,8 @@ def test_bounds_on_a_path_that_is_given_are_refused_if_it_is_outside():
             program.bound_position(0, 0.5, axis, low, high)
 
 
-def test_bounds_on_an_axis_that_is_given_are_refused_though_another_is_free():
-    """In a corridor without height there is nothing to choose of the height."""
+def test_bounds_that_a_fixed_axis_violates_are_infeasible():
+    """In a corridor without height, the height is fixed although another axis is free."""
     waypoints, flat = [[0.0, 1.0], [2.0, 1.0], [3.0, 1.0]], Box([-9.0, 1.0], [9.0, 1.0])
     program = MinimumSnapProgram(PathProblem(points(waypoints), corridors=[flat] * 2), np.array([2.0, 1.0]))
     program.bound_position(0, 0.5, 1, 0.9, 1.1)
@@ -295,7 +295,7 @@ def test_bounds_on_an_axis_that_is_given_are_refused_though_another_is_free():
             program.bound_position(0, 0.5, 1, low, high)
 
 
-def test_bounds_on_a_speed_that_is_given_are_refused_if_it_is_faster():
+def test_a_speed_bound_below_a_given_speed_is_infeasible():
     program = MinimumSnapProgram(PathProblem(points([[0.0, 1.0], [3.0, 5.0]])), np.array([2.0]))
     fastest = 35.0 / 16.0 * 5.0 / 2.0
     program.bound_norm(0, 0.5, 1, 1.001 * fastest)
@@ -303,7 +303,7 @@ def test_bounds_on_a_speed_that_is_given_are_refused_if_it_is_faster():
         program.bound_norm(0, 0.5, 1, 0.999 * fastest)
 
 
-def test_a_program_that_is_infeasible_is_known_as_such():
+def test_an_infeasible_program_is_reported_as_infeasible():
     planned = MinimumSnapProgram(PathProblem(points([[0.0], [1.0], [2.0]])), np.array([1.0, 1.0]))
     planned.bound_position(0, 0.5, 0, 2.0, 3.0)
     planned.bound_position(0, 0.5, 0, 0.0, 1.0)
@@ -311,7 +311,7 @@ def test_a_program_that_is_infeasible_is_known_as_such():
         planned.solve()
 
 
-def test_the_solver_is_asked_again_for_less_accuracy_and_says_nothing_of_it(monkeypatch):
+def test_the_solver_is_called_again_with_a_larger_tolerance_without_a_remark(monkeypatch):
     asked, levels = [], []
 
     class Refusal:
@@ -332,15 +332,15 @@ def test_the_solver_is_asked_again_for_less_accuracy_and_says_nothing_of_it(monk
     assert levels == [logging.WARNING] * 3
 
 
-def test_bounds_are_not_added_for_ever(monkeypatch):
-    monkeypatch.setattr(minimum_snap_program, "_ROUNDS", 1)
+def test_the_number_of_rounds_is_limited(monkeypatch):
+    monkeypatch.setattr(minimum_snap_program, "_MAX_ROUNDS", 1)
     waypoints, durations = random_route(5, 4)
     limits = PathLimits(speed=0.9 * peak_norm(MinimumSnap(waypoints, durations).path(), 1))
-    with pytest.raises(SolverError, match="still broke a limit or corridor after 1 rounds"):
+    with pytest.raises(SolverError, match="still violates a limit or corridor after 1 rounds"):
         MinimumSnapProgram(PathProblem(points(waypoints), limits=limits), durations).solve()
 
 
-def test_drake_s_log_is_as_talkative_after_a_solution_as_before():
+def test_the_log_level_of_drake_is_restored_after_a_solution():
     logger = logging.getLogger("drake")
     level = logger.level
     try:
@@ -352,7 +352,7 @@ def test_drake_s_log_is_as_talkative_after_a_solution_as_before():
         logger.setLevel(level)
 
 
-def test_what_limits_are_exceeded_by_is_the_least_that_must_be():
+def test_the_excess_over_limits_is_the_smallest_possible():
     waypoints, durations = random_route(3, 6)
     free = MinimumSnap(waypoints, durations).path()
     limits = {"speed": 0.6 * peak_norm(free, 1), "acceleration": 0.6 * peak_norm(free, 2)}
@@ -360,10 +360,10 @@ def test_what_limits_are_exceeded_by_is_the_least_that_must_be():
         PathProblem(points(waypoints), limits=PathLimits(**limits)), durations, slack=RelaxedBounds.LIMITS
     )
     program.solve()
-    assert program.exceeded > 0.01
+    assert program.excess > 0.01
 
     def path(share):
-        wider = PathLimits(**{name: (1.0 + share * program.exceeded) * limit for name, limit in limits.items()})
+        wider = PathLimits(**{name: (1.0 + share * program.excess) * limit for name, limit in limits.items()})
         return path_within(PathProblem(points(waypoints), limits=wider), durations)
 
     assert path(1.01).duration == pytest.approx(durations.sum())
@@ -371,8 +371,8 @@ def test_what_limits_are_exceeded_by_is_the_least_that_must_be():
         path(0.97)
 
 
-def test_a_program_that_is_not_solved_is_no_path(monkeypatch):
-    """Its solver may take a single step."""
+def test_a_failure_of_the_solver_is_an_error(monkeypatch):
+    """The solver may take only one step."""
 
     class Hasty(ClarabelSolver):
         def Solve(self, program, guess, options):

@@ -38,13 +38,13 @@ def test_a_box_and_its_nearest_points():
     assert str(box) == "the box from (0, -2) to (4, 1)"
 
 
-def test_the_nearest_point_of_a_sphere_is_on_the_way_to_its_centre():
+def test_the_nearest_point_of_a_sphere_is_on_the_line_to_its_centre():
     sphere = Sphere([1.0, 1.0], 0.5)
     np.testing.assert_allclose(sphere.nearest(np.array([4.0, 5.0])), [1.3, 1.4])
     np.testing.assert_array_equal(sphere.nearest(np.array([1.2, 0.9])), [1.2, 0.9])
 
 
-def test_a_problem_is_rest_at_the_ends_without_limits_unless_it_is_said_otherwise():
+def test_by_default_a_problem_has_rest_at_the_ends_and_no_limits():
     problem = PathProblem(POINTS)
     np.testing.assert_array_equal(np.isnan(problem.derivatives).all(axis=(1, 2)), [False, True, False])
     assert not np.nan_to_num(problem.derivatives).any()
@@ -62,7 +62,7 @@ def test_a_problem_is_rest_at_the_ends_without_limits_unless_it_is_said_otherwis
     np.testing.assert_array_equal(unlimited.derivatives, PUSHED)
 
 
-def test_the_first_and_the_last_waypoint_have_the_room_of_one_corridor():
+def test_the_first_and_the_last_waypoint_are_in_one_corridor_only():
     corridors = [around([-1, -1, -1], [2, 1, 1]), around([1, -1, -1], [3, 3, 1])]
     places = [Box([-5, 0, 0], [5, 0, 0]), POINTS[1], Box([0, 2, 0], [2.5, 2, 0])]
     problem = PathProblem(places, corridors=corridors)
@@ -71,14 +71,14 @@ def test_the_first_and_the_last_waypoint_have_the_room_of_one_corridor():
     np.testing.assert_array_equal(problem.representatives()[[0, 2]], [[0.0, 0.0, 0.0], [1.25, 2.0, 0.0]])
 
 
-def test_what_a_path_can_keep_is_not_refused():
-    """A velocity along a flat corridor, one at its limit, and a place around another one's centre."""
+def test_feasible_problems_are_accepted():
+    """These are a velocity along a flat corridor, one at its limit, and a region around the centre of another."""
     flat = around([2, 0, 0], [2, 2, 0])
     PathProblem(POINTS, derivatives=ALONG_Y, corridors=[None, flat], limits=PathLimits(speed=3.0))
     PathProblem([POINTS[0], Box([-1e-7, -1, 0], [1e-7, 1, 0]), POINTS[2]])
 
 
-def test_a_room_is_what_corridors_and_place_have_in_common():
+def test_the_room_of_a_waypoint_is_the_intersection_of_its_region_and_corridors():
     corridors = [around([-1, -1, -1], [2.5, 1, 1]), around([1, -0.5, -1], [3, 3, 1])]
     problem = PathProblem([POINTS[0], Box([1, -2, 0], [4, 2, 0]), POINTS[2]], corridors=corridors)
     np.testing.assert_array_equal(problem.room(1).low, [1.0, -0.5, 0.0])
@@ -89,7 +89,7 @@ def test_a_room_is_what_corridors_and_place_have_in_common():
     np.testing.assert_array_equal(free.representatives()[1], [1.0, 1.0, 1.0])
 
 
-def test_only_points_without_corridors_are_the_fast_path_s():
+def test_only_points_without_corridors_are_planned_in_closed_form():
     assert PathProblem(POINTS).passes_points
     assert not PathProblem(POINTS, corridors=[None, around([0, 0, 0], [3, 3, 3])]).passes_points
     assert not PathProblem([POINTS[0], Sphere([1, 1, 1], 0.5)]).passes_points
@@ -99,21 +99,24 @@ def test_only_points_without_corridors_are_the_fast_path_s():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({"places": POINTS[:1]}, "two or more waypoints"),
-        ({"places": []}, "two or more waypoints"),
-        ({"places": [POINTS[0], Box.point([1.0])]}, "same dimension"),
-        ({"places": [[0.0, 0.0], [1.0, 1.0]]}, "must be a Box, of which Box.point is one, a Sphere or a Polytope"),
-        ({"places": [POINTS[0], Box.point([1e-7, 0, 0])]}, "waypoints 0 and 1 are 1e-07 m apart: repeat one exactly"),
-        ({"places": [POINTS[0], Box.point([1e150, 0, 0])]}, "waypoint 1, .* is farther than 100000 m from the origin"),
-        ({"derivatives": np.full((3, 3, 3), np.inf)}, "are finite, on all axes or on none"),
-        ({"derivatives": HALF_GIVEN}, "are finite, on all axes or on none"),
+        ({"waypoints": POINTS[:1]}, "two or more waypoints"),
+        ({"waypoints": []}, "two or more waypoints"),
+        ({"waypoints": [POINTS[0], Box.point([1.0])]}, "same dimension"),
+        ({"waypoints": [[0.0, 0.0], [1.0, 1.0]]}, "must be a Box .Box.point for a point., a Sphere or a Polytope"),
+        ({"waypoints": [POINTS[0], Box.point([1e-7, 0, 0])]}, "waypoints 0 and 1 are 1e-07 m apart; make them equal"),
+        (
+            {"waypoints": [POINTS[0], Box.point([1e150, 0, 0])]},
+            "waypoint 1, .* is farther than 100000 m from the origin",
+        ),
+        ({"derivatives": np.full((3, 3, 3), np.inf)}, "must be finite on all axes or NaN on all axes"),
+        ({"derivatives": HALF_GIVEN}, "must be finite on all axes or NaN on all axes"),
         (
             {"derivatives": PUSHED, "corridors": [None, around([2, 0, 0], [2, 2, 0])]},
-            "what is given at waypoint 1 leads out of the corridor of segment 1",
+            "the derivatives given at waypoint 1 lead out of the corridor of segment 1",
         ),
         (
             {"derivatives": ALONG_Y, "corridors": [around([0, 0, 0], [2, 0, 0]), None]},
-            "what is given at waypoint 1 leads out of the corridor of segment 0",
+            "the derivatives given at waypoint 1 lead out of the corridor of segment 0",
         ),
         ({"corridors": [None]}, "1 corridors for 2 segments"),
         ({"derivatives": np.zeros((2, 3, 3))}, "must have"),
@@ -131,28 +134,28 @@ def test_only_points_without_corridors_are_the_fast_path_s():
         ),
         (
             {
-                "places": [POINTS[0], Sphere([2, 0, 0], 0.2), POINTS[2]],
+                "waypoints": [POINTS[0], Sphere([2, 0, 0], 0.2), POINTS[2]],
                 "corridors": [around([-1, -1, -1], [3, 3, 1]), around([1, 1, -1], [3, 3, 1])],
             },
             "waypoint 1, the sphere of 0.2 m around .* lies outside the corridor of segment 1.*0.8 m apart on y",
         ),
         (
             {
-                "places": [POINTS[0], Sphere([2, 0.5, 0], 0.6), POINTS[2]],
+                "waypoints": [POINTS[0], Sphere([2, 0.5, 0], 0.6), POINTS[2]],
                 "corridors": [around([-1, -1, -1], [1.6, 3, 1]), around([1.6, 0.95, -1], [3, 3, 1])],
             },
             "waypoint 1, .* has no point where the corridors of segments 0 and 1 overlap",
         ),
         (
             {
-                "places": [POINTS[0], Sphere([2, 0, 0], 0.5), POINTS[2]],
+                "waypoints": [POINTS[0], Sphere([2, 0, 0], 0.5), POINTS[2]],
                 "corridors": [None, around([2.4, 0.4, 0], [3, 3, 0])],
             },
             r"corridor of segment 1, the box from \(2.4, 0.4, 0\) to \(3, 3, 0\) m$",
         ),
         (
             {
-                "places": [Box.point([0, 0, 0, 0]), Box.point([1, 0, 0, 0]), Box.point([2, 0, 0, 0])],
+                "waypoints": [Box.point([0, 0, 0, 0]), Box.point([1, 0, 0, 0]), Box.point([2, 0, 0, 0])],
                 "corridors": [around([-1, 0, 0, 1], [3, 0, 0, 2]), None],
             },
             "waypoint 0, .* they are 1 m apart on axis 3",
@@ -167,9 +170,9 @@ def test_only_points_without_corridors_are_the_fast_path_s():
         ),
     ],
 )
-def test_what_no_path_can_keep_is_refused(arguments, words):
+def test_infeasible_problems_are_rejected_with_the_reason(arguments, words):
     with pytest.raises(InputError, match=words):
-        PathProblem(**{"places": POINTS, **arguments})
+        PathProblem(**{"waypoints": POINTS, **arguments})
 
 
 @pytest.mark.parametrize(
@@ -181,16 +184,16 @@ def test_what_no_path_can_keep_is_refused(arguments, words):
         (lambda: Box([0, 0], [1, -1]), "is empty"),
         (lambda: Box([0, 0], [1, math.inf]), "not finite"),
         (lambda: Box([-math.inf, 0], [1, 1]), "not finite"),
-        (lambda: Box([0, 0], [1]), "two corners of one dimension"),
+        (lambda: Box([0, 0], [1]), "two corners of the same dimension"),
         (lambda: Sphere([0, 0], 0.0), "radius of a sphere is 0 m"),
         (lambda: Sphere([0, math.nan], 1.0), "must be finite"),
     ],
 )
-def test_impossible_parts_are_refused(make, words):
+def test_invalid_parts_of_a_problem_are_rejected(make, words):
     with pytest.raises(InputError, match=words):
         make()
 
 
-def test_a_start_has_a_position_for_each_waypoint():
+def test_a_start_must_have_a_position_for_each_waypoint():
     with pytest.raises(InputError, match=r"the start has the shape \(2, 3\), but must have \(3, 3\)"):
-        PathProblem(places=POINTS, start=np.zeros((2, 3)))
+        PathProblem(waypoints=POINTS, start=np.zeros((2, 3)))

@@ -1,4 +1,4 @@
-"""Trajectories as pieces: what Crazyswarm2 and minsnap-trajectories read, and what they write."""
+"""Plans are exchanged as pieces with Crazyswarm2 and minsnap-trajectories."""
 
 import sys
 
@@ -24,13 +24,13 @@ from drake_quad.reference.trajectory_files import save_plan
 from drake_quad.scenario.files.loading import load_mission
 
 PATH = minimum_snap([[0, 0, 1], [1, 2, 1.5], [3, 1, 2], [2, 0, 1]], [0.0, 1.7, 3.01, 5.2])
-# Its knots are others than those of the path.
+# The knots of the yaw differ from those of the path.
 YAW = hermite_path(
     np.array([0.0, 1.1, 1.7, 4.4, 5.2]), np.array([[[0.3], [0.0]], [[0.8], [0.2]], *[[[1.0], [-0.3]]] * 3])
 )
 PLAN = Plan(PATH, YAW)
 
-# In the manner of uav_trajectories: from rest to rest over a metre and back, in six decimals.
+# As in files of uav_trajectories, with six decimals: from rest to rest over a metre, and back.
 STILL = ",".join(["0.000000"] * 16)
 THERE_AND_BACK = f"""\
 # {",".join(COLUMNS)}
@@ -50,7 +50,7 @@ def write(tmp_path):
 
 
 def assert_alike(one, other, start=0.0, atol=1e-12):
-    """Position to snap and the yaw, relative to the largest of each."""
+    """Assert that position to snap and the yaw agree, relative to the largest value of each."""
     times = np.linspace(start, one.path.times[-1], 2001)[1:-1]
     for part, orders in (("path", 5), ("yaw", 2)):
         for order in range(orders):
@@ -59,15 +59,15 @@ def assert_alike(one, other, start=0.0, atol=1e-12):
             np.testing.assert_allclose(found / scale, expected / scale, rtol=0.0, atol=atol, err_msg=f"{part} {order}")
 
 
-def test_a_plan_that_is_written_and_read_is_the_same(tmp_path):
+def test_a_round_trip_through_a_file_keeps_the_plan(tmp_path):
     again = plan_route(load_mission(save_pieces(PLAN, tmp_path / "mine.csv")))
     assert_alike(PLAN, again)
-    # A piece ends at the knots of either: those of the yaw are 1.1 and 4.4 besides.
+    # A piece ends at each knot of the path or the yaw. The yaw has the additional knots 1.1 and 4.4.
     np.testing.assert_allclose(again.path.times, [0.0, 1.1, 1.7, 3.01, 4.4, 5.2], rtol=1e-15)
 
 
-def test_a_file_has_the_columns_of_crazyswarm2_and_can_be_read_as_it_does(tmp_path):
-    """`numpy.loadtxt(filename, delimiter=",", skiprows=1)`, a polynomial in seconds from the constant on."""
+def test_a_file_can_be_read_as_crazyswarm2_does(tmp_path):
+    """It uses `numpy.loadtxt(filename, delimiter=",", skiprows=1)` and polynomials in seconds, lowest power first."""
     file = save_pieces(PLAN, tmp_path / "mine.csv")
     assert file.read_text().splitlines()[0] == ",".join(COLUMNS)
     assert COLUMNS[:3] + COLUMNS[-1:] == ("duration", "x^0", "x^1", "yaw^7")
@@ -111,17 +111,17 @@ def test_a_plan_that_begins_later_hovers_until_then():
     assert evaluate(again.yaw, [0.2])[0, 0] == 0.3
 
 
-def test_a_path_of_too_high_a_degree_has_no_place_in_a_file():
+def test_a_path_of_too_high_a_degree_cannot_be_written():
     coefficients = np.zeros((1, 10, 3))
     Plan.facing(PolynomialPath(np.array([0.0, 1.0]), coefficients))
     assert pieces_of(Plan.facing(PolynomialPath(np.array([0.0, 1.0]), coefficients))).shape == (1, 33)
     coefficients[0, 9] = 1.0
-    with pytest.raises(InputError, match="the path is of degree 9, but a piece has room for degree 7"):
+    with pytest.raises(InputError, match="the path has degree 9, but a piece has at most degree 7"):
         pieces_of(Plan.facing(PolynomialPath(np.array([0.0, 1.0]), coefficients)))
 
 
 def test_a_file_of_other_programs_is_read(write):
-    """With a # before its names, an empty line, a comma at the end; it goes 1 m in 2 s, and back in 4 s."""
+    """It has a # before the names, an empty line and a trailing comma. It moves 1 m in 2 s, and back in 4 s."""
     plan = plan_route(load_mission(write(THERE_AND_BACK)))
     np.testing.assert_array_equal(plan.path.times, [0.0, 2.0, 6.0])
     shares = np.linspace(0.0, 1.0, 21)
@@ -131,7 +131,7 @@ def test_a_file_of_other_programs_is_read(write):
     np.testing.assert_allclose(evaluate(plan.yaw, [1.0, 4.0, 6.0])[0], [0.0, 0.2, 0.4], atol=1e-12)
 
 
-def test_a_route_names_a_file_beside_its_own_and_flies_it(write, diagrams, tmp_path):
+def test_a_route_can_refer_to_a_file_in_its_own_folder(write, diagrams, tmp_path):
     write(THERE_AND_BACK, "there.csv")
     loop = f"""\
 there:
@@ -148,7 +148,7 @@ there:
     assert load_scenario(folder / "scenario.yaml") == flight.scenario  # without the table
 
 
-def test_a_trajectory_of_knots_has_an_origin_and_a_time_scale_too(diagrams):
+def test_a_trajectory_of_knots_also_has_an_origin_and_a_time_scale(diagrams):
     knots = [{"time": 0.0, "position": [0, 0, 0]}, {"time": 4.0, "position": [1, 0, 0]}]
     route = {"kind": "trajectory", "knots": knots, "yaw_knots": [{"time": 0, "yaw": 0}, {"time": 4, "yaw": 1}]}
     plain, moved = (
@@ -161,14 +161,14 @@ def test_a_trajectory_of_knots_has_an_origin_and_a_time_scale_too(diagrams):
     np.testing.assert_allclose(evaluate(moved.yaw, [3.0]), evaluate(plain.yaw, [2.0]), rtol=1e-14)
 
 
-def test_what_a_trajectory_does_not_say_is_not_written_of_it(diagrams):
-    """Studies from before it could be said go on."""
+def test_defaults_of_a_trajectory_are_not_written(diagrams):
+    """Studies from before these options existed can therefore be continued."""
     knots = [{"time": 0.0, "position": [0, 0, 0]}, {"time": 4.0, "position": [1, 0, 0]}]
     route = load_mission(diagrams / "figure_eight.yaml", {"route": {"kind": "trajectory", "knots": knots}}).route
     assert [*route.model_dump()] == ["kind", "knots", "yaw_knots"]
 
 
-def test_a_plan_that_knots_cannot_say_is_saved_with_its_pieces(write, tmp_path, diagrams):
+def test_a_plan_that_knots_do_not_determine_is_saved_with_its_pieces(write, tmp_path, diagrams):
     plan = plan_route(load_mission(write(THERE_AND_BACK)))
     assert "knots" not in save_plan(plan, tmp_path, name="there")[1].read_text()
     again = load_scenario(diagrams / "figure_eight.yaml", layers=[tmp_path / "trajectory.yaml"])
@@ -177,7 +177,7 @@ def test_a_plan_that_knots_cannot_say_is_saved_with_its_pieces(write, tmp_path, 
     assert_alike(PLAN, plan_route(load_mission(tmp_path / "trajectory.yaml")))
 
 
-def test_a_file_of_pieces_without_rows_is_refused(diagrams, tmp_path):
+def test_a_file_of_pieces_without_rows_is_rejected(diagrams, tmp_path):
     (tmp_path / "empty.csv").write_text("# a comment\n\n")
     with pytest.raises(InputError, match=r"empty\.csv: holds no pieces$"):
         load_scenario(diagrams / "figure_eight.yaml", f"route={{kind: trajectory, pieces: {tmp_path / 'empty.csv'}}}")
@@ -212,7 +212,7 @@ def test_a_file_of_pieces_without_rows_is_refused(diagrams, tmp_path):
         ("duration,x^0,x^2,y^0,z^0\n1,0,-500,0,1\n", r"the rotors cannot fly this route"),
     ],
 )
-def test_what_is_wrong_in_a_file_is_named(write, text, words):
+def test_errors_in_a_file_are_reported(write, text, words):
     with pytest.raises(InputError, match=words):
         plan_route(load_mission(write(text)))
 
@@ -241,33 +241,33 @@ def test_what_is_wrong_in_a_file_is_named(write, text, words):
         ),
     ],
 )
-def test_what_is_wrong_in_a_route_is_named(write, route, words):
+def test_errors_in_a_route_are_reported(write, route, words):
     write("1,0,0,1\n", "short.csv")
     with pytest.raises(InputError, match=words):
         load_mission(write(f"a:\n  route: {route}\n", "loop.yaml"))
 
 
 @pytest.mark.parametrize("before", ["# a course\n\n", "# two lines, of\n# duration\n"])
-def test_lines_before_the_names_do_not_count(write, before):
+def test_lines_before_the_header_are_ignored(write, before):
     write(before + THERE_AND_BACK, "noted.csv")
     loop = write("a:\n  route: {kind: trajectory, pieces: noted.csv}\n", "loop.yaml")
     for file in (write(before + THERE_AND_BACK), loop):
         assert_alike(plan_route(load_mission(write(THERE_AND_BACK, "bare.csv"))), plan_route(load_mission(file)))
 
 
-def test_many_empty_lines_are_read_at_once(write):
-    """In a time that is proportional to their number: the square of this one would take minutes."""
+def test_many_empty_lines_are_read_quickly(write):
+    """The time is proportional to their number; with a quadratic algorithm the test would take minutes."""
     with pytest.raises(InputError, match="holds no waypoints"):
         load_mission(write("\n" * 300_000))
 
 
-def test_a_table_without_names_has_all_columns(write):
+def test_a_table_without_a_header_has_all_columns(write):
     write("\n".join(THERE_AND_BACK.splitlines()[1:]), "bare.csv")
     loop = write("a:\n  route: {kind: trajectory, pieces: bare.csv}\n", "loop.yaml")
     assert_alike(plan_route(load_mission(write(THERE_AND_BACK))), plan_route(load_mission(loop)))
 
 
-def test_minsnap_trajectories_has_the_same_values():
+def test_the_trajectory_for_minsnap_trajectories_has_the_same_values():
     times = np.linspace(0.0, 5.2, 301)
     sampled = minsnap_trajectories.compute_trajectory_derivatives(minsnap_trajectory(PLAN), times, 5)
     for order in range(5):
@@ -277,12 +277,12 @@ def test_minsnap_trajectories_has_the_same_values():
     np.testing.assert_array_equal(found.yaw.times, PATH.times[[0, -1]])
 
 
-def test_minsnap_trajectories_makes_the_same_path_of_our_waypoints():
+def test_minsnap_trajectories_plans_the_same_path_from_our_waypoints():
     made = minsnap_trajectories.generate_trajectory(minsnap_waypoints(PLAN), degree=7, num_continuous_orders=4)
     assert_alike(Plan.facing(PATH), plan_of_minsnap(made), atol=1e-9)
 
 
-def test_what_is_no_trajectory_of_minsnap_trajectories_is_refused(monkeypatch):
+def test_an_invalid_trajectory_of_minsnap_trajectories_is_rejected(monkeypatch):
     flat = minsnap_trajectory(PLAN)._replace(coefficients=np.zeros((3, 8, 2)))
     with pytest.raises(InputError, match=r"shape \(3, 8, 2\), but must have \(pieces, powers, 3\)"):
         plan_of_minsnap(flat)

@@ -10,7 +10,7 @@ from drake_quad.reference.source import build_reference
 PLAN = Plan.facing(minimum_snap([[0, 0, 0], [1, 2, 1], [3, 1, 2]], [0.5, 1.5, 3.0]), 0.3)
 
 
-def test_the_source_shows_the_derivatives_of_the_plan():
+def test_the_source_outputs_the_derivatives_of_the_plan():
     times = [0.5, 3.0]
     turning = hermite_path(np.array(times), np.array([[[0.3], [0.0], [0.4]], [[0.8], [0.2], [-0.1]]]))
     plan = Plan(PLAN.path, turning)
@@ -26,7 +26,7 @@ def test_the_source_shows_the_derivatives_of_the_plan():
         np.testing.assert_allclose(source.GetOutputPort("reference_snap").Eval(context), [*snap, yaw[2]], atol=1e-10)
 
 
-def test_it_hovers_before_and_after():
+def test_the_reference_hovers_before_and_after_the_plan():
     source = build_reference(PLAN)
     context = source.CreateDefaultContext()
     for time, place in ((0.0, [0, 0, 0]), (9.0, [3, 1, 2])):
@@ -35,7 +35,7 @@ def test_it_hovers_before_and_after():
         np.testing.assert_allclose(reference, [*place, *[0.0] * 6, 0.3, 0.0], atol=1e-11)
 
 
-def test_every_vehicle_of_a_fleet_gets_the_same():
+def test_all_vehicles_of_a_fleet_get_the_same_reference():
     one, fleet = build_reference(PLAN), build_reference(PLAN, num_vehicles=4)
     assert [system.get_name() for system in one.GetSystems()] == ["trajectory", "parts"]
     contexts = one.CreateDefaultContext(), fleet.CreateDefaultContext()
@@ -48,14 +48,14 @@ def test_every_vehicle_of_a_fleet_gets_the_same():
         )
 
 
-def test_hover():
+def test_a_hover_plan_stays_at_its_position():
     plan = Plan.hover([1.0, 2.0, 3.0], duration=5.0)
     assert plan.duration == 5.0
     np.testing.assert_array_equal(plan.waypoints, [[1.0, 2.0, 3.0]] * 2)
     np.testing.assert_array_equal(plan.reference().value(2.0)[:, 0], [1.0, 2.0, 3.0, *[0.0] * 15])
 
 
-def test_legs_and_yaw_at_the_beginning():
+def test_a_plan_has_leg_times_and_an_initial_yaw():
     plan = Plan.facing(PLAN.path, 0.3, (Leg("away", 0), Leg("back", 1)))
     assert plan.leg_times == [0.5, 1.5]
     assert plan.initial_yaw == 0.3
@@ -75,8 +75,8 @@ def test_a_derivative_of_the_plan_is_that_of_its_path():
 
 
 @pytest.mark.parametrize(("speed", "yaw_rate"), [(0.0, 4.0), (4.0, 0.0)])
-def test_the_reference_lasts_until_path_and_yaw_rest(speed, yaw_rate):
-    """One of them is in steady motion and brakes for seconds, while the other rests."""
+def test_the_reference_lasts_until_path_and_yaw_are_at_rest(speed, yaw_rate):
+    """One of them is in steady motion and brakes for seconds, while the other is at rest."""
     times, still = np.array([0.0, 1.0]), np.zeros(3)
     path = hermite_path(times, np.array([[[x, 0.0, 0.0], [speed, 0.0, 0.0], still, still] for x in (0.0, speed)]))
     yaw = hermite_path(times, np.array([[[angle], [yaw_rate], [0.0]] for angle in (0.0, yaw_rate)]))

@@ -6,17 +6,25 @@ import numpy as np
 import pytest
 
 from drake_quad.errors import InputError
-from drake_quad.reference.binding import bindings
+from drake_quad.reference.active_constraints import active_constraints
 from drake_quad.reference.minimum_snap import MinimumSnap, rest_at_ends, snap_cost
 from drake_quad.reference.path_problem import Box, PathLimits, PathProblem, Sphere
-from drake_quad.reference.planner import GivenTimes, Heuristic, LeastSnap, Shortest, merged, passing_times, plan_path
+from drake_quad.reference.planner import (
+    GivenTimes,
+    Heuristic,
+    LeastSnap,
+    Shortest,
+    passing_times,
+    plan_path,
+    without_repeats,
+)
 from drake_quad.reference.polynomial_path import evaluate, evaluate_at, peak_norm
 from drake_quad.reference.time_allocation import rest_to_rest_durations
 
 LIMITS = PathLimits(speed=2.0, acceleration=0.7)
 SQUARE = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [0, 0, 1]], dtype=float)
 HALLWAYS = [Box(np.minimum(a, b) - 0.1, np.maximum(a, b) + 0.1) for a, b in itertools.pairwise(SQUARE)]
-# A thousand take some minutes.
+# A thousand of them take some minutes.
 ROUTES = int(os.environ.get("ROUTES", "15"))
 
 
@@ -29,7 +37,7 @@ def total(path):
 
 
 def shares(path, limits=LIMITS):
-    """Dense, and apart from the code that plans."""
+    """Return dense samples of unit time that are independent of the planner."""
     every = np.repeat(np.arange(len(path.coefficients)), 500)
     s = np.tile(np.linspace(0.0, 1.0, 500), len(path.coefficients))
     return [
@@ -39,7 +47,7 @@ def shares(path, limits=LIMITS):
 
 
 def random_points(seed):
-    """2 to 60 waypoints, steps from 1 cm to 100 m of one or of all sizes, with sharp turns, repeats and straights."""
+    """Return 2 to 60 waypoints with steps from 1 cm to 100 m, equal or not, with sharp turns and repeats."""
     rng = np.random.default_rng(seed)
     count, kind = int(rng.integers(1, 60)), int(rng.integers(4))
     steps = 10.0 ** rng.uniform(-2.0, 2.0, count) if kind < 2 else np.full(count, 10.0 ** rng.uniform(-2.0, 2.0))
@@ -80,7 +88,7 @@ def test_random_routes_are_planned_within_the_limits(seed):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(8))
-def test_the_shortest_is_no_longer_than_the_heuristic(seed):
+def test_the_shortest_timing_is_not_slower_than_the_heuristic(seed):
     asked = problem(np.cumsum(np.random.default_rng(seed).normal(size=(8, 3)), axis=0))
     heuristic, shortest = (plan_path(asked, timing) for timing in (Heuristic(), Shortest()))
     assert 0.999 <= max(shares(heuristic)) <= 1.0 + 1e-6
@@ -88,7 +96,7 @@ def test_the_shortest_is_no_longer_than_the_heuristic(seed):
 
 
 @pytest.mark.slow
-def test_corridors_boxes_and_spheres_are_kept_with_any_timing():
+def test_any_timing_keeps_to_corridors_boxes_and_spheres():
     places = [
         Box.point(SQUARE[0]),
         Box([1.9, -0.1, -0.1], [2.1, 0.1, 0.1]),
@@ -112,24 +120,24 @@ def test_corridors_boxes_and_spheres_are_kept_with_any_timing():
     assert totals[GivenTimes] == 18.0
     assert totals[LeastSnap] == pytest.approx(17.0)
     assert totals[Shortest] < totals[Heuristic]
-    touched = {binding.what for binding in bindings(plan_path(asked, Shortest()), LIMITS, asked.corridors)}
+    touched = {binding.what for binding in active_constraints(plan_path(asked, Shortest()), LIMITS, asked.corridors)}
     assert touched == {"acceleration", "corridor"}
 
 
 @pytest.mark.slow
-def test_times_for_a_corridor_are_near_the_best_that_a_search_finds():
+def test_the_shortest_time_in_a_corridor_is_near_that_of_an_independent_search():
     """Nelder-Mead over the durations of the constrained program found 14.930 s, from two starts."""
     assert total(plan_path(problem(corridors=HALLWAYS), Shortest())) <= 1.002 * 14.930
 
 
 @pytest.mark.slow
-def test_least_snap_in_a_corridor_is_near_the_best_that_a_search_finds():
+def test_the_least_snap_in_a_corridor_is_near_that_of_an_independent_search():
     """Nelder-Mead over the durations found a cost of 13.210 m²/s⁷ in 14 s."""
     path = plan_path(problem(corridors=HALLWAYS, limits=PathLimits()), LeastSnap(14.0))
     assert snap_cost(path).sum() <= 1.002 * 13.210
 
 
-def test_least_snap_gives_way_to_limits():
+def test_limits_have_priority_over_least_snap():
     asked = problem()
     shortest = plan_path(asked, Shortest())
     free = plan_path(problem(limits=PathLimits()), LeastSnap(total(shortest)))
@@ -143,7 +151,7 @@ def test_least_snap_gives_way_to_limits():
 
 @pytest.mark.parametrize("timing", [Heuristic(), Shortest()])
 def test_a_centimetre_is_flown_in_a_fraction_of_a_second(timing):
-    """At 0.7 m/s² at most, from rest to rest, in at least 2 √(0.01 / 0.7) s."""
+    """At 0.7 m/s² or less, a flight from rest to rest takes at least 2 √(0.01 / 0.7) s."""
     duration = total(plan_path(problem(np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0]])), timing))
     assert 2.0 * np.sqrt(0.01 / 0.7) < duration < 0.4
 
@@ -158,7 +166,7 @@ def test_a_given_velocity_is_flown():
         assert max(shares(path)) <= 1.0 + 1e-6
 
 
-def test_repeats_are_one_waypoint_where_times_are_chosen_and_a_stay_where_they_are_given():
+def test_repeated_waypoints_are_one_unless_times_are_given():
     points = SQUARE[[0, 1, 1, 1, 2]]
     chosen = plan_path(problem(points), Shortest())
     assert len(chosen.times) == 3
@@ -168,20 +176,20 @@ def test_repeats_are_one_waypoint_where_times_are_chosen_and_a_stay_where_they_a
     np.testing.assert_allclose(evaluate(given, stay).T, np.tile(points[1], (50, 1)), atol=1e-12)
 
 
-def test_repeats_keep_what_is_given_there():
+def test_repeated_waypoints_keep_their_given_derivatives():
     derivatives = rest_at_ends(3, 3)
     derivatives[1] = 0.0
-    kept = merged(problem(SQUARE[[0, 0, 1]], derivatives=np.full((3, 3, 3), np.nan)))
+    kept = without_repeats(problem(SQUARE[[0, 0, 1]], derivatives=np.full((3, 3, 3), np.nan)))
     assert np.isnan(kept.derivatives).all()
-    kept = merged(problem(SQUARE[[0, 1, 1, 2]], derivatives=np.concatenate([derivatives, derivatives[-1:]])))
+    kept = without_repeats(problem(SQUARE[[0, 1, 1, 2]], derivatives=np.concatenate([derivatives, derivatives[-1:]])))
     np.testing.assert_array_equal(kept.derivatives[1], 0.0)
     moving = rest_at_ends(4, 3)
     moving[1, 0], moving[2, 0] = [1.0, 0.0, 0.0], [0.5, 0.0, 0.0]
-    with pytest.raises(InputError, match="waypoint 2 repeats waypoint 1, but another derivative"):
-        merged(problem(SQUARE[[0, 1, 1, 2]], derivatives=moving))
+    with pytest.raises(InputError, match="waypoint 2 repeats waypoint 1, but different derivatives"):
+        without_repeats(problem(SQUARE[[0, 1, 1, 2]], derivatives=moving))
 
 
-def test_times_may_begin_anywhere_and_span_a_day():
+def test_times_may_begin_at_any_instant_and_span_a_day():
     times = np.array([0.0, 20.0, 50.0, 80.0, 86_400.0])
     wanted = plan_path(problem(), GivenTimes(tuple(times)))
     later = plan_path(problem(), GivenTimes(tuple(1e5 + times)))
@@ -194,29 +202,29 @@ def test_the_total_of_least_snap_may_be_a_millisecond_or_a_day(total):
     assert plan_path(problem(limits=PathLimits()), LeastSnap(total)).duration == pytest.approx(total, rel=1e-9)
 
 
-def test_what_follows_a_stay_is_as_free_as_if_the_flight_began_there():
+def test_a_flight_after_a_stay_is_that_of_a_flight_from_there():
     points = SQUARE[[0, 0, 1, 2]]
     stayed = plan_path(problem(points), GivenTimes((0.0, 3.0, 7.0, 12.0)))
     alone = MinimumSnap(SQUARE[:3], np.array([4.0, 5.0])).path()
     np.testing.assert_allclose(stayed.coefficients[1:], alone.coefficients, atol=1e-12)
 
 
-def test_merged_waypoints_keep_the_corridors_that_lead_to_them_and_all_that_is_given():
+def test_merged_waypoints_keep_their_corridors_and_derivatives():
     derivatives = np.full((5, 3, 3), np.nan)
     derivatives[1, 0], derivatives[2, 1] = [0.5, 0.0, 0.0], [0.0, 0.1, 0.0]
     around = [Box([-size] * 3, [3.0 + size] * 3) for size in (1.0, 2.0, 3.0, 4.0)]
-    kept = merged(problem(SQUARE[[0, 1, 1, 2, 2]], derivatives=derivatives, corridors=around))
+    kept = without_repeats(problem(SQUARE[[0, 1, 1, 2, 2]], derivatives=derivatives, corridors=around))
     assert kept.corridors == (around[0], around[2])
     assert kept.limits == LIMITS
-    np.testing.assert_array_equal([place.centre for place in kept.places], SQUARE[:3])
+    np.testing.assert_array_equal([place.centre for place in kept.waypoints], SQUARE[:3])
     np.testing.assert_array_equal(kept.derivatives[1, :2], [[0.5, 0.0, 0.0], [0.0, 0.1, 0.0]])
     assert np.isnan(kept.derivatives[1, 2]).all()
-    same = merged(problem(SQUARE[[0, 1, 1, 2]], derivatives=derivatives[[0, 1, 1, 3]]))
+    same = without_repeats(problem(SQUARE[[0, 1, 1, 2]], derivatives=derivatives[[0, 1, 1, 3]]))
     np.testing.assert_array_equal(same.derivatives[1, 0], [0.5, 0.0, 0.0])
 
 
 @pytest.mark.slow
-def test_too_short_a_time_is_explained_and_the_remedy_works():
+def test_a_too_short_time_is_reported_with_a_remedy_that_works():
     times = np.array([0.0, 2.0, 4.0, 6.0, 8.0])
     with pytest.raises(InputError) as error:
         plan_path(problem(), GivenTimes(tuple(times)))
@@ -227,7 +235,7 @@ def test_too_short_a_time_is_explained_and_the_remedy_works():
     )
     assert 0 <= int(words[1]) <= 3
     needed, slower = float(words[2]), float(words[3])
-    # Acceleration falls with the square of the time.
+    # Acceleration decreases with the square of the duration.
     assert slower == pytest.approx(np.sqrt(needed / 0.7), rel=0.01)
     path = plan_path(problem(), GivenTimes(tuple(slower * times)))
     assert max(shares(path)) <= 1.0 + 1e-6
@@ -243,7 +251,7 @@ def test_too_short_a_time_is_explained_and_the_remedy_works():
 @pytest.mark.parametrize(
     "times", [(0.0, 0.01, 3.0, 9.0, 10.0), (0.0, 1e-9, 2e-9, 3e-9, 4e-9), (0.0, 1e-3, 2.0, 3.0, 4.0)]
 )
-def test_far_too_short_a_time_is_explained_by_a_limit_and_a_remedy_that_works(times):
+def test_a_far_too_short_time_is_reported_with_a_limit_and_a_remedy_that_works(times):
     with pytest.raises(InputError, match="the (speed|acceleration) limit .* cannot be kept on segment") as error:
         plan_path(problem(), GivenTimes(times))
     slower = float(re.search(r"flown ([\d.e+]+) times slower it is feasible", str(error.value))[1])
@@ -251,18 +259,18 @@ def test_far_too_short_a_time_is_explained_by_a_limit_and_a_remedy_that_works(ti
     assert max(shares(path)) <= 1.0 + 1e-6
 
 
-def test_what_is_no_way_to_choose_times_is_refused():
-    with pytest.raises(TypeError, match="is not a way to choose times"):
+def test_an_object_that_is_no_timing_is_rejected():
+    with pytest.raises(TypeError, match="is not a GivenTimes, Heuristic, LeastSnap or Shortest"):
         plan_path(problem(), Shortest)
 
 
-def test_there_and_back_is_no_slower_than_stopping_there():
+def test_a_path_that_turns_back_is_not_slower_than_one_with_a_stop():
     points = np.array([[0.0, 0.0, 1.0], [4.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
     path = plan_path(problem(points), Shortest())
     assert total(path) <= 1.0011 * rest_to_rest_durations(points, LIMITS).sum()
 
 
-def test_a_velocity_that_leads_out_of_its_corridor_is_explained():
+def test_a_velocity_that_leads_out_of_its_corridor_is_reported():
     derivatives = rest_at_ends(5, 3)
     derivatives[2, 0] = [1.5, 0.0, 0.0]
     with pytest.raises(InputError, match=r"the corridor of segment \d cannot be kept .* [\d.]+ m wider"):
@@ -278,19 +286,19 @@ def test_a_velocity_that_leads_out_of_its_corridor_is_explained():
         (problem(), GivenTimes((0.0, 1.0, 2.0, np.inf, np.inf)), "times must be finite and increase$"),
         (problem(), GivenTimes((0.0, 1.0, 2.0, 3.0, 1e9)), "the times span 1e\\+09 s, more than 86400 s"),
         (problem(), LeastSnap(0.0), "total duration is 0 s, but must be positive"),
-        (problem(), LeastSnap(1e6), "total duration is 1e\\+06 s, but must be positive, and 86400 at most"),
+        (problem(), LeastSnap(1e6), "total duration is 1e\\+06 s, but must be positive and at most 86400 s"),
         (problem(limits=PathLimits(speed=1e-9)), Shortest(), "would take about .* s, more than 86400 s"),
         (problem(limits=PathLimits(speed=1e-300)), Heuristic(), "would take about .* s, more than 86400 s"),
-        (PathProblem([Box([0, 0], [1, 1])] * 2, limits=LIMITS), Shortest(), "nothing has to move, so give the times"),
+        (PathProblem([Box([0, 0], [1, 1])] * 2, limits=LIMITS), Shortest(), "nothing has to move; give the times"),
         (
             PathProblem([Sphere([0, 0], 1.0), Sphere([0.1, 0], 1.0), Sphere([0, 0.1], 1.0)], limits=LIMITS),
             Shortest(),
-            "nothing has to move, so give the times",
+            "nothing has to move; give the times",
         ),
-        (problem(limits=PathLimits()), Shortest(), "a limit on the speed or the acceleration is needed"),
+        (problem(limits=PathLimits()), Shortest(), "give a limit on the speed or acceleration"),
         (problem(SQUARE[[0, 0]]), Shortest(), r"all waypoints are the same point, \(0, 0, 0\) m"),
     ],
 )
-def test_wrong_input_is_explained(asked, timing, words):
+def test_invalid_input_is_rejected_with_the_reason(asked, timing, words):
     with pytest.raises(InputError, match=words):
         plan_path(asked, timing)

@@ -48,9 +48,9 @@ def test_peak_norm_agrees_with_the_roots_of_the_polynomial():
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 8))
-@example(479001600, 4)  # turns back in the first cell, after a start at rest
+@example(479001600, 4)  # turns back in the first cell after a start at rest
 @settings(max_examples=40, deadline=None)
-def test_between_turning_points_an_axis_only_rises_or_falls(seed, segments):
+def test_between_turning_points_the_position_is_monotonic(seed, segments):
     path = random_path(seed, segments)
     segment, axis, s = turning_points(path)
     dense = np.linspace(0.0, 1.0, 2001)
@@ -64,7 +64,7 @@ def test_between_turning_points_an_axis_only_rises_or_falls(seed, segments):
             places = np.sort(s[(segment == i) & (axis == j)])
             extremes = evaluate_at(path, np.full(len(places) + 2, i), np.array([0.0, *places, 1.0]))[:, j]
             scale = np.abs(values[:, j]).max() + 1.0
-            # The most by which an axis turns back within a cell if its slopes at the ends do not differ in sign.
+            # This is the largest motion backwards within a cell whose slopes at its ends do not differ in sign.
             hidden = np.abs(thirds[:, j]).max() * path.durations[i] ** 3 / NUM_CELLS**3 / 12.0
             for sign in (1.0, -1.0):
                 cell = min(int(dense[np.argmax(sign * values[:, j])] * NUM_CELLS), NUM_CELLS - 1)
@@ -85,7 +85,7 @@ def test_a_refined_path_is_the_same_path(seed, times):
         np.testing.assert_allclose(evaluate(finer, samples, order), wanted, atol=1e-7 * np.abs(wanted).max())
 
 
-def test_refining_at_its_own_times_changes_nothing():
+def test_refining_a_path_at_its_own_times_changes_nothing():
     path = random_path(3)
     finer = refined(path, path.times + 1e-14)
     np.testing.assert_array_equal(finer.times, path.times)
@@ -94,7 +94,7 @@ def test_refining_at_its_own_times_changes_nothing():
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 8))
 @settings(max_examples=40, deadline=None)
-def test_a_path_of_degree_7_is_told_by_its_knots(seed, segments):
+def test_the_knots_of_a_path_of_degree_7_determine_it(seed, segments):
     path = random_path(seed, segments)
     again = hermite_path(path.times, knots(path, 4))
     scale = np.abs(path.coefficients).max()
@@ -112,7 +112,7 @@ def test_a_stretched_path_passes_the_same_points_later():
     np.testing.assert_allclose(evaluate(slower, [later]), evaluate(path, [path.times[0] + 1.3]), atol=1e-12)
 
 
-def test_outside_its_times_a_path_is_what_it_is_at_the_nearer_end():
+def test_outside_its_times_a_path_has_the_value_of_the_nearer_end():
     path = random_path(1)
     outside = evaluate(path, [path.times[0] - 1.0, path.times[-1] + 1.0])
     np.testing.assert_allclose(outside, evaluate(path, path.times[[0, -1]]))
@@ -120,7 +120,7 @@ def test_outside_its_times_a_path_is_what_it_is_at_the_nearer_end():
 
 
 @pytest.mark.parametrize("factor", [1.0, 1e-4])
-def test_it_is_refined_at_times_that_are_near_but_not_the_same(factor):
+def test_a_path_can_be_refined_at_times_that_are_close_to_its_own(factor):
     path = random_path(3).stretched(factor)
     near = path.times[2] + 1e-6 * path.durations.min()
     finer = refined(path, np.array([path.times[0] - 1.0, near, path.times[-1] + 1.0]))

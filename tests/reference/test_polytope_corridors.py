@@ -1,4 +1,4 @@
-"""Paths behind faces of any direction."""
+"""Paths in corridors with faces of any direction."""
 
 import itertools
 
@@ -24,7 +24,7 @@ def rotation(seed):
 
 
 def turned(box, matrix):
-    """A box about which space is rotated."""
+    """Return a box as a polytope, after a rotation of space."""
     faces = Polytope.from_box(box)
     return Polytope(faces.normals @ matrix.T, faces.offsets)
 
@@ -38,7 +38,7 @@ def positions(path):
 
 
 def farthest_beyond(path, corridors):
-    """By samples, apart from the code that plans, m."""
+    """Return the largest violation of a corridor at samples that are independent of the planner, m."""
     s = np.linspace(0.0, 1.0, SAMPLES)
     return max(
         float((evaluate_at(path, np.full(SAMPLES, i), s) @ corridor.normals.T - corridor.offsets).max())
@@ -64,7 +64,7 @@ def test_a_rotated_problem_has_the_rotated_plan(timing):
 
 
 def chain(seed):
-    """3 to 6 polytopes along a random way, each around its leg and of random faces, and points to begin and end at."""
+    """Return a problem whose corridors are 3 to 6 random polytopes around the legs of a random route."""
     rng = np.random.default_rng(seed)
     count = int(rng.integers(3, 7))
     ways = np.cumsum(rng.normal(size=(count + 1, 3)) * [2.0, 2.0, 0.7], axis=0)
@@ -83,20 +83,20 @@ def chain(seed):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("timing", [Heuristic(), LeastSnap(30.0), Shortest()], ids=lambda timing: type(timing).__name__)
-def test_a_path_stays_behind_every_face_everywhere(timing, seed):
+def test_a_path_stays_in_polytopes_everywhere(timing, seed):
     problem = chain(seed)
     path = plan_path(problem, timing)
     largest = max(corridor.size for corridor in problem.corridors)
     assert farthest_beyond(path, problem.corridors) <= 1e-6 * largest
 
 
-def test_a_flat_polytope_is_refused():
+def test_a_flat_polytope_is_rejected():
     flat = Polytope([[1, 1, 0], [-1, -1, 0]], [0, 0])
-    with pytest.raises(InputError, match=r"corridor of segment 0, .* is flat: give it an extent, or a box"):
+    with pytest.raises(InputError, match=r"corridor of segment 0, .* is flat; give it an extent, or use a box"):
         PathProblem([Box.point([0, 0, 0]), Box.point([1, -1, 0])], corridors=[flat])
 
 
-def test_a_point_outside_is_told_by_how_far():
+def test_the_distance_of_a_point_outside_is_reported():
     behind = Polytope([[3, 4, 0]], [0])
     with pytest.raises(InputError, match="waypoint 1, .* lies outside the corridor of segment 0, .* 0.6 m apart"):
         PathProblem([Box.point([0, 0, 0]), Box.point([1, 0, 0])], corridors=[behind])
@@ -105,8 +105,8 @@ def test_a_point_outside_is_told_by_how_far():
 @pytest.mark.parametrize(
     ("segments", "timing"), [(25, Heuristic()), (10, Shortest())], ids=["25 heuristic", "10 shortest"]
 )
-def test_a_long_chain_of_polytopes_is_kept_everywhere(segments, timing):
-    """Cells of a zigzag, each turned against the next, with a waypoint anywhere between two of them."""
+def test_a_path_stays_in_a_long_chain_of_polytopes(segments, timing):
+    """The polytopes are cells of a zigzag, with a waypoint in the intersection of each two successive ones."""
     random = np.random.default_rng(segments)
     points = np.column_stack([np.arange(segments + 1.0), random.uniform(-0.6, 0.6, (segments + 1, 2))])
     cells = []

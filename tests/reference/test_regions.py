@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from drake_quad.errors import InputError
-from drake_quad.reference.regions import Box, Polytope, common
+from drake_quad.reference.regions import Box, Polytope, intersection_of
 
-# A right triangle with legs of 3 m and 4 m: its inscribed circle has the radius (3 + 4 - 5) / 2.
+# The inscribed circle of a right triangle with legs of 3 m and 4 m has the radius (3 + 4 - 5) / 2.
 TRIANGLE = Polytope([[-1, 0], [0, -2], [4, 3]], [0, 0, 12])
 ROOM = Box([-1.0, 0.5, 2.0], [3.0, 1.0, 2.5])
 
@@ -16,7 +16,7 @@ def random_polytope(rng, faces):
     return Polytope(normals, np.linalg.norm(normals, axis=1) * rng.uniform(0.3, 2.0, faces))
 
 
-def test_the_largest_ball_in_a_right_triangle():
+def test_the_largest_ball_in_a_right_triangle_is_its_incircle():
     np.testing.assert_allclose(TRIANGLE.centre, [1.0, 1.0], atol=1e-9)
     assert TRIANGLE.radius == pytest.approx(1.0)
     assert not TRIANGLE.is_flat
@@ -24,57 +24,62 @@ def test_the_largest_ball_in_a_right_triangle():
     assert str(TRIANGLE) == "the polytope of 3 faces around (1, 1)"
 
 
-def test_a_box_by_its_faces_is_the_box():
+def test_a_box_as_a_polytope_is_the_same_region():
     polytope = Polytope.from_box(ROOM)
     corners = np.array(list(itertools.product(*zip(ROOM.low, ROOM.high, strict=True))))
-    assert all(abs(polytope.beyond(corner)) <= 1e-12 for corner in corners)
+    assert all(abs(polytope.max_violation(corner)) <= 1e-12 for corner in corners)
     assert (polytope.faces, polytope.size) == (6, pytest.approx(4.0))
     for position in np.random.default_rng(0).uniform(-4.0, 4.0, (50, 3)):
         np.testing.assert_allclose(polytope.nearest(position), ROOM.nearest(position), atol=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_the_nearest_point_is_where_the_way_to_it_meets_all_of_the_polytope_from_outside(seed):
-    """No point q of a convex set lies on the near side of the plane across the way p - n at the nearest point n."""
+def test_the_plane_through_the_nearest_point_separates_it_from_the_polytope(seed):
+    """With the nearest point n to p, no point of the set is beyond the plane through n across p - n."""
     rng = np.random.default_rng(seed)
     polytope = random_polytope(rng, 12)
     position = 20.0 * rng.normal(size=3)
     nearest = polytope.nearest(position)
     away = position - nearest
-    assert polytope.beyond(nearest) == pytest.approx(0.0, abs=1e-6)
-    if np.isfinite(farthest := polytope.reach(away)):
+    assert polytope.max_violation(nearest) == pytest.approx(0.0, abs=1e-6)
+    if np.isfinite(farthest := polytope.support(away)):
         assert farthest == pytest.approx(float(away @ nearest), rel=1e-5)
     inside = 0.2 * rng.uniform(-1.0, 1.0, 3) / np.sqrt(3.0)
     assert polytope.nearest(inside) is inside
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_an_intersection_holds_what_both_hold(seed):
+def test_an_intersection_contains_the_points_that_both_regions_contain(seed):
     rng = np.random.default_rng(seed)
     one, other, box = random_polytope(rng, 7), random_polytope(rng, 9), Box([-0.5, -0.4, -0.3], [0.8, 0.7, 0.6])
-    for both, parts in ((one.intersection(other), (one, other)), (common(box, one), (one, Polytope.from_box(box)))):
+    for both, parts in (
+        (one.intersection(other), (one, other)),
+        (intersection_of(box, one), (one, Polytope.from_box(box))),
+    ):
         for position in rng.uniform(-2.0, 2.0, (500, 3)):
-            assert both.beyond(position) == pytest.approx(max(part.beyond(position) for part in parts), abs=1e-12)
+            assert both.max_violation(position) == pytest.approx(
+                max(part.max_violation(position) for part in parts), abs=1e-12
+            )
 
 
-def test_regions_apart_have_nothing_in_common():
+def test_separate_regions_have_no_intersection():
     beside = Polytope([[-4, -3]], [-12.1])
     assert TRIANGLE.intersection(beside) is None
     assert TRIANGLE.intersection(Box([3.0, 4.0], [5.0, 5.0])) is None
     assert TRIANGLE.intersection(TRIANGLE).equals(TRIANGLE)
 
 
-def test_touching_polytopes_have_a_flat_one_in_common():
+def test_touching_polytopes_have_a_flat_intersection():
     joint = TRIANGLE.intersection(Polytope([[-4, -3]], [-12]))
     assert joint.is_flat
     assert joint.contains(np.array([1.5, 2.0]))
     assert not joint.contains(np.array([1.5, 1.99]))
 
 
-def test_an_unbounded_polytope_reaches_as_far_as_it_does():
+def test_the_support_of_a_polytope_is_infinite_in_unbounded_directions():
     wedge = Polytope([[1, 0, 0], [-1, 0, 0], [0, 1, 1]], [2, 1, 0])
-    assert wedge.reach(np.array([1.0, 0.0, 0.0])) == pytest.approx(2.0)
-    assert wedge.reach(np.array([0.0, 0.0, 1.0])) == np.inf
+    assert wedge.support(np.array([1.0, 0.0, 0.0])) == pytest.approx(2.0)
+    assert wedge.support(np.array([0.0, 0.0, 1.0])) == np.inf
     assert wedge.size == pytest.approx(3.0)
     assert Polytope([[0, 0, 1]], [5]).size == 1.0
     assert wedge.contains(wedge.centre)
@@ -93,6 +98,6 @@ def test_an_unbounded_polytope_reaches_as_far_as_it_does():
         ([], [], "one offset for each normal"),
     ],
 )
-def test_what_is_no_polytope_is_refused(normals, offsets, said):
+def test_invalid_regions_are_rejected(normals, offsets, said):
     with pytest.raises(InputError, match=said):
         Polytope(normals, offsets)

@@ -43,7 +43,7 @@ def planned(route):
     return plan_route(load_scenario("figure_eight", {"route": route}))
 
 
-def shown(plan, time):
+def reference_at(plan, time):
     source = build_reference(plan, ahead=(0.0, 2.0))
     context = source.CreateDefaultContext()
     context.SetTime(time)
@@ -51,33 +51,33 @@ def shown(plan, time):
 
 
 @pytest.mark.parametrize("route", ROUTES.values(), ids=ROUTES)
-def test_the_reference_rests_after_every_route_and_before_it(route):
+def test_the_reference_is_at_rest_before_and_after_every_route(route):
     plan = planned(route)
     start, end = plan.path.times[[0, -1]]
     place = plan.flown_path.waypoints[-1]
     for time in (plan.rest_time + 1e-9, plan.rest_time + 0.7, 100.0):
-        reference, jerk, snap, ahead = shown(plan, time)
+        reference, jerk, snap, ahead = reference_at(plan, time)
         np.testing.assert_allclose(reference[:3], place, atol=1e-9)
         np.testing.assert_array_equal(reference[3:9], 0.0)
         np.testing.assert_array_equal([reference[10], *jerk, *snap], 0.0)
         np.testing.assert_allclose(ahead, [*place, *place], atol=1e-9)
     if start > 0.0:
-        reference, jerk, snap, _ = shown(plan, 0.5 * start)
+        reference, jerk, snap, _ = reference_at(plan, 0.5 * start)
         np.testing.assert_array_equal([*reference[3:9], reference[10], *jerk, *snap], 0.0)
     assert (plan.rest_time > end) == plan.brakes
 
 
 @pytest.mark.parametrize("route", ROUTES.values(), ids=ROUTES)
-def test_nothing_but_snap_jumps_at_the_end_of_a_route(route):
+def test_only_the_snap_jumps_at_the_end_of_a_route(route):
     plan = planned(route)
     for time in {plan.path.times[-1], plan.rest_time}:
-        before, after = shown(plan, time - 1e-7), shown(plan, time + 1e-7)
+        before, after = reference_at(plan, time - 1e-7), reference_at(plan, time + 1e-7)
         np.testing.assert_allclose(before[0], after[0], atol=1e-5)
         np.testing.assert_allclose(before[1], after[1], atol=1e-4)
 
 
 @pytest.mark.parametrize("name", ["Lissajous", "end in motion", "knots in steady flight"])
-def test_braking_asks_for_no_more_than_the_route(name):
+def test_braking_does_not_exceed_speed_and_acceleration_of_the_route(name):
     plan = planned(ROUTES[name])
     assert plan.brakes
     assert peak_norm(plan.flown_path, 1) <= peak_norm(plan.path, 1) * (1.0 + 1e-6)
@@ -99,7 +99,7 @@ def test_braking_from_steady_motion_is_the_motion_of_least_snap():
 
 def test_a_path_that_ends_at_rest_is_not_braked():
     assert not planned(ROUTES["figure eight"]).brakes
-    assert not planned(ROUTES["circle"]).brakes  # its yaw ends with an acceleration, which does not count
+    assert not planned(ROUTES["circle"]).brakes  # its yaw ends with an acceleration, which is ignored
     assert moves_at_end(planned(ROUTES["Lissajous"]).path, 4)
     assert not moves_at_end(planned(ROUTES["Lissajous"]).yaw, 2)
 
@@ -150,8 +150,8 @@ def test_the_remark_on_braking_states_a_yaw_rate():
     assert "ends in motion (0.00 m/s, 2.00 rad/s of yaw)" in remark
 
 
-def test_braking_that_the_rotors_cannot_fly_is_refused():
-    """Rotors that give 1.05 of the weight can fly a descent that gets faster and faster, but they cannot stop it."""
+def test_braking_that_the_rotors_cannot_fly_is_rejected():
+    """Rotors with 1.05 of the weight can fly an accelerating descent, but they cannot stop it."""
     knots = [
         {
             "time": 4.0 * i,
@@ -169,7 +169,7 @@ def test_braking_that_the_rotors_cannot_fly_is_refused():
         flight_duration(load_scenario("figure_eight", {**overrides, "duration": 10.0}), plan)
 
 
-def test_braking_into_an_obstacle_is_refused():
+def test_braking_into_an_obstacle_is_rejected():
     knots = [
         {"time": 0.0, "position": [0, 0, 1]},
         {"time": 4.0, "position": [3, 0, 1], "velocity": [1.2, 0, 0]},
@@ -187,7 +187,7 @@ def test_braking_into_an_obstacle_is_refused():
 @pytest.mark.parametrize("name", ["space.bounds", "route.space"])
 @pytest.mark.parametrize("beyond", [0.21, 1.21])
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_braking_out_of_the_bounds_of_a_path_is_refused(name, beyond, side):
+def test_braking_out_of_the_bounds_of_a_path_is_rejected(name, beyond, side):
     """Braking from 1 m/s leads 1.41 m beyond the end of the route, which is 2 m away along x or along -x."""
     near, far = sorted((side * -1.0, side * (3.41 - beyond)))
     room = {"min": [near, -1.0, 0.0], "max": [far, 1.0, 2.0]}
@@ -203,7 +203,7 @@ def test_braking_out_of_the_bounds_of_a_path_is_refused(name, beyond, side):
         flight_duration(scenario, plan_route(scenario))
 
 
-def test_braking_below_the_crash_height_is_refused():
+def test_braking_below_the_crash_height_is_rejected():
     """The pieces end at a height of 0.2 m with a descent of 0.9 m/s."""
     pieces = [{"duration": 2.0, "x": [0], "y": [0], "z": [2, -0.9], "yaw": [0]}]
     overrides = {"duration": 15.0, "route": {"kind": "trajectory", "pieces": pieces}, "crash": {"height": 0.0}}
@@ -225,6 +225,6 @@ def test_metrics_of_laps_do_not_count_the_rest_after_them():
 def test_hover_is_rest_at_all_times():
     plan = Plan.hover([1.0, 2.0, 3.0], duration=5.0)
     for time in (0.0, 2.0, 5.0, 9.0):
-        reference, jerk, snap, _ = shown(plan, time)
+        reference, jerk, snap, _ = reference_at(plan, time)
         np.testing.assert_array_equal(reference[:3], [1.0, 2.0, 3.0])
         np.testing.assert_array_equal([*reference[3:9], *jerk, *snap], 0.0)

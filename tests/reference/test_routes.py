@@ -7,8 +7,8 @@ from drake_quad.reference.routes import circle, figure_eight
 from drake_quad.scenario.files.loading import load_scenario
 
 
-def test_the_figure_eight_is_the_paper_s(diagrams):
-    """Its extent as read off the paper's figures; 2 m/s and 0.7 m/s²; 20 to 31 m in 21 to 26 s."""
+def test_the_figure_eight_is_that_of_the_paper(diagrams):
+    """The extent is read off the paper's figures. At 2 m/s and 0.7 m/s², 20 to 31 m take 21 to 26 s."""
     plan = plan_route(load_scenario(diagrams / "figure_eight.yaml"))
     times = np.linspace(0.0, plan.duration, 5000)
     position = evaluate(plan.path, times)
@@ -30,7 +30,7 @@ def test_the_figure_eight_is_the_paper_s(diagrams):
     ]
 
 
-def test_its_circles_are_turned_in_opposite_senses(diagrams):
+def test_the_circles_are_flown_in_opposite_directions(diagrams):
     plan = plan_route(load_scenario(diagrams / "figure_eight.yaml"))
     starts = [plan.path.times[leg.first] for leg in plan.legs]
     for leg, sense in ((2, 1.0), (5, -1.0), (6, -1.0)):
@@ -40,7 +40,7 @@ def test_its_circles_are_turned_in_opposite_senses(diagrams):
         assert np.mean(np.sign(turning)) == sense
 
 
-def test_its_straights_touch_the_circles():
+def test_the_straights_are_tangents_of_the_circles():
     route = figure_eight(radius=1.0, offset=2.0, lower_height=1.0, upper_height=3.0)
     upper = route.waypoints[2:9]
     np.testing.assert_allclose(np.hypot(upper[:, 0], upper[:, 1] - 2.0), 1.0)
@@ -65,7 +65,7 @@ def test_a_circle_is_flown_anticlockwise_from_the_x_axis_in_steps_of_45_degrees(
     assert route.legs == (("lap 1", 0), ("lap 2", 8), ("lap 3", 16))
 
 
-def test_without_numbers_it_has_the_extent_of_the_paper_s_figures():
+def test_by_default_it_has_the_extent_of_the_paper_s_figures():
     waypoints = figure_eight().waypoints
     np.testing.assert_allclose(waypoints[1], [0.0, 0.0, 1.0])
     upper, lower = waypoints[2:9], waypoints[10:17]
@@ -77,7 +77,7 @@ def test_without_numbers_it_has_the_extent_of_the_paper_s_figures():
 def test_the_legs_of_the_figure_eight_begin_where_their_names_say():
     route = figure_eight(radius=1.0, offset=2.0, lower_height=1.0, upper_height=3.0)
     begins = {leg.name: route.waypoints[leg.first] for leg in route.legs}
-    x, y = np.sqrt(0.75), 1.5  # where a tangent from the start touches a circle
+    x, y = np.sqrt(0.75), 1.5  # point at which a tangent from the start touches a circle
     wanted = {
         "rise": [0.0, 0.0, 0.0], "climb": [0.0, 0.0, 1.0],
         "circle": [x, y, 3.0], "straight": [-x, y, 3.0],
@@ -89,7 +89,7 @@ def test_the_legs_of_the_figure_eight_begin_where_their_names_say():
     np.testing.assert_array_equal(route.waypoints[-1], [0.0, 0.0, 1.0])
 
 
-def test_the_circles_of_the_figure_eight_have_even_steps_and_mirror_each_other():
+def test_the_circles_of_the_figure_eight_have_equal_steps_and_mirror_each_other():
     waypoints = figure_eight(radius=1.0, offset=2.0, lower_height=1.0, upper_height=3.0).waypoints
     upper, lower = waypoints[2:9], waypoints[10:17]
     angle = np.degrees(np.unwrap(np.arctan2(upper[:, 1] - 2.0, upper[:, 0])))

@@ -27,7 +27,7 @@ def test_a_stretched_path_attains_one_limit_and_keeps_the_other(seed, top_speed,
 
 
 @given(st.floats(0.01, 100.0), st.floats(0.1, 10.0) | st.just(math.inf), st.floats(0.1, 10.0) | st.just(math.inf))
-def test_a_flight_from_stop_to_stop_just_keeps_to_the_limits(distance, speed, acceleration):
+def test_a_flight_with_stops_attains_the_limits(distance, speed, acceleration):
     if math.isinf(speed) and math.isinf(acceleration):
         return
     limits = PathLimits(speed, acceleration)
@@ -37,13 +37,13 @@ def test_a_flight_from_stop_to_stop_just_keeps_to_the_limits(distance, speed, ac
     assert max(shares) == pytest.approx(1.0, abs=1e-12)
 
 
-def test_trapezoid_of_a_long_ride():
-    """1 m/s and 0.5 m/s²: 2 s and 1 m to speed up, as much to slow down."""
+def test_a_long_route_has_a_trapezoidal_profile():
+    """At 1 m/s and 0.5 m/s², speeding up takes 2 s and 1 m, and so does slowing down."""
     waypoints = np.array([[0.0], [0.25], [1.0], [5.0], [9.0], [10.0]])
     times = trapezoid_times(waypoints, speed=1.0, acceleration=0.5)
     np.testing.assert_allclose(times, [0.0, 1.0, 2.0, 6.0, 10.0, 12.0])
 
 
-def test_trapezoid_of_a_short_ride_is_a_triangle():
+def test_a_short_route_has_a_triangular_profile():
     times = trapezoid_times(np.array([[0.0], [0.5], [1.0]]), speed=10.0, acceleration=1.0)
     np.testing.assert_allclose(times, [0.0, 1.0, 2.0])

@@ -21,7 +21,7 @@ def total_within_limits(points, durations):
     return durations.sum() * stretch_factor(MinimumSnap(points, durations).path(), LIMITS)
 
 
-def test_the_known_optimum_of_0_1_3_in_3_seconds():
+def test_the_optimum_for_0_1_3_in_3_seconds_is_the_known_one():
     points = np.array([[0.0], [1.0], [3.0]])
     assert MinimumSnap(points, np.array([1.5, 1.5])).cost == pytest.approx(886.78, abs=5e-3)
     durations = least_snap_durations(points, np.array([1.0, 2.0]))
@@ -32,7 +32,7 @@ def test_the_known_optimum_of_0_1_3_in_3_seconds():
 @pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.integers(2, 12))
 @settings(max_examples=25, deadline=None)
-def test_no_small_change_of_the_times_costs_less_snap(seed, segments):
+def test_the_times_are_a_local_optimum_of_the_snap(seed, segments):
     rng = np.random.default_rng(seed)
     points = random_points(seed, segments)
     durations = least_snap_durations(points, rng.uniform(0.5, 2.0, segments))
@@ -46,7 +46,7 @@ def test_no_small_change_of_the_times_costs_less_snap(seed, segments):
 @pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.integers(1, 15))
 @settings(max_examples=25, deadline=None)
-def test_the_shortest_keeps_to_the_limits_and_attains_one(seed, segments):
+def test_the_shortest_path_satisfies_the_limits_and_attains_one(seed, segments):
     points = random_points(seed, segments)
     start = rest_to_rest_durations(points, LIMITS)
     durations = shortest_durations(points, start, LIMITS)
@@ -58,7 +58,7 @@ def test_the_shortest_keeps_to_the_limits_and_attains_one(seed, segments):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
-def test_a_search_without_gradients_finds_nothing_shorter(seed):
+def test_a_search_without_gradients_finds_no_shorter_path(seed):
     points = random_points(seed, 4)
     durations = shortest_durations(points, rest_to_rest_durations(points, LIMITS), LIMITS)
 
@@ -71,8 +71,8 @@ def test_a_search_without_gradients_finds_nothing_shorter(seed):
 
 
 @pytest.mark.parametrize("limits", [PathLimits(speed=1.0), PathLimits(speed=0.5, acceleration=0.3)])
-def test_times_cannot_be_moved_so_that_a_speed_allows_less(limits):
-    """No 1 % more for a segment, or less, and then as much for all that the limits are attained, gains anything."""
+def test_no_change_of_a_duration_shortens_the_path(limits):
+    """A duration changes by 1 %, and then all durations are scaled so that a limit is attained."""
     points = random_points(2, 4)
     durations = shortest_durations(points, rest_to_rest_durations(points, limits), limits)
     path = MinimumSnap(points, durations).path()
@@ -85,7 +85,7 @@ def test_times_cannot_be_moved_so_that_a_speed_allows_less(limits):
             assert stretch * moved.sum() >= durations.sum() * (1.0 - 1e-4)
 
 
-def test_times_move_no_further_than_they_may():
+def test_durations_change_by_no_more_than_the_reach():
     """Of 0.1 s and 2.9 s, the first would have to become much longer."""
     points, start = np.array([[0.0], [1.0], [3.0]]), np.array([0.1, 2.9])
     for found in (
@@ -96,7 +96,7 @@ def test_times_move_no_further_than_they_may():
         assert moved[0] - moved[1] == pytest.approx(0.2, abs=1e-9)
 
 
-def test_least_snap_keeps_the_total_and_what_is_given():
+def test_least_snap_keeps_the_total_and_given_derivatives():
     points, derivatives = random_points(4, 3), rest_at_ends(4, 3)
     derivatives[1, 0] = [1.0, -0.5, 0.2]
     contact = Contact(2, 0.5, 1, points[2, 1] + 0.4)
@@ -129,7 +129,7 @@ def test_a_given_velocity_is_kept_within_the_limits():
     path = MinimumSnap(points, durations, derivatives).path()
     assert peak_norm(path, 2) <= 0.7 * (1.0 + 1e-3)
     assert durations.sum() < 6.0 * 1.5
-    # From where nothing is near its limit, too, it gets shorter until something is.
+    # If no limit is active at the start, the path becomes shorter until one is.
     later = shortest_durations(points, np.array([12.0, 11.0]), LIMITS, derivatives)
     assert later.sum() == pytest.approx(durations.sum(), rel=0.01)
 

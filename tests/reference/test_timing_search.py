@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from drake_quad.errors import InputError
-from drake_quad.reference.infeasibility import explain
+from drake_quad.reference.infeasibility import explain_infeasibility
 from drake_quad.reference.minimum_snap import MinimumSnap, rest_at_ends, snap_cost
-from drake_quad.reference.minimum_snap_program import NO_PATH, InfeasibleError, path_within
+from drake_quad.reference.minimum_snap_program import PLANNING_ERRORS, InfeasibleError, path_within
 from drake_quad.reference.path_problem import Box, PathLimits, PathProblem
 from drake_quad.reference.time_allocation import rest_to_rest_durations, stretch_factor, trapezoid_times
 from drake_quad.reference.time_optimization import least_snap_durations
 from drake_quad.reference.timing_search import (
     heuristic_path,
-    improved,
+    improve_repeatedly,
     least_snap_path,
     path_through_given_motion,
     shortest_path,
@@ -21,7 +21,7 @@ from drake_quad.reference.timing_search import (
 LIMITS = PathLimits(speed=2.0, acceleration=1.0)
 ALONG = np.array([[0.0, 0.0], [1.0, 0.0], [5.0, 0.2], [9.0, 0.0]])
 THERE_AND_BACK = np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 0.1], [2.0, 0.0]])
-# A long step, and two short ones that turn away.
+# The route has a long step, and two short ones in other directions.
 UNEVEN = np.array([[0.0, 0.0, 0.0], [-24.41, -6.75, 12.05], [-24.29, -6.47, 12.26], [-24.34, -6.44, 12.24]])
 
 
@@ -33,12 +33,12 @@ def problem(points, velocity=None, **more):
 
 
 def stretched(points, durations, limits=LIMITS):
-    """The times of least snap, but all longer or shorter, so that a limit is attained."""
+    """Return the path with the times of least snap, scaled so that a limit is attained."""
     return durations * stretch_factor(MinimumSnap(points, durations).path(), limits)
 
 
 @pytest.mark.parametrize(("points", "stops"), [(ALONG, False), (THERE_AND_BACK, True)])
-def test_the_heuristic_is_the_shorter_of_a_ride_and_a_flight_with_stops(points, stops):
+def test_the_heuristic_is_the_faster_of_a_trapezoidal_profile_and_a_flight_with_stops(points, stops):
     ride = stretched(points, np.diff(trapezoid_times(points, speed=2.0, acceleration=1.0)))
     stopping = stretched(points, rest_to_rest_durations(points, LIMITS))
     assert (stopping.sum() < ride.sum()) == stops
@@ -46,8 +46,8 @@ def test_the_heuristic_is_the_shorter_of_a_ride_and_a_flight_with_stops(points, 
     np.testing.assert_allclose(found.durations, stopping if stops else ride, rtol=1e-12)
 
 
-def test_the_heuristic_looks_for_the_times_of_the_points_that_it_passes():
-    """A box on the way is cut at its edge: the second time, times are those of the points where it was passed first."""
+def test_the_heuristic_uses_the_points_at_which_the_path_passes_regions():
+    """The path passes a box at its edge. The second time allocation uses the point of the first path."""
     places = [Box.point([0.0, 0.0]), Box([1.0, 2.0], [5.0, 6.0]), Box.point([4.0, 0.0])]
     asked = PathProblem(places, limits=LIMITS)
     found = heuristic_path(asked)
@@ -65,8 +65,8 @@ def test_the_heuristic_looks_for_the_times_of_the_points_that_it_passes():
 
 
 @pytest.mark.parametrize(("corridor", "share"), [(None, 1e-3), (Box([-1.0, -1.0], [60.0, 1.0]), 1e-2)])
-def test_no_segment_begins_with_next_to_no_time(corridor, share):
-    """At a given speed, half a millimetre would take a hundred-thousandth of the time of 50 m."""
+def test_no_segment_has_a_very_short_initial_duration(corridor, share):
+    """At a constant speed, half a millimetre would take a hundred-thousandth of the time of 50 m."""
     points = np.array([[0.0, 0.0], [50.0, 0.0], [50.0, 0.0005], [1.0, 0.0]])
     durations = heuristic_path(
         problem(points, limits=PathLimits(speed=2.0), corridors=[corridor, None, None])
@@ -74,7 +74,7 @@ def test_no_segment_begins_with_next_to_no_time(corridor, share):
     assert durations.min() / durations.max() == pytest.approx(share)
 
 
-def test_steps_of_very_unequal_length_are_flown_from_stop_to_stop():
+def test_very_unequal_steps_are_flown_with_stops():
     stops = rest_to_rest_durations(UNEVEN, LIMITS)
     assert stretched(UNEVEN, stops).sum() > 1.2 * stops.sum()
     np.testing.assert_allclose(shortest_path(problem(UNEVEN)).durations, 1.001 * stops, rtol=1e-12)
@@ -88,7 +88,7 @@ def test_steps_of_very_unequal_length_are_flown_from_stop_to_stop():
         ([[-2.6, 1.3], [-5.0, 3.4], [-8.1, 2.0], [-9.3, -2.2]], 0.2, 10.033),
     ],
 )
-def test_in_corridors_two_searches_find_what_one_alone_does_not(points, room, duration):
+def test_in_corridors_two_searches_are_better_than_one(points, room, duration):
     """The one that starts from the times of least snap, in the first route; in the second, that from the heuristic's.
 
     Each is about 7 % shorter than the other; Nelder-Mead over the durations found the same totals, from two starts.
@@ -101,7 +101,7 @@ def test_in_corridors_two_searches_find_what_one_alone_does_not(points, room, du
 
 
 @pytest.mark.slow
-def test_in_corridors_times_are_searched_for_again_where_the_path_has_gone_to():
+def test_in_corridors_the_times_are_optimised_again_for_the_new_path():
     """Nelder-Mead over the durations found 14.175 s, from three starts; without a second round it is 14.308 s."""
     points = np.array([[-1.1, 1.2], [-1.0, -2.0], [1.0, -2.2], [2.2, 1.5], [2.7, -0.6]])
     halls = [Box(np.minimum(a, b) - 0.3, np.maximum(a, b) + 0.3) for a, b in itertools.pairwise(points)]
@@ -110,7 +110,7 @@ def test_in_corridors_times_are_searched_for_again_where_the_path_has_gone_to():
     assert stretch_factor(found, LIMITS) <= 1.0 + 1e-6
 
 
-def test_where_little_is_gained_on_stops_another_search_is_made():
+def test_a_path_that_is_hardly_faster_than_one_with_stops_is_searched_for_again():
     """Nelder-Mead over the durations found 10.291 s, from two starts; one search alone ends at 10.335 s."""
     points = np.array([[0.0, 0.0], [-0.04, -0.01], [0.71, 0.18], [0.74, 0.04], [-2.88, 3.49], [-2.85, 3.46]])
     assert 0.95 * rest_to_rest_durations(points, LIMITS).sum() < 1.001 * 10.291
@@ -118,14 +118,14 @@ def test_where_little_is_gained_on_stops_another_search_is_made():
 
 
 @pytest.mark.parametrize("points", [ALONG, THERE_AND_BACK])
-def test_the_shortest_attains_a_limit_and_is_shorter_than_the_heuristic(points):
+def test_the_shortest_path_attains_a_limit_and_is_faster_than_the_heuristic(points):
     best = shortest_path(problem(points))
     assert best.duration < 0.999 * heuristic_path(problem(points)).duration
     assert stretch_factor(best, LIMITS) == pytest.approx(1.0, rel=1e-6)
 
 
-def test_a_given_velocity_is_passed_in_the_first_total_that_will_do():
-    """Of 0.7, 0.85, 1, 1.25, 1.6 and 2.5 times that of stopping everywhere, at the times of least snap."""
+def test_a_given_velocity_is_passed_in_the_first_feasible_total_time():
+    """The totals are 0.7, 0.85, 1, 1.25, 1.6 and 2.5 times that with stops everywhere, with the times of least snap."""
     for step, velocity, factor in (
         (4, 1.8, 0.7),
         (4, 0.8, 0.85),
@@ -143,7 +143,7 @@ def test_a_given_velocity_is_passed_in_the_first_total_that_will_do():
 
 
 @pytest.mark.slow
-def test_no_times_on_a_grid_pass_a_given_velocity_sooner():
+def test_no_times_on_a_grid_are_better_for_a_given_velocity():
     asked = problem(np.array([[0.0, 0.0], [4.0, 0.0], [8.0, 1.0]]), [1.5, 0.0])
     found = path_through_given_motion(asked, shorten=True)
     assert found.duration < 0.97 * path_through_given_motion(asked, shorten=False).duration
@@ -157,20 +157,20 @@ def test_no_times_on_a_grid_pass_a_given_velocity_sooner():
     assert found.duration <= 1.01 * min(totals)
 
 
-def test_a_given_velocity_that_no_time_keeps_is_explained():
+def test_a_given_velocity_that_is_infeasible_at_any_time_is_reported():
     """From 1.9 m/s, a metre is too short to brake at 1 m/s²."""
     asked = problem(np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]), [1.9, 0.0])
     with pytest.raises(
         InputError,
-        match=r"^no times were found; if it stopped everywhere, the acceleration limit of 1 m/s² cannot be kept on "
-        r"segment \d: at these times at least 2.15 m/s² is needed; flown 2.75 times slower it is feasible$",
+        match=r"^no times were found; for a flight that stops everywhere, the acceleration limit of 1 m/s² cannot be "
+        r"kept on segment \d: at these times at least 2.15 m/s² is needed; flown 2.75 times slower it is feasible$",
     ):
         path_through_given_motion(asked, shorten=False)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("longer", [1.0, 1.02, 1.05, 1.1])
-def test_least_snap_within_limits_is_the_first_on_the_way_to_the_shortest(longer):
+def test_least_snap_within_limits_is_the_first_feasible_path_towards_the_shortest(longer):
     asked = problem(ALONG)
     shortest = shortest_path(asked)
     total = longer * shortest.duration
@@ -189,11 +189,11 @@ def test_least_snap_within_limits_is_the_first_on_the_way_to_the_shortest(longer
     nearest = int(np.argmin(distances))
     assert distances[nearest] <= 1e-6 * total
     path_within(asked, between(shares[nearest]))
-    with pytest.raises(NO_PATH):
+    with pytest.raises(PLANNING_ERRORS):
         path_within(asked, between(shares[nearest - 1]))
 
 
-def test_least_snap_needs_no_limits_and_finds_the_same_from_any_units():
+def test_least_snap_needs_no_limits_and_does_not_depend_on_units():
     free = least_snap_path(problem(ALONG, limits=PathLimits()), 9.0)
     limited = least_snap_path(problem(ALONG, limits=PathLimits(speed=50.0)), 9.0)
     np.testing.assert_allclose(free.durations, limited.durations, rtol=1e-3)
@@ -201,58 +201,60 @@ def test_least_snap_needs_no_limits_and_finds_the_same_from_any_units():
 
 
 @pytest.mark.slow
-def test_why_there_is_no_path_of_least_snap_is_explained():
+def test_the_reason_for_a_missing_path_of_least_snap_is_reported():
     points = np.array([[0.0, 0.0], [4.0, 0.0], [7.0, 0.0]])
     with pytest.raises(InputError) as error:
         least_snap_path(problem(points, [1.5, 0.0]), 6.0)
     smoothest = least_snap_path(problem(points, [1.5, 0.0], limits=PathLimits()), 6.0)
-    assert str(error.value) == explain(problem(points, [1.5, 0.0]), smoothest.durations)
+    assert str(error.value) == explain_infeasibility(problem(points, [1.5, 0.0]), smoothest.durations)
     halls = [Box([0.0, -1.0], [4.0, 1.0]), Box([4.0, -1.0], [8.0, 1.0])]
     with pytest.raises(
-        InputError, match=r"^the corridor of segment \d cannot be kept at these times with what is given"
+        InputError, match=r"^the corridor of segment \d cannot be kept at these times with the derivatives given"
     ):
         least_snap_path(problem(points, [-1.5, 0.0], corridors=halls), 12.0)
 
 
-def test_a_total_that_is_too_long_for_a_given_velocity_in_corridors_is_explained():
+def test_a_total_that_is_too_long_for_a_given_velocity_in_corridors_is_reported():
     points = np.array([[0.0, 0.0], [4.0, 0.0], [7.0, 0.0]])
     halls = [Box([0.0, -1.0], [4.0, 1.0]), Box([4.0, -1.0], [7.0, 1.0])]
     asked = problem(points, [1.5, 0.0], corridors=halls)
     least_snap_path(asked.without_limits(), 8.0)
     with pytest.raises(
-        InputError, match=r"^the corridor of segment \d cannot be kept at these times with what is given"
+        InputError, match=r"^the corridor of segment \d cannot be kept at these times with the derivatives given"
     ):
         least_snap_path(asked, 60.0)
 
 
-def test_a_velocity_out_of_its_corridor_is_explained_where_times_are_chosen():
+def test_a_velocity_out_of_its_corridor_is_reported_if_times_are_chosen():
     points = np.array([[0.0, 0.0], [4.0, 0.0], [7.0, 0.0]])
     halls = [Box([0.0, -1.0], [4.0, 1.0]), Box([4.0, -1.0], [7.0, 1.0])]
     for shorten in (False, True):
-        with pytest.raises(InputError, match="^no times were found; if it stopped everywhere, the corridor of segment"):
+        with pytest.raises(
+            InputError, match="^no times were found; for a flight that stops everywhere, the corridor of segment"
+        ):
             path_through_given_motion(problem(points, [-1.5, 0.0], corridors=halls), shorten=shorten)
 
 
-def test_changes_go_on_while_they_gain_and_reach_less_far_when_they_do_not():
-    """Steps down from 1; what costs least is 0.5."""
+def test_changes_continue_while_the_cost_falls_and_the_reach_shrinks_otherwise():
+    """Each change is a step down from 1, and the cost is least at 0.5."""
     reaches = []
 
     def change(x, reach):
         reaches.append(reach)
         return x - reach
 
-    assert improved(1.0, change, lambda x: 1.0 + abs(x - 0.5)) == pytest.approx(0.4)
+    assert improve_repeatedly(1.0, change, lambda x: 1.0 + abs(x - 0.5)) == pytest.approx(0.4)
     np.testing.assert_allclose(reaches, [0.3, 0.3, 0.3, 0.1, 0.1 / 3.0, 0.1 / 9.0])
 
 
-def test_changes_end_where_they_gain_next_to_nothing_or_there_is_no_path():
-    assert improved(1.0, lambda x, reach: 0.9995 * x, float) == 0.9995
-    assert improved(1.0, lambda x, reach: 1.0005 * x, float) == 1.0
+def test_changes_end_if_the_gain_is_negligible_or_there_is_no_path():
+    assert improve_repeatedly(1.0, lambda x, reach: 0.9995 * x, float) == 0.9995
+    assert improve_repeatedly(1.0, lambda x, reach: 1.0005 * x, float) == 1.0
 
     def change(x, reach):
         if x < 0.5:
             raise InfeasibleError
         return 0.6 * x
 
-    assert improved(1.0, change, float) == 0.36
-    assert improved(0.4, change, float) == 0.4
+    assert improve_repeatedly(1.0, change, float) == 0.36
+    assert improve_repeatedly(0.4, change, float) == 0.4

@@ -37,7 +37,7 @@ def test_the_table_has_position_to_snap_and_the_yaw_to_nine_digits(tmp_path):
     assert max(map(len, digits)) == 9
 
 
-def test_both_files_are_whole_lines(tmp_path):
+def test_both_files_end_with_a_line_break(tmp_path):
     table, route, pieces = save_plan(PLAN, tmp_path, name="there")
     assert (table.name, route.name, pieces.name) == ("trajectory.csv", "trajectory.yaml", "pieces.csv")
     for file in (table, route, pieces):

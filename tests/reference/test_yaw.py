@@ -12,10 +12,10 @@ from drake_quad.reference.yaw import constant_yaw, yaw_along, yaw_through
 
 
 def acceleration_cost(profile):
-    """∫ ψ̈² dt by quadrature that is exact for cubics."""
+    """Return ∫ ψ̈² dt by a quadrature that is exact for cubics."""
     times = np.concatenate([np.linspace(a, b, 3) for a, b in zip(profile.times[:-1], profile.times[1:], strict=True)])
     values = evaluate(profile, np.clip(times, None, profile.times[-1]), 2)[0].reshape(-1, 3)
-    # At an inner knot the acceleration is continuous, so which side is meant does not matter.
+    # The acceleration is continuous at inner knots, so either side can be used.
     return float(np.sum(profile.durations * (values**2 @ [1.0, 4.0, 1.0]) / 6.0))
 
 
@@ -23,14 +23,14 @@ def rates_at_ends(profile):
     return evaluate(profile, profile.times[[0, -1]], 1)[0]
 
 
-def test_constant():
+def test_a_constant_yaw_has_the_given_value_and_times():
     profile = constant_yaw(1.0, 4.0, 0.3)
     np.testing.assert_array_equal(evaluate(profile, [1.0, 2.0, 4.0])[0], 0.3)
     np.testing.assert_array_equal(evaluate(profile, [1.0, 2.0, 4.0], 1)[0], 0.0)
 
 
-def test_a_single_turn_is_the_known_cubic():
-    """From rest to rest the least acceleration is 3s² - 2s³, at a cost of 12 Δψ² / T³."""
+def test_a_rotation_between_two_yaws_is_the_known_cubic():
+    """From rest to rest, 3s² - 2s³ has the least acceleration, with a cost of 12 Δψ² / T³."""
     profile = yaw_through([0.0, 2.0], [0.0, 1.0])
     s = np.linspace(0.0, 1.0, 9)
     np.testing.assert_allclose(evaluate(profile, 2.0 * s)[0], 3.0 * s**2 - 2.0 * s**3, atol=1e-14)
@@ -39,7 +39,7 @@ def test_a_single_turn_is_the_known_cubic():
 
 @given(st.lists(st.floats(-3.0, 3.0), min_size=3, max_size=8), st.integers(0, 2**32 - 1))
 @settings(max_examples=40, deadline=None)
-def test_it_passes_the_yaws_by_the_shorter_turn_and_no_other_way_accelerates_less(yaws, seed):
+def test_the_profile_takes_the_shorter_rotation_with_the_least_acceleration(yaws, seed):
     rng = np.random.default_rng(seed)
     times = np.cumsum(rng.uniform(0.5, 2.0, len(yaws)))
     profile = yaw_through(times, yaws)
@@ -53,30 +53,30 @@ def test_it_passes_the_yaws_by_the_shorter_turn_and_no_other_way_accelerates_les
     assert acceleration_cost(yaw_through(finer, detour)) >= acceleration_cost(profile) * (1.0 - 1e-9)
 
 
-def test_where_none_is_given_it_is_free_and_stays_at_the_ends():
+def test_without_a_given_yaw_the_profile_is_free_and_constant_at_the_ends():
     profile = yaw_through([0.0, 1.0, 2.0, 3.0, 4.0], [math.nan, 0.5, math.nan, 1.5, math.nan])
     np.testing.assert_allclose(evaluate(profile, [0.0, 0.7, 1.0, 3.0, 3.5, 4.0])[0], [0.5] * 3 + [1.5] * 3)
     assert evaluate(profile, [2.0])[0, 0] == pytest.approx(1.0)
 
 
-def test_a_single_yaw_is_kept_all_the_time():
+def test_a_single_given_yaw_is_kept_throughout():
     for yaws in ([0.4, math.nan, math.nan], [math.nan, 0.4, math.nan], [math.nan, math.nan, 0.4]):
         profile = yaw_through([1.0, 2.0, 4.0], yaws)
         np.testing.assert_array_equal(profile.times[[0, -1]], [1.0, 4.0])
         np.testing.assert_array_equal(evaluate(profile, np.linspace(1.0, 4.0, 7))[0], 0.4)
 
 
-def test_wrong_yaws_are_explained():
-    with pytest.raises(InputError, match="needs a yaw at one"):
+def test_invalid_yaws_are_rejected_with_the_reason():
+    with pytest.raises(InputError, match="no waypoint has a yaw"):
         yaw_through([0.0, 1.0], [math.nan, math.nan])
-    with pytest.raises(InputError, match="waypoints 1 and 2 are passed at once, but have different yaws"):
+    with pytest.raises(InputError, match="waypoints 1 and 2 are passed at the same time, but have different yaws"):
         yaw_through([0.0, 1.0, 1.0], [0.0, 1.0, 2.0])
-    with pytest.raises(InputError, match="needs times that differ"):
+    with pytest.raises(InputError, match="all waypoint times are equal"):
         yaw_through([1.0, 1.0], [0.0, 0.0])
     np.testing.assert_allclose(yaw_through([0.0, 1.0, 1.0], [0.0, 1.0, 1.0 + math.tau]).times, [0.0, 1.0])
 
 
-def test_along_a_circle_it_turns_with_the_path_through_more_than_a_turn():
+def test_the_yaw_follows_a_circle_through_more_than_a_turn():
     angle = np.linspace(0.0, 3.0 * math.tau, 37)
     waypoints = np.column_stack([np.cos(angle), np.sin(angle), np.ones_like(angle)])
     path = minimum_snap(waypoints, np.linspace(0.0, 40.0, 37))
@@ -92,8 +92,8 @@ def test_along_a_circle_it_turns_with_the_path_through_more_than_a_turn():
 
 
 @pytest.mark.parametrize(("middle", "half"), [(2.0, 0.5), (5.0, 0.8), (8.0, 0.6), (4.0, 2.0), (6.5, 0.4)])
-def test_along_a_path_no_detour_costs_less(middle, half):
-    """Of ∫ ψ̈² + (ψ - direction)² (v / v_max)² / response⁴ dt, by quadrature, the derivative along a detour is zero."""
+def test_the_yaw_along_a_path_minimises_its_cost(middle, half):
+    """The derivative of ∫ ψ̈² + (ψ - direction)² (v / v_max)² / response⁴ dt along a detour is zero, by quadrature."""
     response = 0.5
     path = minimum_snap(
         [[0.0, 0.0, 1.0], [2.0, 0.5, 1.3], [2.5, 2.5, 1.0], [0.5, 3.0, 0.7], [0.0, 1.0, 1.0]],
@@ -112,7 +112,7 @@ def test_along_a_path_no_detour_costs_less(middle, half):
     assert abs(costs.sum()) < 5e-3 * np.abs(costs).sum()
 
 
-def test_at_a_stop_where_it_turns_back_it_turns_smoothly():
+def test_the_yaw_is_smooth_at_a_stop_where_the_path_turns_back():
     there = minimum_snap([[0.0, 0.0, 1.0], [3.0, 0.2, 1.0], [0.0, 0.0, 1.0]], [0.0, 5.0, 10.0])
     profile = yaw_along(there)
     times = np.linspace(0.0, 10.0, 2001)
@@ -120,16 +120,16 @@ def test_at_a_stop_where_it_turns_back_it_turns_smoothly():
     assert abs(yaw[-1] - yaw[0]) == pytest.approx(math.pi, abs=0.3)
     assert np.abs(np.diff(yaw)).max() < 0.03
     assert np.abs(rate).max() < 4.0
-    # The acceleration has no impulse either: it is finite, and continuous but at the ends.
+    # The acceleration is finite, and continuous except at the ends.
     assert np.abs(np.diff(evaluate(profile, times, 2)[0])).max() < 1.0
 
 
-def test_straight_up_it_keeps_its_yaw():
+def test_a_vertical_path_keeps_the_yaw():
     path = minimum_snap([[0.0, 0.0, 0.0], [0.0, 0.0, 2.0]], [0.0, 4.0])
     np.testing.assert_array_equal(evaluate(yaw_along(path), [0.0, 1.0, 4.0])[0], 0.0)
 
 
-def test_what_a_climb_drifts_sideways_is_no_direction():
+def test_the_sideways_drift_of_a_climb_is_ignored():
     path = minimum_snap([[0.0, 0.0, 0.0], [1e-4, -2e-4, 2.0], [2e-4, 1e-4, 4.0]], [0.0, 4.0, 8.0])
     profile = yaw_along(path)
     assert np.abs(evaluate(profile, np.linspace(0.0, 8.0, 200))).max() == 0.0
@@ -137,7 +137,7 @@ def test_what_a_climb_drifts_sideways_is_no_direction():
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1e3])
-def test_a_path_of_another_size_is_looked_along_alike(scale):
+def test_the_size_of_a_path_does_not_change_the_yaw(scale):
     waypoints, times = np.array([[0.0, 0.0, 0.0], [0.1, 0.3, 2.0], [0.5, 0.4, 1.0]]), [1.0, 3.0, 6.0]
     wanted, found = (yaw_along(minimum_snap(size * waypoints, times)) for size in (1.0, scale))
     np.testing.assert_allclose(found.times, wanted.times)
@@ -145,8 +145,8 @@ def test_a_path_of_another_size_is_looked_along_alike(scale):
     assert np.ptp(evaluate(wanted, wanted.times)[0]) > 0.3
 
 
-def test_slow_flight_beside_a_climb_counts_for_little():
-    """What a tenth of the top speed is sideways has full weight, half of that a quarter of it."""
+def test_slow_horizontal_flight_next_to_a_climb_has_little_weight():
+    """A tenth of the top speed sideways has the full weight, and half of that a quarter of it."""
     costs = {}
     for share in (0.1, 0.05):
         waypoints = [[0.0, 0.0, 0.0], [10.0 * share, 0.0, 5.0], [10.0 * share, 10.0 * share, 10.0]]
@@ -155,7 +155,7 @@ def test_slow_flight_beside_a_climb_counts_for_little():
     assert costs[0.05] < 0.9 * costs[0.1]
 
 
-def test_after_a_climb_it_already_looks_where_it_will_go():
+def test_at_the_end_of_a_climb_the_yaw_points_in_the_following_direction():
     waypoints = [[0.0, 0.0, 0.0], [0.0, 0.0, 2.0], [0.0, 3.0, 2.0]]
     derivatives = np.full((3, 3, 3), np.nan)
     derivatives[:] = 0.0

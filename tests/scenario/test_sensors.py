@@ -242,7 +242,9 @@ def test_a_kind_without_answers_or_with_the_name_of_a_signal_is_refused(altimete
 
 def test_a_sensor_of_what_is_not_there_is_refused(altimeter, monkeypatch):
     monkeypatch.setattr(altimeter, "law", SensorLaw(Charge, lambda numbers, noise, charge: charge, ("charge",)))
-    with pytest.raises(InputError, match="the sensor altimeter reads `charge`, but this laboratory has `state`, "):
+    with pytest.raises(
+        InputError, match="the sensor altimeter reads `charge`, but the signals of this laboratory are `state`, "
+    ):
         simulate(hover({"kind": "altimeter"}))
 
 

@@ -8,7 +8,7 @@ from drake_quad import InputError, load_scenario
 from drake_quad.errors import InputWarning
 from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.paths import distributions_in, value_at
-from drake_quad.space.shapes import placed
+from drake_quad.space.shapes import transformed_points
 
 ROOM = """
 room:
@@ -214,7 +214,10 @@ def test_a_mesh_of_many_corners_is_replaced_by_a_hull_around_it(folder):
         rock = load_scenario(folder / "rooms.yaml:room").space.obstacles["rock"]
     assert len(rock.points) == 100
     solid = rock.shape()
-    assert solid.distances(placed(PRISM, centre=rock.centre, rotation=rock.rotation, scale=rock.scale)).max() <= 0.0
+    assert (
+        solid.distances(transformed_points(PRISM, centre=rock.centre, rotation=rock.rotation, scale=rock.scale)).max()
+        <= 0.0
+    )
     again = {"kind": "hull", "points": rock.points, "centre": (3.0, 3.0, 0.0), "scale": 0.5, "rotation": rock.rotation}
     assert load_scenario("figure_eight", {"space.obstacles.rock": again}).space.obstacles["rock"] == rock
     with pytest.warns(InputWarning, match=r"^obstacle of kind hull: its convex hull with 200 corners is replaced"):

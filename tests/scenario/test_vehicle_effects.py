@@ -23,7 +23,7 @@ from drake_quad.scenario.schema import file_schema, language_page
 from drake_quad.signals import RotorSpeed, State, Wrench
 from drake_quad.vehicle.aerodynamics import Flow
 from drake_quad.vehicle.dynamics import hover_rotor_speeds, rotor_action
-from drake_quad.vehicle.effects import Effects, as_in_hover
+from drake_quad.vehicle.effects import Effects, hover_equivalent
 from drake_quad.vehicle.faults import RotorFaults
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Place, Quadrotor, QuadrotorNumbers
@@ -97,7 +97,7 @@ def built(name, effect, speed=0.0, time_step=0.01):
     structure = {"effects": effects.names, "faulty": name == "rotor_failure", "time_step": time_step}
     vehicle = Quadrotor(**structure, numbers=QuadrotorNumbers(PAPER, faults, place, effects))
     context = vehicle.CreateDefaultContext()
-    speeds = hover_rotor_speeds(as_in_hover(PAPER, effects, HEIGHT))
+    speeds = hover_rotor_speeds(hover_equivalent(PAPER, effects, HEIGHT))
     vehicle.GetInputPort("rotor_speed_command").FixValue(context, np.array(speeds))
     if speed:
         state = context.get_discrete_state(0).CopyToVector()

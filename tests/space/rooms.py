@@ -1,6 +1,6 @@
-"""Random rooms, and a search for ways through them that shares nothing with the one under test.
+"""Random rooms, and a search for routes through them that is independent of the tested one.
 
-Distances are computed here by clipping in the solids' own frames; hulls are those of a box's corners.
+Distances are computed by clipping in the solids' own frames. The hulls are those of a box's corners.
 """
 
 from typing import NamedTuple
@@ -24,7 +24,10 @@ class Room(NamedTuple):
 
 
 def random_room(seed):
-    """Some 3 m wide, five to twenty obstacles, a clearance of 0.15 to 0.3 m; every fourth room has a wall across."""
+    """Return a room of about 3 m with five to twenty obstacles and a clearance of 0.15 to 0.3 m.
+
+    Every fourth room has a wall across it.
+    """
     random = np.random.default_rng([27, seed])
     size = np.array([*random.uniform(2.6, 3.4, 2), random.uniform(1.2, 1.6)])
     obstacles = []
@@ -49,14 +52,14 @@ def random_room(seed):
     bounds = Box(np.full(3, clearance), size - clearance)
     while True:
         places = bounds.low + random.uniform(0.0, 1.0, (2, 3)) * (bounds.high - bounds.low)
-        # On two sides of where the wall is, or would be.
+        # The end points are on different sides of the wall, or of its position.
         apart = places[0, 0] < 0.3 * size[0] and places[1, 0] > 0.7 * size[0]
         if apart and least_distances(space, places).min() > clearance + 0.02:
             return Room(space, bounds, places)
 
 
 def least_distances(space, points):
-    """(n,) to the nearest solid from outside, m; zero or less inside."""
+    """Return the (n,) distances to the nearest solid, m; zero or negative inside."""
     return np.min([_distances(obstacle.shape, points) for obstacle in space.obstacles], axis=0)
 
 
@@ -72,7 +75,7 @@ def _distances(shape, points):
             own = _own(shape.centre, shape.rotation, points)
             half = 0.5 * np.array(shape.size)
             return np.linalg.norm(own - np.clip(own, -half, half), axis=1)
-    # Three edges of a box's corner are its axes.
+    # The three edges at a corner of a box are its axes.
     corners = np.array(shape.corners)
     lengths = np.linalg.norm(corners - corners[0], axis=1)
     edges = _edges(corners, lengths)
@@ -82,7 +85,7 @@ def _distances(shape, points):
 
 
 def _edges(corners, lengths):
-    """(3, 3) from a box's first corner to its neighbours: those three that are at right angles."""
+    """Return the edges (3, 3) from a box's first corner to its three neighbours, which are at right angles."""
     order = np.argsort(lengths)[1:]
     for i in order:
         for j in order:
@@ -99,7 +102,7 @@ def _own(centre, rotation, points):
 
 
 class Search:
-    """Ways through a room over points 5 cm apart, or another spacing (m)."""
+    """Search for routes through a room over points with a spacing of 5 cm by default."""
 
     def __init__(self, room, spacing=SPACING):
         self.spacing = spacing
@@ -112,7 +115,7 @@ class Search:
         self.clearance, self.room = room.space.clearance, room
 
     def _edges(self, is_open):
-        """Rows and columns of points that are neighbours, on axes and diagonals."""
+        """Yield the row and column indices of neighbouring points, along axes and diagonals."""
         numbers = np.arange(len(self.points)).reshape(self.shape)
         for step in np.ndindex(3, 3, 3):
             if step > (1, 1, 1):
@@ -129,13 +132,13 @@ class Search:
                 yield one[fits], other[fits]
 
     def _surely_free(self, one, other):
-        """Balls around both ends of a step, as large as their distance to what is solid, cover it at the clearance."""
+        """Return True for steps that are covered by free balls around both of their ends."""
         length = np.linalg.norm(self.points[one] - self.points[other], axis=1)
         free = np.minimum(self.distances[one], self.distances[other]) >= self.clearance
         return free & (self.distances[one] + self.distances[other] - length >= 2.0 * self.clearance)
 
     def shortest(self):
-        """(n, 3) the shortest way all of which is free, m, or None if there is none."""
+        """Return the shortest free route (n, 3), m, or None if there is none."""
         pairs = [
             (one, other, np.linalg.norm(self.points[one] - self.points[other], axis=1))
             for one, other in self._edges(self._surely_free)
@@ -157,7 +160,7 @@ class Search:
         return np.array(way[::-1])
 
     def _next_to(self, place):
-        """Numbers of the points to which a straight line from a place is surely free."""
+        """Return the indices of the points to which a straight line from a position is surely free."""
         away = np.linalg.norm(self.points - place, axis=1)
         (distance,) = least_distances(self.room.space, place[None])
         return np.flatnonzero(
@@ -167,14 +170,14 @@ class Search:
         )
 
     def is_surely_blocked(self):
-        """Whether not even points that are nearer to solids by half a cell's diagonal lead from place to place."""
+        """Return True if not even points with half a cell's diagonal less clearance connect the end points."""
         reach = 0.5 * np.sqrt(3.0) * self.spacing
         near = self.distances >= self.clearance - reach
         pairs = list(self._edges(lambda one, other: near[one] & near[other]))
         rows, columns = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
         size = len(self.points)
         rooms = connected_components(coo_matrix((np.ones(len(rows)), (rows, columns)), (size, size)), directed=False)[1]
-        # A grid that begins at one bound may end a step before the other.
+        # A grid that begins at one bound can end up to a step before the other.
         begin, end = (
             set(rooms[near & (np.linalg.norm(self.points - place, axis=1) <= 2.0 * self.spacing)].tolist())
             for place in self.room.places

@@ -1,4 +1,4 @@
-"""Planning around obstacles: the possible ways, their corridors, and the choice between them."""
+"""Planning around obstacles: the possible routes, their corridors, and the choice between them."""
 
 import math
 
@@ -14,7 +14,14 @@ from drake_quad.reference.planner import GivenTimes, Heuristic, LeastSnap, Short
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.reference.regions import Box, Polytope, Sphere
 from drake_quad.space import around
-from drake_quad.space.around import WayAround, check_places, plan_around, straight_on, with_corridors, within
+from drake_quad.space.around import (
+    RouteAround,
+    check_waypoint_clearance,
+    direct_route,
+    plan_around,
+    with_bounds,
+    with_corridors,
+)
 from drake_quad.space.grid import is_near
 from drake_quad.space.regions import Regions
 from drake_quad.space.shapes import Ball, Cuboid
@@ -34,35 +41,35 @@ def test_bounds_hold_in_every_corridor_and_change_nothing_else():
     corridor = Box([-1.0, 0.5, 0.0], [5.0, 1.5, 3.0])
     derivatives = np.zeros((3, 3, 3))
     problem = PathProblem([BEGIN, END, BEGIN], derivatives=derivatives, corridors=[None, corridor], limits=LIMITS)
-    found = within(problem, BOUNDS)
+    found = with_bounds(problem, BOUNDS)
     assert found.corridors[0].equals(BOUNDS)
     assert found.corridors[1].equals(Box([0.0, 0.5, 0.0], [4.0, 1.5, 2.0]))
-    assert found.places == problem.places
+    assert found.waypoints == problem.waypoints
     assert found.limits == LIMITS
     np.testing.assert_array_equal(found.derivatives, derivatives)
-    assert within(problem, None) is problem
-    assert straight_on(problem).waypoints.tolist() == [0, 1, 2]
+    assert with_bounds(problem, None) is problem
+    assert direct_route(problem).waypoints.tolist() == [0, 1, 2]
 
 
-def test_corridors_and_waypoints_outside_the_bounds_are_refused():
+def test_corridors_and_waypoints_outside_the_bounds_are_rejected():
     outside = Box([0.0, 2.5, 0.0], [4.0, 3.0, 2.0])
     beside = Box.point([3.5, 2.6, 1.0])
     with pytest.raises(InputError, match="corridor of segment 1 lies outside the bounds of the space, the box from"):
-        within(PathProblem([BEGIN, Box([0, 0, 0], [4, 3, 2]), beside], corridors=[None, outside]), BOUNDS)
+        with_bounds(PathProblem([BEGIN, Box([0, 0, 0], [4, 3, 2]), beside], corridors=[None, outside]), BOUNDS)
     with pytest.raises(InputError, match=r"waypoint 1, \(3.5, 2.6, 1\) m, lies outside the bounds of the space"):
-        within(PathProblem([BEGIN, beside]), BOUNDS)
+        with_bounds(PathProblem([BEGIN, beside]), BOUNDS)
 
 
 def test_a_waypoint_must_keep_the_clearance():
     space = space_of(Ball((3.5, 1.0, 1.5), radius=0.3), Ball((0.0, 0.0, 9.0)), radius=0.19)
-    check_places(space, PathProblem([BEGIN, END]))
-    # A place that is not a point is passed where it is free.
-    check_places(space, PathProblem([BEGIN, Box([3.4, 1.0, 1.3], [3.6, 1.0, 1.7])]))
+    check_waypoint_clearance(space, PathProblem([BEGIN, END]))
+    # A waypoint that is not a point is passed where it is free.
+    check_waypoint_clearance(space, PathProblem([BEGIN, Box([3.4, 1.0, 1.3], [3.6, 1.0, 1.7])]))
     near = space_of(Ball((0.0, 0.0, 9.0)), Ball((3.5, 1.0, 1.5), radius=0.3), radius=0.21)
     with pytest.raises(
         InputError, match=r"waypoint 1, \(3.5, 1, 1\) m, is 0.2 m from solid_1, but the clearance is 0.21 m"
     ):
-        check_places(near, PathProblem([BEGIN, END]))
+        check_waypoint_clearance(near, PathProblem([BEGIN, END]))
 
 
 def test_a_passage_becomes_corridors_and_the_given_waypoints_keep_their_derivatives():
@@ -74,7 +81,7 @@ def test_a_passage_becomes_corridors_and_the_given_waypoints_keep_their_derivati
     problem = PathProblem([first, middle, last], derivatives=derivatives, corridors=[None, corridor], limits=LIMITS)
     way = with_corridors(problem, regions, ((0, 1), (1, 2)))
     assert way.waypoints.tolist() == [0, 2, 4]
-    assert [way.problem.places[i] for i in way.waypoints] == [first, middle, last]
+    assert [way.problem.waypoints[i] for i in way.waypoints] == [first, middle, last]
     np.testing.assert_array_equal(way.problem.derivatives[way.waypoints], derivatives)
     assert np.isnan(way.problem.derivatives[[1, 3]]).all()
     assert way.problem.limits == LIMITS
@@ -82,20 +89,20 @@ def test_a_passage_becomes_corridors_and_the_given_waypoints_keep_their_derivati
     boxes = ([0, 0, 0], [2, 1, 1]), ([1.5, 0, 0], [4, 1, 1]), ([2.5, 0, 0], [4, 1, 0.8]), ([3, 0, 0], [4, 3, 0.8])
     handovers = ([1.5, 0, 0], [2, 1, 1]), ([3, 0, 0], [4, 1, 0.8])
     for found, (low, high) in zip(
-        (*way.problem.corridors, *way.problem.places[1::2]), (*boxes, *handovers), strict=True
+        (*way.problem.corridors, *way.problem.waypoints[1::2]), (*boxes, *handovers), strict=True
     ):
         axes = np.eye(3)
-        np.testing.assert_allclose([-found.reach(-axis) for axis in axes], low, atol=1e-9)
-        np.testing.assert_allclose([found.reach(axis) for axis in axes], high, atol=1e-9)
+        np.testing.assert_allclose([-found.support(-axis) for axis in axes], low, atol=1e-9)
+        np.testing.assert_allclose([found.support(axis) for axis in axes], high, atol=1e-9)
 
 
 def detour(*corners):
-    """Return a way through some points between the first and the last waypoint."""
+    """Return a route through some points between the first and the last waypoint."""
     places = [BEGIN, *map(Box.point, corners), END]
-    return WayAround(PathProblem(places, limits=LIMITS), np.array([0, len(places) - 1]))
+    return RouteAround(PathProblem(places, limits=LIMITS), np.array([0, len(places) - 1]))
 
 
-# The straight way takes the shortest time and the least snap. The other ways lead 0.4 m to 1 m to the side.
+# The straight route has the shortest time and the least snap. The others lead 0.4 m to 1 m to the side.
 DETOURS = [detour([2.0, 1.0 + aside, 1.0]) for aside in (0.5, 1.0, 0.4, 0.6, 0.9)] + [detour()]
 TIMINGS = {
     "heuristic": (Heuristic(), LIMITS),
@@ -108,39 +115,39 @@ TIMINGS = {
 
 
 @pytest.mark.parametrize(("timing", "limits"), TIMINGS.values(), ids=TIMINGS)
-def test_the_best_of_all_ways_is_taken(monkeypatch, timing, limits):
-    ways = [WayAround(PathProblem(way.problem.places, limits=limits), way.waypoints) for way in DETOURS]
-    monkeypatch.setattr(around, "_ways_around", lambda *_: ways)
+def test_the_best_of_all_routes_is_selected(monkeypatch, timing, limits):
+    ways = [RouteAround(PathProblem(way.problem.waypoints, limits=limits), way.waypoints) for way in DETOURS]
+    monkeypatch.setattr(around, "_routes_around", lambda *_: ways)
     path, way = plan_around(space_of(), BOUNDS, PathProblem([BEGIN, END], limits=limits), timing)
     assert way is ways[-1]
     assert path.duration == plan_path(way.problem, timing).duration
-    # Without the best way, the next one is taken, whatever its position in the list.
+    # Without the best route, the next one is selected, whatever its position in the list.
     for order in ([3, 1, 2, 4, 0], [2, 0, 1, 4], [1, 4, 2], [0, 2]):
         some = [ways[i] for i in order]
-        monkeypatch.setattr(around, "_ways_around", lambda *_, some=some: some)
+        monkeypatch.setattr(around, "_routes_around", lambda *_, some=some: some)
         assert plan_around(space_of(), BOUNDS, PathProblem([BEGIN, END], limits=limits), timing)[1] is ways[2]
 
 
-def test_ways_that_cannot_be_planned_are_skipped(monkeypatch):
-    """Three metres in four seconds need more than 0.1 m/s²."""
+def test_routes_that_cannot_be_planned_are_skipped(monkeypatch):
+    """A flight of three metres in four seconds needs more than 0.1 m/s²."""
     straight, aside = DETOURS[-1], DETOURS[0]
-    slow = WayAround(PathProblem([BEGIN, END], limits=PathLimits(acceleration=0.1)), np.array([0, 1]))
-    monkeypatch.setattr(around, "_ways_around", lambda *_: [slow, aside, straight])
+    slow = RouteAround(PathProblem([BEGIN, END], limits=PathLimits(acceleration=0.1)), np.array([0, 1]))
+    monkeypatch.setattr(around, "_routes_around", lambda *_: [slow, aside, straight])
     assert plan_around(space_of(), BOUNDS, straight.problem, LeastSnap(4.0))[1] is straight
-    monkeypatch.setattr(around, "_ways_around", lambda *_: [slow])
+    monkeypatch.setattr(around, "_routes_around", lambda *_: [slow])
     with pytest.raises(InputError, match="acceleration"):
         plan_around(space_of(), BOUNDS, straight.problem, LeastSnap(4.0))
 
 
 def test_waypoints_between_given_times_are_timed_by_length():
-    """The times are those of a polyline at constant speed, each piece of which counts a millimetre more."""
+    """The times are those of a polyline at constant speed, with one millimetre added to each segment."""
     corners = [[0.5, 1.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.5, 1.0], [3.0, 1.5, 1.0], [3.5, 1.5, 1.0], [3.5, 1.0, 1.0]]
-    way = WayAround(PathProblem([Box.point(corner) for corner in corners]), np.array([0, 2, 5]))
-    found = around._timing_of(way, GivenTimes((1.0, 3.0, 6.0)))
+    way = RouteAround(PathProblem([Box.point(corner) for corner in corners]), np.array([0, 2, 5]))
+    found = around._timing_for(way, GivenTimes((1.0, 3.0, 6.0)))
     np.testing.assert_allclose(found.times, [1.0, 2.0, 3.0, 3.0 + 3.0 * 2.001 / 3.003, 6.0 - 3.0 * 0.501 / 3.003, 6.0])
     # Two waypoints at the same point are passed one after the other.
-    twice = WayAround(PathProblem([BEGIN, END, END]), np.array([0, 2]))
-    times = around._timing_of(twice, GivenTimes((0.0, 1.0))).times
+    twice = RouteAround(PathProblem([BEGIN, END, END]), np.array([0, 2]))
+    times = around._timing_for(twice, GivenTimes((0.0, 1.0))).times
     assert times[1] < times[2] == 1.0
 
 
@@ -154,7 +161,7 @@ GATES = {
 @pytest.mark.slow
 @pytest.mark.parametrize("gate", GATES.values(), ids=GATES)
 def test_a_gate_is_passed_where_it_is_free(gate):
-    """A wall closes all of the gate except 20 cm for the centre of mass, on the left."""
+    """A wall closes the gate except for 20 cm for the centre of mass, on the left."""
     space = space_of(Cuboid((2.0, 0.65, 1.0), size=(0.2, 1.4, 3.0)))
     problem = PathProblem([BEGIN, gate, END], limits=LIMITS)
     path, way = plan_around(space, BOUNDS, problem, Heuristic())
@@ -166,9 +173,11 @@ def test_a_gate_is_passed_where_it_is_free(gate):
 
 
 @pytest.mark.parametrize("gate", GATES.values(), ids=GATES)
-def test_a_gate_without_room_is_refused(gate):
+def test_a_gate_without_a_free_point_is_rejected(gate):
     wall = Cuboid((2.0, 1.0, 1.0), size=(0.3, 4.0, 3.0))
-    with pytest.raises(InputError, match=r"waypoint 1, .* leaves no room at 0.2 m .*: solid_1 is too near"):
+    with pytest.raises(
+        InputError, match=r"waypoint 1, .* has no point with a clearance of 0.2 m .*: solid_1 is too near"
+    ):
         plan_around(
             space_of(Ball((0.1, 0.1, 0.1), radius=0.01), wall), BOUNDS, PathProblem([BEGIN, gate, END]), Heuristic()
         )
@@ -176,7 +185,7 @@ def test_a_gate_without_room_is_refused(gate):
 
 @pytest.mark.slow
 def test_gates_that_a_wall_divides_are_passed_on_one_side_of_it():
-    """The shortest ways to and from the gate end on different sides of the wall, so the path goes round its end."""
+    """The shortest routes to and from the gate end on different sides of the wall, so the path goes around its end."""
     space = space_of(Cuboid((2.0, 0.9, 1.0), size=(0.1, 2.6, 4.0)), radius=0.1)
     bounds = Box([0.0, 0.0, 0.3], [4.0, 3.0, 1.7])
     gates = [Sphere(np.array([2.0, centre, 1.0]), 0.75) for centre in (1.0, 0.8)]
@@ -189,16 +198,16 @@ def test_gates_that_a_wall_divides_are_passed_on_one_side_of_it():
     assert points[:, 1].max() > 2.3
 
 
-def test_a_gate_with_next_to_no_room_is_refused_as_such():
-    """Two spheres leave 2 mm between them, and 21 points along 1 m are 5 cm apart."""
+def test_a_gate_with_almost_no_free_point_is_rejected_with_this_reason():
+    """Two spheres leave a gap of 2 mm, and 21 points along 1 m have a spacing of 5 cm."""
     gate = Box([2.0, 0.5, 1.0], [2.0, 1.5, 1.0])
     balls = [Ball((2.0, 1.025 + side * (0.201 + 2.0), 1.0), radius=2.0) for side in (-1.0, 1.0)]
-    with pytest.raises(InputError, match="leaves next to no room at 0.2 m"):
+    with pytest.raises(InputError, match="has almost no point with a clearance of 0.2 m"):
         plan_around(space_of(*balls), BOUNDS, PathProblem([BEGIN, gate, END]), Heuristic())
 
 
 class RecordingRegions(Regions):
-    """Regions that record every instance, every seed, and the seeds that a region held already."""
+    """Regions that record every instance, every seed, and the seeds that a region already contained."""
 
     made = []  # noqa: RUF012
 
@@ -208,15 +217,15 @@ class RecordingRegions(Regions):
         self.made.append(self)
 
     def grow(self, seed):
-        if self.holding(seed[None]).any():
+        if self.containing(seed[None]).any():
             self.again.append(seed)
         self.grown.append(seed)
         return super().grow(seed)
 
 
 @pytest.mark.slow
-def test_a_passage_is_chosen_among_regions_that_cover_the_free_space(monkeypatch):
-    """A waypoint is the seed of a region only if no region holds it yet."""
+def test_a_passage_is_selected_among_regions_that_cover_the_free_space(monkeypatch):
+    """A waypoint is the seed of a region only if no region contains it yet."""
     monkeypatch.setattr(around, "Regions", RecordingRegions)
     room = random_room(1)
     beside = room.places[1] + [-0.02, 0.0, 0.0]
@@ -226,13 +235,13 @@ def test_a_passage_is_chosen_among_regions_that_cover_the_free_space(monkeypatch
     low, high = room.bounds.low, room.bounds.high
     points = np.random.default_rng(0).uniform(low, high, (5000, 3))
     free = points[room.space.nearest(points)[0] >= room.space.clearance + 1e-3]
-    assert regions.holding(free).any(axis=0).mean() > 0.9
+    assert regions.containing(free).any(axis=0).mean() > 0.9
     np.testing.assert_array_equal(regions.grown[:2], room.places)
     assert not any((seed == place).all() for seed in regions.again for place in (*room.places, beside))
 
 
-def test_ways_of_a_leg_keep_to_its_corridor_and_those_of_other_legs_do_not(monkeypatch):
-    """The ways start from both ends of a leg. Without a corridor, the ways from a place serve both of its legs."""
+def test_routes_of_a_leg_stay_in_its_corridor_and_those_of_other_legs_do_not(monkeypatch):
+    """The routes start from both ends of a leg. Without a corridor, those from a waypoint serve both of its legs."""
     asked = []
 
     def lengths_from(grid, places, clearance, inside=None):
@@ -255,42 +264,42 @@ def test_ways_of_a_leg_keep_to_its_corridor_and_those_of_other_legs_do_not(monke
 
 
 def test_snap_grows_with_the_seventh_power_of_the_speed():
-    """This is why ways are compared by their snap at one duration."""
+    """Routes are therefore compared by their snap at the same duration."""
     path = plan_path(PathProblem([BEGIN, END], limits=LIMITS), Heuristic())
     slower = plan_path(PathProblem([BEGIN, END]), GivenTimes((0.0, 2.0 * path.duration)))
     assert math.isclose(snap_cost(path).sum(), 2.0**7 * snap_cost(slower).sum(), rel_tol=1e-6)
 
 
 def test_a_waypoint_keeps_the_slack_of_regions_beyond_the_clearance():
-    """Regions are 10 µm farther from obstacles than the clearance, and a waypoint must lie in one of them."""
+    """Regions are 10 µm farther from obstacles than the clearance, and a waypoint must be in one of them."""
     for beyond, fits in ((2e-5, True), (5e-6, False)):
         space = space_of(Ball((3.5, 1.0, 1.7 + beyond), radius=0.5))
         if fits:
-            check_places(space, PathProblem([BEGIN, END]))
+            check_waypoint_clearance(space, PathProblem([BEGIN, END]))
         else:
             with pytest.raises(InputError, match="waypoint 1"):
-                check_places(space, PathProblem([BEGIN, END]))
+                check_waypoint_clearance(space, PathProblem([BEGIN, END]))
 
 
-def test_points_of_a_place_are_a_grid_that_spans_it():
+def test_points_of_a_waypoint_region_are_a_grid_that_spans_it():
     """The diagonal is that of a cell: 21 points along each axis have 20 cells between them."""
     low, high = np.array([1.0, 0.5, 0.2]), np.array([2.0, 2.5, 0.6])
     box = Box(low, high)
     for place in (box, Polytope.from_box(box), Sphere(low, 0.3)):
-        points, diagonal = around._points_of(place)
+        points, diagonal = around._points_in(place)
         ends = (low - 0.3, low + 0.3) if isinstance(place, Sphere) else (low, high)
         np.testing.assert_allclose([points.min(axis=0), points.max(axis=0)], ends, atol=1e-9)
         assert len(np.unique(points.round(9), axis=0)) == len(points) == 21**3
         assert diagonal == pytest.approx(np.linalg.norm((ends[1] - ends[0]) / 20.0))
-    # A flat place has one layer, and a point is alone.
-    assert len(around._points_of(Box(low, [2.0, 2.5, 0.2]))[0]) == 21**2
-    points, diagonal = around._points_of(Box.point(low))
+    # A flat region has one layer of points, and a point has one point.
+    assert len(around._points_in(Box(low, [2.0, 2.5, 0.2]))[0]) == 21**2
+    points, diagonal = around._points_in(Box.point(low))
     assert points.tolist() == [low.tolist()]
     assert diagonal == 0.0
 
 
-def test_free_points_of_a_place_are_in_it_and_the_nearest_to_its_middle_comes_first():
-    """A ball fills one side of a sphere. What is left is at the clearance, in the sphere and in the bounds."""
+def test_free_points_of_a_waypoint_are_sorted_by_distance_from_its_middle():
+    """A ball fills one side of a sphere. The free points keep the clearance and are in the sphere and the bounds."""
     sphere = Sphere([3.5, 1.0, 1.0], 0.4)
     space = space_of(Ball((3.5, 1.0, 0.4), radius=0.3))
     bounds = Box([0.0, 0.0, 0.0], [4.0, 1.2, 2.0])
@@ -304,29 +313,29 @@ def test_free_points_of_a_place_are_in_it_and_the_nearest_to_its_middle_comes_fi
     assert space.nearest(some)[0].min() >= 0.2
 
 
-def test_what_a_straight_way_promises_is_what_it_costs():
-    """Along one straight segment from rest to rest every path of the same duration is the same."""
+def test_the_estimated_cost_of_a_straight_route_is_exact():
+    """All paths of the same duration along one straight segment from rest to rest are equal."""
     straight = DETOURS[-1]
     timing = LeastSnap(4.0)
     for limits in (LIMITS, PathLimits()):
-        way = WayAround(PathProblem(straight.problem.places, limits=limits), straight.waypoints)
+        way = RouteAround(PathProblem(straight.problem.waypoints, limits=limits), straight.waypoints)
         expected = snap_cost(plan_path(way.problem, timing)).sum()
-        assert around._promise(way, timing) == pytest.approx(expected, rel=1e-6)
-    assert around._promise(straight, Shortest()) == plan_path(straight.problem, Heuristic()).duration
+        assert around._estimated_cost(way, timing) == pytest.approx(expected, rel=1e-6)
+    assert around._estimated_cost(straight, Shortest()) == plan_path(straight.problem, Heuristic()).duration
 
 
-def test_ways_around_a_pillar_differ_and_lead_past_both_of_its_sides():
+def test_routes_around_a_pillar_lead_past_both_of_its_sides():
     space = space_of(Cuboid((2.0, 1.1, 1.0), size=(0.4, 0.4, 3.0)))
-    ways = around._ways_around(space, BOUNDS, PathProblem([BEGIN, END], limits=LIMITS))
+    ways = around._routes_around(space, BOUNDS, PathProblem([BEGIN, END], limits=LIMITS))
     corridors = {tuple((*region.offsets, *region.normals.ravel()) for region in way.problem.corridors) for way in ways}
     assert len(corridors) == len(ways) > 1
-    sides = [np.mean([place.centre[1] for place in way.problem.places[1:-1]]) > 1.1 for way in ways]
+    sides = [np.mean([place.centre[1] for place in way.problem.waypoints[1:-1]]) > 1.1 for way in ways]
     # The right side is the shorter one.
     assert not sides[0]
     assert any(sides)
 
 
-def test_a_way_that_a_coarse_grid_does_not_show_is_found_on_a_finer_one():
+def test_a_route_that_a_coarse_grid_misses_is_found_on_a_finer_one():
     """A gap leaves the centre of mass 1 cm, between points of the first grid and over one of the second.
 
     In a room 1 m by 0.6 m by 0.4 m the points are 5 cm apart, then 3 cm.
@@ -348,8 +357,8 @@ def test_a_way_that_a_coarse_grid_does_not_show_is_found_on_a_finer_one():
     assert space.nearest(points)[0].min() >= space.clearance
 
 
-def test_regions_are_chosen_by_ways_that_keep_the_slack_from_begin_to_end(monkeypatch):
-    """The way over a point is no shorter than straight on from the begin to it and from there to the end."""
+def test_regions_are_selected_by_routes_that_keep_the_slack(monkeypatch):
+    """The route over a point is not shorter than the straight lines from the start to it and from it to the end."""
     asked = []
     lengths_from = around.Grid.lengths_from
 
@@ -362,7 +371,7 @@ def test_regions_are_chosen_by_ways_that_keep_the_slack_from_begin_to_end(monkey
         raise StopIteration
 
     monkeypatch.setattr(around.Grid, "lengths_from", watched)
-    monkeypatch.setattr(around, "worth_a_look", worth_a_look)
+    monkeypatch.setattr(around, "candidate_regions", worth_a_look)
     space = space_of(Ball((2.0, 1.0, 1.0), radius=0.3))
     with pytest.raises(StopIteration):
         plan_around(space, BOUNDS, PathProblem([BEGIN, END], limits=LIMITS), Heuristic())
@@ -374,12 +383,12 @@ def test_regions_are_chosen_by_ways_that_keep_the_slack_from_begin_to_end(monkey
     assert (lengths <= 2.5 * straight).all()
 
 
-def test_a_place_without_room_is_told_from_one_whose_room_may_lie_between_its_points():
-    """Points of a gate 1 m long are 5 cm apart, so that room may lie within 2.5 cm of one of them."""
+def test_a_blocked_waypoint_is_distinguished_from_one_with_free_space_between_its_points():
+    """Points of a gate 1 m long are 5 cm apart, so free space can be within 2.5 cm of one of them."""
     gate = Box([2.0, 0.5, 1.0], [2.0, 1.5, 1.0])
-    for short, words in ((0.024, "next to no room"), (0.026, "no room")):
+    for short, words in ((0.024, "almost no point"), (0.026, "no point")):
         wall = Cuboid((2.2 - short + 0.1, 1.0, 1.0), size=(0.2, 4.0, 4.0))
-        with pytest.raises(InputError, match=f"waypoint 1, .* leaves {words} at 0.2 m"):
+        with pytest.raises(InputError, match=f"waypoint 1, .* has {words} with a clearance of 0.2 m"):
             around._free_points(PathProblem([BEGIN, gate, END]), space_of(wall), BOUNDS)
 
 
@@ -390,5 +399,5 @@ def test_free_points_keep_the_slack_beyond_the_clearance():
         if fits:
             assert len(around._free_points(problem, space, BOUNDS)) == 2
         else:
-            with pytest.raises(InputError, match="waypoint 1, .* leaves next to no room"):
+            with pytest.raises(InputError, match="waypoint 1, .* has almost no point"):
                 around._free_points(problem, space, BOUNDS)

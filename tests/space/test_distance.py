@@ -4,13 +4,13 @@ from scipy.spatial import KDTree
 
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.polynomial_path import evaluate
-from drake_quad.space.distance import Approach, nearest_approach
+from drake_quad.space.distance import NearestApproach, nearest_approach
 from drake_quad.space.shapes import Ball, Cuboid, Cylinder
 from drake_quad.space.space import Obstacle, Space
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_nothing_between_samples_is_nearer(seed):
+def test_no_point_between_samples_is_nearer(seed):
     random = np.random.default_rng(seed)
     waypoints = random.uniform(-2.0, 2.0, (5, 3))
     path = minimum_snap(waypoints, np.cumsum([0.0, *random.uniform(0.5, 2.0, 4)]))
@@ -75,13 +75,13 @@ def test_the_nearest_of_many_small_obstacles_is_found(seed):
 
 
 def test_an_approach_is_printed_in_one_line():
-    approach = Approach(-0.2, 1.234, np.array([0.5, -1.25, 2.0]), "pillar")
+    approach = NearestApproach(-0.2, 1.234, np.array([0.5, -1.25, 2.0]), "pillar")
     assert str(approach) == "0 m from pillar at 1.23 s, (0.5, -1.25, 2) m"
     assert str(approach._replace(distance=0.1234)).startswith("0.123 m from pillar")
 
 
-def test_a_path_at_rest_is_as_near_as_its_place():
-    """Nothing moves, so that no piece can hold a nearer point than its middle."""
+def test_the_distance_of_a_path_at_rest_is_that_of_its_position():
+    """Nothing moves, so no piece can contain a nearer point than its middle."""
     path = minimum_snap(np.array([[1.0, 2.0, 3.0]] * 2), np.array([0.0, 2.0]))
     found = nearest_approach(path, Space((Obstacle("ball", Ball((1.0, 2.0, 4.0), radius=0.25)),), radius=0.1))
     assert found.distance == pytest.approx(0.75)

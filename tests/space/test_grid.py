@@ -1,4 +1,4 @@
-"""Grids: their points, the ways over them, and their connected rooms."""
+"""Grids: their points, the routes over them, and their connected components."""
 
 import itertools
 
@@ -75,9 +75,9 @@ def test_each_pair_of_neighbours_is_found_once():
 
 
 def over_steps(grid, start):
-    """Return the (n,) lengths of the shortest ways from one point to each, over the steps in 26 directions.
+    """Return the (n,) lengths of the shortest routes from one point to each over steps in 26 directions.
 
-    A shortest way takes as many steps as possible over three axes, then over two, then along one.
+    A shortest route takes as many steps as possible along three axes, then along two, then along one.
     """
     counts = np.abs(indices(grid) - indices(grid)[start])
     order = np.argsort(-counts, axis=1)
@@ -88,8 +88,8 @@ def over_steps(grid, start):
 
 
 @pytest.mark.parametrize("most", [400, 3000])
-def test_without_obstacles_a_way_has_the_length_of_its_steps(most):
-    """A place leads to every point within 1.8 spacings, and each of these leads to the others over steps."""
+def test_without_obstacles_a_route_has_the_length_of_its_steps(most):
+    """A starting point is connected to all grid points within 1.8 spacings, and each of these to others by steps."""
     grid = Grid.of(EMPTY, UNEVEN, most=most, finest=0.02)
     place = grid.points[len(grid.points) // 3] + 0.3 * grid.steps
     lengths, before = grid.lengths_from(place[None], 0.1)
@@ -121,19 +121,19 @@ def tunnel(room):
 
 
 @pytest.mark.parametrize(("room", "factor"), [(1e-9, 2.0), (0.025, 1.8), (0.05, 1.0 + 0.1 / 0.15)])
-def test_the_cost_of_a_way_falls_from_twice_its_length_as_its_room_grows(room, factor):
-    """Only the middle row is free, so every step of the way has the same room."""
+def test_the_cost_of_a_route_decreases_from_twice_its_length_with_its_clearance(room, factor):
+    """Only the middle row is free, so all steps of the route have the same clearance."""
     grid, row = tunnel(room)
     clearance = grid.space.clearance
     assert (grid.nearest >= clearance).sum() == len(row) == 11
     lengths, _ = grid.lengths_from(grid.points[row[:1]], clearance)
-    # The first point, and the one after it, are reached from the place itself.
+    # The first two points are connected directly to the starting point.
     np.testing.assert_allclose(lengths[row[1]], 0.1)
     np.testing.assert_allclose(np.diff(lengths[row[1:]]), 0.1 * factor, rtol=1e-6)
 
 
-def test_the_cost_of_a_step_follows_the_end_with_less_room():
-    """The way leads straight away from a wall, so the room grows from step to step."""
+def test_the_cost_of_a_step_depends_on_its_end_with_less_clearance():
+    """The route leads straight away from a wall, so the clearance grows from step to step."""
     space = wall_at(-0.31, 0.2, radius=0.2)
     grid = Grid.of(space, Box([0.0, 0.0, 0.0], [1.0, 0.0, 0.0]), most=100, finest=0.1)
     expected = 0.1 * (1.0 + 0.1 / (0.1 + 0.01 + 0.1 * np.arange(10)))
@@ -144,7 +144,7 @@ def test_the_cost_of_a_step_follows_the_end_with_less_room():
 
 
 @pytest.mark.parametrize("offset", np.linspace(0.001, 0.049, 13))
-def test_no_way_leads_through_a_thin_wall_at_any_place_between_the_points(offset):
+def test_no_route_leads_through_a_thin_wall_between_grid_points(offset):
     """The wall is 1 cm thick, the points are 5 cm apart, and the clearance is 1 cm.
 
     For some offsets, neighbours on both sides of the wall keep the clearance, and only a check between them finds it.
@@ -160,7 +160,7 @@ def test_no_way_leads_through_a_thin_wall_at_any_place_between_the_points(offset
     assert across == (0.015 < offset < 0.035)
     assert np.isfinite(lengths[free & ahead]).all()
     assert (lengths[~ahead] == np.inf).all()
-    assert grid.way(lengths, before, *places) is None
+    assert grid.shortest_route(lengths, before, *places) is None
 
 
 def test_a_step_past_an_edge_is_free_if_the_clearance_is_small():
@@ -169,28 +169,28 @@ def test_a_step_past_an_edge_is_free_if_the_clearance_is_small():
     grid = Grid.of(space, Box([0.0, 0.0, 0.5], [1.0, 1.0, 0.5]), most=10_000, finest=0.05)
     places = np.array([[[0.1, 0.1, 0.5]], [[0.9, 0.1, 0.5]]])
     lengths, before = grid.lengths_from(places[0], space.clearance)
-    way = grid.way(lengths, before, *places)
+    way = grid.shortest_route(lengths, before, *places)
     assert 0.45 < way[:, 1].max() < 0.6
     fine = np.concatenate([np.linspace(a, b, 40) for a, b in itertools.pairwise(way)])
     assert least_distances(space, fine).min() >= space.clearance - 1e-9
 
 
-def test_a_way_begins_and_ends_at_the_places_that_make_it_shortest():
+def test_a_route_uses_the_start_and_the_end_that_make_it_shortest():
     grid = Grid.of(EMPTY, Box([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]), most=10_000, finest=0.1)
     begins = np.array([[0.0, 0.0, 0.0], [0.33, 0.5, 0.5], [0.0, 1.0, 1.0]])
     ends = np.array([[1.0, 1.0, 0.0], [0.72, 0.5, 0.5], [1.0, 0.0, 1.0]])
     lengths, before = grid.lengths_from(begins, 0.1)
-    way = grid.way(lengths, before, begins, ends)
+    way = grid.shortest_route(lengths, before, begins, ends)
     np.testing.assert_array_equal(way[[0, -1]], [begins[1], ends[1]])
     length = np.linalg.norm(np.diff(way, axis=0), axis=1).sum()
     assert 0.39 - 1e-9 <= length < 0.42
-    # Either end leads only to a point next to it.
+    # Each end is connected only to a grid point next to it.
     hops = np.linalg.norm(np.diff(way, axis=0), axis=1)
     assert (hops <= 1.8 * grid.spacing + 1e-9).all()
 
 
-def test_a_way_ends_over_the_point_that_makes_it_shortest_and_begins_at_the_nearest_place():
-    """No other point near the end has a smaller sum of its length from the first places and its distance to the end."""
+def test_a_route_ends_over_the_best_grid_point_and_begins_at_the_nearest_start():
+    """No other grid point near the end has a smaller sum of its route length and its distance to the end."""
     room = random_room(6)
     grid = Grid.of(room.space, room.bounds, most=20_000, finest=0.08)
     reached = grid.points[np.isfinite(grid.lengths_from(room.places[:1], room.space.clearance)[0])]
@@ -198,7 +198,7 @@ def test_a_way_ends_over_the_point_that_makes_it_shortest_and_begins_at_the_near
     lengths, before = grid.lengths_from(begins, room.space.clearance)
     used = set()
     for end in reached[:: len(reached) // 25] + 0.3 * grid.spacing:
-        way = grid.way(lengths, before, begins, end[None])
+        way = grid.shortest_route(lengths, before, begins, end[None])
         away = np.linalg.norm(grid.points - end, axis=1)
         near = away <= 1.8 * grid.spacing
         (last,) = np.flatnonzero((grid.points == way[-2]).all(axis=1))
@@ -211,17 +211,17 @@ def test_a_way_ends_over_the_point_that_makes_it_shortest_and_begins_at_the_near
     assert used == {0, 1, 2}
 
 
-def test_a_place_leads_only_to_points_that_are_free_and_near():
+def test_a_starting_point_is_connected_only_to_near_free_grid_points():
     space = wall_at(0.5, 0.3, radius=0.1)
     grid = Grid.of(space, Box([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]), most=10_000, finest=0.1)
     inside, beside = np.array([[0.5, 0.5, 0.5]]), np.array([[0.1, 0.5, 0.5]])
     lengths, _ = grid.lengths_from(inside, space.clearance)
     assert (lengths == np.inf).all()
     lengths, before = grid.lengths_from(beside, space.clearance)
-    assert grid.way(lengths, before, beside, inside) is None
+    assert grid.shortest_route(lengths, before, beside, inside) is None
 
 
-def test_rooms_are_connected_components():
+def test_components_are_those_of_the_graph_of_free_points():
     random = np.random.default_rng(3)
     grid = Grid.of(EMPTY, Box([0.0, 0.0, 0.0], [0.7, 0.5, 0.6]), most=1000, finest=0.1)
     free = random.uniform(size=len(grid.points)) < 0.12
@@ -231,7 +231,7 @@ def test_rooms_are_connected_components():
     expected = connected_components(coo_matrix((np.ones(pairs.shape[1]), tuple(pairs)), (size, size)), directed=False)[
         1
     ]
-    rooms = grid.rooms(free)
+    rooms = grid.components(free)
     assert (rooms[~free] == 0).all()
     assert (rooms[free] > 0).all()
     assert len(set(rooms[free])) > 3
@@ -251,10 +251,10 @@ PLACES = {
 
 @pytest.mark.parametrize("place", PLACES.values(), ids=PLACES)
 @pytest.mark.parametrize("distance", [0.0, 0.17])
-def test_points_near_a_place_are_those_within_a_distance(place, distance):
+def test_points_near_a_region_are_those_within_a_distance(place, distance):
     points = np.random.default_rng(4).uniform(-0.4, 1.0, (3000, 3))
     if isinstance(place, Polytope):
-        # Some more points count next to the edges, where planes that are moved outward meet.
+        # Next to edges, where the shifted planes meet, some additional points are included.
         region = HPolyhedron(place.normals, place.offsets)
         away = np.array([0.0 if region.PointInSet(p) else np.nan for p in points])
         beyond = (points @ place.normals.T - place.offsets).max(axis=1)

@@ -1,4 +1,4 @@
-"""Chains of regions and passages through them, compared with all that exist in small mazes of boxes."""
+"""Chains of regions and passages through them agree with an enumeration in small mazes of boxes."""
 
 import itertools
 
@@ -8,23 +8,23 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
 from drake_quad.reference.regions import Box, Polytope, Sphere
 from drake_quad.space import passage
-from drake_quad.space.passage import chain, find_passage, other_passages, worth_a_look
+from drake_quad.space.passage import candidate_regions, find_passage, other_passages, region_chain
 from drake_quad.space.regions import Regions
 from drake_quad.space.space import Space
 
-# m, the cost of one handover from region to region.
+# m, the cost of a transition from one region to the next
 HANDOVER = 0.1
 
 
 class Boxes(Regions):
-    """Given boxes in place of grown regions; growing only adds a box around a seed."""
+    """Regions that are given boxes. Growing a region only adds a box around the seed."""
 
     def __init__(self, *boxes):
         super().__init__(Space((), radius=0.1), Box([-99.0] * 3, [99.0] * 3))
-        self._found = [Polytope.from_box(Box(*box)) for box in boxes]
+        self._regions = [Polytope.from_box(Box(*box)) for box in boxes]
 
     def grow(self, seed):
-        self._found.append(Polytope.from_box(Box(seed - 0.3, seed + 0.3)))
+        self._regions.append(Polytope.from_box(Box(seed - 0.3, seed + 0.3)))
         return len(self) - 1
 
 
@@ -60,9 +60,9 @@ def shortest_polyline(regions, legs, places, corridors):
 
 
 def costs_of_all(regions, places, corridors, longest=4):
-    """Return the cost of each possible passage, m: the length of its polyline and its handovers."""
+    """Return the cost of each possible passage, m: the length of its polyline plus its transition costs."""
     orders = [order for count in range(1, longest + 1) for order in itertools.permutations(range(len(regions)), count)]
-    chains = [order for order in orders if all(regions.common(i, j) for i, j in itertools.pairwise(order))]
+    chains = [order for order in orders if all(regions.intersection(i, j) for i, j in itertools.pairwise(order))]
     possible = [
         [each for each in chains if shortest_polyline(regions, [each], places[i : i + 2], [corridor]) is not None]
         for i, corridor in enumerate(corridors)
@@ -71,12 +71,12 @@ def costs_of_all(regions, places, corridors, longest=4):
     for legs in itertools.product(*possible):
         length = shortest_polyline(regions, legs, places, corridors)
         if length is not None:
-            # A leg has a handover from its place into a region, from region to region, and to the next place.
+            # A leg has transitions from its waypoint into a region, from region to region, and to the next waypoint.
             costs[legs] = length + HANDOVER * sum(len(leg) + 1 for leg in legs)
     return costs
 
 
-# Four boxes, one on each side of a pillar, overlap in the corners.
+# Four boxes, one on each side of a pillar, overlap at the corners.
 AROUND = (
     ([0, 0, 0], [4, 1, 1]),
     ([0, 3, 0], [4, 4, 1]),
@@ -105,7 +105,7 @@ MAZES = {
         [Box.point([0.5, 0.5, 0.9]), Box.point([2.6, 0.5, 0.9])],
         [None],
     ),
-    # The detour over the top is 8 cm longer, which is less than the cost of a handover.
+    # The detour over the top is 8 cm longer, which is less than the cost of a transition.
     "a detour that saves a handover": (
         (
             ([0, 0, 0], [0.8, 1, 1]),
@@ -131,20 +131,20 @@ def test_no_passage_is_cheaper_than_the_one_that_is_found(boxes, places, corrido
 
 
 def test_a_passage_uses_only_candidates():
-    """Without the box at the bottom the way leads over the top, which is longer; without both there is no way."""
+    """Without the box at the bottom, the route leads over the top, which is longer. Without both there is none."""
     regions = Boxes(*AROUND)
     assert find_passage(regions, [[0, 1, 2, 3]], [BEGIN, Box.point([3.5, 1.3, 0.5])], [None]) == ((2, 0, 3),)
     assert find_passage(regions, [[3, 1, 2]], [BEGIN, Box.point([3.5, 1.3, 0.5])], [None]) == ((2, 1, 3),)
     assert find_passage(regions, [[3, 2]], [BEGIN, END], [None]) is None
 
 
-def test_regions_that_hardly_overlap_do_not_lead_to_each_other():
-    """Two regions must share a ball of 1 mm, and so must the part of them inside a corridor."""
+def test_regions_that_hardly_overlap_are_not_connected():
+    """The intersection of two regions must contain a ball of 1 mm, and so must the part of it inside a corridor."""
     for overlap, leads in ((0.0015, False), (0.0025, True)):
         regions = Boxes(([0, 0, 0], [1 + overlap, 1, 1]), ([1, 0, 0], [2, 1, 1]))
         places = [Box.point([0.5, 0.5, 0.5]), Box.point([1.5, 0.5, 0.5])]
-        assert (regions.common(0, 1) is not None) == leads
-        assert (regions.common(1, 0) is not None) == leads
+        assert (regions.intersection(0, 1) is not None) == leads
+        assert (regions.intersection(1, 0) is not None) == leads
         assert find_passage(regions, [[0, 1]], places, [None]) == (((0, 1),) if leads else None)
         ends = [place.centre[None] for place in places]
         assert other_passages(regions, ends, [None], count=3) == ([((0, 1),)] if leads else [])
@@ -167,83 +167,83 @@ def test_other_passages_can_be_flown(places):
 
 
 def test_other_passages_differ_only_if_their_lengths_are_similar():
-    """Both ways around a square have the same length. If one of them becomes longer, only the other is found."""
+    """Both routes around a square have the same length. If one of them becomes longer, only the other is found."""
     regions = Boxes(*AROUND)
     middle = [np.array([[0.5, 2.0, 0.5]]), np.array([[3.5, 2.0, 0.5]])]
     assert set(other_passages(regions, middle, [None], count=12)) == {((2, 0, 3),), ((2, 1, 3),)}
-    # The centre of the bottom box is so far away that the way over it has 40 m, and the way along the top has 5 m.
+    # The centre of the bottom box is so far away that this route has 40 m, and the route along the top has 5 m.
     far = Boxes(([0, -40, 0], [4, 1, 1]), *AROUND[1:])
     assert other_passages(far, middle, [None], count=12) == [((2, 1, 3),)]
     assert other_passages(far, middle, [Box([0, 0, 0], [4, 2.5, 1])], count=12) == [((2, 0, 3),)]
     assert other_passages(far, middle, [Box([0, 1.5, 0], [4, 2.5, 1])], count=12) == []
 
 
-def test_the_way_from_a_place_to_the_centre_of_its_region_counts():
-    """Two large boxes hold both ends. The point of the end that is nearest to each centre decides between them."""
+def test_the_distance_from_a_waypoint_to_the_centre_of_its_region_counts():
+    """Two large boxes contain both ends. The point of the end that is nearest to each centre decides between them."""
     regions = Boxes(([0, 0, 0], [4, 1, 1]), ([-50, -1, -50], [50, 99, 50]))
     ends = [np.array([[0.5, 0.5, 0.5]]), np.array([[2.0, 0.5, 0.5], [3.5, 0.5, 0.5]])]
     assert other_passages(regions, ends, [None], count=12) == [((0,),)]
-    # Only the larger box holds a point of this end.
+    # Only the larger box contains a point of this end.
     ends[1] = np.array([[2.0, 4.0, 0.5]])
     assert {leg[-1] for (leg,) in other_passages(regions, ends, [None], count=12)} == {1}
 
 
-def test_a_chain_follows_the_box_that_continues_longest():
+def test_a_chain_uses_the_box_that_covers_the_route_longest():
     regions = Boxes(
         ([0, 0, 0], [1.2, 1, 1]), ([0, 0, 0], [2.2, 1, 1]), ([2, 0, 0], [4, 1, 1]), ([1.5, 0, 0], [2.5, 1, 1])
     )
     way = np.column_stack([np.arange(0.1, 4.0, 0.2), np.full(20, 0.5), np.full(20, 0.5)])
-    assert chain(regions, way) == [1, 2]
-    assert chain(regions, way[::-1]) == [2, 1]
+    assert region_chain(regions, way) == [1, 2]
+    assert region_chain(regions, way[::-1]) == [2, 1]
     assert len(regions) == 4
 
 
-def test_a_chain_grows_regions_where_it_has_none():
+def test_a_chain_grows_regions_where_there_are_none():
     """The two boxes are 0.8 m apart."""
     regions = Boxes(([0, 0, 0], [1, 1, 1]), ([1.8, 0, 0], [3, 1, 1]))
     way = np.array(
         [[0.5, 0.5, 0.5], [0.9, 0.5, 0.5], [1.3, 0.5, 0.5], [1.7, 0.5, 0.5], [1.9, 0.5, 0.5], [2.5, 0.5, 0.5]]
     )
-    found = chain(regions, way)
+    found = region_chain(regions, way)
     assert (found[0], found[-1]) == (0, 1)
     assert len(regions) > 2
     for one, other in itertools.pairwise(found):
         assert one != other
-        assert regions.common(one, other) is not None
-    assert regions.holding(way, found).any(axis=0).all()
+        assert regions.intersection(one, other) is not None
+    assert regions.containing(way, found).any(axis=0).all()
 
 
-def test_candidates_are_the_regions_of_the_chain_and_then_those_of_the_shortest_ways():
+def test_candidates_are_the_chain_and_then_regions_on_the_shortest_routes():
     boxes = [([i, 0, 0], [i + 1.0, 1, 1]) for i in range(12)]
     regions = Boxes(*boxes)
     points = np.column_stack([np.arange(24) / 2 + 0.25, np.full(24, 0.5), np.full(24, 0.5)])
     lengths = np.random.default_rng(1).permutation(24).astype(float)
     lengths[10:12] = np.inf
     shortest = {i: lengths[2 * i : 2 * i + 2].min() for i in range(12)}
-    chosen = worth_a_look(regions, [5, 3, 5], points, lengths)
+    chosen = candidate_regions(regions, [5, 3, 5], points, lengths)
     others = sorted(set(shortest) - {3, 5}, key=shortest.get)
     assert chosen == [5, 3, *others[:6]]
-    # No way leads over the points of the other boxes.
+    # No route leads over the points of the other boxes.
     lengths[4:] = np.inf
-    assert sorted(worth_a_look(regions, [5, 3], points, lengths)) == [0, 1, 3, 5]
-    assert worth_a_look(regions, list(range(12)), points, lengths) == list(range(12))
+    assert sorted(candidate_regions(regions, [5, 3], points, lengths)) == [0, 1, 3, 5]
+    assert candidate_regions(regions, list(range(12)), points, lengths) == list(range(12))
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_without_chance_other_passages_are_the_shortest_from_centre_to_centre(monkeypatch, seed):
-    """The way runs through the centre of each intersection, each handover has a cost, and all passages are compared."""
-    monkeypatch.setattr(passage, "_SPREAD", 0.0)
+def test_without_random_factors_other_passages_are_the_shortest_between_centres(monkeypatch, seed):
+    """A route leads through the centres of regions and intersections, with a cost for each transition."""
+    monkeypatch.setattr(passage, "_LOG_FACTOR_DEVIATION", 0.0)
     random = np.random.default_rng([5, seed])
     low = random.uniform(0.0, 2.0, (6, 3))
     regions = Boxes(*((begin, begin + size) for begin, size in zip(low, random.uniform(0.8, 2.0, (6, 3)), strict=True)))
     ends = [regions[number].centre + 0.3 * random.uniform(-1.0, 1.0, (3, 3)) for number in (0, 3, 5)]
 
     def away(number, points):
-        held = points[regions.holding(points, [number])[0]]
+        held = points[regions.containing(points, [number])[0]]
         return np.linalg.norm(held - regions[number].centre, axis=1).min(initial=np.inf) + HANDOVER
 
     def between(one, other):
-        common = regions.common(one, other).centre
+        common = regions.intersection(one, other).centre
         return sum(np.linalg.norm(regions[number].centre - common) for number in (one, other)) + HANDOVER
 
     legs = []
@@ -254,7 +254,7 @@ def test_without_chance_other_passages_are_the_shortest_from_centre_to_centre(mo
             + sum(between(*pair) for pair in itertools.pairwise(order))
             for count in range(1, 7)
             for order in itertools.permutations(range(6), count)
-            if all(regions.common(*pair) is not None for pair in itertools.pairwise(order))
+            if all(regions.intersection(*pair) is not None for pair in itertools.pairwise(order))
         }
         best = min(costs, key=costs.get)
         legs.append(best if np.isfinite(costs[best]) else ())
@@ -262,8 +262,8 @@ def test_without_chance_other_passages_are_the_shortest_from_centre_to_centre(mo
     assert other_passages(regions, ends, [None, None], count=2) == expected
 
 
-def test_a_leg_starts_in_a_region_that_has_its_place_inside_of_the_corridor():
-    """The upper box has a part of the place, and of the corridor, but no part of both."""
+def test_a_leg_starts_in_a_region_that_contains_its_waypoint_inside_the_corridor():
+    """The upper box intersects the waypoint, and the corridor, but not their intersection."""
     regions = Boxes(([0, 2, 0], [4, 3, 1]), ([0, 0, 0], [4, 2.2, 1]))
     gate, end = Box([0.5, 0.2, 0.5], [0.5, 2.9, 0.5]), Box.point([3.5, 2.4, 0.5])
     # Its upper face rises from y = 1 m at x = 0 to 3 m at x = 4 m.

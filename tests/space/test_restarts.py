@@ -1,7 +1,7 @@
-"""The planner's choice of regions beside the best of random ones.
+"""The planner's selection of regions is compared with the best of random ones.
 
-Regions are grown here around points drawn at random, not where there is most room, and passages through them are drawn
-with lengths multiplied by random numbers; every one of them is flown as soon as the planner can.
+Here regions grow around random points instead of the points with the largest clearance, and passages are drawn with
+random factors on lengths. Each passage is flown as fast as the planner can.
 """
 
 import os
@@ -20,15 +20,15 @@ from drake_quad.space.grid import Grid
 from drake_quad.space.passage import other_passages
 from drake_quad.space.regions import SLACK, Regions
 
-# `make passages` tries a hundred in ten rooms. In others there is no way, or random regions lead nowhere.
+# `make passages` tries a hundred in ten rooms. Other rooms have no route, or random regions do not connect the ends.
 RESTARTS = int(os.environ.get("RESTARTS", "10"))
 ROOMS = [1, 3, 7, 10, 11, 13, 14, 15, 17, 19][: 10 if RESTARTS >= 100 else 1]
-# So many passages are drawn through the same regions.
+# This number of passages is drawn through the same regions.
 _DRAWS = 10
 
 
 def durations_of_restarts(room, problem, count):
-    """Of as many passages as were found, s."""
+    """Return the durations of the paths through random passages, s."""
     grid = Grid.of(room.space, room.bounds, most=30_000, finest=0.05)
     free = grid.nearest >= room.space.clearance + SLACK
     found = []
@@ -49,7 +49,7 @@ def durations_of_restarts(room, problem, count):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", ROOMS)
-def test_no_restart_is_much_sooner(seed):
+def test_no_restart_is_much_faster(seed):
     """The total time is at most 15 % above the best of a hundred random restarts."""
     room = random_room(seed)
     problem = PathProblem([Box.point(place) for place in room.places], limits=LIMITS)

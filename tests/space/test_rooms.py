@@ -1,4 +1,4 @@
-"""A hundred random rooms, each planned or proved blocked by a search of its own, and rooms with one best passage."""
+"""Random rooms are planned, or proved to be blocked by an independent search."""
 
 import hashlib
 import os
@@ -29,7 +29,7 @@ def plan(room, timing):
 
 
 def keeps_clear(room, path):
-    """At 10,000 points, to the rounding of distances."""
+    """Return True if a path keeps the clearance at 10,000 points, up to rounding."""
     points = evaluate(path, np.linspace(path.times[0], path.times[-1], 10_000)).T
     inside = (points >= room.bounds.low - 1e-6).all() and (points <= room.bounds.high + 1e-6).all()
     return inside and least_distances(room.space, points).min() >= room.space.clearance
@@ -54,13 +54,13 @@ def test_a_room_is_planned_or_blocked(seed):
 
 
 def walled(*solids):
-    """Two rooms with a wall between, and what is in it."""
+    """Return a room that is divided by a wall, which consists of the given cuboids (centre, size)."""
     obstacles = tuple(Obstacle(f"wall_{i}", Cuboid(centre, size=size)) for i, (centre, size) in enumerate(solids))
     space = Space(obstacles, radius=0.15, margin=0.05)
     return Room(space, Box([0.2, 0.2, 0.2], [3.8, 2.8, 1.8]), np.array([[0.7, 1.4, 1.0], [3.3, 1.4, 1.0]]))
 
 
-# A wall 10 cm thick in the middle: where it is open, and how the grid's way must pass there.
+# A wall 10 cm thick is in the middle. The cases say where it is open, and how the grid's route passes there.
 PASSAGES = {
     "a door on the left": [((2.0, 1.2, 1.0), (0.1, 2.4, 2.0))],
     "a door on the right": [((2.0, 1.8, 1.0), (0.1, 2.4, 2.0))],
@@ -76,7 +76,7 @@ PASSAGES = {
 }
 
 
-# Every passage with the fastest timing, and one with each of the others.
+# All passages have the fastest timing, and one passage also has each of the others.
 PASSED = [
     *((name, Heuristic()) for name in PASSAGES),
     ("over a beam", Shortest()),
@@ -88,7 +88,7 @@ PASSED = [
 @pytest.mark.parametrize(
     ("name", "timing"), PASSED, ids=lambda each: each if isinstance(each, str) else type(each).__name__
 )
-def test_the_one_best_passage_is_taken(name, timing):
+def test_the_only_best_passage_is_selected(name, timing):
     room = walled(*PASSAGES[name])
     path = plan(room, timing)
     assert keeps_clear(room, path)
@@ -97,7 +97,7 @@ def test_the_one_best_passage_is_taken(name, timing):
     way = Search(room).shortest()
     points = evaluate(path, np.linspace(path.times[0], path.times[-1], 2000)).T
     crossed, expected = (each[np.abs(each[:, 0] - 2.0).argmin()] for each in (points, way))
-    # Through the same hole: both on one side of the wall's middle where they differ in side or height.
+    # Both pass through the same hole, so they are on the same side of the wall's middle.
     between = crossed + np.linspace(0.0, 1.0, 200)[:, None] * (expected - crossed)
     between[:, 0] = 2.0
     assert least_distances(room.space, between).min() > 0.0

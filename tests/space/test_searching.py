@@ -1,4 +1,4 @@
-"""The parts of the search for a way: grid, regions, chains and passages."""
+"""The parts of the search for a route: grid, regions, chains and passages."""
 
 import itertools
 
@@ -11,8 +11,8 @@ from drake_quad.errors import InputError
 from drake_quad.reference.planner import Heuristic
 from drake_quad.reference.regions import Box, Polytope
 from drake_quad.space.grid import Grid
-from drake_quad.space.passage import chain, find_passage, worth_a_look
-from drake_quad.space.regions import NARROWEST, SLACK, Regions
+from drake_quad.space.passage import candidate_regions, find_passage, region_chain
+from drake_quad.space.regions import MIN_COMMON_RADIUS, SLACK, Regions
 from drake_quad.space.shapes import Cuboid
 from drake_quad.space.space import Obstacle, Space
 
@@ -23,79 +23,79 @@ def grid_of(room):
     return Grid.of(room.space, room.bounds, most=30_000, finest=0.05)
 
 
-def test_a_way_over_an_empty_grid_is_nearly_straight():
+def test_a_route_over_an_empty_grid_is_nearly_straight():
     bounds = Box([0.0, 0.0, 0.0], [2.0, 1.0, 1.0])
     grid = Grid.of(Space((), radius=0.1), bounds, most=30_000, finest=0.05)
     begin, end = np.array([[0.11, 0.12, 0.13]]), np.array([[1.87, 0.12, 0.13]])
     lengths, before = grid.lengths_from(begin, 0.1)
-    way = grid.way(lengths, before, begin, end)
+    way = grid.shortest_route(lengths, before, begin, end)
     np.testing.assert_allclose(way[[0, -1]], [begin[0], end[0]])
     assert 1.76 <= np.linalg.norm(np.diff(way, axis=0), axis=1).sum() < 1.8
     corner = np.abs(grid.points - [2.0, 1.0, 1.0]).sum(axis=1).argmin()
     straight = np.linalg.norm(grid.points[corner] - begin[0])
-    # 26 directions go at most 1.13 times as far as a straight line.
+    # Routes in 26 directions are at most 1.13 times as long as a straight line.
     assert straight <= lengths[corner] < 1.14 * straight
 
 
-def test_there_is_no_way_through_a_wall_nor_outside_of_what_is_allowed():
+def test_there_is_no_route_through_a_wall_or_outside_the_allowed_points():
     shut = walled(((2.0, 1.5, 1.0), (0.1, 3.0, 2.0)))
     begin, end = shut.places[:1], shut.places[1:]
     grid = grid_of(shut)
     lengths, before = grid.lengths_from(begin, shut.space.clearance)
-    assert grid.way(lengths, before, begin, end) is None
+    assert grid.shortest_route(lengths, before, begin, end) is None
     door = walled(DOOR)
     grid = grid_of(door)
     lengths, before = grid.lengths_from(begin, door.space.clearance)
-    way = grid.way(lengths, before, begin, end)
+    way = grid.shortest_route(lengths, before, begin, end)
     fine = np.concatenate([np.linspace(a, b, 30) for a, b in itertools.pairwise(way)])
     assert least_distances(door.space, fine).min() >= door.space.clearance - 1e-9
     inside = grid.points[:, 1] < 2.0
     lengths, before = grid.lengths_from(begin, door.space.clearance, inside)
-    assert grid.way(lengths, before, begin, end) is None
+    assert grid.shortest_route(lengths, before, begin, end) is None
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_region_holds_its_seed_and_nothing_too_near(seed):
+def test_a_region_contains_its_seed_and_keeps_the_clearance(seed):
     room, random = random_room(seed), np.random.default_rng(seed)
     regions = Regions(room.space, room.bounds)
     grid = grid_of(room)
     regions.cover(grid.points[grid.nearest >= room.space.clearance + 1e-4], random.uniform(size=len(grid.points)))
     points = room.bounds.low + random.uniform(size=(40_000, 3)) * (room.bounds.high - room.bounds.low)
-    held = regions.holding(points).any(axis=0)
+    held = regions.containing(points).any(axis=0)
     assert 0.2 < held.mean() < 1.0
     assert least_distances(room.space, points[held]).min() >= room.space.clearance
     free = points[least_distances(room.space, points) >= room.space.clearance + 1e-3]
     number = regions.grow(free[0])
-    assert regions.holding(free[:1], [number])[0, 0]
-    # Covered were 95 % of the free points.
-    assert regions.holding(free).any(axis=0).mean() > 0.9
+    assert regions.containing(free[:1], [number])[0, 0]
+    # The regions must cover 95 % of the free points.
+    assert regions.containing(free).any(axis=0).mean() > 0.9
 
 
-def test_a_chain_follows_its_way_and_a_passage_leads_through_the_door():
+def test_a_chain_covers_its_route_and_a_passage_leads_through_the_door():
     room = walled(DOOR)
     grid, (begin, end) = grid_of(room), room.places[:, None]
     lengths, before = grid.lengths_from(begin, room.space.clearance)
     onward, _ = grid.lengths_from(end, room.space.clearance)
-    way = grid.way(lengths, before, begin, end)
+    way = grid.shortest_route(lengths, before, begin, end)
     regions = Regions(room.space, room.bounds)
-    numbers = chain(regions, way)
-    assert regions.holding(way, numbers).any(axis=0).all()
+    numbers = region_chain(regions, way)
+    assert regions.containing(way, numbers).any(axis=0).all()
     for one, other in itertools.pairwise(numbers):
-        assert regions.common(one, other).radius > NARROWEST
-    looked_at = worth_a_look(regions, numbers, grid.points, lengths + onward)
+        assert regions.intersection(one, other).radius > MIN_COMMON_RADIUS
+    looked_at = candidate_regions(regions, numbers, grid.points, lengths + onward)
     assert set(numbers) <= set(looked_at)
     places = [Box.point(place) for place in room.places]
     (leg,) = find_passage(regions, [looked_at], places, [None])
-    assert regions.holding(begin, [leg[0]]).all()
-    assert regions.holding(end, [leg[-1]]).all()
+    assert regions.containing(begin, [leg[0]]).all()
+    assert regions.containing(end, [leg[-1]]).all()
     for one, other in itertools.pairwise(leg):
-        assert regions.common(one, other) is not None
+        assert regions.intersection(one, other) is not None
     shut = Box([0.0, 0.0, 0.0], [4.0, 1.8, 2.0])
     assert find_passage(regions, [looked_at], places, [shut]) is None
 
 
-def test_all_that_must_go_is_named():
-    """Three walls, one behind the other: there is a way without all of them; a box beside them is not to blame."""
+def test_all_obstacles_that_must_be_removed_are_named():
+    """There is a route only without all three walls, one behind the other. A box next to them is not named."""
     walls = [((x, 1.5, 1.0), (0.1, 3.0, 2.0)) for x in (1.4, 2.0, 2.6)]
     room = walled(*walls, ((2.0, 2.6, 0.3), (0.4, 0.2, 0.2)))
     with pytest.raises(InputError) as refusal:
@@ -105,10 +105,10 @@ def test_all_that_must_go_is_named():
     assert "without wall_0, wall_1 and wall_2, there would be one" in said
 
 
-def test_a_seed_on_the_bounds_lies_in_its_region_despite_rounding():
-    """Faces are moved out and in again by the clearance, which may leave them short of the bounds by a rounding error.
+def test_a_seed_on_the_bounds_is_in_its_region_despite_rounding():
+    """Faces are shifted out and in by the clearance, which can move them inside the bounds by a rounding error.
 
-    A region that did not hold its seed would be grown around it again and again.
+    A region that did not contain its seed would be grown around it again and again.
     """
     random = np.random.default_rng(0)
     for _ in range(20):
@@ -118,7 +118,7 @@ def test_a_seed_on_the_bounds_lies_in_its_region_despite_rounding():
         corners = np.array(list(itertools.product(*zip(bounds.low, bounds.high, strict=True))))
         regions.cover(corners, np.ones(len(corners)))
         assert len(regions) == 1
-        assert regions.holding(corners).all()
+        assert regions.containing(corners).all()
 
 
 def test_faces_of_a_region_keep_clearance_and_slack_from_a_wall_and_lie_on_the_bounds():
@@ -127,23 +127,23 @@ def test_faces_of_a_region_keep_clearance_and_slack_from_a_wall_and_lie_on_the_b
     regions = Regions(space, bounds)
     region = regions[regions.grow(np.array([0.3, 0.0, 0.1]))]
     axes = np.eye(3)
-    np.testing.assert_allclose([-region.reach(-axis) for axis in axes], bounds.low, atol=1e-6)
-    np.testing.assert_allclose([region.reach(axis) for axis in axes], [1.0 - 0.2 - SLACK, 1.3, 1.4], atol=1e-8)
+    np.testing.assert_allclose([-region.support(-axis) for axis in axes], bounds.low, atol=1e-6)
+    np.testing.assert_allclose([region.support(axis) for axis in axes], [1.0 - 0.2 - SLACK, 1.3, 1.4], atol=1e-8)
 
 
-def test_a_seed_lies_in_its_region_wherever_it_is_free():
-    """Rounds of IRIS after the first may leave a seed in a corner between obstacles; then one round is taken."""
+def test_a_free_seed_is_always_in_its_region():
+    """Rounds of IRIS after the first can lose a seed in a corner between obstacles. Then one round is used."""
     room = random_room(1)
     grid = grid_of(room)
     free = np.flatnonzero(grid.nearest >= room.space.clearance + SLACK)
     tightest = free[np.argsort(grid.nearest[free])]
     regions = Regions(room.space, room.bounds)
     for seed in grid.points[tightest[:8]]:
-        assert regions.holding(seed[None], [regions.grow(seed)]).all()
+        assert regions.containing(seed[None], [regions.grow(seed)]).all()
 
 
 class Spots(Regions):
-    """Regions that hold no more than 10 cm around their seeds."""
+    """Regions that contain only 10 cm around their seeds."""
 
     def __init__(self):
         super().__init__(Space((), radius=0.1), Box([-99.0] * 3, [99.0] * 3))
@@ -151,19 +151,19 @@ class Spots(Regions):
 
     def grow(self, seed):
         self.seeds.append(seed.tolist())
-        self._found.append(Polytope.from_box(Box(seed - 0.1, seed + 0.1)))
+        self._regions.append(Polytope.from_box(Box(seed - 0.1, seed + 0.1)))
         return len(self) - 1
 
 
 @pytest.mark.parametrize(("count", "grown"), [(19, 19), (20, 19), (39, 38), (60, 40)])
-def test_most_free_points_are_covered_where_there_is_most_room_first(count, grown):
-    """At most 5 % of 20 points or more stay uncovered, and there are at most 40 regions."""
+def test_most_free_points_are_covered_starting_with_the_largest_clearance(count, grown):
+    """At most 5 % of 20 points or more stay uncovered, unless there are 40 regions."""
     points = np.arange(count)[:, None] * np.ones(3)
     distances = np.random.default_rng(count).permutation(count).astype(float)
     regions = Spots()
     regions.cover(points, distances)
     assert regions.seeds == points[np.argsort(-distances)][:grown].tolist()
-    # Points that regions hold already are not seeds.
+    # Points that regions already contain are not seeds.
     again = Spots()
     again.grow(points[0])
     again.cover(points, distances)

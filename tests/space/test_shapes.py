@@ -9,10 +9,11 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from drake_quad.errors import InputError
 from drake_quad.framework.formulas import kernel
 from drake_quad.framework.records import ROW
-from drake_quad.space.shapes import Ball, Cuboid, Cylinder, hull_of, placed
+from drake_quad.space.shapes import Ball, Cuboid, Cylinder, hull_of, transformed_points
 from drake_quad.space.space import Obstacle, Space
 
-CENTRE, ROTATION = (0.3, -0.7, 1.1), (0.4, -0.9, 2.0)
+CENTRE = (0.3, -0.7, 1.1)
+ROTATION = (0.4, -0.9, 2.0)
 POINTS = np.random.default_rng(5).normal(size=(30, 3))
 SHAPES = {
     "cuboid": Cuboid(CENTRE, ROTATION, (0.4, 1.2, 2.1)),
@@ -29,17 +30,17 @@ each_shape = pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES)
 
 
 def around(shape, count, seed=0):
-    """Points in and around a shape."""
+    """Return random points in and around a shape."""
     low, high = shape.extent()
     return np.random.default_rng(seed).uniform(low - 1.0, high + 1.0, (count, 3))
 
 
 def projected(shape, point):
-    """The distance to the nearest point of the set that Drake takes for the shape."""
+    """Return the distance to the nearest point of the shape's convex set in Drake."""
     program = MathematicalProgram()
     x = program.NewContinuousVariables(3)
     shape.convex_set().AddPointInSetConstraints(program, x)
-    # A cone's distance keeps more digits than a quadratic cost: |x - point| <= bound.
+    # A cone constraint, |x - point| <= bound, is more accurate than a quadratic cost.
     (bound,) = program.NewContinuousVariables(1)
     program.AddLorentzConeConstraint(np.eye(4), np.concatenate([[0.0], -point]), np.concatenate([[bound], x]))
     program.AddLinearCost(bound)
@@ -49,7 +50,7 @@ def projected(shape, point):
 
 
 @each_shape
-def test_outside_a_distance_is_that_to_the_projection(shape):
+def test_the_distance_outside_is_that_to_the_projection(shape):
     points = around(shape, 60)
     for point, distance in zip(points, shape.distances(points), strict=True):
         assert max(0.0, distance) == pytest.approx(projected(shape, point), abs=2e-6)
@@ -58,7 +59,7 @@ def test_outside_a_distance_is_that_to_the_projection(shape):
 
 @each_shape
 def test_inside_the_largest_ball_touches_the_surface(shape):
-    """Against the support function of the shape's corners, along the normals of its triangles."""
+    """The reference is the support function of the shape's corners along the normals of its triangles."""
     corners = shape.triangles().reshape(-1, 3)
     normals = np.cross(*(shape.triangles()[:, [1, 2]] - shape.triangles()[:, [0]]).transpose(1, 0, 2))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -68,7 +69,7 @@ def test_inside_the_largest_ball_touches_the_surface(shape):
     inside = distances < 0.0
     assert inside.any()
     expected = (points[inside] @ normals.T - offsets).max(axis=1)
-    # Triangles of 32 sides a turn are within the radius of a ball by this share, in both directions.
+    # Triangles with 32 sides per turn are inside the ball by this share of the radius, in both directions.
     slack = (1.0 - math.cos(math.pi / 32.0) ** 2) * getattr(shape, "radius", 0.0) + 1e-8
     np.testing.assert_allclose(distances[inside], expected, atol=slack)
 
@@ -80,7 +81,7 @@ def test_a_distance_changes_no_faster_than_the_point_moves(shape):
 
 
 @each_shape
-def test_on_its_corners_a_distance_is_nothing(shape):
+def test_the_distance_at_a_corner_is_zero(shape):
     np.testing.assert_allclose(shape.distances(shape.triangles().reshape(-1, 3)), 0.0, atol=1e-8)
 
 
@@ -96,11 +97,11 @@ def test_floats_and_machine_code_agree_with_arrays(shape):
 
 
 @each_shape
-def test_no_distance_is_below_its_bound(shape):
+def test_distances_are_not_below_their_lower_bound(shape):
     points = np.vstack([around(shape, 2000), shape.triangles().reshape(-1, 3)])
-    bound = shape.at_least(*points.T)
+    bound = shape.distance_lower_bound(*points.T)
     assert bound is None or (shape.distances(points) >= bound).all()
-    # Half the hull's corners are not far within the ball: a bound of minus infinity would be one, too.
+    # Half of the hull's corners are near the surface of the ball, so the bound is not trivial.
     assert (bound is None) == (not hasattr(shape, "corners") or isinstance(shape, Cuboid))
     if bound is not None:
         assert (shape.distances(points) - bound).min() < 1e-6
@@ -148,10 +149,12 @@ def test_rotation_is_roll_pitch_yaw():
     assert SHAPES["cylinder"].distances([np.array(CENTRE) + tip]) == pytest.approx(2.0 - 0.85)
 
 
-def test_placed_points_are_scaled_turned_and_moved():
+def test_transformed_points_are_scaled_rotated_and_moved():
     cuboid = SHAPES["cuboid"]
     own = Cuboid((0.0, 0.0, 0.0), size=cuboid.size).corners()
-    np.testing.assert_allclose(placed(0.5 * own, centre=CENTRE, rotation=ROTATION, scale=2.0), cuboid.corners())
+    np.testing.assert_allclose(
+        transformed_points(0.5 * own, centre=CENTRE, rotation=ROTATION, scale=2.0), cuboid.corners()
+    )
 
 
 @pytest.mark.parametrize(
@@ -166,18 +169,18 @@ def test_placed_points_are_scaled_turned_and_moved():
         (lambda: hull_of([[0.0, 0.0, math.inf]] * 4), "finite"),
     ],
 )
-def test_what_is_no_solid_is_refused(make, words):
+def test_invalid_solids_are_rejected(make, words):
     with pytest.raises(InputError, match=words):
         make()
 
 
-def test_a_solid_of_which_nothing_else_is_said_is_of_unit_size():
+def test_solids_have_unit_size_by_default():
     for solid, size in ((Cuboid(CENTRE), (1, 1, 1)), (Cylinder(CENTRE), (2, 2, 1)), (Ball(CENTRE), (2, 2, 2))):
         np.testing.assert_allclose(np.diff(solid.extent(), axis=0)[0], size)
         np.testing.assert_allclose(solid.extent().mean(axis=0), CENTRE)
 
 
-def test_a_hull_that_qhull_does_not_find_is_refused(monkeypatch):
+def test_a_failure_of_qhull_is_reported(monkeypatch):
     def fail(points):
         raise scipy.spatial.QhullError("no luck")
 
@@ -200,7 +203,7 @@ def test_a_space_knows_the_nearest_obstacle():
 
 @pytest.mark.parametrize("make", [Cuboid, Cylinder, Ball])
 @pytest.mark.parametrize(("name", "place"), [("centre", 0), ("rotation", 1)])
-def test_every_solid_refuses_a_pose_that_is_not_three_finite_numbers(make, name, place):
+def test_every_solid_needs_a_pose_of_three_finite_numbers(make, name, place):
     for wrong in ((0.0, math.nan, 0.0), (0.0, 1.0), (0.0, 0.0, 0.0, 1.0)):
         pose = [CENTRE, ROTATION]
         pose[place] = wrong
@@ -230,16 +233,16 @@ def test_a_hull_is_the_same_far_from_the_origin(away):
 
 def test_points_of_any_plane_have_no_hull():
     flat = POINTS * [1.0, 1.0, 0.0]
-    for points in (flat + np.array([0.0, 0.0, 1.0]), placed(flat, centre=CENTRE, rotation=ROTATION)):
+    for points in (flat + np.array([0.0, 0.0, 1.0]), transformed_points(flat, centre=CENTRE, rotation=ROTATION)):
         with pytest.raises(InputError, match="the 30 points of a hull are in a plane"):
             hull_of(points)
 
 
-def test_points_that_are_placed_keep_their_size_unless_a_scale_is_given():
+def test_transformed_points_keep_their_size_by_default():
     corners = SHAPES["cuboid"].corners()
-    np.testing.assert_array_equal(placed(corners), corners)
-    np.testing.assert_allclose(placed(corners, scale=3.0), 3.0 * corners)
-    np.testing.assert_allclose(placed(corners, centre=CENTRE), corners + CENTRE)
+    np.testing.assert_array_equal(transformed_points(corners), corners)
+    np.testing.assert_allclose(transformed_points(corners, scale=3.0), 3.0 * corners)
+    np.testing.assert_allclose(transformed_points(corners, centre=CENTRE), corners + CENTRE)
 
 
 @pytest.mark.parametrize("wrong", [0.0, -1.0, math.inf, math.nan])

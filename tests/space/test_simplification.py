@@ -1,4 +1,4 @@
-"""Simplified convex hulls hold the original hulls, and are not much larger."""
+"""Simplified convex hulls contain the original hulls, and are not much larger."""
 
 import math
 
@@ -65,7 +65,7 @@ MESHES = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("points", "most_growth"), MESHES.values(), ids=MESHES)
-def test_a_hull_of_few_corners_holds_all_points_and_grows_by_little(points, most_growth):
+def test_a_simplified_hull_contains_all_points_and_grows_by_little(points, most_growth):
     found = surrounding(points, MAX_CORNERS)
     original, simple = hull_of(points), hull_of(found.corners)
     size = np.ptp(points, axis=0).max()
@@ -92,7 +92,7 @@ def test_units_do_not_change_the_simplified_hull():
         assert scaled.growth == pytest.approx(unit * simple.growth, rel=1e-4)
 
 
-def test_a_failing_solver_ends_in_a_sentence(monkeypatch):
+def test_a_failure_of_the_solver_is_reported(monkeypatch):
     failed = scipy.optimize.OptimizeResult(x=None, status=4)
     monkeypatch.setattr(scipy.optimize, "linprog", lambda *_, **__: failed)
     with pytest.raises(InputError, match=r"^no hull with 100 corners was found around the convex hull with 103"):
@@ -124,7 +124,7 @@ def test_a_hull_of_few_corners_is_unchanged():
     np.testing.assert_array_equal(found.corners, hull_of(points).corners)
 
 
-def test_a_hull_that_would_grow_too_much_is_refused():
+def test_a_hull_that_would_grow_too_much_is_rejected():
     with pytest.raises(
         InputError, match=r"has 300 corners, and a hull with 8 corners around it would be larger by \d+ % of"
     ):
@@ -143,7 +143,7 @@ def test_a_replacement_is_described_in_a_sentence():
 
 
 @pytest.mark.parametrize("count", [8, 9, 100])
-def test_a_hull_of_just_as_many_corners_as_allowed_stays_as_it_is(count):
+def test_a_hull_with_the_allowed_number_of_corners_is_unchanged(count):
     points = sphere(count)
     found = surrounding(points, count)
     assert (found.growth, found.is_simpler, found.replaced) == (0.0, False, count)
@@ -162,8 +162,8 @@ def test_directions_are_unit_vectors_that_are_spread_evenly():
         assert gaps.max() < side
 
 
-def test_how_far_points_are_outside_of_corners_that_span_a_plane_a_line_or_a_point():
-    """The distance is that to what the corners span, at whatever size and wherever that is."""
+def test_the_distance_from_corners_in_a_plane_a_line_or_a_point_is_that_to_their_span():
+    """This holds for any size and position."""
     points = sphere(40, 8)
     for size in (1e-4, 1.0, 1e4):
         for count, distances in (

@@ -1,12 +1,12 @@
-"""Writes `drone_models.json`: derivatives of Crazyflies by the package drone-models, for `test_drone_models.py`.
+"""Write `drone_models.json`, derivatives of Crazyflies from the package drone-models, for `test_drone_models.py`.
 
-In an environment of its own, since the package needs CasADi:
+The script needs an environment of its own, since the package requires CasADi:
 
     pip install drone-models==0.1.0
     python tests/vehicle/record_drone_models.py
 
-Its model `first_principles` (utiasDSL, MIT licence) is evaluated in random states. Numbers of the drones are written as
-they are in its data/params.toml, with rotor speeds in rpm; states and derivatives are in SI units.
+The script evaluates the package's model `first_principles` (utiasDSL, MIT licence) in random states. The parameters of
+the drones are those of its data/params.toml, with rotor speeds in rpm; states and derivatives are in SI units.
 """
 
 import importlib.metadata
@@ -41,7 +41,7 @@ def main() -> None:
 
 
 def sample(rng: np.random.Generator, numbers: dict) -> dict:
-    """A state, the speeds that rotors are told, and the derivatives."""
+    """Return a random state, commanded rotor speeds, and the derivatives."""
     attitude = rng.uniform(-1.2, 1.2, 3) * [1.0, 1.0, 2.5]
     velocity, rates = 2.0 * rng.normal(size=3), 5.0 * rng.normal(size=3)
     speeds, commands = rng.uniform(900.0, 2500.0, (2, 4))

@@ -1,4 +1,4 @@
-"""The acceleration that a vehicle shows is the rate of its motion."""
+"""The acceleration output of a vehicle is the time derivative of its motion."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ VEHICLES = {
     "small angles": (Quadrotor, VEHICLE, {"kinematics": "small_angle"}),
     "slung load and battery": (Quadrotor, AFFECTED, {"effects": AFFECTED.effects.names}),
     "throttles": (Quadrotor, THROTTLED, {"effects": THROTTLED.effects.names}),
-    # It carries the payload from 0.9 s to 1.9 s.
+    # The vehicle carries the payload from 0.9 s to 1.9 s.
     "payload": (Quadrotor, LADEN, {"effects": LADEN.effects.names}),
     "response": (RespondingQuadrotor, RESPONDING, {}),
     "response with small angles": (RespondingQuadrotor, RESPONDING, {"kinematics": "small_angle"}),
@@ -38,15 +38,15 @@ def with_inputs(system, context):
     return context
 
 
-def shown(system, context):
+def motion_and_acceleration(system, context):
     state = State(*system.GetOutputPort("state").Eval(context))
     acceleration = VehicleAcceleration(*system.GetOutputPort("acceleration").Eval(context))
     return [getattr(state, name) for name in MOTION], list(acceleration)
 
 
 @pytest.mark.parametrize(("kind", "numbers", "structure"), VEHICLES.values(), ids=VEHICLES)
-def test_the_acceleration_of_a_vehicle_that_steps_is_the_rate_of_its_motion(kind, numbers, structure):
-    """Of all that moves it: compared with central differences over steps of 0.1 ms, from 1 s on."""
+def test_the_acceleration_of_a_discrete_vehicle_is_the_rate_of_its_motion(kind, numbers, structure):
+    """The reference is central differences over steps of 0.1 ms, from 1 s on."""
     vehicle = kind(time_step=STEP, numbers=numbers, **structure)
     simulator = Simulator(vehicle)
     context = with_inputs(vehicle, simulator.get_mutable_context())
@@ -55,7 +55,7 @@ def test_the_acceleration_of_a_vehicle_that_steps_is_the_rate_of_its_motion(kind
     motions, accelerations = [], []
     for step in range(10, 43):
         simulator.AdvanceTo(1.0 + (step + 0.5) * STEP)
-        motion, acceleration = shown(vehicle, context)
+        motion, acceleration = motion_and_acceleration(vehicle, context)
         motions.append(motion)
         accelerations.append(acceleration)
     rates = (np.array(motions[2:]) - np.array(motions[:-2])) / (2.0 * STEP)
@@ -65,17 +65,17 @@ def test_the_acceleration_of_a_vehicle_that_steps_is_the_rate_of_its_motion(kind
 
 @pytest.mark.parametrize(("kind", "numbers", "structure"), VEHICLES.values(), ids=VEHICLES)
 def test_the_acceleration_of_a_continuous_state_is_its_derivative(kind, numbers, structure):
-    """Its motion is integrated by one small step of Euler's method."""
+    """The reference is one small step of Euler's method."""
     vehicle = kind(time_step=0.0, numbers=numbers, **structure)
     context = with_inputs(vehicle, vehicle.CreateDefaultContext())
     context.SetTime(1.0)
     rng = np.random.default_rng(1)
     state = context.get_continuous_state_vector().CopyToVector()
     context.SetContinuousState(state * rng.uniform(0.9, 1.1, len(state)) + rng.uniform(-0.1, 0.1, len(state)))
-    before, acceleration = shown(vehicle, context)
+    before, acceleration = motion_and_acceleration(vehicle, context)
     slope = vehicle.EvalTimeDerivatives(context).CopyToVector()
     context.SetContinuousState(context.get_continuous_state_vector().CopyToVector() + 1e-7 * slope)
-    after, _ = shown(vehicle, context)
+    after, _ = motion_and_acceleration(vehicle, context)
     rates = (np.array(after) - np.array(before)) / 1e-7
     np.testing.assert_allclose(acceleration, rates, rtol=0.0, atol=1e-5 * np.abs(rates).max())
 
@@ -83,7 +83,7 @@ def test_the_acceleration_of_a_continuous_state_is_its_derivative(kind, numbers,
 @pytest.mark.parametrize("time_step", [0.01, 0.0])
 @pytest.mark.parametrize(("kind", "numbers"), [(Quadrotor, VEHICLE), (RespondingQuadrotor, RESPONDING)])
 def test_a_vehicle_that_has_crashed_has_no_acceleration(kind, numbers, time_step):
-    """Although its state keeps the velocity and the rates of the crash."""
+    """The acceleration is zero although the state keeps the velocity and the body rates of the crash."""
     vehicle = kind(num_vehicles=2, time_step=time_step, numbers=numbers)
     context = vehicle.CreateDefaultContext()
     for i in range(vehicle.num_input_ports()):

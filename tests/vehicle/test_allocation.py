@@ -30,9 +30,9 @@ both_orders = pytest.mark.parametrize("priority", get_args(Priority))
 
 @both_forms
 @given(rotor_speed=rotor_speeds)
-def test_inverts_eq_5_within_the_limits(allocate, rotor_speed):
+def test_allocation_inverts_eq_5_within_the_limits(allocate, rotor_speed):
     speeds, shortfall = allocate(rotor_action(rotor_speed, TABLE_I).wrench, ROTORS)
-    # At the very limits rounding may call for a trace of saturation.
+    # At the limits themselves, rounding can cause a very small saturation.
     np.testing.assert_allclose(speeds, rotor_speed, rtol=1e-9)
     np.testing.assert_allclose(shortfall, 0.0, atol=1e-9)
 
@@ -40,7 +40,7 @@ def test_inverts_eq_5_within_the_limits(allocate, rotor_speed):
 @both_forms
 @both_orders
 @given(wrench=wrenches)
-def test_speeds_are_within_the_limits_and_shortfall_is_what_is_missing(allocate, priority, wrench):
+def test_speeds_are_within_the_limits_and_the_shortfall_is_the_missing_wrench(allocate, priority, wrench):
     speeds, shortfall = allocate(wrench, ROTORS, priority)
     assert np.all(np.array(speeds) >= 60.0 * (1.0 - 1e-12))
     assert np.all(np.array(speeds) <= 300.0 * (1.0 + 1e-12))
@@ -48,7 +48,7 @@ def test_speeds_are_within_the_limits_and_shortfall_is_what_is_missing(allocate,
 
 
 def random_layout(rng):
-    """Four uneven rotors that can hover, some of them on their own side of the vehicle, and their limits."""
+    """Return four different rotors that can hover, some of them on the same side of the vehicle, and their limits."""
     while True:
         angles = np.array([0.0, -0.5, -1.0, -1.5]) * np.pi + rng.uniform(-0.4, 0.4, 4) + rng.uniform(-np.pi, np.pi)
         arms = rng.uniform(0.08, 0.3, 4)
@@ -101,7 +101,7 @@ def best_wrench(wrench, rotors, priority):
 
 
 def demand_on(rotors, rng):
-    """Return a random wrench that the rotors can give, or one that is a little or much beyond that."""
+    """Return a random wrench that the rotors can produce, or one that exceeds this by a little or by much."""
     x, y, _, turns, b, d = np.array(rotors).T
     given = np.array([b, y * b, -x * b, -turns * d]) @ rng.uniform(60.0**2, 300.0**2, 4)
     spread = rng.choice([0.0, 0.5, 5.0])
@@ -112,7 +112,7 @@ def demand_on(rotors, rng):
 @both_orders
 @pytest.mark.parametrize("shape", [Rotors.plus, Rotors.x, random_layout])
 def test_each_part_of_a_wrench_is_the_best_that_the_parts_before_it_allow(shape, priority):
-    """Compare with linear programmes for a plus, an x or h of any length and width, and any four rotors."""
+    """Allocation agrees with linear programmes for a plus, an x or h of any size, and any four rotors."""
     rng = np.random.default_rng(5)
     paired = shape is not random_layout
     cut = np.zeros(3)
@@ -172,9 +172,9 @@ def test_a_large_roll_torque_moves_the_thrust_half_way_between_the_limits(alloca
 
 @both_forms
 @pytest.mark.parametrize(("thrust", "share"), [(0.0, 0.0), (2.0 * TOP_THRUST, 1.0)])
-def test_yaw_torque_serves_the_thrust_if_roll_torque_takes_all_of_two_rotors(allocate, thrust, share):
-    """The other two rotors are free to give thrust, and with it yaw torque if it has the commanded direction."""
-    commanded = 4.0 * 8.5e-7 * 1000.0  # 1000 rad²/s² of each rotor
+def test_two_free_rotors_give_thrust_if_roll_torque_saturates_the_others(allocate, thrust, share):
+    """The other two rotors are free to produce thrust, and also yaw torque in the commanded direction."""
+    commanded = 4.0 * 8.5e-7 * 1000.0  # 1000 rad²/s² for each rotor
     speeds, shortfall = allocate(Wrench(thrust, 9.0, 0.0, commanded), ROTORS)
     level = 0.5 * (60.0**2 + 300.0**2) + share * 2000.0
     np.testing.assert_allclose(np.square(speeds), [level, 60.0**2, level, 300.0**2], rtol=1e-12)
@@ -189,7 +189,7 @@ def test_yaw_torque_serves_the_thrust_if_roll_torque_takes_all_of_two_rotors(all
     direction=st.sampled_from([-1.0, 1.0]),
     priority=st.sampled_from(get_args(Priority)),
 )
-def test_pairs_are_allocated_like_any_rotors(wrench, shape, length, width, direction, priority):
+def test_allocation_to_pairs_agrees_with_the_general_allocation(wrench, shape, length, width, direction, priority):
     rotors = shape(length=length, width=width, rotor_1_direction=direction)
     model = RotorModel.of(QuadrotorParameters(rotors=rotors))
     speeds, shortfall = allocate(wrench, model, priority)
@@ -198,7 +198,7 @@ def test_pairs_are_allocated_like_any_rotors(wrench, shape, length, width, direc
     np.testing.assert_allclose(shortfall, other_shortfall, rtol=0.0, atol=1e-9)
 
 
-def test_a_rotor_that_yaw_does_not_move_leaves_yaw_to_the_others():
+def test_a_rotor_without_yaw_torque_does_not_limit_yaw():
     model = RotorModel.of(QuadrotorParameters(rotors=Rotors.x(length=0.3, width=0.3)))
     still = model._replace(mixer=model.mixer._replace(rotor_1=model.mixer.rotor_1._replace(tau_z=0.0)))
     hover = model.mixer.rotor_1.thrust * 6.67
@@ -210,8 +210,8 @@ def test_a_rotor_that_yaw_does_not_move_leaves_yaw_to_the_others():
     np.testing.assert_allclose(np.square(speeds), expected, rtol=1e-12)
 
 
-def test_a_rotor_without_room_leaves_alone_what_asks_nothing_of_it():
-    """A weak rotor in front is at its limit first; roll is for the rotors beside it, which have room."""
+def test_a_saturated_rotor_does_not_limit_torque_that_it_does_not_produce():
+    """A weak front rotor reaches its limit first, but only the rotors at the sides produce roll torque."""
     weak, *others = Rotors.plus()
     rotors = Rotors(weak._replace(thrust_factor=0.8 * 4.13e-5, drag_factor=0.8 * 8.5e-7), *others)
     model = RotorModel.of(QuadrotorParameters(rotors=rotors))
@@ -222,7 +222,7 @@ def test_a_rotor_without_room_leaves_alone_what_asks_nothing_of_it():
     assert shortfall.tau_y == pytest.approx(-0.1)
 
 
-def test_a_yaw_torque_that_does_not_fit_leaves_roll_untouched():
+def test_yaw_torque_is_sacrificed_before_roll():
     _, shortfall = allocate(Wrench(6.67, 0.3, 0.0, 0.3), ROTORS)
     assert shortfall == Wrench(0.0, 0.0, 0.0, shortfall.tau_z)
     assert 0.0 < shortfall.tau_z < 0.3
@@ -240,7 +240,7 @@ def test_fleet_and_single_vehicle_agree():
         np.testing.assert_allclose(rows[:, i], speeds + shortfall, rtol=1e-14, atol=1e-16)
 
 
-def test_its_parts_come_out_under_their_names():
+def test_the_packed_output_has_both_signals_under_their_names():
     builder = DiagramBuilder()
     for name, port in split_output(builder, "allocation", Allocation()).items():
         builder.ExportOutput(port, name)
@@ -253,8 +253,8 @@ def test_its_parts_come_out_under_their_names():
     np.testing.assert_array_equal(diagram.GetOutputPort("shortfall").Eval(context), 0.0)
 
 
-def test_what_little_room_is_left_is_given_whole():
-    """Half of a squared rad/s below the top there is room for a tenth of it."""
+def test_small_remaining_room_is_used_completely():
+    """At 0.5 rad²/s² below the maximum, a demand of 0.1 rad²/s² fits."""
     level, roll = 300.0**2 - 0.5, 0.1
     wrench = Wrench(4.0 * 4.13e-5 * level, 2.0 * 4.13e-5 * 0.17 * roll, 0.0, 0.0)
     speeds, shortfall = allocate(wrench, ROTORS)
@@ -264,8 +264,8 @@ def test_what_little_room_is_left_is_given_whole():
 
 @both_forms
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_demand_that_is_small_is_held_to_what_little_room_there_is(allocate, sign):
-    """A tenth of a squared rad/s below the top; of half of one, which roll asks for, a fifth fits."""
+def test_a_small_demand_is_limited_to_the_remaining_room(allocate, sign):
+    """At 0.1 rad²/s² below the maximum, a fifth of a roll demand of 0.5 rad²/s² fits."""
     level, roll = 300.0**2 - 0.1, sign * 0.5
     tau_x = 2.0 * 4.13e-5 * 0.17 * roll
     speeds, shortfall = allocate(Wrench(4.0 * 4.13e-5 * level, tau_x, 0.0, 0.0), ROTORS, "thrust")
@@ -276,16 +276,16 @@ def test_a_demand_that_is_small_is_held_to_what_little_room_there_is(allocate, s
 @pytest.mark.slow
 @both_forms
 @both_orders
-def test_no_rounding_takes_a_rotor_below_its_limit(allocate, priority):
-    """Nor the square of a speed below zero, where the root is not a number."""
+def test_rounding_takes_no_rotor_below_its_limit(allocate, priority):
+    """No squared speed becomes negative either, which would make its root NaN."""
     for low in (0.0, 60.0):
         rotors, rng = RotorModel.of(TABLE_I._replace(min_rotor_speed=low)), np.random.default_rng(3)
         speeds, _ = allocate(Wrench(*(rng.normal(size=(1500, 4)) * [10.0, 3.0, 3.0, 0.3]).T), rotors, priority)
         assert np.min(speeds) >= low
 
 
-def test_no_rounding_takes_any_rotor_above_its_limit():
-    """The coefficients of rotors at any place are less exact than those of pairs."""
+def test_rounding_takes_no_rotor_above_its_limit():
+    """The coefficients of rotors at arbitrary positions are less exact than those of pairs."""
     rng = np.random.default_rng(3)
     speeds, _ = allocate(Wrench(*(rng.normal(size=(300, 4)) * [10.0, 3.0, 3.0, 0.3]).T), ROTORS)
     assert np.max(speeds) <= 300.0

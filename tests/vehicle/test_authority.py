@@ -1,4 +1,4 @@
-"""Layouts that cannot give all of a wrench, or cannot hover, and what they lack."""
+"""Layouts that cannot produce every wrench, or cannot hover, are rejected with the reason."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ SQUARE = ((0.2, -0.2), (-0.2, -0.2), (-0.2, 0.2), (0.2, 0.2))
 
 
 @pytest.mark.parametrize("rotors", [Rotors.plus(), Rotors.x(length=0.1, width=0.3), Rotors.plus(length=1.0, width=0.1)])
-def test_short_forms_lack_nothing(rotors):
+def test_plus_and_x_layouts_produce_every_wrench(rotors):
     assert missing_direction(rotors) is None
     assert hover_flaw(rotors, min_speed=60.0, max_speed=300.0) is None
 
@@ -37,17 +37,17 @@ def test_short_forms_lack_nothing(rotors):
             layout([(0.2, 0.2), (0.1, 0.1), (-0.1, -0.1), (-0.2, -0.2)]),
             r"torque about the axis (0.71, 0.71, 0), since its rotors are in a line",
         ),
-        (layout([(0.0, 0.0)] * 4), "roll and pitch torque, since its rotors are all in the middle"),
+        (layout([(0.0, 0.0)] * 4), "roll and pitch torque, since all its rotors are at the centre"),
     ],
 )
-def test_what_a_layout_lacks(rotors, lacking):
-    """And the wrenches of any speeds have no part in it: the map from squared speeds to the wrench has no inverse."""
+def test_the_missing_part_of_a_wrench_is_named(rotors, lacking):
+    """The map from squared speeds to the wrench of these layouts is singular."""
     assert missing_direction(rotors) == lacking
     x, y, _, turns, b, d = np.array(rotors).T
     assert np.linalg.matrix_rank([b, y * b, -x * b, -turns * d * 10.0]) < 4
 
 
-def test_of_several_vehicles_any_counts():
+def test_one_deficient_vehicle_of_several_is_reported():
     arm = np.array([0.2, 0.2])
     places = ((arm, -arm), (-arm, -arm), (-arm, arm), (arm, arm))
     assert missing_direction(layout(places)) is None
@@ -55,14 +55,14 @@ def test_of_several_vehicles_any_counts():
     assert missing_direction(layout(places, one_way)).startswith("yaw torque without thrust")
 
 
-def test_one_of_several_vehicles_whose_rotors_are_all_in_the_middle_counts():
+def test_one_vehicle_of_several_with_all_rotors_at_the_centre_is_reported():
     arm = np.array([0.2, 0.0])
     places = ((arm, -arm), (-arm, -arm), (-arm, arm), (arm, arm))
-    assert missing_direction(layout(places)) == "roll and pitch torque, since its rotors are all in the middle"
+    assert missing_direction(layout(places)) == "roll and pitch torque, since all its rotors are at the centre"
 
 
-def test_yaw_is_by_drag_factor_over_thrust_factor():
-    """With d / b of 1, 2, 1, 2 and neighbours that turn one way, yaw torque cannot be had without other torques."""
+def test_yaw_authority_depends_on_the_ratio_of_drag_to_thrust_factor():
+    """If d / b is 1, 2, 1, 2 and neighbours turn in the same direction, yaw torque requires other torques."""
     turns, thrust_factors, ratios = (1.0, 1.0, -1.0, -1.0), (4e-5, 4e-5, 8e-5, 4e-5), (0.02, 0.04, 0.02, 0.04)
     rotors = Rotors(
         *(
@@ -74,8 +74,8 @@ def test_yaw_is_by_drag_factor_over_thrust_factor():
 
 
 @pytest.mark.parametrize(("share", "stands"), [(1e-10, True), (-1e-10, True), (1e-8, False), (-1e-8, False)])
-def test_a_rotor_that_carries_next_to_nothing_stands_still(share, stands):
-    """In a plus of arms of 0.2 m whose rotors 2 and 4 are e in front of the middle, rotor 1 carries (0.2 - e) / 0.8."""
+def test_a_rotor_with_almost_no_share_of_the_thrust_would_stand_still(share, stands):
+    """In a plus with arms of 0.2 m, if rotors 2 and 4 are e forward, rotor 1 has (0.2 - e) / 0.8 of the thrust."""
     e = 0.2 - 0.8 * (0.5 * share)
     flaw = hover_flaw(layout([(0.2, 0.0), (e, -0.2), (-0.2, 0.0), (e, 0.2)]), min_speed=0.0, max_speed=300.0)
     if stands:
@@ -84,28 +84,28 @@ def test_a_rotor_that_carries_next_to_nothing_stands_still(share, stands):
         assert flaw == (None if share > 0.0 else "rotor 1 would have to push down")
 
 
-def test_three_rotors_of_four_that_turn_one_way_cannot_hover():
-    """Without yaw torque, the one that turns the other way must carry half of the weight, and so must its opposite."""
+def test_three_rotors_with_the_same_direction_cannot_hover():
+    """Zero yaw torque requires that the other rotor carries half of the weight, and so must its opposite."""
     rotors = layout(SQUARE, (1.0, 1.0, 1.0, -1.0))
     assert missing_direction(rotors) is None
     assert hover_flaw(rotors, min_speed=60.0, max_speed=300.0) == "rotor 1 would have to stand still"
 
 
-def test_a_middle_beside_the_rotors_has_no_hover():
+def test_a_centre_of_mass_outside_the_rotors_has_no_hover():
     ahead = layout([(x + 0.25, y) for x, y in SQUARE])
     assert hover_flaw(ahead, min_speed=60.0, max_speed=300.0) == "rotor 1 would have to push down"
 
 
-def test_a_rotor_that_hovers_below_idle_beside_another_at_its_top_is_a_flaw():
-    """Those in front, 0.35 m from the middle, carry a seventh of what those 0.05 m behind it do: 0.38 in speed."""
+def test_a_too_large_ratio_of_hover_speeds_is_a_flaw():
+    """Front rotors 0.35 m ahead carry a seventh of the thrust of rear rotors 0.05 m behind: 0.38 in speed."""
     uneven = layout([(x + 0.15, y) for x, y in SQUARE])
     assert hover_flaw(uneven, min_speed=60.0, max_speed=300.0) is None
     flaw = hover_flaw(uneven, min_speed=60.0, max_speed=150.0)
     assert flaw.startswith("rotor 1 would have to turn 0.38 times as fast as the fastest")
 
 
-def test_the_rotor_that_would_have_to_be_too_slow_is_named():
-    """Of a plus whose right rotor is eight times as far out as the left one."""
+def test_the_rotor_with_the_too_small_speed_is_named():
+    """The right rotor of a plus is eight times as far from the centre as the left one."""
     rotors = layout([(0.2, 0.0), (0.0, -0.8), (-0.2, 0.0), (0.0, 0.1)])
     assert hover_flaw(rotors, min_speed=60.0, max_speed=300.0) is None
     assert hover_flaw(rotors, min_speed=150.0, max_speed=300.0).startswith(

@@ -1,4 +1,4 @@
-"""Loops on board: what they make of a target, and how a vehicle answers that has them."""
+"""Attitude and rate loops on board, compared with equations of their own, and the response of a vehicle with them."""
 
 import numpy as np
 import pytest
@@ -21,10 +21,10 @@ from drake_quad.vehicle.autopilot import (
     LoopRules,
     NeglectedDrag,
     SensorNoise,
-    autopilot_law,
-    lean_after,
-    sensed,
-    thrust_alone,
+    autopilot_step,
+    estimated_attitude_and_rates,
+    next_lean_error,
+    wrench_without_torque,
 )
 from drake_quad.vehicle.parameters import Inertia
 
@@ -43,14 +43,14 @@ NO_NOISE = "laboratory.motion_capture={position_noise: 0, attitude_noise: 0}"
 
 
 def wrench_of(noise, numbers):
-    """Return the wrench of an autopilot that remembers nothing."""
-    wrench, memory = autopilot_law(TARGET, STATE, noise, numbers, None, 0.0025)
+    """Return the wrench of an autopilot without memory."""
+    wrench, memory = autopilot_step(TARGET, STATE, noise, numbers, None, 0.0025)
     assert memory is None
     return wrench
 
 
 def law(target, state, numbers, noise=((0.0,) * 3, (0.0,) * 3)):
-    """The equations of PX4's two loops with vectors and matrices."""
+    """Return the wrench by the equations of the two proportional loops, with vectors and matrices."""
     inertia = np.diag(numbers.inertia)
     rates = np.array(state[9:12]) + numbers.gyroscope.bias + numbers.gyroscope.noise * np.array(noise[0])
     error = np.array(target[1:4]) - np.array(state[3:6]) - numbers.attitude_noise * np.array(noise[1])
@@ -61,16 +61,16 @@ def law(target, state, numbers, noise=((0.0,) * 3, (0.0,) * 3)):
 
 
 def test_the_wrench_is_that_of_two_proportional_loops():
-    """From a yaw of -3.1 to one of 3.0 it turns by -0.18, the short way."""
+    """From a yaw of -3.1 rad to one of 3.0 rad, the shorter rotation is -0.18 rad."""
     np.testing.assert_allclose(wrench_of(None, NUMBERS), law(TARGET, STATE, NUMBERS), rtol=1e-13)
     noise = SensorNoise((0.7, -1.2, 0.4), (1.1, -0.3, 0.9))
     found = wrench_of(noise, NUMBERS)
     np.testing.assert_allclose(found, law(TARGET, STATE, NUMBERS, noise), rtol=1e-13)
-    np.testing.assert_array_equal(thrust_alone(TARGET), [6.6, 0.0, 0.0, 0.0])
+    np.testing.assert_array_equal(wrench_without_torque(TARGET), [6.6, 0.0, 0.0, 0.0])
 
 
 class Px4Rates:
-    """RateControl of PX4 behind the filters of its gyroscope, about each axis alike, in PX4's own order."""
+    """PX4's RateControl with the filters of its gyroscope, the same for each axis, in PX4's order of operations."""
 
     def __init__(self, period, gains, limit, cutoffs):
         self.period, self.gains, self.limit = period, gains, limit
@@ -93,7 +93,7 @@ class Px4Rates:
         return out
 
 
-def test_the_rate_loop_is_px4_s_tick_by_tick():
+def test_the_rate_loop_agrees_with_px4_at_each_tick():
     period, gains, limit, cutoffs = 0.0025, (14.0, 30.0, 0.3, 0.2), 2.5, (250.0, 120.0)
     k_p, k_i, k_d, k_ff = gains
     terms = Terms(Integral(k_i, limit, np.radians(400.0)), Derivative(k_d, first_order(cutoffs[1], period)), k_ff)
@@ -117,45 +117,45 @@ def test_the_rate_loop_is_px4_s_tick_by_tick():
         ]
         limited = np.clip(asked, [-2.0, -1.0, -0.5], [2.0, 1.0, 0.5])
         clipped += np.any(asked != limited)
-        wrench, memory = autopilot_law(target, state, None, numbers, memory, period, LoopRules(gyroscopic=False))
+        wrench, memory = autopilot_step(target, state, None, numbers, memory, period, LoopRules(gyroscopic=False))
         expected = np.array(numbers.inertia) * px4.update(shown, limited)
         np.testing.assert_allclose(wrench[1:], expected, rtol=1e-9, atol=1e-9)
     assert clipped > 20
     assert np.abs(px4.integral).max() == limit
 
 
-def test_an_estimator_without_drag_takes_the_force_of_the_air_for_a_tilt():
-    """In flight at a constant velocity the error tends to -v d / g with a lag of first order."""
+def test_an_estimator_without_drag_mistakes_drag_for_a_tilt():
+    """In flight at a constant velocity, the error approaches -v d / g with a first-order lag."""
     drag, period = NeglectedDrag(0.04, 0.5), 0.002
     lean = LeanError(0.0, 0.0)
     state = STATE._replace(v_x=1.5, v_y=-0.8)
     for _ in range(200):
-        lean = lean_after(lean, state, drag, period)
+        lean = next_lean_error(lean, state, drag, period)
     np.testing.assert_allclose(lean, -0.04 * np.array([1.5, -0.8]) * (1.0 - np.exp(-200 * period / 0.5)), rtol=1e-12)
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.5 * np.pi, 2.3])
-def test_the_estimated_thrust_points_less_in_the_direction_of_flight(yaw):
-    """For small angles the direction of the thrust changes by the error along X and Y, whatever the yaw."""
+def test_the_estimated_thrust_leans_less_in_the_direction_of_flight(yaw):
+    """For small angles the thrust direction changes by the error along X and Y, whatever the yaw."""
 
     def direction(attitude):
         return Rotation.from_euler("ZYX", [attitude.yaw, attitude.pitch, attitude.roll]).apply([0.0, 0.0, 1.0])
 
     state = STATE._replace(roll=0.0, pitch=0.0, yaw=yaw)
-    true, _ = sensed(state, None, NUMBERS)
-    seen, _ = sensed(state, None, NUMBERS, LeanError(-2e-3, 1e-3))
+    true, _ = estimated_attitude_and_rates(state, None, NUMBERS)
+    seen, _ = estimated_attitude_and_rates(state, None, NUMBERS, LeanError(-2e-3, 1e-3))
     np.testing.assert_allclose((direction(seen) - direction(true))[:2], [-2e-3, 1e-3], atol=1e-8)
     assert seen.yaw == true.yaw
 
 
-def test_senses_of_which_nothing_is_said_are_right():
+def test_sensors_are_exact_by_default():
     numbers = AutopilotNumbers(NUMBERS.k_attitude, NUMBERS.k_rate, NUMBERS.inertia)
     noise = SensorNoise((0.7, -1.2, 0.4), (1.1, -0.3, 0.9))
     assert wrench_of(noise, numbers) == wrench_of(None, numbers)
     assert numbers.gyroscope.bias == numbers.initial[1:] == (0.0, 0.0, 0.0)
 
 
-def test_a_target_and_a_state_are_taken_at_an_instant_and_the_wrench_is_held():
+def test_target_and_state_are_sampled_at_a_tick_and_the_wrench_is_held():
     autopilot = AttitudeAutopilot(period=0.005, numbers=NUMBERS)
     simulator = Simulator(autopilot)
     context = simulator.get_mutable_context()
@@ -174,8 +174,8 @@ def test_a_target_and_a_state_are_taken_at_an_instant_and_the_wrench_is_held():
 
 
 @pytest.mark.slow
-def test_a_gyroscope_s_bias_leans_the_vehicle_until_its_attitude_makes_up_for_it(diagrams):
-    """At rest k_attitude (φ_r - φ) is the bias, less what ω x I ω makes of it; the vehicle is level."""
+def test_a_gyroscope_bias_causes_a_steady_attitude_error(diagrams):
+    """In equilibrium, k_attitude (φ_r - φ) is the bias, except for the effect of ω x I ω."""
     bias = np.array([0.02, -0.03, 0.01])
     flight = simulate(
         load_scenario(
@@ -197,8 +197,8 @@ def test_a_gyroscope_s_bias_leans_the_vehicle_until_its_attitude_makes_up_for_it
 
 
 @pytest.mark.slow
-def test_what_runs_on_board_does_not_wait_for_the_link(diagrams):
-    """However late packets are, on board the attitude is held: the yaw, which no position loop turns, decays alike."""
+def test_the_autopilot_is_not_delayed_by_the_link(diagrams):
+    """For any delay of the link the yaw decays in the same way, since no position loop affects it."""
     flown = []
     for delay in (0, 5):
         flight = simulate(
@@ -215,10 +215,10 @@ def test_what_runs_on_board_does_not_wait_for_the_link(diagrams):
         )
         flown.append(flight.record("state").yaw)
     assert np.abs(flown[0]).max() > 0.02
-    # Rotors that speed up and down lift a little, and height is controlled on the ground.
+    # Rotors with changing speeds produce a little lift, and the height is controlled from the ground.
     np.testing.assert_allclose(flown[0], flown[1], atol=1e-6)
 
 
 @pytest.mark.parametrize("noisy", [False, True])
-def test_an_autopilot_takes_random_numbers_just_if_its_senses_are_noisy(noisy):
+def test_an_autopilot_uses_random_numbers_only_if_its_sensors_are_noisy(noisy):
     assert AttitudeAutopilot(noisy=noisy, numbers=NUMBERS).HasInputPort("sensor_noise") is noisy

@@ -1,6 +1,7 @@
-"""The Crazyflies of the package drone-models, by derivatives that `record_drone_models.py` wrote.
+"""The model agrees with derivatives of the package drone-models, which `record_drone_models.py` has recorded.
 
-docs/reference/effects.md names the terms in which its equations differ from these. Here they are added one by one.
+docs/reference/effects.md lists the terms in which the equations of the package differ from ours. The tests add these
+terms one by one.
 """
 
 import json
@@ -24,12 +25,12 @@ RESULTS = {"acceleration": slice(6, 9), "turning": slice(9, 12), "spinning": sli
 
 
 def lag(coefficient):
-    """The time constant (s) of rotors whose speeds follow by coefficient times difference; never, where that is 0."""
+    """Return the time constant (s) of rotors with a linear lag, for its coefficient; infinite if it is 0."""
     return 1.0 / coefficient if coefficient else np.inf
 
 
 class Drone:
-    """A drone of the package as a vehicle of ours, and what its equations have beside ours."""
+    """Drone of the package as one of our vehicles, with the additional terms of its equations."""
 
     def __init__(self, record):
         self.samples, self.numbers = record["samples"], {name: np.array(n) for name, n in record["numbers"].items()}
@@ -37,7 +38,7 @@ class Drone:
         self.roll, self.pitch, self.yaw = self.numbers["mixing_matrix"] * [[arm], [arm], [1.0]]
         _, _, self.gravity = -self.numbers["gravity_vec"]
         self.inertia, self.drag = np.diag(self.numbers["J"]), -np.diag(self.numbers["drag_matrix"])
-        # A rotor that turns clockwise seen from above turns the body to the left, which is yaw: directions are -yaw.
+        # A rotor that turns clockwise seen from above yaws the body to the left, so directions are -yaw.
         self.thrust_factor, self.drag_factor = (self.numbers[name][2] / RPM**2 for name in ("rpm2thrust", "rpm2torque"))
         self.vehicle = self._vehicle()
         self.context = self.vehicle.CreateDefaultContext()
@@ -69,7 +70,7 @@ class Drone:
         return Quadrotor(time_step=0.0, effects=effects.names, numbers=QuadrotorNumbers(parameters, effects=effects))
 
     def rates(self, sample):
-        """(16,) of our state."""
+        """Return the (16,) derivatives of our state."""
         still = [0.0, 0.0, 0.0]
         names = "attitude", "velocity", "rates", "speeds"
         self.context.SetContinuousState(np.concatenate([still, *(sample[name] for name in names)]))
@@ -78,7 +79,7 @@ class Drone:
         return self.vehicle.EvalTimeDerivatives(self.context).CopyToVector()
 
     def further_terms(self, sample):
-        """What the package adds to acceleration, turning and spinning, by its reason."""
+        """Return the terms that the package adds to the accelerations of body and rotors, by their reason."""
         speeds, commands = np.array(sample["speeds"]), np.array(sample["commands"])
         (k_0, k_1, _), (c_0, c_1, _) = self.numbers["rpm2thrust"], self.numbers["rpm2torque"]
         force, drag = k_0 + k_1 * speeds / RPM, c_0 + c_1 * speeds / RPM
@@ -109,8 +110,8 @@ def drone(request):
     return Drone(RECORD["drones"][request.param])
 
 
-def test_the_derivatives_of_drone_models_are_ours_and_three_terms_more(drone):
-    """And without any one of the terms they are not."""
+def test_derivatives_of_drone_models_are_ours_plus_three_terms(drone):
+    """Without any one of the terms they differ."""
     assert RECORD["package"] == "drone-models 0.1.0"
     worst = dict.fromkeys(drone.further_terms(drone.samples[0]), 0.0)
     for sample in drone.samples:

@@ -1,4 +1,4 @@
-"""The equations of motion against what nobody here wrote, and against the laws of mechanics."""
+"""The equations of motion agree with Drake's plants, with the paper, and with conservation laws of mechanics."""
 
 import numpy as np
 import pytest
@@ -15,9 +15,9 @@ from drake_quad.vehicle.attitude_kinematics import RIGID_KINEMATICS, SMALL_ANGLE
 from drake_quad.vehicle.dynamics import (
     RotorAction,
     drag,
-    held_rotor_speed,
     hover_rotor_speeds,
     rotor_action,
+    target_rotor_speed,
 )
 from drake_quad.vehicle.effects import NO_EFFECTS
 from drake_quad.vehicle.faults import SpeedFactors
@@ -31,7 +31,7 @@ NO_WRENCH = Wrench(0.0, 0.0, 0.0, 0.0)
 
 
 def random_states(count, seed):
-    """Positions, attitudes within 1.2 rad, velocities, body rates and rotor speeds, one state a row."""
+    """Return positions, attitudes within 1.2 rad, velocities, body rates and rotor speeds, one state per row."""
     rng = np.random.default_rng(seed)
     attitude = rng.uniform(-1.2, 1.2, (count, 3)) * [1.0, 1.0, 2.5]
     return np.hstack(
@@ -51,12 +51,12 @@ def assert_close(actual, expected):
 
 @pytest.fixture(scope="module")
 def uneven(asymmetric_vehicle):
-    """Without what Drake's plants do not have: spin and drag."""
+    """Return uneven parameters without the effects that Drake's plants do not have: rotor inertia and drag."""
     return asymmetric_vehicle._replace(rotor_inertia=0.0, linear_drag=0.0, quadratic_drag=0.0)
 
 
-def test_against_the_quadrotor_plant_of_drake(uneven):
-    """All of whose rotors are alike, with the centre of mass in their middle."""
+def test_accelerations_agree_with_drake_s_quadrotor_plant(uneven):
+    """The rotors of this plant are equal, and its centre of mass is in their middle."""
     b, d, arm = 4.15e-5, 1.1e-6, 0.165
     rotors = Rotors.plus(length=2.0 * arm, width=2.0 * arm, thrust_factor=b, drag_factor=d)
     parameters = uneven._replace(rotors=rotors, centre_of_mass=CentreOfMass(), gravity=9.81)
@@ -73,7 +73,7 @@ def test_against_the_quadrotor_plant_of_drake(uneven):
         euler = RollPitchYaw(state[3:6])
         rates = euler.CalcRpyDtFromAngularVelocityInChild(state[9:12])
         context.SetContinuousState(np.concatenate([state[:6], state[6:9], rates]))
-        # Its second rotor is at +y, where the paper has the fourth.
+        # The second rotor of Drake's plant is at +y, where the paper has the fourth.
         squares = state[[12, 15, 14, 13]] ** 2
         plant.get_input_port().FixValue(context, squares)
         theirs = plant.EvalTimeDerivatives(context).CopyToVector()
@@ -84,7 +84,7 @@ def test_against_the_quadrotor_plant_of_drake(uneven):
 
 
 def multibody(parameters):
-    """A free body with four propellers about its centre of mass, wired by Drake's multibody engine."""
+    """Return a MultibodyPlant of a free body with four propellers."""
     builder = DiagramBuilder()
     plant, _ = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
     inertia = UnitInertia(*(np.array(parameters.inertia) / parameters.mass))
@@ -92,7 +92,7 @@ def multibody(parameters):
     plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, -parameters.gravity])
     plant.Finalize()
     centre = np.array([*parameters.centre_of_mass, 0.0])
-    # A rotor that turns clockwise, seen from above, turns the body anticlockwise, about +z.
+    # A rotor that turns clockwise, seen from above, turns the body anticlockwise, around +z.
     infos = [
         PropellerInfo(body.index(), RigidTransform(np.array([x, y, z]) - centre), b, -turns * d)
         for x, y, z, turns, b, d in parameters.rotors
@@ -105,7 +105,7 @@ def multibody(parameters):
 
 
 def random_rotors(rng):
-    """Four rotors anywhere, that turn anyhow."""
+    """Return four rotors with random positions and directions of rotation."""
     return Rotors(
         *(
             Rotor(*rng.normal(size=3) * 0.2, rng.choice([-1.0, 1.0]), rng.uniform(2e-5, 6e-5), rng.uniform(4e-7, 2e-6))
@@ -130,19 +130,19 @@ def assert_accelerates_as_multibody(parameters, states):
         assert_close(ours[9:12], R_WB.inverse() @ acceleration.rotational())
 
 
-def test_against_a_multibody_plant_with_propellers(uneven):
+def test_accelerations_agree_with_a_multibody_plant_with_propellers(uneven):
     assert_accelerates_as_multibody(uneven, random_states(300, seed=2))
 
 
 @pytest.mark.slow
-def test_a_hundred_layouts_against_multibody_plants(uneven):
+def test_accelerations_of_a_hundred_layouts_agree_with_multibody_plants(uneven):
     rng = np.random.default_rng(12)
     for seed in range(100):
         parameters = uneven._replace(rotors=random_rotors(rng), centre_of_mass=CentreOfMass(*rng.normal(size=2) * 0.05))
         assert_accelerates_as_multibody(parameters, random_states(5, seed=seed))
 
 
-def test_the_paper_s_rotors_act_as_eqs_4_and_5_say():
+def test_the_paper_s_rotors_follow_eqs_4_and_5():
     b, d, length, speed = 4.13e-5, 8.5e-7, 0.17, RotorSpeed(210.0, 190.0, 205.0, 180.0)
     w_1, w_2, w_3, w_4 = speed
     found = rotor_action(speed, TABLE_I)
@@ -154,7 +154,7 @@ def test_the_paper_s_rotors_act_as_eqs_4_and_5_say():
 
 
 def test_spinning_rotors_keep_the_total_angular_momentum(uneven):
-    """Rotors that turn at constant speed but push nothing: R_WB (I w + J_r w_r z) is constant."""
+    """For rotors with constant speed and without thrust, R_WB (I w + J_r w_r z) is constant."""
     parameters = uneven._replace(rotor_inertia=1e-3)
     residual = rotor_action(RotorSpeed(100.0, 300.0, 120.0, 280.0), parameters).residual
     assert residual == 360.0
@@ -181,8 +181,8 @@ def test_spinning_rotors_keep_the_total_angular_momentum(uneven):
     np.testing.assert_allclose(momentum(state), start, rtol=0.0, atol=1e-12)
 
 
-def test_gyroscopic_signs_are_those_of_the_paper(asymmetric_vehicle):
-    """Eq (3): -J_r θ' w_r on roll and +J_r φ' w_r on pitch."""
+def test_gyroscopic_torques_have_the_signs_of_the_paper(asymmetric_vehicle):
+    """Eq (3) has -J_r θ' w_r in roll and +J_r φ' w_r in pitch."""
     parameters = asymmetric_vehicle._replace(linear_drag=0.0, quadratic_drag=0.0)
     (i_xx, i_yy, i_zz), spin = parameters.inertia, parameters.rotor_inertia
     state = State(*[0.0] * 9, p=2.0, q=3.0, r=0.0)
@@ -208,7 +208,7 @@ def test_small_angles_agree_with_the_exact_form_to_second_order(asymmetric_vehic
     np.testing.assert_allclose(ratios, 4.0, rtol=2e-2)
 
 
-def test_hover():
+def test_a_vehicle_at_hover_speeds_has_no_acceleration():
     speeds = hover_rotor_speeds(TABLE_I)
     assert speeds == pytest.approx([200.9] * 4, abs=0.05)
     state = VehicleState(State(*[0.0] * 12), speeds)
@@ -234,24 +234,24 @@ def test_power_of_the_rotors_and_of_the_air_is_the_rate_of_the_energy(asymmetric
         assert energy_rate == pytest.approx(power, rel=1e-12, abs=1e-12)
 
 
-def test_every_rotor_is_held_within_its_limits(asymmetric_vehicle):
-    """Each in its turn too fast, too slow, no number and as it should be, and each with a share of its own."""
+def test_rotor_speed_commands_are_clipped_and_multiplied_by_fault_factors(asymmetric_vehicle):
+    """The commands of each rotor are in turn too large, too small, NaN and feasible, and each rotor has a factor."""
     low, high = asymmetric_vehicle.min_rotor_speed, asymmetric_vehicle.max_rotor_speed
     commands, held, shares = [1e4, -1e4, np.nan, 250.0], [high, low, low, 250.0], [1.0, 0.9, 0.8, 0.7]
     for turn in range(4):
         command = RotorSpeed(*np.roll(commands, turn).tolist())
-        found = held_rotor_speed(command, asymmetric_vehicle, SpeedFactors(*shares))
+        found = target_rotor_speed(command, asymmetric_vehicle, SpeedFactors(*shares))
         np.testing.assert_allclose(found, shares * np.roll(held, turn), rtol=1e-15)
 
 
-def test_drag_is_along_the_airspeed_and_of_the_stated_size():
+def test_drag_is_parallel_to_the_airspeed():
     force = np.array(drag(Wind(-3.0, 4.0, 0.0), 0.2, 0.01))
     assert np.linalg.norm(force) == pytest.approx(0.2 * 5.0 + 0.01 * 25.0)
     np.testing.assert_allclose(force / np.linalg.norm(force), [-0.6, 0.8, 0.0])
     assert drag(STILL, 0.2, 0.01) == (0.0, 0.0, 0.0)
 
 
-def test_a_vehicle_that_goes_with_the_air_feels_none(asymmetric_vehicle, uneven):
+def test_a_vehicle_that_moves_with_the_air_has_no_drag(asymmetric_vehicle, uneven):
     state = random_states(1, seed=8)[0]
     parameters = asymmetric_vehicle._replace(rotor_inertia=0.0)
     still_air = body_derivative(state, uneven, STILL)

@@ -1,4 +1,4 @@
-"""What acts on a vehicle beside the paper's equations, against forces at points, MultibodyPlant and energy."""
+"""Effects on a vehicle agree with forces at points, with MultibodyPlant, and with energy balances."""
 
 import math
 
@@ -47,7 +47,7 @@ EFFECTS = {
 
 
 class Sample:
-    """A vehicle in some state under some command in some wind."""
+    """Random vehicle state, command and wind."""
 
     def __init__(self, rng):
         attitude = rng.uniform(-1.2, 1.2, 3) * [1.0, 1.0, 2.5]
@@ -62,7 +62,7 @@ def samples(count, seed):
 
 
 def slope(vehicle, context, sample, *more):
-    """The rates of the continuous state of a vehicle."""
+    """Return the derivative of the continuous state of a vehicle."""
     context.SetContinuousState(np.concatenate([sample.state, sample.speeds, *more]))
     vehicle.GetInputPort("rotor_speed_command").FixValue(context, sample.command)
     vehicle.GetInputPort("wind").FixValue(context, sample.wind)
@@ -93,7 +93,7 @@ def assert_close(actual, expected, tolerance=1e-12):
 
 
 def anywhere(parameters):
-    """Return a vehicle with rotors anywhere: their mean is not the origin, to which centre_of_mass refers."""
+    """Return a vehicle with rotors at random positions, whose mean is not the origin of the layout."""
     places = (0.16, -0.02, 0.03), (-0.01, -0.15, 0.0), (-0.12, 0.03, 0.01), (0.04, 0.18, 0.04)
     rotors = zip(parameters.rotors, places, strict=True)
     return parameters._replace(rotors=Rotors._make(rotor._replace(x=x, y=y, z=z) for rotor, (x, y, z) in rotors))
@@ -101,7 +101,7 @@ def anywhere(parameters):
 
 @pytest.mark.parametrize("name", EFFECTS)
 @pytest.mark.parametrize("layout", ["plus", "anywhere"])
-def test_against_forces_at_their_points(asymmetric_vehicle, layout, name):
+def test_air_loads_agree_with_forces_at_their_points(asymmetric_vehicle, layout, name):
     effects = EFFECTS[name]
     parameters = asymmetric_vehicle if layout == "plus" else anywhere(asymmetric_vehicle)
     vehicle, context = continuous(parameters, effects)
@@ -120,7 +120,7 @@ def test_against_forces_at_their_points(asymmetric_vehicle, layout, name):
     assert moved > 0.1, "the effect must have done something"
 
 
-def test_numbers_that_are_not_given_do_nothing(asymmetric_vehicle):
+def test_effects_with_default_parameters_do_nothing(asymmetric_vehicle):
     effects = Effects(BodyDrag(), RotorAerodynamics())
     vehicle, context = continuous(asymmetric_vehicle, effects)
     bare, bare_context = continuous(asymmetric_vehicle, Effects())
@@ -128,8 +128,8 @@ def test_numbers_that_are_not_given_do_nothing(asymmetric_vehicle):
         assert_close(slope(vehicle, context, sample), slope(bare, bare_context, sample))
 
 
-def test_an_effect_without_numbers_is_refused():
-    with pytest.raises(ValueError, match="the effect body_drag has no numbers"):
+def test_an_effect_without_parameters_is_rejected():
+    with pytest.raises(ValueError, match="the effect body_drag has no parameters"):
         Quadrotor(
             effects=("ground_effect", "body_drag"), numbers=QuadrotorNumbers(effects=Effects(ground_effect=GROUND))
         )
@@ -137,7 +137,7 @@ def test_an_effect_without_numbers_is_refused():
 
 @pytest.mark.parametrize("name", ["body drag", "rotor aerodynamics"])
 def test_drag_only_dissipates_in_still_air(asymmetric_vehicle, name):
-    """Forces in the middle, which do no work on the turning; without lift, which comes out of the rotors' power."""
+    """The forces act at the centre of mass, so they do no work on the rotation. Lift is zero, since it needs power."""
     drag = DRAG._replace(centre_of_pressure=CentreOfPressure())
     effects = Effects(body_drag=drag) if name == "body drag" else Effects(rotor_aerodynamics=ROTORS._replace(lift=0.0))
     vehicle, context = continuous(asymmetric_vehicle, effects)
@@ -148,7 +148,7 @@ def test_drag_only_dissipates_in_still_air(asymmetric_vehicle, name):
         assert change @ sample.state[6:9] < 0.0
 
 
-def test_a_vehicle_that_goes_with_the_air_feels_none(asymmetric_vehicle):
+def test_a_vehicle_that_moves_with_the_air_has_no_air_load(asymmetric_vehicle):
     vehicle, context = continuous(asymmetric_vehicle, Effects(DRAG, ROTORS))
     bare, bare_context = continuous(asymmetric_vehicle, Effects())
     for sample in samples(5, seed=3):
@@ -156,7 +156,7 @@ def test_a_vehicle_that_goes_with_the_air_feels_none(asymmetric_vehicle):
         assert_close(slope(vehicle, context, sample), slope(bare, bare_context, sample))
 
 
-def test_drag_of_the_body_that_is_alike_on_all_axes_is_isotropic_drag(asymmetric_vehicle):
+def test_equal_body_drag_on_all_axes_is_isotropic_drag(asymmetric_vehicle):
     c_1, c_2 = 0.31, 0.07
     drag = BodyDrag(LinearDrag(c_1, c_1, c_1), QuadraticDrag(c_2, c_2, c_2))
     none = asymmetric_vehicle._replace(linear_drag=0.0, quadratic_drag=0.0)
@@ -167,8 +167,8 @@ def test_drag_of_the_body_that_is_alike_on_all_axes_is_isotropic_drag(asymmetric
         assert_close(slope(vehicle, context, sample), slope(other, other_context, sample))
 
 
-def test_the_ratio_of_cheeseman_and_bennett():
-    """At a height of R it is 16/15, of 2 R 64/63; it fades as the square of the height and stops at R / 2."""
+def test_ground_effect_has_the_ratio_of_cheeseman_and_bennett():
+    """The ratio is 16/15 at the height R and 64/63 at 2 R. It decays as 1 / z² and is limited below R / 2."""
     ground = GroundEffect(rotor_radius=0.2, ground_height=1.0)
     assert ground_effect(1.2, ground) == pytest.approx(16.0 / 15.0, rel=1e-14)
     assert ground_effect(1.4, ground) == pytest.approx(64.0 / 63.0, rel=1e-14)
@@ -179,7 +179,7 @@ def test_the_ratio_of_cheeseman_and_bennett():
 
 
 def applied(plant, context, body, R_WB, pairs, torque):
-    """Applies forces and a torque that are given in B to a body."""
+    """Apply forces and a torque, both given in B, to a body."""
     force = ExternallyAppliedSpatialForce()
     force.body_index, force.p_BoBq_B = body.index(), np.zeros(3)
     total = sum(force for _, force in pairs)
@@ -188,7 +188,7 @@ def applied(plant, context, body, R_WB, pairs, torque):
     plant.get_applied_spatial_force_input_port().FixValue(context, Value[list[ExternallyAppliedSpatialForce]]([force]))
 
 
-def test_a_payload_against_a_multibody_plant(asymmetric_vehicle):
+def test_a_payload_agrees_with_a_multibody_plant(asymmetric_vehicle):
     parameters = asymmetric_vehicle._replace(rotor_inertia=0.0)
     plant = MultibodyPlant(time_step=0.0)
     inertia = UnitInertia(*(np.array(parameters.inertia) / parameters.mass))
@@ -219,7 +219,7 @@ SLUNG = SlungLoad(mass=0.17, length=0.8)
 
 @pytest.fixture(scope="module")
 def pendulum(asymmetric_vehicle):
-    """A vehicle and a load at a point that can go anywhere: coordinates x, y, z; roll, pitch, yaw; those of the rod."""
+    """Return a plant of a vehicle with a load: coordinates are x, y, z, then roll, pitch, yaw, then the rod's."""
     parameters = asymmetric_vehicle
     plant = MultibodyPlant(time_step=0.0)
     below = plant.world_body()
@@ -240,7 +240,7 @@ def pendulum(asymmetric_vehicle):
     return plant, body, ball, rod
 
 
-def test_a_slung_load_against_a_multibody_plant(asymmetric_vehicle, pendulum):
+def test_a_slung_load_agrees_with_a_multibody_plant(asymmetric_vehicle, pendulum):
     plant, body, ball, rod = pendulum
     parameters = asymmetric_vehicle._replace(rotor_inertia=0.0)
     context = plant.CreateDefaultContext()
@@ -270,7 +270,7 @@ def test_a_slung_load_against_a_multibody_plant(asymmetric_vehicle, pendulum):
 
 
 def load_velocity(state, swing):
-    """Of the load in W, from the derivative of where the rod points to."""
+    """Return the velocity of the load in W, from the derivative of the rod's direction."""
     a, b, da, db = swing
     along_a = np.array([0.0, math.cos(a) * math.cos(b), math.sin(a) * math.cos(b)])
     along_b = np.array([-math.cos(b), -math.sin(a) * math.sin(b), math.cos(a) * math.sin(b)])
@@ -278,7 +278,7 @@ def load_velocity(state, swing):
 
 
 def test_the_energy_of_a_swinging_load_changes_by_the_work_of_the_rotors(asymmetric_vehicle):
-    """Steps of half a millisecond keep it to 1e-7 J over a second in which the load swings by half a radian."""
+    """With steps of 0.5 ms the error is below 1e-7 J after one second of swinging by 0.5 rad."""
     parameters = asymmetric_vehicle._replace(linear_drag=0.0, quadratic_drag=0.0, rotor_time_constant=1e-3)
     effects = Effects(slung_load=SLUNG)
     h, steps = 5e-4, 2000
@@ -308,7 +308,7 @@ def test_the_energy_of_a_swinging_load_changes_by_the_work_of_the_rotors(asymmet
         simulator.AdvancePendingEvents()
         state = np.array(vehicle.get_state(context, "state"))
         last = abs(vehicle.get_state(context, "swing").roll - 0.5)
-        # The body does not turn, so the thrust's work is its force along the way.
+        # The body does not rotate, so the thrust's work is its force times the displacement.
         work += thrust * rotation(*state[3:6])[:, 2] @ (state[:3] - state_before[:3])
         state_before = state
     assert last > 0.3
@@ -323,7 +323,7 @@ def test_the_energy_of_a_swinging_load_changes_by_the_work_of_the_rotors(asymmet
     ids=["payload", "slung load", "ground effect"],
 )
 def test_steps_with_effects_are_of_fourth_order(asymmetric_vehicle, effects):
-    """Of the continuous vehicle at the end of a fifth of a second, half the step leaves a sixteenth of the error."""
+    """At half the time step the error after 0.2 s is a sixteenth."""
     command, wind = np.array([205.0, 190.0, 200.0, 215.0]), [2.0, -1.0, 0.5]
 
     def end(time_step):

@@ -1,4 +1,4 @@
-"""Vehicles that are not as they should be: rotors, battery, centre of mass."""
+"""Vehicles with rotor faults, a sagging battery, or a displaced centre of mass."""
 
 import numpy as np
 import pytest
@@ -27,14 +27,14 @@ def faulty(faults, **structure):
 
 
 def level_slope(speeds, parameters):
-    """The time derivative of the state of a level vehicle at rest whose rotors turn at their commanded speeds."""
+    """Return the derivative of the state of a level vehicle at rest whose rotors turn at their commanded speeds."""
     state, still = VehicleState(State(*[0.0] * 12), speeds), Wind(0.0, 0.0, 0.0)
     slope = quadrotor_slope(state, speeds, still, None, parameters, None, NO_EFFECTS, 0.0, RIGID_KINEMATICS)
     return slope.body, slope.rotors
 
 
 def flown(vehicle, command, duration):
-    """The vehicle's state and rotor speeds after some time under a constant command."""
+    """Return the state and the rotor speeds of a vehicle after some time under a constant command."""
     simulator = Simulator(vehicle)
     context = simulator.get_mutable_context()
     vehicle.GetInputPort("rotor_speed_command").FixValue(context, np.asarray(command, dtype=float))
@@ -43,15 +43,15 @@ def flown(vehicle, command, duration):
     return (vehicle.GetOutputPort(name).Eval(context) for name in ("state", "rotor_speed"))
 
 
-def test_hover_is_trimmed_for_any_rotors_and_any_centre_of_mass():
+def test_hover_speeds_balance_any_rotors_and_any_centre_of_mass():
     speeds = hover_rotor_speeds(FLAWED)
     assert np.ptp(speeds) > 5.0
     body, rotors = level_slope(speeds, FLAWED)
     np.testing.assert_allclose([*body, *rotors], 0.0, atol=1e-12)
 
 
-def test_thrust_beside_the_centre_of_mass_turns_the_body():
-    """With the centre of mass towards rotor 1, rotor 3 has the longer lever: the nose drops, and the same for roll."""
+def test_a_displaced_centre_of_mass_causes_a_torque():
+    """With the centre of mass closer to rotor 1, rotor 3 has the longer lever, so the nose drops; likewise for roll."""
     parameters = QuadrotorParameters(centre_of_mass=CentreOfMass(0.01, 0.02))
     speeds = RotorSpeed(210.0, 190.0, 205.0, 195.0)
     thrusts = 4.13e-5 * np.square(speeds)
@@ -67,8 +67,8 @@ def test_each_rotor_has_its_own_thrust_factor():
     assert wrench.tau_y == pytest.approx(0.17 * 1e4 * (4.2e-5 - 4.3e-5))
 
 
-def test_what_is_left_of_the_speed():
-    """From its time on a fault is there; an empty battery turns no rotor, and none backwards."""
+def test_speed_factors_combine_battery_and_failure():
+    """A failure acts from its time on. An empty battery stops all rotors, and no rotor turns backwards."""
     faults = RotorFaults(battery_sag=0.1, failure_time=4.0, failure_factor=SpeedFactors(0.9, 0.8, 0.7, 0.6))
     for time, left in ((0.0, (1.0,) * 4), (3.999, (0.6001,) * 4), (4.0, (0.54, 0.48, 0.42, 0.36)), (20.0, (0.0,) * 4)):
         assert speed_factors(faults, time) == pytest.approx(left)
@@ -76,10 +76,10 @@ def test_what_is_left_of_the_speed():
 
 
 @pytest.mark.parametrize("time_step", [0.01, 0.0])
-def test_battery_sag_takes_speed_from_all_rotors_evenly_over_time(time_step):
+def test_battery_sag_reduces_all_rotor_speeds_linearly_in_time(time_step):
     vehicle = faulty(RotorFaults(battery_sag=0.02), time_step=time_step)
     _, speeds = flown(vehicle, [200.0] * 4, 5.0)
-    # The rotors lag behind what falls by 4 rad/s in a second.
+    # The rotors lag behind a command that decreases by 4 rad/s per second.
     np.testing.assert_allclose(speeds, 200.0 * (1.0 - 0.02 * 5.0) + 4.0 * 0.05, atol=0.03)
 
 
@@ -92,11 +92,11 @@ def test_a_rotor_fails_at_its_time(time_step):
     state, after = flown(vehicle, [200.0] * 4, 0.55)
     expected = 50.0 + 150.0 * np.exp(-0.05 / 0.05)
     np.testing.assert_allclose(after, [200.0, 200.0, expected, 200.0], atol=0.5)
-    # Rotor 3 is at -x: the tail drops.
+    # Rotor 3 is at -x, so the tail drops.
     assert State(*state).pitch < -0.01
 
 
-def test_vehicles_of_a_fleet_fail_each_in_its_own_way():
+def test_vehicles_of_a_fleet_have_individual_faults():
     faults = RotorFaults(
         battery_sag=np.array([0.0, 0.1]),
         failure_time=np.array([0.2, np.inf]),
@@ -110,6 +110,6 @@ def test_vehicles_of_a_fleet_fail_each_in_its_own_way():
         np.testing.assert_allclose(speeds.reshape(4, 2)[:, i], expected, rtol=1e-12)
 
 
-def test_without_faults_all_speed_is_left():
+def test_without_faults_all_factors_are_one():
     assert RotorFaults() == (0.0, np.inf, (1.0, 1.0, 1.0, 1.0))
     assert speed_factors(RotorFaults(), 100.0) == (1.0, 1.0, 1.0, 1.0)

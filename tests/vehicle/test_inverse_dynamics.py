@@ -14,7 +14,7 @@ PATH = minimum_snap([[0, 0, 0], [1, 2, 1], [3, 1, 2], [2, -1, 0]], [0.0, 1.5, 3.
 
 
 @pytest.mark.parametrize("turning", [False, True])
-def test_the_equations_of_motion_under_the_demanded_speeds_give_the_trajectory_back(turning, asymmetric_vehicle):
+def test_the_demanded_rotor_speeds_reproduce_the_trajectory(turning, asymmetric_vehicle):
     parameters = asymmetric_vehicle._replace(rotor_inertia=0.0, linear_drag=0.0, quadratic_drag=0.0)
     times = np.linspace(0.0, 4.2, 8001)
     position, velocity, *higher = (evaluate(PATH, times, order) for order in range(5))
@@ -42,8 +42,8 @@ def test_hover_demands_hover_speed():
     np.testing.assert_allclose(demand.attitude, [0.0, 0.0, 1.0], atol=1e-15)
 
 
-def test_a_rotor_that_would_have_to_pull_down_stands_still():
-    """A snap along x asks the body to pitch: for more torque than the front rotor's thrust gives when it is gone."""
+def test_the_demand_on_a_rotor_that_would_have_to_push_down_is_zero():
+    """A snap along x requires more pitch torque than the front rotor produces by stopping."""
     snap = Snap(3000.0, 0.0, 0.0, 0.0)
     demand = rotor_demand(Reference(*[0.0] * 11), Jerk(0.0, 0.0, 0.0), snap, QuadrotorParameters())
     torque = 0.007 * 3000.0 / 9.81

@@ -1,4 +1,4 @@
-"""Throttles, lags up and down, the reaction of the body, and the battery."""
+"""Throttles, time constants in both directions, the reaction torque, and the battery."""
 
 import numpy as np
 import pytest
@@ -16,16 +16,16 @@ from drake_quad.vehicle.motors import (
     ThrottleModel,
     ThrustCurve,
     allocate_throttle,
+    believed_rotor_speeds,
+    rotor_speeds_of_throttles,
     throttle_for,
     thrust_of,
-    told_as,
-    told_by_throttle,
 )
 from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers
 from drake_quad.vehicle.rotors import Rotors
 
-# The last is the curve that Eschmann, Albani and Loianno (arXiv 2404.07837) found for a Crazyflie: it falls at first.
+# The last curve is that of Eschmann, Albani and Loianno (arXiv 2404.07837) for a Crazyflie, which falls at first.
 RISING = [
     ThrustCurve(0.1, 1.0, 2.8),
     ThrustCurve(0.0, 0.0, 3.0),
@@ -36,31 +36,31 @@ CRAZYFLIE = ThrustCurve(0.0227, -0.0119, 0.1284)
 
 
 @pytest.mark.parametrize("curve", RISING)
-def test_a_throttle_gives_its_thrust(curve):
-    """Root finding agrees with the closed form over all of the curve."""
+def test_the_throttle_for_a_thrust_inverts_the_curve(curve):
+    """A root finder agrees with the closed form over the whole curve."""
     for throttle in np.linspace(0.0, 1.0, 21).tolist():
         thrust = thrust_of(throttle, curve)
         assert thrust == pytest.approx(np.polyval(curve[::-1], throttle), rel=1e-14)
         assert throttle_for(thrust, curve) == pytest.approx(throttle, abs=1e-12)
 
 
-def test_of_a_curve_that_falls_at_first_the_rising_branch_is_taken():
+def test_the_throttle_is_on_the_rising_branch_of_a_curve_that_falls_at_first():
     found = throttle_for(0.05, CRAZYFLIE)
     root = scipy.optimize.brentq(lambda u: np.polyval(CRAZYFLIE[::-1], u) - 0.05, 0.1, 1.0)
     assert found == pytest.approx(root, rel=1e-12)
 
 
-def test_a_vehicle_turns_its_rotors_as_throttles_say():
-    """One beyond its range is clipped, one that is no number is none; the mean rotor gives what the curve says."""
+def test_throttles_command_rotor_speeds_by_the_thrust_curve():
+    """Throttles are clipped, NaN becomes zero, and a rotor with the mean thrust factor follows the curve."""
     curve = ThrustCurve(0.1, 1.0, 2.8)
     rotors = Rotors.plus().with_thrust_factors(4.0e-5, 4.1e-5, 4.2e-5, 4.3e-5)
     parameters = QuadrotorParameters(rotors=rotors)
-    told = told_by_throttle(Throttle(0.5, -1.0, 7.0, np.nan), curve, parameters)
+    told = rotor_speeds_of_throttles(Throttle(0.5, -1.0, 7.0, np.nan), curve, parameters)
     np.testing.assert_allclose(np.square(told) * 4.15e-5, [0.1 + 0.5 + 0.7, 0.1, 3.9, 0.1], rtol=1e-12)
 
 
-def test_the_allocation_gives_a_wrench_by_throttles(asymmetric_vehicle):
-    """Where the vehicle is as it is believed to be, rotors that follow their throttles give the wrench."""
+def test_allocated_throttles_produce_the_wrench(asymmetric_vehicle):
+    """If the model of the autopilot is exact, rotors that follow the throttles produce the wrench."""
     b = 4.1e-5
     rotors = asymmetric_vehicle.rotors.with_thrust_factors(b, b, b, b)
     parameters = asymmetric_vehicle._replace(rotors=rotors, centre_of_mass=CentreOfMass())
@@ -69,12 +69,12 @@ def test_the_allocation_gives_a_wrench_by_throttles(asymmetric_vehicle):
     command, shortfall = allocate_throttle(wrench, model)
     assert all(0.0 < throttle < 1.0 for throttle in command)
     assert shortfall == (0.0, 0.0, 0.0, 0.0)
-    told = told_by_throttle(command, model.curve, parameters)
+    told = rotor_speeds_of_throttles(command, model.curve, parameters)
     np.testing.assert_allclose(rotor_action(told, parameters).wrench, wrench, rtol=1e-12)
 
 
-def test_what_full_throttle_cannot_give_is_given_up():
-    """The rotors could turn faster: the throttle is the limit. At the other end it is the thrust of no throttle."""
+def test_full_throttle_limits_the_wrench():
+    """The rotors could turn faster than at full throttle. At the other end, zero throttle limits the wrench."""
     parameters = QuadrotorParameters(max_rotor_speed=1e4, min_rotor_speed=0.0)
     model = ThrottleModel.of(parameters, ThrustCurve(0.3, 1.0, 1.2))
     command, shortfall = allocate_throttle(Wrench(20.0, 0.0, 0.0, 0.0), model)
@@ -85,7 +85,7 @@ def test_what_full_throttle_cannot_give_is_given_up():
     assert shortfall.thrust == pytest.approx(0.5 - 4.0 * 0.3)
 
 
-def test_the_rotors_limits_hold_with_throttles_too(asymmetric_vehicle):
+def test_rotor_speed_limits_also_apply_to_throttles(asymmetric_vehicle):
     rotors = RotorModel.of(asymmetric_vehicle)
     model = ThrottleModel.of(asymmetric_vehicle, ThrustCurve(0.0, 0.0, 100.0))
     for thrust in (0.1, 100.0):
@@ -97,15 +97,17 @@ def test_the_rotors_limits_hold_with_throttles_too(asymmetric_vehicle):
         np.testing.assert_allclose(speeds, expected.rotor_speed_command, rtol=1e-12)
 
 
-def test_a_wrong_belief_of_the_curve_is_a_wrong_thrust(asymmetric_vehicle):
-    """What the autopilot must command for the rotors to turn as wanted is what `told_as` says."""
+def test_a_wrong_thrust_curve_causes_a_wrong_thrust(asymmetric_vehicle):
+    """`believed_rotor_speeds` returns the command with which the rotors turn at the wanted speeds."""
     vehicle = ThrottleModel.of(asymmetric_vehicle, ThrustCurve(0.2, 0.9, 3.3))
     believed = ThrottleModel.of(QuadrotorParameters(), ThrustCurve(0.1, 1.1, 2.7))
     wanted = RotorSpeed(200.0, 210.0, 190.0, 205.0)
-    commanded = told_as(wanted, vehicle, believed)
+    commanded = believed_rotor_speeds(wanted, vehicle, believed)
     thrusts = believed.thrust_factor * np.square(commanded)
     command = Throttle(*(throttle_for(thrust, believed.curve) for thrust in thrusts))
-    np.testing.assert_allclose(told_by_throttle(command, vehicle.curve, asymmetric_vehicle), wanted, rtol=1e-12)
+    np.testing.assert_allclose(
+        rotor_speeds_of_throttles(command, vehicle.curve, asymmetric_vehicle), wanted, rtol=1e-12
+    )
     assert np.abs(np.subtract(commanded, wanted)).min() > 1.0
 
 
@@ -122,7 +124,7 @@ def test_the_system_allocates_throttles(asymmetric_vehicle, paired):
 
 
 def flown(effects, command, duration, time_step, parameters, initial=None):
-    """The vehicle's simulator after some time under a constant command."""
+    """Return the simulator of a vehicle after some time under a constant command."""
     numbers = QuadrotorNumbers(parameters, effects=effects)
     vehicle = Quadrotor(time_step=time_step, effects=effects.names, numbers=numbers)
     simulator = Simulator(vehicle)
@@ -141,7 +143,7 @@ def flown(effects, command, duration, time_step, parameters, initial=None):
 
 
 @pytest.mark.parametrize("time_step", [0.01, 0.0])
-def test_rotors_speed_up_and_slow_down_with_lags_of_their_own(time_step):
+def test_rotors_speed_up_and_slow_down_with_different_time_constants(time_step):
     parameters = QuadrotorParameters(rotor_time_constant=0.03)
     effects = Effects(spin_down=SpinDown(0.08))
     initial, command = RotorSpeed(100.0, 280.0, 150.0, 200.0), [200.0, 150.0, 260.0, 90.0]
@@ -153,8 +155,8 @@ def test_rotors_speed_up_and_slow_down_with_lags_of_their_own(time_step):
 
 
 @pytest.mark.parametrize("time_step", [0.01, 0.0])
-def test_body_and_rotors_keep_their_angular_momentum(time_step):
-    """About z, without drag of the rotors: what the rotors gain the body loses."""
+def test_body_and_rotors_conserve_angular_momentum(time_step):
+    """Without drag of the rotors, the body loses the angular momentum about z that the rotors gain."""
     spin = 2.0e-4
     parameters = QuadrotorParameters(rotor_inertia=spin, rotors=Rotors.plus(drag_factor=1e-30))
     effects = Effects(reaction_torque=ReactionTorque(spin), spin_down=SpinDown(0.09))
@@ -164,15 +166,15 @@ def test_body_and_rotors_keep_their_angular_momentum(time_step):
     *_, r = vehicle.GetOutputPort("state").Eval(context)
     residual = -speeds.rotor_1 + speeds.rotor_2 - speeds.rotor_3 + speeds.rotor_4
     assert residual > 150.0
-    # The step integrates an exponential by Simpson's rule: h⁵ of it is left.
+    # The step integrates an exponential by Simpson's rule, whose error is of order h⁵.
     assert parameters.inertia.i_zz * r + spin * residual == pytest.approx(0.0, abs=1e-5 * spin * residual)
 
 
 BATTERY = Battery(voltage=12.6, empty_voltage=10.2, capacity=0.05, resistance=0.04, efficiency=0.65)
 
 
-def test_the_voltage_under_load_is_that_of_the_circuit():
-    """Kirchhoff's voltage law and the power, found by a solver of equations."""
+def test_the_voltage_under_load_satisfies_the_circuit_equations():
+    """The reference solves Kirchhoff's voltage law and the power balance numerically."""
     for drawn, power in ((0.0, 0.0), (0.01, 80.0), (0.04, 150.0)):
         voltage, current = terminals(Charge(drawn), power, BATTERY)
         at_rest = np.interp(drawn, [0.0, 0.05], [12.6, 10.2])
@@ -187,15 +189,15 @@ def test_the_voltage_under_load_is_that_of_the_circuit():
     assert terminals(Charge(0.0), 0.0, BATTERY).voltage == 12.6
 
 
-def test_a_battery_that_cannot_give_the_power_gives_the_most_that_it_can():
+def test_an_overloaded_battery_delivers_its_maximum_power():
     voltage, _ = terminals(Charge(0.0), 1e5, BATTERY)
     assert voltage == pytest.approx(6.3)
     assert terminals(Charge(100.0), 10.0, BATTERY).voltage == pytest.approx(0.0, abs=1e-90)
 
 
 @pytest.mark.parametrize("time_step", [0.01, 0.0])
-def test_the_rotors_draw_the_battery_empty(time_step):
-    """Against an equation of its own for charge and one rotor speed, all four alike, at every instant."""
+def test_the_rotors_discharge_the_battery(time_step):
+    """The reference integrates an independent equation for the charge and one rotor speed."""
     parameters = QuadrotorParameters(rotors=Rotors.plus(drag_factor=1.2e-6))
     vehicle, context = flown(Effects(battery=BATTERY), [240.0] * 4, 3.0, time_step, parameters)
 
@@ -210,13 +212,13 @@ def test_the_rotors_draw_the_battery_empty(time_step):
     speed, drawn = scipy.integrate.solve_ivp(slope, (0.0, 3.0), start, rtol=1e-9, atol=1e-12).y[:, -1]
     assert speed < 230.0
     found = vehicle.GetOutputPort("rotor_speed").Eval(context)
-    # A step holds the voltage of its beginning.
+    # A step uses the voltage at its beginning.
     np.testing.assert_allclose(found, speed, rtol=2e-4 if time_step else 1e-5)
     charge = vehicle.GetOutputPort("charge").Eval(context)
     np.testing.assert_allclose(charge, drawn, rtol=1e-3 if time_step else 1e-5)
 
 
-def test_power_is_torque_times_speed():
+def test_rotor_power_is_torque_times_speed():
     speeds = RotorSpeed(100.0, 200.0, -50.0, 0.0)
     parameters = QuadrotorParameters(rotors=Rotors.plus(drag_factor=1e-6))
     assert rotor_power(speeds, parameters) == pytest.approx(1e-6 * (1e6 + 8e6 + 1.25e5))

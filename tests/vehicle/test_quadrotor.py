@@ -28,7 +28,7 @@ def quadrotor(parameters=PARAMETERS, place=Place(), **structure):
 
 
 def flown(vehicle, duration, command=COMMAND, wind=(1.0, 0.5, -0.2), crashed=None, accuracy=1e-11):
-    """The (16, N) state after a flight under constant inputs."""
+    """Return the (16, N) state after a flight under constant inputs."""
     n = vehicle.num_vehicles
     context = vehicle.CreateDefaultContext()
     vehicle.GetInputPort("rotor_speed_command").FixValue(context, np.broadcast_to(command, (n, 4)).T.ravel())
@@ -43,14 +43,14 @@ def flown(vehicle, duration, command=COMMAND, wind=(1.0, 0.5, -0.2), crashed=Non
     return np.concatenate(outputs).reshape(16, n)
 
 
-def test_stepping_converges_to_the_continuous_vehicle_with_fourth_order():
+def test_discrete_steps_converge_to_the_continuous_vehicle_with_fourth_order():
     exact = flown(quadrotor(time_step=0.0), 0.32)
     errors = [np.abs(flown(quadrotor(time_step=step), 0.32) - exact).max() for step in (0.02, 0.01)]
     assert errors[1] < 1e-6
     assert errors[0] / errors[1] == pytest.approx(16.0, rel=0.25)
 
 
-def test_rotors_of_a_stepping_vehicle_lag_exactly():
+def test_rotors_of_a_discrete_vehicle_have_an_exact_lag():
     final = flown(Quadrotor(), 0.1)[12:, 0]
     hover = np.array(hover_rotor_speeds(QuadrotorParameters()))
     np.testing.assert_allclose(final, COMMAND + (hover - COMMAND) * np.exp(-0.1 / 0.05), rtol=1e-13)
@@ -59,7 +59,7 @@ def test_rotors_of_a_stepping_vehicle_lag_exactly():
 @pytest.mark.parametrize("time_step", [0.0, 0.01])
 @pytest.mark.parametrize("turn", range(4))
 def test_commands_beyond_the_limits_are_clipped(time_step, turn, asymmetric_vehicle):
-    """On each rotor in its turn."""
+    """Each rotor in turn has such a command."""
     command, limited = (np.roll(x, turn) for x in ([1e4, -1e4, np.nan, 250.0], [290.0, 70.0, 70.0, 250.0]))
     vehicle = quadrotor(asymmetric_vehicle, time_step=time_step)
     final, hover = flown(vehicle, 0.08, command=command, accuracy=1e-7), hover_rotor_speeds(asymmetric_vehicle)
@@ -76,7 +76,7 @@ def test_each_vehicle_of_a_fleet_flies_as_it_would_alone():
 
 
 @pytest.mark.parametrize("time_step", [0.0, 0.01])
-def test_a_crashed_vehicle_stays_and_touches_no_other(time_step):
+def test_a_crashed_vehicle_is_frozen_and_others_are_not_affected(time_step):
     vehicle = quadrotor(QuadrotorParameters(), Place(1.0, 2.0, 3.0), num_vehicles=2, time_step=time_step)
     both = flown(vehicle, 0.2, accuracy=1e-8)
     one = flown(vehicle, 0.2, crashed=[1.0, 0.0], accuracy=1e-8)
@@ -85,7 +85,7 @@ def test_a_crashed_vehicle_stays_and_touches_no_other(time_step):
     np.testing.assert_allclose(one[:, 1], both[:, 1], rtol=0.0, atol=1e-6 if time_step == 0.0 else 1e-14)
 
 
-def test_one_step_differentiates_as_finite_differences_do():
+def test_autodiff_derivatives_of_a_step_agree_with_finite_differences():
     def after_a_step(state, vehicle, simulator_class):
         context = vehicle.CreateDefaultContext()
         vehicle.GetInputPort("rotor_speed_command").FixValue(context, COMMAND)
@@ -137,9 +137,9 @@ def test_parameters_live_in_the_context():
     vehicle.set_parameter(context, "parameters", heavy)
     before = vehicle.get_parameter(context, "parameters")
     np.testing.assert_array_equal(before.mass, [0.68, 0.9])
-    # What is the same for all vehicles is written once, and read for each.
+    # Parameters that all vehicles share are written once, and read for each vehicle.
     np.testing.assert_array_equal(before.rotors.rotor_1.x, [0.17, 0.17])
-    # What is read can be changed and written back.
+    # Parameters that were read can be changed and written back.
     vehicle.set_parameter(context, "parameters", before._replace(quadratic_drag=0.1))
     after = vehicle.get_parameter(context, "parameters")
     np.testing.assert_array_equal(before.quadratic_drag, 0.0)
@@ -152,8 +152,8 @@ def test_parameters_live_in_the_context():
     np.testing.assert_allclose(State(*vehicle.GetOutputPort("state").Eval(context).reshape(12, 2)).yaw, 0.5)
 
 
-def test_every_vehicle_of_a_fleet_has_numbers_of_its_own():
-    """Also where they are alike at first: any row of any parameter can be made to differ later."""
+def test_each_vehicle_of_a_fleet_has_its_own_parameters():
+    """Each row of each parameter can be changed later, even if all vehicles are equal at first."""
     fleet = quadrotor(QuadrotorParameters(), num_vehicles=2)
     context = fleet.CreateDefaultContext()
     rows = fleet.parameters["parameters"].layout.flatten(QuadrotorParameters())
@@ -163,7 +163,7 @@ def test_every_vehicle_of_a_fleet_has_numbers_of_its_own():
     np.testing.assert_array_equal(fleet.get_parameter(context, "parameters").inertia.i_xx, 0.007)
 
 
-def test_numbers_for_more_vehicles_than_there_are_are_refused():
+def test_parameters_for_too_many_vehicles_are_rejected():
     three = QuadrotorParameters(mass=np.array([0.68, 0.7, 0.8]))
     with pytest.raises(ValueError, match=r"\(3,\)"):
         quadrotor(three, num_vehicles=2)
@@ -175,7 +175,7 @@ def test_numbers_for_more_vehicles_than_there_are_are_refused():
 
 
 @pytest.mark.parametrize("time_step", [0.0, 0.01])
-def test_vehicles_are_put_into_hover_with_the_parameters_of_the_context(time_step):
+def test_set_hover_uses_the_parameters_of_the_context(time_step):
     vehicle = quadrotor(num_vehicles=2, time_step=time_step)
     context = vehicle.CreateDefaultContext()
     masses = np.array([0.65, 0.8])
@@ -188,7 +188,7 @@ def test_vehicles_are_put_into_hover_with_the_parameters_of_the_context(time_ste
     np.testing.assert_allclose(speeds, hover_rotor_speeds(PARAMETERS._replace(mass=masses)), rtol=1e-14)
 
 
-def test_linearises_at_hover_to_the_matrices_of_the_textbook():
+def test_the_linearisation_at_hover_is_that_of_textbooks():
     from pydrake.systems.primitives import Linearize
 
     vehicle = Quadrotor(time_step=0.0)
@@ -216,7 +216,7 @@ def test_a_vehicle_hovers_level_at_the_origin_unless_another_place_is_given():
 
 
 def test_a_slung_load_cannot_be_combined_with_a_payload():
-    with pytest.raises(ValueError, match="a vehicle with a payload has no slung load"):
+    with pytest.raises(ValueError, match="the effects payload and slung_load cannot be combined"):
         quadrotor(effects=("payload", "slung_load"))
 
 
@@ -236,7 +236,7 @@ def test_a_slung_load_cannot_be_combined_with_a_payload():
         ),
     ],
 )
-def test_parameters_that_no_vehicle_has_are_refused(change, words):
+def test_impossible_parameters_are_rejected(change, words):
     with pytest.raises(ValueError, match=words):
         Quadrotor(num_vehicles=2, numbers=QuadrotorNumbers(QuadrotorParameters(**change)))
     Quadrotor(numbers=QuadrotorNumbers(QuadrotorParameters(linear_drag=0.0, rotor_inertia=0.0, min_rotor_speed=0.0)))

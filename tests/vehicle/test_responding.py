@@ -1,4 +1,4 @@
-"""A vehicle whose attitude responds: closed forms of lags of second order, and the translation of a Quadrotor."""
+"""A vehicle with a second-order attitude response agrees with closed forms, and with the translation of a Quadrotor."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,8 @@ from drake_quad.vehicle.responding import (
 )
 from drake_quad.vehicle.rotors import Rotors
 
-OMEGA, ZETA = np.array([6.8, 6.1, 3.0]), np.array([0.45, 1.0, 1.4])
+OMEGA = np.array([6.8, 6.1, 3.0])
+ZETA = np.array([0.45, 1.0, 1.4])
 RESPONSE = AttitudeResponse(NaturalFrequencies(*OMEGA), DampingRatios(*ZETA))
 TARGET = AttitudeTarget(0.0, 0.3, -0.2, 0.5, 9.0, 9.0, 9.0)
 
@@ -42,7 +43,7 @@ def made(parameters=QuadrotorParameters(), start=Place(), faults=RotorFaults(), 
 
 
 def flown(vehicle, end, target=TARGET, speed=200.0, **inputs):
-    """The context of a vehicle after a time under held inputs."""
+    """Return the context of a vehicle after some time under constant inputs."""
     simulator = Simulator(vehicle)
     context = simulator.get_mutable_context()
     if vehicle.HasInputPort("attitude_target"):
@@ -56,7 +57,7 @@ def flown(vehicle, end, target=TARGET, speed=200.0, **inputs):
 
 
 def lag(omega, zeta, target, start, end):
-    """Angle and rate of a lag of second order under a held command, by a matrix exponential."""
+    """Return angle and rate of a second-order lag under a constant command, by a matrix exponential."""
     A = np.array([[0.0, 1.0], [-(omega**2), -2.0 * zeta * omega]])
     return target + (scipy.linalg.expm(A * end) @ [start - target, 0.0])[0], (
         scipy.linalg.expm(A * end) @ [start - target, 0.0]
@@ -64,8 +65,8 @@ def lag(omega, zeta, target, start, end):
 
 
 @pytest.mark.parametrize("time_step", [0.01, 0.0])
-def test_each_angle_follows_its_command_by_its_own_lag(time_step):
-    """Also through half a turn: from 3 rad to -3 rad the short way. The target's thrust and body rates do not count."""
+def test_each_angle_follows_its_command_with_its_own_lag(time_step):
+    """The yaw takes the short way from 3 rad to -3 rad. Thrust and body rates of the target have no effect."""
     vehicle = made(start=Place(yaw=3.0), time_step=time_step)
     for end in (0.1, 0.5):
         context = flown(vehicle, end, TARGET._replace(yaw=-3.0))
@@ -75,7 +76,7 @@ def test_each_angle_follows_its_command_by_its_own_lag(time_step):
             *(lag(*numbers, end) for numbers in zip(OMEGA, ZETA, wanted, [0.0, 0.0, 3.0], strict=True)), strict=True
         )
         np.testing.assert_allclose(state[3:6], angles, atol=2e-6)
-        # Body rates by (2), from the rates of the angles.
+        # Body rates follow from the rates of the angles by eq (2).
         (s_r, s_p, _), (c_r, c_p, _) = np.sin(angles), np.cos(angles)
         to_body = np.array([[1.0, 0.0, -s_p], [0.0, c_r, s_r * c_p], [0.0, -s_r, c_r * c_p]])
         np.testing.assert_allclose(state[9:12], to_body @ rates, atol=2e-5)
@@ -88,8 +89,8 @@ def test_with_small_angles_body_rates_are_those_of_the_angles():
     np.testing.assert_allclose(state[9:12], [lag(*each, 0.2)[1] for each in numbers], atol=2e-5)
 
 
-def test_it_is_moved_as_a_quadrotor_is(asymmetric_vehicle):
-    """Level under even thrust and in wind, where nothing turns either of them."""
+def test_its_translation_is_that_of_a_quadrotor(asymmetric_vehicle):
+    """Both vehicles are level under equal thrusts and in wind, so that nothing rotates them."""
     even = asymmetric_vehicle._replace(rotors=Rotors.plus(), centre_of_mass=QuadrotorParameters().centre_of_mass)
     level = AttitudeTarget(*[0.0] * 7)
     ends = []
@@ -102,8 +103,8 @@ def test_it_is_moved_as_a_quadrotor_is(asymmetric_vehicle):
 
 
 @pytest.mark.parametrize("time_step", [0.01, 0.0])
-def test_effects_of_motors_and_air_move_it_as_a_quadrotor(time_step):
-    """Level under throttles above the ground, in wind that drags at the centre of mass: nothing turns either."""
+def test_effects_on_its_translation_are_those_on_a_quadrotor(time_step):
+    """Both vehicles are level near the ground, and wind drags at the centre of mass, so nothing rotates them."""
     effects = Effects(
         body_drag=BodyDrag(LinearDrag(0.2, 0.1, 0.3), QuadraticDrag(0.02, 0.03, 0.01), CentreOfPressure(0.0, 0.0, 0.0)),
         rotor_aerodynamics=RotorAerodynamics(0.02, -0.1, 1e-5, 2e-5),
@@ -136,15 +137,15 @@ def test_effects_of_motors_and_air_move_it_as_a_quadrotor(time_step):
     assert np.abs(ends[0][0][0:2] - [0.3, 0.2]).min() > 0.01
 
 
-def test_an_effect_that_it_does_not_know_is_refused():
+def test_an_unsupported_effect_is_rejected():
     effects = Effects(battery=Battery(12.6, 10.2, 1.0, 0.04, 0.6))
     numbers = RespondingNumbers(QuadrotorNumbers(effects=effects), RESPONSE)
-    with pytest.raises(ValueError, match="responds as a whole knows no battery"):
+    with pytest.raises(ValueError, match="does not support these effects: battery"):
         RespondingQuadrotor(numbers=numbers, effects=("battery",))
 
 
-def test_of_single_rotors_only_the_sum_of_the_thrusts_counts(asymmetric_vehicle):
-    """Uneven rotors, and a centre of mass beside the middle, do not turn it."""
+def test_only_the_sum_of_the_rotor_thrusts_matters(asymmetric_vehicle):
+    """Uneven rotors and a displaced centre of mass do not rotate the vehicle."""
     vehicle = made(asymmetric_vehicle)
     context = flown(vehicle, 0.5, AttitudeTarget(*[0.0] * 7))
     state = vehicle.GetOutputPort("state").Eval(context)
@@ -155,7 +156,7 @@ def test_of_single_rotors_only_the_sum_of_the_thrusts_counts(asymmetric_vehicle)
     np.testing.assert_allclose(speeds, later, rtol=1e-12)
 
 
-def test_one_that_has_crashed_stays_as_it_is():
+def test_a_crashed_vehicle_is_frozen():
     for time_step in (0.01, 0.0):
         vehicle = made(start=Place(1.0, 2.0, 3.0, 0.4), time_step=time_step)
         context = flown(vehicle, 0.3, crashed=[1.0])
@@ -165,8 +166,8 @@ def test_one_that_has_crashed_stays_as_it_is():
             np.testing.assert_array_equal(port.Eval(context), port.Eval(begun))
 
 
-def test_a_battery_that_sags_costs_thrust():
-    """With 10 % of the speed a fifth of the thrust is gone, and what is left falls."""
+def test_battery_sag_reduces_the_thrust():
+    """A loss of 10 % of the speed is a loss of about a fifth of the thrust, and the vehicle falls."""
     vehicle = made(faulty=True, faults=RotorFaults(battery_sag=0.1))
     context = flown(vehicle, 1.0, AttitudeTarget(*[0.0] * 7))
     np.testing.assert_allclose(vehicle.GetOutputPort("rotor_speed").Eval(context), 200.0 * 0.9, rtol=0.02)

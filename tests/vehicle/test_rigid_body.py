@@ -1,4 +1,4 @@
-"""Moments of inertia of clouds of masses, and the nearest possible moments to impossible ones."""
+"""Moments of inertia of random bodies are possible, and impossible ones become the nearest possible ones."""
 
 import numpy as np
 import pytest

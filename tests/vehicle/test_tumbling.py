@@ -1,4 +1,4 @@
-"""Vehicles that turn over, through a pitch of 90° and past it, against integrations without this singularity."""
+"""Vehicles that pitch through 90° agree with integrations that have no singularity there."""
 
 import itertools
 import math

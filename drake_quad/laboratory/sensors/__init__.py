@@ -1,1 +1,1 @@
-"""Sensors on board beside motion capture: each is a law, which one system samples."""
+"""Sensors on board: a measurement equation for each, and one system that samples it."""

@@ -1,11 +1,14 @@
-"""Accelerometer: all force on the vehicle but its weight, over its mass, at the place of the sensor.
+"""Accelerometer: measurement of the specific force at the position of the sensor.
+
+The specific force is the sum of all forces on the vehicle except for its weight, divided by its mass:
 
     f = R_WBᵀ (a + g z) + ω̇ × r + ω × (ω × r) + b + σ n
 
-with the acceleration a of the origin of B, the body rates ω, the place r of the sensor in B, a bias b, and normal n
-(D. H. Titterton and J. L. Weston, "Strapdown Inertial Navigation Technology", 2nd edition, 2004, chapter 3). At rest it
-shows g upwards, and in free fall nothing. At the centre of mass of a quadrotor without drag it shows the thrust alone,
-at any tilt (P. Martin and E. Salaün, "The true role of accelerometer feedback in quadrotor control", ICRA 2010).
+with the acceleration a of the origin of B, the body rates ω, the position r of the sensor in B, a bias b, and standard
+normal n (D. H. Titterton and J. L. Weston, "Strapdown Inertial Navigation Technology", 2nd edition, 2004, chapter 3).
+At rest the reading is g upwards, and in free fall it is zero. At the centre of mass of a quadrotor without drag, it
+contains only the thrust, at any tilt (P. Martin and E. Salaün, "The true role of accelerometer feedback in quadrotor
+control", ICRA 2010).
 """
 
 from typing import Annotated, NamedTuple
@@ -16,7 +19,7 @@ from drake_quad.signals import AccelerationB, Number, Quantity, Row, State, Vehi
 
 
 class SpecificForce(NamedTuple):
-    """All force but weight, over mass; or an error of it."""
+    """Specific force (all forces except for the weight, divided by the mass), or an error of it."""
 
     x: AccelerationB
     y: AccelerationB
@@ -24,7 +27,7 @@ class SpecificForce(NamedTuple):
 
 
 class SensorPosition(NamedTuple):
-    """Place of a sensor, seen from the centre of mass."""
+    """Position of a sensor relative to the centre of mass."""
 
     x: Annotated[Row, Quantity("m", "B")] = 0.0
     y: Annotated[Row, Quantity("m", "B")] = 0.0
@@ -32,14 +35,14 @@ class SensorPosition(NamedTuple):
 
 
 class AccelerometerNumbers(NamedTuple):
-    """Place and errors of an accelerometer.
+    """Position and errors of an accelerometer.
 
     Attributes:
-        position: place of the sensor.
-        gravity: g.
-        bias: error of every reading.
-        noise: standard deviation of a reading on each axis.
-        latency_samples: whole number of periods after which a reading arrives.
+        position: position of the sensor.
+        gravity: gravitational acceleration g.
+        bias: constant error of the readings.
+        noise: standard deviation of the noise of a reading on each axis.
+        latency_samples: latency, a whole number of periods.
     """
 
     position: SensorPosition = SensorPosition()
@@ -50,23 +53,24 @@ class AccelerometerNumbers(NamedTuple):
 
 
 def specific_force(state: State, acceleration: VehicleAcceleration, place: SensorPosition, gravity: Row) -> Vector:
-    """Return the specific force at a place of the vehicle along the axes of B, m/s²."""
+    """Return the specific force at a point of the vehicle along the axes of B, m/s²."""
     axes, position = BodyAxes.of(state.roll, state.pitch, state.yaw), Vector(*place)
     rates = Vector(state.p, state.q, state.r)
-    turning = Vector(acceleration.p_rate, acceleration.q_rate, acceleration.r_rate)
+    angular_acceleration = Vector(acceleration.p_rate, acceleration.q_rate, acceleration.r_rate)
     at_centre = axes.in_body(Vector(acceleration.a_x, acceleration.a_y, acceleration.a_z + gravity))
-    return plus(at_centre, plus(cross(turning, position), cross(rates, cross(rates, position))))
+    return plus(at_centre, plus(cross(angular_acceleration, position), cross(rates, cross(rates, position))))
 
 
 def accelerometer_reading(
     numbers: AccelerometerNumbers, noise: SpecificForce | None, state: State, acceleration: VehicleAcceleration
 ) -> SpecificForce:
-    """Return a reading of an accelerometer; without noise it has only its bias."""
+    """Return a reading of an accelerometer, with bias and, unless it is None, with noise."""
     force = specific_force(state, acceleration, numbers.position, numbers.gravity)
-    seen = [true + bias for true, bias in zip(force, numbers.bias, strict=True)]
+    components = [true + bias for true, bias in zip(force, numbers.bias, strict=True)]
     if noise is not None:
-        seen = [value + numbers.noise * number for value, number in zip(seen, noise, strict=True)]
-    return SpecificForce(*seen)
+        components = [value + numbers.noise * number for value, number in zip(components, noise, strict=True)]
+    return SpecificForce(*components)
 
 
 ACCELEROMETER = SensorLaw(SpecificForce, accelerometer_reading, ("state", "acceleration"))
+"""Measurement equation of an accelerometer."""

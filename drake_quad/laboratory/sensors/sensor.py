@@ -1,7 +1,7 @@
 """Sensors on board: periodic readings with noise and latency, and the diagram of all sensors.
 
-A reading is taken when a simulation begins and at every multiple of the period, and it arrives whole periods later.
-Other discrete updates see it from their next instant on, as they see a frame of motion capture.
+A sensor takes a reading when a simulation begins and at every multiple of the period. The reading arrives after a whole
+number of periods. Other discrete updates use it from their next instant on, as they use a frame of motion capture.
 """
 
 from collections.abc import Callable, Collection, Mapping
@@ -14,7 +14,7 @@ from drake_quad.errors import InputError
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import layout_of
 from drake_quad.framework.wiring import append, build, connect_inputs
-from drake_quad.laboratory.delay_line import carried, declare_delay_line
+from drake_quad.laboratory.delay_line import declare_delay_line, delay_line_step
 from drake_quad.randomness.noise import Stream, export_streams
 
 
@@ -23,9 +23,9 @@ class SensorLaw(NamedTuple):
 
     Attributes:
         reading: type of the record of a reading.
-        formula: function of the sensor's numbers, of the noise, which is None if there is none, and of the signals that
-            the sensor reads; it returns a reading. The numbers have a field `latency_samples`. The noise is a reading
-            with a normal number in each row.
+        formula: function that returns a reading. Its arguments are the parameters of the sensor, the noise, and the
+            signals that the sensor reads. The parameters are a record with a field `latency_samples`. The noise is a
+            reading with a standard normal sample in each row, or None if there is no noise.
         reads: names of the signals that the sensor reads.
     """
 
@@ -37,7 +37,7 @@ class SensorLaw(NamedTuple):
 def first_reading(
     formula: Callable[..., Any], longest_latency: int, numbers: Any, noise: Any, *signals: Any
 ) -> tuple[Any, tuple[Any, ...]]:
-    """Return what the states of a `Sensor` contain at the beginning."""
+    """Return the initial values of the states of a `Sensor`."""
     reading = formula(numbers, noise, *signals)
     return reading, (reading,) * longest_latency
 
@@ -45,13 +45,13 @@ def first_reading(
 def next_reading(
     formula: Callable[..., Any], under_way: tuple[Any, ...], numbers: Any, noise: Any, *signals: Any
 ) -> tuple[Any, tuple[Any, ...]]:
-    """Return what the states of a `Sensor` contain after a reading."""
-    return carried(formula(numbers, noise, *signals), under_way, numbers.latency_samples)
+    """Return the values of the states of a `Sensor` after a reading."""
+    return delay_line_step(formula(numbers, noise, *signals), under_way, numbers.latency_samples)
 
 
 @fleet_system(float, AutoDiffXd)
 class Sensor(FleetSystem):
-    """A sensor on board.
+    """Sensor on board.
 
     .. pydrake_system::
 
@@ -63,21 +63,21 @@ class Sensor(FleetSystem):
         output_ports:
         - accelerometer
 
-    The output port has the name of the sensor, and the input ports are the signals that its law reads, here those of an
-    accelerometer. The random input port `noise`, a normal number for each row of a reading, is there for a sensor with
-    noise.
+    The output port has the name of the sensor. The input ports are the signals that its law reads; those above are the
+    ports of an accelerometer. A sensor with noise has the random input port `noise`, with a standard normal sample for
+    each row of a reading.
 
-    The parameter of the context is `numbers`. The states are those of a `DelayLine`: under the name of the sensor, the
-    reading that arrived last, and with a latency those that are under way.
+    The parameter of the context is `numbers`. The states are those of a `DelayLine`: the latest reading that has
+    arrived, under the name of the sensor, and, if there is latency, the readings under way.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number N of vehicles.
         name: name of the sensor.
-        law: law that the sensor measures by.
+        law: measurement equation of the sensor.
         period: time between readings, s.
-        noisy: True for readings with noise.
+        noisy: True if the readings have noise.
         longest_latency: largest possible latency, in periods.
-        numbers: record of the numbers of the law.
+        numbers: record of the parameters of the law.
     """
 
     def declare(
@@ -90,17 +90,17 @@ class Sensor(FleetSystem):
         longest_latency: int = 0,
         numbers: Any,
     ) -> None:
-        """Declare the system."""
+        """Declare ports, states and parameters."""
         signals = [self.input(signal) for signal in law.reads]
-        own = self.parameter("numbers", lambda numbers: numbers)
+        parameters = self.parameter("numbers", lambda numbers: numbers)
         noise = None
         if noisy:
             noise = self.random_input("noise", law.reading, RandomDistribution.kGaussian, period=period)
         layout = layout_of(law.reading)
-        nothing = layout.build([0.0] * layout.num_rows)
-        line = declare_delay_line(self, name, lambda numbers: nothing, longest_latency)
-        self.initialize(first_reading, law.formula, longest_latency, own, noise, *signals, writes=line)
-        self.update(period, next_reading, law.formula, line.under_way, own, noise, *signals, writes=line)
+        zero_reading = layout.build([0.0] * layout.num_rows)
+        line = declare_delay_line(self, name, lambda numbers: zero_reading, longest_latency)
+        self.initialize(first_reading, law.formula, longest_latency, parameters, noise, *signals, writes=line)
+        self.update(period, next_reading, law.formula, line.under_way, parameters, noise, *signals, writes=line)
         self.state_output(line.out)
 
 
@@ -119,16 +119,16 @@ def build_sensors(
         output_ports:
         - accelerometer
 
-    Ports of the sensors are ports of the diagram, here for an accelerometer: the output port of each under the name of
-    the sensor, random input ports under the names of their streams, and other input ports under their own.
+    The diagram exports all ports of the sensors; those above are the ports of an accelerometer. An output port has the
+    name of its sensor, a random input port has the name of its stream, and other input ports keep their names.
 
     Args:
         sensors: systems with one output port, by name.
-        streams: streams of the random input ports of the sensors, by the name of the sensor.
+        streams: streams of the sensors' random input ports, by the name of the sensor.
         available: names of the signals that sensors can read.
 
     Raises:
-        InputError: a sensor reads a signal that is not available.
+        InputError: if a sensor reads a signal that is not available.
     """
     builder = DiagramBuilder()
     outputs = {name: append(builder, name, sensor) for name, sensor in sensors.items()}
@@ -137,7 +137,10 @@ def build_sensors(
     for name, sensor in sensors.items():
         for port in map(sensor.get_input_port, range(sensor.num_input_ports())):
             if not builder.IsConnectedOrExported(port):
-                there = ", ".join(f"`{signal}`" for signal in available)
-                raise InputError(f"the sensor {name} reads `{port.get_name()}`, but this laboratory has {there}")
+                available_names = ", ".join(f"`{signal}`" for signal in available)
+                raise InputError(
+                    f"the sensor {name} reads `{port.get_name()}`, but the signals of this laboratory are"
+                    f" {available_names}"
+                )
         builder.ExportOutput(outputs[name], name)
     return build(builder, "sensors")

@@ -1,5 +1,6 @@
-"""Wind: sources of moving air, each a system of its own, and their sum.
+"""Wind: sources, each of which is a system, and their sum.
 
-A source samples at every step of the vehicle and holds: what the vehicle feels from t to t + h is the air at t, at the
-place where it was then; of a gust or a sine, which are known beforehand, that of t + h / 2.
+A source samples the wind at every time step h of the vehicle and holds it over the step. From t to t + h, the wind is
+that at the time t and at the position of the vehicle at t. A gust or a sine is a known function of time, so it is
+sampled at the middle of the step, t + h / 2.
 """

@@ -1,18 +1,19 @@
-"""Continuous turbulence of MIL-F-8785C, section 3.7.2.2: Dryden's spectra at low altitude.
+"""Continuous turbulence of MIL-F-8785C, section 3.7.2.2, with Dryden's spectra at low altitude.
 
-With T = L / V for each axis, white noise of a one-sided spectral density of 1 per rad/s goes through
+With T = L / V for each axis, white noise with a one-sided spectral density of 1 per rad/s is filtered by
 
     H_u = σ_u √(2 T / π) / (1 + T s)        H_v, H_w = σ √(T / π) (1 + √3 T s) / (1 + T s)²
 
-On V and W that is σ / √2 (√3 f + (1 - √3) g), where f is the noise through √(2 T / π) / (1 + T s), of unit variance,
-and g is f through another 1 / (1 + T s). Sampled every h, with η = h / T and p = exp(-η), f and g are exactly
+The output of H_v and H_w is σ / √2 (√3 f + (1 - √3) g). Here f is the noise filtered by √(2 T / π) / (1 + T s), with
+unit variance, and g is f filtered by 1 / (1 + T s). With samples at intervals h, η = h / T and p = exp(-η), the exact
+discrete-time equations are
 
     f⁺ = p f + noise_f        g⁺ = η p f + p g + noise_g
 
     var noise_f = P₁(2η)      cov = P₂(2η) / 2      var noise_g = P₃(2η) / 2
 
-with P_k the regularised incomplete gamma function, which goes to 1 as h does to infinity: the stationary covariances
-are 1, ½, ½. So σ is delivered whatever the step.
+P_k is the regularised lower incomplete gamma function of order k. It approaches 1 for large h, so the stationary
+covariances are 1, ½ and ½, and the standard deviation is σ for every sampling interval.
 """
 
 import math
@@ -25,17 +26,21 @@ from pydrake.common import RandomDistribution
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.signals import Angle, Number, Row, VelocityW, Wind
 
-FOOT, KNOT = 0.3048, 1852.0 / 3600.0
-# The specification's wind at 20 feet, m/s.
+FOOT = 0.3048  # m
+KNOT = 1852.0 / 3600.0  # m/s
 WIND_AT_20_FEET = {"light": 15.0 * KNOT, "moderate": 30.0 * KNOT, "severe": 45.0 * KNOT}
-# Below 10 feet scales and deviations are those at 10 feet; slower than this the air does not go by, m/s.
-LEAST_HEIGHT, LEAST_AIRSPEED = 10.0 * FOOT, 1.0
-# σ / √2 (√3 f + (1 - √3) g), without σ.
-_OF_F, _OF_G = math.sqrt(1.5), math.sqrt(0.5) - math.sqrt(1.5)
+"""Wind speed at a height of 20 feet for each intensity of turbulence in the specification, m/s."""
+# The specification starts at 10 feet. Below, length scales and deviations are those at 10 feet.
+MIN_HEIGHT = 10.0 * FOOT
+# Smallest speed at which the turbulence moves past the vehicle, m/s. At zero speed it would never change.
+MIN_AIRSPEED = 1.0
+# Factors of f and g in (√3 f + (1 - √3) g) / √2.
+_F_FACTOR = math.sqrt(1.5)
+_G_FACTOR = math.sqrt(0.5) - math.sqrt(1.5)
 
 
 class PerDirection(NamedTuple):
-    """A number for the direction of the mean wind (u), and for those across it (v level, w up)."""
+    """A value for each direction: u along the mean wind, v horizontally across it, w upwards."""
 
     u: Row
     v: Row
@@ -43,12 +48,12 @@ class PerDirection(NamedTuple):
 
 
 class Turbulence(NamedTuple):
-    """Dryden's turbulence.
+    """Parameters of Dryden's turbulence.
 
     Attributes:
-        deviation: σ, m/s.
-        length: L, m.
-        airspeed: V with which it goes by.
+        deviation: standard deviations σ, m/s.
+        length: length scales L, m.
+        airspeed: speed V at which the turbulence moves past the vehicle.
     """
 
     deviation: PerDirection
@@ -57,14 +62,14 @@ class Turbulence(NamedTuple):
 
     @classmethod
     def at_low_altitude(cls, *, height: Row, wind_at_20_feet: Row, airspeed: Row) -> "Turbulence":
-        """The specification's scales and deviations below 1000 feet, of numbers or arrays.
+        """Return the turbulence of the specification for heights below 1000 feet; arguments are numbers or arrays.
 
         Args:
-            height: m; at least 10 feet count.
-            wind_at_20_feet: m/s.
-            airspeed: m/s; at least 1 m/s count.
+            height: height above the ground, m; at least `MIN_HEIGHT` is used.
+            wind_at_20_feet: wind speed at a height of 20 feet, m/s.
+            airspeed: airspeed, m/s; at least `MIN_AIRSPEED` is used.
         """
-        feet = np.maximum(height, LEAST_HEIGHT) / FOOT
+        feet = np.maximum(height, MIN_HEIGHT) / FOOT
         shear = 0.177 + 0.000823 * feet
         vertical = 0.1 * wind_at_20_feet
         level = vertical / shear**0.4
@@ -72,16 +77,16 @@ class Turbulence(NamedTuple):
         return cls(
             PerDirection(level, level, vertical),
             PerDirection(long, long, feet * FOOT),
-            np.maximum(airspeed, LEAST_AIRSPEED),
+            np.maximum(airspeed, MIN_AIRSPEED),
         )
 
 
 class TurbulenceNumbers(NamedTuple):
-    """Turbulence, and where it comes from.
+    """Turbulence, and the direction of the mean wind.
 
     Attributes:
-        turbulence: along and across the mean wind.
-        heading: of the mean wind, from X towards Y.
+        turbulence: turbulence along and across the mean wind.
+        heading: direction of the mean wind, as an angle from X towards Y of W.
     """
 
     turbulence: Turbulence
@@ -89,10 +94,10 @@ class TurbulenceNumbers(NamedTuple):
 
 
 class AxisFilter(NamedTuple):
-    """Dryden's filter on one axis, from one sample to the next.
+    """Discrete-time filter along the mean wind.
 
     Attributes:
-        p: decay.
+        p: factor by which f decays over a sampling interval.
         b: standard deviation of the noise of f.
     """
 
@@ -100,15 +105,15 @@ class AxisFilter(NamedTuple):
     b: Number
 
 
-class FilterAcross(NamedTuple):
-    """The same on an axis across the mean wind, where g follows f.
+class CrossAxisFilter(NamedTuple):
+    """Discrete-time filter on an axis across the mean wind.
 
     Attributes:
-        p: decay.
+        p: factor by which f and g decay over a sampling interval.
         b: standard deviation of the noise of f.
-        t: transfer η p from f to g.
-        c: what the noise of g has of the same normal number.
-        d: what it has of one of its own.
+        t: coefficient η p from f to g.
+        c: factor of the normal sample of f in the noise of g.
+        d: factor of the independent normal sample in the noise of g.
     """
 
     p: Number
@@ -119,53 +124,54 @@ class FilterAcross(NamedTuple):
 
 
 class SampledTurbulence(NamedTuple):
-    """Dryden's filters from one sample to the next.
+    """Discrete-time filters of the turbulence.
 
     Attributes:
-        u: along the mean wind.
-        v: across it, level.
-        w: across it, up.
-        deviation: σ, m/s.
+        u: filter along the mean wind.
+        v: filter horizontally across the mean wind.
+        w: filter upwards.
+        deviation: standard deviations σ, m/s.
         cos_heading: cosine of the heading.
         sin_heading: sine of the heading.
     """
 
     u: AxisFilter
-    v: FilterAcross
-    w: FilterAcross
+    v: CrossAxisFilter
+    w: CrossAxisFilter
     deviation: PerDirection
     cos_heading: Number
     sin_heading: Number
 
     @classmethod
     def of(cls, numbers: TurbulenceNumbers, period: float) -> "SampledTurbulence":
-        """The exact sampled filters, of numbers or arrays.
+        """Return the exact discrete-time filters.
 
         Args:
-            numbers: of the turbulence.
-            period: h, s.
+            numbers: parameters of the turbulence, numbers or arrays.
+            period: sampling interval h, s.
         """
         turbulence = numbers.turbulence
         u, v, w = (period * turbulence.airspeed / length for length in turbulence.length)
         return cls(
             AxisFilter(np.exp(-u), np.sqrt(scipy.special.gammainc(1.0, 2.0 * u))),
-            _across(v),
-            _across(w),
+            _cross_axis_filter(v),
+            _cross_axis_filter(w),
             turbulence.deviation,
             np.cos(numbers.heading),
             np.sin(numbers.heading),
         )
 
 
-def _across(eta: Row) -> FilterAcross:
+def _cross_axis_filter(eta: Row) -> CrossAxisFilter:
+    """Return the filter on an axis across the mean wind for η = h / T."""
     noise_f = np.sqrt(scipy.special.gammainc(1.0, 2.0 * eta))
     shared = 0.5 * scipy.special.gammainc(2.0, 2.0 * eta) / noise_f
     own = np.sqrt(0.5 * scipy.special.gammainc(3.0, 2.0 * eta) - shared * shared)
-    return FilterAcross(np.exp(-eta), noise_f, eta * np.exp(-eta), shared, own)
+    return CrossAxisFilter(np.exp(-eta), noise_f, eta * np.exp(-eta), shared, own)
 
 
 class FilterState(NamedTuple):
-    """The state of the filters: f of each axis, and g of those across. Or a normal number for each."""
+    """State of the filters (f of each axis, and g of the axes across the mean wind), or a normal sample for each."""
 
     f_u: Number
     f_v: Number
@@ -174,15 +180,15 @@ class FilterState(NamedTuple):
     g_w: Number
 
 
-class Turbulent(NamedTuple):
-    """The states of a `DrydenTurbulence`."""
+class TurbulenceState(NamedTuple):
+    """States of a `DrydenTurbulence`."""
 
     wind: Wind
     filter: FilterState
 
 
-def filtered(state: FilterState, noise: FilterState, sampled: SampledTurbulence) -> FilterState:
-    """The state of the filters a period later, given normal numbers."""
+def next_filter_state(state: FilterState, noise: FilterState, sampled: SampledTurbulence) -> FilterState:
+    """Return the state of the filters one sampling interval later, for standard normal samples."""
     u, v, w = sampled.u, sampled.v, sampled.w
     return FilterState(
         u.p * state.f_u + u.b * noise.f_u,
@@ -194,40 +200,41 @@ def filtered(state: FilterState, noise: FilterState, sampled: SampledTurbulence)
 
 
 def stationary_state(noise: FilterState) -> FilterState:
-    """A state of the filters that is as likely as any later one, given normal numbers."""
+    """Return a state of the filters with the stationary distribution, for standard normal samples."""
     return noise._replace(g_v=0.5 * (noise.f_v + noise.g_v), g_w=0.5 * (noise.f_w + noise.g_w))
 
 
-def filtered_velocity(state: FilterState, deviation: PerDirection) -> PerDirection:
-    """The turbulence (m/s) of a state of the filters."""
+def turbulent_velocity(state: FilterState, deviation: PerDirection) -> PerDirection:
+    """Return the turbulent velocity (m/s) for a state of the filters."""
     return PerDirection(
         deviation.u * state.f_u,
-        deviation.v * (_OF_F * state.f_v + _OF_G * state.g_v),
-        deviation.w * (_OF_F * state.f_w + _OF_G * state.g_w),
+        deviation.v * (_F_FACTOR * state.f_v + _G_FACTOR * state.g_v),
+        deviation.w * (_F_FACTOR * state.f_w + _G_FACTOR * state.g_w),
     )
 
 
-def first_sample(noise: FilterState, sampled: SampledTurbulence) -> Turbulent:
-    """Wind and filters at the beginning, given normal numbers."""
+def first_sample(noise: FilterState, sampled: SampledTurbulence) -> TurbulenceState:
+    """Return the initial wind and state of the filters, for standard normal samples."""
     state = stationary_state(noise)
-    return Turbulent(_wind(state, sampled), state)
+    return TurbulenceState(_wind(state, sampled), state)
 
 
-def next_sample(state: FilterState, noise: FilterState, sampled: SampledTurbulence) -> Turbulent:
-    """The same a period later."""
-    later = filtered(state, noise, sampled)
-    return Turbulent(_wind(later, sampled), later)
+def next_sample(state: FilterState, noise: FilterState, sampled: SampledTurbulence) -> TurbulenceState:
+    """Return the wind and the state of the filters one sampling interval later, for standard normal samples."""
+    next_state = next_filter_state(state, noise, sampled)
+    return TurbulenceState(_wind(next_state, sampled), next_state)
 
 
 def _wind(state: FilterState, sampled: SampledTurbulence) -> Wind:
-    u, v, w = filtered_velocity(state, sampled.deviation)
+    """Return the turbulent velocity along the axes of W."""
+    u, v, w = turbulent_velocity(state, sampled.deviation)
     cos_heading, sin_heading = sampled.cos_heading, sampled.sin_heading
     return Wind(u * cos_heading - v * sin_heading, u * sin_heading + v * cos_heading, w)
 
 
 @fleet_system(float, AutoDiffXd)
 class DrydenTurbulence(FleetSystem):
-    """Dryden's turbulence, frozen in the air that goes by.
+    """Dryden's turbulence as a frozen field that moves past the vehicle.
 
     .. pydrake_system::
 
@@ -237,25 +244,25 @@ class DrydenTurbulence(FleetSystem):
         output_ports:
         - wind
 
-    `turbulence_noise` is random: normal numbers, new ones at every sample. `wind` has Dryden's spectra along and across
-    the heading and upwards. It is stationary from the first sample on, which a simulator takes when it initializes: one
-    that goes on with a flight must suppress initialization events.
+    `turbulence_noise` is a random input: standard normal samples, new ones at every sampling instant. `wind` has
+    Dryden's spectra along and across the heading and upwards. It is stationary from the first sample on, which an
+    initialization event takes. A simulator that continues a flight must suppress initialization events.
 
-    The states are `wind` and `filter`, the only parameter of the context is `turbulence`.
+    The states are `wind` and `filter`. The only parameter of the context is `turbulence`.
 
     Args:
-        num_vehicles: N; each in turbulence of its own.
-        period: of the samples, s; the vehicle's time step.
-        numbers: of the turbulence.
+        num_vehicles: number N of vehicles. The turbulence of each vehicle is independent of the others.
+        period: sampling interval, s; equal to the vehicle's time step.
+        numbers: parameters of the turbulence.
     """
 
     def declare(self, *, period: float = 0.01, numbers: TurbulenceNumbers) -> None:
-        """Declares the system."""
+        """Declare ports, states and parameters."""
         turbulence = self.parameter("turbulence", lambda numbers: SampledTurbulence.of(numbers, period))
         noise = self.random_input("turbulence_noise", FilterState, RandomDistribution.kGaussian, period=period)
         wind = self.state("wind", lambda _: Wind(0.0, 0.0, 0.0))
         filters = self.state("filter", lambda _: FilterState(0.0, 0.0, 0.0, 0.0, 0.0))
         self.initialize(first_sample, noise, turbulence, writes=[wind, filters])
-        # The first sample has used up the numbers of time zero.
+        # The initialization event has already used the random samples of time zero.
         self.update(period, next_sample, filters, noise, turbulence, writes=[wind, filters], at_start=False)
         self.state_output(wind)

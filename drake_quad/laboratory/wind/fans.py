@@ -1,11 +1,12 @@
-"""Industrial fans as free jets in a room.
+"""Industrial fans, modelled as free jets in a room.
 
-A round jet of exit speed U₀ = 4 Q / (π D²) keeps it on its centreline as far as its core reaches, 5.9 D, and beyond
-decays as 5.9 U₀ D / x. Across, its profile is Gaussian, with half the speed of the centreline at 0.094 x from it (round
-free jets are measured with 5.8 to 6.1 and 0.094 to 0.102: S. B. Pope, "Turbulent Flows", 2000, table 5.1). The core is
-a cone of uniform speed on the outlet, with the flank of the same Gaussian around it.
+The exit speed of a round jet is U₀ = 4 Q / (π D²), for a flow Q and an outlet of diameter D. On the centreline, the
+speed is U₀ up to the end of the core at x = 5.9 D, and 5.9 U₀ D / x beyond. The profile across the jet is Gaussian,
+with half the centreline speed at a distance of 0.094 x. Measured values for round free jets are 5.8 to 6.1 and 0.094 to
+0.102 (S. B. Pope, "Turbulent Flows", 2000, table 5.1). The core is a cone with uniform speed, whose base is the outlet
+and which is surrounded by the flank of the same Gaussian.
 
-Behind the outlet the air is at rest, and what the jet draws in from the sides is left out.
+The air behind the outlet is at rest. The model neglects the air that the jet entrains from the sides.
 """
 
 import math
@@ -18,14 +19,17 @@ from drake_quad.framework.elementary import exp, maximum, sqrt, where
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.signals import Number, PositionW, Quantity, Row, State, VelocityW, Wind
 
-CORE_LENGTH, SPREAD = 5.9, 0.094
+CORE_LENGTH = 5.9  # length of the core, relative to the diameter of the outlet
+SPREAD = 0.094  # half-width of the jet, relative to the distance from the outlet
 _LN_2 = math.log(2.0)
-# Keeps 0 / 0 away at the outlet (m), and infinite derivatives of square roots on the centreline and in calm air.
-_LEAST_LENGTH, _TINY = 1e-9, 1e-200
+# Lower limit on the distance from the outlet, m, which avoids 0 / 0 there.
+_MIN_LENGTH = 1e-9
+# Lower limit on the arguments of square roots, whose derivatives are infinite at zero.
+_MIN_SQUARE = 1e-200
 
 
 class Outlet(NamedTuple):
-    """The middle of a fan's outlet."""
+    """Centre of a fan's outlet."""
 
     x: PositionW
     y: PositionW
@@ -33,7 +37,7 @@ class Outlet(NamedTuple):
 
 
 class Direction(NamedTuple):
-    """A unit vector in W."""
+    """Unit vector in W."""
 
     x: Number
     y: Number
@@ -41,14 +45,14 @@ class Direction(NamedTuple):
 
 
 class Jet(NamedTuple):
-    """The free jet of a fan.
+    """Free jet of a fan.
 
     Attributes:
-        outlet: where it begins.
-        direction: in which it blows.
-        exit_speed: U₀.
-        diameter: D of the outlet.
-        turbulence: standard deviation of the air's velocity over its mean, on each axis.
+        outlet: centre of the outlet.
+        direction: direction of the jet.
+        exit_speed: exit speed U₀.
+        diameter: diameter D of the outlet.
+        turbulence: ratio of the standard deviation of the air's velocity on each axis to its mean.
     """
 
     outlet: Outlet
@@ -59,27 +63,27 @@ class Jet(NamedTuple):
 
     @classmethod
     def of_fan(cls, *, outlet: Outlet, direction: Direction, flow: Row, diameter: Row, turbulence: Row) -> "Jet":
-        """The jet of a fan, of numbers or arrays.
+        """Return the jet of a fan; arguments are numbers or arrays.
 
         Args:
-            outlet: where it begins.
-            direction: of any length.
-            flow: Q, m³/s.
-            diameter: D, m.
-            turbulence: share.
+            outlet: centre of the outlet.
+            direction: direction of the jet, a vector of any length.
+            flow: volume flow Q, m³/s.
+            diameter: diameter D of the outlet, m.
+            turbulence: ratio of the standard deviation of the air's velocity on each axis to its mean.
         """
         length = np.sqrt(sum(part * part for part in direction))
         unit = Direction._make(part / length for part in direction)
         return cls(outlet, unit, 4.0 * flow / (math.pi * diameter * diameter), diameter, turbulence)
 
 
-class Air(NamedTuple):
-    """What jets do at a place, summed.
+class LocalAir(NamedTuple):
+    """Sum of all jets at the position of a vehicle.
 
     Attributes:
-        mean: wind.
-        variance: of the turbulence on each axis, m²/s².
-        rate: of the turbulence, 1/s.
+        mean: mean velocity of the air.
+        variance: variance of the turbulence on each axis, m²/s².
+        rate: inverse of the correlation time of the turbulence, 1/s.
     """
 
     mean: Wind
@@ -88,68 +92,69 @@ class Air(NamedTuple):
 
 
 class Eddies(NamedTuple):
-    """Turbulence over its standard deviation on each axis; or a normal number for each."""
+    """Turbulent velocity divided by its standard deviation on each axis, or a normal sample for each."""
 
     x: Number
     y: Number
     z: Number
 
 
-class Blown(NamedTuple):
-    """The states of `Fans`."""
+class FansState(NamedTuple):
+    """States of `Fans`."""
 
     wind: Wind
     eddies: Eddies
 
 
 def jet_speed(state: State, jet: Jet) -> tuple[Row, Row]:
-    """The mean speed of a jet at a vehicle (m/s) and the half-width there (m)."""
+    """Return the mean speed of a jet at the position of a vehicle (m/s), and the half-width of the jet there (m)."""
     x, y, z = state.x - jet.outlet.x, state.y - jet.outlet.y, state.z - jet.outlet.z
     along = x * jet.direction.x + y * jet.direction.y + z * jet.direction.z
-    across = sqrt(maximum(x * x + y * y + z * z - along * along, _TINY))
+    across = sqrt(maximum(x * x + y * y + z * z - along * along, _MIN_SQUARE))
     reach = CORE_LENGTH * jet.diameter
     core = 0.5 * jet.diameter * maximum(1.0 - along / reach, 0.0)
-    half_width = SPREAD * maximum(along, _LEAST_LENGTH)
+    half_width = SPREAD * maximum(along, _MIN_LENGTH)
     flank = maximum(across - core, 0.0) / half_width
     centreline = jet.exit_speed * reach / maximum(along, reach)
     return where(along > 0.0, centreline * exp(-_LN_2 * flank * flank), 0.0), half_width
 
 
-def air(state: State, jets: tuple[Jet, ...]) -> Air:
-    """What jets do at a vehicle."""
+def local_air(state: State, jets: tuple[Jet, ...]) -> LocalAir:
+    """Return the sum of all jets at the position of a vehicle."""
     x = y = z = variance = rate = 0.0
-    # The first jet comes last in the sum.
+    # The first jet is added last. The order only affects rounding.
     for jet in reversed(jets):
         speed, half_width = jet_speed(state, jet)
-        swing = jet.turbulence * speed
+        deviation = jet.turbulence * speed
         x, y, z = x + speed * jet.direction.x, y + speed * jet.direction.y, z + speed * jet.direction.z
-        variance, rate = variance + swing * swing, rate + speed / half_width
-    return Air(Wind(x, y, z), variance, rate)
+        variance, rate = variance + deviation * deviation, rate + speed / half_width
+    return LocalAir(Wind(x, y, z), variance, rate)
 
 
-def first_sample(state: State, noise: Eddies, jets: tuple[Jet, ...]) -> Blown:
-    """Wind and turbulence at the beginning, given normal numbers."""
-    here = air(state, jets)
-    return Blown(_gusty(here, noise), noise)
+def first_sample(state: State, noise: Eddies, jets: tuple[Jet, ...]) -> FansState:
+    """Return the initial wind and turbulence, for standard normal samples."""
+    local = local_air(state, jets)
+    return FansState(_with_turbulence(local, noise), noise)
 
 
-def next_sample(state: State, eddies: Eddies, noise: Eddies, jets: tuple[Jet, ...], period: float) -> Blown:
-    """The same a period (s) later, with the turbulence of before."""
-    here = air(state, jets)
-    decay = exp(-period * here.rate)
-    fresh = sqrt(maximum(1.0 - decay * decay, _TINY))
-    later = Eddies._make(decay * eddy + fresh * number for eddy, number in zip(eddies, noise, strict=True))
-    return Blown(_gusty(here, later), later)
+def next_sample(state: State, eddies: Eddies, noise: Eddies, jets: tuple[Jet, ...], period: float) -> FansState:
+    """Return the wind and the turbulence one period (s) later, for the turbulence before and normal samples."""
+    local = local_air(state, jets)
+    decay = exp(-period * local.rate)
+    noise_gain = sqrt(maximum(1.0 - decay * decay, _MIN_SQUARE))
+    next_eddies = Eddies._make(decay * eddy + noise_gain * number for eddy, number in zip(eddies, noise, strict=True))
+    return FansState(_with_turbulence(local, next_eddies), next_eddies)
 
 
-def _gusty(here: Air, eddies: Eddies) -> Wind:
-    deviation = sqrt(maximum(here.variance, _TINY))
-    return Wind._make(mean + deviation * eddy for mean, eddy in zip(here.mean, eddies, strict=True))
+def _with_turbulence(local: LocalAir, eddies: Eddies) -> Wind:
+    """Return the mean velocity plus the turbulence."""
+    deviation = sqrt(maximum(local.variance, _MIN_SQUARE))
+    return Wind._make(mean + deviation * eddy for mean, eddy in zip(local.mean, eddies, strict=True))
 
 
 @fleet_system(float, AutoDiffXd)
 class Fans(FleetSystem):
-    """Several fans that blow through a room.
+    """Wind of several fans in a room.
 
     .. pydrake_system::
 
@@ -160,27 +165,28 @@ class Fans(FleetSystem):
         output_ports:
         - wind
 
-    `wind` is the sum of the jets at the vehicle's position and of their turbulence. The turbulence is alike in all
-    directions, a first-order Gauss–Markov process in time; its standard deviation is the root of the jets' summed
-    variances, its time scale a half-width of the jet over the speed of the air, about what an eddy takes to go by.
-    `jet_noise` is random: normal numbers, new ones at every sample. A simulator that goes on with a flight must
-    suppress initialization events, which begin the turbulence anew.
+    `wind` is the sum of the jets' mean velocities at the vehicle's position and of their turbulence. The turbulence is
+    isotropic and a first-order Gauss–Markov process in time. Its variance is the sum of the jets' variances. The time
+    scale of a jet is the ratio of its half-width to its speed, about the time in which an eddy passes.
 
-    The states are `wind` and `eddies`, the only parameter of the context is `jets`.
+    `jet_noise` is a random input: standard normal samples, new ones at every sampling instant. A simulator that
+    continues a flight must suppress initialization events, which reset the turbulence.
+
+    The states are `wind` and `eddies`. The only parameter of the context is `jets`.
 
     Args:
-        num_vehicles: N; each in turbulence of its own.
-        period: of the samples, s; the vehicle's time step.
-        numbers: the jets.
+        num_vehicles: number N of vehicles. The turbulence of each vehicle is independent of the others.
+        period: sampling interval, s; equal to the vehicle's time step.
+        numbers: jets of the fans.
     """
 
     def declare(self, *, period: float = 0.01, numbers: tuple[Jet, ...]) -> None:
-        """Declares the system."""
+        """Declare ports, states and parameters."""
         jets, state = self.parameter("jets", lambda jets: jets), self.input("state")
         noise = self.random_input("jet_noise", Eddies, RandomDistribution.kGaussian, period=period)
         wind = self.state("wind", lambda _: Wind(0.0, 0.0, 0.0))
         eddies = self.state("eddies", lambda _: Eddies(0.0, 0.0, 0.0))
         self.initialize(first_sample, state, noise, jets, writes=[wind, eddies])
-        # The first sample has used up the numbers of time zero.
+        # The initialization event has already used the random samples of time zero.
         self.update(period, next_sample, state, eddies, noise, jets, period, writes=[wind, eddies], at_start=False)
         self.state_output(wind)

@@ -1,4 +1,4 @@
-"""The discrete gust of MIL-F-8785C, section 3.7.2.3."""
+"""Discrete gust of MIL-F-8785C, section 3.7.2.3."""
 
 import math
 from typing import NamedTuple
@@ -9,13 +9,13 @@ from drake_quad.signals import Row, Time, Wind
 
 
 class GustNumbers(NamedTuple):
-    """When a gust comes and goes.
+    """Parameters of a gust.
 
     Attributes:
-        velocity: of the air at the gust's height.
-        start: when it begins.
-        rise_time: from nothing to full height, larger than zero.
-        hold_time: at full height; infinite for a gust that stays, as in MIL-F-8785C.
+        velocity: velocity of the air at the peak of the gust.
+        start: time at which the gust begins.
+        rise_time: time from zero to the peak, and back to zero; positive.
+        hold_time: duration of the peak; infinite for a gust that does not end, as in MIL-F-8785C.
     """
 
     velocity: Wind
@@ -25,10 +25,11 @@ class GustNumbers(NamedTuple):
 
 
 def gust_share(time: Row, start: Row, rise_time: Row, hold_time: Row) -> Row:
-    """The share of its height that a gust has at a time: (1 - cos(π x / d)) / 2, and the same backwards.
+    """Return the velocity of a gust at a time, relative to its peak: (1 - cos(π x / d)) / 2 while it rises.
 
-    The distance x into the gust over the gust's length d is the time since its start over its rise time: the gust
-    goes by at constant speed. All in s.
+    The gust moves past the vehicle at constant speed, so the ratio of the distance x into the gust to the gust's length
+    d is the ratio of the time since the start to the rise time. The gust falls as it rises, in reverse. All arguments
+    are in s.
     """
     rising = (time - start) / rise_time
     falling = (start + hold_time - time) / rise_time + 2.0
@@ -36,14 +37,14 @@ def gust_share(time: Row, start: Row, rise_time: Row, hold_time: Row) -> Row:
 
 
 def gust_wind(gust: GustNumbers, time: Row, period: float) -> Wind:
-    """The velocity of the air that is held for a period (s) from a time (s) on: that of its middle."""
+    """Return the wind for the period (s) that starts at a time (s), which is the wind at the middle of the period."""
     share = gust_share(time + 0.5 * period, gust.start, gust.rise_time, gust.hold_time)
     return Wind._make(share * part for part in gust.velocity)
 
 
 @fleet_system(float, AutoDiffXd)
 class Gust(FleetSystem):
-    """A 1-cosine gust.
+    """1-cosine gust.
 
     .. pydrake_system::
 
@@ -51,17 +52,17 @@ class Gust(FleetSystem):
         output_ports:
         - wind
 
-    `wind` is the gust's velocity times `gust_share`, over each period that of its middle. The only state is `wind`, the
-    only parameter of the context `gust`.
+    `wind` is the gust's velocity times `gust_share`, evaluated at the middle of each period and held over it. The only
+    state is `wind`. The only parameter of the context is `gust`.
 
     Args:
-        num_vehicles: N.
-        period: of the samples, s; the vehicle's time step.
-        numbers: of the gust.
+        num_vehicles: number N of vehicles.
+        period: sampling interval, s; equal to the vehicle's time step.
+        numbers: parameters of the gust.
     """
 
     def declare(self, *, period: float = 0.01, numbers: GustNumbers) -> None:
-        """Declares the system."""
+        """Declare ports, states and parameters."""
         gust, wind = self.parameter("gust", lambda gust: gust), self.state("wind", lambda _: Wind(0.0, 0.0, 0.0))
         self.initialize(gust_wind, gust, TIME, period, writes=[wind])
         self.update(period, gust_wind, gust, TIME, period, writes=[wind])

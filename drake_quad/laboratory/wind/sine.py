@@ -1,4 +1,4 @@
-"""Wind that swells and fades as a sine, such as fans whose speed is modulated make it."""
+"""Wind whose speed is a sine of time, as fans with a modulated speed produce it."""
 
 from typing import NamedTuple
 
@@ -8,12 +8,12 @@ from drake_quad.signals import Angle, AngleRate, Row, Wind
 
 
 class SineNumbers(NamedTuple):
-    """How a wind swells and fades.
+    """Parameters of a sinusoidal wind.
 
     Attributes:
-        velocity: of the air where it is strongest.
-        frequency: angular.
-        phase: at time zero.
+        velocity: amplitude of the velocity of the air.
+        frequency: angular frequency ω.
+        phase: phase φ at time zero.
     """
 
     velocity: Wind
@@ -22,14 +22,14 @@ class SineNumbers(NamedTuple):
 
 
 def sine_wind(sine: SineNumbers, time: Row, period: float) -> Wind:
-    """The velocity of the air that is held for a period (s) from a time (s) on: that of its middle."""
+    """Return the wind for the period (s) that starts at a time (s), which is the wind at the middle of the period."""
     share, _ = sin_cos(sine.frequency * (time + 0.5 * period) + sine.phase)
     return Wind._make(share * part for part in sine.velocity)
 
 
 @fleet_system(float, AutoDiffXd)
 class SineWind(FleetSystem):
-    """A wind that swells and fades as a sine.
+    """Wind whose velocity is a sine of time.
 
     .. pydrake_system::
 
@@ -37,17 +37,17 @@ class SineWind(FleetSystem):
         output_ports:
         - wind
 
-    `wind` is velocity · sin(ω t + φ), over each period that of its middle. The only state is `wind`, the only parameter
-    of the context `sine`.
+    `wind` is velocity · sin(ω t + φ), evaluated at the middle of each period and held over it. The only state is
+    `wind`. The only parameter of the context is `sine`.
 
     Args:
-        num_vehicles: N.
-        period: of the samples, s; the vehicle's time step.
-        numbers: of the wind.
+        num_vehicles: number N of vehicles.
+        period: sampling interval, s; equal to the vehicle's time step.
+        numbers: parameters of the wind.
     """
 
     def declare(self, *, period: float = 0.01, numbers: SineNumbers) -> None:
-        """Declares the system."""
+        """Declare ports, states and parameters."""
         sine, wind = self.parameter("sine", lambda sine: sine), self.state("wind", lambda _: Wind(0.0, 0.0, 0.0))
         self.initialize(sine_wind, sine, TIME, period, writes=[wind])
         self.update(period, sine_wind, sine, TIME, period, writes=[wind])

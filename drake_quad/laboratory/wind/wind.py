@@ -1,4 +1,4 @@
-"""The sum of all wind."""
+"""Steady wind, the sum of all wind sources, and a sample-and-hold for sources of one's own."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -16,7 +16,7 @@ from drake_quad.signals import Wind
 
 @fleet_system(float, AutoDiffXd)
 class SteadyWind(FleetSystem):
-    """The same wind everywhere, always.
+    """Wind that is constant in space and time.
 
     .. pydrake_system::
 
@@ -27,17 +27,17 @@ class SteadyWind(FleetSystem):
     The only parameter of the context is `velocity`.
 
     Args:
-        num_vehicles: N.
-        numbers: the velocity of the air.
+        num_vehicles: number N of vehicles.
+        numbers: velocity of the air in W.
     """
 
     def declare(self, *, numbers: Wind) -> None:
-        """Declares the system."""
+        """Declare ports and parameters."""
         self.output("wind", identity, self.parameter("velocity", lambda velocity: velocity))
 
 
 def build_wind(sources: Mapping[str, Any], *, streams: Mapping[str, list[Stream]], num_vehicles: int = 1) -> Diagram:
-    """Builds the diagram `wind`, the sum of its sources; still air if there are none.
+    """Build the diagram `wind`, the sum of its sources; still air if there are none.
 
     .. pydrake_system::
 
@@ -49,13 +49,13 @@ def build_wind(sources: Mapping[str, Any], *, streams: Mapping[str, list[Stream]
         output_ports:
         - wind
 
-    `state`, the vehicle's, is there if a source depends on the place. Random input ports of the sources are ports of
-    the diagram, called after their streams: here for two such sources.
+    The input port `state`, the state of the vehicle, exists if a source depends on the position. The diagram exports
+    the random input ports of the sources under the names of their streams; those above are the ports of two sources.
 
     Args:
-        sources: systems with one output port for the wind and perhaps the input port `state`, by name.
-        streams: for the random input ports of the sources, by the name of the source.
-        num_vehicles: N.
+        sources: systems with one output port for the wind and optionally the input port `state`, by name.
+        streams: streams of the sources' random input ports, by the name of the source.
+        num_vehicles: number N of vehicles.
     """
     builder = DiagramBuilder()
     if not sources:
@@ -70,7 +70,7 @@ def build_wind(sources: Mapping[str, Any], *, streams: Mapping[str, list[Stream]
 
 
 def build_held_wind(source: Any, *, period: float) -> Diagram:
-    """Builds the diagram `held`, a source of wind that is sampled and held.
+    """Build the diagram `held`, which samples a source of wind and holds the sample.
 
     .. pydrake_system::
 
@@ -80,13 +80,13 @@ def build_held_wind(source: Any, *, period: float) -> Diagram:
         output_ports:
         - wind
 
-    A source that is a function of time or place would be read at the end of a step of the vehicle, with the state of
-    its beginning. `state` is there if the source has it; `wind` is zero before the first sample at time zero, which no
-    step of the vehicle sees.
+    Without the hold, the vehicle would evaluate a source that depends on time or position at the end of a time step,
+    with the state at the beginning of the step. The input port `state` exists if the source has it. `wind` is zero
+    before the first sample at time zero, which affects no time step of the vehicle.
 
     Args:
-        source: with one output port for the wind, and perhaps the input port `state`.
-        period: of the samples, s; the vehicle's time step.
+        source: system with one output port for the wind, and optionally the input port `state`.
+        period: sampling interval, s; equal to the vehicle's time step.
     """
     builder = DiagramBuilder()
     port = append(builder, "source", source)

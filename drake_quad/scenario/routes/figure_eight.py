@@ -5,7 +5,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
-from drake_quad.reference.laps import flown_in_laps
+from drake_quad.reference.laps import path_of_laps
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.routes import Route, figure_eight
 from drake_quad.reference.time_allocation import stretch_factor, trapezoid_times
@@ -52,7 +52,7 @@ class FigureEightRoute(MovingRoute):
         ride = np.vstack([geometry.waypoints, lap[1:], lap[1:]])
         times = trapezoid_times(ride, speed=self.cruise_speed, acceleration=self.top_acceleration)
         durations = of_three_laps(np.diff(times), len(lap) - 1)
-        path, laps = flown_in_laps(geometry.waypoints, durations, self.laps, lead=1)
+        path, laps = path_of_laps(geometry.waypoints, durations, self.laps, lead=1)
         factor = stretch_factor(path, self.limits())
         path, laps = path.stretched(factor), tuple([factor * time for time in laps])
         rise, *others = geometry.legs

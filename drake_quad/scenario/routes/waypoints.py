@@ -9,13 +9,13 @@ from pydantic_core import PydanticCustomError
 
 from drake_quad.errors import InputError
 from drake_quad.framework.result_cache import kept
-from drake_quad.reference.laps import LapDurations, flown_in_laps
+from drake_quad.reference.laps import LapDurations, path_of_laps
 from drake_quad.reference.minimum_snap import rest_at_ends
 from drake_quad.reference.path_problem import PathProblem
 from drake_quad.reference.plan import Plan
-from drake_quad.reference.planner import merged, passing_times, plan_path
+from drake_quad.reference.planner import passing_times, plan_path, without_repeats
 from drake_quad.reference.polynomial_path import PolynomialPath
-from drake_quad.reference.regions import Box, Corridor, Sphere, common
+from drake_quad.reference.regions import Box, Corridor, Sphere, intersection_of
 from drake_quad.reference.routes import Leg
 from drake_quad.reference.time_allocation import stretch_factor
 from drake_quad.reference.yaw import yaw_through
@@ -30,7 +30,7 @@ from drake_quad.space.distance import nearest_approach
 from drake_quad.space.space import Space
 
 if TYPE_CHECKING:
-    from drake_quad.space.around import WayAround
+    from drake_quad.space.around import RouteAround
 
 # Half a turn plus a tolerance for rounding, rad. If consecutive yaws differ by no more, they describe continuous turns.
 _HALF_TURN = math.pi + 1e-6
@@ -200,7 +200,7 @@ class WaypointRoute(MovingRoute):
         if self.space is None:
             return corridors
         space = self.space.box()
-        inside = [space if corridor is None else common(corridor, space) for corridor in corridors]
+        inside = [space if corridor is None else intersection_of(corridor, space) for corridor in corridors]
         for i, corridor in enumerate(inside):
             if corridor is None:
                 raise InputError(f"the corridor of segment {i} lies outside the space")
@@ -217,12 +217,12 @@ class WaypointRoute(MovingRoute):
         plan = Plan(path, yaw, _laps_as_legs(path, laps), laps)
         return Planned(plan, self.problem(self.laps)) if way is None else Planned(plan, way.problem, way.waypoints)
 
-    def _passing_times(self, path: PolynomialPath, way: "WayAround | None") -> np.ndarray:
+    def _passing_times(self, path: PolynomialPath, way: "RouteAround | None") -> np.ndarray:
         """Return the times (waypoints,) at which the waypoints are passed, s."""
         own = path if way is None else path._replace(times=path.times[way.waypoints])
         return passing_times(self.problem(self.laps), own)
 
-    def _path(self, space: Space | None) -> tuple[PolynomialPath, tuple[float, ...], "WayAround | None"]:
+    def _path(self, space: Space | None) -> tuple[PolynomialPath, tuple[float, ...], "RouteAround | None"]:
         """Return the path, the times of its laps, s, if there are several, and its way around obstacles, if any.
 
         Where times are chosen, they are chosen for three laps, and the middle one is repeated.
@@ -236,7 +236,7 @@ class WaypointRoute(MovingRoute):
             path, way = self._around(space)
             return path, (), way
         given = isinstance(self.times, Given)
-        problem = self.problem() if given else merged(self.problem(3))
+        problem = self.problem() if given else without_repeats(self.problem(3))
         path = plan_path(problem.without_limits() if given else problem, self.times.timing())
         if given:
             durations, points = LapDurations(*[path.durations] * 3), path.waypoints
@@ -250,7 +250,7 @@ class WaypointRoute(MovingRoute):
         stops[:-1] |= staying
         stops[1:] |= staying
         stops[[0, -1]] = stops[0] or stops[-1]
-        flown, laps = flown_in_laps(points, durations, self.laps, stops=stops)
+        flown, laps = path_of_laps(points, durations, self.laps, stops=stops)
         factor = stretch_factor(flown, problem.limits) if problem.limits.by_order else 0.0
         if given:
             if factor > 1.0 + 1e-9:
@@ -259,24 +259,24 @@ class WaypointRoute(MovingRoute):
             return flown._replace(times=flown.times + start), tuple([start + time for time in laps]), None
         return flown.stretched(factor), tuple([factor * time for time in laps]), None
 
-    def _around(self, space: Space) -> tuple[PolynomialPath, "WayAround"]:
+    def _around(self, space: Space) -> tuple[PolynomialPath, "RouteAround"]:
         """Return the path that keeps the clearance and the bounds of a space, and its way around obstacles.
 
         Raises:
             InputError: there is no such path, or none is found.
         """
         # These import pydrake.planning, which most flights do not need.
-        from drake_quad.space.around import check_places, plan_around, straight_on, within
+        from drake_quad.space.around import check_waypoint_clearance, direct_route, plan_around, with_bounds
 
         problem, timing = self.problem(), self.times.timing()
         if not isinstance(self.times, Given):
-            problem = merged(problem)
-        bounded = within(problem, space.bounds)
-        check_places(space, problem)
+            problem = without_repeats(problem)
+        bounded = with_bounds(problem, space.bounds)
+        check_waypoint_clearance(space, problem)
         path = plan_path(bounded, timing)
         approach = nearest_approach(path, space)
         if approach is None or approach.distance >= space.clearance:
-            return path, straight_on(bounded)
+            return path, direct_route(bounded)
         if space.bounds is None:
             raise InputError(
                 f"without a way around, the path comes to {approach}, nearer than {space.clearance:.3g} m; space.bounds"

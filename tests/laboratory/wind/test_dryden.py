@@ -1,4 +1,4 @@
-"""Dryden's turbulence against the specification's spectra."""
+"""Dryden's turbulence agrees with the spectra of the specification."""
 
 import itertools
 import math
@@ -20,37 +20,37 @@ from drake_quad.laboratory.wind.dryden import (
     SampledTurbulence,
     Turbulence,
     TurbulenceNumbers,
-    filtered,
-    filtered_velocity,
+    next_filter_state,
     stationary_state,
+    turbulent_velocity,
 )
 from drake_quad.randomness.noise import Samples
 from drake_quad.randomness.streams import StreamKind
 
-# Ten feet up: scales of 3 m and 23 m.
+# At a height of ten feet, the length scales are 3 m and 23 m.
 NEAR_GROUND = Turbulence.at_low_altitude(height=3.048, wind_at_20_feet=15.4, airspeed=5.0)
 
 
 def matrices(turbulence, period):
-    """A, B and C of the whole filter, column by column from its step and its output."""
+    """Return A, B and C of the whole filter, column by column from its step and its output."""
     sampled = SampledTurbulence.of(TurbulenceNumbers(turbulence), period)
     unit, none = [FilterState(*column) for column in np.eye(5)], FilterState(*np.zeros(5))
-    A = np.column_stack([filtered(column, none, sampled) for column in unit])
-    B = np.column_stack([filtered(none, column, sampled) for column in unit])
-    C = np.column_stack([filtered_velocity(column, turbulence.deviation) for column in unit])
+    A = np.column_stack([next_filter_state(column, none, sampled) for column in unit])
+    B = np.column_stack([next_filter_state(none, column, sampled) for column in unit])
+    C = np.column_stack([turbulent_velocity(column, turbulence.deviation) for column in unit])
     return A, B, C
 
 
 @pytest.mark.parametrize("period", [0.002, 0.01, 0.05])
 @pytest.mark.parametrize("airspeed", [1.0, 5.0, 30.0])
-def test_stationary_variance_is_that_of_the_specification(period, airspeed):
+def test_the_stationary_variance_is_that_of_the_specification(period, airspeed):
     turbulence = NEAR_GROUND._replace(airspeed=airspeed)
     A, B, C = matrices(turbulence, period)
     covariance = scipy.linalg.solve_discrete_lyapunov(A, B @ B.T)
     np.testing.assert_allclose(C @ covariance @ C.T, np.diag(np.square(turbulence.deviation)), rtol=1e-9, atol=1e-9)
 
 
-def test_it_starts_in_the_stationary_distribution():
+def test_turbulence_starts_in_the_stationary_distribution():
     A, B, _ = matrices(NEAR_GROUND, 0.01)
     S = np.column_stack([stationary_state(FilterState(*column)) for column in np.eye(5)])
     np.testing.assert_allclose(S @ S.T, scipy.linalg.solve_discrete_lyapunov(A, B @ B.T), atol=1e-9)
@@ -58,7 +58,7 @@ def test_it_starts_in_the_stationary_distribution():
 
 @pytest.mark.parametrize("period", [0.002, 0.01, 0.05])
 def test_sampled_covariances_are_those_of_the_continuous_process(period):
-    """u has σ² exp(-t / T), v and w have σ² (1 - t / 2T) exp(-t / T): the transforms of Dryden's spectra."""
+    """These are σ² exp(-t / T) for u and σ² (1 - t / 2T) exp(-t / T) for v and w, by Dryden's spectra."""
     A, B, C = matrices(NEAR_GROUND, period)
     covariance = scipy.linalg.solve_discrete_lyapunov(A, B @ B.T)
     for steps in (1, 7, 100):
@@ -71,8 +71,8 @@ def test_sampled_covariances_are_those_of_the_continuous_process(period):
 
 
 @pytest.mark.parametrize(("period", "duration"), [(0.002, 2.0), (0.01, 10.0), (0.05, 50.0)])
-def test_standard_deviation_of_a_long_record(period, duration):
-    """Of 3,000 vehicles at once, as the system gives it."""
+def test_a_long_record_has_the_given_standard_deviation(period, duration):
+    """The record is that of the system with 3,000 vehicles."""
     n = 3000
     builder = DiagramBuilder()
     turbulence = DrydenTurbulence(num_vehicles=n, period=period, numbers=TurbulenceNumbers(NEAR_GROUND))
@@ -84,13 +84,13 @@ def test_standard_deviation_of_a_long_record(period, duration):
     simulator.AdvanceTo(duration)
     record = log.FindLog(simulator.get_context()).data().reshape(3, n, -1)
     np.testing.assert_allclose(record.std(axis=(1, 2)), NEAR_GROUND.deviation, rtol=0.03)
-    # From the first sample on, and every vehicle in its own.
+    # This holds from the first sample on, and the vehicles are independent.
     np.testing.assert_allclose(record[:, :, 0].std(axis=1), NEAR_GROUND.deviation, rtol=0.06)
     assert abs(np.corrcoef(record[:, :-1, 0].ravel(), record[:, 1:, 0].ravel())[0, 1]) < 0.04
 
 
-def test_it_blows_along_and_across_the_heading_and_upwards():
-    """What one normal number after another makes of the first sample, and of the next."""
+def test_turbulence_is_along_and_across_the_heading_and_upwards():
+    """Each normal sample in turn is set alone, for the first sample of the wind and for the next."""
     heading, period = 0.7, 0.01
     along, across, up = (
         [math.cos(heading), math.sin(heading), 0.0],
@@ -119,7 +119,7 @@ def test_it_blows_along_and_across_the_heading_and_upwards():
 
 
 @pytest.mark.slow
-def test_power_spectral_density_over_two_decades():
+def test_the_spectral_density_is_dryden_s_over_two_decades():
     turbulence = Turbulence(PerDirection(1.0, 2.0, 3.0), PerDirection(6.0, 6.0, 4.0), 10.0)
     period, count, ticks = 0.01, 200, 2**15
     sampled = SampledTurbulence.of(TurbulenceNumbers(turbulence), period)
@@ -127,8 +127,8 @@ def test_power_spectral_density_over_two_decades():
     state = stationary_state(FilterState(*rng.standard_normal((5, count))))
     record = np.empty((ticks, 3, count))
     for tick in range(ticks):
-        record[tick] = filtered_velocity(state, turbulence.deviation)
-        state = filtered(state, FilterState(*rng.standard_normal((5, count))), sampled)
+        record[tick] = turbulent_velocity(state, turbulence.deviation)
+        state = next_filter_state(state, FilterState(*rng.standard_normal((5, count))), sampled)
     frequency, density = scipy.signal.welch(record, fs=1.0 / period, nperseg=2**14, axis=0, detrend=False)
     density = density.mean(axis=2)
     bands = np.geomspace(0.05, 5.0, 13)
@@ -139,18 +139,18 @@ def test_power_spectral_density_over_two_decades():
             T = length / turbulence.airspeed
             x = (T * omega) ** 2
             shape = 2.0 / (1.0 + x) if axis == 0 else (1.0 + 3.0 * x) / (1.0 + x) ** 2
-            # One-sided per Hz is 2π times one-sided per rad/s.
+            # The one-sided density per Hz is 2π times that per rad/s.
             analytic = 2.0 * np.pi * deviation**2 * T / np.pi * shape
             assert density[band, axis].mean() == pytest.approx(analytic.mean(), rel=0.06)
 
 
-def test_levels_are_15_30_and_45_knots():
+def test_intensities_are_15_30_and_45_knots():
     expected = {"light": 7.71667, "moderate": 15.43333, "severe": 23.15}
     assert pytest.approx(expected, rel=1e-5) == WIND_AT_20_FEET
 
 
-def test_scales_and_deviations_of_the_specification():
-    """At 1000 feet all lengths are 1000 feet and all deviations a tenth of the wind; below 10 feet nothing changes."""
+def test_scales_and_deviations_are_those_of_the_specification():
+    """At 1000 feet all lengths are 1000 feet and all deviations a tenth of the wind. Below 10 feet all are constant."""
     high = Turbulence.at_low_altitude(height=1000.0 * FOOT, wind_at_20_feet=WIND_AT_20_FEET["moderate"], airspeed=20.0)
     np.testing.assert_allclose(high.length, 304.8, rtol=1e-12)
     np.testing.assert_allclose(high.deviation, 0.1 * 15.4333, rtol=1e-5)
@@ -165,6 +165,6 @@ def test_scales_and_deviations_of_the_specification():
 
 
 def test_the_winds_at_20_feet_are_those_of_the_specification():
-    """MIL-F-8785C: 15, 30 and 45 knots, a knot being a nautical mile of 1,852 m an hour."""
+    """MIL-F-8785C has 15, 30 and 45 knots; a knot is a nautical mile of 1,852 m per hour."""
     knots = {"light": 15.0, "moderate": 30.0, "severe": 45.0}
     assert {level: pytest.approx(wind * 1852.0 / 3600.0) for level, wind in knots.items()} == WIND_AT_20_FEET

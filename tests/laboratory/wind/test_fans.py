@@ -1,4 +1,4 @@
-"""Jets against the formulas of free round jets, and what a vehicle meets in them."""
+"""Jets agree with the formulas of free round jets, and vehicles meet their wind."""
 
 import math
 
@@ -10,19 +10,20 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
-from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet, air, jet_speed
+from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet, jet_speed, local_air
 from drake_quad.laboratory.wind.wind import build_wind
 from drake_quad.randomness.noise import Samples, random_streams
 from drake_quad.randomness.streams import StreamKind
 from drake_quad.signals import State
 
-D, Q = 0.75, 2.5
+D = 0.75
+Q = 2.5
 AXIS = (0.0, 0.6, 0.8)
 JET = Jet.of_fan(outlet=Outlet(1.0, 2.0, 3.0), direction=Direction(0.0, 3.0, 4.0), flow=Q, diameter=D, turbulence=0.22)
 
 
 def at(along, across):
-    """The state of a vehicle at a place in terms of the jet."""
+    """Return the state of a vehicle at a position relative to the jet."""
     return State(1.0 + across, 2.0 + 0.6 * along, 3.0 + 0.8 * along, *[0.0] * 9)
 
 
@@ -31,7 +32,7 @@ def speed(along, across=0.0):
 
 
 def integral(along, power):
-    """Of a power of the speed over the cross section."""
+    """Return the integral of a power of the speed over the cross section."""
     reach = 0.5 * D + 8.0 * 0.094 * along
     parts = [
         scipy.integrate.quad(lambda r: 2.0 * math.pi * r * speed(along, r) ** power, a, b)[0]
@@ -50,22 +51,22 @@ def test_a_direction_may_have_any_length():
         assert (jet.outlet, jet.diameter, jet.turbulence) == (Outlet(1.0, 2.0, 3.0), D, 0.22)
 
 
-def test_exit_speed_and_flow():
+def test_the_exit_speed_follows_from_flow_and_diameter():
     assert JET.exit_speed == pytest.approx(5.66, abs=0.005)
     assert integral(1e-6, 1) == pytest.approx(Q, rel=1e-4)
     np.testing.assert_allclose(JET.direction, AXIS)
 
 
 @pytest.mark.parametrize("diameters", [6.0, 10.0, 25.0])
-def test_centreline_and_half_width_far_from_the_fan(diameters):
+def test_far_from_the_fan_the_jet_has_its_centreline_speed_and_half_width(diameters):
     along = diameters * D
     assert speed(along) == pytest.approx(5.9 * JET.exit_speed * D / along, rel=1e-12)
     assert speed(along, 0.094 * along) == pytest.approx(0.5 * speed(along), rel=1e-12)
-    # Gaussian: a sixteenth at twice the half-width.
+    # A Gaussian profile has a sixteenth of the speed at twice the half-width.
     assert speed(along, 0.188 * along) == pytest.approx(speed(along) / 16.0, rel=1e-12)
 
 
-def test_momentum_flux_is_constant_beyond_six_diameters_and_near_that_of_the_exit():
+def test_momentum_flux_is_constant_and_near_that_of_the_exit():
     exit_flux = JET.exit_speed**2 * math.pi * D**2 / 4.0
     far = [integral(diameters * D, 2) for diameters in (6.0, 9.0, 15.0, 30.0)]
     np.testing.assert_allclose(far, far[0], rtol=1e-9)
@@ -85,24 +86,24 @@ def test_the_core_keeps_the_exit_speed_and_joins_the_far_jet_smoothly():
 
 
 @pytest.mark.parametrize("along", [0.0, -0.01, -3.0])
-def test_from_the_plane_of_the_outlet_on_back_the_air_is_at_rest(along):
+def test_behind_the_outlet_the_air_is_at_rest(along):
     for across in (0.0, 0.3, 2.0):
-        mean, variance, rate = air(at(along, across), (JET,))
+        mean, variance, rate = local_air(at(along, across), (JET,))
         assert (*mean, variance, rate) == (0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def test_of_several_jets_the_variances_add_up_and_the_rates():
+def test_variances_and_rates_of_several_jets_add_up():
     place = at(4.0, 0.3)
     other = JET._replace(outlet=Outlet(1.0, 1.0, 2.0), turbulence=0.4)
     (speed_1, width_1), (speed_2, width_2) = jet_speed(place, JET), jet_speed(place, other)
-    _, variance, rate = air(place, (JET, other))
+    _, variance, rate = local_air(place, (JET, other))
     assert min(speed_1, speed_2) > 1.0
     assert variance == pytest.approx((0.22 * speed_1) ** 2 + (0.4 * speed_2) ** 2)
     assert rate == pytest.approx(speed_1 / width_1 + speed_2 / width_2)
 
 
 def wind_at(state, *jets, n, duration, seed=0):
-    """(3, n, ticks) winds of n vehicles that stay as they are."""
+    """Return (3, n, ticks) winds of n vehicles at rest."""
     builder = DiagramBuilder()
     source = builder.AddNamedSystem("state", ConstantVectorSource(np.repeat(state, n)))
     fans = builder.AddNamedSystem("fans", Fans(num_vehicles=n, period=0.01, numbers=jets))
@@ -114,7 +115,7 @@ def wind_at(state, *jets, n, duration, seed=0):
     return log.FindLog(simulator.get_context()).data().reshape(3, n, -1)
 
 
-def test_mean_and_turbulence_at_a_place():
+def test_the_wind_has_the_mean_and_turbulence_of_its_position():
     place = at(5.0, 0.2)
     wind = wind_at(place, JET, n=2000, duration=3.0)
     mean, _ = jet_speed(place, JET)
@@ -123,7 +124,7 @@ def test_mean_and_turbulence_at_a_place():
     np.testing.assert_allclose(wind[:, :, 0].std(axis=1), 0.22 * mean, rtol=0.06)
 
 
-def test_turbulence_forgets_over_a_half_width():
+def test_turbulence_decorrelates_over_a_half_width():
     place = at(5.0, 0.0)
     mean, half_width = jet_speed(place, JET)
     wind = wind_at(place, JET, n=3000, duration=1.0)[0]
@@ -143,8 +144,8 @@ def test_jets_add_up():
     np.testing.assert_allclose(both[:, 0, -1], expected, rtol=1e-12)
 
 
-def test_sources_that_depend_on_the_place_share_it():
-    """Two jets without turbulence, each a source of its own, blow as one source of both."""
+def test_sources_that_depend_on_position_add_up():
+    """Two sources with one jet each, without turbulence, agree with one source of both jets."""
     jets = JET._replace(turbulence=0.0), JET._replace(turbulence=0.0, direction=Direction(0.0, 0.8, 0.6))
     apart, together = {f"fan_{i}": Fans(numbers=(jet,)) for i, jet in enumerate(jets)}, {"fans": Fans(numbers=jets)}
     found = []

@@ -10,8 +10,8 @@ from drake_quad.laboratory.wind.gust import Gust, GustNumbers, gust_share
 from drake_quad.signals import Wind
 
 
-def test_shape_of_the_specification():
-    """(1 - cos(π x / d)) / 2 within, nothing before, all after."""
+def test_a_gust_has_the_shape_of_the_specification():
+    """The share is (1 - cos(π x / d)) / 2 within the gust, 0 before it, and 1 after it."""
     times = [1.0, 2.0, 2.75, 3.5, 4.25, 5.0, 50.0]
     expected = [0.0, 0.0, 0.5 - 0.5 * math.cos(math.pi / 4), 0.5, 0.5 + 0.5 * math.cos(math.pi / 4), 1.0, 1.0]
     shares = [gust_share(time, 2.0, 3.0, math.inf) for time in times]
@@ -29,7 +29,7 @@ def test_a_gust_that_ends_is_symmetric_in_time(hold_time):
     assert shares[-1] == 0.0
 
 
-def test_every_vehicle_has_a_gust_of_its_own():
+def test_each_vehicle_has_its_own_gust():
     gust = GustNumbers(Wind(1.0, np.array([2.0, -4.0]), 0.0), np.array([1.0, 2.0]), 0.5)
     builder = DiagramBuilder()
     system = builder.AddNamedSystem("gust", Gust(num_vehicles=2, period=0.01, numbers=gust))
@@ -39,7 +39,7 @@ def test_every_vehicle_has_a_gust_of_its_own():
     found = log.FindLog(simulator.get_context())
     time, wind = found.sample_times(), found.data().reshape(3, 2, -1)
     np.testing.assert_array_equal(wind[1, :, time < 0.99], 0.0)
-    # What is logged at a tick was held over the period before.
+    # The wind logged at a tick applied over the period before.
     at = np.searchsorted(time, 1.2501)
     middle = 0.5 - 0.5 * math.cos(math.pi * (time[at] - 0.005 - 1.0) / 0.5)
     assert 0.4 < middle < 0.6

@@ -1,4 +1,4 @@
-"""What the wind does to the vehicle, against calculations by hand."""
+"""The effect of wind on the vehicle agrees with calculations by hand."""
 
 import math
 
@@ -21,11 +21,12 @@ from drake_quad.signals import State, Wind
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers
 
-MASS, G = 0.68, 9.81
+MASS = 0.68
+G = 9.81
 
 
-def test_terminal_velocity():
-    """With the rotors idle, drag carries the rest of the weight: c₁ v + c₂ v² = m g - 4 b ω²."""
+def test_terminal_velocity_balances_weight_and_drag():
+    """With idle rotors, drag carries the rest of the weight: c₁ v + c₂ v² = m g - 4 b ω²."""
     parameters = QuadrotorParameters(linear_drag=0.2, quadratic_drag=0.01)
     vehicle = Quadrotor(numbers=QuadrotorNumbers(parameters))
     simulator = Simulator(vehicle)
@@ -41,8 +42,8 @@ def test_terminal_velocity():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("velocity", [(4.0, 0.0, 0.0), (0.0, -3.0, 0.0), (1.5, 2.0, 0.0)])
-def test_steady_tilt_in_steady_wind(diagrams, velocity):
-    """The vehicle leans into the wind by atan(D / m g), and hangs D / (m k_P) downwind without integral action."""
+def test_the_vehicle_leans_into_a_steady_wind(diagrams, velocity):
+    """The tilt is atan(D / m g), and without integral action the position error is D / (m k_P) downwind."""
     wind = f"laboratory.wind=[{{kind: steady, velocity: {list(velocity)}}}]"
     drag = ["vehicle.linear_drag=0.2", "vehicle.quadratic_drag=0.01"]
     far = ["route.duration=40", "crash.position_error=20"]
@@ -59,8 +60,8 @@ def test_steady_tilt_in_steady_wind(diagrams, velocity):
     assert math.tan(state.pitch) == pytest.approx(-force * direction[0] / (MASS * G), rel=0.01, abs=1e-6)
 
 
-def test_response_to_a_gust():
-    """A level vehicle that drifts: m v' = c (w - v) under (1 - cos(π t / d)) / 2, solved by hand."""
+def test_a_vehicle_drifts_in_a_gust_by_the_closed_form():
+    """A level vehicle has m v' = c (w - v) with the wind (1 - cos(π t / d)) / 2, solved by hand."""
     c, height, rise = 0.3, 4.0, 1.5
     parameters = QuadrotorParameters(linear_drag=c)
     builder = DiagramBuilder()
@@ -89,7 +90,7 @@ def test_response_to_a_gust():
 
 
 @pytest.mark.parametrize("n", [1, 3])
-def test_a_sine_is_held_as_it_is_in_the_middle_of_a_step(n):
+def test_a_sine_is_sampled_at_the_middle_of_a_step(n):
     rows = np.arange(float(n)) if n > 1 else 0.0
     numbers = SineNumbers(Wind(-2.4 + rows, 0.5, 0.1), 1.3, 0.2 + rows)
     wind = SineWind(num_vehicles=n, period=0.02, numbers=numbers)
@@ -104,8 +105,8 @@ def test_a_sine_is_held_as_it_is_in_the_middle_of_a_step(n):
         )
 
 
-def test_response_to_a_gust_agrees_with_an_independent_solver():
-    """The same by hand and by SciPy, so that the hand's formula is right too."""
+def test_the_closed_form_of_the_gust_response_agrees_with_scipy():
+    """This checks the formula that was derived by hand."""
     c, height, rise = 0.3, 4.0, 1.5
     a, w = c / MASS, math.pi / rise
     solution = scipy.integrate.solve_ivp(
@@ -124,7 +125,7 @@ def test_sources_add_up(diagrams):
     np.testing.assert_allclose(flight["wind"][-1], [2.0, 2.0, 0.0], atol=1e-12)
 
 
-def test_turbulence_follows_the_steady_wind_where_it_does_not_say_otherwise(diagrams):
+def test_turbulence_follows_the_steady_wind_by_default(diagrams):
     steady = "{kind: steady, velocity: [0, 6, 0]}"
     winds = []
     for dryden in ("{kind: dryden}", f"{{kind: dryden, airspeed: 6, heading: {math.pi / 2}}}"):
@@ -134,7 +135,7 @@ def test_turbulence_follows_the_steady_wind_where_it_does_not_say_otherwise(diag
     assert winds[0].std() > 0.1
 
 
-def test_steady_wind_is_the_same_for_ever_and_may_differ_from_vehicle_to_vehicle():
+def test_steady_wind_is_constant_and_can_differ_between_vehicles():
     system = SteadyWind(num_vehicles=2, numbers=Wind(0.7, np.array([-0.5, 1.5]), 0.3))
     context = system.CreateDefaultContext()
     for time in (0.0, 100.0):
@@ -157,14 +158,14 @@ def test_wind_may_be_given_by_speed_and_heading(diagrams):
 @pytest.mark.parametrize(
     "motion", ["speed: 2.0", "heading: 1.0", "velocity: [1, 0, 0], speed: 1.0, heading: 0.0", "kind: steady"]
 )
-def test_wind_without_one_motion_is_refused(diagrams, motion):
+def test_wind_needs_either_a_velocity_or_a_speed_and_heading(diagrams, motion):
     wind = "{kind: steady}" if motion == "kind: steady" else f"{{kind: steady, {motion}}}"
     with pytest.raises(InputError, match="must have a velocity, or speed and heading, not"):
         load_scenario(diagrams / "laboratory.yaml:nominal", [f"laboratory.wind=[{wind}]"])
 
 
 class OwnJets(LeafSystem):
-    """The mean wind of jets where each vehicle is, without memory, as somebody might write it."""
+    """Wind of a user, without memory: the mean wind of jets at the position of each vehicle."""
 
     def __init__(self, jets, num_vehicles=1):
         super().__init__()
@@ -182,7 +183,7 @@ CALM = ["duration=6", "laboratory.wind.0.turbulence=0", "laboratory.wind.1.turbu
 
 
 @pytest.mark.slow
-def test_a_wind_of_ones_own_does_what_the_same_wind_of_the_scenario_does(diagrams):
+def test_a_user_s_wind_agrees_with_the_same_wind_of_a_scenario(diagrams):
     fans = load_scenario(diagrams / "laboratory.yaml:low_wind", CALM)
     alone = load_scenario(diagrams / "laboratory.yaml:low_wind", [*CALM[:1], "laboratory.wind=[]"])
     flights = [simulate(fans), simulate(alone, wind=OwnJets(jets(fans.laboratory.wind)))]
@@ -192,7 +193,7 @@ def test_a_wind_of_ones_own_does_what_the_same_wind_of_the_scenario_does(diagram
 
 
 @pytest.mark.slow
-def test_a_wind_of_ones_own_blows_beside_that_of_the_scenario_in_every_fleet(diagrams):
+def test_a_user_s_wind_adds_to_that_of_the_scenario_in_any_fleet(diagrams):
     steady = "laboratory.wind=[{kind: steady, velocity: [1.0, 0.0, 0.0]}]"
     mass = "vehicle.mass={uniform: {min: 0.6, max: 0.7}}"
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal", ["duration=3", steady, mass])

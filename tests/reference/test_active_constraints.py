@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from drake_quad.reference.binding import bindings
+from drake_quad.reference.active_constraints import active_constraints
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.path_problem import Box, PathLimits
 from drake_quad.reference.polynomial_path import evaluate
@@ -10,45 +10,45 @@ from drake_quad.reference.time_allocation import stretch_factor
 RISE = minimum_snap([[0.0, 0.0, 0.0], [0.0, 0.0, 2.0]], [1.0, 3.0])
 
 
-def test_the_top_speed_of_a_single_segment_binds_in_its_middle():
+def test_the_speed_limit_is_active_in_the_middle_of_a_single_segment():
     limits = PathLimits(speed=2.1875)
     path = RISE.stretched(stretch_factor(RISE, limits))
-    (binding,) = bindings(path, limits)
+    (binding,) = active_constraints(path, limits)
     assert (binding.what, binding.where, binding.segment) == ("speed", "", 0)
     assert binding.time == pytest.approx(2.0, abs=1e-6)
 
 
-def test_both_acceleration_and_braking_bind():
+def test_the_acceleration_limit_is_active_when_speeding_up_and_braking():
     limits = PathLimits(speed=100.0, acceleration=1.0)
     path = RISE.stretched(stretch_factor(RISE, limits))
-    found = bindings(path, limits)
+    found = active_constraints(path, limits)
     assert [binding.what for binding in found] == ["acceleration"] * 2
     middle = path.times.mean()
     np.testing.assert_allclose(middle - found[0].time, found[1].time - middle, atol=1e-6)
 
 
-def test_a_wall_that_is_touched_between_the_waypoints_binds():
+def test_a_wall_that_is_touched_between_waypoints_is_active():
     path = minimum_snap([[0.0, 0.0], [1.0, 1.0], [2.0, 0.0]], [0.0, 1.0, 2.0])
     top = Box([-1.0, -1.0], [3.0, 1.0])
-    found = bindings(path, PathLimits(), (top, None))
-    # Turns back right at the waypoint, which is on both segments; the corridor is that of the first only.
+    found = active_constraints(path, PathLimits(), (top, None))
+    # The path turns back at the waypoint, which is on both segments. Only the first one has a corridor.
     assert all((binding.what, binding.where) == ("corridor", "y max") for binding in found)
-    assert bindings(path, PathLimits(), (Box([-1.0, -1.0], [3.0, 1.1]), None)) == []
+    assert active_constraints(path, PathLimits(), (Box([-1.0, -1.0], [3.0, 1.1]), None)) == []
 
 
-def test_nothing_binds_below_the_limits():
-    assert bindings(RISE, PathLimits(10.0, 10.0), (None,)) == []
+def test_nothing_is_active_below_the_limits():
+    assert active_constraints(RISE, PathLimits(10.0, 10.0), (None,)) == []
 
 
-def test_limits_and_walls_bind_in_order_of_time_each_on_its_segment():
-    """A zigzag from 1 s on that turns back at walls on its first and third segment, and is fastest on its second."""
+def test_active_constraints_are_in_order_of_time_with_their_segments():
+    """A zigzag from 1 s on turns back at walls on its first and third segment, and is fastest on its second."""
     times = [1.0, 2.5, 3.0, 5.0]
     path = minimum_snap([[0.0, 0.0], [0.0, 1.0], [0.0, -1.0], [1.0, 0.0]], times)
     samples = np.linspace(1.0, 5.0, 40_001)
     y, speed = evaluate(path, samples)[1], np.linalg.norm(evaluate(path, samples, 1), axis=0)
     highest, lowest, fastest = int(np.argmax(y)), int(np.argmin(y)), int(np.argmax(speed))
     corridors = tuple(Box([-9.0, y.min()], [9.0, y.max()]) for _ in range(3))
-    found = bindings(path, PathLimits(speed=speed.max()), corridors)
+    found = active_constraints(path, PathLimits(speed=speed.max()), corridors)
     wanted = sorted([
         (samples[highest], "corridor", "y max"), (samples[lowest], "corridor", "y min"), (samples[fastest], "speed", "")
     ])  # fmt: skip
@@ -58,9 +58,9 @@ def test_limits_and_walls_bind_in_order_of_time_each_on_its_segment():
 
 
 @pytest.mark.parametrize(("share", "count"), [(0.9995, 1), (1.0008, 1), (1.0015, 0)])
-def test_what_is_kept_by_less_than_a_thousandth_binds(share, count):
-    assert len(bindings(RISE, PathLimits(speed=2.1875 * share))) == count
+def test_a_margin_below_a_thousandth_counts_as_active(share, count):
+    assert len(active_constraints(RISE, PathLimits(speed=2.1875 * share))) == count
     top = minimum_snap([[0.0, 0.0], [0.2, 1.0], [0.3, 0.0]], [0.0, 1.0, 2.2])
     highest = evaluate(top, np.linspace(0.0, 2.2, 22_001))[1].max()
     roof = highest + 2.0 * (share - 1.0)
-    assert len(bindings(top, PathLimits(), [Box([-0.5, roof - 2.0], [1.0, roof])] * 2)) == count
+    assert len(active_constraints(top, PathLimits(), [Box([-0.5, roof - 2.0], [1.0, roof])] * 2)) == count

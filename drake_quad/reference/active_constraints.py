@@ -1,0 +1,74 @@
+"""Active constraints of a path: the limits that it attains, and the walls of corridors that it touches."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from drake_quad.reference.path_problem import PathLimits
+from drake_quad.reference.polynomial_path import PolynomialPath, norm_peaks
+from drake_quad.reference.regions import Corridor
+from drake_quad.reference.walls import wall_approaches
+
+# Tolerance for an active constraint, relative to the limit or to the largest extent of the corridor.
+_RELATIVE_TOLERANCE = 1e-3
+
+
+class ActiveConstraint(NamedTuple):
+    """Constraint that is active at a point of a path.
+
+    Attributes:
+        what: kind of the constraint: "speed", "acceleration" or "corridor".
+        where: wall of the corridor, such as "y max" or "face 0"; empty for a limit.
+        segment: index of the segment.
+        time: time at which the constraint is active, s.
+    """
+
+    what: str
+    where: str
+    segment: int
+    time: float
+
+
+def active_constraints(
+    path: PolynomialPath, limits: PathLimits, corridors: Sequence[Corridor | None] = ()
+) -> list[ActiveConstraint]:
+    """Return the active constraints of a path, in order of time.
+
+    Args:
+        path: path of the position.
+        limits: limits of speed and acceleration.
+        corridors: corridor of each segment, None for a segment without one; empty if there are no corridors.
+    """
+    active = [*_active_limits(path, limits), *_active_walls(path, corridors)]
+    return sorted(active, key=lambda constraint: constraint.time)
+
+
+def _active_limits(path: PolynomialPath, limits: PathLimits) -> list[ActiveConstraint]:
+    """Return the peaks at which a path attains a limit."""
+    active = []
+    for order, limit in limits.by_order.items():
+        peaks = norm_peaks(path, order)
+        for i in np.flatnonzero(peaks.norm >= (1.0 - _RELATIVE_TOLERANCE) * limit):
+            segment, s = int(peaks.segment[i]), float(peaks.s[i])
+            active.append(ActiveConstraint(("speed", "acceleration")[order - 1], "", segment, _time(path, segment, s)))
+    return active
+
+
+def _active_walls(path: PolynomialPath, corridors: Sequence[Corridor | None]) -> list[ActiveConstraint]:
+    """Return the points at which a path touches a wall of a corridor."""
+    active = []
+    for approach in wall_approaches(path, corridors):
+        for side, room in (("min", approach.position - approach.low), ("max", approach.high - approach.position)):
+            if room < _RELATIVE_TOLERANCE * approach.size:
+                # The face of a polytope has no lower wall.
+                where = f"{approach.wall} {side}" if np.isfinite(approach.low) else approach.wall
+                active.append(
+                    ActiveConstraint("corridor", where, approach.segment, _time(path, approach.segment, approach.s))
+                )
+    return active
+
+
+def _time(path: PolynomialPath, segment: int, s: float) -> float:
+    """Return the time of a point, given its segment and the unit time on it, s."""
+    return float(path.times[segment] + s * (path.times[segment + 1] - path.times[segment]))
