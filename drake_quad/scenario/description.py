@@ -1,4 +1,4 @@
-"""Descriptions and units of the fields of a scenario."""
+"""Look-up of the description and the unit of a field of a scenario."""
 
 import re
 from typing import Any
@@ -11,8 +11,8 @@ def description_at(scenario: Mission, path: str) -> str:
     """Return the description of a field, with its unit.
 
     Args:
-        scenario: that has it.
-        path: of the field, for example `vehicle.inertia.0`.
+        scenario: scenario with the field.
+        path: path of the field, such as `vehicle.inertia.0`.
     """
     value: Any = scenario
     text = ""
@@ -24,6 +24,9 @@ def description_at(scenario: Mission, path: str) -> str:
 
 
 def unit_at(scenario: Mission, path: str) -> str:
-    """The unit of a field: what stands in parentheses in its description, not after "eq"; "" if there is none."""
-    found = re.findall(r"(?<!eq )\(([^()]*)\)", description_at(scenario, path))
-    return found[0] if found else ""
+    """Return the unit of a field, "" if it has none.
+
+    The unit is the first text in parentheses in the description of the field, except the number of an equation.
+    """
+    units = re.findall(r"(?<!eq )\(([^()]*)\)", description_at(scenario, path))
+    return units[0] if units else ""

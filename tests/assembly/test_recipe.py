@@ -45,7 +45,7 @@ def test_a_recipe_for_other_ports_or_events_resets_nothing():
 def test_functions_of_a_user_make_systems_for_as_many_vehicles():
     makers = UserSystems(control=lambda n: ConstantVectorSource(np.full(n, 1.0)), wind=lambda n: Demultiplexer(n))
     assert [*makers.given] == ["control", "wind"]
-    made = makers.made(3)
+    made = makers.build(3)
     assert [*made.given] == ["control", "wind"]
     assert (made.control.get_output_port().size(), made.wind.num_output_ports()) == (3, 3)
-    assert UserSystems().made(3) == UserSystems()
+    assert UserSystems().build(3) == UserSystems()

@@ -128,7 +128,7 @@ def test_a_function_that_returns_no_system_is_refused_with_its_signature(diagram
 def test_a_system_is_no_function_that_makes_one():
     words = r"^wind must be a function of the number of vehicles .*, but is an object of type WithPorts$"
     with pytest.raises(InputError, match=words):
-        UserSystems(wind=WithPorts({}, {"wind": 3})).made(1)
+        UserSystems(wind=WithPorts({}, {"wind": 3})).build(1)
 
 
 class Misspelt(FleetSystem):

@@ -307,7 +307,7 @@ def test_the_numbers_and_rules_are_those_of_the_scenario():
 def test_an_autopilot_that_is_told_body_rates_has_no_error_of_the_attitude():
     autopilot = load_scenario("onboard", ["laboratory.autopilot.yaw_weight=0.4"]).laboratory.autopilot
     for heeds, weight in ((True, 0.4), (False, None)):
-        recipe = autopilot.recipes(QuadrotorParameters(), written=autopilot, heeds_attitude=heeds)["autopilot"]
+        recipe = autopilot.recipes(QuadrotorParameters(), written=autopilot, follows_attitude=heeds)["autopilot"]
         assert recipe.numbers.yaw_weight == weight
 
 

@@ -23,7 +23,7 @@ from drake_quad.scenario.correlation import (
 from drake_quad.scenario.distributions import Normal
 from drake_quad.scenario.files.loading import load_scenario
 from drake_quad.scenario.files.saving import save_scenario
-from drake_quad.scenario.limits import MOST_SHARED
+from drake_quad.scenario.limits import MAX_SHARED
 from drake_quad.scenario.paths import distributions_in
 
 MASS, LAG, DRAG = "vehicle.mass", "vehicle.rotor_time_constant", "vehicle.linear_drag"
@@ -175,9 +175,9 @@ def test_there_are_only_so_many_shared_variables(study):
         bells = [bell(0.007, 0.001, f"{{{', '.join(part)}}}", ", min: 0.001") for part in parts]
         return study(f"vehicle.inertia=[{', '.join(bells)}]")
 
-    assert len(shared_names(distributions_in(thirds(MOST_SHARED)).values())) == MOST_SHARED
+    assert len(shared_names(distributions_in(thirds(MAX_SHARED)).values())) == MAX_SHARED
     with pytest.raises(InputError, match=r"vehicle\.inertia\.1\.normal\.shared is .* none but the 64 normal variables"):
-        thirds(MOST_SHARED + 1)
+        thirds(MAX_SHARED + 1)
 
 
 def test_correlations_are_written_and_read_again(study, tmp_path):

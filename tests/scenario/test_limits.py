@@ -61,8 +61,8 @@ def chain(levels, *, twice=False):
 
 def test_what_is_extended_several_times_is_resolved_once(write, monkeypatch):
     calls = []
-    laid_over = library.laid_over
-    monkeypatch.setattr(library, "laid_over", lambda *trees: calls.append(1) or laid_over(*trees))
+    with_layer = library.with_layer
+    monkeypatch.setattr(library, "with_layer", lambda *trees: calls.append(1) or with_layer(*trees))
     scenario = load_scenario(f"{write(chain(18, twice=True))}:s18")
     assert scenario.route.kind == "hover"
     assert len(calls) < 500
@@ -71,8 +71,8 @@ def test_what_is_extended_several_times_is_resolved_once(write, monkeypatch):
 @pytest.mark.slow
 def test_a_scenario_may_be_laid_over_so_many_others_and_no_more(write):
     path = write(chain(2000))
-    assert load_scenario(f"{path}:s{limits.MOST_BASES}").control.position.k_d[2] == 1.5
-    assert "extends too many scenarios: 100 in all" in refusal(load_scenario, f"{path}:s{limits.MOST_BASES + 1}")
+    assert load_scenario(f"{path}:s{limits.MAX_BASES}").control.position.k_d[2] == 1.5
+    assert "extends too many scenarios: 100 in all" in refusal(load_scenario, f"{path}:s{limits.MAX_BASES + 1}")
     assert "extends too many scenarios: 100 in all" in refusal(load_scenario, f"{path}:s2000")
     wide = write(f"{SMALL}wide: {{extends: [{'small, ' * 101}]}}\n")
     assert "loop.yaml:6: extends too many" in refusal(load_scenario, f"{wide}:wide")
@@ -124,12 +124,12 @@ def test_bytes_count_in_all_files_and_overrides_together(write):
 def test_no_more_names_and_values_are_parsed_than_a_scenario_may_have(write, composed, value):
     message = refusal(load_scenario, write(f"{SMALL}  vehicle: {value}\n"))
     assert "is too large: a scenario and what it extends may have 30,000 names and values in all" in message
-    assert len(composed) <= limits.MOST_NODES
+    assert len(composed) <= limits.MAX_NODES
 
 
 @pytest.mark.slow
 def test_names_and_values_count_in_all_files_together(write, composed, monkeypatch):
-    monkeypatch.setattr(library, "MOST_NODES", 3000)
+    monkeypatch.setattr(library, "MAX_NODES", 3000)
     numbers = ", ".join(["1.0"] * 1400)
     path = write("a: {extends: [one.yaml, two.yaml]}\n")
     for name in ("one.yaml", "two.yaml"):
@@ -139,14 +139,14 @@ def test_names_and_values_count_in_all_files_together(write, composed, monkeypat
     composed.clear()
     assert "two.yaml:6: is too large" in refusal(load_scenario, path)
     # The last file is parsed once more, to find the line where the limit is exceeded.
-    assert len(composed) <= 2 * library.MOST_NODES
+    assert len(composed) <= 2 * library.MAX_NODES
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("text", ["[" * 100_000, "{" * 100_000, "- " * 100_000, "? " * 100_000, "[" * 41 + "]" * 41])
 def test_no_more_levels_are_parsed_than_a_scenario_may_have(write, composed, text):
     assert "loop.yaml:1: is nested too deep: a scenario may have 40 levels" in refusal(load_scenario, write(text))
-    assert len(composed) <= limits.MOST_LEVELS
+    assert len(composed) <= limits.MAX_LEVELS
 
 
 LAUGHS = "[&a [1], " + ", ".join(f"&{new} [{f'*{old}, ' * 10}]" for old, new in ("ab", "bc", "cd", "de", "ef")) + "]"
@@ -216,12 +216,12 @@ def test_what_never_ends_is_not_read(tmp_path):
 
 
 def test_a_route_may_have_so_many_waypoints_and_no_more(write):
-    rows = [f"{i},0,1\n" for i in range(limits.MOST_WAYPOINTS)]
-    assert len(load_mission(write("x,y,z\n" + "".join(rows), "course.csv")).route.waypoints) == limits.MOST_WAYPOINTS
+    rows = [f"{i},0,1\n" for i in range(limits.MAX_WAYPOINTS)]
+    assert len(load_mission(write("x,y,z\n" + "".join(rows), "course.csv")).route.waypoints) == limits.MAX_WAYPOINTS
     for header in ("x,y,z\n", ""):
         path = write(header + "".join([*rows, "0,0,1\n", "x,x,x\n"]), "course.csv")
         assert "1,000" in refusal(load_mission, path)
-    points = "[[0, 0, 1], " + "[1, 0, 1], " * limits.MOST_WAYPOINTS + "]"
+    points = "[[0, 0, 1], " + "[1, 0, 1], " * limits.MAX_WAYPOINTS + "]"
     text = SMALL.replace("{kind: hover}", f"{{kind: waypoints, waypoints: {points}}}")
     assert "must have at most 1000 items, not 1001" in refusal(load_scenario, write(text))
 

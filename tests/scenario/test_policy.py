@@ -120,12 +120,12 @@ def test_numbers_beyond_double_precision_are_refused_without_a_warning(written):
 
 
 def test_a_scenario_is_written_with_its_network_and_read_again(written, tmp_path):
-    prepared = {"offset": RNG.normal(size=6), "scale": RNG.uniform(0.5, 2.0, 6), "limit": np.array(1.5)}
-    scenario = written({**ARRAYS, **prepared})
+    preprocessing = {"offset": RNG.normal(size=6), "scale": RNG.uniform(0.5, 2.0, 6), "limit": np.array(1.5)}
+    scenario = written({**ARRAYS, **preprocessing})
     save_scenario(scenario, tmp_path / "again.yaml")
     again = load_scenario(tmp_path / "again.yaml")
     assert again == scenario
-    rows = np.clip((INPUTS - prepared["offset"]) * prepared["scale"], -1.5, 1.5)
+    rows = np.clip((INPUTS - preprocessing["offset"]) * preprocessing["scale"], -1.5, 1.5)
     np.testing.assert_allclose(output(again), output(written(ARRAYS), rows), rtol=1e-12)
 
 

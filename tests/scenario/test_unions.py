@@ -125,11 +125,11 @@ def test_every_autopilot_answers_truthfully(kind, settings):
     autopilot, believed = example(kind), settings["onboard"].believed
 
     def recipes_of(autopilot):
-        return autopilot.recipes(believed, written=autopilot, heeds_attitude=True)
+        return autopilot.recipes(believed, written=autopilot, follows_attitude=True)
 
     recipes = recipes_of(autopilot)
     assert [*recipes] == (["autopilot"] if autopilot.controls_attitude else [])
-    assert (autopilot.answer() is not None) == autopilot.controls_attitude
+    assert (autopilot.attitude_response() is not None) == autopilot.controls_attitude
     assert ("wrench" in kind.accepts) != autopilot.controls_attitude
     for recipe in recipes.values():
         system = recipe.build(2)
@@ -188,14 +188,14 @@ def test_every_control_answers_truthfully(scenario, layers):
     scenario = load_scenario(scenario, layers=layers)
     control, setting = scenario.control, setting_of(scenario)
     recipes = control.recipes(setting)
-    for starts in control.places.values():
+    for starts in control.user_system_paths.values():
         assert any(path.startswith(starts) for path in recipes)
     built = control.build({path: recipe.build(2) for path, recipe in recipes.items()}, UserSystems().given)
     inputs, outputs = ports(built)
     assert built.get_name() == "control"
     assert setting.autopilot.command in outputs
     assert ("reference_ahead" in inputs) == bool(control.ahead())
-    assert ("action" in outputs) == bool(control.policy_rows()) == ("policy" in control.places)
+    assert ("action" in outputs) == bool(control.policy_rows()) == ("policy" in control.user_system_paths)
     assert not control.lacks_policy()
     assert ("network" in {part.get_name() for part in built.GetSystems()}) == (control.network is not None)
     assert (control.cascade() is control) == (control.kind == "cascade")
