@@ -11,8 +11,7 @@ from drake_quad.scenario.quantities import extremes
 from drake_quad.vehicle import rigid_body
 
 INERTIA_RULE = (
-    "; no moment may exceed the sum of the other two, and draws with such a moment are replaced by the nearest ones"
-    " without"
+    "; no moment may exceed the sum of the other two, and impossible draws are replaced by the nearest possible ones"
 )
 
 

@@ -125,10 +125,10 @@ class RotorPlace(Model):
     )
     turns: _Turns = Field(description="direction of rotation, seen from above")
     thrust_factor: Positive | None = Field(
-        default=None, description="b (N s²); the thrust factor of the airframe if not given"
+        default=None, description="thrust factor b of the rotor (N s²); that of the airframe if not given"
     )
     drag_factor: Positive | None = Field(
-        default=None, description="d (N m s²); the drag factor of the airframe if not given"
+        default=None, description="drag factor d of the rotor (N m s²); that of the airframe if not given"
     )
 
 
@@ -138,7 +138,7 @@ class RotorsLayout(RotorLayout):
 
     kind: Literal["rotors"]
     rotors: Annotated[tuple[RotorPlace, RotorPlace, RotorPlace, RotorPlace], Field(strict=False)] = Field(
-        description="rotors 1 to 4"
+        description="rotors 1 to 4, in this order"
     )
     is_paired: ClassVar = False
     has_sides: ClassVar = False

@@ -79,18 +79,18 @@ _NonNegative = TypeVar("_NonNegative")
 class Airframe(Model, Generic[_Positive, _NonNegative]):
     """Airframe of a vehicle. The defaults are those of the paper's Table I where it gives a value."""
 
-    mass: _Positive = field_of(_PAPER, "mass", "m")
+    mass: _Positive = field_of(_PAPER, "mass", "mass m")
     inertia: Annotated[tuple[_Positive, _Positive, _Positive], Field(strict=False)] = field_of(
-        _PAPER, "inertia", "I_xx, I_yy, I_zz", rule=INERTIA_RULE
+        _PAPER, "inertia", "moments of inertia I_xx, I_yy, I_zz", rule=INERTIA_RULE
     )
-    rotor_inertia: _NonNegative = field_of(_PAPER, "rotor_inertia", "J_r")
-    thrust_factor: _Positive = field_of(_ROTOR, "thrust_factor", "b")
-    drag_factor: _Positive = field_of(_ROTOR, "drag_factor", "d")
-    arm_length: _Positive = field_of(_ROTOR, "x", "l, distance of the rotors from the middle of a plus or an x")
+    rotor_inertia: _NonNegative = field_of(_PAPER, "rotor_inertia", "moment of inertia J_r of a rotor")
+    thrust_factor: _Positive = field_of(_ROTOR, "thrust_factor", "thrust factor b of a rotor")
+    drag_factor: _Positive = field_of(_ROTOR, "drag_factor", "drag factor d of a rotor")
+    arm_length: _Positive = field_of(_ROTOR, "x", "arm length l from the middle of a plus or an x to its rotors")
     layout: Layout = Field(
         default=PlusLayout(kind="plus"), description="positions and directions of rotation of the rotors"
     )
-    gravity: _Positive = field_of(_PAPER, "gravity", "g")
+    gravity: _Positive = field_of(_PAPER, "gravity", "gravitational acceleration g")
     min_rotor_speed: _NonNegative = field_of(_PAPER, "min_rotor_speed", "idle speed of the rotors")
     max_rotor_speed: _Positive = field_of(_PAPER, "max_rotor_speed", "top speed of the rotors")
 
@@ -303,7 +303,7 @@ class Mission(Model):
     )
     route: AnyRoute
     nominal: Nominal = Nominal()
-    space: SpaceSettings | None = Field(default=None, description="obstacles, if any")
+    space: SpaceSettings | None = Field(default=None, description="obstacles; none if not given")
 
     _serialized = omits_defaults("space")
 

@@ -25,7 +25,9 @@ class ThrottleMotors(Model):
     """Motors that take a throttle u from 0 to 1; the thrust of a rotor is K0 + K1 u + K2 u²."""
 
     kind: Literal["throttle"]
-    curve: Annotated[tuple[Number, Number, Number], Field(strict=False)] = Field(description="K0, K1, K2 (N)")
+    curve: Annotated[tuple[Number, Number, Number], Field(strict=False)] = Field(
+        description="coefficients K0, K1, K2 of the thrust (N)"
+    )
     voltage: Annotated[float, Field(gt=0.0)] | None = Field(
         default=None, description="battery voltage at which the curve holds (V); only the evaluation of logs uses it"
     )
@@ -39,7 +41,9 @@ class ThrottleMotors(Model):
 class BelievedThrottleMotors(ThrottleMotors):
     """Motors with throttles as the autopilot models them; the thrust must rise with the throttle."""
 
-    curve: Annotated[tuple[Real, Real, Real], Field(strict=False)] = Field(description="K0, K1, K2 (N)")
+    curve: Annotated[tuple[Real, Real, Real], Field(strict=False)] = Field(
+        description="coefficients K0, K1, K2 of the thrust (N)"
+    )
 
     @field_validator("curve")
     @classmethod

@@ -144,7 +144,7 @@ def test_a_step_is_too_long_for_drag_of_any_kind(asymmetric, drag, steepest):
     """The steepest slope of the force over the speed, over the mass, times the step is at most 2.5."""
     most = 2.5 * 0.74 / 0.01 / steepest
     recipes_of(asymmetric("pid", *STILL, "vehicle." + drag.format((1.0 - 1e-9) * most)))
-    with pytest.raises(InputError, match="vehicle.time_step is 0.01 s, too long for this much drag"):
+    with pytest.raises(InputError, match="vehicle.time_step is 0.01 s, too long for drag with a time constant"):
         recipes_of(asymmetric("pid", *STILL, "vehicle." + drag.format((1.0 + 1e-9) * most)))
 
 
@@ -153,7 +153,7 @@ def test_in_wind_quadratic_drag_of_the_body_and_lift_are_steeper(asymmetric):
     for drag in ("body_drag={{quadratic: [0.1, 0.2, {0!r}]}}", "rotor_aerodynamics={{lift: {0!r}}}"):
         most = 2.5 * 0.74 / 0.01 / 10.0
         recipes_of(asymmetric("pid", *STILL, wind, "vehicle." + drag.format((1.0 - 1e-9) * most)))
-        with pytest.raises(InputError, match="too long for this much drag"):
+        with pytest.raises(InputError, match="too long for drag with a time constant"):
             recipes_of(asymmetric("pid", *STILL, wind, "vehicle." + drag.format((1.0 + 1e-9) * most)))
 
 
@@ -175,8 +175,8 @@ def test_of_a_fleet_the_vehicle_with_the_fastest_drag_and_the_shortest_load_coun
     scenario = asymmetric("pid", *STILL, "vehicle.slung_load={mass: 0.03, length: 0.6}")
     plan = plan_route(scenario)
     for field, number, words in (
-        ("vehicle.linear_drag", 200.0, "too long for this much drag"),
-        ("vehicle.slung_load.length", 1e-5, "too long for this slung load"),
+        ("vehicle.linear_drag", 200.0, "too long for drag with a time constant"),
+        ("vehicle.slung_load.length", 1e-5, "too long for a slung load"),
     ):
         batch = Batch(scenario, (0, 1, 2), {field: np.array([0.3, number, 0.3])})
         with pytest.raises(InputError, match=words):
@@ -189,7 +189,7 @@ def test_a_step_is_too_long_for_a_load_that_swings_fast(asymmetric):
     assert shortest < 0.01
     shortest = 9.81 * (1.0 + 100.0 / 0.74) * (0.01 / 2.5) ** 2
     recipes_of(asymmetric("pid", f"vehicle.slung_load={{mass: 100, length: {(1.0 + 1e-9) * shortest!r}}}"))
-    with pytest.raises(InputError, match="vehicle.time_step is 0.01 s, too long for this slung load"):
+    with pytest.raises(InputError, match="vehicle.time_step is 0.01 s, too long for a slung load"):
         recipes_of(asymmetric("pid", f"vehicle.slung_load={{mass: 100, length: {(1.0 - 1e-9) * shortest!r}}}"))
 
 

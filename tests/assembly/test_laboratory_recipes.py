@@ -68,7 +68,7 @@ def test_rotors_that_are_drawn_must_give_all_of_a_wrench_too(diagrams):
     fleet = batch.with_varying({field: np.array([0.1, 0.2, 0.3])})
     recipe = laboratory_recipes(fleet, plan, DURATION)["vehicle"]
     np.testing.assert_array_equal(recipe.numbers.parameters.rotors.rotor_1.x, [0.1, 0.2, 0.3])
-    words = "vehicle.layout gives no yaw torque without thrust, roll torque and pitch torque"
+    words = "vehicle.layout produces no yaw torque without thrust, roll torque and pitch torque"
     with pytest.raises(InputError, match=words):
         laboratory_recipes(batch.with_varying({field: np.array([0.1, -0.3, 0.3])}), plan, DURATION)
 
@@ -232,7 +232,7 @@ def test_a_step_is_too_long_for_drag_that_stops_a_vehicle_within_two_fifths_of_i
         if fits:
             recipes_of(scenario)
         else:
-            with pytest.raises(InputError, match="vehicle.time_step is 0.01 s, too long for this much drag"):
+            with pytest.raises(InputError, match="vehicle.time_step is 0.01 s, too long for drag with a time constant"):
                 recipes_of(scenario)
 
 
@@ -377,7 +377,7 @@ def test_a_step_is_too_long_for_an_attitude_that_responds_within_two_fifths_of_i
         if fits:
             recipes_of(scenario)
         else:
-            with pytest.raises(InputError, match="too long for an attitude that responds within 0.002 s"):
+            with pytest.raises(InputError, match="too long for an attitude response with a time constant of 0.002 s"):
                 recipes_of(scenario)
 
 

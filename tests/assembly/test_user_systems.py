@@ -31,7 +31,12 @@ COMMAND = {"acceleration_command": 3}
     ("place", "inputs", "outputs", "sentence"),
     [
         ("control", SEEN, {"wrnch": 4}, "control needs the output port `wrench`, but has `wrnch`"),
-        ("control", {"refrence": 11}, {"wrench": 4}, "has the input port `refrence`, but may have `measurement`, `ref"),
+        (
+            "control",
+            {"refrence": 11},
+            {"wrench": 4},
+            "has the input port `refrence`, but may only have `meas",
+        ),
         ("control", SEEN, {"wrench": 3}, "the port `wrench` of control must have 4 rows, but has 3"),
         (
             "position_controller",
@@ -47,7 +52,7 @@ COMMAND = {"acceleration_command": 3}
         ),
         ("position_controller", SEEN, {}, "needs the output port `acceleration_command`, but has none"),
         ("wind", {}, {"wind": 3, "gust": 3}, "wind needs a single output port, but has `wind`, `gust`"),
-        ("wind", {"position": 3}, {"wind": 3}, "wind has the input port `position`, but may have `state`"),
+        ("wind", {"position": 3}, {"wind": 3}, "wind has the input port `position`, but may only have `state`"),
         ("wind", {}, {}, "wind needs a single output port, but has none"),
         ("wind", {"state": 6}, {"gust": 3}, "the port `state` of wind must have 12 rows, but has 6"),
         ("wind", {}, {"gust": 2}, "the port `gust` of wind must have 3 rows, but has 2"),
@@ -69,7 +74,7 @@ def test_what_is_no_system_or_for_fewer_vehicles_is_refused(diagrams):
         simulate(scenario, wind={})
     with pytest.raises(InputError, match="must have 12 rows for each of 3 vehicles, but has 12"):
         build_tracking_diagram(scenario, 3, position_controller=WithPorts(SEEN, COMMAND))
-    with pytest.raises(InputError, match="no place for a position_controller"):
+    with pytest.raises(InputError, match="position_controller must not be given with it"):
         simulate(scenario, control=WithPorts(SEEN, {"wrench": 4}), position_controller=WithPorts(SEEN, COMMAND))
 
 

@@ -112,7 +112,7 @@ REFUSED = {
         r"waypoint 1, \(3, 3, 1.2\) m, is 0.1 m from ball, but the clearance is 0.27 m \(radius 0.17 \+ margin 0.1\)",
     ),
     "a waypoint out of bounds": (["space.bounds.max=[5, 5, 2]"], r"waypoint 2, \(6, 0, 1\) m, lies outside the bounds"),
-    "no bounds": (["space.bounds=null"], r"m from .* nearer than 0.27 m; space.bounds is needed"),
+    "no bounds": (["space.bounds=null"], r"m from .* nearer than the clearance of 0.27 m; give space.bounds"),
     "a wall across": (
         [SMALL, "space.obstacles.wall.size=[0.2, 9, 2.6]", "space.obstacles.wall.rotation=[0, 0, 0]"],
         r"no way from waypoint 1 to waypoint 2 at 0.27 m .* without wall, there would be one",

@@ -151,7 +151,7 @@ def test_a_plan_keeps_to_the_narrower_limits_of_rotors_and_throttles(diagrams, o
         return
     with pytest.raises(InputError, match=r"rotor 1 would have to turn at 201 rad/s, but its limit") as refused:
         plan_route(mission)
-    of_throttle = "" if limit in (200.0, 202.0) else ", that of the throttle"
+    of_throttle = "" if limit in (200.0, 202.0) else ", which is the limit of the throttle"
     assert str(refused.value).endswith(f"but its limit is {limit:.0f} rad/s{of_throttle}")
 
 

@@ -187,7 +187,7 @@ def test_a_file_of_pieces_without_rows_is_refused(diagrams, tmp_path):
     ("text", "words"),
     [
         ("duration,x^0,y^0,z^0\n", r"course.csv: holds no pieces"),
-        ("duration,x^0,y^0\n1,0,0\n", r"course.csv:1: there is no column z\^0$"),
+        ("duration,x^0,y^0\n1,0,0\n", r"course.csv:1: the column z\^0 is missing$"),
         (
             "duration,x^0,y^0,z^0,w^0\n1,0,0,1,0\n",
             r"course.csv:1: the column 'w\^0' is unknown; allowed are duration, ",
@@ -225,7 +225,7 @@ def test_what_is_wrong_in_a_file_is_named(write, text, words):
         ("{kind: trajectory, pieces: loop.yaml}", "loop.yaml:1: "),
         (
             "{kind: trajectory, pieces: short.csv}",
-            "short.csv:1: 4 columns need a first row that names them: duration, ",
+            "short.csv:1: a table with 4 columns needs a first row with their names: duration, ",
         ),
         ("{kind: trajectory, pieces: []}", "2: route.pieces is .* at least 1 item"),
         ("{kind: trajectory, pieces: 3}", "2: route.pieces is 3, but must be a list"),
@@ -233,7 +233,7 @@ def test_what_is_wrong_in_a_file_is_named(write, text, words):
         (
             "{kind: trajectory, pieces: [{duration: 1, x: [0], y: [0], z: [1]}], yaw_knots: [{time: 0, yaw: 0},"
             " {time: 1, yaw: 0}]}",
-            "2: route.yaw_knots .* must be left out: pieces have their yaw",
+            "2: route.yaw_knots .* must be left out, since pieces have a yaw of their own",
         ),
         (
             "{kind: trajectory, time_scale: 0, pieces: [{duration: 1, x: [0], y: [0], z: [1]}]}",

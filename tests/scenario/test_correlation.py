@@ -153,8 +153,8 @@ def test_who_is_correlated_with_whom(study):
         ("{a: 0.8, b: 0.7}", "shared is {'a': 0.8, 'b': 0.7}, but must have correlations whose squares sum to at most"),
         ("{a: 1.1}", "shared.a is 1.1, but must be less than or equal to 1"),
         ("{a: heavy}", "shared.a is 'heavy', but must be a valid number"),
-        ("{my drone: 0.1}", "by at most 60 letters, digits and '_', no digit first, not by 'my drone'"),
-        ("[a]", "is ['a'], but must be a mapping of names to numbers"),
+        ("{my drone: 0.1}", "must not have the name 'my drone': the name of a shared variable has at most 60 letters"),
+        ("[a]", "is ['a'], but must be a mapping from names to numbers"),
     ],
 )
 def test_what_cannot_be_shared_is_refused(study, shared, words):
@@ -176,7 +176,7 @@ def test_there_are_only_so_many_shared_variables(study):
         return study(f"vehicle.inertia=[{', '.join(bells)}]")
 
     assert len(shared_names(distributions_in(thirds(MAX_SHARED)).values())) == MAX_SHARED
-    with pytest.raises(InputError, match=r"vehicle\.inertia\.1\.normal\.shared is .* none but the 64 normal variables"):
+    with pytest.raises(InputError, match=r"vehicle\.inertia\.1\.normal\.shared is .* already has 64"):
         thirds(MAX_SHARED + 1)
 
 

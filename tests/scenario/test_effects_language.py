@@ -52,24 +52,24 @@ def test_all_is_off_unless_it_is_written(load):
         ([f"vehicle.battery={{{BATTERY.replace('0.65', '0')}}}"], "battery.efficiency is 0, but must be at least 0.01"),
         (
             ["vehicle.slung_load={mass: 0.1, length: 1}", "vehicle.payload={mass: 0.1, time: 1, event: dropped}"],
-            "vehicle.slung_load is .*, but must not stand beside a payload",
+            "vehicle.slung_load is .*, but must not be combined with a payload",
         ),
-        ([f"vehicle.motors={THROTTLE}"], "vehicle.motors.kind is 'throttle', but must be speed, as in nominal"),
+        ([f"vehicle.motors={THROTTLE}"], "vehicle.motors.kind is 'throttle', but must be speed as in nominal"),
         (
             [f"nominal.motors={THROTTLE}", "vehicle.motors={kind: speed}"],
-            "vehicle.motors.kind is 'speed', but must be throttle, as in nominal",
+            "vehicle.motors.kind is 'speed', but must be throttle as in nominal",
         ),
         (
             ["nominal.motors={kind: throttle, curve: [0.0227, -0.0119, 0.1284]}"],
-            r"nominal.motors.curve is \[.*\], but must rise from throttle 0 to 1",
+            r"nominal.motors.curve is \[.*\], but must increase from throttle 0 to 1",
         ),
         (
             ["nominal.motors={kind: throttle, curve: [0, 4, -2.1]}"],
-            r"nominal.motors.curve is \[.*\], but must rise from throttle 0 to 1",
+            r"nominal.motors.curve is \[.*\], but must increase from throttle 0 to 1",
         ),
         (
             ["nominal.motors={kind: throttle, curve: [0.1, 0, 0]}"],
-            r"nominal.motors.curve is \[.*\], but must rise from throttle 0 to 1",
+            r"nominal.motors.curve is \[.*\], but must increase from throttle 0 to 1",
         ),
         (["vehicle.motors={kind: duty}"], "vehicle.motors.kind is 'duty', but must be"),
     ],

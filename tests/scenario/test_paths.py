@@ -41,7 +41,7 @@ def test_rotors_are_counted_from_1(scenario):
     assert steps_of("a.rotors.rotor_3.position.0") == ["a", "rotors", "2", "position", "0"]
     assert value_at(scenario, "vehicle.thrust_factor_error.rotor_4") is scenario.vehicle.thrust_factor_error[3]
     for step in ("0", "1", "rotor_0", "rotor_5"):
-        with pytest.raises(InputError, match="names no rotor: they are rotor_1, rotor_2, rotor_3 and rotor_4"):
+        with pytest.raises(InputError, match="does not name a rotor; write rotor_1, rotor_2, rotor_3 or rotor_4"):
             value_at(scenario, f"vehicle.thrust_factor_error.{step}")
 
 

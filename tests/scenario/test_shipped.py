@@ -42,10 +42,10 @@ def test_a_file_extends_what_is_shipped(tmp_path):
         "mine: {extends: hover}\nfaulty: {extends: laboratory}\nmore: {extends: nowhere}\n"
     )
     assert load_scenario(tmp_path / "other.yaml:mine").route == load_scenario("hover").route
-    with pytest.raises(InputError, match="other.yaml:2: .*laboratory.yaml holds several scenarios"):
+    with pytest.raises(InputError, match="other.yaml:2: .*laboratory.yaml contains several scenarios"):
         load_scenario(tmp_path / "other.yaml:faulty")
     with pytest.raises(
-        InputError, match="other.yaml:3: there is no scenario 'nowhere' in .*other.yaml; it holds mine, "
+        InputError, match="other.yaml:3: there is no scenario 'nowhere' in .*other.yaml, which contains mine, "
     ):
         load_scenario(tmp_path / "other.yaml:more")
 
@@ -61,16 +61,16 @@ def test_a_file_or_folder_of_the_same_name_does_not_hide_what_is_shipped(tmp_pat
     [
         (
             "laboratry:nominal",
-            "'laboratry:nominal' is neither a file nor a scenario that is shipped; did you mean laboratory?",
+            "'laboratry:nominal' is neither a file nor a shipped scenario; did you mean laboratory?",
         ),
         (
             "quite_different",
-            "is neither a file nor a scenario that is shipped; `drake-quad scenarios` lists these",
+            "is neither a file nor a shipped scenario; `drake-quad scenarios` lists the shipped scenarios",
         ),
-        ("../diagrams/hover", "is neither a file nor a scenario that is shipped"),
-        ("laboratory:windy", "no scenario 'windy' in .*laboratory.yaml; it holds nominal, low_wind, high_wind"),
-        ("laboratory", "laboratory.yaml holds several scenarios; choose one as laboratory:NAME from nominal"),
-        ("laboratory:", "laboratory.yaml holds several scenarios; choose one as laboratory:NAME from nominal"),
+        ("../diagrams/hover", "is neither a file nor a shipped scenario"),
+        ("laboratory:windy", "no scenario 'windy' in .*laboratory.yaml, which contains nominal, low_wind, high_wind"),
+        ("laboratory", "laboratory.yaml contains several scenarios; choose one as laboratory:NAME from nominal"),
+        ("laboratory:", "laboratory.yaml contains several scenarios; choose one as laboratory:NAME from nominal"),
         ("hover.yml", "hover.yml: cannot be read: no such file"),
     ],
 )

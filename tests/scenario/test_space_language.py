@@ -133,12 +133,12 @@ def test_fields_of_obstacles_have_paths(folder):
         ("obstacles.rock.points=[[0, 0, 0]]", "must have at least 4 items, not 1"),
         ("obstacles.rock.points=no.obj", "space.obstacles.rock.points names no.obj, which does not exist"),
         ("obstacles.rock.points=rock.ply", "rock.ply: is a PLY mesh and cannot be read: convert it to .obj or .stl"),
-        ("obstacles.two words={}", "the name of an obstacle must be of letters"),
+        ("obstacles.two words={}", "the name of an obstacle must consist of letters"),
         ("obstacles.kind=3", "the name of an obstacle"),
         ("obstacles.x={kind: cone}", "must be one of 'box', 'cylinder', 'sphere', 'hull'"),
         ("obstacles=[1]", "must be a mapping of names to solids"),
         ("margin=-0.1", "space.margin is -0.1"),
-        ("bounds.max.0=-6", "space.bounds.max.0 is -6, but must not be less than that of min"),
+        ("bounds.max.0=-6", "space.bounds.max.0 is -6, but must not be smaller than the same coordinate of min"),
         ("walls=3", "space.walls is unknown"),
     ],
 )
@@ -224,7 +224,7 @@ def test_a_mesh_of_many_corners_is_replaced_by_a_hull_around_it(folder):
 
 def test_there_are_not_too_many_obstacles_and_none_twice(folder):
     ball = {"kind": "sphere", "centre": [0.0, 0.0, 1.0], "radius": 0.1}
-    with pytest.raises(InputError, match="there may be 200 obstacles, not 201"):
+    with pytest.raises(InputError, match="must have at most 200 obstacles, not 201"):
         load_scenario("figure_eight", {"space.obstacles": {f"ball_{i}": ball for i in range(201)}})
     path = folder / "twice.yaml"
     path.write_text("a: {extends: figure_eight, space: {obstacles: {b: {}, b: {}}}}")

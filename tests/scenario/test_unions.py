@@ -260,7 +260,7 @@ def test_a_position_controller_of_a_user_is_part_of_the_language(sliding):
     with pytest.raises(InputError, match="position controller of kind sliding_mode takes no correction"):
         flying(**{"control.network": network})
     assert pickle.loads(pickle.dumps(flying())) == flying()
-    refusal = "control.position is of kind sliding_mode, whose gains cannot be designed"
+    refusal = "the gains of control.position of kind sliding_mode cannot be designed"
     for design in (with_integrals, lambda scenario: with_gains(scenario, {"position": {"k_p": [1.0] * 3}})):
         with pytest.raises(InputError, match=refusal):
             design(flying())

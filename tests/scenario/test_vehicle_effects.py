@@ -257,9 +257,9 @@ def test_an_effect_without_answers_is_refused(ceiling):
         EFFECTS.member(Silent)
     with pytest.raises(TypeError, match="Steep must define max_slope"):
         EFFECTS.member(Steep)
-    with pytest.raises(ValueError, match="there is another VehicleEffect called battery: BatteryEffect"):
+    with pytest.raises(ValueError, match="the name battery of .* is taken by BatteryEffect"):
         EFFECTS.member(Taken)
-    with pytest.raises(ValueError, match="there is another field mass"):
+    with pytest.raises(ValueError, match="the name mass of .* is taken by another field"):
         EFFECTS.member(OfTheVehicle)
     with pytest.raises(TypeError, match="dict must extend VehicleEffect"):
         EFFECTS.member(dict)

@@ -63,13 +63,13 @@ def test_a_scenario_can_extend_a_table(write, diagrams):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "course.csv: holds no waypoints"),
-        ("x,y,z\n", "course.csv: holds no waypoints$"),
+        ("", "course.csv: contains no waypoints"),
+        ("x,y,z\n", "course.csv: contains no waypoints$"),
         ("0,0,1\n", "course.csv:1: route.waypoints is .* at least 2 items"),
-        ("0,0\n1,1\n", "course.csv:1: 2 columns need a first row that names them"),
-        ("0,0,1,5\n1,1,1,6\n", "course.csv:1: 4 columns need a first row that names them"),
+        ("0,0\n1,1\n", "course.csv:1: a table with 2 columns needs a first row with their names"),
+        ("0,0,1,5\n1,1,1,6\n", "course.csv:1: a table with 4 columns needs a first row with their names"),
         ("x,y,height\n0,0,1\n", "course.csv:1: the column 'height' is unknown; allowed are time, x, y, z, yaw"),
-        ("x,y,time\n0,0,1\n", "course.csv:1: there is no column z"),
+        ("x,y,time\n0,0,1\n", "course.csv:1: the column z"),
         ("x,y,z,x\n0,0,1,2\n", "course.csv:1: two columns have the same name"),
         ("x,y,z\n0,0,1\n0,0\n", "course.csv:3: has 2 cells, but there are 3 columns"),
         ("x,y,z\n0,0,1\n0,zero,1\n", "course.csv:3: y is 'zero', but must be a finite number"),

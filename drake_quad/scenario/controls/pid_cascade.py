@@ -113,7 +113,7 @@ class PidCascadeControl(Control):
     )
     position: PidLoop = Field(description="loop from the position error (m) to a velocity (m/s)")
     velocity: PidLoop = Field(
-        description="loop from the velocity error (m/s) to an acceleration (m/s²) or, on x and y, to a tilt (rad)"
+        description="loop from the velocity error (m/s) to an acceleration (m/s²) or, on x and y, to a tilt in rad"
     )
     velocity_feed_forward: NonNegative = Field(default=1.0, description="factor on the reference velocity (1)")
     command: Annotated[TiltCommand | AccelerationCommand, Field(discriminator="kind")]

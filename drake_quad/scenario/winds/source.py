@@ -80,11 +80,13 @@ AnyWindSource = Annotated[WindSource, WINDS]
 
 
 class BlowingSource(WindSource):
-    """Wind with a peak velocity, given as a vector or as a horizontal speed and a heading."""
+    """Wind with a velocity that is given as a vector, or as a horizontal speed and a heading."""
 
-    velocity: Position | None = Field(default=None, description="peak velocity of the air, in W (m/s)")
+    velocity: Position | None = Field(
+        default=None, description="velocity of the air, for a gust or sine its peak, in W (m/s)"
+    )
     speed: NonNegative | None = Field(
-        default=None, description="peak speed of the air (m/s); speed and heading replace velocity"
+        default=None, description="speed of the air, for a gust or sine its peak (m/s); replaces velocity with heading"
     )
     heading: Direction | None = Field(
         default=None, description="direction to which the wind blows, from X towards Y (rad); required with speed"
