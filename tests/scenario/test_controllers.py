@@ -1,4 +1,4 @@
-"""What a person can write wrong about a controller that learns or estimates."""
+"""Mistakes in learning and estimating controllers are explained."""
 
 import math
 from pathlib import Path
@@ -13,7 +13,7 @@ from drake_quad.scenario.files.saving import save_scenario
 ROOT = Path(__file__).parent.parent.parent
 PAPER = ROOT / "diagrams" / "controllers" / "paper.yaml"
 NETWORK = "control.network"
-# Nine sets.
+# An input with nine sets.
 MANY = "{centres: [-4, -3, -2, -1, 0, 1, 2, 3, 4], widths: [1, 1, 1, 1, 1, 1, 1, 1, 1]}"
 
 
@@ -120,7 +120,7 @@ ESTIMATING = "k_p: [1, 1, 1], k_d: [1, 1, 1], bandwidth: [1, 1, 1]"
         ("crash.tilt=2", "crash.tilt is 2, but must be in radians, at most 1.571 in size; 2 degrees are 0.03491"),
     ],
 )
-def test_what_is_wrong_of_estimators_and_attitude_is_told(override, complaint):
+def test_wrong_estimators_and_attitude_controllers_are_explained(override, complaint):
     with pytest.raises(InputError) as error:
         load_scenario(ROOT / "diagrams" / "figure_eight.yaml", [override])
     assert complaint in str(error.value)
@@ -139,8 +139,8 @@ def test_a_vehicle_that_may_turn_over_has_no_limit_of_tilt():
     assert monitor.structure["limits"].tilt == math.inf
 
 
-def test_geometric_control_is_the_published_law_unless_it_says_otherwise():
-    """With the transport term of Lee et al. (2010), and the angles of eq (1)."""
+def test_geometric_control_is_the_published_law_by_default():
+    """Its defaults are the transport term of Lee et al. (2010) and the angles of eq (1)."""
     field = "control.attitude={kind: geometric, k_p: [17, 14, 5], k_d: [7, 7, 3]}"
     attitude = load("pd", field).control.attitude
     assert (attitude.transport_term, attitude.euler_sequence, attitude.k_i) == (True, "zyx", None)

@@ -1,4 +1,4 @@
-"""What acts on a vehicle, in the language: defaults are off, and what is wrong gets one sentence."""
+"""Effects in the scenario language: they are off by default, and mistakes are explained in one sentence."""
 
 import re
 
@@ -16,7 +16,7 @@ def load(diagrams):
     return lambda *overrides: load_scenario(diagrams / "figure_eight.yaml", overrides)
 
 
-def test_all_is_off_unless_it_is_written(load):
+def test_effects_are_off_by_default(load):
     assert load().vehicle.effects() == {}
     assert load().vehicle.effect_numbers() == NO_EFFECTS
 
@@ -74,21 +74,21 @@ def test_all_is_off_unless_it_is_written(load):
         (["vehicle.motors={kind: duty}"], "vehicle.motors.kind is 'duty', but must be"),
     ],
 )
-def test_what_is_wrong_gets_one_sentence(load, overrides, message):
+def test_wrong_effects_are_explained_in_one_sentence(load, overrides, message):
     with pytest.raises(InputError) as refusal:
         load(*overrides)
     assert re.search(message, str(refusal.value)), str(refusal.value)
     assert "\n" not in str(refusal.value)
 
 
-def test_a_vehicle_has_the_motors_that_are_believed_unless_it_says_otherwise(load):
+def test_a_vehicle_has_the_nominal_motors_by_default(load):
     scenario = load(f"nominal.motors={THROTTLE}")
     assert scenario.vehicle.motors.curve == scenario.nominal.motors.curve == (0.1, 1.0, 2.8)
     own = load(f"nominal.motors={THROTTLE}", "vehicle.motors={kind: throttle, curve: [0.02, -0.1, {choice: [2, 3]}]}")
     assert own.vehicle.motors.curve[:2] == (0.02, -0.1)
 
 
-def test_a_battery_may_be_empty_at_the_lowest_voltage_at_which_it_is_full(load):
+def test_the_empty_voltage_may_equal_the_smallest_full_voltage(load):
     full, empty = "{uniform: {min: 10.2, max: 12.6}}", "{uniform: {min: 9, max: 10.2}}"
     battery = BATTERY.replace("10.2", empty).replace("12.6", full)
     assert load(f"vehicle.battery={{{battery}}}").vehicle.battery.empty_voltage.uniform.max == 10.2

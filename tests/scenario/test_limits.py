@@ -1,4 +1,4 @@
-"""What is far too much for a scenario is refused before it is read, and times without sense before they are flown."""
+"""Oversized scenarios are refused before they are read, and impossible times before they are flown."""
 
 import math
 import os
@@ -37,7 +37,7 @@ def write(tmp_path):
 
 @pytest.fixture
 def composed(monkeypatch):
-    """How many names and values of YAML were composed."""
+    """Return a list with an entry for each name and value of YAML that is composed."""
     counts = []
     compose = Composer.compose_node
     monkeypatch.setattr(Composer, "compose_node", lambda *arguments: counts.append(1) or compose(*arguments))
@@ -54,12 +54,12 @@ def refusal(load, *arguments):
 
 
 def chain(levels, *, twice=False):
-    """Scenarios that each extend the one before, the first of them whole."""
+    """Return scenarios each of which extends the one before; the first one is complete."""
     bases = [f"[s{i}, s{i}]" if twice else f"s{i}" for i in range(levels)]
     return f"s0:\n{BODY}" + "".join(f"s{i + 1}: {{extends: {base}}}\n" for i, base in enumerate(bases))
 
 
-def test_what_is_extended_several_times_is_resolved_once(write, monkeypatch):
+def test_a_scenario_that_is_extended_several_times_is_resolved_once(write, monkeypatch):
     calls = []
     with_layer = library.with_layer
     monkeypatch.setattr(library, "with_layer", lambda *trees: calls.append(1) or with_layer(*trees))
@@ -69,7 +69,7 @@ def test_what_is_extended_several_times_is_resolved_once(write, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_scenario_may_be_laid_over_so_many_others_and_no_more(write):
+def test_the_number_of_extended_scenarios_is_limited(write):
     path = write(chain(2000))
     assert load_scenario(f"{path}:s{limits.MAX_BASES}").control.position.k_d[2] == 1.5
     assert "extends too many scenarios: the limit is 100" in refusal(load_scenario, f"{path}:s{limits.MAX_BASES + 1}")
@@ -78,7 +78,7 @@ def test_a_scenario_may_be_laid_over_so_many_others_and_no_more(write):
     assert "loop.yaml:6: extends too many" in refusal(load_scenario, f"{wide}:wide")
 
 
-def test_a_circle_is_found_behind_what_is_known_already(write):
+def test_circular_extensions_are_found_behind_resolved_scenarios(write):
     path = write("a: {extends: [b, c]}\nb: {route: {kind: hover}}\nc: {extends: [b, a]}\n")
     assert "loop.yaml:3: a extends itself" in refusal(load_scenario, f"{path}:a")
 
@@ -107,7 +107,7 @@ def test_a_table_that_is_too_large_is_not_parsed(write, monkeypatch):
 
 
 @pytest.mark.slow
-def test_bytes_count_in_all_files_and_overrides_together(write):
+def test_the_limit_of_bytes_includes_all_files_and_overrides(write):
     path = write("a: {extends: [b, c]}\nb: {extends: one.yaml}\nc: {extends: two.yaml}\n")
     write(f"{SMALL}# {'x' * 300_000}\n", "one.yaml")
     write(f"{SMALL}# {'x' * 100_000}\n", "two.yaml")
@@ -121,14 +121,14 @@ def test_bytes_count_in_all_files_and_overrides_together(write):
 @pytest.mark.parametrize(
     "value", ["[" + "1," * 200_000 + "]", "\n    k: 1" + "".join(f"\n    k{i}: 1" for i in range(30_000))]
 )
-def test_no_more_names_and_values_are_parsed_than_a_scenario_may_have(write, composed, value):
+def test_parsing_stops_at_the_limit_of_names_and_values(write, composed, value):
     message = refusal(load_scenario, write(f"{SMALL}  vehicle: {value}\n"))
     assert "is too large: a scenario and all that it extends may have 30,000 names and values" in message
     assert len(composed) <= limits.MAX_NODES
 
 
 @pytest.mark.slow
-def test_names_and_values_count_in_all_files_together(write, composed, monkeypatch):
+def test_the_limit_of_names_and_values_includes_all_files(write, composed, monkeypatch):
     monkeypatch.setattr(library, "MAX_NODES", 3000)
     numbers = ", ".join(["1.0"] * 1400)
     path = write("a: {extends: [one.yaml, two.yaml]}\n")
@@ -138,13 +138,13 @@ def test_names_and_values_count_in_all_files_together(write, composed, monkeypat
     write(f"{SMALL}  vehicle: {{mass: {{choice: [{numbers}, {numbers}]}}}}\n", "two.yaml")
     composed.clear()
     assert "two.yaml:6: is too large" in refusal(load_scenario, path)
-    # The last file is parsed once more, to find the line where the limit is exceeded.
+    # The last file is parsed again, to find the line at which the limit is exceeded.
     assert len(composed) <= 2 * library.MAX_NODES
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("text", ["[" * 100_000, "{" * 100_000, "- " * 100_000, "? " * 100_000, "[" * 41 + "]" * 41])
-def test_no_more_levels_are_parsed_than_a_scenario_may_have(write, composed, text):
+def test_parsing_stops_at_the_limit_of_levels(write, composed, text):
     assert "loop.yaml:1: is nested too deeply: a scenario may have 40 levels" in refusal(load_scenario, write(text))
     assert len(composed) <= limits.MAX_LEVELS
 
@@ -191,7 +191,7 @@ def test_odd_text_is_explained(write, text, words):
     assert re.search(words, refusal(load_scenario, write(text)))
 
 
-def test_a_reused_anchor_is_no_concern_of_a_reader(write):
+def test_a_redefined_anchor_causes_no_warning(write):
     assert load_scenario(write(f"{SMALL}  seed: &a 1\n  duration: &a 2.0\n")).duration == 2.0
 
 
@@ -211,14 +211,14 @@ def test_odd_names_of_files_are_explained(write, monkeypatch, name, words):
     assert re.search(words, refusal(load_scenario, name))
 
 
-def test_what_never_ends_is_not_read(tmp_path):
+def test_devices_and_pipes_are_not_read(tmp_path):
     os.mkfifo(tmp_path / "pipe.yaml")
     assert "pipe.yaml: cannot be read: it is not a file" in refusal(load_scenario, tmp_path / "pipe.yaml")
     (tmp_path / "endless.csv").symlink_to("/dev/zero")
     assert "endless.csv: cannot be read: it is not a file" in refusal(load_mission, tmp_path / "endless.csv")
 
 
-def test_a_route_may_have_so_many_waypoints_and_no_more(write):
+def test_the_number_of_waypoints_is_limited(write):
     rows = [f"{i},0,1\n" for i in range(limits.MAX_WAYPOINTS)]
     assert len(load_mission(write("x,y,z\n" + "".join(rows), "course.csv")).route.waypoints) == limits.MAX_WAYPOINTS
     for header in ("x,y,z\n", ""):
@@ -253,7 +253,7 @@ def test_odd_overrides_are_explained(write, override, words):
     assert re.match(f"override .*{words}", message)
 
 
-def test_errors_call_an_override_what_its_giver_calls_it(write):
+def test_errors_name_the_source_of_an_override(write):
     path = write(SMALL)
     assert refusal(load_scenario, path, ["seed=-1"]).startswith("override seed=-1: seed is -1, but must be")
     assert refusal(load_scenario, path, [Override("seed=-1", "--seed -1")]).startswith("--seed -1: seed is -1, but")
@@ -263,7 +263,7 @@ def test_errors_call_an_override_what_its_giver_calls_it(write):
     assert refusal(load_mission, path, [Override("seed=1", "--set seed=1")]).startswith("--set seed=1: a plan does")
 
 
-def test_what_is_missing_or_misnamed_in_a_file_is_no_fault_of_an_override(write):
+def test_errors_of_a_file_do_not_name_an_override(write):
     assert refusal(load_scenario, write("a: {route: {kind: hover}}\n"), ["seed=1"]) == (
         f"{write('a: {route: {kind: hover}}')}:1: control is missing; only `drake-quad plan` needs no control"
     )
@@ -343,12 +343,12 @@ STEP = "vehicle.time_step=0.0025"
         ),
     ],
 )
-def test_attitude_is_controlled_in_one_place_and_in_time(write, overrides, words):
+def test_attitude_must_be_controlled_in_one_place_and_fast_enough(write, overrides, words):
     assert re.search(words, refusal(load_scenario, write(SMALL), overrides))
 
 
 def test_an_attitude_that_responds_too_fast_for_the_steps_is_refused(write):
-    """Runge and Kutta's method stands a step of 2.5 time constants; the faster pole is at ω (ζ + √(ζ² - 1))."""
+    """The Runge-Kutta method allows a step of 2.5 time constants. The faster pole is at ω (ζ + √(ζ² - 1))."""
     fast = "laboratory.autopilot={natural_frequency: [6, 100, 3], damping: [0.5, %s, 0.5]}"
     for damping, refused in (("1.4", False), ("1.5", True)):
         scenario = load_scenario(write(SMALL), [RESPONSE, NO_ATTITUDE, fast % damping, "duration=0.1"])
@@ -406,7 +406,7 @@ FAN = "laboratory.wind=[{kind: fan, position: [0, 0, 1], direction: %s, flow: 1,
         ),
     ],
 )
-def test_times_and_numbers_without_sense_are_refused(write, override, words):
+def test_impossible_times_and_numbers_are_refused(write, override, words):
 
     assert re.search(words, refusal(load_scenario, write(SMALL), [override]))
 
@@ -447,7 +447,7 @@ def test_a_route_that_takes_longer_than_a_day_is_not_planned(write):
         plan_route(slow)
 
 
-def test_a_vehicle_that_leaves_all_numbers_behind_has_crashed_and_keeps_none_of_them(write):
+def test_a_vehicle_with_infinite_numbers_has_crashed_and_records_none_of_them(write):
 
     flight = simulate(load_scenario(write(SMALL), ["vehicle.centre_of_mass=[1e6, 0]", "duration=0.2"]))
     assert flight.metrics.crashed
@@ -472,14 +472,14 @@ def test_a_continuous_state_that_passes_close_to_90_degrees_of_pitch_is_refused(
         simulate(load_scenario(write(SMALL), turns_over), prepare=flips)
 
 
-def test_a_continuous_state_that_changes_too_fast_is_told(write):
+def test_a_continuous_state_that_changes_too_fast_is_explained(write):
     fast = ["vehicle={time_step: 0, inertia: [1e-12, 1e-12, 1e-12], centre_of_mass: [0.1, 0]}", "duration=0.2"]
     with pytest.raises(InputError, match="vehicle.time_step is 0, but from .* s on something moves too fast"):
         simulate(load_scenario(write(SMALL), fast))
 
 
-def test_waypoints_are_counted_in_all_laps(diagrams):
-    """Twenty waypoints in fifty laps are as many as there may be."""
+def test_the_limit_of_waypoints_includes_all_laps(diagrams):
+    """Fifty laps of twenty waypoints reach the limit."""
     points = ", ".join(f"{{point: [{i}, 0, 1]}}" for i in (*range(19), 0))
     route = f"route={{kind: waypoints, waypoints: [{points}]}}"
     assert load_scenario(diagrams / "hover.yaml", [route, "route.laps=50"]).route.laps == 50

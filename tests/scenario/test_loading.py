@@ -1,4 +1,4 @@
-"""The scenario language: what it accepts, and one sentence for what it does not."""
+"""Loading of scenarios: inputs that are accepted, and one sentence for each that is not."""
 
 import re
 from io import StringIO
@@ -49,7 +49,7 @@ def test_a_small_file_is_a_whole_scenario(write):
     assert scenario.vehicle.mass == 0.68
 
 
-def test_a_file_of_several_needs_a_name(write):
+def test_a_file_with_several_scenarios_needs_a_name(write):
     path = write(f"one:\n{BODY}two:\n{BODY}")
     assert load_scenario(f"{path}:two").name == "two"
     with pytest.raises(InputError, match="several scenarios; choose one as .*:NAME from one, two"):
@@ -58,7 +58,7 @@ def test_a_file_of_several_needs_a_name(write):
         load_scenario(f"{path}:three")
 
 
-def test_extends_merges_deeply_and_the_last_word_wins(write):
+def test_extends_merges_deeply_and_later_layers_take_precedence(write):
     write(f"base:\n{BODY}  vehicle: {{mass: 0.7, arm_length: 0.2}}\nlight: {{vehicle: {{mass: 0.5}}}}\n", "base.yaml")
     path = write(
         "a: {extends: base.yaml:base, vehicle: {mass: 0.6}}\n"
@@ -96,7 +96,7 @@ def test_bad_extensions_are_explained(write, text, words):
         load_scenario(f"{write(text)}:a")
 
 
-def test_what_is_to_be_designed_needs_neither_route_nor_gains(write):
+def test_an_undesigned_scenario_needs_neither_route_nor_gains(write):
     spec = write("mine: {vehicle: {linear_drag: 0.2}, control: {position: {k_p: [2, 2, 2]}}}")
     scenario = load_undesigned(spec, ["vehicle.quadratic_drag=0.1"])
     assert (scenario.vehicle.linear_drag, scenario.vehicle.quadratic_drag, scenario.name) == (0.2, 0.1, "mine")
@@ -107,7 +107,7 @@ def test_what_is_to_be_designed_needs_neither_route_nor_gains(write):
         load_undesigned(write("mine: {vehicle: {masss: 0.2}}"))
 
 
-def test_overrides_win_and_are_named(write):
+def test_overrides_take_precedence_and_are_named_in_errors(write):
     text = f"a:\n{BODY}"
     assert load_scenario(write(text), ["vehicle.mass=0.9"]).vehicle.mass == 0.9
     assert refusal(write, text, "vehicle.mass=-1") == (
@@ -254,7 +254,7 @@ def test_a_wrong_vehicle_gets_one_sentence(write, field, message):
     assert re.search(f"loop.yaml:6: .*{message}", refusal(write, f"a:\n{BODY}  vehicle: {{{field}}}\n"))
 
 
-def test_a_vehicle_is_as_nominal_where_it_does_not_say_otherwise(write):
+def test_a_vehicle_has_the_nominal_parameters_by_default(write):
     text = f"a:\n{BODY}  nominal: {{mass: 1.2, arm_length: 0.25}}\n  vehicle: {{mass: 1.3}}\n"
     scenario = load_scenario(write(text))
     assert (scenario.vehicle.mass, scenario.vehicle.arm_length, scenario.vehicle.gravity) == (1.3, 0.25, 9.81)
@@ -262,7 +262,7 @@ def test_a_vehicle_is_as_nominal_where_it_does_not_say_otherwise(write):
 
 
 def rotors(turns="clockwise anticlockwise clockwise anticlockwise", ahead=0.0):
-    """The rotors of a square, each of which turns in its own direction."""
+    """Return the rotors of a square as YAML, with the given directions of rotation."""
     corners = ((0.1, -0.1), (-0.1, -0.1), (-0.1, 0.1), (0.1, 0.1))
     places = [
         f"{{position: [{x + ahead}, {y}, 0], turns: {turn}}}"
@@ -308,7 +308,7 @@ def test_a_wrong_layout_gets_one_sentence(write, airframe, message, vehicle):
     assert re.search(f"loop.yaml:6: {vehicle}.{message}", refusal(write, f"a:\n{BODY}  {vehicle}: {{{airframe}}}\n"))
 
 
-def test_what_is_believed_can_hover_and_is_no_distribution(write):
+def test_the_nominal_vehicle_must_hover_and_have_no_distribution(write):
     text = f"a:\n{BODY}  nominal: {{layout: {rotors(ahead=0.2)}}}\n"
     assert "layout is" in (message := refusal(write, text))
     assert message.endswith("but must produce thrust without torque: rotor 1 would have to push down")
@@ -335,8 +335,8 @@ def test_overrides_name_rotors_as_messages_do(write):
     assert message.endswith("does not name a rotor; write rotor_1, rotor_2, rotor_3 or rotor_4")
 
 
-def test_an_arm_length_that_agrees_with_the_layout_may_stand_beside_it(write):
-    """To a hundredth; and one that is only the default says nothing."""
+def test_an_arm_length_may_be_given_if_it_agrees_with_the_layout(write):
+    """The arm length may differ by one per cent, and a default arm length is ignored."""
     for arm in ("0.1414", "0.1425", "0.1401"):
         text = f"a:\n{BODY}  nominal: {{arm_length: {arm}, layout: {{kind: x, length: 0.2, width: 0.2}}}}\n"
         assert load_scenario(write(text)).vehicle.layout.kind == "x"
@@ -367,7 +367,7 @@ def test_a_saved_layout_with_distances_has_no_arm_length_and_the_same_rotors(wri
 
 
 def test_rotors_are_where_the_layout_says(write):
-    """Clockwise seen from above, from the front; the arm of an x is its half diagonal."""
+    """Rotors are numbered clockwise, seen from above, from the front. The arm of an x is half the diagonal."""
 
     def places(airframe):
         nominal = load_scenario(write(f"a:\n{BODY}  nominal: {{{airframe}}}\n")).nominal
@@ -394,7 +394,7 @@ def test_rotors_are_where_the_layout_says(write):
         ("min_rotor_speed: 10", "max_rotor_speed: 55", None),
     ],
 )
-def test_limits_of_the_rotors_are_checked_as_they_are_flown(write, nominal, vehicle, message):
+def test_limits_of_the_rotors_are_checked_after_nominal_is_applied(write, nominal, vehicle, message):
     text = f"a:\n{BODY}  nominal: {{{nominal}}}\n  vehicle: {{{vehicle}}}\n"
     if message is None:
         assert load_scenario(write(text)).vehicle.min_rotor_speed == 10.0
@@ -617,7 +617,7 @@ def test_a_scenario_written_and_read_again_is_the_same(diagrams, write):
 def test_a_vehicle_alone_has_no_control(diagrams):
     assert not has_control(diagrams / "vehicles" / "crazyflie.yaml")
     assert has_control(diagrams / "figure_eight.yaml")
-    assert has_control(f"{diagrams / 'laboratory.yaml'}:low_wind")  # in what it extends
+    assert has_control(f"{diagrams / 'laboratory.yaml'}:low_wind")  # inherited from the scenario that it extends
     with pytest.raises(InputError, match="cannot be read"):
         has_control(diagrams / "nothing.yaml")
 
@@ -645,7 +645,7 @@ def test_a_vehicle_alone_has_no_control(diagrams):
     ],
 )
 def test_an_item_of_a_list_can_be_given_alone(diagrams, written, asked, path, found):
-    """The other items keep the value of the file or, if it has none, of the default."""
+    """The other items keep the value of the file or, without one, of the default."""
     assert value_at(load_scenario(diagrams / "hover.yaml", [*written, *asked]), path) == found
 
 

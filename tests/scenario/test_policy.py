@@ -1,4 +1,4 @@
-"""Policies in the scenario language, and the files that their networks are read from."""
+"""Policies in the scenario language, and the files of their networks."""
 
 import base64
 import sys
@@ -47,7 +47,7 @@ def identity(x):
 
 @pytest.fixture
 def written(tmp_path):
-    """The scenario of a file of arrays, as it is written and loaded again."""
+    """Return a function that saves arrays as a network and returns a scenario with it."""
 
     def write(arrays, **control):
         np.savez(tmp_path / "net.npz", **arrays)
@@ -94,7 +94,7 @@ def test_activations_are_read_and_written_with_their_parameters(written, tmp_pat
     assert load_scenario(tmp_path / "again.yaml") == scenario
 
 
-def test_what_single_precision_has_is_kept_in_single_precision(written):
+def test_numbers_that_are_exact_in_single_precision_are_kept_in_it(written):
     single = {
         name: values.astype(np.float32) if values.dtype.kind == "f" else values for name, values in ARRAYS.items()
     }
@@ -129,7 +129,7 @@ def test_a_scenario_is_written_with_its_network_and_read_again(written, tmp_path
     np.testing.assert_allclose(output(again), output(written(ARRAYS), rows), rtol=1e-12)
 
 
-def test_numbers_that_are_written_wrongly_are_refused(written, tmp_path):
+def test_invalid_numbers_of_a_saved_network_are_refused(written, tmp_path):
     scenario = written(ARRAYS)
     numbers = np.frombuffer(base64.b64decode("".join(scenario.control.policy.numbers)))
     save_scenario(scenario, tmp_path / "again.yaml")
@@ -228,7 +228,7 @@ FLAWS = {
 
 
 @pytest.mark.parametrize(("arrays", "words"), FLAWS.values(), ids=FLAWS)
-def test_what_is_wrong_with_a_network_is_said_in_a_sentence(written, arrays, words):
+def test_a_wrong_network_is_explained_in_one_sentence(written, arrays, words):
     with pytest.raises(InputError, match=words) as error:
         written(arrays)
     assert "\n" not in str(error.value)
@@ -253,7 +253,7 @@ def test_a_layer_has_no_more_than_4096_rows(written):
         ("net.npz", bytes(3_000_000), "is too large: the file of a network may have 2,400,000 bytes"),
     ],
 )
-def test_what_is_no_network_is_refused(tmp_path, name, data, words):
+def test_a_file_that_is_not_a_network_is_refused(tmp_path, name, data, words):
     (tmp_path / name).write_bytes(data)
     (tmp_path / "mine.yaml").write_text(POLICY.format(file=name), encoding="utf-8")
     with pytest.raises(InputError, match=words):
@@ -329,7 +329,7 @@ V, C = ARRAYS["weights_1"], ARRAYS["biases_1"]
 
 
 def test_onnx_is_read_as_its_own_evaluator_reads_it(of_onnx):
-    """Normalised by Sub, Div and Clip, with Gemm either way round, MatMul and Add, and what changes nothing."""
+    """Nodes: Sub, Div and Clip of the input, Gemm in both orders, MatMul, Add, and nodes that change no number."""
     constants = {
         "mean": RNG.normal(size=6),
         "deviation": RNG.uniform(0.5, 2.0, 6),
@@ -363,14 +363,14 @@ def test_onnx_is_read_as_its_own_evaluator_reads_it(of_onnx):
 
 
 def layers_of(*, first=("seen", "hidden"), activation=(("Tanh", ["hidden"], ["active"]),), last="done"):
-    """Two layers, of which the first reads and writes `first`, with nodes between them."""
+    """Return two layers, with nodes between them. The first layer reads and writes `first`."""
     begin = helper.make_node("Gemm", [first[0], "W", "B"], [first[1]], transB=1)
     between = [each if not isinstance(each, tuple) else helper.make_node(*each) for each in activation]
     return [begin, *between, helper.make_node("Gemm", ["active", "V", "C"], [last], transB=1)]
 
 
 def approximated_gelu(power, coefficient):
-    """Two layers, and between them four times GELU of a half, spelled out with names of constants."""
+    """Return two layers, and between them four times the GELU of a half, written as arithmetic with named constants."""
     return layers_of(
         activation=[
             ("Mul", ["hidden", "half"], ["u"]),
@@ -409,15 +409,15 @@ MORE = {
 @pytest.mark.parametrize(
     "nodes",
     [
-        # Beside the chain: the value of an actor-critic, before or after it.
+        # The value function of an actor-critic, which branches off before or after a layer.
         [*layers_of(), NODE("Gemm", ["active", "V", "C"], ["value"], transB=1)],
         [NODE("Gemm", ["seen", "U", "D"], ["other"], transB=1), NODE("Tanh", ["other"], ["value"]), *layers_of()],
-        # SiLU as PyTorch writes it, and gates the other way round.
+        # SiLU as PyTorch writes it, and with the factors of the gate exchanged.
         layers_of(activation=[("Sigmoid", ["hidden"], ["gate"]), ("Mul", ["hidden", "gate"], ["active"])]),
         layers_of(activation=[("Sigmoid", ["hidden"], ["gate"]), ("Mul", ["gate", "hidden"], ["active"])]),
-        # Arithmetic of one number on the input.
+        # Arithmetic with a single number on the input.
         [NODE("Sub", ["one", "seen"], ["a"]), NODE("Mul", ["two", "a"], ["b"]), *layers_of(first=("b", "hidden"))],
-        # Weights that are computed.
+        # Weights that are computed from constants.
         [
             NODE("Transpose", ["W"], ["W_turned"], perm=[1, 0]),
             NODE("Constant", [], ["quarter"], value_float=0.25),
@@ -516,11 +516,11 @@ MORE = {
             NODE("Add", ["b", "D"], ["c"]),
             *layers_of(first=("c", "hidden")),
         ],
-        # Actions within their limits, where ours are limited anyway.
+        # Limits of the action that have no effect, since actions are limited to [-1, 1].
         [*layers_of(last="sum"), NODE("Clip", ["sum", "minus", "one"], ["done"])],
     ],
 )
-def test_only_what_the_action_needs_is_read_of_onnx(of_onnx, nodes):
+def test_nodes_of_onnx_that_do_not_affect_the_action_are_ignored(of_onnx, nodes):
     constants = {**MORE, "V": 0.1 * V, "C": 0.1 * C}
     found = output(of_onnx(nodes, constants))
     evaluator = onnx.reference.ReferenceEvaluator(model_of(nodes, constants))
@@ -535,7 +535,7 @@ def test_only_what_the_action_needs_is_read_of_onnx(of_onnx, nodes):
             layers_of(activation=[("Tanh", ["hidden"], ["a"]), ("Add", ["a", "hidden"], ["active"])]),
             "has branches that meet in a node Add.*; export activations as nodes, with opset 20 or later",
         ),
-        # The power or the coefficient differs from that of the approximation of GELU.
+        # The exponent or the coefficient differs from the approximation of GELU.
         (approximated_gelu("two", "cube"), "has branches that meet in a node Mul"),
         (approximated_gelu("three", "half"), "has branches that meet in a node Mul"),
         (
@@ -596,7 +596,7 @@ def test_only_what_the_action_needs_is_read_of_onnx(of_onnx, nodes):
         ([NODE("GRU", ["seen", "W", "B"], ["", "done"], linear_before_reset=1)], "has a GRU without constant weights"),
     ],
 )
-def test_what_would_be_read_wrongly_of_onnx_is_refused(of_onnx, nodes, words):
+def test_unsupported_onnx_models_are_refused(of_onnx, nodes, words):
     with pytest.raises(InputError, match=words) as wrong:
         of_onnx(nodes, {**MORE, "million": np.array(1.1e6)} | ({} if nodes else {"done": C}))
     assert "\n" not in str(wrong.value)
@@ -619,7 +619,7 @@ def test_an_onnx_file_with_numbers_in_another_file_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("names", "taken"), [(("done", "value"), 0), (("value", "done"), 0), (("value", "Actions"), 1)]
 )
-def test_the_output_called_actions_is_taken_or_else_the_first_one(tmp_path, names, taken):
+def test_the_output_actions_or_else_the_first_output_is_the_action(tmp_path, names, taken):
     model = model_of([*layers_of(last=names[0]), NODE("Tanh", [names[0]], [names[1]])], MORE)
     del model.graph.output[:]
     for name in names:
@@ -631,7 +631,7 @@ def test_the_output_called_actions_is_taken_or_else_the_first_one(tmp_path, name
         found = output(load_scenario(tmp_path / "mine.yaml"))
     expected = onnx.reference.ReferenceEvaluator(model).run(None, {"seen": INPUTS[None].astype(np.float32)})
     np.testing.assert_allclose(found, expected[taken][0], rtol=2e-5)
-    # Either is taken if it is named, without a warning.
+    # Each output can be selected by name, without a warning.
     for name, numbers in zip(names, expected, strict=True):
         (tmp_path / "mine.yaml").write_text(POLICY.format(file=f"net.onnx:{name}"), encoding="utf-8")
         np.testing.assert_allclose(output(load_scenario(tmp_path / "mine.yaml")), numbers[0], rtol=2e-5)
@@ -679,7 +679,7 @@ def test_an_output_of_the_wrong_size_that_was_not_chosen_is_named(tmp_path):
 
 
 def test_a_clip_of_older_opsets_has_its_bounds_as_attributes(tmp_path):
-    """Opset 10 has them, and they may limit the observations and, at the end, the actions."""
+    """In opset 10 the bounds are attributes. They may limit the observations and, at the end, the actions."""
     clip = NODE("Clip", ["seen"], ["within"], min=-0.5, max=0.5)
     nodes = [
         clip,
@@ -752,7 +752,7 @@ def test_recurrent_units_of_onnx_are_read_as_its_own_evaluator_reads_them(of_onn
         ),
     ],
 )
-def test_what_of_onnx_is_not_known_is_named(of_onnx, nodes, words):
+def test_unsupported_nodes_of_onnx_are_named(of_onnx, nodes, words):
     with pytest.raises(InputError, match=words):
         of_onnx(nodes, {"W": np.zeros((6, 3))})
 

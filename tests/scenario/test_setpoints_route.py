@@ -1,4 +1,4 @@
-"""Routes of setpoints that are held."""
+"""Routes of setpoints, each held until the next one."""
 
 import numpy as np
 import pytest

@@ -49,7 +49,7 @@ def test_an_override_reaches_into_lists(write):
         load_mission(path, ["route.top_speed="])
 
 
-def test_times_may_be_one_word(write):
+def test_times_may_be_the_name_of_a_method(write):
     mission = load_mission(write("0,0,1\n1,0,1\n"), ["route.times=heuristic"])
     assert mission.route.times.kind == "heuristic"
 
@@ -83,7 +83,7 @@ def test_wrong_tables_are_explained(write, text, words):
         load_mission(write(text))
 
 
-def test_what_is_not_text_is_explained(tmp_path):
+def test_a_file_that_is_not_text_is_explained(tmp_path):
     path = tmp_path / "course.csv"
     path.write_bytes(b"0,0,1\n\xff\xfe,0,1\n")
     with pytest.raises(InputError, match="is not UTF-8 text"):
@@ -92,6 +92,6 @@ def test_what_is_not_text_is_explained(tmp_path):
         load_mission(tmp_path / "none.csv")
 
 
-def test_a_cell_as_long_as_no_number_is_explained(write):
+def test_a_very_long_cell_is_explained(write):
     with pytest.raises(InputError, match=r"course\.csv: is not a CSV file"):
         load_mission(write("0,0,1\n" + "1" * 200_000 + ",0,1\n"))
