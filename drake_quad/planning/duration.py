@@ -43,7 +43,7 @@ def flight_duration(scenario: Scenario, plan: Plan) -> float:
 
 
 def _whole_ticks(time: float, scenario: Scenario) -> float:
-    """Return the time of the first tick at or after a given time, s, and at least one tick."""
+    """Return a time rounded up to whole ticks, s; at least one tick."""
     period = scenario.laboratory.command_link.period
     return max(1, math.ceil(time / period - 1e-9)) * period
 

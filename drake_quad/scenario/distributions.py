@@ -58,10 +58,10 @@ class Model(BaseModel):
         return data
 
     def field_error(self, demand: str, *path: str | int) -> PydanticCustomError:
-        """Return a validation error for a field of this mapping, with the value of the field.
+        """Return a validation error about a field of this mapping, which reports the value of the field.
 
         Args:
-            demand: what the value must be.
+            demand: text of the demand on the value, such as "must be finite".
             path: keys and indices that lead from this mapping to the field.
         """
         value: Any = self

@@ -20,7 +20,7 @@ _Turns = Literal["clockwise", "anticlockwise"]
 class RotorLayout(Model):
     """Positions and directions of rotation of four rotors.
 
-    Numbers that a study draws are (N,) arrays when the methods are called for a fleet.
+    In the scenario of a fleet, numbers that a study draws are (N,) arrays.
 
     Attributes:
         is_paired: True if opposite rotors of every airframe with the layout form pairs, see `paired_rotor_action`.

@@ -99,7 +99,7 @@ def value_at(scenario: Model, path: str) -> Any:
     for step in steps_of(path):
         parts = dict(parts_of(value))
         if step not in parts:
-            raise InputError(f"there is no field {path} in the scenario")
+            raise InputError(f"the scenario has no field {path}")
         value = parts[step]
     return value
 

@@ -61,7 +61,7 @@ def test_simulate_flies_another_layout(run, tmp_path):
     ("layout", "words"),
     [
         ("{kind: y}", "nominal.layout.kind is 'y', but must be"),
-        ("{kind: x, length: 0.2}", "but must have width beside length"),
+        ("{kind: x, length: 0.2}", "but must have width and length"),
         ("{kind: h, length: 0.2, width: -0.3}", "nominal.layout.width is -0.3, but must be"),
         ("{kind: x, length: 0.2, width: 0.000001}", "must produce thrust and all torques, but has no"),
     ],
@@ -454,7 +454,7 @@ def test_sensitivities_are_sorted_by_effect(run, tmp_path):
             "--tune names vehicle.mass, which is no number larger than 0",
         ),
         ("tune", ["--tune", "control.position.kind"], "which is no number larger than 0 of the control"),
-        ("tune", ["--tune", "control.position.k_q"], "there is no field control.position.k_q"),
+        ("tune", ["--tune", "control.position.k_q"], "the scenario has no field control.position.k_q"),
         (
             "tune",
             ["--tune", "control.position.k_p.0=3:1"],
@@ -492,7 +492,7 @@ def test_sensitivities_are_sorted_by_effect(run, tmp_path):
         ("map", ["--quick", "--worst", "vehicle.mass=5"], "the rotors cannot hold figure_eight in hover"),
         ("compare", ["--samples", "0"], "--samples is 0, but must be between 1 and 10000"),
         ("compare", ["--controller", "diagrams/none.yaml:pd"], "diagrams/none.yaml: cannot be read"),
-        ("sensitivities", ["--field", "vehicle.wings"], "there is no field vehicle.wings"),
+        ("sensitivities", ["--field", "vehicle.wings"], "the scenario has no field vehicle.wings"),
         ("sensitivities", ["--field", "vehicle"], "vehicle is a mapping or list, but must be a real number"),
     ],
 )

@@ -49,5 +49,5 @@ def test_rotors_are_counted_from_1(scenario):
     "path", ["vehicle.weight", "vehicle.inertia.3", "vehicle.inertia[1]", "vehicle.mass.normal.mean", "", "name.0"]
 )
 def test_a_path_without_a_field_is_refused(scenario, path):
-    with pytest.raises(InputError, match="there is no field"):
+    with pytest.raises(InputError, match="the scenario has no field"):
         value_at(scenario, path)

@@ -71,7 +71,7 @@ def test_a_scenario_can_extend_a_table(write, diagrams):
         ("x,y,height\n0,0,1\n", "course.csv:1: the column 'height' is unknown; allowed are time, x, y, z, yaw"),
         ("x,y,time\n0,0,1\n", "course.csv:1: the column z"),
         ("x,y,z,x\n0,0,1,2\n", "course.csv:1: two columns have the same name"),
-        ("x,y,z\n0,0,1\n0,0\n", "course.csv:3: has 2 cells, but there are 3 columns"),
+        ("x,y,z\n0,0,1\n0,0\n", "course.csv:3: has 2 cells, but the table has 3 columns"),
         ("x,y,z\n0,0,1\n0,zero,1\n", "course.csv:3: y is 'zero', but must be a finite number"),
         ("x,y,z\n0,0,1\n0,nan,1\n", "course.csv:3: y is 'nan', but must be a finite number"),
         ("x,y,z,time\n0,0,1,\n1,0,1,2\n", "course.csv:2: time is '', but must be a finite number"),

@@ -136,8 +136,8 @@ class LateralAxis(Axis):
     def model(self) -> ContinuousModel:
         """Return the design model of x and of y."""
         omega, zeta = self.natural_frequency, self.damping
-        answer = None if omega is None or zeta is None else Answer(omega, zeta)
-        return lateral_model(self.lag, answer, self._disturbances(self.bias.noise()))
+        response = None if omega is None or zeta is None else Answer(omega, zeta)
+        return lateral_model(self.lag, response, self._disturbances(self.bias.noise()))
 
     def _noise(self, gravity: float) -> list[float]:
         return [self.position_noise, self.attitude_noise * gravity]

@@ -56,7 +56,7 @@ class PolicyControl(Control):
         return self
 
     def check_fits(self, scenario: Any) -> None:
-        """Raise a validation error if the autopilot does not take the action, or a clearance is observed in vain."""
+        """Raise a validation error if the action does not fit the autopilot, or the observation the obstacles."""
         self.action.check_fits(scenario)
         if "clearance" in self.observation.signals and not (scenario.space and scenario.space.obstacles):
             demand = "must not have clearance, which is infinite without obstacles in `space`"

@@ -79,7 +79,7 @@ def _filled_rows(text: str, file: Mark, table: TableFormat) -> Iterator[tuple[Ma
             count += 1
             if count > MAX_WAYPOINTS + 1:  # one row may contain the names of the columns
                 limit = f"a route may have {MAX_WAYPOINTS:,} {table.content}"
-                raise InputError(f"{mark}: there are too many rows: {limit}")
+                raise InputError(f"{mark}: the table has too many rows: {limit}")
             yield mark, cells
     except csv.Error:
         raise InputError(f"{file}: is not a CSV file") from None
@@ -99,7 +99,7 @@ def _check_names(names: list[str], mark: Mark, table: TableFormat) -> None:
 def _numbers(names: list[str], cells: list[str], mark: Mark, table: TableFormat) -> dict[str, float | None]:
     """Return the numbers of a row by column."""
     if len(cells) < len(names) or any(cells[len(names) :]):
-        raise InputError(f"{mark}: has {len(cells)} cells, but there are {len(names)} columns")
+        raise InputError(f"{mark}: has {len(cells)} cells, but the table has {len(names)} columns")
     numbers = {name: _number_in(cell) for name, cell in zip(names, cells)}
     for name, cell in zip(names, cells):
         if numbers[name] is None and (cell or name not in table.optional):

@@ -86,7 +86,9 @@ class BlowingSource(WindSource):
         default=None, description="velocity of the air, for a gust or sine its peak, in W (m/s)"
     )
     speed: NonNegative | None = Field(
-        default=None, description="speed of the air, for a gust or sine its peak (m/s); replaces velocity with heading"
+        default=None,
+        description="horizontal speed of the air, for a gust or sine its peak (m/s); given with heading, in place of"
+        " velocity",
     )
     heading: Direction | None = Field(
         default=None, description="direction to which the wind blows, from X towards Y (rad); required with speed"
