@@ -26,7 +26,7 @@ from drake_quad.reference.source import build_reference
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.models import Scenario
 
-# Signals of the control that are exported and recorded, if it has them. A user's control only needs that of the link.
+# Signals of a control that are exported and recorded. A user's control only needs the signal for the command link.
 _CONTROL_SIGNALS = (
     *POSITION_SIGNALS,
     *("observation", "action", "acceleration_command", "attitude_command", "wrench", "attitude_target"),

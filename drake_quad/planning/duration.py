@@ -37,7 +37,7 @@ def flight_duration(scenario: Scenario, plan: Plan) -> float:
     start = window_start(scenario, plan)
     if start >= duration:
         raise InputError(f"metrics.start is {start:g}, but must be before the end of the flight at {duration:g} s")
-    if goes_on_in_motion(scenario, plan):
+    if continues_in_motion(scenario, plan):
         _check_braking(scenario, plan)
     return duration
 
@@ -48,7 +48,7 @@ def _whole_ticks(time: float, scenario: Scenario) -> float:
     return max(1, math.ceil(time / period - 1e-9)) * period
 
 
-def goes_on_in_motion(scenario: Scenario, plan: Plan) -> bool:
+def continues_in_motion(scenario: Scenario, plan: Plan) -> bool:
     """Return whether the plan ends in motion and the flight of the scenario continues after its end."""
     return (
         scenario.duration is not None

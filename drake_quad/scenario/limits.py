@@ -21,7 +21,7 @@ MAX_WAYPOINTS = 1_000
 MAX_SOURCES = 100
 # Obstacles of a space. The simulation searches for the nearest obstacle at every tick.
 MAX_OBSTACLES = 200
-# Points of a mesh.
+# Points of a mesh, and of a hull in a scenario.
 MAX_POINTS = 5_000
 # Corners of a convex hull, which are unrolled in machine code.
 MAX_CORNERS = 100

@@ -52,7 +52,7 @@ class _CommandKind(Model):
 
     @abstractmethod
     def numbers(self, weight: ForceB) -> TiltNumbers | AccelerationNumbers:
-        """Return the numbers of the command for a vehicle with a nominal weight, N."""
+        """Return the numbers of the command, given the nominal weight of the vehicle, N."""
 
 
 class TiltCommand(_CommandKind):
@@ -65,7 +65,7 @@ class TiltCommand(_CommandKind):
     )
 
     def numbers(self, weight: ForceB) -> TiltNumbers:
-        """Return the numbers of the command for a vehicle with a nominal weight, N."""
+        """Return the numbers of the command, given the nominal weight of the vehicle, N."""
         return TiltNumbers(self.hover_thrust * weight, self.min_thrust * weight, self.max_thrust * weight)
 
 
@@ -88,7 +88,7 @@ class AccelerationCommand(_CommandKind):
     )
 
     def numbers(self, weight: ForceB) -> AccelerationNumbers:
-        """Return the numbers of the command for a vehicle with a nominal weight, N."""
+        """Return the numbers of the command, given the nominal weight of the vehicle, N."""
         return AccelerationNumbers(
             self.feed_forward,
             self.max_speed,

@@ -11,7 +11,7 @@ from drake_quad.scenario.files.marked_tree import Mark, Tree
 from drake_quad.scenario.files.piece_table import is_piece_table, parse_piece_table
 from drake_quad.scenario.files.reading import read_text
 from drake_quad.scenario.files.robot_files import robot_file_flaw
-from drake_quad.scenario.files.shipped import shipped_file, unknown
+from drake_quad.scenario.files.shipped import shipped_file, unknown_name_message
 from drake_quad.scenario.files.waypoint_table import parse_waypoint_table, scenario_name
 from drake_quad.scenario.limits import MAX_BASES, MAX_BYTES, MAX_NODES
 
@@ -174,7 +174,7 @@ def _base(spec: Tree, path: Path, document: Tree) -> tuple[Path, str | None]:
         return shipped
     if may_be_in_file:
         return path, file
-    raise InputError(f"{spec.mark}: extends {unknown(file)}")
+    raise InputError(f"{spec.mark}: extends {unknown_name_message(file)}")
 
 
 def _parse_trajectory(text: str, path: Path) -> Tree:
@@ -201,7 +201,7 @@ def locate(spec: str) -> tuple[Path, str | None]:
         return shipped
     if os.path.exists(file):  # noqa: PTH110 - as above
         return Path(file), name
-    raise InputError(unknown(file))
+    raise InputError(unknown_name_message(file))
 
 
 def is_shipped(spec: str) -> bool:

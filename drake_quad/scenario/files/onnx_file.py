@@ -81,7 +81,7 @@ _GATED_ACTIVATIONS = {
 
 
 def network_of_onnx(data: bytes, file: str, output: str | None = None) -> tuple[TrainedNetwork, str]:
-    """Read a network from an ONNX model.
+    """Read the network of a policy from an ONNX model.
 
     If the model has several outputs and none is selected, a warning names the output that is used as the action.
 

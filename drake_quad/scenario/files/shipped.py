@@ -51,7 +51,7 @@ def shipped_scenarios() -> list[str]:
     return specs
 
 
-def unknown(name: str) -> str:
+def unknown_name_message(name: str) -> str:
     """Return the error message for a name that is neither a file nor a shipped scenario."""
     names = shipped_names()
     close = difflib.get_close_matches(name.partition(":")[0], names, 1)

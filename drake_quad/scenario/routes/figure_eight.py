@@ -11,7 +11,7 @@ from drake_quad.reference.routes import Route, figure_eight
 from drake_quad.reference.time_allocation import stretch_factor, trapezoid_times
 from drake_quad.scenario.distributions import refused
 from drake_quad.scenario.quantities import Number, Positive
-from drake_quad.scenario.routes.route import ROUTES, Laps, MovingRoute, Planned, of_three_laps
+from drake_quad.scenario.routes.route import ROUTES, Laps, MovingRoute, Planned, split_three_laps
 from drake_quad.space.space import Space
 
 
@@ -52,7 +52,7 @@ class FigureEightRoute(MovingRoute):
         lap = geometry.waypoints[1:]
         ride = np.vstack([geometry.waypoints, lap[1:], lap[1:]])
         times = trapezoid_times(ride, speed=self.cruise_speed, acceleration=self.top_acceleration)
-        durations = of_three_laps(np.diff(times), len(lap) - 1)
+        durations = split_three_laps(np.diff(times), len(lap) - 1)
         path, laps = flown_in_laps(geometry.waypoints, durations, self.laps, lead=1)
         factor = stretch_factor(path, self.limits())
         path, laps = path.stretched(factor), tuple([factor * time for time in laps])

@@ -115,7 +115,7 @@ class MovingRoute(MissionRoute):
         return Plan(path, self.yaw_of(path), geometry.legs)
 
 
-def of_three_laps(durations: np.ndarray, segments: int) -> LapDurations:
+def split_three_laps(durations: np.ndarray, segments: int) -> LapDurations:
     """Return the durations of the first, a middle and the last of three laps, s.
 
     Args:

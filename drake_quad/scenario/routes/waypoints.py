@@ -24,7 +24,7 @@ from drake_quad.scenario.limits import MAX_WAYPOINTS
 from drake_quad.scenario.paths import distributions_in
 from drake_quad.scenario.quantities import TWO_TURNS, Point, Position, Positive, radians_demand
 from drake_quad.scenario.regions import BoxRegion, CorridorRegion, SphereRegion
-from drake_quad.scenario.routes.route import ROUTES, KnownEnd, Laps, MovingRoute, Planned, of_three_laps
+from drake_quad.scenario.routes.route import ROUTES, KnownEnd, Laps, MovingRoute, Planned, split_three_laps
 from drake_quad.scenario.routes.waypoint_times import Given, LeastSnapTimes, ShortestTimes, Times
 from drake_quad.space.distance import nearest_approach
 from drake_quad.space.space import Space
@@ -253,7 +253,7 @@ class WaypointRoute(MovingRoute):
             durations, points = LapDurations(*[path.durations] * 3), path.waypoints
         else:
             segments = (len(path.times) - 1) // 3
-            durations, points = of_three_laps(path.durations, segments), path.waypoints[segments : 2 * segments + 1]
+            durations, points = split_three_laps(path.durations, segments), path.waypoints[segments : 2 * segments + 1]
         stops = (problem.derivatives[: len(points)] == 0.0).all(axis=(1, 2))
         stops[[0, -1]] = self.waypoints[-1].stop
         # With given times, the vehicle hovers between two equal waypoints.
