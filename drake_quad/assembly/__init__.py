@@ -1,1 +1,1 @@
-"""From a scenario to a diagram."""
+"""Assembly of the diagram of a scenario."""

@@ -1,4 +1,4 @@
-"""The control of a scenario."""
+"""Assembly of the control of a scenario."""
 
 from pydrake.systems.framework import Diagram
 
@@ -15,7 +15,7 @@ from drake_quad.scenario.setting import ControlSetting
 
 
 def control_setting(scenario: Scenario, plan: Plan) -> ControlSetting:
-    """Return the properties of a scenario that its control depends on, given the plan that is flown."""
+    """Return the properties of a scenario on which its control depends, given the plan that is flown."""
     laboratory = scenario.laboratory
     return ControlSetting(
         believed=nominal_parameters(scenario),
@@ -34,14 +34,14 @@ def control_recipes(batch: Batch, plan: Plan, own: UserSystems = UserSystems()) 
     Args:
         batch: batch that is flown.
         plan: plan that is flown.
-        own: systems of the user's. There are no recipes for systems whose places they take.
+        own: user's systems, which replace systems of the control. Replaced systems have no recipes.
     """
     if own.control is not None:
         return {}
-    places = batch.scenario.control.places
-    taken = tuple([start for name in own.given for start in places.get(name, ())])
+    user_system_paths = batch.scenario.control.user_system_paths
+    replaced_paths = tuple([start for name in own.given for start in user_system_paths.get(name, ())])
     recipes: dict[str, Recipe] = batch.fleet_scenario.control.recipes(control_setting(batch.scenario, plan))
-    return {path: recipe for path, recipe in recipes.items() if not path.startswith(taken)}
+    return {path: recipe for path, recipe in recipes.items() if not path.startswith(replaced_paths)}
 
 
 def build_control(
@@ -51,16 +51,17 @@ def build_control(
 
     Args:
         scenario: scenario with the control.
-        recipes: recipes for its systems, from `control_recipes`.
-        num_vehicles: N.
-        own: systems of the user's.
+        recipes: recipes for the systems of the control, from `control_recipes`.
+        num_vehicles: number of vehicles N.
+        own: user's systems, which replace systems of the control.
 
     Raises:
-        InputError: if there is a position controller of the user's, but no cascade.
+        InputError: if the user gives a position controller, but the control is not a cascade.
     """
     control = scenario.control
-    if own.position_controller is not None and "position_controller" not in control.places:
+    if own.position_controller is not None and "position_controller" not in control.user_system_paths:
         raise InputError(
-            f"control of {scenario.name} is of kind {control.kind}: it has no place for a position_controller"
+            f"control of {scenario.name} is of kind {control.kind}, which has no position_controller to replace; use a"
+            " cascade"
         )
     return control.build({path: recipe.build(num_vehicles) for path, recipe in recipes.items()}, own.given)

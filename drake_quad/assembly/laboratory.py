@@ -1,4 +1,4 @@
-"""The laboratory of a scenario, and its referee."""
+"""Assembly of the laboratory and the flight monitor of a scenario."""
 
 import math
 from typing import Any
@@ -30,21 +30,23 @@ from drake_quad.vehicle.motors import ThrottleAllocation, ThrottleModel
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Place, QuadrotorNumbers
 
-# A fourth-order Runge-Kutta step is stable up to 2.78 time constants of a decay.
-_STABLE = 2.5
-_WIND, _SENSORS = "wind.", "sensors."
+# Largest time step relative to the time constant of a decay. The fourth-order Runge-Kutta method is stable up to 2.78.
+_MAX_STABLE_STEP = 2.5
+# Prefixes of the paths of systems in the laboratory.
+_WIND_PREFIX = "wind."
+_SENSORS_PREFIX = "sensors."
 
 
 def laboratory_recipes(batch: Batch, plan: Plan, duration: float) -> dict[str, Recipe]:
-    """Recipes for what the laboratory of a scenario is made of around its vehicles, by the path in its diagram.
+    """Return the recipes for the systems of a laboratory, including the vehicles, by their paths in its diagram.
 
     Args:
-        batch: that is flown.
-        plan: at whose beginning the vehicles hover.
-        duration: of the flight, s.
+        batch: batch that is flown.
+        plan: plan that is flown; the vehicles hover at its beginning.
+        duration: duration of the flight, s.
 
     Raises:
-        InputError: the vehicle's time step is too long for its drag, its slung load, or the response of its attitude.
+        InputError: if the time step of the vehicle is too long for its drag, its slung load, or its attitude response.
     """
     scenario, fleet = batch.scenario, batch.fleet_scenario
     _check_step(fleet)
@@ -54,26 +56,27 @@ def laboratory_recipes(batch: Batch, plan: Plan, duration: float) -> dict[str, R
         "motion_capture": scenario.laboratory.motion_capture.recipe(fleet.laboratory.motion_capture),
         "command_link": _command_link(scenario, fleet.laboratory.command_link, plan.initial_yaw),
         **_autopilot(scenario, fleet.laboratory.autopilot),
-        **{f"{_WIND}{name}": recipe for name, recipe in _wind(scenario, fleet).items()},
-        **{f"{_SENSORS}{name}": recipe for name, recipe in _sensors(scenario, fleet).items()},
+        **{f"{_WIND_PREFIX}{name}": recipe for name, recipe in _wind(scenario, fleet).items()},
+        **{f"{_SENSORS_PREFIX}{name}": recipe for name, recipe in _sensors(scenario, fleet).items()},
     }
 
 
 def build_laboratory_of(
     recipes: dict[str, Recipe], num_vehicles: int, samples: Samples | Exported | None, *, own_wind: Any = None
 ) -> Diagram:
-    """Build a laboratory.
+    """Build a laboratory from recipes.
 
     Args:
-        recipes: of its parts.
-        num_vehicles: N.
-        samples: that the vehicles fly; None for Drake's random sources, `Exported` for input ports.
-        own_wind: a source of wind beside those of the recipes.
+        recipes: recipes for the systems of the laboratory, from `laboratory_recipes`.
+        num_vehicles: number of vehicles N.
+        samples: source of the random numbers: samples of a study, None for Drake's random sources, or `Exported` for
+            input ports.
+        own_wind: user's source of wind, in addition to those of the recipes.
     """
     systems = {path: recipe.build(num_vehicles) for path, recipe in recipes.items()}
     sources, sensors = (
         {path.removeprefix(prefix): systems.pop(path) for path in recipes if path.startswith(prefix)}
-        for prefix in (_WIND, _SENSORS)
+        for prefix in (_WIND_PREFIX, _SENSORS_PREFIX)
     )
     if own_wind is not None:
         sources["own"] = own_wind
@@ -86,7 +89,7 @@ def wind_period(scenario: Scenario) -> float:
 
 
 def build_monitor(scenario: Scenario, plan: Plan, num_vehicles: int) -> FlightMonitor:
-    """Build the monitor for flights of a plan in a scenario."""
+    """Build the flight monitor, which detects crashes and computes the metrics, for flights of a plan in a scenario."""
     space, tilt = space_of(scenario), scenario.crash.tilt
     solids = () if space is None else tuple(obstacle.shape for obstacle in space.obstacles)
     return FlightMonitor(
@@ -99,7 +102,7 @@ def build_monitor(scenario: Scenario, plan: Plan, num_vehicles: int) -> FlightMo
 
 
 def vehicle_parameters(vehicle: Any) -> QuadrotorParameters:
-    """Return the parameters of the vehicle of a scenario, or of a `Batch.fleet_scenario`, as it is."""
+    """Return the true parameters of the vehicle of a scenario or of a `Batch.fleet_scenario`."""
     rotors = rotors_of(vehicle)
     factors = (b * (1.0 + error) for b, error in zip(rotors.thrust_factors, vehicle.thrust_factor_error, strict=True))
     return record_like(QuadrotorParameters, vehicle, rotors=rotors.with_thrust_factors(*factors))
@@ -117,7 +120,11 @@ def _allocation(scenario: Scenario) -> Recipe:
 
 
 def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Recipe:
-    """Return the vehicle, with its attitude's response to commands where that is known as a whole."""
+    """Return the recipe for the vehicle.
+
+    Raises:
+        InputError: if the rotors of a drawn vehicle cannot produce every torque.
+    """
     vehicle = scenario.vehicle
     effects = fleet.vehicle.effect_numbers()
     structure = {
@@ -127,9 +134,11 @@ def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Rec
         "effects": effects.names,
     }
     parameters = vehicle_parameters(fleet.vehicle)
-    # What is in pairs has all directions, whatever is drawn.
+    # Paired rotors produce every torque for all drawn numbers.
     if not vehicle.layout.is_paired and (missing := missing_direction(parameters.rotors)):
-        raise InputError(f"vehicle.layout gives no {missing}")
+        raise InputError(
+            f"vehicle.layout produces no {missing} for some of the drawn numbers; narrow the distributions"
+        )
     x, y, z = plan.waypoints[0]
     place = Place(float(x), float(y), float(z), plan.initial_yaw)
     numbers = QuadrotorNumbers(parameters, _faults(fleet.vehicle, duration), place, effects)
@@ -139,8 +148,8 @@ def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Rec
 def jump_times(batch: Batch) -> tuple[float, ...]:
     """Return the sorted times at which the forces on vehicles with a continuous state are discontinuous, s.
 
-    No step of an integrator with error control is short enough to cross such a time. A simulation must stop just
-    before it and continue from it. Vehicles with a time step have no such times.
+    An integrator with error control cannot cross such a time with any step. A simulation must stop just before the time
+    and continue from it. Vehicles with a time step have no such times.
     """
     if batch.scenario.vehicle.time_step > 0.0:
         return ()
@@ -154,36 +163,36 @@ def _faults(fleet: Any, duration: float) -> RotorFaults:
 
 
 def _check_step(fleet: Any) -> None:
-    """Raise InputError if drag or swings of a load are too fast for steps of the vehicle to be stable."""
+    """Raise InputError if the motion of the vehicle is too fast for its time step to be stable."""
     vehicle, sources = fleet.vehicle, fleet.laboratory.wind
     airspeed = speed(steady_wind(sources)) + sum(source.max_speed() for source in sources)
     drag = vehicle.linear_drag + 2.0 * vehicle.quadratic_drag * airspeed
     effects = vehicle.effects()
     steepest = sum(effect.max_slope(vehicle, airspeed) for effect in effects.values())
     rates = {
-        "this much drag, which carries a vehicle along within {time:.2g} s": (drag + steepest) / vehicle.mass,
+        "drag with a time constant of {time:.2g} s": (drag + steepest) / vehicle.mass,
         **{
-            f"this {name.replace('_', ' ')}, which swings with {{rate:.2g}} rad/s": effect.natural_frequency(vehicle)
+            f"a {name.replace('_', ' ')} that swings at {{rate:.2g}} rad/s": effect.natural_frequency(vehicle)
             for name, effect in effects.items()
         },
-        "an attitude that responds within {time:.2g} s": fleet.laboratory.autopilot.fastest_decay(),
+        "an attitude response with a time constant of {time:.2g} s": fleet.laboratory.autopilot.fastest_decay(),
     }
-    for what, row in rates.items():
+    for motion, row in rates.items():
         rate = np.max(row)
-        if vehicle.time_step * rate > _STABLE:
+        if vehicle.time_step * rate > _MAX_STABLE_STEP:
             raise InputError(
-                f"vehicle.time_step is {vehicle.time_step:g} s, too long for {what.format(time=1.0 / rate, rate=rate)};"
-                " shorten it, or make it 0 for a continuous state"
+                f"vehicle.time_step is {vehicle.time_step:g} s, too long for"
+                f" {motion.format(time=1.0 / rate, rate=rate)}; shorten it, or make it 0 for a continuous state"
             )
 
 
 def _command_link(scenario: Scenario, fleet: Any, yaw: float) -> Recipe:
-    """Return the link, which carries what hovers until the first packet arrives.
+    """Return the recipe for the command link, with a command of hover before the first packet arrives.
 
     Args:
-        scenario: it is of.
-        fleet: the link as it is flown.
-        yaw: in which the vehicles hover, rad.
+        scenario: scenario with the link.
+        fleet: link of a `Batch.fleet_scenario`.
+        yaw: yaw of the initial hover, rad.
     """
     link, believed = scenario.laboratory.command_link, nominal_parameters(scenario)
     command, weight = scenario.laboratory.autopilot.command, believed.mass * believed.gravity
@@ -195,26 +204,26 @@ def _command_link(scenario: Scenario, fleet: Any, yaw: float) -> Recipe:
 
 
 def _autopilot(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
-    """Return the recipe for what stands on board between link and allocation, if anything does."""
+    """Return the recipe for the system `autopilot` between link and allocation; empty if there is no such system."""
     written, believed = scenario.laboratory.autopilot, nominal_parameters(scenario)
-    heeds_attitude = not scenario.control.commands_rates_alone()
-    return fleet.recipes(believed, written=written, heeds_attitude=heeds_attitude)
+    follows_attitude = not scenario.control.commands_rates_alone()
+    return fleet.recipes(believed, written=written, follows_attitude=follows_attitude)
 
 
 def _wind(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
-    """Recipes for the wind of a scenario."""
+    """Return the recipes for the wind of a scenario, by the names of the systems."""
     by_kind: dict[type[WindSource], list[Any]] = {}
     for written, source in zip(scenario.laboratory.wind, fleet.laboratory.wind, strict=True):
         by_kind.setdefault(type(written), []).append(source)
     surroundings = WindSurroundings(steady_wind(fleet.laboratory.wind), wind_period(scenario))
     recipes: dict[str, Recipe] = {}
-    # The order decides how the sum of all winds is rounded, and what a drawing shows first.
+    # The order is fixed, since it determines the rounding of the sum of all winds and the order in drawings.
     for kind in sorted(by_kind, key=lambda kind: kind.depends_on_place):
         recipes |= kind.recipes(by_kind[kind], surroundings)
     return recipes
 
 
 def _sensors(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
-    """Return the recipes for the sensors of a scenario by the names of their ports."""
+    """Return the recipes for the sensors of a scenario, by the names of their ports."""
     written, flown = scenario.laboratory.named_sensors, fleet.laboratory.named_sensors
     return {name: sensor.recipe(flown[name], fleet.vehicle) for name, sensor in written.items()}

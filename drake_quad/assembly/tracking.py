@@ -1,4 +1,4 @@
-"""The wiring: a scenario in, a named Diagram out.
+"""Assembly of the closed loop of a scenario as a Drake diagram.
 
 reference ──▶ control ──▶ laboratory
 │            ▲             │
@@ -27,7 +27,7 @@ from drake_quad.reference.source import build_reference
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.models import Scenario
 
-# Signals of the control that are exported and recorded. A control of the user's needs only the signal for the link.
+# Signals of a control that are exported and recorded. A user's control only needs the signal for the command link.
 _CONTROL_SIGNALS = (
     *POSITION_SIGNALS,
     *("observation", "action", "acceleration_command", "attitude_command", "wrench", "attitude_target"),
@@ -50,7 +50,7 @@ def build_fleet_diagram(
     Args:
         batch: batch that is flown.
         plan: plan that is flown.
-        own: user's systems for the same number of vehicles. The diagram takes ownership of them.
+        own: user's systems for the same number of vehicles, which the diagram will own.
         record: True to add a recorder of all signals, sampled at every tick of the control.
         drake_random: True to use Drake's random sources for wind and noise instead of those of the samples.
         injects: True to add an input port `injection`, which is added to the command over the link, and an output port
@@ -59,14 +59,14 @@ def build_fleet_diagram(
         open_action: True to add an input port `action` for the action of a policy.
 
     Raises:
-        InputError: if the control needs a policy and has none, a user's system does not fit, or the vehicle's time step
-            is too long for its drag.
+        InputError: if the control needs a policy and has none, a user's system does not fit, or the time step of the
+            vehicle is too long.
     """
     scenario, num_vehicles = batch.scenario, len(batch)
     command, rows = scenario.laboratory.autopilot.command, scenario.control.policy_rows()
     check_user_systems(own, num_vehicles, command=command, rows=rows, sensors=scenario.laboratory.named_sensors)
     if scenario.control.lacks_policy() and not open_action and own.policy is None:
-        raise InputError(f"control.policy of {scenario.name} is missing: without a network nothing flies it")
+        raise InputError(f"control.policy of {scenario.name} is missing; give the file of a network")
     recipes = laboratory_recipes(batch, plan, flight_duration(scenario, plan))
     samples = exported or (None if drake_random else _samples(batch))
     builder = DiagramBuilder()
@@ -83,7 +83,7 @@ def build_fleet_diagram(
     monitor = builder.AddNamedSystem("monitor", build_monitor(scenario, plan, num_vehicles))
 
     def connect(source: Any, signal: str, target: Any) -> None:
-        """Connect ports of one name, if the target takes the signal and the source has it."""
+        """Connect the ports of a signal if both the source and the target have it."""
         if target.HasInputPort(signal) and source.HasOutputPort(signal):
             builder.Connect(source.GetOutputPort(signal), target.GetInputPort(signal))
 
@@ -134,14 +134,14 @@ def reset_fleet(
     """Reset a context to the default context of a diagram that is built for another batch.
 
     Args:
-        diagram: from `build_fleet_diagram`, for a batch of the same scenario and size, and with the same plan.
-        context: of the diagram.
-        batch: that shall be flown.
-        plan: that is flown.
-        own: the user's systems that were given: none of the batch's numbers are in them.
+        diagram: diagram from `build_fleet_diagram` for a batch of the same scenario and size, and for the same plan.
+        context: context of the diagram.
+        batch: new batch.
+        plan: plan that is flown.
+        own: user's systems in the diagram, which do not depend on the batch.
 
     Raises:
-        InputError: the vehicle's time step is too long for its drag.
+        InputError: if the time step of the vehicle is too long.
     """
     diagram.SetDefaultContext(context)
     context.SetTime(0.0)
@@ -185,7 +185,7 @@ def _samples(batch: Batch) -> Samples:
 
 
 def _sampled(wind: Any, scenario: Scenario) -> Any:
-    """Return a user's source of wind, sampled unless it does that itself; None if there is none."""
+    """Return a user's source of wind, with a hold unless it samples the wind itself; None without a source."""
     if wind is None or (isinstance(wind, FleetSystem) and wind.updates):
         return wind
     return build_held_wind(wind, period=wind_period(scenario))

@@ -274,7 +274,7 @@ def plants_of(scenario: Scenario) -> tuple[Plant, ...]:
     latencies = ends("laboratory.motion_capture.latency_frames", _latency, frames, frames + _LATER)
     delays = ends("laboratory.command_link.delay_ticks", _delay, ticks, ticks + _LATER)
     autopilot = middle.laboratory.autopilot
-    answer = autopilot.answer()
+    answer = autopilot.attitude_response()
     middle_plant = Plant(not autopilot.models_vehicle, lag, answer, frames, ticks, _thrust_gain(middle))
     spread = zip(lags, (_ANSWER_SPREAD, 1.0 / _ANSWER_SPREAD), strict=True)
     corners = [

@@ -49,7 +49,7 @@ class StudyFleet:
         self._plan = plan
         self.duration = flight_duration(scenario, plan)
         batch = Batch.draw(scenario, range(num_vehicles))
-        self._simulation = simulate_fleet(batch, self._plan, own=own.made(num_vehicles), compiled=compiled)
+        self._simulation = simulate_fleet(batch, self._plan, own=own.build(num_vehicles), compiled=compiled)
 
     def fly(
         self,

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from drake_quad.assembly.user_systems import PLACES
+from drake_quad.assembly.user_systems import PORTS
 from drake_quad.signals import row_names
 
 # Signals that precede the control within a tick, in the order of cause and effect. The signals of the control follow
@@ -50,4 +50,4 @@ def not_a_number(time: np.ndarray, signals: Mapping[str, np.ndarray], own: Mappi
 def _signals_of(place: str) -> tuple[str, ...]:
     """Return the names of the signals that a user's system at a place of the loop may output."""
     whole_cascade = ("acceleration_command", "attitude_command", "wrench", "attitude_target")
-    return whole_cascade if place == "control" else (PLACES[place].output,)
+    return whole_cascade if place == "control" else (PORTS[place].output,)

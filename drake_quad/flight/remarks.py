@@ -8,7 +8,7 @@ import numpy as np
 
 from drake_quad.errors import listed
 from drake_quad.flight.mission import plan_route
-from drake_quad.planning.duration import goes_on_in_motion
+from drake_quad.planning.duration import continues_in_motion
 from drake_quad.reference.plan import YAW_ORDERS, Plan
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.reference.rest import moves_at_end
@@ -141,7 +141,7 @@ def _braking(scenario: Scenario, plan: Plan | None) -> list[str]:
     if scenario.duration is None:
         return []
     plan = plan or plan_route(scenario)
-    if not goes_on_in_motion(scenario, plan):
+    if not continues_in_motion(scenario, plan):
         return []
     end = float(plan.path.times[-1])
     motion = f"{np.linalg.norm(evaluate(plan.path, [end], 1)):.2f} m/s"

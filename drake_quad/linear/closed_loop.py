@@ -18,7 +18,7 @@ from drake_quad.planning.believed import nominal_parameters
 from drake_quad.randomness.noise import Exported, Samples
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.scenario.batch import Batch
-from drake_quad.scenario.hovering import _even, as_believed, at_rest
+from drake_quad.scenario.hovering import as_believed, at_rest, symmetric_hover
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import joined
 from drake_quad.scenario.routes.hover import HoverRoute
@@ -206,7 +206,7 @@ def laboratory_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it 
 
 def _in_still_air(scenario: Scenario, vehicle: Literal["believed", "as it is"]) -> Scenario:
     """Return the scenario of which plants are made, in hover at (0, 0, 1)."""
-    return as_believed(scenario) if vehicle == "believed" else _even(at_rest(scenario))
+    return as_believed(scenario) if vehicle == "believed" else symmetric_hover(at_rest(scenario))
 
 
 def _hover_speeds(resting: Scenario) -> RotorSpeed:

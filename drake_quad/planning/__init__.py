@@ -1,1 +1,1 @@
-"""From the route of a scenario to a plan that its vehicle can fly."""
+"""Planning of the route of a scenario, with checks that its vehicle can fly the plan."""

@@ -1,4 +1,4 @@
-"""Vehicle that the ground station knows: the parameters that plans and controllers use."""
+"""Parameters of the nominal vehicle, which plans and controllers use."""
 
 from drake_quad.framework.records import record_like
 from drake_quad.scenario.layouts import rotors_of
@@ -10,13 +10,13 @@ _DEFAULTS = QuadrotorParameters._field_defaults
 
 
 def nominal_parameters(mission: Mission) -> QuadrotorParameters:
-    """Return the parameters of the nominal vehicle: no drag, the centre of mass in the middle of its layout."""
+    """Return the parameters of the nominal vehicle, without drag and with the centre of mass at the layout's origin."""
     unknown = {name: value for name, value in _DEFAULTS.items() if name not in Nominal.model_fields}
     return record_like(QuadrotorParameters, mission.nominal, **unknown | {"rotors": rotors_of(mission.nominal)})
 
 
 def planned_parameters(mission: Mission) -> QuadrotorParameters:
-    """`nominal_parameters`, where motors take throttles with the narrower limits of the believed thrust curve."""
+    """Return `nominal_parameters` with the rotor speeds limited to those that the nominal throttle curve can reach."""
     parameters, curve = nominal_parameters(mission), mission.nominal.motors.thrust_curve()
     if curve is None:
         return parameters

@@ -1,4 +1,4 @@
-"""Duration of a flight and of its metric window."""
+"""Duration of a flight, and start and end of its metric window."""
 
 import math
 
@@ -10,17 +10,17 @@ from drake_quad.planning.space import space_of
 from drake_quad.reference.plan import PATH_ORDERS, Plan
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate
 from drake_quad.reference.rest import moves_at_end
-from drake_quad.scenario.limits import MOST_TICKS
+from drake_quad.scenario.limits import MAX_TICKS
 from drake_quad.scenario.models import Scenario
 
-# Number of times at which a braking piece, a polynomial of degree 6, is checked.
+# Number of times at which the final braking, a polynomial of degree 6, is checked.
 _NUM_BRAKING_SAMPLES = 200
-# Distance by which a position may lie outside a box, m. Planners end paths on the faces of boxes, to about 1e-6 m.
+# Largest distance of a position outside a box, m. Planned paths may end on a face of a box, to about 1e-6 m.
 _BOX_TOLERANCE = 1e-4
 
 
 def flight_duration(scenario: Scenario, plan: Plan) -> float:
-    """Return the duration of a scenario's flight, s, a whole number of ticks of the control.
+    """Return the duration of the flight of a scenario, s, which is a whole number of ticks of the control.
 
     Raises:
         InputError: if the metric window begins after the end of the flight, the flight has too many ticks, or the
@@ -29,26 +29,26 @@ def flight_duration(scenario: Scenario, plan: Plan) -> float:
     shortest, period = min(scenario.periods.values()), scenario.laboratory.command_link.period
     wanted = scenario.duration if scenario.duration is not None else float(plan.path.times[-1])
     duration = _whole_ticks(wanted, scenario)
-    if duration > MOST_TICKS * shortest + period:
+    if duration > MAX_TICKS * shortest + period:
         raise InputError(
-            f"the flight would take {duration:g} s, but must take at most {MOST_TICKS * shortest:g} s, {MOST_TICKS:,}"
-            " times the shortest period"
+            f"the flight would take {duration:g} s, but may take at most {MAX_TICKS * shortest:g} s, which is"
+            f" {MAX_TICKS:,} times the shortest period"
         )
     start = window_start(scenario, plan)
     if start >= duration:
         raise InputError(f"metrics.start is {start:g}, but must be before the end of the flight at {duration:g} s")
-    if goes_on_in_motion(scenario, plan):
+    if continues_in_motion(scenario, plan):
         _check_braking(scenario, plan)
     return duration
 
 
 def _whole_ticks(time: float, scenario: Scenario) -> float:
-    """Return the time of the first tick at or after a given time, s, and at least one tick."""
+    """Return a time rounded up to whole ticks, s; at least one tick."""
     period = scenario.laboratory.command_link.period
     return max(1, math.ceil(time / period - 1e-9)) * period
 
 
-def goes_on_in_motion(scenario: Scenario, plan: Plan) -> bool:
+def continues_in_motion(scenario: Scenario, plan: Plan) -> bool:
     """Return whether the plan ends in motion and the flight of the scenario continues after its end."""
     return (
         scenario.duration is not None
@@ -58,7 +58,7 @@ def goes_on_in_motion(scenario: Scenario, plan: Plan) -> bool:
 
 
 def _check_braking(scenario: Scenario, plan: Plan) -> None:
-    """Raise InputError if the vehicle cannot fly the braking at the end of a plan, or must not fly where it leads."""
+    """Raise InputError if the braking at the end of a plan violates rotor limits or leaves the permitted space."""
     end, demand = float(plan.path.times[-1]), "end the route at rest, or leave duration out"
     times = np.linspace(end, plan.rest_time, _NUM_BRAKING_SAMPLES)
     try:
@@ -76,7 +76,12 @@ def _check_braking(scenario: Scenario, plan: Plan) -> None:
 
 
 def _check_room(positions: np.ndarray, scenario: Scenario) -> None:
-    """Raise InputError if positions (3, n), m, leave the boxes that contain the plan, or are below `crash.height`."""
+    """Raise InputError if positions leave the boxes of the plan or are below `crash.height`.
+
+    Args:
+        positions: (3, n) positions in W, m.
+        scenario: scenario with the boxes.
+    """
     boxes = {
         "space.bounds": None if scenario.space is None else scenario.space.bounds,
         "route.space": getattr(scenario.route, "space", None),
@@ -90,13 +95,13 @@ def _check_room(positions: np.ndarray, scenario: Scenario) -> None:
             raise InputError(f"it leaves {name} by {beyond:.2f} m")
     lowest = float(positions[2].min())
     if lowest < scenario.crash.height:
-        raise InputError(f"it descends to {lowest:.2f} m, and crash.height is {scenario.crash.height:g} m")
+        raise InputError(f"it descends to {lowest:.2f} m, below crash.height, {scenario.crash.height:g} m")
 
 
 def window_end(scenario: Scenario, plan: Plan) -> float:
     """Return the end of the metric window, s; infinite if the window ends with the flight.
 
-    The metrics of laps end with the last lap, even if the flight continues after it.
+    A window that begins with a lap ends with the last lap, even if the flight continues after it.
     """
     window = scenario.metrics
     if window.end is not None:
@@ -115,5 +120,5 @@ def window_start(scenario: Scenario, plan: Plan) -> float:
         return window.start
     starts = plan.lap_times[:-1]
     if window.first_lap > len(starts):
-        raise InputError(f"metrics.first_lap is {window.first_lap}, but the number of laps is {len(starts)}")
+        raise InputError(f"metrics.first_lap is {window.first_lap}, but the route has {len(starts)} laps")
     return starts[window.first_lap - 1]

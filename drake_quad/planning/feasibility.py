@@ -1,4 +1,4 @@
-"""Checks of whether a vehicle can fly a plan: limits of the rotors, and obstacles."""
+"""Checks of a plan against the limits of the rotors and against obstacles."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 
 
 def plan_demand(plan: Plan, parameters: QuadrotorParameters, times: np.ndarray) -> RotorDemand:
-    """Return the rotor speeds, attitude and body rates that a plan demands at times (samples,), s."""
+    """Return the rotor speeds, attitude and body rates that a plan requires at times (samples,), s."""
     position, velocity, acceleration, jerk, snap = (evaluate(plan.flown_path, times, order) for order in range(5))
     ((yaw,), (yaw_rate,), (yaw_acceleration,)) = (evaluate(plan.flown_yaw, times, order) for order in range(3))
     reference = Reference._make([*position, *velocity, *acceleration, yaw, yaw_rate])
@@ -34,7 +34,7 @@ def check_rotors(plan: Plan, mission: Mission, times: np.ndarray) -> None:
     )
     if violation is not None:
         own = mission.nominal.min_rotor_speed, mission.nominal.max_rotor_speed
-        of_throttle = "" if violation.limit in own else ", that of the throttle"
+        of_throttle = "" if violation.limit in own else ", which is the limit of the throttle"
         raise InputError(f"the rotors cannot fly this route: {violation}{of_throttle}")
 
 
@@ -43,6 +43,6 @@ def check_obstacles(path: PolynomialPath, space: Space | None) -> None:
     approach = None if space is None else nearest_approach(path, space)
     if space is not None and approach is not None and approach.distance < space.radius:
         raise InputError(
-            f"the route comes to {approach}, nearer than the radius of the vehicle, {space.radius:.3g} m; only a route"
-            " through waypoints, without laps, is led around obstacles"
+            f"the route comes to {approach}, nearer than the radius of the vehicle, {space.radius:.3g} m; use a route"
+            " of kind waypoints without laps, which is planned around obstacles"
         )

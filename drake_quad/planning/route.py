@@ -1,4 +1,4 @@
-"""From a scenario's route to a plan that its vehicle can fly."""
+"""Planning of the route of a scenario in a space with obstacles."""
 
 from drake_quad.errors import InputError
 from drake_quad.planning.feasibility import check_obstacles, check_rotors
@@ -11,23 +11,23 @@ from drake_quad.space.space import Space
 
 
 def plan_in(mission: Mission, space: Space | None) -> Planned:
-    """Return the plan for the route of a scenario around the obstacles of a space, for the nominal vehicle.
+    """Return the plan of a scenario's route around the obstacles of a space, for the nominal vehicle.
 
-    `drake_quad.flight.mission.plan_route` plans in the space of the scenario.
+    To plan in the space of the scenario itself, use `drake_quad.flight.mission.plan_route`.
 
     Raises:
-        InputError: if the route contains a distribution, no path or no rotors can satisfy the constraints of the
-            route, or the obstacles leave no way.
+        InputError: if the route contains a distribution, no path satisfies the constraints of the route, the rotors
+            cannot fly the path, or no path avoids the obstacles.
     """
     for field in distributions_in(mission):
         if field.startswith("route."):
-            raise InputError(
-                f"{field} is a distribution, but all vehicles fly the same plan, which needs a number there"
-            )
+            raise InputError(f"{field} is a distribution, but must be a number, since all vehicles fly the same plan")
     planned = mission.route.plan(space)
     plan = planned.plan
     if not plan.duration <= LONGEST:
-        raise InputError(f"within its limits the route would take {plan.duration:g} s, more than {LONGEST:g} s")
+        raise InputError(
+            f"within its limits the route would take {plan.duration:g} s, more than the longest flight, {LONGEST:g} s"
+        )
     check_rotors(plan, mission, sample_times(plan.path))
     if space is not None and planned.waypoints is None:
         check_obstacles(plan.path, space)

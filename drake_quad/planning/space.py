@@ -1,4 +1,4 @@
-"""From a scenario's space to the room in which its vehicle flies."""
+"""Obstacles of a scenario with the clearances of its vehicle."""
 
 from drake_quad.framework.elementary import sqrt
 from drake_quad.scenario.layouts import rotors_of
@@ -11,10 +11,10 @@ def space_of(mission: Mission, *, tracking_error: float = 0.0) -> Space | None:
 
     Args:
         mission: scenario or mission with the obstacles and the nominal vehicle.
-        tracking_error: predicted RMS position error, m. It only affects the clearance of a plan.
+        tracking_error: predicted RMS position error, m, which only affects the clearance of a plan.
     """
     if mission.space is None:
         return None
-    # The nominal centre of mass is at the origin of the rotors' layout.
+    # The centre of mass of the nominal vehicle is at the origin of the layout of its rotors.
     farthest = max(sqrt(float(r.x**2 + r.y**2 + r.z**2)) for r in rotors_of(mission.nominal))
     return mission.space.room(farthest, tracking_error)

@@ -1,4 +1,4 @@
-"""Batches of samples of a study, which a fleet flies side by side."""
+"""Batches of samples of a study, each flown by one vehicle of a fleet."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -22,9 +22,9 @@ class Batch:
         scenario: scenario of the study, with its distributions.
         samples: (N,) indices of the samples in the study, counted from 0. Together with the seed they determine wind
             and noise.
-        varying: (N,) numbers by the path of their field, such as `vehicle.mass`: the drawn numbers of each
-            distribution, and other numbers that differ from vehicle to vehicle.
-        seeds: (N,) seeds of the samples, for samples of several studies; None for the seed of the scenario.
+        varying: (N,) numbers of each field, by path, that differ from vehicle to vehicle, such as the numbers drawn
+            from a distribution.
+        seeds: (N,) seeds of the samples, for samples of several studies; None if all have the seed of the scenario.
     """
 
     scenario: Scenario
@@ -44,33 +44,34 @@ class Batch:
         Args:
             scenario: scenario, which may contain distributions.
             samples: indices of the samples, counted from 0.
-            seed: seed of the study; that of the scenario if not given.
+            seed: seed of the study; the seed of the scenario if not given.
             seeds: seed of each sample, for samples of several studies.
 
         Raises:
-            InputError: a seed or the index of a sample is negative or too large.
+            InputError: if a seed or the index of a sample is negative or too large.
         """
         seed = scenario.seed if seed is None else seed
         numbered = [("seed", each, 2**63) for each in (seed, *(seeds or ()))]
         for name, number, limit in [*numbered, *(("sample", sample, 2**31) for sample in samples)]:
             if not 0 <= number < limit:
                 raise InputError(f"{name} is {number}, but must be at least 0 and below {limit}")
-        found, own = distributions_in(scenario), None if seeds is None else tuple(seeds)
-        drawn = drawn_values(own or seed, samples, {_label(path): each for path, each in found.items()})
-        varying = _with_rigid_bodies(scenario, {path: drawn[_label(path)] for path in found})
-        return cls(scenario.model_copy(update={"seed": seed}), tuple(samples), varying, own)
+        distributions = distributions_in(scenario)
+        own_seeds = None if seeds is None else tuple(seeds)
+        streams = {_stream_name(path): each for path, each in distributions.items()}
+        drawn = drawn_values(own_seeds or seed, samples, streams)
+        varying = _with_rigid_bodies(scenario, {path: drawn[_stream_name(path)] for path in distributions})
+        return cls(scenario.model_copy(update={"seed": seed}), tuple(samples), varying, own_seeds)
 
     @property
     def seed(self) -> Seeds:
-        """Of all samples, or of each."""
+        """Seed of all samples, or (N,) seeds of the samples."""
         return self.scenario.seed if self.seeds is None else self.seeds
 
     @property
     def fleet_scenario(self) -> Any:
-        """Scenario in which a field that varies from vehicle to vehicle is an (N,) array.
+        """Scenario in which each field that differs from vehicle to vehicle is an (N,) array.
 
-        Only the assembly of diagrams uses it. A scenario that is written out, planned for or shown has numbers in all
-        its fields.
+        Only the assembly of diagrams uses this form of a scenario.
         """
         return replaced(self.scenario, self.varying.get)
 
@@ -79,18 +80,22 @@ class Batch:
         return len(self.samples)
 
     def with_varying(self, varying: Mapping[str, np.ndarray]) -> "Batch":
-        """Return the batch with other (N,) numbers in some fields, by path; the numbers are not validated."""
+        """Return the batch with other numbers in some fields, without validation.
+
+        Args:
+            varying: (N,) numbers of each field, by path.
+        """
         return replace(self, varying={**self.varying, **varying})
 
     def padded(self, num_vehicles: int) -> "Batch":
-        """Return the batch for more vehicles; each additional vehicle flies the last sample."""
+        """Return the batch for a larger number of vehicles; each additional vehicle flies the last sample."""
         missing = num_vehicles - len(self)
         varying = {path: np.append(numbers, [numbers[-1]] * missing) for path, numbers in self.varying.items()}
         seeds = self.seeds and (*self.seeds, *self.seeds[-1:] * missing)
         return Batch(self.scenario, (*self.samples, *self.samples[-1:] * missing), varying, seeds)
 
     def scenario_of(self, vehicle: int) -> Scenario:
-        """Return the scenario that a vehicle flies, with its own numbers, and the number of its sample."""
+        """Return the scenario that a vehicle, counted from 0, flies, with its numbers and the index of its sample."""
 
         def number(path: str, value: Any) -> Any:
             return float(self.varying[path][vehicle]) if path in self.varying else value
@@ -106,7 +111,7 @@ def draw_sample(scenario: Scenario, sample: int, *, seed: int | None = None) -> 
     Args:
         scenario: scenario, which may contain distributions.
         sample: index of the sample, counted from 0.
-        seed: seed of the study; that of the scenario if not given.
+        seed: seed of the study; the seed of the scenario if not given.
 
     Raises:
         InputError: if the seed or the index is negative or too large.
@@ -139,7 +144,7 @@ def _with_rigid_bodies(scenario: Scenario, varying: Mapping[str, np.ndarray]) ->
         scenario: scenario with distributions.
         varying: (N,) drawn numbers, by the path of their field.
     """
-    found = dict(varying)
+    result = dict(varying)
     effects = {f"vehicle.{name}": effect for name, effect in scenario.vehicle.effects().items()}
     bodies: dict[str, Any] = {"vehicle": scenario.vehicle, **effects}
     for path, body in bodies.items():
@@ -148,14 +153,14 @@ def _with_rigid_bodies(scenario: Scenario, varying: Mapping[str, np.ndarray]) ->
             continue
         drawn = [varying.get(field, moment) for field, moment in zip(fields, body.inertia, strict=True)]
         rigid = zip(fields, rigid_draws(body.inertia, drawn), strict=True)
-        found |= {field: moments for field, moments in rigid if field in varying}
-    return found
+        result |= {field: moments for field, moments in rigid if field in varying}
+    return result
 
 
-def _label(path: str) -> str:
-    """Return the name of a field's stream: its path with indices in brackets, as in `vehicle.inertia[0]`.
+def _stream_name(path: str) -> str:
+    """Return the name of the random stream of a field: its path with indices in brackets, as in `vehicle.inertia[0]`.
 
-    This was once how paths were written, and a study's samples stay the same.
+    Earlier versions wrote paths in this form. Keeping it in the names of streams keeps the samples of studies.
     """
     first, *steps = steps_of(path)
     return first + "".join(f"[{step}]" if step.isdecimal() else f".{step}" for step in steps)

@@ -14,17 +14,17 @@ from drake_quad.signals import AttitudeTarget, Wrench
 
 
 class CommandLinkSettings(Model):
-    """Radio link that carries the wrench, or what an autopilot takes, to the vehicle."""
+    """Radio link that carries the command to the vehicle: a wrench, or the target of an autopilot."""
 
-    period: Period = Field(default=0.02, description="time between ticks of the control (s); the paper's 50 Hz")
-    delay_ticks: Ticks = Field(default=1, description="whole ticks from sending to arrival")
-    loss_rate: Probability = field_of(LinkNumbers, "loss_rate", "share of the packets that are lost")
+    period: Period = Field(default=0.02, description="period of the control (s); the paper's 50 Hz")
+    delay_ticks: Ticks = Field(default=1, description="delay from sending to arrival, in whole ticks")
+    loss_rate: Probability = field_of(LinkNumbers, "loss_rate", "fraction of packets that are lost")
 
     def recipe(self, fleet: Any, signal: command_link.Command, initial: Wrench | AttitudeTarget) -> Recipe:
         """Return the recipe for the links of a fleet.
 
         Args:
-            fleet: the link in a `Batch.fleet_scenario`.
+            fleet: link of a `Batch.fleet_scenario`.
             signal: name of the signal that the link carries.
             initial: command before the first packet arrives.
         """

@@ -1,12 +1,13 @@
-"""Correlated distributions: normal variables that fields of a scenario share.
+"""Correlated distributions: fields of a scenario that share standard normal variables.
 
 A field with a normal distribution and `shared: {a: 0.6, b: -0.3}` is drawn from
 
-    z = 0.6 u_a - 0.3 u_b + √(1 - 0.6² - 0.3²) u,
+    z = 0.6 u_a - 0.3 u_b + √(1 - 0.6² - 0.3²) u.
 
-where u_a and u_b are drawn once a sample for all fields that name them, and u is its own, all standard normal. Its
-value is the quantile of Φ(z): so each field has the distribution that is written, limits and all, and two fields are
-joined by a Gaussian copula whose correlation is the sum of the products of what they share.
+All variables are standard normal. In each sample, u_a and u_b are drawn once for all fields that name them, and u is
+drawn for this field alone. The value of the field is the quantile of its distribution at the probability Φ(z). Each
+field therefore has exactly the distribution that the scenario gives it, including limits. Two fields are joined by a
+Gaussian copula. Its correlation is the sum over all shared variables of the product of their two coefficients.
 """
 
 import math
@@ -20,33 +21,39 @@ from drake_quad.errors import InputError, shown
 from drake_quad.randomness.streams import Seeds, parameter_numbers
 from drake_quad.scenario.distributions import Distribution, Normal
 
-# Smallest probability of a drawn number: half the distance between uniform numbers.
-_NEVER = 2.0**-53
-# Smaller correlations are not reported.
-_LEAST = 1e-3
-# Weights of shared variables below the first number are left out, and others have so many decimals. The next is tried
-# where that is too coarse, as where a sum of strongly correlated fields is known much better than any of them.
-_FINER = ((1e-3, 4), (1e-4, 6), (1e-6, 8), (0.0, 12))
-# Relative tolerance of the variance of a sum of fields, and the variance, relative to their own, that counts as none.
-_TOLERANCE, _FLOOR = 0.02, 1e-9
-# An eigenvalue of a measured correlation matrix may be negative by this much, because of rounding.
+# Probabilities are clipped to [p, 1 - p] with this p, which is half the distance between adjacent uniform numbers.
+_MIN_PROBABILITY = 2.0**-53
+# Smaller correlations count as zero.
+_MIN_CORRELATION = 1e-3
+# Levels of accuracy at which weights of shared variables are written: the smallest weight that is not omitted, and the
+# number of decimals. The first level that reproduces the covariance is used. A coarse level fails, for example, if a
+# sum of strongly correlated fields has a much smaller variance than the fields themselves.
+_ACCURACY_LEVELS = ((1e-3, 4), (1e-4, 6), (1e-6, 8), (0.0, 12))
+# Relative tolerance on the variance of any weighted sum of fields.
+_VARIANCE_TOLERANCE = 0.02
+# Smaller variances of a sum of fields, relative to the variances of the fields, count as zero.
+_MIN_VARIANCE = 1e-9
+# Tolerance, for rounding errors, on the symmetry and the negative eigenvalues of a given covariance matrix.
 _ROUNDING = 1e-6
 
 
 def shared_names(distributions: Iterable[Distribution]) -> list[str]:
-    """Return the normal variables that some of the distributions share, as one comes upon them."""
+    """Return the names of the shared variables of distributions, in the order of their first use."""
     return list(dict.fromkeys(name for each in distributions for name in each.correlations))
 
 
 def drawn_values(
     seed: Seeds, samples: Sequence[int], distributions: Mapping[str, Distribution]
 ) -> dict[str, np.ndarray]:
-    """Draw samples of distributions: (N,) numbers by the name of the stream.
+    """Draw samples of distributions.
 
     Args:
-        seed: of all samples, or of each.
-        samples: N numbers of samples.
-        distributions: by the name of the stream of each one's own numbers.
+        seed: seed of all samples, or N seeds.
+        samples: (N,) indices of the samples.
+        distributions: distributions by the name of their stream of random numbers.
+
+    Returns:
+        (N,) drawn numbers by the name of the stream.
     """
     common = {
         name: _standard_normal(seed, samples, shared_stream(name)) for name in shared_names(distributions.values())
@@ -59,8 +66,8 @@ def drawn_values(
         total = own * _standard_normal(seed, samples, stream)
         for name, weight in weights.items():
             total = total + weight * common[name]
-        # A sum of many may be farther out than a uniform number can be, which is never 0 or 1.
-        return np.clip(scipy.special.ndtr(total), _NEVER, 1.0 - _NEVER)
+        # Φ of a weighted sum can round to 0 or 1, at which quantiles are infinite.
+        return np.clip(scipy.special.ndtr(total), _MIN_PROBABILITY, 1.0 - _MIN_PROBABILITY)
 
     return {
         stream: np.asarray(each.quantile(probability(stream, each.correlations)))
@@ -69,7 +76,7 @@ def drawn_values(
 
 
 def shared_stream(name: str) -> str:
-    """Return the name of a shared variable's stream, which no field has, since paths contain no spaces."""
+    """Return the name of the stream of a shared variable; it differs from all paths, which contain no spaces."""
     return f"shared {name}"
 
 
@@ -78,25 +85,25 @@ def _standard_normal(seed: Seeds, samples: Sequence[int], stream: str) -> np.nda
 
 
 def correlation_matrix(distributions: Sequence[Distribution]) -> np.ndarray:
-    """Return the (n, n) correlations of distributions, in their standard normal form.
+    """Return the (n, n) correlation matrix of the standard normal variables behind n distributions.
 
-    Limits that cut off much make correlations of the values a little smaller.
+    The correlations of the drawn values themselves are slightly smaller if limits truncate much of a distribution.
     """
     names = shared_names(distributions)
     rows = [[each.correlations.get(name, 0.0) for name in names] for each in distributions]
     weights = np.reshape(rows, (len(distributions), len(names)))
-    found = weights @ weights.T
-    np.fill_diagonal(found, 1.0)
-    return found
+    matrix = weights @ weights.T
+    np.fill_diagonal(matrix, 1.0)
+    return matrix
 
 
 class CorrelatedPair(NamedTuple):
-    """Two fields that are not drawn independently.
+    """Two correlated fields.
 
     Attributes:
         first: path of one field.
-        second: path of the other.
-        correlation: of the two in their standard normal form.
+        second: path of the other field.
+        correlation: correlation of the standard normal variables behind the two fields.
     """
 
     first: str
@@ -116,31 +123,34 @@ def correlated_pairs(distributions: Mapping[str, Distribution]) -> list[Correlat
         CorrelatedPair(paths[i], paths[j], float(matrix[i, j]))
         for i in range(len(paths))
         for j in range(i + 1, len(paths))
-        if abs(matrix[i, j]) >= _LEAST
+        if abs(matrix[i, j]) >= _MIN_CORRELATION
     ]
     return sorted(pairs, key=lambda pair: -abs(pair.correlation))
 
 
 def correlated_groups(distributions: Mapping[str, Distribution]) -> dict[str, tuple[str, ...]]:
-    """Return the fields that each is correlated with, itself among them, directly or through others; none that is not.
+    """Return the group of correlated fields to which each field belongs, by the path of the field.
+
+    A group contains all fields that are correlated directly or through other fields. Fields without any correlation are
+    omitted.
 
     Args:
-        distributions: by the path of their field, as of `distributions_in`.
+        distributions: distributions by the path of their field, as from `distributions_in`.
     """
     paths = [path for path, each in distributions.items() if each.correlations]
-    related = np.abs(correlation_matrix([distributions[path] for path in paths])) >= _LEAST
+    related = np.abs(correlation_matrix([distributions[path] for path in paths])) >= _MIN_CORRELATION
     _, groups = scipy.sparse.csgraph.connected_components(related, directed=False)
     members = {group: tuple(np.array(paths)[groups == group].tolist()) for group in set(groups.tolist())}
     return {path: members[group] for path, group in zip(paths, groups.tolist(), strict=True) if len(members[group]) > 1}
 
 
 class JointNormal(NamedTuple):
-    """Means and covariance of normal distributions, before limits cut anything off.
+    """Means and covariance of normal distributions before truncation.
 
     Attributes:
-        paths: of their n fields.
-        mean: (n,).
-        covariance: (n, n).
+        paths: paths of the n fields.
+        mean: (n,) means.
+        covariance: (n, n) covariance matrix.
     """
 
     paths: tuple[str, ...]
@@ -149,7 +159,11 @@ class JointNormal(NamedTuple):
 
 
 def joint_normal(distributions: Mapping[str, Distribution]) -> JointNormal:
-    """Means and covariance of all fields whose distribution is normal, as of `distributions_in`."""
+    """Return the means and the covariance of all fields with a normal distribution.
+
+    Args:
+        distributions: distributions by the path of their field, as from `distributions_in`.
+    """
     normal = {path: each for path, each in distributions.items() if isinstance(each, Normal)}
     mean = np.array([each.normal.mean for each in normal.values()])
     deviation = np.array([each.normal.standard_deviation for each in normal.values()])
@@ -160,32 +174,33 @@ def joint_normal(distributions: Mapping[str, Distribution]) -> JointNormal:
 def correlated_normals(
     names: Sequence[str], mean: np.ndarray, covariance: np.ndarray, *, prefix: str = "common"
 ) -> dict[str, dict[str, Any]]:
-    """Write a covariance in the scenario language: a distribution for each name.
+    """Express a covariance matrix in the scenario language, as a normal distribution for each name.
 
-    What is correlated, directly or through others, is split into shared variables by the eigenvectors V of its
-    correlations V Λ Vᵀ: with the least eigenvalue λ, the columns of V √(Λ - λ) are what each variable does to each
-    name, and the rest of each name's variance is its own. Where Cholesky's factors are fewer, it is these. Variables
-    and decimals that do not matter are left out: standard deviations are exactly those given, and that of any sum of
-    the numbers is right to a per cent.
+    Names that are correlated, directly or through others, form a group with shared variables. The correlation matrix
+    V Λ Vᵀ of a group, with the smallest eigenvalue λ, gives the weights V √(Λ - λ) of the shared variables. The rest of
+    the variance of each name is independent. The Cholesky factor is used instead if it has fewer nonzero weights.
+
+    Variables and decimals that do not matter are omitted. The standard deviations are exactly the given ones, and the
+    standard deviation of any weighted sum of the numbers is correct to one per cent.
 
     Args:
-        names: n of them, such as paths of fields.
-        mean: (n,) of the normal distributions.
-        covariance: (n, n), symmetric and positive semidefinite, with a positive diagonal.
-        prefix: of the names of the shared variables, which are `prefix_1`, `prefix_2` and so on.
+        names: n names, such as paths of fields.
+        mean: (n,) means.
+        covariance: (n, n) covariance matrix, symmetric and positive semidefinite, with a positive diagonal.
+        prefix: prefix of the names of the shared variables, `prefix_1`, `prefix_2` and so on.
 
     Returns:
-        By name what stands in YAML, `normal` with `mean`, `standard_deviation` and `shared`; without `shared` for what
-        is correlated with nothing.
+        The YAML value of each name: `normal` with `mean`, `standard_deviation` and, for correlated names, `shared`.
 
     Raises:
-        InputError: shapes do not fit, a number is not finite, a variance is not positive, or it is no covariance.
+        InputError: if the shapes do not match, a number is not finite, a variance is not positive, or the matrix is
+            not symmetric and positive semidefinite.
     """
     mean, covariance = np.asarray(mean, dtype=float), np.asarray(covariance, dtype=float)
     deviation = checked_deviations(names, mean, covariance)
     correlation = covariance / np.outer(deviation, deviation)
     if len(names) and np.linalg.eigvalsh(correlation)[0] < -_ROUNDING * len(names):
-        raise InputError("the covariance is not positive semidefinite, so that no numbers can have it")
+        raise InputError("the covariance is not positive semidefinite, so no random numbers can have it")
     weights = _weights(correlation)
     result: dict[str, dict[str, Any]] = {}
     for name, centre, spread, row in zip(names, mean, deviation, weights, strict=True):
@@ -196,15 +211,16 @@ def correlated_normals(
 
 
 def checked_deviations(names: Sequence[str], mean: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Return the (n,) standard deviations of a covariance that fits names and means.
+    """Check means and a covariance matrix, and return the (n,) standard deviations.
 
     Args:
-        names: n of them.
-        mean: (n,).
-        covariance: (n, n).
+        names: n names.
+        mean: (n,) means.
+        covariance: (n, n) covariance matrix.
 
     Raises:
-        InputError: shapes do not fit, a number is not finite, a variance is not positive, or it is not symmetric.
+        InputError: if the shapes do not match, a number is not finite, a variance is not positive, or the matrix is
+            not symmetric.
     """
     count = len(names)
     if mean.shape != (count,) or covariance.shape != (count, count):
@@ -216,7 +232,8 @@ def checked_deviations(names: Sequence[str], mean: np.ndarray, covariance: np.nd
     for name, centre, each in zip(names, mean, variance, strict=True):
         if not (np.isfinite(centre) and np.isfinite(each) and each > 0.0):
             raise InputError(
-                f"{shown(name)} has mean {centre:g} and variance {each:g}, which must be finite, and above 0"
+                f"{shown(name)} has mean {centre:g} and variance {each:g}; both must be finite, and the variance"
+                " positive"
             )
     deviation: np.ndarray = np.sqrt(variance)
     scale = np.outer(deviation, deviation)
@@ -226,61 +243,74 @@ def checked_deviations(names: Sequence[str], mean: np.ndarray, covariance: np.nd
 
 
 def _weights(correlation: np.ndarray) -> np.ndarray:
-    """(n, k) correlations of each name with each of k shared variables, in as few decimals as do."""
-    for least, decimals in _FINER:
-        weights = _grouped(correlation, least, decimals)
+    """Return the (n, k) weights of k shared variables, at the coarsest level of accuracy that is sufficient."""
+    for min_weight, decimals in _ACCURACY_LEVELS:
+        weights = _grouped_weights(correlation, min_weight, decimals)
         if _agrees(weights, correlation):
             break
     return weights
 
 
-def _grouped(correlation: np.ndarray, least: float, decimals: int) -> np.ndarray:
-    """Return weights without correlations and weights below `least`; each group has its own shared variables."""
+def _grouped_weights(correlation: np.ndarray, min_weight: float, decimals: int) -> np.ndarray:
+    """Return the (n, k) weights, with separate shared variables for each group of correlated names.
+
+    Args:
+        correlation: (n, n) correlation matrix.
+        min_weight: smallest correlation that joins names, and smallest weight that is not omitted.
+        decimals: number of decimals of the weights.
+    """
     count = len(correlation)
-    _, groups = scipy.sparse.csgraph.connected_components(np.abs(correlation) > least, directed=False)
+    _, groups = scipy.sparse.csgraph.connected_components(np.abs(correlation) > min_weight, directed=False)
     columns = [np.zeros((count, 0))]
     for group in range(groups.max(initial=-1) + 1):
         members = np.flatnonzero(groups == group)
         part = correlation[np.ix_(members, members)]
-        found = [_shortened(factors, part, least, decimals) for factors in (_factors(part), _triangle(part))]
-        # The fewest numbers of those that agree.
-        kept = min(found, key=lambda each: (not _agrees(each, part), np.count_nonzero(each)))
+        candidates = [
+            _rounded_factors(factors, part, min_weight, decimals)
+            for factors in (_eigenvalue_factors(part), _cholesky_factor(part))
+        ]
+        # Accurate weights are preferred, and among them those with the fewest nonzero numbers.
+        kept = min(candidates, key=lambda each: (not _agrees(each, part), np.count_nonzero(each)))
         columns.append(np.zeros((count, kept.shape[1])))
         columns[-1][members] = kept
     return np.hstack(columns)
 
 
-def _shortened(factors: np.ndarray, correlation: np.ndarray, least: float, decimals: int) -> np.ndarray:
-    """Factors in so many decimals: the first of them that are enough, and of these all that several names share."""
-    # Towards 0, so that the squares of a row never sum to more than they did.
+def _rounded_factors(factors: np.ndarray, correlation: np.ndarray, min_weight: float, decimals: int) -> np.ndarray:
+    """Return rounded factors, with no more columns than an accurate result needs and no column of only one name."""
+    # Numbers are rounded towards 0, so that the sum of the squares of a row does not increase.
     rounded = np.trunc(factors * 10.0**decimals) / 10.0**decimals
-    rounded = np.where(np.abs(rounded) < least, 0.0, rounded)
-    enough = (k for k in range(len(correlation)) if _agrees(rounded[:, :k], correlation))
-    kept = rounded[:, : next(enough, len(correlation))]
+    rounded = np.where(np.abs(rounded) < min_weight, 0.0, rounded)
+    sufficient = (k for k in range(len(correlation)) if _agrees(rounded[:, :k], correlation))
+    kept = rounded[:, : next(sufficient, len(correlation))]
     return kept[:, np.count_nonzero(kept, axis=0) > 1]
 
 
-def _triangle(correlation: np.ndarray) -> np.ndarray:
-    """Return the Cholesky factor (n, n): column i has the shares of the variable that name i introduces."""
+def _cholesky_factor(correlation: np.ndarray) -> np.ndarray:
+    """Return the Cholesky factor (n, n), scaled so that the rows have unit length."""
     try:
-        factors: np.ndarray = np.linalg.cholesky(correlation + _FLOOR * np.eye(len(correlation)))
+        factors: np.ndarray = np.linalg.cholesky(correlation + _MIN_VARIANCE * np.eye(len(correlation)))
     except np.linalg.LinAlgError:
-        return _factors(correlation)
+        return _eigenvalue_factors(correlation)
     return factors / np.linalg.norm(factors, axis=1, keepdims=True)
 
 
-def _factors(correlation: np.ndarray) -> np.ndarray:
-    """Return the (n, n) factors V √(Λ - λ), those that do most first."""
+def _eigenvalue_factors(correlation: np.ndarray) -> np.ndarray:
+    """Return the (n, n) factors V √(Λ - λ), sorted from the largest to the smallest eigenvalue."""
     size, vectors = np.linalg.eigh(0.5 * (correlation + correlation.T))
     factors: np.ndarray = vectors[:, ::-1] * np.sqrt(np.maximum(size[::-1] - max(size[0], 0.0), 0.0))
-    # Eigenvectors have either sign; here their largest number is positive.
+    # The sign of an eigenvector is arbitrary, so the entry with the largest size is made positive.
     signs = np.sign(factors[np.argmax(np.abs(factors), axis=0), np.arange(len(size))])
     return factors * np.where(signs == 0.0, 1.0, signs)
 
 
 def _agrees(weights: np.ndarray, correlation: np.ndarray) -> bool:
-    """True if the standard deviation of any sum of the numbers is right to a per cent, or is next to nothing."""
-    found = weights @ weights.T
-    np.fill_diagonal(found, 1.0)
-    floor = correlation + _FLOOR * np.eye(len(correlation))
-    return bool(np.all(np.abs(scipy.linalg.eigh(found - correlation, floor, eigvals_only=True)) < _TOLERANCE))
+    """Return whether weights give any weighted sum of the names the correct variance.
+
+    The tolerances are `_VARIANCE_TOLERANCE` and, for sums with almost no variance, `_MIN_VARIANCE`.
+    """
+    achieved = weights @ weights.T
+    np.fill_diagonal(achieved, 1.0)
+    scale = correlation + _MIN_VARIANCE * np.eye(len(correlation))
+    errors = scipy.linalg.eigh(achieved - correlation, scale, eigvals_only=True)
+    return bool(np.all(np.abs(errors) < _VARIANCE_TOLERANCE))

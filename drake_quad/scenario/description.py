@@ -1,4 +1,4 @@
-"""Descriptions and units of the fields of a scenario."""
+"""Look-up of the description and the unit of a field of a scenario."""
 
 import re
 from typing import Any
@@ -11,8 +11,8 @@ def description_at(scenario: Mission, path: str) -> str:
     """Return the description of a field, with its unit.
 
     Args:
-        scenario: that has it.
-        path: of the field, for example `vehicle.inertia.0`.
+        scenario: scenario with the field.
+        path: path of the field, such as `vehicle.inertia.0`.
     """
     value: Any = scenario
     text = ""
@@ -24,11 +24,14 @@ def description_at(scenario: Mission, path: str) -> str:
 
 
 def unit_at(scenario: Mission, path: str) -> str:
-    """Return the unit of a field; "" if it has none."""
+    """Return the unit of a field, "" if it has none."""
     return unit_in(description_at(scenario, path))
 
 
 def unit_in(description: str) -> str:
-    """Return the unit in a description, which is in parentheses, not after "eq", nor squared; "" if there is none."""
+    """Return the unit in a description, "" if it has none.
+
+    The unit is the first text in parentheses, except the number of an equation and what is squared.
+    """
     found = re.search(r"(?<!eq )\(([^()]*)\)(?!²)", description)
     return found[1] if found else ""

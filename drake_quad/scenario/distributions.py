@@ -1,4 +1,4 @@
-"""Random numbers in a scenario: any physical quantity may be one of these in place of a number."""
+"""Distributions of the scenario language, which can replace the number of any physical quantity."""
 
 import math
 import re
@@ -30,18 +30,18 @@ from drake_quad.scenario.limits import LARGEST, SMALLEST
 Real = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 # Pattern of the names of shared variables.
 _IDENTIFIER = "[A-Za-z_][A-Za-z0-9_]{0,59}"
-# Rounding error of the sum of squared correlations that are written as decimal numbers.
+# Tolerance on the sum of squared correlations, for the rounding of decimal numbers.
 _ROUNDING = 1e-12
 _AnyDistribution = TypeVar("_AnyDistribution", bound="Distribution")
 
 
 class Model(BaseModel):
-    """A mapping of the scenario language: no unknown field, no coercion, no NaN, immutable."""
+    """Mapping of the scenario language: immutable, without unknown fields, type coercion or NaN."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False, validate_default=True)
 
     def __str__(self) -> str:
-        """As it shows itself."""
+        """Return the same text as `repr`."""
         return repr(self)
 
     @model_validator(mode="before")
@@ -57,11 +57,11 @@ class Model(BaseModel):
                     )
         return data
 
-    def wrong(self, demand: str, *path: str | int) -> PydanticCustomError:
-        """Return a validation error for a field of this mapping, with the value of the field.
+    def field_error(self, demand: str, *path: str | int) -> PydanticCustomError:
+        """Return a validation error about a field of this mapping, which reports the value of the field.
 
         Args:
-            demand: what the value must be.
+            demand: text of the demand on the value, such as "must be finite".
             path: keys and indices that lead from this mapping to the field.
         """
         value: Any = self
@@ -78,20 +78,21 @@ def refused(demand: str, **context: Any) -> PydanticCustomError:
 def omits_defaults(*names: str) -> Any:
     """Return a serializer that omits some fields of a model if they have their defaults.
 
-    Documents of earlier versions, and the studies that they identify, do not have these fields.
+    The fields were added in later versions. Documents of earlier versions do not have them, and a study is identified
+    by its document.
     """
 
     @model_serializer(mode="wrap")
-    def written(self: Model, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def serialize(self: Model, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
         fields: dict[str, Any] = write(self)
-        silent = {name for name in names if getattr(self, name) == type(self).model_fields[name].default}
-        return {name: value for name, value in fields.items() if name not in silent}
+        omitted = {name for name in names if getattr(self, name) == type(self).model_fields[name].default}
+        return {name: value for name, value in fields.items() if name not in omitted}
 
-    return written
+    return serialize
 
 
 class Range(Model):
-    """From a smaller to a larger number."""
+    """Interval between a smaller and a larger number."""
 
     min: Real = Field(description="smallest value")
     max: Real = Field(description="largest value")
@@ -99,62 +100,63 @@ class Range(Model):
     @model_validator(mode="after")
     def _ordered(self) -> "Range":
         if not self.min < self.max:
-            raise self.wrong(f"must be larger than min, {self.min}", "max")
+            raise self.field_error(f"must be larger than min, {self.min}", "max")
         return self
 
 
 class PositiveRange(Range):
-    """From a smaller to a larger positive number."""
+    """Interval between a smaller and a larger positive number."""
 
     min: Annotated[float, Field(ge=SMALLEST, le=LARGEST)] = Field(description="smallest value")
 
 
 class Bell(Model):
-    """A normal distribution, cut off at its limits if it has any."""
+    """A normal distribution, truncated at its limits if it has any."""
 
-    mean: Real = Field(description="mean before the limits cut anything off")
+    mean: Real = Field(description="mean of the normal distribution before truncation")
     standard_deviation: Annotated[float, Field(gt=0.0, le=LARGEST)] = Field(
-        description="standard deviation before the limits cut anything off"
+        description="standard deviation of the normal distribution before truncation"
     )
-    min: Real | None = Field(default=None, description="no value is smaller")
-    max: Real | None = Field(default=None, description="no value is larger")
+    min: Real | None = Field(default=None, description="lower limit; none if not given")
+    max: Real | None = Field(default=None, description="upper limit; none if not given")
     shared: dict[str, Annotated[float, Field(ge=-1.0, le=1.0)]] = Field(
         default={},
-        description="correlation with each of some standard normal variables, by their names; they are drawn once a"
-        " sample for all fields that name them, and the squares of a field's correlations sum to at most 1",
+        description="correlations with shared standard normal variables, by the name of the variable; for each sample,"
+        " a variable is drawn once for all fields that name it; the squares of a field's correlations sum to at most 1",
         json_schema_extra={"propertyNames": {"pattern": f"^{_IDENTIFIER}$"}},
     )
 
     @field_validator("shared")
     @classmethod
     def _sharing(cls, shared: dict[str, float]) -> dict[str, float]:
-        wrong = next((name for name in shared if not re.fullmatch(_IDENTIFIER, name)), None)
-        if wrong is not None:
-            demand = "must name normal variables by at most 60 letters, digits and '_', no digit first, not by"
-            raise refused(f"{demand} {shown(wrong)}")
+        wrong_name = next((name for name in shared if not re.fullmatch(_IDENTIFIER, name)), None)
+        if wrong_name is not None:
+            raise refused(
+                f"must not have the name {shown(wrong_name)}: the name of a shared variable has at most 60 letters,"
+                " digits and '_', and does not begin with a digit"
+            )
         total = math.fsum(each * each for each in shared.values())
         if total > 1.0 + _ROUNDING:
             raise refused(f"must have correlations whose squares sum to at most 1, not {total:.6g}")
         return shared
 
-    _written = omits_defaults("shared")
+    _serialized = omits_defaults("shared")
 
     @model_validator(mode="after")
     def _limits_around_mean(self) -> "Bell":
-        demand = f"must not lie beyond the mean, {self.mean}"
         if self.min is not None and self.min > self.mean:
-            raise self.wrong(demand, "min")
+            raise self.field_error(f"must not be larger than the mean, {self.mean}", "min")
         if self.max is not None and self.max < self.mean:
-            raise self.wrong(demand, "max")
+            raise self.field_error(f"must not be smaller than the mean, {self.mean}", "max")
         return self
 
 
 class Distribution(Model):
-    """Distribution of a number, which a scenario gives as a mapping with one field, the name of the distribution.
+    """Distribution of a number. A scenario contains it as a mapping whose only field is the name of the distribution.
 
     Attributes:
-        parameters: type that contains the parameters in a YAML document.
-        dimensionless: parameters that do not have the unit of the number, such as correlations.
+        parameters: type of the parameters in a YAML document.
+        dimensionless: names of the parameters, such as correlations, that do not have the unit of the number.
     """
 
     parameters: ClassVar[type | UnionType] = Mapping
@@ -162,25 +164,25 @@ class Distribution(Model):
 
     @abstractmethod
     def extremes(self) -> tuple[float | None, float | None]:
-        """Return two numbers between which all values lie; None stands for no bound."""
+        """Return the lower and the upper bound of the values; None for a bound that does not exist."""
 
     @abstractmethod
     def quantile(self, probability: Any) -> Any:
-        """Return the value that a drawn number does not exceed with a probability."""
+        """Return the quantile of the distribution at a probability, a number or an array."""
 
     @property
     def values(self) -> tuple[float, ...] | None:
-        """All values, if their number is finite; None otherwise."""
+        """All possible values; None if there are infinitely many."""
         return None
 
     @property
     def correlations(self) -> Mapping[str, float]:
-        """Correlations with shared standard normal variables, by the names of these."""
+        """Correlations with shared standard normal variables, by the name of the variable."""
         return {}
 
 
 DISTRIBUTIONS: dict[str, type[Distribution]] = {}
-"""Distributions by their names."""
+"""Classes of distributions, by the name of the distribution."""
 
 
 def _named(model: type[_AnyDistribution]) -> type[_AnyDistribution]:
@@ -192,12 +194,12 @@ def _named(model: type[_AnyDistribution]) -> type[_AnyDistribution]:
 
 @_named
 class Uniform(Distribution):
-    """Every number of a range is equally likely."""
+    """Uniform distribution: all numbers of an interval are equally likely."""
 
     uniform: Range
 
     def __repr__(self) -> str:
-        """Short, as in `uniform(0.64, 0.72)`."""
+        """Return a short text such as `uniform(0.64, 0.72)`."""
         return f"uniform({self.uniform.min:g}, {self.uniform.max:g})"
 
     def extremes(self) -> tuple[float | None, float | None]:
@@ -211,12 +213,12 @@ class Uniform(Distribution):
 
 @_named
 class LogUniform(Distribution):
-    """The logarithm is uniform: for scale factors."""
+    """Log-uniform distribution, in which the logarithm is uniform, for scale factors."""
 
     log_uniform: PositiveRange
 
     def __repr__(self) -> str:
-        """Short, as in `log_uniform(0.001, 1)`."""
+        """Return a short text such as `log_uniform(0.001, 1)`."""
         return f"log_uniform({self.log_uniform.min:g}, {self.log_uniform.max:g})"
 
     def extremes(self) -> tuple[float | None, float | None]:
@@ -230,13 +232,13 @@ class LogUniform(Distribution):
 
 @_named
 class Normal(Distribution):
-    """A normal distribution, which may be correlated with others; a bounded quantity needs limits."""
+    """A normal distribution, which can be correlated with others. A quantity with bounds needs limits."""
 
     normal: Bell
     dimensionless: ClassVar = ("shared",)
 
     def __repr__(self) -> str:
-        """Short, as in `normal(0.7, 0.03, min=0.6)`."""
+        """Return a short text such as `normal(0.7, 0.03, min=0.6)`."""
         bell = self.normal
         limits = [f"{name}={limit:g}" for name, limit in (("min", bell.min), ("max", bell.max)) if limit is not None]
         shared = [f"shared={bell.shared}"] if bell.shared else []
@@ -248,7 +250,7 @@ class Normal(Distribution):
 
     @property
     def correlations(self) -> Mapping[str, float]:
-        """The correlations of the normal distribution."""
+        """Correlations with shared standard normal variables, by the name of the variable."""
         return self.normal.shared
 
     def quantile(self, probability: Any) -> Any:
@@ -263,18 +265,18 @@ class Normal(Distribution):
 
 @_named
 class Choice(Distribution):
-    """One of these numbers, all equally likely."""
+    """Choice of one of several numbers, which are equally likely."""
 
     choice: Annotated[tuple[Real, ...], Field(strict=False, min_length=1)]
     parameters: ClassVar = list | tuple
 
     @property
     def values(self) -> tuple[float, ...]:
-        """The values."""
+        """The numbers to choose from."""
         return self.choice
 
     def __repr__(self) -> str:
-        """Short, as in `choice(0, 1, 2)`."""
+        """Return a short text such as `choice(0, 1, 2)`."""
         return f"choice({', '.join(f'{each:g}' for each in self.choice)})"
 
     def extremes(self) -> tuple[float | None, float | None]:
@@ -282,7 +284,7 @@ class Choice(Distribution):
         return min(self.choice), max(self.choice)
 
     def quantile(self, probability: Any) -> Any:
-        """Return the quantile in the given order of the values."""
+        """Return the quantile, where the numbers are ordered as they are given."""
         return np.array(self.choice)[(np.asarray(probability) * len(self.choice)).astype(int)]
 
 
@@ -290,7 +292,7 @@ def is_distribution(fields: Mapping[str, Any]) -> bool:
     """Return whether a mapping from a YAML document is a distribution.
 
     A distribution has a single field, which contains a mapping of parameters or, for a choice, a list. The name of the
-    field alone does not suffice: the `normal` of a half-space is a vector.
+    field is not sufficient, since a half-space also has a field `normal`, which is a vector.
 
     Args:
         fields: values of the mapping by field name.
@@ -314,7 +316,7 @@ def _tag(value: Any) -> str | None:
 
 
 if TYPE_CHECKING:
-    # Computations with a scenario refuse or draw its distributions first, so that the fields are numbers.
+    # For type checkers any type is allowed, since computations use scenarios whose distributions have been drawn.
     NumberOrDistribution = Any
 else:
     _NUMBER: Any = Annotated[Real, Tag("number")]

@@ -1,4 +1,4 @@
-"""Scenarios in hover: without what changes with time, without losses, without noise."""
+"""Conversion of a scenario into a hover flight, with or without noise and losses, for linear analysis and design."""
 
 from drake_quad.errors import InputError
 from drake_quad.scenario.effects.effect import EFFECTS
@@ -23,20 +23,20 @@ def at_rest(scenario: Scenario) -> Scenario:
     hovering = without_losses(in_hover(scenario))
     laboratory = hovering.laboratory
     calm = (source.without_turbulence() for source in laboratory.wind)
-    still = {
+    settings = {
         "laboratory.motion_capture.position_noise": 0.0,
         "laboratory.motion_capture.attitude_noise": 0.0,
         "laboratory.motion_capture.velocity_drift": (0.0, 0.0, 0.0),
         "laboratory.autopilot": laboratory.autopilot.without_noise(),
         "laboratory.wind": tuple([source for source in calm if source is not None]),
     }
-    return updated(hovering, still)
+    return updated(hovering, settings)
 
 
 def in_hover(scenario: Scenario) -> Scenario:
     """Return the scenario in hover like `at_rest`, but with its noise, turbulence, lost frames and lost packets.
 
-    Sensors are left out, since no control of the language reads them.
+    Sensors are removed, since no control of the scenario language reads them.
 
     Raises:
         InputError: if the scenario contains a distribution.
@@ -44,12 +44,12 @@ def in_hover(scenario: Scenario) -> Scenario:
     for path in distributions_in(scenario):
         if not path.startswith("route."):
             raise InputError(
-                f"{path} is a distribution; the analysis of hover needs a number: give one, or select a sample"
+                f"{path} is a distribution, but the analysis of hover needs a number; give a number, or select a sample"
             )
     route = scenario.route
     if not isinstance(route, HoverRoute) or distributions_in(route):
         route = _HOVER
-    lasting = {
+    settings = {
         "route": route,
         "vehicle.battery_sag": 0.0,
         **{f"vehicle.{name}": effect.in_hover() for name, effect in scenario.vehicle.effects().items()},
@@ -62,7 +62,7 @@ def in_hover(scenario: Scenario) -> Scenario:
         "space": None,
         "metrics": MetricWindow(),
     }
-    return updated(scenario, lasting)
+    return updated(scenario, settings)
 
 
 def without_losses(scenario: Scenario) -> Scenario:
@@ -72,16 +72,16 @@ def without_losses(scenario: Scenario) -> Scenario:
 
 
 def as_believed(scenario: Scenario) -> Scenario:
-    """Return the scenario in hover at (0, 0, 1) in still air with the vehicle that the ground believes in, for design.
+    """Return the scenario in hover at (0, 0, 1) in still air, with the vehicle that controllers are designed for.
 
-    Of the vehicle as it is, only what the ground knows besides `nominal` stays: the lag of the rotors that speed up,
-    the drag, and what the air does to the rotors.
+    This vehicle has the parameters of `nominal`. It also has those parts of `vehicle` that the ground station knows:
+    the lag of accelerating rotors, the drag, and the aerodynamic forces on the rotors.
     """
-    return _even(with_believed_vehicle(at_rest(scenario)))
+    return symmetric_hover(with_believed_vehicle(at_rest(scenario)))
 
 
 def with_believed_vehicle(scenario: Scenario) -> Scenario:
-    """Return the scenario with the vehicle that the ground believes in, see `as_believed`."""
+    """Return the scenario with the vehicle that the ground station knows, see `as_believed`."""
     believed = {name: getattr(scenario.nominal, name) for name in Nominal.model_fields}
     effects = [name for name, effect in EFFECTS.members.items() if effect.is_believed]
     kept = ("rotor_time_constant", "linear_drag", "quadratic_drag", "attitude_kinematics", "time_step", *effects)
@@ -89,14 +89,14 @@ def with_believed_vehicle(scenario: Scenario) -> Scenario:
     return scenario.model_copy(update={"vehicle": vehicle})
 
 
-def _even(resting: Scenario) -> Scenario:
-    """Return a resting scenario in hover at (0, 0, 1) without what couples the axes or leans it.
+def symmetric_hover(resting: Scenario) -> Scenario:
+    """Return a scenario from `at_rest` in hover at (0, 0, 1), without effects that couple axes or tilt the vehicle.
 
-    That is wind, uneven rotors, misalignment, the spin that is left over where rotors hover at different speeds, and
-    whatever acts beside the middle: drag of the body, a payload, and a gyroscope's bias.
+    These effects are wind, unequal rotors, misalignment, the angular momentum of rotors at unequal speeds, the bias of
+    the gyroscope, and forces off the centre of mass, such as the drag of the body or the weight of a payload.
     """
     layouts = resting.vehicle.layout, resting.nominal.layout
-    even = {
+    settings = {
         "route": _HOVER,
         "vehicle.thrust_factor_error": (0.0, 0.0, 0.0, 0.0),
         "vehicle.centre_of_mass": (0.0, 0.0),
@@ -107,4 +107,4 @@ def _even(resting: Scenario) -> Scenario:
         "laboratory.motion_capture.misalignment": (0.0, 0.0, 0.0),
         "laboratory.autopilot": resting.laboratory.autopilot.without_bias(),
     }
-    return updated(resting, even)
+    return updated(resting, settings)

@@ -1,4 +1,4 @@
-"""Checks that the moments of inertia in a scenario are those of a rigid body, also if they are distributions."""
+"""Checks and corrections of moments of inertia, so that they belong to a rigid body even if they are random."""
 
 import math
 from collections.abc import Sequence
@@ -11,23 +11,23 @@ from drake_quad.scenario.quantities import extremes
 from drake_quad.vehicle import rigid_body
 
 INERTIA_RULE = (
-    "; no moment may exceed the sum of the other two, and draws that do are replaced by the nearest that do not"
+    "; no moment may exceed the sum of the other two, and impossible draws are replaced by the nearest possible ones"
 )
 
 
 def inertia_flaw(moments: Sequence[NumberOrDistribution]) -> str:
-    """Return the demand that no draw of the moments of inertia fulfils, with its reason; empty if some draw does."""
+    """Return an error message if no draw of the moments of inertia belongs to a rigid body; empty otherwise."""
     lowest, _ = bounds = _bounds(moments)
     flaw = rigid_body.inertia_flaw(rigid_body.nearest_rigid(lowest, *bounds).tolist())
     drawn = not all(isinstance(moment, float) for moment in moments)
-    return f"must be that of a rigid body: {'whatever is drawn, ' * drawn}{flaw}" if flaw else ""
+    return f"must be that of a rigid body: {'for every draw, ' * drawn}{flaw}" if flaw else ""
 
 
 def rigid_draws(moments: Sequence[NumberOrDistribution], drawn: Sequence[Any]) -> np.ndarray:
-    """Return the moments of inertia of a rigid body that are nearest to drawn ones.
+    """Return the moments of inertia of the rigid bodies that are nearest to drawn moments.
 
     Args:
-        moments: I_xx, I_yy, I_zz of the scenario, as numbers or distributions; plain numbers are kept.
+        moments: I_xx, I_yy, I_zz of the scenario, as numbers or distributions; the moments given as numbers are kept.
         drawn: values of the three moments, each a number or an (N,) array, kg m².
 
     Returns:

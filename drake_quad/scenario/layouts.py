@@ -20,11 +20,12 @@ _Turns = Literal["clockwise", "anticlockwise"]
 class RotorLayout(Model):
     """Positions and directions of rotation of four rotors.
 
-    Numbers that a study draws are (N,) arrays when the methods are called for a fleet.
+    In the scenario of a fleet, numbers that a study draws are (N,) arrays.
 
     Attributes:
-        is_paired: whether all airframes with the layout have their rotors in pairs, see `paired_rotor_action`.
-        has_sides: whether a crossbar leads to a bar on each side; else each rotor has an arm from the middle.
+        is_paired: True if opposite rotors of every airframe with the layout form pairs, see `paired_rotor_action`.
+        has_sides: True if the frame is drawn as an H, with a bar on each side; False if every rotor has an arm from
+            the middle.
     """
 
     kind: str
@@ -34,7 +35,7 @@ class RotorLayout(Model):
     @property
     @abstractmethod
     def has_distances(self) -> bool:
-        """True if the layout determines the positions of its rotors; else the arm length does."""
+        """True if the layout itself determines the positions of its rotors, False if the arm length does."""
 
     @abstractmethod
     def rotors_of(self, airframe: Any) -> Rotors:
@@ -48,35 +49,37 @@ Layout = Annotated[RotorLayout, LAYOUTS]
 
 
 class _Alternating(RotorLayout):
-    """Four rotors that are alike, numbered clockwise from the front; neighbours turn against each other."""
+    """Four equal rotors, numbered clockwise from the front; neighbouring rotors turn in opposite directions."""
 
-    rotor_1_turns: _Turns = Field(default="clockwise", description="seen from above")
+    rotor_1_turns: _Turns = Field(default="clockwise", description="direction of rotation of rotor 1, seen from above")
     length: Positive | None = Field(
-        default=None, description="between the rotors in front and those at the back, in place of arm_length (m)"
+        default=None,
+        description="distance between the front and the rear rotors (m); length and width replace arm_length",
     )
     width: Positive | None = Field(
-        default=None, description="between the rotors on the right and those on the left, with length (m)"
+        default=None,
+        description="distance between the right and the left rotors (m); length and width replace arm_length",
     )
     is_paired: ClassVar = True
     has_sides: ClassVar = False
     _shape: ClassVar[Callable[..., Rotors]] = Rotors.x
-    # Distance between opposite sides over the arm length.
+    # Ratio of length and width to the arm length.
     _distance_per_arm: ClassVar = sqrt(2.0)
 
     @model_validator(mode="after")
     def _both_or_none(self) -> "_Alternating":
         if (self.length is None) != (self.width is None):
             given, other = ("length", "width") if self.width is None else ("width", "length")
-            raise PydanticCustomError("distances", "must have {other} beside {given}", {"other": other, "given": given})
+            raise PydanticCustomError("distances", "must have {other} and {given}", {"other": other, "given": given})
         return self
 
     @property
     def has_distances(self) -> bool:
-        """True if there are a length and a width."""
+        """True if the layout has a length and a width."""
         return self.length is not None
 
     def rotors_of(self, airframe: Any) -> Rotors:
-        """Return the rotors of an airframe, which all have its thrust factor and drag factor."""
+        """Return the rotors of an airframe, all with the airframe's thrust factor and drag factor."""
         distance = self._distance_per_arm * airframe.arm_length if self.length is None else None
         return type(self)._shape(
             length=self.length if distance is None else distance,
@@ -89,7 +92,7 @@ class _Alternating(RotorLayout):
 
 @LAYOUTS.member
 class PlusLayout(_Alternating):
-    """Rotors in front (1), on the right (2), at the back (3) and on the left (4)."""
+    """Rotor 1 in front, 2 on the right, 3 at the rear, 4 on the left."""
 
     kind: Literal["plus"]
     _shape: ClassVar = Rotors.plus
@@ -98,51 +101,55 @@ class PlusLayout(_Alternating):
 
 @LAYOUTS.member
 class XLayout(_Alternating):
-    """Rotors on the right in front (1) and at the back (2), on the left at the back (3) and in front (4)."""
+    """Rotor 1 in front on the right, 2 at the rear on the right, 3 at the rear on the left, 4 in front on the left."""
 
     kind: Literal["x"]
 
 
 @LAYOUTS.member
 class HLayout(_Alternating):
-    """As an x, where front and back are not as far apart as right and left."""
+    """Rotors numbered as in an x, with a length that differs from the width."""
 
     kind: Literal["h"]
-    length: Positive = Field(description="between the rotors in front and those at the back (m)")
-    width: Positive = Field(description="between the rotors on the right and those on the left (m)")
+    length: Positive = Field(description="distance between the front and the rear rotors (m)")
+    width: Positive = Field(description="distance between the right and the left rotors (m)")
     has_sides: ClassVar = True
 
 
 class RotorPlace(Model):
-    """One rotor."""
+    """Position, direction of rotation and factors of one rotor."""
 
     position: Position = Field(
-        description="in B, seen from the origin of the layout, where the centre of mass is unless `centre_of_mass` says"
-        " otherwise (m)"
+        description="position in B relative to the origin of the layout (m), which is the centre of mass unless"
+        " `centre_of_mass` is given"
     )
-    turns: _Turns = Field(description="seen from above")
-    thrust_factor: Positive | None = Field(default=None, description="b; that of the airframe if not given (N s²)")
-    drag_factor: Positive | None = Field(default=None, description="d; that of the airframe if not given (N m s²)")
+    turns: _Turns = Field(description="direction of rotation, seen from above")
+    thrust_factor: Positive | None = Field(
+        default=None, description="thrust factor b of the rotor (N s²); that of the airframe if not given"
+    )
+    drag_factor: Positive | None = Field(
+        default=None, description="drag factor d of the rotor (N m s²); that of the airframe if not given"
+    )
 
 
 @LAYOUTS.member
 class RotorsLayout(RotorLayout):
-    """Any four rotors, numbered from 1 in their order."""
+    """Four rotors at any positions, numbered from 1 in the order of the list."""
 
     kind: Literal["rotors"]
     rotors: Annotated[tuple[RotorPlace, RotorPlace, RotorPlace, RotorPlace], Field(strict=False)] = Field(
-        description="rotors 1 to 4"
+        description="rotors 1 to 4, in this order"
     )
     is_paired: ClassVar = False
     has_sides: ClassVar = False
 
     @property
     def has_distances(self) -> bool:
-        """True."""
+        """True, since every rotor has a position."""
         return True
 
     def rotors_of(self, airframe: Any) -> Rotors:
-        """Return the rotors, with the factors of the airframe where they have none of their own."""
+        """Return the rotors; a rotor without factors of its own has those of the airframe."""
         return Rotors._make(_rotor(place, airframe) for place in self.rotors)
 
 
@@ -152,13 +159,13 @@ def rotors_of(airframe: Any) -> Rotors:
 
 
 def arms_of(airframe: Any) -> tuple[float, float]:
-    """Return the distances of the nearest and the farthest rotor from the middle of an airframe, from above, m."""
+    """Return the smallest and the largest horizontal distance of a rotor from the middle of an airframe, m."""
     arms = [sqrt(float(rotor.x * rotor.x + rotor.y * rotor.y)) for rotor in rotors_of(airframe)]
     return min(arms), max(arms)
 
 
 def arm_length_of(airframe: Any) -> float:
-    """Return the mean of the distances of the nearest and the farthest rotor from the middle of an airframe, m."""
+    """Return the arm length of an airframe, m; if its layout has distances, the mean of shortest and longest arm."""
     return 0.5 * sum(arms_of(airframe)) if airframe.layout.has_distances else float(airframe.arm_length)
 
 

@@ -1,45 +1,50 @@
 """Limits on the size of a scenario.
 
-Nothing that a person or a script of this project writes comes near these limits. They are for what is broken, or no
-scenario at all, and act before the most of it is read: ruamel.yaml takes a second for 30,000 names and values, and
-another for half a megabyte of text.
+Scenarios that a person or a script of this project writes stay far below these limits. The limits stop the reading of
+broken files, and of files that are not scenarios, at an early point: ruamel.yaml takes one second for 30,000 names and
+values, and another second for half a megabyte of text.
 """
 
-# Bytes of text in all files of a scenario. `drake-quad plan` writes a path through 1,000 waypoints with 300,000.
-MOST_BYTES = 500_000
+# Bytes of text in all files of a scenario. `drake-quad plan` writes a path through 1,000 waypoints with 300,000 bytes.
+MAX_BYTES = 500_000
 # Names and values in all YAML of a scenario. That path has 23,000, and the largest shipped scenario has 700.
-MOST_NODES = 30_000
+MAX_NODES = 30_000
 # Levels of nested mappings and lists. The language has ten.
-MOST_LEVELS = 40
+MAX_LEVELS = 40
 # Characters of a name, a number or a text.
-MOST_CHARACTERS = 1_000
+MAX_CHARACTERS = 1_000
 # Scenarios that a scenario extends, directly or through others.
-MOST_BASES = 100
-# Waypoints of a route. The shortest times through this many waypoints are found within a minute.
-MOST_WAYPOINTS = 1_000
-# Sources of wind, and sensors. Walls of fans have about as many.
-MOST_SOURCES = 100
-# Obstacles of a space. The nearest one is searched at every tick.
-MOST_OBSTACLES = 200
-# Points of a mesh, and corners of its convex hull, which are unrolled in machine code.
-MOST_POINTS, MOST_CORNERS = 5_000, 100
-# Rules of a network with four inputs of four sets. Every rule is unrolled in machine code, on every axis.
-MOST_RULES = 256
-# Sets of an input: one every 36 cm in a lap of the laboratory's figure eight.
-MOST_SETS = 60
+MAX_BASES = 100
+# Waypoints of a route. The planner finds the shortest times through this many waypoints within a minute.
+MAX_WAYPOINTS = 1_000
+# Sources of wind, and also sensors. A wall of fans has about this many fans.
+MAX_SOURCES = 100
+# Obstacles of a space. The simulation searches for the nearest obstacle at every tick.
+MAX_OBSTACLES = 200
+# Points of a mesh, and of a hull in a scenario.
+MAX_POINTS = 5_000
+# Corners of a convex hull, which are unrolled in machine code.
+MAX_CORNERS = 100
+# Rules of a network with four inputs of four sets each. Every rule is unrolled in machine code, on every axis.
+MAX_RULES = 256
+# Fuzzy sets of an input: one set every 36 cm in a lap of the laboratory's figure eight.
+MAX_SETS = 60
 
-# Bytes of the numbers of a policy: two layers of 256 neurons in single precision.
-MOST_NETWORK_BYTES = 300_000
+# Bytes of the numbers of a policy. Two layers of 256 neurons in single precision need about this many.
+MAX_NETWORK_BYTES = 300_000
 
-# Normal variables that distributions share. An identification has at most one for each of its numbers.
-MOST_SHARED = 64
+# Normal variables that distributions share. An identification writes at most one for each parameter.
+MAX_SHARED = 64
 
-# Bounds of numbers in any unit. No product of such numbers overflows in a formula, and smaller numbers do not affect
-# a vehicle: the inertia of a winged insect is 1e-9 kg m².
-LARGEST, SMALLEST = 1e9, 1e-12
-# Shortest period, or time between two waypoints, s. No camera and no autopilot is faster than 10 kHz.
+# Largest size of a number in any unit. No product of such numbers overflows in a formula.
+LARGEST = 1e9
+# Smallest positive number in any unit. A smaller number does not affect a vehicle: the moment of inertia of a winged
+# insect is 1e-9 kg m².
+SMALLEST = 1e-12
+# Shortest period, and shortest time between two waypoints, s. Cameras and autopilots are not faster than 10 kHz.
 SHORTEST = 1e-4
-# Longest flight, and latest time in it, s: a day.
+# Longest flight, and latest time in a flight, s: one day.
 LONGEST = 86_400.0
-# Shortest periods in a flight. A day has as many with the default of 10 ms, and takes a quarter of an hour to simulate.
-MOST_TICKS = 10_000_000
+# Ticks of the shortest period in a flight. A day has 8,640,000 with the default period of 10 ms, and simulating it
+# takes a quarter of an hour.
+MAX_TICKS = 10_000_000

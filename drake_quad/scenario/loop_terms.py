@@ -1,4 +1,4 @@
-"""Terms of a PID loop beside the proportional one, in the scenario language."""
+"""Terms of a PID loop in addition to the proportional term, in the scenario language."""
 
 import math
 from typing import Any
@@ -14,27 +14,27 @@ from drake_quad.scenario.quantities import Gains, IntegrationRule, Positive, Pos
 class LoopTerms(Model):
     """Optional terms of a PID loop on three axes: integral, derivative, feed-forward and limit of the output."""
 
-    k_i: Gains | None = Field(default=None, description="integral gains (unit of the proportional ones over s)")
+    k_i: Gains | None = Field(default=None, description="integral gains (unit of the proportional gains over s)")
     integral_limit: Positives | None = Field(
         default=None, description="largest size of the integral term (unit of the output); no limit if not given"
     )
     integral_fade: Positive | None = Field(
         default=None,
-        description="e₀: the integral grows by its share 1 - (e / e₀)², and not at all for larger errors e"
-        " (unit of the error); it always grows if not given",
+        description="e₀: the integrand is multiplied by 1 - (e / e₀)², and is 0 for errors e larger than e₀"
+        " (unit of the error); no such factor if not given",
     )
     integration: IntegrationRule = "forward_euler"
     k_d: Gains | None = Field(
-        default=None, description="gains of the derivative of the measurement (unit of the proportional ones times s)"
+        default=None, description="gains of the derivative of the measurement (unit of the proportional gains times s)"
     )
     derivative_bandwidth: Positives | None = Field(
-        default=None, description="bandwidth of the filter of the derivative (rad/s); no filter if not given"
+        default=None, description="bandwidth of the low-pass filter of the derivative (rad/s); no filter if not given"
     )
     derivative_order: Order = Field(
-        default=2, description="order of this filter: 2 for Butterworth, 1 for a lag of first order"
+        default=2, description="order of this filter: 2 for Butterworth, 1 for a first-order lag"
     )
     k_ff: Gains | None = Field(
-        default=None, description="gains of the setpoint, fed forward (as the proportional ones)"
+        default=None, description="gains of the feed-forward of the setpoint (unit of the proportional gains)"
     )
     limit: Positives | None = Field(
         default=None, description="largest size of the output (its unit); no limit if not given"
@@ -42,11 +42,11 @@ class LoopTerms(Model):
 
     @property
     def integrates_first(self) -> bool:
-        """True if the output has the integral with the error of its own tick."""
+        """True if the output of a tick uses the integral that includes the error of that tick."""
         return self.integration == "backward_euler"
 
     def terms(self, period: float) -> tuple[Terms, Terms, Terms]:
-        """Return the terms of each axis for a loop of a period, s."""
+        """Return the terms of each axis, for a loop with the given period, s."""
         first, second, third = (self._axis(axis, period) for axis in range(3))
         return first, second, third
 
@@ -67,6 +67,6 @@ class LoopTerms(Model):
 
 
 def _gain(gains: Any, axis: int) -> Any:
-    """Return the gain on an axis; None if it is not given, or the number 0, so that its term has no state."""
+    """Return the gain on an axis; None if it is not given or is the number 0, so that its term needs no state."""
     gain = None if gains is None else gains[axis]
     return None if isinstance(gain, float) and gain == 0.0 else gain

@@ -1,7 +1,8 @@
-"""The scenario language: what a YAML file may say, with units and bounds.
+"""Models of a scenario: all fields of the scenario language, with units and bounds.
 
-Any physical quantity of the vehicle, the laboratory, the control and most routes may be a distribution. What fixes the
-structure of the diagram (periods, counts, choices), what the ground believes, and what a flight is judged by may not.
+Any physical quantity of the vehicle, the laboratory, the control and most routes may be a distribution. Three groups of
+fields may not: those that determine the structure of the diagram (periods, counts, choices), the parameters of the
+nominal vehicle, and the criteria by which a flight is evaluated.
 """
 
 import math
@@ -29,7 +30,7 @@ from drake_quad.scenario.distributions import Model, Real, omits_defaults, refus
 from drake_quad.scenario.effects.effect import EFFECTS, VehicleEffect
 from drake_quad.scenario.inertia import INERTIA_RULE, inertia_flaw
 from drake_quad.scenario.layouts import LAYOUTS, Layout, PlusLayout, arms_of, rotors_of
-from drake_quad.scenario.limits import MOST_SHARED, MOST_SOURCES, MOST_TICKS
+from drake_quad.scenario.limits import MAX_SHARED, MAX_SOURCES, MAX_TICKS
 from drake_quad.scenario.motion_capture import MotionCaptureSettings
 from drake_quad.scenario.motors import BelievedMotors, Motors, SpeedMotors
 from drake_quad.scenario.paths import distributions_in, joined, keys_of
@@ -62,138 +63,145 @@ from drake_quad.vehicle.motors import SpinDown
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.responding import RESPONDING_EFFECTS
 
-# Pattern of the name of a scenario, which is also used for folders and files.
+# Pattern of the name of a scenario, which also names folders and files.
 NAME = r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$"
 
 
 _PAPER = QuadrotorParameters()
 _ROTOR = _PAPER.rotors.rotor_1
-# Relative difference that is allowed between an arm length and the distances of a layout. Data sheets give two or three
-# digits.
-_ROUNDING = 0.01
+# Largest relative difference between an arm length and the arms that follow from the distances of a layout. Data sheets
+# give two or three digits.
+_ARM_TOLERANCE = 0.01
 _Positive = TypeVar("_Positive")
 _NonNegative = TypeVar("_NonNegative")
 
 
 class Airframe(Model, Generic[_Positive, _NonNegative]):
-    """Airframe of a vehicle; the defaults are from the paper's Table I as far as it has them."""
+    """Airframe of a vehicle. The defaults are those of the paper's Table I where it gives a value."""
 
-    mass: _Positive = field_of(_PAPER, "mass", "m")
+    mass: _Positive = field_of(_PAPER, "mass", "mass m")
     inertia: Annotated[tuple[_Positive, _Positive, _Positive], Field(strict=False)] = field_of(
-        _PAPER, "inertia", "I_xx, I_yy, I_zz", rule=INERTIA_RULE
+        _PAPER, "inertia", "moments of inertia I_xx, I_yy, I_zz", rule=INERTIA_RULE
     )
-    rotor_inertia: _NonNegative = field_of(_PAPER, "rotor_inertia", "J_r")
-    thrust_factor: _Positive = field_of(_ROTOR, "thrust_factor", "b")
-    drag_factor: _Positive = field_of(_ROTOR, "drag_factor", "d")
-    arm_length: _Positive = field_of(_ROTOR, "x", "l, from the middle of a plus or an x to its rotors")
-    layout: Layout = Field(default=PlusLayout(kind="plus"), description="where the rotors are and which way they turn")
-    gravity: _Positive = field_of(_PAPER, "gravity", "g")
-    min_rotor_speed: _NonNegative = field_of(_PAPER, "min_rotor_speed", "idle")
+    rotor_inertia: _NonNegative = field_of(_PAPER, "rotor_inertia", "moment of inertia J_r of a rotor")
+    thrust_factor: _Positive = field_of(_ROTOR, "thrust_factor", "thrust factor b of a rotor")
+    drag_factor: _Positive = field_of(_ROTOR, "drag_factor", "drag factor d of a rotor")
+    arm_length: _Positive = field_of(_ROTOR, "x", "arm length l from the middle of a plus or an x to its rotors")
+    layout: Layout = Field(
+        default=PlusLayout(kind="plus"), description="positions and directions of rotation of the rotors"
+    )
+    gravity: _Positive = field_of(_PAPER, "gravity", "gravitational acceleration g")
+    min_rotor_speed: _NonNegative = field_of(_PAPER, "min_rotor_speed", "idle speed of the rotors")
     max_rotor_speed: _Positive = field_of(_PAPER, "max_rotor_speed", "top speed of the rotors")
 
     @model_serializer(mode="wrap")
-    def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Without an arm length where distances say it: its default would contradict them."""
+    def _serialized(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Return the fields, without the arm length if the layout has distances, which its default would contradict."""
         fields: dict[str, Any] = write(self)
         return {name: value for name, value in fields.items() if name != "arm_length" or not self.layout.has_distances}
 
     def check_layout(self) -> None:
-        """Raise an error if the arm length is not that of the layout, or some part of a wrench cannot be given."""
+        """Raise an error if the arm length contradicts the layout, or the rotors cannot produce every torque."""
         self._check_arm()
         rotors = "layout", "thrust_factor", "drag_factor", "arm_length"
         if any(path.startswith(rotors) for path in distributions_in(self)):
             return
         if missing := missing_direction(rotors_of(self)):
-            raise self.wrong(f"must give thrust and all torques: it has no {missing}", "layout")
+            raise self.field_error(f"must produce thrust and all torques, but has no {missing}", "layout")
 
     def check_inertia(self) -> None:
         """Raise a validation error if no draw of the moments of inertia belongs to a rigid body."""
         if flaw := inertia_flaw(self.inertia):
-            raise self.wrong(flaw, "inertia")
+            raise self.field_error(flaw, "inertia")
 
     def _check_arm(self) -> None:
-        """Raise an error if the arm length contradicts the layout: such a mistake would go unnoticed otherwise."""
+        """Raise an error if the arm length contradicts the distances of the layout, which would otherwise be used."""
         if "arm_length" not in self.model_fields_set or not self.layout.has_distances:
             return
         written: Any = self.arm_length
         if not isinstance(written, float):
-            raise self.wrong("must be left out, since the layout has distances", "arm_length")
+            raise self.field_error("must be left out, since the layout has distances", "arm_length")
+        # A layout with distributions has no definite arms to compare with.
         if distributions_in(self.layout):
             return
         shortest, longest = arms_of(self)
-        if not (1.0 - _ROUNDING) * shortest <= written <= (1.0 + _ROUNDING) * longest:
+        if not (1.0 - _ARM_TOLERANCE) * shortest <= written <= (1.0 + _ARM_TOLERANCE) * longest:
             arms = " to ".join(dict.fromkeys(f"{arm:.4g}" for arm in (shortest, longest)))
-            raise self.wrong(f"must be {arms}, as the distances in the layout imply, or be left out", "arm_length")
+            raise self.field_error(
+                f"must be {arms}, which follows from the distances in the layout, or be left out", "arm_length"
+            )
 
 
 class Nominal(Airframe[PlainPositive, PlainNonNegative]):
-    """Vehicle that planner and controllers assume; the defaults are from the paper's Table I as far as it has them."""
+    """Vehicle that planner and controllers assume. Defaults are those of the paper's Table I where it has a value."""
 
-    motors: BelievedMotors = Field(default=SpeedMotors(kind="speed"), description="what the motors are told")
+    motors: BelievedMotors = Field(default=SpeedMotors(kind="speed"), description="quantity that the motors take")
 
     @field_validator("layout")
     @classmethod
     def _believed(cls, layout: Layout) -> Layout:
         for path in distributions_in(layout):
-            raise layout.wrong("must be a number, since planner and controllers use it", *keys_of(path))
+            raise layout.field_error("must be a number, since planner and controllers use it", *keys_of(path))
         return layout
 
     @model_validator(mode="after")
     def _can_fly(self) -> "Nominal":
         if not self.max_rotor_speed > self.min_rotor_speed:
-            raise self.wrong(f"must be larger than min_rotor_speed, {self.min_rotor_speed}", "max_rotor_speed")
+            raise self.field_error(f"must be larger than min_rotor_speed, {self.min_rotor_speed}", "max_rotor_speed")
         self.check_inertia()
         self.check_layout()
         flaw = hover_flaw(rotors_of(self), min_speed=self.min_rotor_speed, max_speed=self.max_rotor_speed)
         if flaw:
-            raise self.wrong(f"must give thrust without torque: {flaw}", "layout")
+            raise self.field_error(f"must produce thrust without torque: {flaw}", "layout")
         return self
 
 
 class Vehicle(Airframe[Positive, NonNegative]):
-    """The aircraft as it is; what is not given is as in `nominal`, and nobody on the ground knows the difference."""
+    """The real aircraft. A field that is not given is as in `nominal`, which planner and controllers use."""
 
     thrust_factor_error: Annotated[tuple[Share, Share, Share, Share], Field(strict=False)] = Field(
-        default=(0.0, 0.0, 0.0, 0.0), description="by which each rotor's thrust factor is off, as a share of b (1)"
+        default=(0.0, 0.0, 0.0, 0.0), description="relative error of the thrust factor b of each rotor (1)"
     )
     centre_of_mass: Annotated[tuple[Number, Number], Field(strict=False)] = Field(
         default=(0.0, 0.0),
-        description="x and y in B, seen from the origin of `layout`, the middle of a plus, an x or an h (m)",
+        description="x and y in B relative to the origin of `layout` (m), which is the middle of a plus, an x or an h",
     )
     linear_drag: NonNegative = field_of(_PAPER, "linear_drag", "drag force over airspeed")
     quadratic_drag: NonNegative = field_of(_PAPER, "quadratic_drag", "drag force over squared airspeed")
-    rotor_time_constant: Span = field_of(_PAPER, "rotor_time_constant", "lag of the rotor speed")
+    rotor_time_constant: Span = field_of(_PAPER, "rotor_time_constant", "time constant of the rotor speed")
     rotor_time_constant_down: Span | None = Field(
-        default=None, description="lag of rotors that slow down (s); if not given, as of those that speed up"
+        default=None,
+        description="time constant of the speed of rotors that slow down (s); `rotor_time_constant` if not given",
     )
     motors: Motors = Field(
-        default=SpeedMotors(kind="speed"), description="what the motors are told; of the same kind as in `nominal`"
+        default=SpeedMotors(kind="speed"),
+        description="quantity that the motors take; of the same kind as in `nominal`",
     )
     battery_sag: Annotated[Number, bounded(least=0.0, below=1.0)] = Field(
-        default=0.0, description="share of the rotor speed that is lost by the end of the flight, evenly over it (1)"
+        default=0.0, description="fraction of the rotor speed lost by the end of the flight (1), growing linearly"
     )
     reaction_torque: bool = Field(
-        default=False, description="whether rotors that accelerate turn the body; the paper leaves it out"
+        default=False, description="whether accelerating rotors exert a reaction torque; the paper neglects it"
     )
     attitude_kinematics: Literal["exact", "small_angle"] = Field(
-        default="exact", description="small_angle takes p, q, r for the rates of roll, pitch and yaw, as eq (3)"
+        default="exact", description="small_angle uses p, q, r as the rates of roll, pitch and yaw, as in eq (3)"
     )
     time_step: Step = Field(default=0.01, description="step of the built-in integration (s); 0 for a continuous state")
 
     @model_validator(mode="after")
     def _one_load(self) -> "Vehicle":
         if {"payload", "slung_load"} <= self.effects().keys():
-            demand = "must not stand beside a payload, which moves the centre of mass away from where it hangs"
-            raise self.wrong(demand, "slung_load")
+            demand = "must not be combined with a payload, which moves the centre of mass away from the attachment"
+            raise self.field_error(demand, "slung_load")
         return self
 
     def effects(self) -> dict[str, VehicleEffect]:
-        """Return the effects that are switched on, by the names of their fields."""
+        """Return the effects that the vehicle has, by the name of their field."""
         fields = {name: getattr(self, name) for name in EFFECTS.members}
         return {name: effect for name, effect in fields.items() if effect is not None}
 
     def effect_numbers(self) -> Effects:
-        """Return the numbers of the effects for the formulas of the motion."""
+        """Return the numbers of the effects for the equations of motion."""
         numbers = {name: effect.numbers() for name, effect in self.effects().items() if name != "rotor_failure"}
         own = {name: record for name, record in numbers.items() if name in Effects._fields}
         down = self.rotor_time_constant_down
@@ -206,7 +214,7 @@ class Vehicle(Airframe[Positive, NonNegative]):
         )
 
     def without_response(self) -> tuple[str, ...]:
-        """Return the fields of effects that an autopilot of kind response cannot be combined with."""
+        """Return the names of the fields of effects that cannot be combined with an autopilot of kind response."""
         failure = [name for name in self.effects() if name == "rotor_failure"]
         return (*failure, *(name for name in self.effect_numbers().names if name not in RESPONDING_EFFECTS))
 
@@ -215,12 +223,13 @@ EFFECTS.extend(Vehicle)
 
 
 class AllocationSettings(Model):
-    """On board: from a wrench to rotor speeds within the limits of `nominal`."""
+    """Allocation on board: the conversion of a wrench to rotor speeds within the limits of `nominal`."""
 
     priority: Priority = Field(
         default="roll_pitch",
-        description="what is kept first where the rotors cannot give the whole wrench: roll_pitch keeps roll and pitch"
-        " torque first and then thrust, thrust keeps thrust first and then roll and pitch torque; yaw torque is last",
+        description="component of the wrench that is preserved first if rotors saturate: roll_pitch preserves roll and"
+        " pitch torque before thrust, thrust preserves thrust before roll and pitch torque; yaw torque always comes"
+        " last",
     )
 
 
@@ -229,21 +238,21 @@ class Laboratory(Model):
 
     motion_capture: MotionCaptureSettings = MotionCaptureSettings()
     command_link: CommandLinkSettings = CommandLinkSettings()
-    autopilot: AnyAutopilot = Field(default=NoAutopilot(kind="none"), description="what runs on board")
+    autopilot: AnyAutopilot = Field(default=NoAutopilot(kind="none"), description="control loops on board")
     allocation: AllocationSettings = AllocationSettings()
-    wind: Annotated[tuple[AnyWindSource, ...], Field(strict=False, max_length=MOST_SOURCES)] = Field(
-        default=(), description="sources; they add up"
+    wind: Annotated[tuple[AnyWindSource, ...], Field(strict=False, max_length=MAX_SOURCES)] = Field(
+        default=(), description="sources of wind, whose velocities add up"
     )
-    sensors: Annotated[tuple[AnySensor, ...], Field(strict=False, max_length=MOST_SOURCES)] = Field(
+    sensors: Annotated[tuple[AnySensor, ...], Field(strict=False, max_length=MAX_SOURCES)] = Field(
         default=(),
-        description="on board, beside motion capture: each has a port and a signal that are called after its kind",
+        description="sensors on board; the kind of a sensor is the name of its port and of its signal",
     )
 
-    _written = omits_defaults("sensors")
+    _serialized = omits_defaults("sensors")
 
     @property
     def named_sensors(self) -> dict[str, SensorSettings]:
-        """Sensors by the names of their ports: the kind, with a number from the second of a kind on."""
+        """Sensors by the name of their port: the kind, with a number appended from the second sensor of a kind on."""
         kinds = [sensor.kind for sensor in self.sensors]
         return {
             numbered(sensor.kind, kinds[: i + 1].count(sensor.kind)): sensor for i, sensor in enumerate(self.sensors)
@@ -251,24 +260,24 @@ class Laboratory(Model):
 
 
 class MetricWindow(Model):
-    """The part of a flight that counts for the metrics."""
+    """Part of a flight over which the metrics are computed."""
 
-    start: PlainMoment = Field(default=0.0, description="first time that counts (s)")
+    start: PlainMoment = Field(default=0.0, description="start of the window (s)")
     first_lap: Annotated[int, Field(ge=1)] | None = Field(
         default=None,
-        description="first lap that counts, in place of `start`; the last lap that counts is the last of the route,"
+        description="first lap of the window, in place of `start`; the window then ends with the last lap of the route,"
         " and a route without laps is one lap",
     )
     end: PlainMoment | None = Field(
-        default=None, description="last time that counts (s); the end of the flight if not given"
+        default=None, description="end of the window (s); the end of the flight if not given"
     )
 
     @model_validator(mode="after")
     def _begins_once_and_ends_later(self) -> "MetricWindow":
         if self.first_lap is not None and self.start:
-            raise self.wrong(f"must not stand beside a start, {self.start}", "first_lap")
+            raise self.field_error(f"must not be combined with a start, {self.start}", "first_lap")
         if self.end is not None and not self.end > self.start:
-            raise self.wrong(f"must be later than start, {self.start}", "end")
+            raise self.field_error(f"must be later than start, {self.start}", "end")
         return self
 
 
@@ -276,56 +285,59 @@ class Crash(Model):
     """Limits beyond which a vehicle has crashed."""
 
     tilt: PlainTilt | None = Field(
-        default=math.radians(80.0), description="of roll or pitch (rad); null for a vehicle that may turn over"
+        default=math.radians(80.0),
+        description="largest size of roll or pitch (rad); null for a vehicle that may turn over",
     )
-    position_error: PlainPositive = Field(default=5.0, description="Euclidean (m)")
-    height: Real = Field(default=-0.5, description="least height (m)")
+    position_error: PlainPositive = Field(default=5.0, description="largest distance from the reference (m)")
+    height: Real = Field(default=-0.5, description="smallest height (m)")
 
 
 class Mission(Model):
-    """Vehicle, route and space: all that a plan depends on."""
+    """Nominal vehicle, route and space, on which a plan depends."""
 
     name: str = Field(
         default="scenario",
         pattern=NAME,
         max_length=100,
-        description="what plots and folders are called after; letters, digits, '_', '.' and '-'",
+        description="name of plots and folders, of letters, digits, '_', '.' and '-'",
     )
     route: AnyRoute
     nominal: Nominal = Nominal()
-    space: SpaceSettings | None = Field(default=None, description="obstacles, if any")
+    space: SpaceSettings | None = Field(default=None, description="obstacles; none if not given")
 
-    _written = omits_defaults("space")
+    _serialized = omits_defaults("space")
 
     def __repr__(self) -> str:
-        """Return a line of text: what flies where."""
-        return f"<{type(self).__name__} {self.name}: {'; '.join(self._words())}>"
+        """Return a short summary, such as the kinds of route, control and wind."""
+        return f"<{type(self).__name__} {self.name}: {'; '.join(self._summary())}>"
 
-    def _words(self) -> list[str]:
-        """Return the parts of the line that `repr` shows."""
-        return [f"route {self.route.kind}", f"nominal mass {self.nominal.mass:g} kg", *self._obstructed()]
+    def _summary(self) -> list[str]:
+        """Return the parts of the summary that `repr` shows."""
+        return [f"route {self.route.kind}", f"nominal mass {self.nominal.mass:g} kg", *self._obstacle_summary()]
 
-    def _obstructed(self) -> list[str]:
-        """Return the number of obstacles in words, if there are any."""
+    def _obstacle_summary(self) -> list[str]:
+        """Return a text with the number of obstacles; an empty list if there are no obstacles."""
         count = 0 if self.space is None else len(self.space.obstacles)
         return [f"{count} obstacle{'' if count == 1 else 's'}"] if count else []
 
 
 class Scenario(Mission):
-    """A closed loop: what flies where, under which control, for how long."""
+    """A closed loop: vehicle, laboratory, control and route, with the duration and the metrics of the flight."""
 
     vehicle: Vehicle = Field(default_factory=Vehicle, json_schema_extra={"default": Vehicle().model_dump(mode="json")})
     laboratory: Laboratory = Laboratory()
     control: AnyControl
-    duration: PlainSpan | None = Field(default=None, description="of the flight (s); that of the route if not given")
+    duration: PlainSpan | None = Field(
+        default=None, description="duration of the flight (s); the duration of the route if not given"
+    )
     metrics: MetricWindow = MetricWindow()
     crash: Crash = Crash()
-    seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(default=0, description="of everything random")
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(default=0, description="seed of all random numbers")
     sample: Annotated[int, Field(ge=0, lt=2**31)] | None = Field(
-        default=None, description="which of the study's samples this is; without distributions it may be left open"
+        default=None, description="index of the sample of a study, from 0; not needed without distributions"
     )
 
-    def _words(self) -> list[str]:
+    def _summary(self) -> list[str]:
         laboratory, count = self.laboratory, len(distributions_in(self))
         wind = ", ".join(source.kind for source in laboratory.wind)
         return [
@@ -334,7 +346,7 @@ class Scenario(Mission):
             f"control {' + '.join(self.control.parts())}",
             *([f"autopilot {laboratory.autopilot.kind}"] if laboratory.autopilot.controls_attitude else []),
             f"wind: {wind}" if wind else "no wind",
-            *self._obstructed(),
+            *self._obstacle_summary(),
             f"{count or 'no'} distribution{'' if count == 1 else 's'}",
         ]
 
@@ -345,36 +357,38 @@ class Scenario(Mission):
         nominal = info.data.get("nominal")
         if nominal is None:
             return vehicle
-        silent = Nominal.model_fields.keys() - vehicle.model_fields_set
-        numbers = {name: getattr(nominal if name in silent else vehicle, name) for name in Vehicle.model_fields}
+        omitted = Nominal.model_fields.keys() - vehicle.model_fields_set
+        numbers = {name: getattr(nominal if name in omitted else vehicle, name) for name in Vehicle.model_fields}
         whole_vehicle = Vehicle.model_construct(_fields_set=vehicle.model_fields_set, **numbers)
         idle, top = extremes(whole_vehicle.min_rotor_speed)[1], extremes(whole_vehicle.max_rotor_speed)[0]
         if idle is None or top is None or not top > idle:
-            if "max_rotor_speed" not in silent:
-                raise whole_vehicle.wrong(f"must be larger than min_rotor_speed, {idle}", "max_rotor_speed")
-            raise whole_vehicle.wrong(f"must be smaller than max_rotor_speed, {top}", "min_rotor_speed")
+            if "max_rotor_speed" not in omitted:
+                raise whole_vehicle.field_error(f"must be larger than min_rotor_speed, {idle}", "max_rotor_speed")
+            raise whole_vehicle.field_error(f"must be smaller than max_rotor_speed, {top}", "min_rotor_speed")
         whole_vehicle.check_inertia()
         whole_vehicle.check_layout()
         if whole_vehicle.motors.take_throttles != nominal.motors.take_throttles:
-            demand = f"must be {nominal.motors.kind}, as in nominal, since the autopilot commands them"
-            raise whole_vehicle.wrong(demand, "motors", "kind")
+            demand = f"must be {nominal.motors.kind} as in nominal, since the autopilot commands motors of that kind"
+            raise whole_vehicle.field_error(demand, "motors", "kind")
         return whole_vehicle
 
     @property
     def cascade(self) -> CascadeControl:
-        """The control, if it is a cascade.
+        """The control of a scenario whose control is a cascade.
 
         Raises:
             InputError: if the control is of another kind.
         """
         cascade: CascadeControl | None = self.control.cascade()
         if cascade is None:
-            raise InputError(f"control of {self.name} is of kind {self.control.kind}, but must be a cascade for this")
+            raise InputError(
+                f"control of {self.name} is of kind {self.control.kind}; select a scenario with control of kind cascade"
+            )
         return cascade
 
     @property
     def periods(self) -> dict[tuple[str | int, ...], float]:
-        """The periods of integration, cameras, control, autopilot and sensors (s), by the path of their field."""
+        """Periods of integration, cameras, control, autopilot and sensors (s), by the path of their field."""
         periods: dict[tuple[str | int, ...], float] = {
             ("vehicle", "time_step"): self.vehicle.time_step,
             ("laboratory", "motion_capture", "period"): self.laboratory.motion_capture.period,
@@ -393,14 +407,14 @@ class Scenario(Mission):
         return self
 
     @model_validator(mode="after")
-    def _few_are_shared(self) -> "Scenario":
-        """No more normal variables are shared than can be looked over."""
+    def _few_shared_variables(self) -> "Scenario":
+        """Raise an error if distributions share more than `MAX_SHARED` normal variables."""
         names: set[str] = set()
         for path, distribution in distributions_in(self).items():
             names.update(shared_names([distribution]))
-            if len(names) > MOST_SHARED:
-                demand = f"must share none but the {MOST_SHARED} normal variables that a scenario may have"
-                raise refused(demand, path=(*keys_of(path), "normal", "shared"))
+            if len(names) > MAX_SHARED:
+                demand = f"must not add a shared variable, since the scenario already has {MAX_SHARED}, the largest"
+                raise refused(f"{demand} number", path=(*keys_of(path), "normal", "shared"))
         return self
 
     @model_validator(mode="after")
@@ -408,20 +422,20 @@ class Scenario(Mission):
         base, shortest = min((period, joined(*path)) for path, period in self.periods.items())
         if self.vehicle.time_step > base:
             demand = f"must not be longer than the shortest period, {base} s of {shortest}"
-            raise self.wrong(demand, "vehicle", "time_step")
+            raise self.field_error(demand, "vehicle", "time_step")
         for path, period in self.periods.items():
             if math.frexp(period / base)[0] != 0.5 or base * (period / base) != period:
-                demand = f"must be the shortest period, {base}, times a power of two, so that all grids coincide"
-                raise self.wrong(demand, *path)
+                demand = f"must be the shortest period, {base}, times a power of two, so that all ticks coincide"
+                raise self.field_error(demand, *path)
         return self
 
     @model_validator(mode="after")
-    def _ends(self) -> "Scenario":
-        """A flight has no more ticks than can be flown, as far as its duration is known without a plan."""
-        longest = MOST_TICKS * min(self.periods.values())
+    def _few_ticks(self) -> "Scenario":
+        """Raise an error if the flight is known to have more than `MAX_TICKS` ticks, before it is planned."""
+        longest = MAX_TICKS * min(self.periods.values())
         path, end = self.route.known_end() if self.duration is None else (("duration",), self.duration)
         if end is not None and end > longest:
-            raise self.wrong(f"must be at most {longest:g} s, {MOST_TICKS:,} times the shortest period", *path)
+            raise self.field_error(f"must be at most {longest:g} s, {MAX_TICKS:,} times the shortest period", *path)
         return self
 
 

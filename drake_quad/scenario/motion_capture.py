@@ -26,35 +26,35 @@ from drake_quad.scenario.quantities import (
 
 
 class MotionCaptureSettings(Model):
-    """Cameras that see position and attitude; without imperfections they see velocity and body rates too."""
+    """Cameras that measure position and attitude, and velocity and body rates, directly or by differentiation."""
 
     period: Period = Field(default=0.01, description="time between frames (s); the paper's 100 Hz")
-    position_noise: NonNegative = field_of(CameraNumbers, "position_noise", "standard deviation on each axis")
+    position_noise: NonNegative = field_of(CameraNumbers, "position_noise", "standard deviation of each coordinate")
     attitude_noise: AngleNoise = field_of(CameraNumbers, "attitude_noise", "standard deviation of roll, pitch and yaw")
     misalignment: Misalignment = field_of(
-        CameraNumbers, "misalignment", "roll, pitch and yaw of the frame of the markers in B"
+        CameraNumbers, "misalignment", "roll, pitch and yaw of the axes of the markers in B"
     )
     derivative_bandwidth: Positive | None = field_of(
         CameraNumbers,
         "derivative_bandwidth",
-        "of the filters that make velocity and body rates",
-        rule="; if not given they are seen exactly",
+        "bandwidth of the filters that compute velocity and body rates",
+        rule="; if not given, velocity and body rates are measured exactly",
     )
     velocity_error: Annotated[tuple[Share, Share, Share], Field(strict=False)] = field_of(
-        CameraNumbers, "velocity_error", "by which velocity along X, Y, Z is seen too large, as a share of it"
+        CameraNumbers, "velocity_error", "relative error of the velocity along X, Y, Z"
     )
     velocity_drift: Annotated[tuple[NonNegative, NonNegative, NonNegative], Field(strict=False)] = field_of(
-        CameraNumbers, "velocity_drift", "standard deviation of a slowly changing error of velocity along X, Y, Z"
+        CameraNumbers, "velocity_drift", "standard deviation of a slowly varying error of the velocity along X, Y, Z"
     )
-    drift_time: Span = field_of(CameraNumbers, "drift_time", "correlation time of the drift")
-    dropout_rate: Probability = field_of(CameraNumbers, "dropout_rate", "share of the frames that are lost")
-    latency_frames: Ticks = Field(default=0, description="whole frames from exposure to arrival")
+    drift_time: Span = field_of(CameraNumbers, "drift_time", "correlation time of velocity_drift")
+    dropout_rate: Probability = field_of(CameraNumbers, "dropout_rate", "fraction of frames that are lost")
+    latency_frames: Ticks = Field(default=0, description="delay from exposure to arrival, in whole frames")
 
     def recipe(self, fleet: Any) -> Recipe:
         """Return the recipe for the cameras of a fleet.
 
         Args:
-            fleet: the cameras in a `Batch.fleet_scenario`.
+            fleet: cameras of a `Batch.fleet_scenario`.
         """
 
         def any_of(*names: str) -> bool:

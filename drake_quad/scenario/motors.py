@@ -11,7 +11,7 @@ from drake_quad.vehicle.motors import ThrustCurve
 
 
 class SpeedMotors(Model):
-    """Motors that are told the speed of their rotors."""
+    """Motors that take a rotor speed as their command."""
 
     kind: Literal["speed"]
     take_throttles: ClassVar = False
@@ -22,24 +22,28 @@ class SpeedMotors(Model):
 
 
 class ThrottleMotors(Model):
-    """Motors that are told a throttle u from 0 to 1; the thrust of a rotor is K0 + K1 u + K2 u²."""
+    """Motors that take a throttle u from 0 to 1; the thrust of a rotor is K0 + K1 u + K2 u²."""
 
     kind: Literal["throttle"]
-    curve: Annotated[tuple[Number, Number, Number], Field(strict=False)] = Field(description="K0, K1, K2 (N)")
+    curve: Annotated[tuple[Number, Number, Number], Field(strict=False)] = Field(
+        description="coefficients K0, K1, K2 of the thrust (N)"
+    )
     voltage: Annotated[float, Field(gt=0.0)] | None = Field(
-        default=None, description="voltage of the battery for which the curve holds (V), used for logs only"
+        default=None, description="battery voltage at which the curve holds (V); only the evaluation of logs uses it"
     )
     take_throttles: ClassVar = True
 
     def thrust_curve(self) -> ThrustCurve | None:
-        """Return the thrust over the throttle."""
+        """Return the thrust as a function of the throttle."""
         return ThrustCurve(*self.curve)
 
 
 class BelievedThrottleMotors(ThrottleMotors):
     """Motors with throttles as the autopilot models them; the thrust must rise with the throttle."""
 
-    curve: Annotated[tuple[Real, Real, Real], Field(strict=False)] = Field(description="K0, K1, K2 (N)")
+    curve: Annotated[tuple[Real, Real, Real], Field(strict=False)] = Field(
+        description="coefficients K0, K1, K2 of the thrust (N)"
+    )
 
     @field_validator("curve")
     @classmethod
@@ -47,8 +51,8 @@ class BelievedThrottleMotors(ThrottleMotors):
         k_0, k_1, k_2 = curve
         if k_0 < 0.0 or k_1 < 0.0 or k_1 + 2.0 * k_2 < 0.0 or not k_1 + k_2 >= SMALLEST:
             raise refused(
-                "must rise from throttle 0 to 1, so that it can be inverted: K0, K1 and K1 + 2 K2 at least 0, and K1 +"
-                " K2 above"
+                "must increase from throttle 0 to 1, so that it can be inverted: K0, K1 and K1 + 2 K2 must be at least"
+                " 0, and K1 + K2 positive"
             )
         return curve
 

@@ -1,4 +1,4 @@
-"""Single numbers of a scenario, by the path of their field."""
+"""Reading and replacing of a single number of a scenario, given the path of its field."""
 
 from typing import Any
 
@@ -11,25 +11,26 @@ from drake_quad.scenario.paths import keys_of, value_at
 
 
 def number_at(scenario: Scenario, path: str) -> float:
-    """Return the number in a field, as in `vehicle.mass` or `control.position.k_p.0`.
+    """Return the number in a field such as `vehicle.mass` or `control.position.k_p.0`.
 
     Raises:
-        InputError: there is no such field, or it holds something else.
+        InputError: if the field does not exist or is not a number.
     """
     value = value_at(scenario, path)
     if not isinstance(value, float):
-        shown = "a block of fields" if isinstance(value, Model | tuple) else repr(value)
-        raise InputError(f"{path} is {shown}, not a real number")
+        shown = "a mapping or list" if isinstance(value, Model | tuple) else repr(value)
+        raise InputError(f"{path} is {shown}, but must be a real number")
     return value
 
 
 def with_number(scenario: Scenario, path: str, value: float) -> Scenario:
-    """Return the scenario with another number in a field, as if it had been written there.
+    """Return the scenario with another number in a field.
 
-    What the scenario does not say stays unsaid: a vehicle that is as in `nominal` follows it.
+    Fields that the scenario omits keep their defaults. If `nominal.mass` changes, for example, so does the mass of a
+    vehicle whose mass is not given.
 
     Raises:
-        InputError: there is no such field, or it may not have this value.
+        InputError: if the field does not exist or may not have this value.
     """
     value_at(scenario, path)
     whole: Any = scenario.model_dump(mode="json")
@@ -39,7 +40,7 @@ def with_number(scenario: Scenario, path: str, value: float) -> Scenario:
     for key in keys[:-1]:
         whole = whole[key]
         if isinstance(node, dict):
-            # A mapping that has kinds is said as a whole.
+            # All fields of a mapping with a kind are written, since their defaults depend on the kind.
             node.setdefault(key, {} if isinstance(whole, dict) and "kind" not in whole else whole)
         node = node[key]
     node[keys[-1]] = value

@@ -1,7 +1,7 @@
-"""Fields of a scenario by their paths, such as `vehicle.mass` or `control.position.k_p.0`.
+"""Paths to the fields of a scenario, such as `vehicle.mass` or `control.position.k_p.0`.
 
-Items of lists are counted from 0, but for those of rotors, which are called as everywhere else:
-`vehicle.thrust_factor_error.rotor_1`.
+A path names an item of a list by its index, counted from 0. Only lists with one item for each rotor differ: their items
+are called `rotor_1` to `rotor_4`, as in `vehicle.thrust_factor_error.rotor_1`.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -10,19 +10,19 @@ from typing import Any, TypeVar
 from drake_quad.errors import InputError
 from drake_quad.scenario.distributions import Distribution, Model
 
-# Fields that hold a list of one item for each rotor.
-_PER_ROTOR = ("thrust_factor_error", "rotors")
-_ROTOR = "rotor_"
+# Fields whose value is a list with one item for each rotor.
+_ROTOR_LISTS = ("thrust_factor_error", "rotors")
+_ROTOR_PREFIX = "rotor_"
 
 _AnyModel = TypeVar("_AnyModel", bound=Model)
 
 
 def joined(*steps: str | int) -> str:
-    """Return the path that consists of some steps, each of which may be a path itself."""
+    """Return the steps, each of which may be a path itself, joined to one path."""
     path = ""
     for step in map(str, steps):
-        if is_item(step) and path.rpartition(".")[2] in _PER_ROTOR:
-            step = f"{_ROTOR}{int(step) + 1}"
+        if is_item(step) and path.rpartition(".")[2] in _ROTOR_LISTS:
+            step = f"{_ROTOR_PREFIX}{int(step) + 1}"
         path = f"{path}.{step}" if path else step
     return path
 
@@ -33,17 +33,17 @@ def is_item(step: str) -> bool:
 
 
 def steps_of(path: str) -> list[str]:
-    """Return the steps of a path, where items of lists are counted from 0.
+    """Return the steps of a path, with every item of a list, including rotors, as its index counted from 0.
 
     Raises:
-        InputError: it counts rotors from 0, or otherwise than by their names.
+        InputError: if the path does not name a rotor as `rotor_1` to `rotor_4`.
     """
     steps: list[str] = []
     for step in path.split("."):
-        if steps and steps[-1] in _PER_ROTOR:
-            number = step.removeprefix(_ROTOR)
+        if steps and steps[-1] in _ROTOR_LISTS:
+            number = step.removeprefix(_ROTOR_PREFIX)
             if number == step or number not in ("1", "2", "3", "4"):
-                raise InputError(f"{path} names no rotor: they are rotor_1, rotor_2, rotor_3 and rotor_4")
+                raise InputError(f"{path} does not name a rotor; write rotor_1, rotor_2, rotor_3 or rotor_4")
             step = str(int(number) - 1)
         steps.append(step)
     return steps
@@ -55,7 +55,10 @@ def keys_of(path: str) -> list[str | int]:
 
 
 def parts_of(value: Any) -> Iterator[tuple[str, Any]]:
-    """Yield step and value of the fields of a mapping or the items of a list; nothing for other values."""
+    """Yield the name and value of each field of a mapping, or the index and value of each item of a list.
+
+    For other values, including distributions, nothing is yielded.
+    """
     if isinstance(value, Model) and not isinstance(value, Distribution):
         for name in type(value).model_fields:
             yield name, getattr(value, name)
@@ -67,12 +70,17 @@ def parts_of(value: Any) -> Iterator[tuple[str, Any]]:
 
 
 def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """All numbers, distributions, words and so on in a part of a scenario, each after its path."""
-    inside = isinstance(value, dict)
+    """Yield the path and value of each number, distribution, text or other leaf in a part of a scenario.
+
+    Args:
+        value: part of the scenario.
+        path: path of the part; empty for a whole scenario.
+    """
+    has_parts = isinstance(value, dict)
     for step, part in parts_of(value):
-        inside = True
+        has_parts = True
         yield from leaves(part, joined(path, step))
-    if not inside and not isinstance(value, tuple):
+    if not has_parts and not isinstance(value, tuple):
         yield path, value
 
 
@@ -82,16 +90,16 @@ def distributions_in(scenario: Model) -> dict[str, Distribution]:
 
 
 def value_at(scenario: Model, path: str) -> Any:
-    """Return the value of a field.
+    """Return the value of the field at a path.
 
     Raises:
-        InputError: there is no such field.
+        InputError: if the field does not exist.
     """
     value: Any = scenario
     for step in steps_of(path):
         parts = dict(parts_of(value))
         if step not in parts:
-            raise InputError(f"there is no field {path} in the scenario")
+            raise InputError(f"the scenario has no field {path}")
         value = parts[step]
     return value
 
@@ -100,41 +108,43 @@ def replaced(value: Any, replace: Callable[[str, Any], Any], path: str = "") -> 
     """Return a copy of a part of a scenario in which leaves are replaced.
 
     Args:
-        value: the part.
-        replace: returns what takes a leaf's place, given its path and itself.
-        path: of the part.
+        value: part of the scenario.
+        replace: function that returns the new value of a leaf, given the path and the old value.
+        path: path of the part; empty for a whole scenario.
     """
     parts = dict(parts_of(value))
     if not parts:
         return value if isinstance(value, tuple | dict) else replace(path, value)
-    after = {step: replaced(part, replace, joined(path, step)) for step, part in parts.items()}
-    changed = {step: part for step, part in after.items() if part is not parts[step]}
+    new_parts = {step: replaced(part, replace, joined(path, step)) for step, part in parts.items()}
+    changed = {step: part for step, part in new_parts.items() if part is not parts[step]}
     if not changed:
         return value
     if isinstance(value, dict):
-        return after
-    return tuple(after.values()) if isinstance(value, tuple) else value.model_copy(update=changed)
+        return new_parts
+    return tuple(new_parts.values()) if isinstance(value, tuple) else value.model_copy(update=changed)
 
 
 def updated(model: _AnyModel, values: Mapping[str, Any]) -> _AnyModel:
-    """Return a copy of a mapping with other values in some fields, which are not validated.
+    """Return a copy of a mapping with new values of some fields, without validation.
 
     Args:
-        model: a scenario, or a mapping in it.
-        values: new values by the paths of their fields; a field is no item of a list.
+        model: scenario, or a mapping in it.
+        values: new values by the path of their field, which must not be an item of a list.
     """
-    inside: dict[str, dict[str, Any]] = {}
+    values_by_field: dict[str, dict[str, Any]] = {}
     for path, value in values.items():
         field, _, rest = path.partition(".")
-        inside.setdefault(field, {})[rest] = value
-    parts = {field: own[""] if "" in own else updated(getattr(model, field), own) for field, own in inside.items()}
+        values_by_field.setdefault(field, {})[rest] = value
+    parts = {
+        field: own[""] if "" in own else updated(getattr(model, field), own) for field, own in values_by_field.items()
+    }
     return model.model_copy(update=parts)
 
 
 def refuse_distributions(paths: Iterable[str]) -> None:
-    """Raise InputError if there is any field that holds a distribution, given by their paths."""
+    """Raise InputError for the first of the paths of fields that are distributions, if there are any."""
     for path in paths:
         raise InputError(
-            f"{path} is a distribution; one flight needs a number there, or a sample to draw it for: sample=0 in"
-            " Python, --sample 0 in a shell"
+            f"{path} is a distribution, but one flight needs a number; give a number, or select a sample with sample=0"
+            " in Python or --sample 0 in a shell"
         )

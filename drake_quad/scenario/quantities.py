@@ -17,25 +17,25 @@ from drake_quad.scenario.limits import LARGEST, LONGEST, SHORTEST, SMALLEST
 
 
 def _values_of(value: NumberOrDistribution) -> tuple[float, ...] | None:
-    """Return all values of a quantity, if their number is finite; None otherwise."""
+    """Return all possible values of a quantity; None if there are infinitely many."""
     return value.values if isinstance(value, Distribution) else (value,)
 
 
 def extremes(value: NumberOrDistribution) -> tuple[float | None, float | None]:
-    """Return the least and the largest number that a quantity can be; None where there is no bound."""
+    """Return the smallest and the largest possible value of a quantity; None for a bound that does not exist."""
     if isinstance(value, float):
         return value, value
     return value.extremes()
 
 
 def field_of(record: Any, name: str, text: str, *, rule: str = "") -> Any:
-    """Return a field with the default and the unit of the field of the same meaning in a record.
+    """Return a field of a model with the default and the unit of a field of a record.
 
     Args:
         record: type of the record, or a record whose values are the defaults.
         name: name of the field in the record.
-        text: description without the unit.
-        rule: end of the description, after the unit.
+        text: description of the field without the unit.
+        rule: text of the description after the unit.
     """
     kind = record if isinstance(record, type) else type(record)
     hint = get_type_hints(kind, include_extras=True)[name]
@@ -76,7 +76,14 @@ class Rule:
 def bounded(
     *, above: float | None = None, least: float | None = None, below: float | None = None, most: float | None = None
 ) -> Rule:
-    """Return a rule that holds a number, or all that a distribution can give, to at most one bound on each side."""
+    """Return a rule that requires a number, or all values of a distribution, to be within bounds.
+
+    Args:
+        above: exclusive lower bound.
+        least: inclusive lower bound.
+        below: exclusive upper bound.
+        most: inclusive upper bound.
+    """
     rules = (
         ("larger than", above, 0, operator.gt),
         ("at least", least, 0, operator.ge),
@@ -113,7 +120,12 @@ def radians(most: float) -> Rule:
 
 
 def radians_demand(degrees: float, most: float) -> str:
-    """Return the demand on an angle that must have been given in degrees, where the largest angle is `most`, rad."""
+    """Return the error message for an angle that must have been given in degrees.
+
+    Args:
+        degrees: given number.
+        most: largest plausible size of the angle, rad.
+    """
     return f"must be in radians, at most {most:.4g} in size; {degrees:g} degrees are {math.radians(degrees):.4g} rad"
 
 
@@ -129,7 +141,7 @@ def _numbers_in(value: Any) -> Iterator[float]:
 
 
 def whole(*, least: int, most: int) -> Rule:
-    """Return a rule that holds a number, or a choice of numbers, to whole ones within bounds."""
+    """Return a rule that requires a number, or all numbers of a choice, to be whole numbers within bounds."""
 
     def check(value: NumberOrDistribution) -> NumberOrDistribution:
         numbers = _values_of(value)
@@ -141,7 +153,7 @@ def whole(*, least: int, most: int) -> Rule:
 
 
 def can_differ_from_zero(value: NumberOrDistribution) -> bool:
-    """True if a quantity is anything but the number zero; then what it stands for has a place in the diagram."""
+    """Return whether a quantity is anything but the number zero, so that the diagram must model it."""
     return not isinstance(value, float | int) or value != 0.0
 
 
@@ -150,7 +162,7 @@ def any_nonzero(written: Any, flown: Any) -> bool:
 
     Args:
         written: quantity, or tuple of quantities, of a scenario.
-        flown: the same of its `Batch.fleet_scenario`.
+        flown: the same quantity of its `Batch.fleet_scenario`.
     """
     if isinstance(written, tuple):
         return any(map(any_nonzero, written, flown))
@@ -164,7 +176,7 @@ def largest_ticks(written: Any, flown: Any) -> int:
 
 
 def excludes_zero(value: NumberOrDistribution) -> bool:
-    """True if a quantity cannot be zero, nor so small that it might as well be, whatever is drawn."""
+    """Return whether all values of a quantity have the same sign and at least the size `SMALLEST`."""
     values = _values_of(value)
     if values is not None:
         return all(abs(number) >= SMALLEST for number in values)

@@ -12,13 +12,13 @@ from drake_quad.scenario.distributions import Model, omits_defaults, refused
 from drake_quad.scenario.quantities import PlainPositive, Point
 
 _MAX_FACES = 100
-_MIN_NORMAL = 1e-9  # a shorter normal has no direction
+_MIN_NORMAL = 1e-9  # the direction of a shorter normal is undefined
 
 
 def _check_corners(region: Model, lowest: Sequence[float], highest: Sequence[float]) -> None:
     for i, (low, high) in enumerate(zip(lowest, highest, strict=True)):
         if low > high:
-            raise region.wrong(f"must not be less than that of min, {low}", "max", i)
+            raise region.field_error(f"must not be smaller than the same coordinate of min, {low}", "max", i)
 
 
 class BoxRegion(Model):
@@ -33,41 +33,41 @@ class BoxRegion(Model):
         return self
 
     def box(self) -> Box:
-        """Return the region as the planner has it."""
+        """Return the region as a box of the planner."""
         return Box(self.min, self.max)
 
 
 class HalfSpace(Model):
-    """All that lies behind a plane."""
+    """All points behind a plane."""
 
-    normal: Point = Field(description="out of the half-space, in W; of any length (1)")
-    point: Point = Field(description="on the plane, in W (m)")
+    normal: Point = Field(description="normal of the plane, out of the half-space, in W; of any length (1)")
+    point: Point = Field(description="any point on the plane, in W (m)")
 
     @model_validator(mode="after")
     def _has_a_direction(self) -> "HalfSpace":
         if not np.linalg.norm(self.normal) > _MIN_NORMAL:
-            raise self.wrong("must not be zero", "normal")
+            raise self.field_error("must not be zero", "normal")
         return self
 
 
 class CorridorRegion(Model):
-    """A box, or what lies behind planes of any direction, or both at once: the part of the box behind the planes."""
+    """A box, an intersection of half-spaces, or the part of a box that lies in all half-spaces."""
 
     min: Point | None = Field(default=None, description="lowest corner, in W (m)")
     max: Point | None = Field(default=None, description="highest corner, in W (m)")
     half_spaces: Annotated[tuple[HalfSpace, ...], Field(strict=False, min_length=1, max_length=_MAX_FACES)] | None = (
-        Field(default=None, description="the corridor lies in all of them")
+        Field(default=None, description="half-spaces whose intersection is the corridor")
     )
 
-    _written = omits_defaults("min", "max", "half_spaces")
+    _serialized = omits_defaults("min", "max", "half_spaces")
 
     @model_validator(mode="after")
     def _not_empty(self) -> "CorridorRegion":
         if (self.min is None) != (self.max is None):
             missing = "min" if self.min is None else "max"
-            raise self.wrong("must be given: a box has both corners", missing)
+            raise self.field_error("must be given, since a box needs both corners", missing)
         if self.min is None and self.half_spaces is None:
-            raise refused("must have min and max, or half_spaces, or both")
+            raise refused("must have min and max, or half_spaces, or all three")
         if self.min is not None and self.max is not None:
             _check_corners(self, self.min, self.max)
         if self.half_spaces is not None:
@@ -75,21 +75,21 @@ class CorridorRegion(Model):
                 region = self.region()
             except InputError:
                 region = None
-            beside = "" if self.min is None else " of the box"
+            of_box = "" if self.min is None else " of the box"
             if region is None:
-                left = "no point"
+                remainder = "no point"
             elif isinstance(region, Polytope) and region.is_flat:
-                left = "no more than a plane, a line or a point"
+                remainder = "only a plane, a line or a point"
             else:
                 return self
-            raise refused(f"must have room: its half-spaces leave {left}{beside}")
+            raise refused(f"must have a volume, but its half-spaces leave {remainder}{of_box}")
         return self
 
     def region(self) -> Corridor | None:
-        """Return the region as the planner has it; None if the half-spaces leave nothing of the box.
+        """Return the region as a corridor of the planner; None if no point of the box is in all half-spaces.
 
         Raises:
-            InputError: the half-spaces have no point in common.
+            InputError: if the half-spaces have no point in common.
         """
         box = None if self.min is None or self.max is None else Box(self.min, self.max)
         if self.half_spaces is None:

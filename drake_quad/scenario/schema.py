@@ -1,4 +1,4 @@
-"""The scenario language, as its models have it: a schema for editors, and a page for readers."""
+"""JSON schema and Markdown page of the scenario language, generated from its models."""
 
 from collections.abc import Iterator
 from importlib.resources import files
@@ -11,8 +11,9 @@ from drake_quad.scenario.files.relative import RELATIVE
 from drake_quad.scenario.models import Scenario
 
 _REFERENCE = "#/$defs/"
-_FORMS = {model.__name__: name for name, model in DISTRIBUTIONS.items()}
-_DISTRIBUTIONS = tuple(_FORMS)
+# Names of distributions in YAML, by the name of their model.
+_DISTRIBUTION_NAMES = {model.__name__: name for name, model in DISTRIBUTIONS.items()}
+_DISTRIBUTIONS = tuple(_DISTRIBUTION_NAMES)
 
 
 def file_schema() -> dict[str, Any]:
@@ -26,7 +27,7 @@ def file_schema() -> dict[str, Any]:
     definitions["Waypoint"] = {"anyOf": [waypoint, {"type": "array", "minItems": 3, "maxItems": 3}]}
     times = definitions["WaypointRoute"]["properties"]["times"]
     times["oneOf"] += [{"type": "array"}, {"enum": list(times["discriminator"]["mapping"])}]
-    # In these fields the name of a file may stand for what is in it.
+    # These fields may contain the name of a file in place of its content.
     definitions["TrajectoryRoute"]["properties"]["pieces"]["anyOf"].append({"type": "string"})
     for name in ("Type1Network", "Type2Network"):
         definitions[name]["properties"]["learned"]["anyOf"].append({"type": "string"})
@@ -35,19 +36,19 @@ def file_schema() -> dict[str, Any]:
         "description": points["points"].pop("description"),
         "anyOf": [points["points"], {"type": "string"}],
     }
-    # Vehicles and beliefs have the same layouts, but of what is believed there are no distributions.
-    believed = definitions["Nominal"]["properties"]
-    believed["layout"] = _of_numbers(believed["layout"], definitions)
+    # The layout of `nominal` has the same model as that of `vehicle`, but must not contain distributions.
+    nominal = definitions["Nominal"]["properties"]
+    nominal["layout"] = _without_distributions(nominal["layout"], definitions)
     names = {
         "type": "string",
-        "description": "FILE, FILE:NAME, NAME of this file, or a shipped one",
+        "description": "FILE, FILE:NAME, the name of a scenario in this file, or the name of a shipped scenario",
     }
     scenario["properties"]["extends"] = {
-        "description": "what this scenario is laid over, the last on top",
+        "description": "scenarios that this one extends; a later one takes precedence over an earlier one",
         "anyOf": [names, {"type": "array", "items": names}],
     }
     scenario["properties"][DEFAULT_VEHICLE] = {
-        "description": "the vehicle that flies where no scenario that this is laid over or under describes one",
+        "description": "vehicle that flies if no scenario in the chain of extensions describes a vehicle",
         **names,
     }
     _allow_relative(definitions)
@@ -59,21 +60,21 @@ def file_schema() -> dict[str, Any]:
         "additionalProperties": {"$ref": f"{_REFERENCE}Scenario"},
         "$defs": definitions,
     }
-    return _loosened(schema)
+    return _relaxed(schema)
 
 
 def _allow_relative(definitions: dict[str, Any]) -> None:
     """Allow a relative distribution wherever a vehicle may have a distribution."""
-    for name in ("Vehicle", *_order(definitions["Vehicle"], definitions)):
-        for forms in [*_nodes(definitions[name])]:
-            if isinstance(forms, list) and any(map(_is_distribution, forms)):
-                forms.append({"$ref": f"{_REFERENCE}Relative"})
-    one = {name: definitions[model]["properties"][name] for model, name in _FORMS.items()}
+    for name in ("Vehicle", *_referenced_mappings(definitions["Vehicle"], definitions)):
+        for node in [*_nodes(definitions[name])]:
+            if isinstance(node, list) and any(map(_is_distribution, node)):
+                node.append({"$ref": f"{_REFERENCE}Relative"})
+    forms = {name: definitions[model]["properties"][name] for model, name in _DISTRIBUTION_NAMES.items()}
     to = {"type": "number", "exclusiveMinimum": 0.0, "description": "value of the field to which the numbers belong"}
     definitions["Relative"] = {
         "type": "object",
-        "description": "a distribution in proportion to the value of the vehicle that flies",
-        "properties": {RELATIVE: {"type": "object", "properties": {**one, "to": to}, "additionalProperties": False}},
+        "description": "a distribution that is scaled in proportion to the value of the vehicle that flies",
+        "properties": {RELATIVE: {"type": "object", "properties": {**forms, "to": to}, "additionalProperties": False}},
         "additionalProperties": False,
     }
 
@@ -86,51 +87,54 @@ def _nodes(node: Any) -> Iterator[Any]:
             yield from _nodes(each)
 
 
-def _of_numbers(node: Any, definitions: dict[str, Any]) -> Any:
+def _without_distributions(node: Any, definitions: dict[str, Any]) -> Any:
     """Return a node with its references resolved and without the alternatives that are distributions."""
     if isinstance(node, list):
-        return [_of_numbers(each, definitions) for each in node if not _is_distribution(each)]
+        return [_without_distributions(each, definitions) for each in node if not _is_distribution(each)]
     if not isinstance(node, dict):
         return node
     if "$ref" in node:
-        return _of_numbers(definitions[node["$ref"].removeprefix(_REFERENCE)], definitions)
-    return {key: _of_numbers(value, definitions) for key, value in node.items()}
+        return _without_distributions(definitions[node["$ref"].removeprefix(_REFERENCE)], definitions)
+    return {key: _without_distributions(value, definitions) for key, value in node.items()}
 
 
 def _is_distribution(node: Any) -> bool:
     return isinstance(node, dict) and node.get("$ref", "").removeprefix(_REFERENCE) in _DISTRIBUTIONS
 
 
-def _loosened(node: Any) -> Any:
-    """Without what is required, and with any of some forms in place of exactly one: parts fit several."""
+def _relaxed(node: Any) -> Any:
+    """Return a node that also accepts incomplete mappings.
+
+    No field is required, and `anyOf` replaces `oneOf`, since an incomplete mapping can match several alternatives.
+    """
     if isinstance(node, list):
-        return [_loosened(each) for each in node]
+        return [_relaxed(each) for each in node]
     if not isinstance(node, dict):
         return node
     renamed = {"anyOf" if key == "oneOf" else key: value for key, value in node.items()}
-    return {key: _loosened(value) for key, value in renamed.items() if key not in ("required", "discriminator")}
+    return {key: _relaxed(value) for key, value in renamed.items() if key not in ("required", "discriminator")}
 
 
 def language_page() -> str:
-    """The page of all fields, in Markdown: a section for each mapping, in the order in which a scenario needs it."""
+    """Return the Markdown page of all fields, with a section for each mapping in the order of first reference."""
     schema = Scenario.model_json_schema()
     definitions = schema["$defs"]
     sections = [_section("Scenario", schema)]
-    sections += [_section(name, definitions[name]) for name in _order(schema, definitions)]
+    sections += [_section(name, definitions[name]) for name in _referenced_mappings(schema, definitions)]
     introduction = files(__package__).joinpath("language_template.md").read_text(encoding="utf-8")
     return introduction.format_map(vars(limits)) + "\n\n".join(sections) + "\n"
 
 
-def _order(schema: dict[str, Any], definitions: dict[str, Any]) -> list[str]:
-    """Return the names of the mappings that a schema refers to, as one comes upon them."""
-    found: dict[str, None] = {}
+def _referenced_mappings(schema: dict[str, Any], definitions: dict[str, Any]) -> list[str]:
+    """Return the names of the mappings that a schema refers to, in the order of first reference, distributions last."""
+    names: dict[str, None] = {}
     pending = _references(schema["properties"])
     while pending:
         name = pending.pop(0)
-        if name not in found:
-            found[name] = None
+        if name not in names:
+            names[name] = None
             pending = [*_references(definitions[name].get("properties", {})), *pending]
-    return sorted(found, key=lambda name: name in _DISTRIBUTIONS or name in ("Range", "PositiveRange", "Bell"))
+    return sorted(names, key=lambda name: name in _DISTRIBUTIONS or name in ("Range", "PositiveRange", "Bell"))
 
 
 def _references(node: Any) -> list[str]:
@@ -157,7 +161,7 @@ def _default(value: Any) -> str:
 
 
 def _takes(node: dict[str, Any]) -> str:
-    """Return the values that a field takes, in words."""
+    """Return a description of the values that a field accepts."""
     if "$ref" in node:
         name = node["$ref"].removeprefix(_REFERENCE)
         return f"[{name}](#{name.lower()})"
@@ -181,11 +185,13 @@ def _takes(node: dict[str, Any]) -> str:
     return f"{node.get('type', 'anything')}{_bounds(node)}"
 
 
-_COMPARED = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximum": "<", "maximum": "≤"}
+_COMPARISON_SIGNS = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximum": "<", "maximum": "≤"}
 
 
 def _bounds(node: dict[str, Any]) -> str:
-    # Limits that only keep numbers finite are those of the introduction.
-    bounds = [(sign, node[key]) for key, sign in _COMPARED.items() if key in node and abs(node[key]) < limits.LARGEST]
-    said = ["> 0" if bound == limits.SMALLEST else f"{sign} {bound:g}" for sign, bound in bounds]
-    return f" {', '.join(said)}" if said else ""
+    # The general limit on the size of numbers is given once, in the introduction of the page.
+    bounds = [
+        (sign, node[key]) for key, sign in _COMPARISON_SIGNS.items() if key in node and abs(node[key]) < limits.LARGEST
+    ]
+    texts = ["> 0" if bound == limits.SMALLEST else f"{sign} {bound:g}" for sign, bound in bounds]
+    return f" {', '.join(texts)}" if texts else ""

@@ -1,4 +1,4 @@
-"""Properties of a scenario that the systems of its control depend on."""
+"""Record of the properties of a scenario on which its control depends."""
 
 from typing import NamedTuple
 
@@ -16,7 +16,7 @@ class ControlSetting(NamedTuple):
         plan: plan that is flown.
         tick: period of the control, s.
         frame: period of the cameras, s.
-        loses_frames: whether the cameras can lose frames.
+        loses_frames: True if the cameras can lose frames.
         autopilot: autopilot on board.
         space: obstacles with the clearances of the nominal vehicle; None if there are no obstacles.
     """

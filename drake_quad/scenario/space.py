@@ -1,4 +1,4 @@
-"""The space of the scenario language: obstacles, and how far a plan keeps from them."""
+"""Space of the scenario language: obstacles, and the clearance that a plan keeps from them."""
 
 import re
 import warnings
@@ -8,7 +8,7 @@ from pydantic import Field, field_validator, model_validator
 
 from drake_quad.errors import InputError, InputWarning, shortened
 from drake_quad.scenario.distributions import DISTRIBUTIONS, Model, refused
-from drake_quad.scenario.limits import MOST_CORNERS, MOST_OBSTACLES, MOST_POINTS
+from drake_quad.scenario.limits import MAX_CORNERS, MAX_OBSTACLES, MAX_POINTS
 from drake_quad.scenario.quantities import PlainDirections, PlainNonNegative, PlainPositive, PlainPositives, Point
 from drake_quad.scenario.regions import BoxRegion
 from drake_quad.space import space as room
@@ -16,21 +16,21 @@ from drake_quad.space.shapes import Ball, Cuboid, Cylinder, Hull, hull_of, trans
 from drake_quad.space.simplification import MAX_GROWTH, surrounding
 
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,59}")
-# An obstacle with one of these names would be mistaken for the key of another mapping.
-_RESERVED = ("kind", *DISTRIBUTIONS)
+# Names that obstacles must not have, since the merging of layers gives these keys of a mapping a meaning of their own.
+_RESERVED_NAMES = ("kind", *DISTRIBUTIONS)
 
 
-_CENTRE = "of the solid, in W (m)"
-_ROTATION = "roll, pitch and yaw of its axes in W (rad)"
+_CENTRE_DESCRIPTION = "centre of the solid, in W (m)"
+_ROTATION_DESCRIPTION = "roll, pitch and yaw of the axes of the solid in W (rad)"
 
 
 class BoxObstacle(Model):
     """A box."""
 
     kind: Literal["box"]
-    centre: Point = Field(description=_CENTRE)
-    rotation: PlainDirections = Field(default=(0.0, 0.0, 0.0), description=_ROTATION)
-    size: PlainPositives = Field(description="along its axes (m)")
+    centre: Point = Field(description=_CENTRE_DESCRIPTION)
+    rotation: PlainDirections = Field(default=(0.0, 0.0, 0.0), description=_ROTATION_DESCRIPTION)
+    size: PlainPositives = Field(description="lengths of the edges along the axes of the box (m)")
 
     def shape(self) -> Cuboid:
         """Return the solid."""
@@ -38,13 +38,13 @@ class BoxObstacle(Model):
 
 
 class CylinderObstacle(Model):
-    """A cylinder, upright unless it is turned."""
+    """A cylinder, which is upright unless it is rotated."""
 
     kind: Literal["cylinder"]
-    centre: Point = Field(description=_CENTRE)
-    rotation: PlainDirections = Field(default=(0.0, 0.0, 0.0), description=_ROTATION)
+    centre: Point = Field(description=_CENTRE_DESCRIPTION)
+    rotation: PlainDirections = Field(default=(0.0, 0.0, 0.0), description=_ROTATION_DESCRIPTION)
     radius: PlainPositive = Field(description="radius (m)")
-    height: PlainPositive = Field(description="along its axis (m)")
+    height: PlainPositive = Field(description="height along the axis of the cylinder (m)")
 
     def shape(self) -> Cylinder:
         """Return the solid."""
@@ -55,7 +55,7 @@ class SphereObstacle(Model):
     """A ball."""
 
     kind: Literal["sphere"]
-    centre: Point = Field(description=_CENTRE)
+    centre: Point = Field(description=_CENTRE_DESCRIPTION)
     radius: PlainPositive = Field(description="radius (m)")
 
     def shape(self) -> Ball:
@@ -64,23 +64,23 @@ class SphereObstacle(Model):
 
 
 class HullObstacle(Model):
-    """The convex hull of points, which are scaled, turned, and moved by the centre."""
+    """The convex hull of points, which are scaled, rotated and then translated."""
 
     kind: Literal["hull"]
-    points: Annotated[tuple[Point, ...], Field(strict=False, min_length=4, max_length=MOST_POINTS)] = Field(
-        description="at least four, not in a plane (m); or the name of a mesh file (.obj or .stl), of which only the"
-        f" corners count. A hull of more than {MOST_CORNERS} corners is replaced by one around it that is larger by at"
-        f" most {100.0 * MAX_GROWTH:g} % of its size"
+    points: Annotated[tuple[Point, ...], Field(strict=False, min_length=4, max_length=MAX_POINTS)] = Field(
+        description="four points (m) or more, not in a plane; or the name of a mesh file (.obj or .stl) with points."
+        f" A hull with more than {MAX_CORNERS} corners is replaced by a simpler hull around it, larger by at most"
+        f" {100.0 * MAX_GROWTH:g} % of its size"
     )
-    centre: Point = Field(default=(0.0, 0.0, 0.0), description="where the origin of the points is, in W (m)")
-    rotation: PlainDirections = Field(default=(0.0, 0.0, 0.0), description=_ROTATION)
-    scale: PlainPositive = Field(default=1.0, description="by which the points are multiplied (1)")
+    centre: Point = Field(default=(0.0, 0.0, 0.0), description="position of the origin of the points, in W (m)")
+    rotation: PlainDirections = Field(default=(0.0, 0.0, 0.0), description=_ROTATION_DESCRIPTION)
+    scale: PlainPositive = Field(default=1.0, description="scale factor of the points (1)")
 
     @field_validator("points")
     @classmethod
     def _few_corners(cls, points: tuple[Point, ...]) -> tuple[Point, ...]:
         try:
-            hull = surrounding(points, MOST_CORNERS)
+            hull = surrounding(points, MAX_CORNERS)
         except InputError as error:
             raise refused(str(error)) from None
         if not hull.is_simpler:
@@ -93,7 +93,7 @@ class HullObstacle(Model):
         try:
             self.shape()
         except InputError as error:
-            raise self.wrong(str(error), "points") from None
+            raise self.field_error(str(error), "points") from None
         return self
 
     def shape(self) -> Hull:
@@ -105,23 +105,26 @@ AnyObstacle = Annotated[BoxObstacle | CylinderObstacle | SphereObstacle | HullOb
 
 
 class SpaceSettings(Model):
-    """Obstacles: a vehicle that touches one has crashed, and plans lead around them."""
+    """Obstacles, which plans avoid. A vehicle that touches an obstacle has crashed."""
 
     bounds: BoxRegion | None = Field(
-        default=None, description="that a plan does not leave, for the centre of mass; they are not solid"
+        default=None,
+        description="box that the centre of mass does not leave in a plan; a vehicle that leaves it has not crashed",
     )
-    obstacles: dict[str, AnyObstacle] = Field(default={}, description="solids by their names")
-    margin: PlainNonNegative = Field(default=0.0, description="that a plan keeps from obstacles beyond the radius (m)")
+    obstacles: dict[str, AnyObstacle] = Field(default={}, description="solids, by name")
+    margin: PlainNonNegative = Field(
+        default=0.0, description="distance that a plan keeps from obstacles in addition to the radius (m)"
+    )
     radius: PlainPositive | None = Field(
         default=None,
-        description="of the vehicle around its centre of mass (m); if not given, that of the farthest rotor's centre"
-        " in `nominal`",
+        description="radius of the vehicle around its centre of mass (m); if not given, the distance of the farthest"
+        " rotor centre in `nominal`",
     )
     tracking: PlainNonNegative | None = Field(
         default=None,
-        description="multiple of the predicted RMS position error that a plan keeps beyond the margin (1); the error is"
-        " that of hovers, flown by the nominal vehicle under the scenario's control, in its steady wind and turbulence,"
-        " with its noise and losses",
+        description="multiple (1) of the predicted RMS position error that a plan keeps from obstacles in addition to"
+        " the margin; the prediction is for a hover of the nominal vehicle with the scenario's control, steady wind,"
+        " turbulence, noise and losses",
     )
 
     @field_validator("obstacles", mode="before")
@@ -129,19 +132,19 @@ class SpaceSettings(Model):
     def _named(cls, obstacles: Any) -> Any:
         if not isinstance(obstacles, dict):
             raise refused("must be a mapping of names to solids")
-        if len(obstacles) > MOST_OBSTACLES:
-            raise refused(f"there may be {MOST_OBSTACLES} obstacles, not {len(obstacles)}")
+        if len(obstacles) > MAX_OBSTACLES:
+            raise refused(f"must have at most {MAX_OBSTACLES} obstacles, not {len(obstacles)}")
         for name in obstacles:
-            if not _NAME.fullmatch(str(name)) or name in _RESERVED:
-                demand = "the name of an obstacle must be of letters, digits, '_' and '-', and none of "
-                raise refused(demand + ", ".join(_RESERVED), path=(shortened(str(name)),))
+            if not _NAME.fullmatch(str(name)) or name in _RESERVED_NAMES:
+                demand = "the name of an obstacle must consist of letters, digits, '_' and '-', and not be one of "
+                raise refused(demand + ", ".join(_RESERVED_NAMES), path=(shortened(str(name)),))
         return obstacles
 
     def room(self, farthest_rotor: float, tracking_error: float = 0.0) -> room.Space:
-        """Return the space with its solids.
+        """Return the space with its solids and clearances.
 
         Args:
-            farthest_rotor: distance of the farthest rotor's centre from the centre of mass, m.
+            farthest_rotor: distance of the farthest rotor centre from the centre of mass, m.
             tracking_error: predicted RMS position error, m.
         """
         return room.Space(

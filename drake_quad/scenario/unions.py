@@ -1,9 +1,8 @@
 """Unions and optional fields of the scenario language to which members can be added.
 
-The members of a union are models that `kind` tells apart. The members of open fields are the models of these fields. A
-member registers itself, and the language, its schema and its documentation then contain it. Code outside the union does
-not ask for the kind of a member. It asks the questions that the base class of all members declares, and every member
-answers them.
+The members of a union are models that the field `kind` distinguishes. The members of open fields are the models of
+these fields. A member registers itself, and the language, its schema and its documentation then contain it. Code
+outside the union does not test the kind of a member. It calls the methods that the base class of all members declares.
 """
 
 import functools
@@ -29,40 +28,42 @@ class _Members(ABC):
 
     Args:
         base: class that all members extend.
-        fields: names of fields or class attributes that each member must define. It must also define the class
-            attributes without a value, and the abstract methods, of the base class, for which no default is safe.
-        silent: kind of a mapping that does not state its kind; None if every mapping must.
+        fields: names of fields or class attributes that each member must define, in addition to the abstract methods
+            of the base class and its class attributes without a value.
+        default_kind: kind of a mapping that does not state its kind; None if every mapping must state it.
 
     Attributes:
         members: members by name, in the order of their registration.
     """
 
-    def __init__(self, base: type[Model], *fields: str, silent: str | None = None) -> None:
-        self._base, self.silent = base, silent
-        unanswered = [name for name in base.__annotations__ if name in base.__class_vars__ and not hasattr(base, name)]
-        self._questions = [*fields, *unanswered]
+    def __init__(self, base: type[Model], *fields: str, default_kind: str | None = None) -> None:
+        self._base, self.default_kind = base, default_kind
+        without_value = [
+            name for name in base.__annotations__ if name in base.__class_vars__ and not hasattr(base, name)
+        ]
+        self._required_names = [*fields, *without_value]
         self.members: dict[str, type[Any]] = {}
         self._rebuilders: list[Callable[[], Any]] = []
 
     def get(self, name: Any) -> Any:
-        """Return the member of a name; None if there is none."""
+        """Return the member with a name; None if no member has it."""
         return self.members.get(name) if isinstance(name, str) else None
 
     def member(self, model: _Member) -> _Member:
         """Register a model, as a decorator of its class.
 
         Raises:
-            TypeError: if the model does not extend the base class or does not define what it must.
+            TypeError: if the model does not extend the base class or does not define all required names.
             ValueError: if another model has the same name.
         """
         if not issubclass(model, self._base):
             raise TypeError(f"{model.__name__} must extend {self._base.__name__}")
         name, fields = self._name_of(model), getattr(model, "model_fields")  # noqa: B009
-        missing = [question for question in self._questions if not (question in fields or hasattr(model, question))]
+        missing = [each for each in self._required_names if not (each in fields or hasattr(model, each))]
         if missing := [*missing, *sorted(getattr(model, "__abstractmethods__", ()))]:
             raise TypeError(f"{model.__name__} must define {' and '.join(missing)}")
         if self.members.get(name, model).__qualname__ != model.__qualname__:
-            raise ValueError(f"there is another {self._base.__name__} called {name}: {self.members[name].__name__}")
+            raise ValueError(f"the name {name} of {model.__name__} is taken by {self.members[name].__name__}")
         self.members[name] = model
         self._rebuild()
         return model
@@ -73,7 +74,7 @@ class _Members(ABC):
         self._rebuild()
 
     def rebuild(self, *models: type[Model]) -> None:
-        """Name the models that contain the members, innermost first. They are built again for each further member."""
+        """Declare the models that contain the members, innermost first, to be rebuilt after each registration."""
         self._rebuilders += [lambda model=model: model.model_rebuild(force=True) for model in models]  # type: ignore[misc]
 
     def _rebuild(self) -> None:
@@ -93,17 +94,17 @@ class OpenUnion(_Members):
         kinds = get_args(fields["kind"].annotation) if "kind" in fields else ()
         if len(kinds) != 1:
             name = model.__name__
-            raise TypeError(f'{name} must have a field kind of one word, as in kind: Literal["{name.lower()}"]')
+            raise TypeError(f'{name} must have a field kind with one value, as in kind: Literal["{name.lower()}"]')
         return str(kinds[0])
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Return the schema of the union of the members that are registered now."""
+        """Return the schema of the union of the currently registered members."""
         union = functools.reduce(operator.or_, self.members.values())
         return handler.generate_schema(Annotated[union, Field(discriminator="kind"), BeforeValidator(self._with_kind)])
 
     def _with_kind(self, value: Any) -> Any:
-        """Return a mapping with the silent kind if it does not state its kind."""
-        return {"kind": self.silent, **value} if self.silent and isinstance(value, dict) else value
+        """Return the value, with the default kind added to a mapping that does not state its kind."""
+        return {"kind": self.default_kind, **value} if self.default_kind and isinstance(value, dict) else value
 
 
 def alternatives(hint: Any, metadata: Iterable[Any]) -> tuple[Any, ...]:
@@ -134,7 +135,7 @@ class OpenFields(_Members):
                     default=None,
                     description=member.meaning,
                 )
-                # Models that were made before the member was registered lack the field.
+                # Instances that were created before the member was registered lack the field.
                 setattr(model, name, None)
             model.model_rebuild(force=True)
 
@@ -144,7 +145,7 @@ class OpenFields(_Members):
     def _name_of(self, model: type[Any]) -> str:
         name = getattr(model, "field", "")
         if name in self._taken:
-            raise ValueError(f"there is another field {name}")
+            raise ValueError(f"the name {name} of {model.__name__} is taken by another field")
         return str(name)
 
 

@@ -71,7 +71,7 @@ def cause_of_crash(job: BatchJob, samples: Sequence[int]) -> str | None:
 
     The result is None if the vehicle did not crash for this reason.
     """
-    own = job.own.made(1).given
+    own = job.own.build(1).given
     return simulate(job.scenario, sample=samples[0], plan=job.plan, compiled=job.compiled, **own).cause
 
 

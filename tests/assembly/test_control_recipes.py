@@ -1,4 +1,4 @@
-"""What the numbers of a scenario become in the systems of its control, one after another."""
+"""Recipes for a control contain the numbers of the scenario."""
 
 import math
 
@@ -38,7 +38,7 @@ def recipes_of(scenario):
     return control_recipes(Batch.draw(scenario, [0]), plan), plan
 
 
-def test_the_cascade_has_the_gains_of_the_scenario_and_believes_its_nominal_numbers(asymmetric):
+def test_the_cascade_has_the_gains_and_the_nominal_parameters_of_the_scenario(asymmetric):
     found, _ = recipes_of(asymmetric("pid"))
     assert {path: recipe.system for path, recipe in found.items()} == {
         "position.pd": ProportionalDerivative,
@@ -69,7 +69,7 @@ def test_a_pd_without_feed_forward_may_differentiate_the_measurement(asymmetric)
 PD = "k_p: [1.3, 1.0, 5.0], k_d: [1.5, 1.3, 3.2]"
 
 
-def test_an_estimator_has_the_law_and_the_response_of_the_scenario_and_begins_where_the_route_does(asymmetric):
+def test_an_estimator_has_law_and_response_of_the_scenario_and_starts_at_the_first_waypoint(asymmetric):
     response = "response: {kind: commanded, delay_ticks: 3, lag: [0.2, 0.3, 0.1], feed_forward_lag: [0.06, 0.07, 0.05]}"
     numbers = "adaptation: 2.0, bandwidth: [1.0, 2.0, 3.0], disturbance_limit: 0.8"
     found, _ = recipes_of(asymmetric("pid", f"control.position={{kind: l1, {PD}, {response}, {numbers}}}"))
@@ -80,7 +80,7 @@ def test_an_estimator_has_the_law_and_the_response_of_the_scenario_and_begins_wh
     assert laws == (AdaptiveLaw(2.0, 1.0), AdaptiveLaw(2.0, 2.0), AdaptiveLaw(2.0, 3.0))
     assert lags == (AxisCommand(0.2, 0.06), AxisCommand(0.3, 0.07), AxisCommand(0.1, 0.05))
     assert (limit, start) == (0.8, PerAxis(0.3, -0.2, 1.0))
-    # What is fed forward follows as all else does, unless it is said.
+    # The fed-forward part has the lag of the rest unless the scenario gives another.
     plain = "bandwidth: [1.0, 2.0, 3.0], response: {kind: commanded, lag: [0.2, 0.3, 0.1]}"
     found, _ = recipes_of(asymmetric("pid", f"control.position={{kind: indi, {PD}, {plain}}}"))
     laws, lags, *_ = found["position.estimator"].numbers
@@ -99,7 +99,7 @@ def test_a_kalman_filter_has_a_gain_for_each_axis(asymmetric):
     assert found["position.estimator"].numbers.laws == tuple(expected)
 
 
-def test_attitude_control_is_of_the_kind_of_the_scenario_and_thrust_vectoring_with_it(asymmetric):
+def test_attitude_control_and_thrust_vectoring_have_the_kind_of_the_scenario(asymmetric):
     gains = "k_p: [17.0, 14.0, 5.0], k_d: [7.5, 6.8, 3.1]"
     pd, _ = recipes_of(asymmetric("pid", f"control.attitude={{kind: pd, {gains}}}"))
     assert pd == recipes_of(asymmetric("pid"))[0]
@@ -141,18 +141,18 @@ def test_a_network_has_the_sets_and_the_law_of_the_scenario(asymmetric):
     assert (learning.structure["num_rules"], learning.structure["period"]) == (12, 0.02)
     law, limits = CovarianceLaw(0.8, 5.0, 0.997), LearningLimits(0.9, 0.01, 0.02)
     assert learning.numbers == LearningNumbers(1.4, law, limits, 0.05)
-    # The route begins with the first leg, at which nothing has been learned yet.
+    # The route begins with the first leg, before which the network cannot have learned anything.
     assert learning.structure["reset_times"] == tuple(plan.leg_times[1:])
     assert len(plan.leg_times) > 3
     never, _ = recipes_of(asymmetric("pd_t2fnn", "control.network.learning.reset=never"))
     assert never["network.learning"].structure["reset_times"] == ()
 
 
-def test_a_network_of_type_1_has_triangles_and_the_other_laws_their_numbers(asymmetric):
+def test_a_network_of_type_1_has_triangles_and_each_learning_law_has_its_numbers(asymmetric):
     found, _ = recipes_of(asymmetric("pd_t1fnn"))
     (sets,) = found["network.rules"].numbers.antecedents
     assert (sets.a1, sets.a2, sets.q) == (1.0, 1.0, 0.0)
-    # A law that learns from the command has no use for a slope.
+    # A law that learns from the command does not use a slope.
     learning = found["network.learning"].numbers
     assert learning == LearningNumbers(0.0, SignLaw(0.05, 0.2), LearningLimits(1.5, 0.03, 0.0), -0.04)
     gradient = "control.network.learning={kind: gradient, rate: 0.4, slope: 1.7}"
@@ -160,8 +160,8 @@ def test_a_network_of_type_1_has_triangles_and_the_other_laws_their_numbers(asym
     assert (learning.law, learning.slope, learning.limits) == (GradientLaw(0.4), 1.7, LearningLimits())
 
 
-def test_what_varies_is_an_array_of_a_number_for_each_vehicle(asymmetric):
-    """Gains and the numbers of a law; what is believed is the same for all."""
+def test_a_number_that_varies_is_an_array_with_an_entry_for_each_vehicle(asymmetric):
+    """Gains and numbers of a law are arrays. Nominal parameters are the same for all vehicles."""
     drawn = [
         "control.position.k_p.1={uniform: {min: 0.8, max: 1.2}}",
         "control.network.learning.gain={uniform: {min: 0.5, max: 1.0}}",
@@ -197,7 +197,7 @@ def test_a_kalman_filter_is_designed_for_each_vehicle_of_a_fleet(asymmetric, fie
         assert laws[1].gain.position[vehicle] == expected.gain.position
 
 
-def test_sets_that_adapt_begin_alike_on_each_axis_and_with_what_was_learned_on_its_own(asymmetric):
+def test_adaptive_sets_start_equal_on_all_axes_or_with_the_learned_sets_of_each_axis(asymmetric):
     adaptive = "control.network.adaptive={centres: 0.4, exponents: 0.2}"
     found, _ = recipes_of(asymmetric("pd_t2fnn", adaptive))
     rules, learning, adapting = (found[f"network.{part}"] for part in ("rules", "learning", "sets"))
@@ -230,7 +230,7 @@ def test_sets_that_adapt_begin_alike_on_each_axis_and_with_what_was_learned_on_i
     np.testing.assert_allclose(weights, np.arange(3)[:, np.newaxis] + np.linspace(0.1, 0.9, 12))
 
 
-def test_a_network_looks_at_laps_if_the_phase_in_them_is_among_its_inputs(asymmetric):
+def test_a_network_knows_the_lap_times_if_the_phase_is_an_input(asymmetric):
     laps = ("route={kind: lissajous, amplitude: [0.1, 0.2, 0], period: 5, laps: 2}", "metrics={start: 0}")
     for inputs, kinds in (
         ("{error_rate: null}", [FuzzySets]),
@@ -251,12 +251,12 @@ def test_a_network_looks_at_laps_if_the_phase_in_them_is_among_its_inputs(asymme
     assert surface["initial_weights"] == ()
 
 
-def test_where_there_is_no_network_there_is_no_recipe_for_one(asymmetric):
+def test_a_control_without_a_network_has_no_recipe_for_one(asymmetric):
     for name in ("pid", "lqg"):
         assert not any(path.startswith("network") for path in recipes_of(asymmetric(name, "control.network=null"))[0])
 
 
-def test_tilt_tells_of_a_disturbance_by_gravity_as_it_is_believed(asymmetric):
+def test_a_tilt_estimator_uses_the_nominal_gravity(asymmetric):
     response = "response: {kind: tilt, delay_ticks: 2, lag: 0.13}"
     numbers = "bandwidth: [1.0, 2.0, 3.0], disturbance_limit: 0.8"
     found, _ = recipes_of(asymmetric("pid", f"control.position={{kind: indi, {PD}, {response}, {numbers}}}"))

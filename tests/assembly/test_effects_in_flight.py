@@ -1,4 +1,4 @@
-"""Effects from the language to the vehicle that flies, as it is wired and compiled, alone and in a fleet."""
+"""Effects from the scenario to the flight: wired and compiled, one vehicle and fleets."""
 
 import math
 
@@ -42,7 +42,7 @@ BELIEVED = "nominal.motors={kind: throttle, curve: [0.1, 1.0, 2.8]}"
 
 
 def overrides(*names):
-    """With what a scenario gets these effects."""
+    """Return the overrides that add effects to a scenario."""
     believed = [BELIEVED] if "motors" in names else []
     return [*believed, *(f"vehicle.{name}={OVERRIDES[name]}" for name in names)]
 
@@ -70,20 +70,20 @@ def test_effects_have_the_numbers_of_the_scenario(asymmetric):
     assert asymmetric("pid", *overrides("slung_load")).vehicle.effect_numbers().slung_load == SlungLoad(0.03, 0.6)
 
 
-def test_what_is_off_has_no_place_in_the_diagram(asymmetric):
+def test_an_effect_that_is_off_is_not_part_of_the_diagram(asymmetric):
     recipes = recipes_of(asymmetric("pid"))
     assert recipes["vehicle"].structure["effects"] == ()
     assert recipes["vehicle"].numbers.effects == NO_EFFECTS
     assert recipes["allocation"].system is Allocation
 
 
-def test_with_throttles_the_autopilot_allocates_by_the_curve_that_it_believes(asymmetric):
+def test_with_throttles_the_autopilot_allocates_by_the_nominal_curve(asymmetric):
     recipe = recipes_of(asymmetric("pid", *overrides("motors")))["allocation"]
     assert recipe.system is ThrottleAllocation
     assert recipe.numbers.curve == ThrustCurve(0.1, 1.0, 2.8)
     flight = simulate(asymmetric("pid", "duration=0.1", "metrics.start=0", *overrides("motors")))
     assert "rotor_speed_command" not in flight.signals
-    # The link begins with the weight that is believed: 0.1 + u + 2.8 u² of each of four rotors.
+    # The link begins with the nominal weight, which four rotors with a thrust of 0.1 + u + 2.8 u² each produce.
     hover = np.roots([2.8, 1.0, 0.1 - 0.7 * 9.79 / 4.0]).max()
     np.testing.assert_allclose([row[0] for row in flight.record("throttle_command")], hover, rtol=1e-9)
 
@@ -106,8 +106,8 @@ def plain(asymmetric):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("names", SETS, ids=lambda names: names[0] if len(names) == 1 else f"{len(names)} effects")
-def test_compiled_wired_and_in_a_fleet_flights_are_alike(asymmetric, plain, names):
-    """And the effect changes the flight."""
+def test_compiled_wired_and_fleet_flights_agree(asymmetric, plain, names):
+    """Each effect changes the flight."""
     scenario = asymmetric("pid", *SHORT, *overrides(*names))
     first, second = assert_flown_alike(Batch.draw(scenario, (0, 1)))
     assert np.abs(first["state"] - plain["state"]).max() > 1e-6
@@ -141,24 +141,24 @@ STILL = ["laboratory.wind=[]", "vehicle.linear_drag=0", "vehicle.quadratic_drag=
     ],
 )
 def test_a_step_is_too_long_for_drag_of_any_kind(asymmetric, drag, steepest):
-    """The steepest slope of the force over the speed, over the mass, times the step is at most 2.5."""
+    """The time step may be at most 2.5 times the mass over the largest slope of the force."""
     most = 2.5 * 0.74 / 0.01 / steepest
     recipes_of(asymmetric("pid", *STILL, "vehicle." + drag.format((1.0 - 1e-9) * most)))
-    with pytest.raises(InputError, match="vehicle.time_step is 0.01 s, too long for this much drag"):
+    with pytest.raises(InputError, match="vehicle.time_step is 0.01 s, too long for drag with a time constant"):
         recipes_of(asymmetric("pid", *STILL, "vehicle." + drag.format((1.0 + 1e-9) * most)))
 
 
-def test_in_wind_quadratic_drag_of_the_body_and_lift_are_steeper(asymmetric):
+def test_in_wind_quadratic_drag_and_lift_have_larger_slopes(asymmetric):
     wind = "laboratory.wind=[{kind: steady, velocity: [3, 0, 4]}]"
     for drag in ("body_drag={{quadratic: [0.1, 0.2, {0!r}]}}", "rotor_aerodynamics={{lift: {0!r}}}"):
         most = 2.5 * 0.74 / 0.01 / 10.0
         recipes_of(asymmetric("pid", *STILL, wind, "vehicle." + drag.format((1.0 - 1e-9) * most)))
-        with pytest.raises(InputError, match="too long for this much drag"):
+        with pytest.raises(InputError, match="too long for drag with a time constant"):
             recipes_of(asymmetric("pid", *STILL, wind, "vehicle." + drag.format((1.0 + 1e-9) * most)))
 
 
-def test_the_steepest_load_is_the_sum_of_that_on_the_body_and_that_on_the_rotors(asymmetric):
-    """The wind is 5 m/s. The drag of the body is steepest along y, that of the rotors along or across the thrust."""
+def test_slopes_of_body_drag_and_rotor_drag_add_up(asymmetric):
+    """The wind is 5 m/s. The drag of the body has its largest slope along y, that of the rotors along or across z."""
     body = "vehicle.body_drag={linear: [0.1, 0.4, 0.2], quadratic: [0.03, 0.02, 0.01]}"
     rotors = "vehicle.rotor_aerodynamics={{lift: 0.07, climb: {climb}, drag: {drag}, inflow: {inflow}}}"
     along = 0.3 + 4.0 * 222.0 * 2e-4 + 2.0 * 0.07 * 5.0
@@ -171,12 +171,12 @@ def test_the_steepest_load_is_the_sum_of_that_on_the_body_and_that_on_the_rotors
             assert sum(slopes) == pytest.approx(expected, rel=1e-12)
 
 
-def test_of_a_fleet_the_vehicle_with_the_fastest_drag_and_the_shortest_load_counts(asymmetric):
+def test_the_step_must_be_short_enough_for_every_vehicle_of_a_fleet(asymmetric):
     scenario = asymmetric("pid", *STILL, "vehicle.slung_load={mass: 0.03, length: 0.6}")
     plan = plan_route(scenario)
     for field, number, words in (
-        ("vehicle.linear_drag", 200.0, "too long for this much drag"),
-        ("vehicle.slung_load.length", 1e-5, "too long for this slung load"),
+        ("vehicle.linear_drag", 200.0, "too long for drag with a time constant"),
+        ("vehicle.slung_load.length", 1e-5, "too long for a slung load"),
     ):
         batch = Batch(scenario, (0, 1, 2), {field: np.array([0.3, number, 0.3])})
         with pytest.raises(InputError, match=words):
@@ -184,18 +184,18 @@ def test_of_a_fleet_the_vehicle_with_the_fastest_drag_and_the_shortest_load_coun
 
 
 def test_a_step_is_too_long_for_a_load_that_swings_fast(asymmetric):
-    """ω² = (1 + m_L / m) g / l."""
+    """The load swings at ω² = (1 + m_L / m) g / l."""
     shortest = 9.81 * (1.0 + 7.4 / 0.74) * (0.01 / 2.5) ** 2
     assert shortest < 0.01
     shortest = 9.81 * (1.0 + 100.0 / 0.74) * (0.01 / 2.5) ** 2
     recipes_of(asymmetric("pid", f"vehicle.slung_load={{mass: 100, length: {(1.0 + 1e-9) * shortest!r}}}"))
-    with pytest.raises(InputError, match="vehicle.time_step is 0.01 s, too long for this slung load"):
+    with pytest.raises(InputError, match="vehicle.time_step is 0.01 s, too long for a slung load"):
         recipes_of(asymmetric("pid", f"vehicle.slung_load={{mass: 100, length: {(1.0 - 1e-9) * shortest!r}}}"))
 
 
 @pytest.mark.parametrize("event", ["picked_up", "dropped"])
-def test_velocities_go_on_when_a_payload_comes_or_goes(asymmetric, event):
-    """The vehicle starts trimmed with what it carries; the thrust stays, so the climb begins at the event."""
+def test_velocity_is_continuous_when_a_payload_is_picked_up_or_dropped(asymmetric, event):
+    """The vehicle starts trimmed with its load, and the commanded thrust does not change at the event."""
     scenario = asymmetric(
         "pid", "duration=2", f"vehicle.payload={{mass: 0.1, position: [0, 0, -0.05], time: 1.0, event: {event}}}"
     )
@@ -203,7 +203,7 @@ def test_velocities_go_on_when_a_payload_comes_or_goes(asymmetric, event):
     state = flight.record("state")
     jumps = np.abs(np.diff(np.array([state.v_x, state.v_y, state.v_z, state.p, state.q, state.r]), axis=1))
     around = np.searchsorted(flight.time, 1.0)
-    # 0.1 kg of 0.74 kg is 1.3 m/s² at most in a tick of 20 ms.
+    # A change of the mass of 0.74 kg by 0.1 kg accelerates the vehicle by at most 1.3 m/s² for a tick of 20 ms.
     assert jumps[:3, around - 2 : around + 3].max() < 0.06
     climb = np.diff(state.v_z)
     change = climb[around + 1] - climb[around - 2]
@@ -211,7 +211,7 @@ def test_velocities_go_on_when_a_payload_comes_or_goes(asymmetric, event):
 
 
 def test_a_vehicle_with_effects_starts_trimmed(asymmetric):
-    """In still air nothing moves within the first steps, whatever it carries, above any ground."""
+    """In still air the vehicle does not move within the first steps, with any load and at any height."""
     even = ["vehicle.battery_sag=0", "vehicle.rotor_failure=null", *STILL]
     for names in (("payload", "ground_effect", "rotor_aerodynamics"), ("slung_load", "ground_effect", "body_drag")):
         scenario = asymmetric("pid", "duration=0.1", *even, *overrides(*names))

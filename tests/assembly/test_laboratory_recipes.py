@@ -1,4 +1,4 @@
-"""What the numbers of a scenario become in the systems of its laboratory, one after another."""
+"""Recipes for a laboratory contain the numbers of the scenario."""
 
 import math
 
@@ -43,7 +43,7 @@ def recipes(asymmetric):
     return recipes_of(asymmetric("pid"))
 
 
-def test_the_vehicle_is_as_the_scenario_has_it(asymmetric, recipes):
+def test_the_vehicle_has_the_numbers_of_the_scenario(asymmetric, recipes):
     vehicle = asymmetric("pid").vehicle
     found = vehicle_parameters(vehicle)
     np.testing.assert_allclose(found.rotors.thrust_factors, [4.1492e-5, 4.018e-5, 4.1656e-5, 4.1205e-5], rtol=1e-12)
@@ -56,8 +56,8 @@ def test_the_vehicle_is_as_the_scenario_has_it(asymmetric, recipes):
     assert recipe.structure == {"time_step": 0.01, "kinematics": "exact", "faulty": True, "effects": ()}
 
 
-def test_rotors_that_are_drawn_must_give_all_of_a_wrench_too(diagrams):
-    """Three of a square's and one that gives what they do: its torque over its thrust is in the plane of theirs."""
+def test_drawn_rotors_must_produce_every_torque(diagrams):
+    """For one of the drawn positions, the yaw torque depends linearly on thrust, roll torque and pitch torque."""
     corners = {(0.1, -0.1): "clockwise", (-0.1, -0.1): "anticlockwise", (-0.1, 0.1): "clockwise"}
     places = [f"{{position: [{x}, {y}, 0], turns: {turns}}}" for (x, y), turns in corners.items()]
     places.append("{position: [0.1, 0.1, 0], turns: anticlockwise}")
@@ -68,7 +68,7 @@ def test_rotors_that_are_drawn_must_give_all_of_a_wrench_too(diagrams):
     fleet = batch.with_varying({field: np.array([0.1, 0.2, 0.3])})
     recipe = laboratory_recipes(fleet, plan, DURATION)["vehicle"]
     np.testing.assert_array_equal(recipe.numbers.parameters.rotors.rotor_1.x, [0.1, 0.2, 0.3])
-    words = "vehicle.layout gives no yaw torque without thrust, roll torque and pitch torque"
+    words = "vehicle.layout produces no yaw torque without thrust, roll torque and pitch torque"
     with pytest.raises(InputError, match=words):
         laboratory_recipes(batch.with_varying({field: np.array([0.1, -0.3, 0.3])}), plan, DURATION)
 
@@ -90,20 +90,20 @@ def test_the_battery_sags_over_the_whole_flight(recipes):
     ],
 )
 def test_a_vehicle_may_be_faulty_if_its_battery_can_sag_or_a_rotor_fails(asymmetric, sag, failure, faulty):
-    """However a zero is written; and also where a sample happens to have none of it."""
+    """A zero may be written in any form. A vehicle may be faulty even if a sample draws no fault."""
     scenario = asymmetric("pid", f"vehicle.battery_sag={sag}", f"vehicle.rotor_failure={failure}")
     assert recipes_of(scenario)["vehicle"].structure["faulty"] == faulty
 
 
 @pytest.mark.parametrize("rotor", [1, 2, 3, 4])
-def test_the_rotor_that_fails_is_the_one_of_that_number(asymmetric, rotor):
+def test_the_rotor_with_the_given_number_fails(asymmetric, rotor):
     scenario = asymmetric("pid", f"vehicle.rotor_failure.rotor={rotor}")
     expected = np.ones(4)
     expected[rotor - 1] = 0.993
     np.testing.assert_array_equal(recipes_of(scenario)["vehicle"].numbers.faults.failure_factor, expected)
 
 
-def test_of_each_vehicle_of_a_fleet_its_own_rotor_fails(asymmetric):
+def test_each_vehicle_of_a_fleet_has_its_own_failing_rotor(asymmetric):
     scenario = asymmetric("pid", "vehicle.rotor_failure.rotor={choice: [1, 3, 4]}")
     batch = Batch.draw(scenario, range(30))
     found = laboratory_recipes(batch, plan_route(scenario), DURATION)["vehicle"].numbers.faults.failure_factor
@@ -117,9 +117,9 @@ def test_the_vehicle_starts_where_the_plan_does(recipes):
     np.testing.assert_allclose(recipes["vehicle"].numbers.start, Place(0.3, -0.2, 1.0, 0.4), atol=1e-12)
 
 
-def test_on_board_and_on_the_link_the_nominal_numbers_hold(recipes):
+def test_allocation_and_link_use_the_nominal_numbers(recipes):
     rotors, radio = recipes["allocation"].numbers, recipes["command_link"]
-    # A plus: per thrust of all, roll torque of 2 and 4, pitch torque of 1 and 3, yaw torque of all.
+    # In a plus, all rotors produce thrust and yaw torque, rotors 2 and 4 roll torque, rotors 1 and 3 pitch torque.
     per_thrust, per_tilt, per_yaw = 0.25 / 4.0e-5, 0.5 / (0.16 * 4.0e-5), 0.25 / 1.1e-6
     expected = [
         [per_thrust, 0.0, -per_tilt, per_yaw],
@@ -143,7 +143,7 @@ def test_the_cameras_have_the_errors_of_the_scenario(recipes):
 @pytest.mark.parametrize(
     ("override", "name", "there"),
     [
-        ("position_noise=0", "noisy", True),  # there is noise in the attitude
+        ("position_noise=0", "noisy", True),  # the attitude is still noisy
         ("attitude_noise=0.0", "noisy", True),
         ("dropout_rate=0", "loses_frames", False),
         ("dropout_rate={choice: [0.0, 0.1]}", "loses_frames", True),
@@ -159,16 +159,16 @@ def test_the_cameras_have_the_errors_of_the_scenario(recipes):
         ("latency_frames={choice: [0, 3, 1]}", "longest_latency", 3),
     ],
 )
-def test_cameras_have_the_imperfections_that_there_can_be(asymmetric, override, name, there):
-    """Whether a sample has them or not, so that all samples fly in one diagram; however a zero is written."""
+def test_cameras_model_every_imperfection_that_a_sample_can_have(asymmetric, override, name, there):
+    """All samples fly in one diagram, so an imperfection is modelled if any sample can have it."""
     recipe = recipes_of(asymmetric("pid", f"laboratory.motion_capture.{override}"))["motion_capture"]
     assert recipe.structure[name] == there
-    # The last number of the noise makes it noisy.
+    # Only the last number of the noise differs from zero.
     none = ["laboratory.motion_capture.position_noise=0", "laboratory.motion_capture.attitude_noise=0"]
     assert not recipes_of(asymmetric("pid", *none))["motion_capture"].structure["noisy"]
 
 
-def test_wind_is_made_of_its_sources(recipes):
+def test_every_source_of_wind_has_a_recipe(recipes):
     winds = {path.removeprefix("wind."): recipe for path, recipe in recipes.items() if path.startswith("wind.")}
     assert list(winds) == ["steady", "gust_0", "gust_1", "dryden_0", "dryden_1", "fans"]
     assert winds["steady"].numbers == Wind(0.7, -0.5, 0.3)
@@ -176,7 +176,7 @@ def test_wind_is_made_of_its_sources(recipes):
     velocity, *times = winds["gust_1"].numbers
     assert velocity == pytest.approx(Wind(1.4 * math.cos(0.9), 1.4 * math.sin(0.9), 0.0))
     assert times == [9.0, 1.1, math.inf]
-    # The first goes by with the steady wind, which is slower than 1 m/s.
+    # The steady wind is slower than 1 m/s, so the turbulence passes the vehicle at 1 m/s.
     for name, level, share, height, airspeed, heading in (
         ("dryden_0", "light", 0.5, 4.0, 1.0, 0.7),
         ("dryden_1", "moderate", 0.1, 3.5, 3.0, -1.9),
@@ -195,13 +195,13 @@ def test_wind_is_made_of_its_sources(recipes):
 
 
 @pytest.mark.parametrize(("step", "period"), [("0.005", 0.005), ("0", 0.01)])
-def test_wind_is_held_for_a_step_of_the_vehicle_and_for_a_frame_where_it_makes_none(asymmetric, step, period):
+def test_wind_is_held_for_a_time_step_or_for_a_frame_if_the_state_is_continuous(asymmetric, step, period):
     scenario = asymmetric("pid", f"vehicle.time_step={step}")
     assert wind_period(scenario) == period
     assert recipes_of(scenario)["wind.gust_0"].structure == {"period": period}
 
 
-def test_steady_wind_is_the_sum_of_all_of_it_and_not_there_if_it_is_calm(asymmetric):
+def test_steady_winds_add_up_and_calm_air_has_no_recipe(asymmetric):
     sources = "[{kind: steady, velocity: [1, 2, 3]}, {kind: steady, speed: 2.0, heading: 0.5}]"
     scenario = asymmetric("pid", f"laboratory.wind={sources}")
     total = Wind(1.0 + 2.0 * math.cos(0.5), 2.0 + 2.0 * math.sin(0.5), 3.0)
@@ -212,7 +212,7 @@ def test_steady_wind_is_the_sum_of_all_of_it_and_not_there_if_it_is_calm(asymmet
         assert not any(path.startswith("wind.") for path in recipes)
     drawn = "laboratory.wind=[{kind: steady, speed: {choice: [0.0, 1.0]}, heading: 0.7}]"
     assert "wind.steady" in recipes_of(asymmetric("pid", drawn))
-    # The diagram has steady wind if the scenario can draw some or if the batch gives some.
+    # The diagram models a steady wind if the scenario can draw one, or if the batch has one.
     calm = "laboratory.wind=[{kind: steady, speed: 0, heading: 0.7}]"
     for text, speeds in ((drawn, (0.0, 0.0)), (calm, (0.0, 1.5))):
         scenario = asymmetric("pid", text)
@@ -222,7 +222,7 @@ def test_steady_wind_is_the_sum_of_all_of_it_and_not_there_if_it_is_calm(asymmet
 
 
 def test_a_step_is_too_long_for_drag_that_stops_a_vehicle_within_two_fifths_of_it(asymmetric):
-    """(c₁ + 2 c₂ |v|) / m times the step, in all the wind that there can be, is at most 2.5."""
+    """The time step may be at most 2.5 m / (c₁ + 2 c₂ |v|), with v the largest possible wind."""
     fans = sum(4.0 * flow / (math.pi * diameter**2) for flow, diameter in ((2.3, 0.8), (1.9, 0.6)))
     gusts = math.hypot(1.5, 1.2, 0.6) + 1.4
     airspeed = math.hypot(0.7, 0.5, 0.3) + gusts + fans
@@ -232,7 +232,7 @@ def test_a_step_is_too_long_for_drag_that_stops_a_vehicle_within_two_fifths_of_i
         if fits:
             recipes_of(scenario)
         else:
-            with pytest.raises(InputError, match="vehicle.time_step is 0.01 s, too long for this much drag"):
+            with pytest.raises(InputError, match="vehicle.time_step is 0.01 s, too long for drag with a time constant"):
                 recipes_of(scenario)
 
 
@@ -244,7 +244,7 @@ def test_there_is_room_for_the_longest_delay_that_can_be_drawn(asymmetric):
     assert found["command_link"].structure["longest_delay"] == 4
 
 
-def test_turbulence_goes_by_with_the_steady_wind_and_along_it_where_it_does_not_say(asymmetric):
+def test_turbulence_has_speed_and_direction_of_the_steady_wind_by_default(asymmetric):
     sources = "[{kind: steady, velocity: [1, 2, 3]}, {kind: steady, velocity: [1, -6, 0]}, {kind: dryden}]"
     scenario = asymmetric("pid", f"laboratory.wind={sources}")
     turbulence, heading = recipes_of(scenario)["wind.dryden_0"].numbers
@@ -252,7 +252,7 @@ def test_turbulence_goes_by_with_the_steady_wind_and_along_it_where_it_does_not_
     assert heading == pytest.approx(math.atan2(-4.0, 2.0))
 
 
-def test_the_referee_has_the_limits_and_the_window_of_the_scenario(asymmetric):
+def test_the_monitor_has_the_limits_and_the_window_of_the_scenario(asymmetric):
     def read_by(monitor):
         (update,) = monitor.updates
         limits, window = (
@@ -272,13 +272,13 @@ def test_the_referee_has_the_limits_and_the_window_of_the_scenario(asymmetric):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("action", "gains"), [("rates", (0.0, 0.0, 0.0)), ("attitude", (6.0, 5.5, 2.8))])
-def test_an_autopilot_that_is_told_body_rates_heeds_no_attitude(action, gains):
+def test_an_autopilot_that_takes_body_rates_has_no_attitude_loop(action, gains):
     scenario = load_scenario("onboard", ["laboratory.autopilot.k_attitude=[6, 5.5, 2.8]"])
     numbers = recipes_of(task_of(scenario, action=action))["autopilot"].numbers
     assert numbers.k_attitude == gains
 
 
-FOUND_IN_A_FLEET = [
+IMPERFECTIONS_OF_A_FLEET = [
     ("vehicle.battery_sag", "vehicle", "faulty"),
     *(
         (f"laboratory.motion_capture.{field}", "motion_capture", name)
@@ -299,7 +299,7 @@ FOUND_IN_A_FLEET = [
 
 @pytest.fixture(scope="module")
 def perfect(asymmetric):
-    """A scenario and its plan, without any of the imperfections that a fleet may have."""
+    """Return a scenario without the imperfections that a fleet may have, and its plan."""
     cameras = "position_noise: 0, attitude_noise: 0"
     scenario = asymmetric(
         "lqg_on_board",
@@ -312,9 +312,9 @@ def perfect(asymmetric):
     return scenario, plan_route(scenario)
 
 
-@pytest.mark.parametrize(("field", "part", "name"), FOUND_IN_A_FLEET)
-def test_an_imperfection_has_a_place_if_a_vehicle_of_a_fleet_has_it(perfect, field, part, name):
-    """The scenario has no imperfection, but a batch may give each vehicle its own, as a calibration does."""
+@pytest.mark.parametrize(("field", "part", "name"), IMPERFECTIONS_OF_A_FLEET)
+def test_an_imperfection_is_modelled_if_a_vehicle_of_a_fleet_has_it(perfect, field, part, name):
+    """The scenario has no imperfection, but a batch may give each vehicle one, as a calibration does."""
     scenario, plan = perfect
     for flown, there in (((0.0, 0.0), False), ((0.0, 0.01), True)):
         batch = Batch(scenario, (0, 1), {field: np.array(flown)})
@@ -354,7 +354,7 @@ def test_an_autopilot_has_the_gains_and_the_gyroscope_of_the_scenario(asymmetric
     )
 
 
-def test_an_attitude_that_responds_as_a_whole_has_the_answer_of_the_scenario(asymmetric):
+def test_an_identified_attitude_response_has_the_numbers_of_the_scenario(asymmetric):
     answer = "{kind: response, natural_frequency: [8.0, 9.0, 3.0], damping: [0.7, 0.8, 1.1]}"
     found = recipes_of(asymmetric("lqg_on_board", f"laboratory.autopilot={answer}", "vehicle.rotor_failure=null"))
     assert found["vehicle"].system is RespondingQuadrotor
@@ -366,7 +366,7 @@ def test_an_attitude_that_responds_as_a_whole_has_the_answer_of_the_scenario(asy
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("damping", [0.5, 1.6])
-def test_a_step_is_too_long_for_an_attitude_that_responds_within_two_fifths_of_it(asymmetric, axis, damping):
+def test_a_step_is_too_long_if_the_attitude_responds_within_two_fifths_of_it(asymmetric, axis, damping):
     """The fastest decay of an angle has the rate ω (ζ + √(ζ² - 1)), or ω ζ if the angle overshoots."""
     fastest = damping + math.sqrt(max(damping**2 - 1.0, 0.0))
     for share, fits in ((1.0 - 1e-9, True), (1.0 + 1e-9, False)):
@@ -377,7 +377,7 @@ def test_a_step_is_too_long_for_an_attitude_that_responds_within_two_fifths_of_i
         if fits:
             recipes_of(scenario)
         else:
-            with pytest.raises(InputError, match="too long for an attitude that responds within 0.002 s"):
+            with pytest.raises(InputError, match="too long for an attitude response with a time constant of 0.002 s"):
                 recipes_of(scenario)
 
 
@@ -394,7 +394,7 @@ def test_a_sine_has_its_velocity_frequency_and_phase(asymmetric):
     assert found == Recipe(SineWind, {"period": 0.01}, SineNumbers(velocity, 0.3, 0.7))
 
 
-def test_a_continuous_vehicle_is_stopped_at_the_jumps_of_its_forces_in_their_order(asymmetric):
+def test_jump_times_of_a_continuous_vehicle_are_sorted(asymmetric):
     payload = "{mass: 0.05, position: [0, 0, 0], inertia: [1e-5, 1e-5, 1e-5], time: 1.0, event: dropped}"
     scenario = asymmetric("pid", "vehicle.time_step=0", f"vehicle.payload={payload}")
     for times in ([6.003, 1.25], [1.25, 6.003], [8.0, 6.003]):

@@ -10,7 +10,7 @@ from drake_quad.scenario.batch import Batch
 
 @pytest.mark.slow
 def test_noise_of_the_height_does_not_push_a_leaning_vehicle_aside(diagrams):
-    """The thrust answers every millimetre; at 30° that must not be taken for a turning attitude."""
+    """The thrust responds to the noise, and at a tilt of 30° its changes must not look like rotations."""
     places = []
     for noise in (0.001, 1e-6):
         scenario = load_scenario(

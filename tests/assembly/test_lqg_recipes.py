@@ -27,7 +27,7 @@ from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.controls.mpc import MpcControl
 
 WEIGHT = 0.7 * 9.79
-# A command acts one tick of 20 ms after its tick, for a tick.
+# A command takes effect after one tick of 20 ms and acts for one tick, on average half a tick later.
 DELAY = 0.02 * (1 + 0.5)
 LATERAL = Disturbances(ChainNoise(0.01108, 0.25), ChainNoise(0.8325, 0.6), ChainNoise(16.6, 20.0), 3.296)
 VERTICAL = Disturbances(ChainNoise(0.4975, 0.25), ChainNoise(0.7479, 0.6), None, 0.03164)
@@ -45,7 +45,7 @@ def assert_alike(found, expected):
 
 
 @pytest.mark.slow
-def test_over_the_link_it_believes_in_a_torque_chain_and_in_the_nominal_vehicle(asymmetric):
+def test_without_an_autopilot_the_model_is_a_torque_chain_of_the_nominal_vehicle(asymmetric):
     recipe = regulator_of_scenario(asymmetric("lqg", "control.network=null"))
     assert recipe.system is LinearQuadraticGaussian
     assert recipe.structure == {
@@ -70,8 +70,8 @@ def test_over_the_link_it_believes_in_a_torque_chain_and_in_the_nominal_vehicle(
 
 
 @pytest.mark.parametrize("lag", [None, 0.043])
-def test_behind_an_autopilot_it_believes_in_the_answer_of_the_attitude(asymmetric, lag):
-    """The feed-forward makes up for delay, lag and the attitude's answer 1 / (1 + (2 ζ / ω) s + s² / ω²)."""
+def test_with_an_autopilot_the_model_is_the_attitude_response(asymmetric, lag):
+    """The feed-forward compensates delay, lag and the attitude response 1 / (1 + (2 ζ / ω) s + s² / ω²)."""
     scenario = asymmetric("lqg_on_board", f"control.lateral.lag={'null' if lag is None else lag}")
     recipe = regulator_of_scenario(scenario)
     assert (recipe.structure["signal"], recipe.structure["period"]) == ("attitude_target", 0.01)
@@ -82,14 +82,14 @@ def test_behind_an_autopilot_it_believes_in_the_answer_of_the_attitude(asymmetri
     assert_alike(lateral, axis_loop(model, Timing(0.01, 0.02, 1), noise=noise, command_weight=0.01))
     assert torques is None
     assert thrust.lead == pytest.approx(DELAY + 0.037)
-    # The series of exp(T s) (1 + (2 ζ / ω) s + s² / ω²) up to s².
+    # These are the coefficients of exp(T s) (1 + (2 ζ / ω) s + s² / ω²) up to s².
     lead = DELAY + (lag or 0.0)
     exponential, inverse = [1.0, lead, lead**2 / 2.0], [1.0, 2.0 * 0.72 / 9.0, 1.0 / 9.0**2]
     _, jerk, snap, *_ = np.convolve(exponential, inverse)
     assert target == pytest.approx(TargetNumbers(jerk, snap), rel=1e-12)
 
 
-def test_it_has_a_port_for_a_network_and_none_for_frames_that_are_not_lost(asymmetric):
+def test_a_controller_takes_corrections_of_a_network_and_detects_lost_frames_only_if_needed(asymmetric):
     network = "{kind: type_1, axes: [x], inputs: {error: {}}, learning: {kind: gradient, rate: 1.0, slope: 1.0}}"
     scenario = asymmetric("lqg", f"control.network={network}", "laboratory.motion_capture.dropout_rate=0")
     structure = regulator_of_scenario(scenario).structure
@@ -99,7 +99,7 @@ def test_it_has_a_port_for_a_network_and_none_for_frames_that_are_not_lost(asymm
 
 @pytest.fixture(scope="module")
 def predictive(asymmetric):
-    """Return a function that makes the scenario with a programme beside the regulator, given fields of its control."""
+    """Return a function that returns the scenario with MPC, given fields of its control."""
     scenario = asymmetric("lqg")
 
     def changed(**fields):
@@ -118,13 +118,13 @@ def programme_of(scenario):
 
 
 @pytest.mark.slow
-def test_a_programme_knows_the_regulator_and_its_limits(predictive):
+def test_a_programme_has_the_regulator_and_the_limits_of_the_scenario(predictive):
     scenario = predictive()
     recipe, _, believed = programme_of(scenario)
     assert (recipe.system, recipe.numbers) == (PredictiveProgramme, None)
     structure = recipe.structure
     assert structure["believed"] is believed
-    # The horizon is 18.75 ticks.
+    # The horizon corresponds to 18.75 ticks, which are rounded.
     assert (structure["tick"], structure["num_ticks"], structure["tilt_weight"]) == (0.02, 19, 7.0)
     assert structure["corridor"] is OPEN
     times, control = Timing(0.01, 0.02, 1), scenario.control
@@ -133,8 +133,8 @@ def test_a_programme_knows_the_regulator_and_its_limits(predictive):
     assert programme_of(predictive(horizon=0.001))[0].structure["num_ticks"] == 1
 
 
-def test_a_programme_sees_the_reference_tick_by_tick_and_the_snap_a_tick_before(predictive):
-    """It begins at the first tick. Its last entry holds for good, so the reference also rests a tick before that."""
+def test_the_preview_has_the_reference_of_each_tick_and_the_snap_of_the_tick_before(predictive):
+    """The preview begins at the first tick. The reference rests at its last entry and at the tick before."""
     recipe, plan, _ = programme_of(predictive())
     preview, rest = recipe.structure["preview"], plan.rest_time
     ticks = np.arange(len(preview))
@@ -153,12 +153,12 @@ def test_a_programme_sees_the_reference_tick_by_tick_and_the_snap_a_tick_before(
     np.testing.assert_allclose(found.T, [*snap, yaw_acceleration], atol=1e-9 * scale)
     before = np.array([each.before for each in preview])
     np.testing.assert_array_equal(before[1:], found[:-1])
-    # The reference rests before the plan begins.
+    # The snap before the plan begins is zero.
     np.testing.assert_array_equal(before[0], 0.0)
     assert np.abs(found[0]).max() > 1.0
 
 
-def test_a_corridor_goes_along_with_the_reference_or_stands_in_the_room(predictive):
+def test_a_tube_moves_with_the_reference_and_a_room_does_not(predictive):
     def corridor_of(**corridor):
         return programme_of(predictive(corridor=corridor))[0].structure["corridor"]
 
@@ -179,8 +179,8 @@ NETWORK = "control.network={kind: type_1, axes: [x], inputs: {error: {}}, learni
 
 @pytest.mark.slow
 @pytest.mark.parametrize("beside", [None, "network", "programme"])
-def test_the_controller_and_what_stands_beside_it_are_wired_and_shown(asymmetric, predictive, beside):
-    """Inputs that they take from each other are not inputs of the diagram; all of their outputs are outputs of it."""
+def test_controller_network_and_programme_are_connected_and_their_outputs_exported(asymmetric, predictive, beside):
+    """Inputs that one system takes from another are not inputs of the diagram, and all outputs are outputs of it."""
     scenario = predictive() if beside == "programme" else asymmetric("lqg", *([NETWORK] if beside else []))
     plan = plan_route(scenario)
     control = build_control(scenario, control_recipes(Batch(scenario, (0,), {}), plan), 2)

@@ -1,4 +1,4 @@
-"""What the actions of a scenario's policy mean, and what of a scenario it sees, in flight."""
+"""Actions and observations of a policy have the meaning that the scenario gives them."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from drake_quad.gym.task import task_of
 from drake_quad.planning.believed import nominal_parameters
 from drake_quad.scenario.files.loading import with_fields
 
-# No two rotors are alike, and none is where another is.
+# All rotors have different numbers, and none is at the position of a rotor in a standard layout.
 ROTORS = [
     {"position": [0.17, 0.03, 0.01], "turns": "clockwise", "thrust_factor": 4.1e-5, "drag_factor": 1.1e-6},
     {"position": [-0.02, -0.15, 0.02], "turns": "anticlockwise", "thrust_factor": 3.8e-5, "drag_factor": 1.0e-6},
@@ -48,26 +48,26 @@ def flown(scenario, *actions):
     ],
     ids=lambda action: "_".join(str(each) for each in action.values() if not isinstance(each, list)),
 )
-def test_what_is_believed_to_hover_hovers(action):
+def test_the_hovering_action_holds_the_nominal_vehicle_in_hover(action):
     scenario = task(action)
     believed = scenario.control.action.hovering(nominal_parameters(scenario))
     state = flown(scenario, believed).record("state")
     for name in ("x", "y", "z", "roll", "pitch", "yaw"):
         row = getattr(state, name)
         np.testing.assert_allclose(row, row[0], rtol=0.0, atol=1e-9, err_msg=name)
-    # Another action does not.
+    # With another action the vehicle moves.
     moved = flown(scenario, np.array(believed) + 0.1).record("state")
     assert abs(moved.z[-1] - moved.z[0]) > 0.01
 
 
-def test_an_attitude_turns_and_tilts_by_its_own_bounds():
+def test_an_attitude_action_is_scaled_by_its_limits_of_tilt_and_yaw():
     scenario = task({"kind": "attitude", "max_tilt": 0.3, "max_yaw": 0.8})
     commanded = flown(scenario, [0.0, 0.5, -1.0, 0.25]).record("attitude_command")
     np.testing.assert_allclose([commanded.roll[1], commanded.pitch[1], commanded.yaw[1]], [0.15, -0.3, 0.2])
 
 
 @pytest.mark.parametrize(("k_rate", "gains"), [(None, ATTITUDE["k_d"]), ([9.0, 6.0, 5.0], [9.0, 6.0, 5.0])])
-def test_rates_are_reached_with_the_gains_that_are_given(k_rate, gains):
+def test_body_rates_are_reached_with_the_given_gains(k_rate, gains):
     scenario = task({"kind": "rates", "max_rates": [2.0, 3.0, 1.0], "k_rate": k_rate})
     wrench = flown(scenario, [0.0, 0.5, -0.5, 1.0]).record("wrench")
     expected = np.multiply(UNEVEN["nominal"]["inertia"], gains) * [1.0, -1.5, 1.0]
@@ -86,7 +86,7 @@ def test_clearance_is_between_the_surfaces():
     np.testing.assert_allclose(flight["observation"][:, 0], distance - 0.4 - 0.3, rtol=1e-12)
 
 
-def test_the_reference_is_seen_ahead():
+def test_the_reference_is_observed_at_future_times():
     route = load_scenario("figure_eight", {"duration": 3.0})
     scenario = task_of(route, observation={"signals": ["reference_ahead"], "ahead": [0.3, 1.1]})
     flight = flown(scenario, [0.1, 0.2, 0.0])
@@ -97,7 +97,7 @@ def test_the_reference_is_seen_ahead():
     assert np.ptp(seen[:, 1], axis=0).max() > 1.0
 
 
-def test_limits_of_a_cascade_are_those_of_an_acceleration_too():
+def test_an_acceleration_action_has_the_limits_of_thrust_vectoring():
     limits = {"max_tilt": 0.11, "min_thrust": 0.5, "max_thrust": 1.3}
     scenario = task({"kind": "acceleration"}, **{"control.thrust_vectoring": limits})
     commanded = flown(scenario, [1.0, 0.0, 0.0]).record("attitude_command")

@@ -11,7 +11,7 @@ from drake_quad.laboratory.command_link import CommandLink, LinkNumbers
 
 
 def linked(recipe):
-    """A diagram in a diagram, with a system of a recipe."""
+    """Return a diagram that contains a diagram with the system of a recipe."""
     inner, outer = DiagramBuilder(), DiagramBuilder()
     inner.AddNamedSystem("link", recipe.build(2))
     inner.ExportInput(inner.GetSubsystemByName("link").GetInputPort("wrench"), "wrench")
@@ -19,7 +19,7 @@ def linked(recipe):
     return outer.Build()
 
 
-def test_a_recipe_builds_a_system_and_resets_it_wherever_it_is():
+def test_a_recipe_builds_a_system_and_resets_it_in_nested_diagrams():
     structure = {"period": 0.04, "longest_delay": 2}
     first = Recipe(CommandLink, structure, LinkNumbers(delay_ticks=np.array([2.0, 0.0])))
     diagram = linked(first)
@@ -45,7 +45,7 @@ def test_a_recipe_for_other_ports_or_events_resets_nothing():
 def test_functions_of_a_user_make_systems_for_as_many_vehicles():
     makers = UserSystems(control=lambda n: ConstantVectorSource(np.full(n, 1.0)), wind=lambda n: Demultiplexer(n))
     assert [*makers.given] == ["control", "wind"]
-    made = makers.made(3)
+    made = makers.build(3)
     assert [*made.given] == ["control", "wind"]
     assert (made.control.get_output_port().size(), made.wind.num_output_ports()) == (3, 3)
-    assert UserSystems().made(3) == UserSystems()
+    assert UserSystems().build(3) == UserSystems()

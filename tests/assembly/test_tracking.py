@@ -1,4 +1,4 @@
-"""The whole loop: physics, timing, fleets, scalar types, crashes."""
+"""The closed loop: physics, timing, fleets, scalar types and crashes."""
 
 import math
 
@@ -20,7 +20,7 @@ from drake_quad.planning.duration import flight_duration
 from drake_quad.scenario.batch import Batch
 from drake_quad.signals import SIGNALS
 
-# Without a network, which shows more.
+# Signals of a loop without a network, which has more.
 EXPORTED = {
     "reference",
     "error",
@@ -51,7 +51,7 @@ def test_nominal_figure_eight_stays_within_three_centimetres(figure_eight):
     assert flight.metrics.rmse < 0.03
     assert not flight.metrics.crashed
     assert flight.metrics.saturation_share == 0.0
-    # The recorder and the monitor see the same flight.
+    # The recorder and the monitor measure the same flight.
     assert flight.metrics.rmse == pytest.approx(np.sqrt(np.mean(flight.euclidean_error**2)), rel=1e-12)
     reference = flight.record("reference")
     accelerations = np.column_stack([reference.a_x, reference.a_y, reference.a_z])
@@ -75,8 +75,8 @@ def test_derivative_on_the_measurement_lags_by_k_d_over_k_p_times_the_speed(figu
     velocity = np.array([reference.v_x, reference.v_y])[:, cruise]
     assert np.linalg.norm(velocity, axis=0).min() > 0.3
     np.testing.assert_allclose(error, 2.0 * velocity, rtol=0.02)
-    # On the figure eight it is metres where the tracking derivative has centimetres: about (k_D / k_P) v, more where
-    # the curves come near the bandwidth of so slow a loop.
+    # On the figure eight the error is metres instead of centimetres: about (k_D / k_P) v, and more where the
+    # curves come near the bandwidth of such a slow loop.
     paper_like = [f"control.position.{line}" for line in ("k_p=[1, 1, 4]", "k_d=[1, 1, 3]", "feed_forward=none")]
     lagging = simulate(figure_eight(*paper_like, "control.position.derivative=measurement"))
     reference = lagging.record("reference")
@@ -86,7 +86,7 @@ def test_derivative_on_the_measurement_lags_by_k_d_over_k_p_times_the_speed(figu
 
 @pytest.mark.slow
 def test_the_stepping_vehicle_stays_with_the_continuous_one_at_every_tick(figure_eight):
-    """RK4 at 10 ms within 1e-6 m of an error-controlled integrator at 1e-10, over the whole figure eight."""
+    """RK4 at 10 ms agrees within 1e-6 m with an integrator with error control at 1e-10, over the whole figure eight."""
     paths = []
     for time_step in (0.01, 0.0):
         scenario = figure_eight(f"vehicle.time_step={time_step}")
@@ -101,8 +101,8 @@ def test_the_stepping_vehicle_stays_with_the_continuous_one_at_every_tick(figure
 
 
 @pytest.mark.slow
-def test_so_it_does_in_wind_with_a_battery_that_sags_and_nothing_even(asymmetric):
-    """Without the rotor that fails: it does so in the middle of a step."""
+def test_it_also_stays_with_it_for_an_asymmetric_vehicle_in_wind(asymmetric):
+    """The rotor failure is left out, since it occurs in the middle of a step."""
     overrides = ["duration=3.5", "vehicle.rotor_failure=null"]
     stepping, continuous = (simulate(asymmetric("pid", *overrides, f"vehicle.time_step={h}")) for h in (0.01, 0.0))
     for rows, tolerance in ((slice(0, 3), 1e-6), (slice(3, 12), 1e-4)):
@@ -111,7 +111,7 @@ def test_so_it_does_in_wind_with_a_battery_that_sags_and_nothing_even(asymmetric
 
 @pytest.mark.slow
 def test_each_vehicle_of_a_fleet_flies_as_it_would_alone(figure_eight):
-    """1e-9 m at the end of a flight, also beside a vehicle with other gains that crashes."""
+    """Flights agree to 1e-9 m, also beside a vehicle with other gains that crashes."""
     scenario = figure_eight("crash.position_error=0.5")
     n = 3
     law = scenario.control.position
@@ -143,7 +143,7 @@ def test_a_crash_is_a_result(figure_eight):
 
 
 def test_a_crashed_vehicle_stays_where_it_crashed(figure_eight):
-    """The referee tells the laboratory."""
+    """The monitor reports the crash to the laboratory, which stops the vehicle."""
     scenario = figure_eight("control.position.k_p=[20, 20, 20]")
     crash_time = simulate(scenario).metrics.crash_time
     diagram = build_tracking_diagram(scenario)
@@ -158,7 +158,7 @@ def test_a_crashed_vehicle_stays_where_it_crashed(figure_eight):
 
 
 class Broken(LeafSystem):
-    """A position controller that commands what is not a number from 2 s on."""
+    """Position controller whose command is not a number from 2 s on."""
 
     def __init__(self):
         super().__init__()
@@ -178,7 +178,7 @@ def test_a_controller_that_gives_nan_crashes_its_vehicle(figure_eight):
 
 
 class HoverWrench(LeafSystem):
-    """A whole control that always commands the weight."""
+    """Control that always commands the weight."""
 
     def __init__(self):
         super().__init__()
@@ -189,7 +189,7 @@ class HoverWrench(LeafSystem):
         )
 
 
-def test_a_control_of_one_s_own_needs_only_a_wrench(figure_eight):
+def test_a_user_s_control_needs_only_a_wrench(figure_eight):
     flight = simulate(figure_eight("route={kind: hover}"), control=HoverWrench())
     np.testing.assert_allclose(flight["state"][-1, :3], [0.0, 0.0, 1.0], atol=1e-9)
     assert "pd" not in flight.signals
@@ -197,7 +197,7 @@ def test_a_control_of_one_s_own_needs_only_a_wrench(figure_eight):
 
 
 def test_every_signal_of_the_loop_is_exported_and_recorded(figure_eight):
-    """Under the name that says what its rows are."""
+    """The name of each signal determines its rows."""
     flight = simulate(figure_eight("duration=0.5"))
     assert set(flight.signals) == EXPORTED
     diagram = build_tracking_diagram(figure_eight(), 2)
@@ -209,8 +209,8 @@ def test_every_signal_of_the_loop_is_exported_and_recorded(figure_eight):
 
 
 @pytest.mark.slow
-def test_a_loop_has_the_parts_that_are_asked_for(figure_eight):
-    """No input is open, wind and noise are those of the samples, and every part has its name."""
+def test_a_loop_has_the_requested_parts(figure_eight):
+    """No input is left open, wind and noise are those of the samples, and every part has its name."""
 
     def parts_of(diagram):
         return {part.get_name() for part in diagram.GetSystems()}
@@ -229,7 +229,7 @@ def test_a_loop_has_the_parts_that_are_asked_for(figure_eight):
     assert noise == ["random_motion_capture.camera_noise"]
 
 
-def test_vehicles_fly_the_sample_of_the_scenario_and_the_next_ones(figure_eight):
+def test_vehicles_fly_the_given_samples(figure_eight):
     scenario = figure_eight("laboratory.motion_capture.position_noise=0.001")
     plan = plan_route(scenario)
 
@@ -259,29 +259,29 @@ def test_an_injected_command_is_added_to_that_over_the_link(figure_eight):
     np.testing.assert_allclose(sent, commanded + added, rtol=1e-12)
 
 
-def test_a_network_is_shown_too(asymmetric):
-    """A row for each of its 12 rules on each of its three axes."""
+def test_signals_of_a_network_are_exported(asymmetric):
+    """The weights have a row for each of 12 rules on each of three axes."""
     flight = simulate(asymmetric("pd_t2fnn", "duration=0.5", "metrics.start=0"))
     assert set(flight.signals) == EXPORTED | {"weights", "covariance_trace"}
     assert (flight["weights"].shape, flight["covariance_trace"].shape) == ((26, 36), (26, 3))
 
 
 def test_delay_from_state_to_rotor_command(figure_eight):
-    """A frame is 10 ms old when a tick samples it; then come the whole ticks of the link."""
+    """A frame is 10 ms old when a tick samples it. The delay of the link is added to that."""
     for ticks in (0, 1, 2):
         scenario = figure_eight(f"laboratory.command_link.delay_ticks={ticks}", "duration=2.0")
         flight = simulate(scenario)
         np.testing.assert_allclose(flight["measurement"][0], flight["state"][0], atol=1e-12)
         sent, out = flight["wrench"], flight["rotor_speed_command"]
         thrust = 4.13e-5 * np.sum(out**2, axis=1)
-        # A recorder at a tick sees what was out before it: one tick more than the link's delay.
+        # The recorder samples a command one tick after the link has delivered it.
         np.testing.assert_allclose(thrust[ticks + 1 :], sent[: -ticks - 1, 0], rtol=1e-9)
         np.testing.assert_allclose(thrust[: ticks + 1], 0.68 * 9.81, rtol=1e-9)
 
 
 @pytest.mark.parametrize(("ticks", "frames"), [(0, 0), (1, 0), (2, 0), (1, 1), (1, 3)])
 def test_delay_from_a_jump_of_the_state_to_the_rotor_command(figure_eight, ticks, frames):
-    """The timing drawing of the laboratory: 10 to 30 ms on the ground, and every frame and tick of delay besides."""
+    """The delay is 10 to 30 ms, as in the timing drawing of the laboratory, plus all frames and ticks of delay."""
     scenario = figure_eight(
         "route={kind: hover}",
         f"laboratory.command_link.delay_ticks={ticks}",
@@ -293,7 +293,7 @@ def test_delay_from_a_jump_of_the_state_to_the_rotor_command(figure_eight, ticks
     for step in range(20, 60):
         simulator = Simulator(diagram)
         context = simulator.get_mutable_context()
-        # The vehicle tilts just before the frame of this instant.
+        # The vehicle tilts just before the frame of this time.
         start = 0.01 * step
         simulator.AdvanceTo(start - 0.005)
         own = vehicle.GetMyMutableContextFromRoot(context)
@@ -304,7 +304,7 @@ def test_delay_from_a_jump_of_the_state_to_the_rotor_command(figure_eight, ticks
             simulator.AdvancePendingEvents()
             time += 0.01
         delays.append(context.get_time() - start)
-    # The frame of the jump is read a period later by the next tick, or by the one after if that is its own period.
+    # The tick a period later reads the frame of the jump, or the tick after that if the frame is taken at a tick.
     least = 0.01 * (1 + frames) + 0.02 * ticks
     assert min(delays) == pytest.approx(least, abs=1e-9)
     assert max(delays) == pytest.approx(least + 0.01, abs=1e-9)
@@ -327,14 +327,14 @@ LABORATORY = [
     " {kind: gust, velocity: [0, 1, 0], start: 0.5, rise_time: 1},"
     f" {FANS[0]}, {FANS[1]}]",
 ]
-# Not a breath at the vehicle, and no turbulence in it.
+# This fan does not reach the vehicle and has no turbulence there.
 CALM = [f"laboratory.wind=[{FANS[1]}]"]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("overrides", "n"), [(LABORATORY, 1), (LABORATORY, 2), (CALM, 2)])
-def test_the_whole_loop_differentiates(figure_eight, overrides, n):
-    """Derivative of the state after 1.2 s with respect to the gains of the first vehicle, against differences."""
+def test_the_closed_loop_supports_automatic_differentiation(figure_eight, overrides, n):
+    """The derivative of the state after 1.2 s by the gains of the first vehicle agrees with differences."""
     scenario = figure_eight("duration=1.2", "control.position.k_p=[1.0, 1.0, 4.0]", *overrides)
     diagram = build_tracking_diagram(scenario, n)
 
@@ -366,8 +366,8 @@ def test_the_whole_loop_differentiates(figure_eight, overrides, n):
     np.testing.assert_allclose(gradient, numeric, atol=1e-8)
 
 
-def test_a_flight_goes_on_in_another_simulator(figure_eight):
-    """With initialization events suppressed, as for a period map: or turbulence and filters would begin anew."""
+def test_a_flight_can_continue_in_another_simulator(figure_eight):
+    """Initialization events must be suppressed, since they would restart turbulence and filters."""
     scenario = figure_eight("duration=4.0", *LABORATORY)
     diagram = build_tracking_diagram(scenario)
     whole = Simulator(diagram)
@@ -397,7 +397,7 @@ def test_a_window_beyond_the_flight_is_refused(figure_eight):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("yaw", [1.0, 3.0])
-def test_flies_as_well_at_any_yaw(figure_eight, yaw):
+def test_the_error_does_not_depend_on_the_yaw(figure_eight, yaw):
     straight, turned = simulate(figure_eight()), simulate(figure_eight(f"route.yaw={yaw}"))
     assert turned.metrics.rmse == pytest.approx(straight.metrics.rmse, rel=0.02)
     np.testing.assert_allclose(turned.record("state").yaw[-1], yaw, atol=0.01)

@@ -1,4 +1,4 @@
-"""Systems of one's own that do not fit are refused in one sentence."""
+"""User's systems that do not fit are refused with a message of one sentence."""
 
 import pytest
 from pydrake.systems.framework import BasicVector, LeafSystem
@@ -13,7 +13,7 @@ from drake_quad.signals import Acceleration
 
 
 class WithPorts(LeafSystem):
-    """A system with ports of some names and sizes."""
+    """System with ports of given names and sizes."""
 
     def __init__(self, inputs, outputs):
         super().__init__()
@@ -31,7 +31,12 @@ COMMAND = {"acceleration_command": 3}
     ("place", "inputs", "outputs", "sentence"),
     [
         ("control", SEEN, {"wrnch": 4}, "control needs the output port `wrench`, but has `wrnch`"),
-        ("control", {"refrence": 11}, {"wrench": 4}, "has the input port `refrence`, but may have `measurement`, `ref"),
+        (
+            "control",
+            {"refrence": 11},
+            {"wrench": 4},
+            "has the input port `refrence`, but may only have `meas",
+        ),
         ("control", SEEN, {"wrench": 3}, "the port `wrench` of control must have 4 rows, but has 3"),
         (
             "position_controller",
@@ -47,7 +52,7 @@ COMMAND = {"acceleration_command": 3}
         ),
         ("position_controller", SEEN, {}, "needs the output port `acceleration_command`, but has none"),
         ("wind", {}, {"wind": 3, "gust": 3}, "wind needs a single output port, but has `wind`, `gust`"),
-        ("wind", {"position": 3}, {"wind": 3}, "wind has the input port `position`, but may have `state`"),
+        ("wind", {"position": 3}, {"wind": 3}, "wind has the input port `position`, but may only have `state`"),
         ("wind", {}, {}, "wind needs a single output port, but has none"),
         ("wind", {"state": 6}, {"gust": 3}, "the port `state` of wind must have 12 rows, but has 6"),
         ("wind", {}, {"gust": 2}, "the port `gust` of wind must have 3 rows, but has 2"),
@@ -59,7 +64,7 @@ def test_ports_that_do_not_fit_are_named(diagrams, place, inputs, outputs, sente
     assert sentence in str(caught.value)
 
 
-def test_what_is_no_system_or_for_fewer_vehicles_is_refused(diagrams):
+def test_objects_that_are_not_systems_or_have_too_few_rows_are_refused(diagrams):
     scenario = load_scenario(diagrams / "hover.yaml")
     with pytest.raises(InputError, match="must be a Drake system, an object and not its class or a function that"):
         simulate(scenario, position_controller=WithPorts)
@@ -69,7 +74,7 @@ def test_what_is_no_system_or_for_fewer_vehicles_is_refused(diagrams):
         simulate(scenario, wind={})
     with pytest.raises(InputError, match="must have 12 rows for each of 3 vehicles, but has 12"):
         build_tracking_diagram(scenario, 3, position_controller=WithPorts(SEEN, COMMAND))
-    with pytest.raises(InputError, match="no place for a position_controller"):
+    with pytest.raises(InputError, match="position_controller must not be given with it"):
         simulate(scenario, control=WithPorts(SEEN, {"wrench": 4}), position_controller=WithPorts(SEEN, COMMAND))
 
 
@@ -125,14 +130,14 @@ def test_a_function_that_returns_no_system_is_refused_with_its_signature(diagram
         StudyFleet(scenario, plan_route(scenario), 2, own=UserSystems(position_controller=make))
 
 
-def test_a_system_is_no_function_that_makes_one():
+def test_a_system_in_place_of_a_function_is_refused():
     words = r"^wind must be a function of the number of vehicles .*, but is an object of type WithPorts$"
     with pytest.raises(InputError, match=words):
-        UserSystems(wind=WithPorts({}, {"wind": 3})).made(1)
+        UserSystems(wind=WithPorts({}, {"wind": 3})).build(1)
 
 
 class Misspelt(FleetSystem):
-    """A controller whose ports can be given names of signals that do not exist."""
+    """Controller whose ports can have names of signals that do not exist."""
 
     def declare(self, *, seen="measurement", commanded="acceleration_command"):
         reads = self.parameter("gains", lambda numbers: Acceleration(0.0, 0.0, 0.0)), self.input(seen)

@@ -61,9 +61,9 @@ def test_simulate_flies_another_layout(run, tmp_path):
     ("layout", "words"),
     [
         ("{kind: y}", "nominal.layout.kind is 'y', but must be"),
-        ("{kind: x, length: 0.2}", "but must have width beside length"),
+        ("{kind: x, length: 0.2}", "but must have width and length"),
         ("{kind: h, length: 0.2, width: -0.3}", "nominal.layout.width is -0.3, but must be"),
-        ("{kind: x, length: 0.2, width: 0.000001}", "must give thrust and all torques: it has no"),
+        ("{kind: x, length: 0.2, width: 0.000001}", "must produce thrust and all torques, but has no"),
     ],
 )
 def test_simulate_refuses_a_broken_layout_in_one_sentence(run, tmp_path, layout, words):
@@ -116,18 +116,18 @@ def test_a_crash_is_reported_and_is_no_failure(run, tmp_path):
         (["--set", "route.top_acceleration=50", "--set", "route.top_speed=50"], "the rotors cannot fly this route"),
         (["--seed", "-1"], "error: --seed -1: seed is -1, but must be"),
         (["x" * 5000 + ".yaml"], ".yaml: cannot be read: file name too long"),
-        (["--set", "vehicle.mass=" + "[" * 5000], "is nested too deep"),
+        (["--set", "vehicle.mass=" + "[" * 5000], "is nested too deeply"),
         (["--set", "vehicle.mass={choice: [0.6, 0.7]}"], "vehicle.mass is a distribution"),
         (["--sample", "-2"], "sample is -2, but must be at least 0"),
-        (["diagrams/laboratory.yaml"], "error: diagrams/laboratory.yaml holds several scenarios; choose one as"),
+        (["diagrams/laboratory.yaml"], "error: diagrams/laboratory.yaml contains several scenarios; choose one as"),
         (
             ["--set", "vehicle.time_step=0.02"],
             "is 0.02, but must not be longer than the shortest period",
         ),
-        (["--set", "vehicle.linear_drag=200"], "vehicle.time_step is 0.01 s, too long for this much drag"),
+        (["--set", "vehicle.linear_drag=200"], "vehicle.time_step is 0.01 s, too long for drag with a time constant"),
         (
             ["--set", "vehicle.body_drag={linear: [0, 0, 200]}"],
-            "vehicle.time_step is 0.01 s, too long for this much drag",
+            "vehicle.time_step is 0.01 s, too long for drag with a time constant",
         ),
         (
             ["--set", "vehicle.motors={kind: throttle, curve: [0, 1, 2]}"],
@@ -454,7 +454,7 @@ def test_sensitivities_are_sorted_by_effect(run, tmp_path):
             "--tune names vehicle.mass, which is no number larger than 0",
         ),
         ("tune", ["--tune", "control.position.kind"], "which is no number larger than 0 of the control"),
-        ("tune", ["--tune", "control.position.k_q"], "there is no field control.position.k_q"),
+        ("tune", ["--tune", "control.position.k_q"], "the scenario has no field control.position.k_q"),
         (
             "tune",
             ["--tune", "control.position.k_p.0=3:1"],
@@ -492,8 +492,8 @@ def test_sensitivities_are_sorted_by_effect(run, tmp_path):
         ("map", ["--quick", "--worst", "vehicle.mass=5"], "the rotors cannot hold figure_eight in hover"),
         ("compare", ["--samples", "0"], "--samples is 0, but must be between 1 and 10000"),
         ("compare", ["--controller", "diagrams/none.yaml:pd"], "diagrams/none.yaml: cannot be read"),
-        ("sensitivities", ["--field", "vehicle.wings"], "there is no field vehicle.wings"),
-        ("sensitivities", ["--field", "vehicle"], "vehicle is a block of fields, not a real number"),
+        ("sensitivities", ["--field", "vehicle.wings"], "the scenario has no field vehicle.wings"),
+        ("sensitivities", ["--field", "vehicle"], "vehicle is a mapping or list, but must be a real number"),
     ],
 )
 def test_analyses_refuse_wrong_input_in_one_sentence(run, tmp_path, script, arguments, words):

@@ -99,5 +99,5 @@ def test_what_cannot_have_clocks_of_its_own_is_refused(windy):
     with pytest.raises(InputError, match="less often than every 0.02 s"):
         fleet_of(slow)
     task = task_of("figure_eight")
-    with pytest.raises(InputError, match="control.policy of figure_eight is missing: without a network nothing flies"):
+    with pytest.raises(InputError, match="control.policy of figure_eight is missing; give the file of a network"):
         fleet_of(task)

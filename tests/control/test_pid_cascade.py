@@ -260,18 +260,18 @@ def test_the_linear_model_is_over_the_period_of_the_loops():
     [
         (
             {"laboratory.autopilot": {"kind": "none"}},
-            "autopilot.kind is 'none', but must be one that controls the attitude",
+            "autopilot.kind is 'none', but must be a kind that controls the attitude",
         ),
         ({"control.period": 0.03}, "control.period is 0.03, but must be a multiple of the period of the command link"),
         ({"control.velocity.limit": [1.0, 1.0, 1.0]}, "velocity.limit .* must be left out: the command has limits"),
         (
             {"control.velocity.k_p": [0.0, 1.0, 1.0]},
-            r"velocity.k_p.0 is 0.0, but must be larger than 0: the anti-windup",
+            r"velocity.k_p.0 is 0.0, but must be larger than 0, since the anti-windup",
         ),
         ({"control.velocity.integration": "backward_euler"}, "velocity.integration .* must be forward_euler"),
         (
             {"laboratory.autopilot": {"yaw_weight": 0.4, "attitude_terms": {"k_i": [1, 1, 1]}}},
-            "attitude_terms .* must be left out: the loop on the error of the rotation is proportional",
+            "attitude_terms .* must be left out: with yaw_weight the attitude loop is proportional",
         ),
     ],
 )
@@ -307,7 +307,7 @@ def test_the_numbers_and_rules_are_those_of_the_scenario():
 def test_an_autopilot_that_is_told_body_rates_has_no_error_of_the_attitude():
     autopilot = load_scenario("onboard", ["laboratory.autopilot.yaw_weight=0.4"]).laboratory.autopilot
     for heeds, weight in ((True, 0.4), (False, None)):
-        recipe = autopilot.recipes(QuadrotorParameters(), written=autopilot, heeds_attitude=heeds)["autopilot"]
+        recipe = autopilot.recipes(QuadrotorParameters(), written=autopilot, follows_attitude=heeds)["autopilot"]
         assert recipe.numbers.yaw_weight == weight
 
 

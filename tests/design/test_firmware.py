@@ -46,7 +46,7 @@ def computed(parameters, recorded):
     believed = nominal_parameters(scenario)
     cascade = scenario.control.recipes(control_setting(scenario, plan_route(scenario)))["cascade"].build(1)
     autopilot = scenario.laboratory.autopilot
-    recipe = autopilot.recipes(believed, written=autopilot, heeds_attitude=True)["autopilot"]
+    recipe = autopilot.recipes(believed, written=autopilot, follows_attitude=True)["autopilot"]
     context, memory = cascade.CreateDefaultContext(), AutopilotMemory.of(recipe.numbers)
     per_unit = np.array(believed.inertia) * output_scales(believed, UNIT)
     rows = []

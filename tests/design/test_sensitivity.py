@@ -115,11 +115,11 @@ def test_a_number_at_its_bound_is_varied_to_one_side(asymmetric, field, bound, s
 @pytest.mark.parametrize(
     ("field", "words"),
     [
-        ("vehicle.wings", "there is no field vehicle.wings in the scenario"),
-        ("control.position.k_p.3", "there is no field control.position.k_p.3"),
-        ("control.position.k_p.-1", "there is no field control.position.k_p.-1"),
-        ("control.position.kind", "control.position.kind is 'pd', not a real number"),
-        ("seed", "seed is 0, not a real number"),
+        ("vehicle.wings", "the scenario has no field vehicle.wings"),
+        ("control.position.k_p.3", "the scenario has no field control.position.k_p.3"),
+        ("control.position.k_p.-1", "the scenario has no field control.position.k_p.-1"),
+        ("control.position.kind", "control.position.kind is 'pd', but must be a real number"),
+        ("seed", "seed is 0, but must be a real number"),
         ("route.radius", "route.radius changes the plan"),
         ("laboratory.command_link.loss_rate", "decides when something happens; a flight depends on it in jumps"),
         ("crash.tilt", "crash.tilt is not a number that the flight depends on smoothly"),

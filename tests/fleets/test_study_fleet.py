@@ -171,7 +171,7 @@ def test_a_flown_context_is_reset_to_the_beginning(scenario):
     """Time, states and what a user's system remembers: nothing of the flight before is left."""
     study = scenario(*NETWORK)
     plan, batch = plan_route(study), Batch.draw(study, range(2))
-    own = UserSystems(position_controller=stiff).made(2)
+    own = UserSystems(position_controller=stiff).build(2)
     diagram = build_fleet_diagram(batch, plan, own=own)
     simulator = Simulator(diagram)
     context = simulator.get_mutable_context()

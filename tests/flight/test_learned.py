@@ -68,12 +68,21 @@ ON_AXES = "".join(f"{axis}: {{weights: {[0.25] * 12}}}\n" for axis in "xyz")
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (FITTING.replace("4", "3") + ON_AXES, r"weights is .*, but must be 9 numbers"),
-        (FITTING.replace("type_2", "type_1") + ON_AXES, "same kind: this one's are type_2, those learned on type_1"),
-        (FITTING.replace("error, error_rate", "x, y") + ON_AXES, "those learned on x, y"),
-        (FITTING.replace("3, 4", "4, 3") + ON_AXES, "same sets: this one's are 3, 4, those learned on 4, 3"),
-        (FITTING + ON_AXES.replace("z:", "# z:"), "same axes: this one's are x, y, z, those learned on x, y"),
-        (FITTING + ON_AXES.replace("weights", "antecedents: [1.2], weights"), "antecedents is .*must be 19 numbers"),
+        (FITTING.replace("4", "3") + ON_AXES, r"weights is .*, but must have 9 numbers"),
+        (
+            FITTING.replace("type_2", "type_1") + ON_AXES,
+            "same kind: this network has type_2, .* have type_1",
+        ),
+        (FITTING.replace("error, error_rate", "x, y") + ON_AXES, "the learned parameters have x, y"),
+        (
+            FITTING.replace("3, 4", "4, 3") + ON_AXES,
+            "same sets: this network has 3, 4, .* have 4, 3",
+        ),
+        (
+            FITTING + ON_AXES.replace("z:", "# z:"),
+            "same axes: this network has x, y, z, .* have x, y",
+        ),
+        (FITTING + ON_AXES.replace("weights", "antecedents: [1.2], weights"), "antecedents is .*must have 19 numbers"),
         (FITTING + ON_AXES.replace("}", f", antecedents: {[0.1] * 19}}}", 1), "antecedents on all axes or on none"),
         ("[1, 2]", "must be a mapping of fields"),
         ("", "must be a mapping of fields"),

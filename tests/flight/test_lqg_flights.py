@@ -154,6 +154,6 @@ def test_it_has_no_place_for_a_position_controller():
     gains = PdGains(PerAxis(1.0, 1.0, 1.0), PerAxis(1.0, 1.0, 1.0))
     own = build_position_controller(ProportionalDerivative(numbers=gains))
     with pytest.raises(
-        InputError, match="control of nominal is of kind lqg: it has no place for a position_controller"
+        InputError, match="control of nominal is of kind lqg, which has no position_controller to replace"
     ):
         build_tracking_diagram(scenario_of("laboratory.yaml:nominal"), position_controller=own)

@@ -60,7 +60,7 @@ def test_an_error_in_a_system_of_the_user_s_is_not_hidden(diagrams):
 
 
 def test_distributions_need_a_sample(diagrams):
-    with pytest.raises(InputError, match="is a distribution; one flight needs a number there, or a sample"):
+    with pytest.raises(InputError, match="is a distribution, but one flight needs a number; give"):
         simulate(load_scenario(diagrams / "robustness.yaml"))
 
 

@@ -226,7 +226,7 @@ def test_the_voltage_of_a_curve_is_written_with_it(base, tmp_path):
 def test_a_curve_that_falls_cannot_be_believed(base, tmp_path):
     """The autopilot could not invert it; nothing is written."""
     falling = {**{f"motors.curve[{i}]": FOUND[f"motors.curve[{i}]"] for i in range(3)}, "motors.curve[1]": (-0.1, 0.01)}
-    with pytest.raises(InputError, match="the vehicle cannot be written: .*must rise from throttle 0 to 1"):
+    with pytest.raises(InputError, match="the vehicle cannot be written: .*must increase from throttle 0 to 1"):
         write_vehicle(tmp_path / "new.yaml", "new", estimates_of(falling), base=base, nominal=True)
     assert not (tmp_path / "new.yaml").exists()
 

@@ -185,7 +185,7 @@ def test_a_release_is_a_flight_that_begins_beside_the_reference(laboratory):
 
 def test_a_distribution_has_no_linear_model():
     scenario = load_scenario("diagrams/hover.yaml", ["vehicle.mass={uniform: {min: 0.6, max: 0.7}}"])
-    with pytest.raises(InputError, match="vehicle.mass is a distribution; the analysis of hover needs a number"):
+    with pytest.raises(InputError, match="vehicle.mass is a distribution, but the analysis of hover needs a number"):
         closed_loop(scenario)
 
 

@@ -10,7 +10,7 @@ from drake_quad.reference.polynomial_path import evaluate, peak_norm
 from drake_quad.scenario.models import Mission
 from drake_quad.space.distance import nearest_approach
 
-# Each plans a way, which takes seconds.
+# Each test plans a way around obstacles, which takes seconds.
 pytestmark = pytest.mark.slow
 
 ROOM = """
@@ -35,12 +35,12 @@ def room(tmp_path_factory):
 
 
 def least(scenario, plan):
-    """Distance of the centre of mass to an obstacle, as densely sampled as can be waited for, m."""
+    """Return the smallest distance of the centre of mass to an obstacle at dense samples of a plan, m."""
     space = space_of(scenario)
     return space.nearest(evaluate(plan.path, np.linspace(0.0, plan.duration, 10_000)).T)[0].min()
 
 
-# The other timings are planned around obstacles in `tests/space/test_rooms.py`.
+# `tests/space/test_rooms.py` plans with the other timings.
 TIMES = {
     "heuristic": "route.times=heuristic",
     "given": "route.times=[0, 5, 12]",
@@ -63,7 +63,7 @@ def test_every_timing_keeps_the_clearance_and_its_limits(room, times):
         assert peak_norm(plan.path, 2) <= 2.0 + 1e-9
 
 
-def test_a_yaw_is_had_where_its_waypoint_is_passed(room):
+def test_each_yaw_is_reached_at_its_waypoint(room):
     waypoints = (
         "route.waypoints=[{point: [0, 0, 1], yaw: 0}, {point: [3, 3, 1.2], yaw: 1.0}, {point: [6, 0, 1], yaw: 2}]"
     )
@@ -72,7 +72,7 @@ def test_a_yaw_is_had_where_its_waypoint_is_passed(room):
     np.testing.assert_allclose(yaws, [0.0, 1.0, 2.0], atol=1e-9)
 
 
-def test_gates_and_a_corridor_of_ones_own_are_kept(room):
+def test_a_plan_around_obstacles_keeps_gates_and_corridors(room):
     waypoints = (
         "route.waypoints=[[0, 0, 1], {box: {min: [3, 2.6, 0.8], max: [3, 3.4, 1.6]}},"
         " {sphere: {centre: [5.5, 3.5, 1.2], radius: 0.3}}, [6, 0, 1], [0, 0, 1]]"
@@ -89,7 +89,7 @@ def test_gates_and_a_corridor_of_ones_own_are_kept(room):
     assert last[1].max() <= 0.5 + 1e-6
 
 
-def test_a_gate_is_passed_where_it_is_free(room):
+def test_a_gate_is_passed_in_its_free_part(room):
     gate = "route.waypoints=[[0, 0, 1], {box: {min: [3, 2.0, 0.8], max: [3, 3.4, 1.6]}}, [6, 0, 1]]"
     scenario = room(gate, "space.obstacles.ball.centre=[3, 2.7, 1.2]", "route.times=heuristic")
     plan, _, numbers, _ = planned(scenario)
@@ -97,14 +97,14 @@ def test_a_gate_is_passed_where_it_is_free(room):
     assert 2.0 - 1e-9 <= plan.waypoints[numbers[1]][1] <= 3.4 + 1e-9
 
 
-def test_what_is_not_in_the_way_changes_nothing(room):
+def test_an_obstacle_away_from_the_path_does_not_change_the_plan(room):
     away = [f"space.obstacles.{name}.centre=[1, 9, 1]" for name in ("pillar", "wall", "ball")]
     beside = plan_route(room("route.times=heuristic", "space.bounds=null", *away))
     alone = plan_route(room("route.times=heuristic").model_copy(update={"space": None}))
     np.testing.assert_array_equal(alone.path.coefficients, beside.path.coefficients)
 
 
-# A room that is searched sooner.
+# A smaller room is searched faster.
 SMALL = "space.bounds={min: [-0.5, -0.5, 0.5], max: [6.5, 3.6, 2.0]}"
 REFUSED = {
     "a waypoint too near": (
@@ -112,7 +112,7 @@ REFUSED = {
         r"waypoint 1, \(3, 3, 1.2\) m, is 0.1 m from ball, but the clearance is 0.27 m \(radius 0.17 \+ margin 0.1\)",
     ),
     "a waypoint out of bounds": (["space.bounds.max=[5, 5, 2]"], r"waypoint 2, \(6, 0, 1\) m, lies outside the bounds"),
-    "no bounds": (["space.bounds=null"], r"m from .* nearer than 0.27 m; space.bounds is needed"),
+    "no bounds": (["space.bounds=null"], r"m from .* nearer than the clearance of 0.27 m; give space.bounds"),
     "a wall across": (
         [SMALL, "space.obstacles.wall.size=[0.2, 9, 2.6]", "space.obstacles.wall.rotation=[0, 0, 0]"],
         r"no way from waypoint 1 to waypoint 2 with a clearance of 0.27 m .* without wall, there would be one",
@@ -137,17 +137,17 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("overrides", "message"), REFUSED.values(), ids=REFUSED)
-def test_refused_in_a_sentence(room, overrides, message):
+def test_a_plan_that_is_impossible_is_explained(room, overrides, message):
     with pytest.raises(InputError, match=message):
         plan_route(room("route.times=heuristic", *overrides))
 
 
-def test_a_way_is_found_once(room):
+def test_a_plan_around_obstacles_is_cached(room):
     assert planned(room("route.times=heuristic")) is planned(room("route.times=heuristic"))
 
 
 def test_tighter_margins_make_faster_flights(room):
-    # The plan with a margin of 0.1 m is the one that other tests look at.
+    # Other tests use the plan with a margin of 0.1 m, too, so it is cached.
     wide, tight = (plan_route(room(f"space.margin={margin}", "route.times=heuristic")) for margin in (0.1, 0.0))
     approach = nearest_approach(tight.path, space_of(room("space.margin=0")))
     assert tight.duration < wide.duration
@@ -160,7 +160,7 @@ def test_a_plan_keeps_a_share_of_the_predicted_tracking_error(room):
     dragged = ["vehicle.linear_drag=0.1", "route.times=heuristic"]
     calm, windy = (planned(room("space.tracking=0.5", *dragged, *each)) for each in ((), (wind,)))
     predicted = believed_tracking_error(room(wind, *dragged)).rms.value
-    # The share counts for planning only, not for collisions in flight.
+    # The share affects the plan but not the detection of collisions.
     assert space_of(room("space.tracking=0.5")).clearance == pytest.approx(0.27)
     assert windy.space.tracking == pytest.approx(0.5 * predicted)
     assert windy.space.clearance > calm.space.clearance + 0.01
@@ -168,14 +168,14 @@ def test_a_plan_keeps_a_share_of_the_predicted_tracking_error(room):
     assert nearest.min() >= windy.space.clearance
 
 
-def test_the_forest_that_is_shipped_has_a_way():
-    """Drake's own search for the regions that hold a place gives up in it."""
+def test_a_way_through_the_shipped_forest_is_found():
+    """Drake's own search for a region around a point fails in this forest."""
     scenario = load_scenario("forest", ["route.times=heuristic"])
     found = planned(scenario)
     assert least(scenario, found.plan) >= found.space.clearance
 
 
-def test_without_control_there_is_no_tracking_error_to_keep(room):
+def test_a_share_of_the_tracking_error_needs_a_control(room):
     scenario = room("space.tracking=3")
     mission = Mission(**{name: getattr(scenario, name) for name in Mission.model_fields})
     with pytest.raises(InputError, match="space.tracking asks for a prediction"):

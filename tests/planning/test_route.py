@@ -24,7 +24,7 @@ def samples(plan):
 
 
 @pytest.mark.slow
-def test_the_slalom_keeps_to_all_that_it_asks(slalom):
+def test_the_slalom_satisfies_all_its_constraints(slalom):
     mission = slalom()
     plan = plan_route(mission)
     problem = mission.route.problem()
@@ -41,7 +41,7 @@ def test_the_slalom_keeps_to_all_that_it_asks(slalom):
 
 
 @pytest.mark.slow
-def test_headings(slalom):
+def test_the_yaw_follows_the_heading(slalom):
     yaws = {}
     for heading in ("constant", "along_path"):
         plan = plan_route(slalom(f"route.heading={heading}", "route.yaw=0.3"))
@@ -52,7 +52,7 @@ def test_headings(slalom):
     assert np.mean(np.cos(yaws["along_path"] - np.arctan2(v_y, v_x))[fast]) > 0.95
 
 
-def test_yaw_through_waypoints_one_of_them_repeated(slalom):
+def test_the_yaw_passes_through_waypoints_even_if_one_is_repeated(slalom):
     waypoints = "[{point: [0, 0, 1], yaw: 0}, [1, 0, 1], {point: [1, 0, 1], yaw: 1.0}, {point: [2, 0, 1], yaw: 4}]"
     route = f"{{kind: waypoints, waypoints: {waypoints}, heading: waypoints}}"
     plan = plan_route(slalom("route=" + route, "route.corridors=null", "route.space=null"))
@@ -118,7 +118,7 @@ def test_a_trajectory_without_yaw_looks_along_x(slalom):
         ("nominal.max_rotor_speed=205", "the rotors cannot fly this route"),
     ],
 )
-def test_what_cannot_be_flown_is_explained(slalom, override, words):
+def test_a_route_that_cannot_be_flown_is_explained(slalom, override, words):
     with pytest.raises(InputError, match=words):
         plan_route(slalom(override))
 
@@ -143,7 +143,7 @@ def test_a_yaw_that_turns_too_fast_for_the_rotors_is_refused(slalom):
     ],
 )
 def test_a_plan_keeps_to_the_narrower_limits_of_rotors_and_throttles(diagrams, overrides, limit):
-    """In hover, where each rotor of the paper's vehicle gives m g / 4 = 1.668 N at 200.95 rad/s."""
+    """In hover each rotor of the paper's vehicle produces m g / 4 = 1.668 N at 200.95 rad/s."""
     curve = "nominal.motors={kind: throttle, curve: [0.1, 0.3, 3.0]}"
     mission = load_mission(diagrams / "hover.yaml", [curve, *overrides])
     if limit is None:
@@ -151,7 +151,7 @@ def test_a_plan_keeps_to_the_narrower_limits_of_rotors_and_throttles(diagrams, o
         return
     with pytest.raises(InputError, match=r"rotor 1 would have to turn at 201 rad/s, but its limit") as refused:
         plan_route(mission)
-    of_throttle = "" if limit in (200.0, 202.0) else ", that of the throttle"
+    of_throttle = "" if limit in (200.0, 202.0) else ", which is the limit of the throttle"
     assert str(refused.value).endswith(f"but its limit is {limit:.0f} rad/s{of_throttle}")
 
 
@@ -169,8 +169,8 @@ def test_full_throttle_is_a_speed_by_the_mean_thrust_factor(diagrams):
     )
 
 
-def test_a_plan_that_goes_up_and_down_asks_for_weight_and_acceleration(diagrams):
-    """z = 0.3 sin(2π t / 3) by rotors that are alike: 4 b ω² = m (g + z̈), and ω of all four."""
+def test_rotor_speeds_of_a_vertical_oscillation_follow_from_weight_and_acceleration(diagrams):
+    """For z = 0.3 sin(2π t / 3) and equal rotors, 4 b ω² = m (g + z̈) for all four speeds ω."""
     route = "{kind: lissajous, centre: [0, 0, 1], amplitude: [0, 0, 0.3], turns: [0, 0, 1], period: 3, laps: 2}"
     mission = load_mission(diagrams / "hover.yaml", [f"route={route}"])
     plan, parameters = plan_route(mission), nominal_parameters(mission)
@@ -182,7 +182,7 @@ def test_a_plan_that_goes_up_and_down_asks_for_weight_and_acceleration(diagrams)
 
 
 def test_a_flight_takes_whole_ticks_of_the_control(diagrams):
-    """Of 20 ms, though the vehicle steps and is seen every 10 ms."""
+    """A tick is 20 ms, although the vehicle has a step and a frame of 10 ms."""
     for wanted, duration in ((0.001, 0.02), (0.02, 0.02), (0.05, 0.06), (0.06, 0.06), (0.061, 0.08), (0.14, 0.14)):
         scenario = load_scenario(diagrams / "hover.yaml", [f"duration={wanted}"])
         assert flight_duration(scenario, plan_route(scenario)) == pytest.approx(duration, rel=1e-12)
@@ -228,7 +228,7 @@ def test_a_trajectory_passes_its_knots_moved_to_its_origin_and_slowed_by_its_sca
         np.testing.assert_allclose(evaluate(plan.yaw, [2.5, 5.0, 7.5], 1)[0], [0.08, 0.0, -0.12], atol=1e-9)
 
 
-def test_a_constant_yaw_is_there_from_the_beginning_to_the_end_of_the_path(diagrams):
+def test_a_constant_yaw_lasts_from_the_beginning_to_the_end_of_the_path(diagrams):
     for route in ("{kind: figure_eight, yaw: 0.3}", "{kind: circle, yaw: 0.3}"):
         plan = plan_route(load_mission(diagrams / "figure_eight.yaml", [f"route={route}"]))
         assert plan.yaw.times.tolist() == plan.path.times[[0, -1]].tolist()
@@ -236,7 +236,7 @@ def test_a_constant_yaw_is_there_from_the_beginning_to_the_end_of_the_path(diagr
 
 
 def test_a_flight_takes_at_least_a_tick(diagrams):
-    """A trajectory without duration takes one, too."""
+    """A trajectory without duration also takes one tick."""
     knots = "[{time: 0, position: [0, 0, 1]}, {time: 1, position: [0, 0, 1]}]"
     scenario = load_scenario(
         diagrams / "hover.yaml", [f"route={{kind: trajectory, knots: {knots}, time_scale: 1e-12}}"]
@@ -245,13 +245,13 @@ def test_a_flight_takes_at_least_a_tick(diagrams):
 
 
 @pytest.mark.slow
-def test_a_vehicle_that_looks_along_its_path_needs_the_yaw_of_the_path():
+def test_yaw_rate_along_a_path_includes_the_rate_of_its_direction():
     mission = load_scenario("figure_eight", ["route={kind: circle, heading: along_path}"])
     plan = plan_route(mission)
     demand = plan_demand(plan, planned_parameters(mission), samples(plan))
     (yaw,) = evaluate(plan.flown_yaw, samples(plan))
     assert np.ptp(yaw) > 2.0 * math.pi
     np.testing.assert_allclose(np.exp(1j * np.array(demand.attitude.yaw)), np.exp(1j * yaw), atol=1e-12)
-    # In a turn that tilts the vehicle little, the rate about its own axis is nearly that of the yaw.
+    # For a small tilt, the rate about the vehicle's own axis is nearly the rate of the yaw.
     (yaw_rate,) = evaluate(plan.flown_yaw, samples(plan), 1)
     np.testing.assert_allclose(demand.body_rates.r, yaw_rate, atol=0.1 * np.abs(yaw_rate).max())

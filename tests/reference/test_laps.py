@@ -164,7 +164,10 @@ def test_circles_and_lissajous_figures_have_laps_and_other_routes_have_one(diagr
     ("text", "words"),
     [
         ("laps: 2, waypoints: [[0, 0, 1], [1, 0, 1]]", "laps is 2, but must be 1, since the route does not end"),
-        (f"laps: 2, space: {{min: [-9, -9, 0], max: [9, 9, 9]}}, {SQUARE}", "space .*must be left out: laps keep to"),
+        (
+            f"laps: 2, space: {{min: [-9, -9, 0], max: [9, 9, 9]}}, {SQUARE}",
+            "space .*must be left out: it cannot be",
+        ),
         (f"laps: 2, times: {{kind: least_snap, duration: 9}}, {SQUARE}", "must be given, heuristic or shortest"),
         (f"laps: 2, {SQUARE.replace('[1, 0, 1.2]', '{point: [1, 0, 1], velocity: [1, 0, 0]}')}", "velocity .*left out"),
         (f"laps: 2, times: [0, 1, 2, 3], {SQUARE}", "the (path|segment|times|limits)|too"),
@@ -190,8 +193,8 @@ def test_metrics_can_start_at_a_later_lap(diagrams):
 @pytest.mark.parametrize(
     ("window", "words"),
     [
-        ("{first_lap: 3}", "metrics.first_lap is 3, but the number of laps is 2"),
-        ("{first_lap: 2, start: 1.0}", "must not stand beside a start, 1"),
+        ("{first_lap: 3}", "metrics.first_lap is 3, but the route has 2 laps"),
+        ("{first_lap: 2, start: 1.0}", "must not be combined with a start, 1"),
     ],
 )
 def test_metrics_cannot_start_at_a_lap_that_does_not_exist(diagrams, window, words):
@@ -207,7 +210,7 @@ def test_given_times_of_laps_that_violate_a_limit_are_rejected_with_the_necessar
     if fits:
         assert plan_route(route(diagrams, limited)).lap_times[-1] == pytest.approx(37.0)
     else:
-        with pytest.raises(InputError, match=r"in laps the times must be 1\.2 times as long to keep to the limits"):
+        with pytest.raises(InputError, match=r"multiply route\.times by 1\.2: with laps, the path exceeds its limits"):
             plan_route(route(diagrams, limited))
 
 

@@ -210,7 +210,7 @@ def test_braking_below_the_crash_height_is_rejected():
     scenario = load_scenario("figure_eight", overrides)
     plan = plan_route(scenario)
     lowest = plan.flown_path.waypoints[-1, 2]
-    with pytest.raises(InputError, match=f"it descends to {lowest:.2f} m, and crash.height is 0 m"):
+    with pytest.raises(InputError, match=f"it descends to {lowest:.2f} m, below crash.height, 0 m"):
         flight_duration(scenario, plan)
 
 

@@ -1,4 +1,4 @@
-"""Angles are in radians: an angle that was surely written in degrees is refused with its value in radians."""
+"""Angles are in radians: an angle that must have been written in degrees is refused with its value in radians."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""Samples of a study: distributed as written, and the same whatever else is drawn."""
+"""Samples of a study have the given distributions and do not depend on other samples or fields."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in, value_at
 
-# As SciPy has them: name and arguments.
+# Name and arguments of the same distributions in SciPy.
 DISTRIBUTIONS = {
     "{uniform: {min: 0.6, max: 0.8}}": ("uniform", (0.6, 0.2)),
     "{log_uniform: {min: 0.1, max: 10}}": ("loguniform", (0.1, 10.0)),
@@ -27,7 +27,7 @@ def study(diagrams):
 
 
 @pytest.mark.parametrize("written", DISTRIBUTIONS)
-def test_drawn_values_have_the_distribution_that_is_written(study, written):
+def test_drawn_values_have_the_given_distribution(study, written):
     masses = Batch.draw(study(f"vehicle.mass={written}"), range(4000)).varying["vehicle.mass"]
     assert scipy.stats.kstest(masses, *DISTRIBUTIONS[written]).pvalue > 1e-3
 
@@ -58,7 +58,7 @@ def test_one_sample_alone_is_the_same_as_among_many(study):
     assert one.vehicle.mass != draw_sample(scenario, 13, seed=8).vehicle.mass
 
 
-def test_rotors_are_drawn_from_the_streams_that_were_theirs_when_they_were_counted_from_0(study):
+def test_rotors_have_the_streams_of_releases_that_counted_rotors_from_0(study):
     scenario = study("vehicle.thrust_factor_error=[0, {uniform: {min: 0, max: 1}}, 0, 0]")
     found = Batch.draw(scenario, range(5), seed=4).varying["vehicle.thrust_factor_error.rotor_2"]
     np.testing.assert_array_equal(found, parameter_numbers(4, range(5), "vehicle.thrust_factor_error[1]"))
@@ -71,7 +71,7 @@ def test_a_field_is_drawn_the_same_whatever_else_is_drawn(study):
     assert abs(np.corrcoef(both["vehicle.mass"], both["vehicle.linear_drag"])[0, 1]) < 0.5
 
 
-def test_what_is_not_drawn_stays_as_it_is(study):
+def test_fields_without_distributions_are_not_changed(study):
     scenario = study("vehicle.mass={uniform: {min: 0.6, max: 0.8}}")
     drawn = Batch.draw(scenario, range(3)).scenario_of(2)
     assert drawn.control is scenario.control
@@ -87,7 +87,7 @@ def test_a_wrong_seed_or_sample_is_refused(study, sample, seed, words):
 
 
 def test_a_sample_may_have_a_route_of_its_own(study):
-    """For flights of one vehicle; a fleet flies one route, and refuses such a scenario."""
+    """Only flights of one vehicle can have such a route; a fleet flies one route and refuses the scenario."""
     scenario = study("route.radius={uniform: {min: 1.2, max: 1.4}}")
     batch = Batch.draw(scenario, range(2))
     radii = [draw_sample(scenario, sample).route.radius for sample in range(2)]
@@ -99,7 +99,7 @@ NORMAL_MOMENT = "{normal: {mean: 0.007, standard_deviation: 0.002, min: 0.001}}"
 
 
 def test_drawn_moments_of_inertia_are_those_of_a_rigid_body(study):
-    """Impossible moments are replaced by the nearest possible ones, and possible moments stay as they are drawn."""
+    """Impossible moments are replaced by the nearest possible ones, and possible moments are kept."""
     scenario = study(f"vehicle.inertia=[{NORMAL_MOMENT}, {NORMAL_MOMENT}, {{uniform: {{min: 0.008, max: 0.016}}}}]")
     batch = Batch.draw(scenario, range(2000))
     fields = [f"vehicle.inertia.{axis}" for axis in range(3)]
@@ -136,8 +136,8 @@ def test_a_fixed_moment_of_inertia_stays_and_the_others_are_adjusted(study):
     )
 
 
-def test_the_samples_of_a_study_stay_what_they_were(study):
-    """Numbers of a release in which items of lists were written in brackets: the streams are called that still."""
+def test_samples_are_those_of_earlier_releases(study):
+    """The numbers are those of a release that wrote items of lists in brackets, as names of streams still do."""
     inertia = "vehicle.inertia=[0.007, {uniform: {min: 0.006, max: 0.008}}, 0.012]"
     varying = Batch.draw(study("vehicle.mass={uniform: {min: 0.6, max: 0.8}}", inertia), [0, 1, 41], seed=7).varying
     mass = [0.6051061415534328, 0.675789840234045, 0.7823762288316]
@@ -147,7 +147,7 @@ def test_the_samples_of_a_study_stay_what_they_were(study):
 
 
 def test_scenarios_of_a_batch_can_be_written_and_read(study, tmp_path):
-    """That of the study with its distributions, and that of each vehicle with its numbers."""
+    """The scenario of the study is written with its distributions, and that of each vehicle with its numbers."""
     scenario = study("vehicle.mass={uniform: {min: 0.6, max: 0.8}}", "laboratory.command_link.delay_ticks=2")
     batch = Batch.draw(scenario, [3, 8], seed=5)
     assert [*distributions_in(batch.scenario)] == ["vehicle.mass"]
@@ -157,8 +157,8 @@ def test_scenarios_of_a_batch_can_be_written_and_read(study, tmp_path):
         assert load_scenario(path) == each
 
 
-def test_numbers_can_be_made_to_vary_that_were_not_drawn(study):
-    """Whatever the field: a gain, an item of a list, a whole number of ticks."""
+def test_fields_without_distributions_can_vary_in_a_batch(study):
+    """This holds for gains, items of lists and whole numbers of ticks."""
     batch = Batch.draw(study("vehicle.mass={uniform: {min: 0.6, max: 0.8}}"), [4, 1, 7])
     varying = {
         "control.position.k_p.1": np.array([1.0, 2.0, 3.0]),
@@ -183,7 +183,7 @@ def test_a_padded_batch_repeats_its_last_vehicle(study):
 
 
 def test_a_fleet_sees_arrays_where_numbers_vary_and_the_scenario_elsewhere(asymmetric):
-    """Also in lists, and in lists of parts."""
+    """This includes items of lists and fields of mappings in lists."""
     scenario = asymmetric("pid", "vehicle.mass={uniform: {min: 0.6, max: 0.8}}")
     varying = {"laboratory.wind.1.velocity.2": np.array([1.0, 2.0]), "vehicle.inertia.1": np.array([3.0, 4.0])}
     batch = Batch.draw(scenario, [7, 2]).with_varying(varying)

@@ -1,4 +1,4 @@
-"""What a person can write wrong about a controller that learns or estimates."""
+"""Mistakes in learning and estimating controllers are explained."""
 
 import math
 from pathlib import Path
@@ -13,7 +13,7 @@ from drake_quad.scenario.files.saving import save_scenario
 ROOT = Path(__file__).parent.parent.parent
 PAPER = ROOT / "diagrams" / "controllers" / "paper.yaml"
 NETWORK = "control.network"
-# Nine sets.
+# An input with nine sets.
 MANY = "{centres: [-4, -3, -2, -1, 0, 1, 2, 3, 4], widths: [1, 1, 1, 1, 1, 1, 1, 1, 1]}"
 
 
@@ -29,25 +29,25 @@ def load(controller, *overrides):
         ("a2", "0", "must be larger than 0 and smaller than 1"),
         ("q", "1.5", "must be at least 0 and at most 1"),
         ("a1", "{uniform: {min: 0.9, max: 2.0}}", "must be larger than 1"),
-        ("inputs.error.centres", "[0, -1, 1]", r"centres is \[0, -1, 1\], but must rise from one to the next"),
+        ("inputs.error.centres", "[0, -1, 1]", r"centres is \[0, -1, 1\], but must be ascending"),
         ("inputs.error.centres", "[0]", "must have at least 2 items|at least 2"),
-        ("inputs.error.centres", "[-1, 0, 1, 2]", "widths .*must be as many as centres, 4"),
+        ("inputs.error.centres", "[-1, 0, 1, 2]", "widths .*must have 4 numbers, one for each centre"),
         (
             "inputs.error_rate.widths",
             "[0.4, 0.4, 1]",
-            r"be wide enough that the sets at -1(\.0)? and 0(\.0)? overlap",
+            r"be larger, so that the sets at -1(\.0)? and 0(\.0)? overlap",
         ),
-        ("inputs.error_rate.widths", "[0.5, 0.5, 1]", "must be wide enough"),
+        ("inputs.error_rate.widths", "[0.5, 0.5, 1]", "must be larger, so that the sets"),
         ("inputs.error_rate.widths", "[1, 0, 1]", "must be larger than 0"),
         ("inputs.error.scale", "0", "must be larger than 0"),
         (
             "inputs",
             "{error: null, error_rate: null}",
-            "inputs is .*, but must be one to four of error, .*, disturbance$",
+            "inputs is .*, but must have one to four of error, .*, disturbance$",
         ),
-        ("inputs", "{x: {}, y: {}, z: {}}", "inputs is .*, but must be one to four of"),
-        ("inputs.phase", "{centres: [0, 0.5, 1]}", "widths .*must be as many as centres, 3"),
-        ("inputs.phase", "{centres: [0, 0.5, 1], widths: [1, 1, 1]}", "must be less than a turn apart"),
+        ("inputs", "{x: {}, y: {}, z: {}}", "inputs is .*, but must have one to four of"),
+        ("inputs.phase", "{centres: [0, 0.5, 1]}", "widths .*must have 3 numbers, one for each centre"),
+        ("inputs.phase", "{centres: [0, 0.5, 1], widths: [1, 1, 1]}", "must lie within one period"),
         ("inputs.phase", "{centres: [0, 0.4], widths: [0.3, 0.25]}", "sets at 0.4 and 1.0 overlap"),
         (
             "inputs.phase",
@@ -55,7 +55,7 @@ def load(controller, *overrides):
             "sets at 0.8 and 2.0 overlap",
         ),
         ("lead", "-0.1", "must be at least 0"),
-        ("inputs", f"{{x: {MANY}, y: {MANY}, error: {MANY}}}", "must make at most 256 rules, not 2187"),
+        ("inputs", f"{{x: {MANY}, y: {MANY}, error: {MANY}}}", "must result in at most 256 rules, not 2187"),
         ("inputs.disturbance", "{}", "disturbance .*must be left out: a position controller of kind pd estimates none"),
         ("learning.signal", "error", "must be 'surface' or 'feedback'"),
         ("learning.slope", "0", "must be larger than 0"),
@@ -66,7 +66,7 @@ def load(controller, *overrides):
         ("learning.kind", "newton", "must be one of 'covariance', 'gradient', 'sign'"),
         ("learning.rate", "1.0", "rate is unknown"),
         ("learning.deadzone", "-0.1", "must be at least 0"),
-        ("adaptive", "{}", "must have a rate of centres or widths or exponents, or be null"),
+        ("adaptive", "{}", "must have a learning rate of centres or widths or exponents, or be null"),
         ("adaptive.widths", "0", "must be larger than 0"),
         ("axes", "[]", "axes"),
         ("axes", "[x, w]", "must be 'x', 'y' or 'z'"),
@@ -120,7 +120,7 @@ ESTIMATING = "k_p: [1, 1, 1], k_d: [1, 1, 1], bandwidth: [1, 1, 1]"
         ("crash.tilt=2", "crash.tilt is 2, but must be in radians, at most 1.571 in size; 2 degrees are 0.03491"),
     ],
 )
-def test_what_is_wrong_of_estimators_and_attitude_is_told(override, complaint):
+def test_wrong_estimators_and_attitude_controllers_are_explained(override, complaint):
     with pytest.raises(InputError) as error:
         load_scenario(ROOT / "diagrams" / "figure_eight.yaml", [override])
     assert complaint in str(error.value)
@@ -139,8 +139,8 @@ def test_a_vehicle_that_may_turn_over_has_no_limit_of_tilt():
     assert monitor.structure["limits"].tilt == math.inf
 
 
-def test_geometric_control_is_the_published_law_unless_it_says_otherwise():
-    """With the transport term of Lee et al. (2010), and the angles of eq (1)."""
+def test_geometric_control_is_the_published_law_by_default():
+    """Its defaults are the transport term of Lee et al. (2010) and the angles of eq (1)."""
     field = "control.attitude={kind: geometric, k_p: [17, 14, 5], k_d: [7, 7, 3]}"
     attitude = load("pd", field).control.attitude
     assert (attitude.transport_term, attitude.euler_sequence, attitude.k_i) == (True, "zyx", None)

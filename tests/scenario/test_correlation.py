@@ -1,4 +1,4 @@
-"""Correlated distributions: the covariance that was meant, the marginals that are written, the same numbers always."""
+"""Correlated distributions have the given covariance and marginals, and their samples do not change."""
 
 import json
 
@@ -23,7 +23,7 @@ from drake_quad.scenario.correlation import (
 from drake_quad.scenario.distributions import Normal
 from drake_quad.scenario.files.loading import load_scenario
 from drake_quad.scenario.files.saving import save_scenario
-from drake_quad.scenario.limits import MOST_SHARED
+from drake_quad.scenario.limits import MAX_SHARED
 from drake_quad.scenario.paths import distributions_in
 
 MASS, LAG, DRAG = "vehicle.mass", "vehicle.rotor_time_constant", "vehicle.linear_drag"
@@ -52,8 +52,8 @@ def drawn(study):
     return Batch.draw(study(*written()), range(20_000)).varying
 
 
-def test_the_covariance_is_the_one_that_was_meant(study, drawn):
-    """Of what no limit cuts: a correlation of 20,000 has a deviation of at most 0.007."""
+def test_samples_have_the_given_covariance(study, drawn):
+    """For untruncated distributions, a correlation of 20,000 samples has a standard deviation of at most 0.007."""
     joint = joint_normal(distributions_in(study(*written())))
     assert joint.paths == (MASS, DRAG, LAG)
     deviation = np.array([0.02, 0.1, 0.004])
@@ -65,8 +65,8 @@ def test_the_covariance_is_the_one_that_was_meant(study, drawn):
     assert np.abs(found - correlation[uncut]).max() < 0.03
 
 
-def test_limits_leave_the_copula(drawn):
-    """Spearman's correlation under a Gaussian copula is 6/π asin(r/2), whatever limits make of the values."""
+def test_limits_do_not_change_the_copula(drawn):
+    """Spearman's correlation under a Gaussian copula is 6/π asin(r/2), for any limits of the distributions."""
     ranks = scipy.stats.spearmanr(np.stack([drawn[MASS], drawn[LAG], drawn[DRAG]]), axis=1).statistic
     for i, j, normal in ((0, 1, -0.45), (0, 2, -0.3), (1, 2, 0.0)):
         assert ranks[i, j] == pytest.approx(6.0 / np.pi * np.arcsin(0.5 * normal), abs=0.02)
@@ -80,12 +80,12 @@ def test_limits_leave_the_copula(drawn):
         (DRAG, (-0.5, np.inf, 0.2, 0.1)),
     ],
 )
-def test_each_field_has_the_distribution_that_is_written(drawn, path, arguments):
+def test_each_field_has_its_given_distribution(drawn, path, arguments):
     assert scipy.stats.kstest(drawn[path], "truncnorm", arguments).pvalue > 1e-3
 
 
 def test_a_normal_that_shares_nothing_is_drawn_as_before(study):
-    """To the bit: from its own numbers alone."""
+    """All bits agree, since only the field's own numbers are used."""
     values = Batch.draw(study(*written("", "", "")), range(50), seed=3).varying
     expected = 0.68 + 0.02 * scipy.special.ndtri(
         (low := scipy.special.ndtr((0.5 - 0.68) / 0.02)) + parameter_numbers(3, range(50), MASS) * (1.0 - low)
@@ -95,14 +95,14 @@ def test_a_normal_that_shares_nothing_is_drawn_as_before(study):
     np.testing.assert_array_equal(empty[MASS], values[MASS])
 
 
-def test_what_is_shared_stays_what_it_was(study):
-    """Numbers of the release in which variables were first shared."""
+def test_samples_of_shared_variables_are_those_of_earlier_releases(study):
+    """The numbers are those of the release that introduced shared variables."""
     values = Batch.draw(study(written()[0]), [0, 1, 41], seed=7).varying[MASS]
     np.testing.assert_allclose(values, [0.6461897527911218, 0.6293774984326039, 0.6691488411462073], rtol=1e-14)
 
 
-def test_a_field_that_shares_with_nobody_draws_what_it_would(study):
-    """Another field that comes, goes or becomes a number changes nothing of it, nor do other samples beside it."""
+def test_a_field_without_common_variables_does_not_depend_on_others(study):
+    """Other correlated fields may be added or removed, or other samples drawn."""
     both = Batch.draw(study(*written()), range(20), seed=5).varying
     alone = Batch.draw(study(written()[0]), range(20), seed=5).varying
     np.testing.assert_array_equal(alone[MASS], both[MASS])
@@ -114,8 +114,8 @@ def test_a_field_that_shares_with_nobody_draws_what_it_would(study):
     assert not np.any(Batch.draw(study(*written()), range(20), seed=6).varying[MASS] == both[MASS])
 
 
-def test_shared_variables_are_told_apart_by_their_names(study):
-    """And fields that share all they have are one, or one turned round."""
+def test_shared_variables_are_distinguished_by_name(study):
+    """Fields with a correlation of 1 or -1 with the same variable are equal or opposite."""
     one, same, other = (
         Batch.draw(study(*written("{a: 1.0}", shared, "")), range(200)).varying
         for shared in ("{a: 1.0}", "{a: -1.0}", "{vehicle: 1.0}")
@@ -125,8 +125,8 @@ def test_shared_variables_are_told_apart_by_their_names(study):
     assert abs(scipy.stats.spearmanr(other[MASS], other[LAG]).statistic) < 0.3
 
 
-def test_no_number_is_infinite_however_many_a_field_shares(study, monkeypatch):
-    """Sixteen variables that are all far out are farther out than one can be."""
+def test_no_number_is_infinite_for_any_number_of_shared_variables(study, monkeypatch):
+    """Sixteen variables at their extremes add up to more than one variable can reach."""
     monkeypatch.setattr(correlation, "_standard_normal", lambda seed, samples, stream: np.full(len(samples), 8.0))
     shared = ", ".join(f"x{i}: 0.25" for i in range(16))
     scenario = study(f"vehicle.centre_of_mass=[{bell(0.0, 0.001, f'{{{shared}}}')}, 0]")
@@ -134,13 +134,13 @@ def test_no_number_is_infinite_however_many_a_field_shares(study, monkeypatch):
     np.testing.assert_allclose(drawn, 0.0082, rtol=0.01)
 
 
-def test_who_is_correlated_with_whom(study):
+def test_correlated_groups_include_indirect_correlations(study):
     scenario = study(*written("{a: 0.9}", "{a: -0.5, b: 0.5}", "{b: 0.8}"), f"vehicle.quadratic_drag={DRAWN}")
     found = distributions_in(scenario)
     pairs = correlated_pairs(found)
     assert [(pair.first, pair.second) for pair in pairs] == [(MASS, LAG), (DRAG, LAG)]
     assert [pair.correlation for pair in pairs] == pytest.approx([-0.45, 0.4])
-    # Drag and mass share nothing, but each something with the lag.
+    # Drag and mass share no variable, but both share one with the lag.
     assert correlated_groups(found) == dict.fromkeys((MASS, DRAG, LAG), (MASS, DRAG, LAG))
     assert shared_names(found.values()) == ["a", "b"]
     assert correlated_groups(distributions_in(study(written()[0]))) == {}
@@ -153,31 +153,31 @@ def test_who_is_correlated_with_whom(study):
         ("{a: 0.8, b: 0.7}", "shared is {'a': 0.8, 'b': 0.7}, but must have correlations whose squares sum to at most"),
         ("{a: 1.1}", "shared.a is 1.1, but must be less than or equal to 1"),
         ("{a: heavy}", "shared.a is 'heavy', but must be a valid number"),
-        ("{my drone: 0.1}", "by at most 60 letters, digits and '_', no digit first, not by 'my drone'"),
-        ("[a]", "is ['a'], but must be a mapping of names to numbers"),
+        ("{my drone: 0.1}", "must not have the name 'my drone': the name of a shared variable has at most 60 letters"),
+        ("[a]", "is ['a'], but must be a mapping from names to numbers"),
     ],
 )
-def test_what_cannot_be_shared_is_refused(study, shared, words):
+def test_invalid_shared_variables_are_refused(study, shared, words):
     with pytest.raises(InputError) as caught:
         study(written(shared)[0])
     assert words in str(caught.value)
 
 
-def test_correlations_that_are_a_whole_variance_are_allowed(study):
-    """As these are in decimals; the squares of their binary numbers sum to more."""
+def test_correlations_may_explain_the_whole_variance(study):
+    """These decimal correlations are allowed, although the squares of their binary values sum to more than 1."""
     study(written("{a: 0.2, b: 0.4, c: 0.4, d: 0.8}")[0])
 
 
-def test_there_are_only_so_many_shared_variables(study):
+def test_the_number_of_shared_variables_is_limited(study):
     def thirds(count):
         names = [f"x{i}: 0.1" for i in range(count)]
         parts = (names[:40], names[40:], names[:3])
         bells = [bell(0.007, 0.001, f"{{{', '.join(part)}}}", ", min: 0.001") for part in parts]
         return study(f"vehicle.inertia=[{', '.join(bells)}]")
 
-    assert len(shared_names(distributions_in(thirds(MOST_SHARED)).values())) == MOST_SHARED
-    with pytest.raises(InputError, match=r"vehicle\.inertia\.1\.normal\.shared is .* none but the 64 normal variables"):
-        thirds(MOST_SHARED + 1)
+    assert len(shared_names(distributions_in(thirds(MAX_SHARED)).values())) == MAX_SHARED
+    with pytest.raises(InputError, match=r"vehicle\.inertia\.1\.normal\.shared is .* already has 64"):
+        thirds(MAX_SHARED + 1)
 
 
 def test_correlations_are_written_and_read_again(study, tmp_path):
@@ -186,14 +186,14 @@ def test_correlations_are_written_and_read_again(study, tmp_path):
     assert load_scenario(tmp_path / "again.yaml") == scenario
 
 
-def test_what_shares_nothing_is_written_as_it_was_before(study):
-    """The rows of a study are known by what is written of its scenario."""
+def test_a_normal_without_shared_variables_is_written_as_before(study):
+    """A study is identified by the text of its scenario, which must not change."""
     kept = json.loads(study(written("")[0]).model_dump_json())["vehicle"]["mass"]
     assert kept == {"normal": {"mean": 0.68, "standard_deviation": 0.02, "min": 0.5, "max": None}}
 
 
 def test_an_extension_replaces_one_field_and_leaves_the_others(study, diagrams, tmp_path):
-    """A number, or a distribution as a whole: what it shared is gone with it."""
+    """A number or distribution replaces a whole distribution, including its shared variables."""
     base = ", ".join(override.partition(".")[2].replace("=", ": ", 1) for override in written())
     path = tmp_path / "mine.yaml"
     quick = bell(0.05, 0.001, "", ", min: 0.03, max: 0.07")
@@ -214,8 +214,8 @@ def normals(found):
 
 @settings(max_examples=40, deadline=None)
 @given(count=st.integers(1, 10), rank=st.integers(1, 12), seed=st.integers(0, 2**31))
-def test_a_covariance_comes_back(count, rank, seed):
-    """Of any rank and any units: standard deviations to the bit, those of all sums to a per cent."""
+def test_correlated_normals_reproduce_a_covariance(count, rank, seed):
+    """Any rank and any units: standard deviations agree to the bit, those of all weighted sums to one per cent."""
     rng = np.random.default_rng(seed)
     shape = rng.normal(size=(count, rank))
     scale = 10.0 ** rng.uniform(-8.0, 3.0, count)
@@ -234,8 +234,8 @@ def test_a_covariance_comes_back(count, rank, seed):
     np.testing.assert_allclose(weak, size, rtol=0.02, atol=1e-9)
 
 
-def test_few_variables_are_shared():
-    """One for a pair, or for any number that one cause moves; none for what is hardly correlated."""
+def test_correlated_normals_share_few_variables():
+    """A pair, or fields with a common cause, need one variable. Fields with negligible correlations need none."""
     pair = correlated_normals("ab", np.zeros(2), np.array([[4.0, -1.0], [-1.0, 1.0]]))
     assert pair["a"] == {"normal": {"mean": 0.0, "standard_deviation": 2.0, "shared": {"common_1": 0.7071}}}
     assert pair["b"]["normal"]["shared"] == {"common_1": -0.7071}
@@ -252,8 +252,8 @@ def test_few_variables_are_shared():
     ]
 
 
-def test_a_sum_that_is_known_better_than_its_parts_stays_so():
-    """Of the coefficients of a curve that was fitted around hover: their correlations are 0.99, the thrust is sure."""
+def test_a_sum_that_is_known_better_than_its_parts_keeps_its_variance():
+    """Coefficients of a curve that was fitted around hover have correlations of 0.99, but the thrust is well known."""
     throttle = np.linspace(0.5, 0.7, 200)
     powers = np.stack([throttle**0, throttle, throttle**2])
     covariance = 1e-6 * np.linalg.inv(powers @ powers.T)
@@ -274,7 +274,7 @@ def test_a_sum_that_is_known_better_than_its_parts_stays_so():
         ("ab", [[1.0]], "2 names need"),
     ],
 )
-def test_what_is_no_covariance_is_refused(names, covariance, words):
+def test_an_invalid_covariance_is_refused(names, covariance, words):
     with pytest.raises(InputError, match=words):
         correlated_normals(names, np.zeros(len(names)), np.array(covariance))
 

@@ -1,4 +1,4 @@
-"""What acts on a vehicle, in the language: defaults are off, and what is wrong gets one sentence."""
+"""Effects in the scenario language: they are off by default, and mistakes are explained in one sentence."""
 
 import re
 
@@ -16,7 +16,7 @@ def load(diagrams):
     return lambda *overrides: load_scenario(diagrams / "figure_eight.yaml", overrides)
 
 
-def test_all_is_off_unless_it_is_written(load):
+def test_effects_are_off_by_default(load):
     assert load().vehicle.effects() == {}
     assert load().vehicle.effect_numbers() == NO_EFFECTS
 
@@ -52,43 +52,43 @@ def test_all_is_off_unless_it_is_written(load):
         ([f"vehicle.battery={{{BATTERY.replace('0.65', '0')}}}"], "battery.efficiency is 0, but must be at least 0.01"),
         (
             ["vehicle.slung_load={mass: 0.1, length: 1}", "vehicle.payload={mass: 0.1, time: 1, event: dropped}"],
-            "vehicle.slung_load is .*, but must not stand beside a payload",
+            "vehicle.slung_load is .*, but must not be combined with a payload",
         ),
-        ([f"vehicle.motors={THROTTLE}"], "vehicle.motors.kind is 'throttle', but must be speed, as in nominal"),
+        ([f"vehicle.motors={THROTTLE}"], "vehicle.motors.kind is 'throttle', but must be speed as in nominal"),
         (
             [f"nominal.motors={THROTTLE}", "vehicle.motors={kind: speed}"],
-            "vehicle.motors.kind is 'speed', but must be throttle, as in nominal",
+            "vehicle.motors.kind is 'speed', but must be throttle as in nominal",
         ),
         (
             ["nominal.motors={kind: throttle, curve: [0.0227, -0.0119, 0.1284]}"],
-            r"nominal.motors.curve is \[.*\], but must rise from throttle 0 to 1",
+            r"nominal.motors.curve is \[.*\], but must increase from throttle 0 to 1",
         ),
         (
             ["nominal.motors={kind: throttle, curve: [0, 4, -2.1]}"],
-            r"nominal.motors.curve is \[.*\], but must rise from throttle 0 to 1",
+            r"nominal.motors.curve is \[.*\], but must increase from throttle 0 to 1",
         ),
         (
             ["nominal.motors={kind: throttle, curve: [0.1, 0, 0]}"],
-            r"nominal.motors.curve is \[.*\], but must rise from throttle 0 to 1",
+            r"nominal.motors.curve is \[.*\], but must increase from throttle 0 to 1",
         ),
         (["vehicle.motors={kind: duty}"], "vehicle.motors.kind is 'duty', but must be"),
     ],
 )
-def test_what_is_wrong_gets_one_sentence(load, overrides, message):
+def test_wrong_effects_are_explained_in_one_sentence(load, overrides, message):
     with pytest.raises(InputError) as refusal:
         load(*overrides)
     assert re.search(message, str(refusal.value)), str(refusal.value)
     assert "\n" not in str(refusal.value)
 
 
-def test_a_vehicle_has_the_motors_that_are_believed_unless_it_says_otherwise(load):
+def test_a_vehicle_has_the_nominal_motors_by_default(load):
     scenario = load(f"nominal.motors={THROTTLE}")
     assert scenario.vehicle.motors.curve == scenario.nominal.motors.curve == (0.1, 1.0, 2.8)
     own = load(f"nominal.motors={THROTTLE}", "vehicle.motors={kind: throttle, curve: [0.02, -0.1, {choice: [2, 3]}]}")
     assert own.vehicle.motors.curve[:2] == (0.02, -0.1)
 
 
-def test_a_battery_may_be_empty_at_the_lowest_voltage_at_which_it_is_full(load):
+def test_the_empty_voltage_may_equal_the_smallest_full_voltage(load):
     full, empty = "{uniform: {min: 10.2, max: 12.6}}", "{uniform: {min: 9, max: 10.2}}"
     battery = BATTERY.replace("10.2", empty).replace("12.6", full)
     assert load(f"vehicle.battery={{{battery}}}").vehicle.battery.empty_voltage.uniform.max == 10.2

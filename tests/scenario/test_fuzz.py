@@ -1,4 +1,4 @@
-"""Whatever is written: a scenario that flies, to its end or into a crash, or a sentence that says what is wrong where.
+"""Any input is either a scenario that flies, to its end or into a crash, or is refused in one sentence.
 
 `make test` tries about a hundred cases, the same each time; `make fuzz` ten thousand others.
 """
@@ -25,7 +25,7 @@ from drake_quad.scenario.files.loading import load_mission
 
 DIAGRAMS = Path(__file__).parents[2] / "diagrams"
 CASES = os.environ.get("FUZZ_CASES")
-# Of the processor, s; what is read here takes a few hundredths.
+# Largest processor time to read an input, s. These inputs take a few hundredths of a second.
 PATIENCE = 2.0
 LONGEST_SENTENCE = 300
 
@@ -132,9 +132,9 @@ def responding(tree):
 
 @functools.cache
 def seeds():
-    """Every kind of route, wind, autopilot, controller and law, and every field with a value.
+    """Return scenarios with every kind of route, wind, autopilot, controller and law, and with a value in every field.
 
-    Loaded when first drawn from, and not in every process that looks for tests.
+    They are loaded on first use, so that processes that only collect tests do not load them.
     """
     found = [
         dumped("figure_eight.yaml"),
@@ -163,7 +163,7 @@ def seeds():
 
 
 def written(value):
-    """A value as YAML on one line."""
+    """Return a value as YAML on one line."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{json.dumps(key)}: {written(each)}" for key, each in value.items()) + "}"
     if isinstance(value, list):
@@ -174,7 +174,7 @@ def written(value):
 
 
 def as_file(tree):
-    """A scenario as YAML, a field a line."""
+    """Return a scenario as YAML with one field per line."""
     fields = "".join(f"  {json.dumps(key)}: {written(value)}\n" for key, value in tree.items())
     return f"loop:\n{fields}" if fields else "loop: {}\n"
 
@@ -225,7 +225,7 @@ scraps = st.one_of(
 
 
 def near(number):
-    """Other values of a number: most of the same sign, some very large or small, some distributions about it."""
+    """Return a strategy for values near a number: most with its sign, some very large or small, some distributions."""
     low, high = sorted((0.9 * number, 1.1 * number))
     about = [
         {"uniform": {"min": low, "max": high}},
@@ -244,7 +244,7 @@ def is_number(value):
 
 @st.composite
 def varied_trees(draw):
-    """Nothing but other numbers, so that most can be flown."""
+    """Draw a scenario in which only numbers differ, so that most scenarios can be flown."""
     tree = copy.deepcopy(draw(st.sampled_from(seeds())))
     numbers = [place for place in places(tree) if is_number(at(tree, place))]
     for path in draw(st.lists(st.sampled_from(numbers), min_size=1, max_size=5, unique=True)):
@@ -286,7 +286,7 @@ def assert_a_sentence(error, *beginnings):
 
 
 def loaded(load, *beginnings):
-    """What a call loads, or None after a sentence that begins as it should."""
+    """Return the result of a call, or None if it raises an error with a valid message."""
     start = time.process_time()
     try:
         return load()
@@ -299,7 +299,7 @@ def loaded(load, *beginnings):
 
 
 def numbers(value):
-    """All numbers of a scenario or a part of it."""
+    """Yield all numbers of a scenario or a part of it."""
     if isinstance(value, float):
         yield value
     elif isinstance(value, dict):
@@ -309,7 +309,7 @@ def numbers(value):
 
 
 def assert_it_makes_sense(scenario):
-    """Every number is finite, and those that must be positive are."""
+    """Assert that every number is finite, and positive if it must be."""
     assert all(math.isfinite(number) for number in numbers(scenario.model_dump()))
     for name in ("mass", "thrust_factor", "drag_factor", "arm_length", "rotor_time_constant", "max_rotor_speed"):
         value = getattr(scenario.vehicle, name)
@@ -317,7 +317,7 @@ def assert_it_makes_sense(scenario):
 
 
 def assert_it_flies(scenario):
-    """For a few ticks, to finite numbers; or a sentence says why not."""
+    """Assert that a scenario flies for a few ticks with finite numbers, or that a valid message explains why not."""
     assert_it_makes_sense(scenario)
     ticks = 4 * max(scenario.periods.values())
     short = scenario.model_copy(update={"duration": min(ticks, scenario.duration or math.inf)})
@@ -334,7 +334,7 @@ def assert_it_flies(scenario):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A short path, as that of a person who works where the files are."""
+    """Return a folder with a short path, like that of a user who works in the folder of the files."""
     path = tmp_path_factory.mktemp("fuzz")
     before = Path.cwd()
     os.chdir(path)
@@ -459,7 +459,7 @@ odd_assignments = st.one_of(
 
 @st.composite
 def overridden(draw):
-    """A scenario and overrides of it, most of them with other numbers for its fields, some odd."""
+    """Draw a scenario and overrides, most of which change its numbers."""
     tree = draw(st.sampled_from(seeds()))
     numbers = [place for place in places(tree) if is_number(at(tree, place))]
     overrides = []

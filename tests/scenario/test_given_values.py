@@ -1,4 +1,4 @@
-"""Overrides as Python's values, and what a scenario shows of itself."""
+"""Overrides as Python values, and the text representation of scenarios."""
 
 import json
 from functools import reduce
@@ -49,11 +49,11 @@ def load(diagrams):
         ({}, []),
     ],
 )
-def test_values_of_python_are_what_they_would_be_in_yaml(load, given, assignments):
+def test_python_values_have_the_effect_of_the_same_yaml(load, given, assignments):
     assert load(given) == load(assignments)
 
 
-def test_parts_of_other_scenarios_are_values(load, diagrams):
+def test_parts_of_other_scenarios_can_be_given(load, diagrams):
     other = load_scenario(diagrams / "figure_eight.yaml", {"vehicle.mass": 0.66, "route.radius": 1.2})
     found = load({"vehicle": other.vehicle, "route": other.route})
     assert (found.vehicle.mass, found.route) == (0.66, other.route)
@@ -61,7 +61,7 @@ def test_parts_of_other_scenarios_are_values(load, diagrams):
 
 @pytest.mark.slow
 def test_every_shipped_value_can_be_given_as_a_mapping(load):
-    """A mapping means the same as the corresponding text, both field by field and as a whole."""
+    """A mapping has the same effect as the corresponding text, both field by field and as a whole."""
     nothing = Tree({}, Mark("", 0))
     scenarios = [Library().find(name)[1].plain() for name in shipped_scenarios()]
     for plain in (*scenarios, {"route": ROUTE}, load({"route": ROUTE}).model_dump(mode="json")):
@@ -74,7 +74,7 @@ ROUTE = {"kind": "waypoints", "waypoints": [[0.0, 0.0, 1.0], [1.0, 1.0, 1.0]], "
 
 
 def test_the_normal_of_a_half_space_is_not_a_normal_distribution(load):
-    """The names of distributions are also the names of other fields."""
+    """The names of distributions are also names of other fields."""
     found = load({"route": ROUTE})
     assert found == load("route=" + json.dumps(ROUTE))
     assert found.route.corridors[0].half_spaces[0].normal == (1.0, -1.0, 0.0)
@@ -116,7 +116,7 @@ def test_a_path_is_the_name_of_a_file(load):
         load({"control.network.learned": Path("nowhere.yaml")})
 
 
-def test_missions_and_vehicles_take_them_too(diagrams):
+def test_missions_and_vehicles_take_python_values(diagrams):
     assert load_mission(diagrams / "slalom.yaml", {"nominal": {"mass": 0.66}}).nominal.mass == 0.66
     assert load_undesigned(diagrams / "vehicles" / "paper.yaml", {"nominal.mass": 0.66}).nominal.mass == 0.66
     with pytest.raises(InputError, match=r"^override vehicle.mass: a plan does not depend on vehicle, only on name, "):
@@ -139,24 +139,24 @@ NESTED.append(NESTED)
             r"^override vehicle.mass: 1j is a complex, but must be a number, text, list or mapping$",
         ),
         ({"vehicle.mass": {0.7}}, r"is a set, but"),
-        ({"vehicle.inertia": NESTED}, r"^override vehicle.inertia: is nested too deep: .* 40 levels$"),
+        ({"vehicle.inertia": NESTED}, r"^override vehicle.inertia: is nested too deeply: .* 40 levels$"),
         ({"vehicle.inertia": [0.0] * 40_000}, r"^override vehicle.inertia: is too large: .* 30,000 names and values"),
         ({"vehicle.inertia": "x" * 2000}, r"is too long: a name or value may have 1,000 characters$"),
         ({"vehicle..mass": 1}, r"'vehicle..mass' must be the path of a field, as in vehicle.mass$"),
         ({("vehicle", "mass"): 1}, r"must be the path of a field"),
         ({"": 1}, r"must be the path of a field"),
-        ({".".join(["a"] * 50): 1}, r"is nested too deep"),
-        ({"vehicle.thrust_factor_error.1": 0.1}, r"names no rotor: they are rotor_1, rotor_2, rotor_3 and rotor_4$"),
-        ([3], r"^the override 3 must be a mapping, or field.path=value$"),
+        ({".".join(["a"] * 50): 1}, r"is nested too deeply"),
+        ({"vehicle.thrust_factor_error.1": 0.1}, r"does not name a rotor; write rotor_1, rotor_2, rotor_3 or rotor_4$"),
+        ([3], r"^the override 3 must be a mapping or a text field.path=value$"),
         ("vehicle.mass", r"^override vehicle.mass: must be field.path=value, for example vehicle.mass=0.7$"),
     ],
 )
-def test_what_is_wrong_is_named(load, given, words):
+def test_wrong_values_are_explained(load, given, words):
     with pytest.raises(InputError, match=words):
         load(given)
 
 
-def test_a_scenario_shows_itself_in_a_line(load, diagrams):
+def test_a_scenario_is_represented_by_one_line(load, diagrams):
     assert repr(load({"duration": 4})) == str(load({"duration": 4}))
     assert repr(load({"duration": 4})) == (
         "<Scenario robustness: route figure_eight, 4 s; vehicle of normal(0.68, 0.01, min=0.64, max=0.72) kg; control"
@@ -173,7 +173,7 @@ def test_a_scenario_shows_itself_in_a_line(load, diagrams):
     assert repr(slalom) == "<Mission slalom: route waypoints; nominal mass 0.68 kg>"
 
 
-def test_distributions_show_themselves_shortly(load):
+def test_distributions_have_short_representations(load):
     drawn = {
         "vehicle.linear_drag": {"uniform": {"min": 0.1, "max": 0.25}},
         "vehicle.quadratic_drag": {"log_uniform": {"min": 0.001, "max": 1}},

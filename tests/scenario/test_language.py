@@ -1,4 +1,4 @@
-"""The page and the schema of the scenario language are those of the models, and fit the scenarios that are there."""
+"""Page and schema of the scenario language are generated from the models and accept all shipped scenarios."""
 
 import functools
 import json
@@ -57,7 +57,7 @@ def test_the_schema_fits_the_pages(block):
         "a: 3",
     ],
 )
-def test_the_schema_finds_what_is_wrong(wrong):
+def test_the_schema_rejects_wrong_files(wrong):
     assert complaints(wrong)
 
 
@@ -74,8 +74,8 @@ PLACE = "{position: [X, 0.1, 0], turns: clockwise, drag_factor: 0.1}"
         f"layout: {{kind: rotors, rotors: [{PLACE}, {PLACE}, {PLACE}, {PLACE}]}}",
     ],
 )
-def test_the_schema_has_numbers_alone_in_what_is_believed(field):
-    """Distributions are for the vehicle as it is."""
+def test_the_schema_allows_no_distributions_in_nominal(field):
+    """Only the vehicle may have distributions, not `nominal`."""
     assert complaints(f"a: {{nominal: {{{field.replace('X', '0.15')}}}}}") == []
     assert complaints(f"a: {{vehicle: {{{field.replace('X', DRAWN)}}}}}") == []
     assert complaints(f"a: {{nominal: {{{field.replace('X', DRAWN)}}}}}") != []
@@ -86,7 +86,7 @@ def test_every_field_is_on_the_page():
     fields = set(re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE))
     assert {"centre_of_mass", "derivative_bandwidth", "initial_covariance", "turbulence", "corridors"} <= fields
     headings = {heading.lower() for heading in re.findall(r"^## (\w+)", page, re.MULTILINE)}
-    # A distribution leads to the first of them.
+    # A link to distributions leads to the section of the first one.
     distributions = {model.__name__.lower() for model in DISTRIBUTIONS.values()}
     reached = {*re.findall(r"\]\(#(\w+)\)", page), "scenario", *distributions}
     assert reached == headings

@@ -45,7 +45,7 @@ def load(tmp_path):
 
 
 def airframe(scenario):
-    """Return the fields that describe the vehicle, without those of its flight."""
+    """Return the fields that describe the airframe, without those of the flight."""
     vehicle = scenario.vehicle.model_dump(exclude={"time_step", "attitude_kinematics"})
     return scenario.nominal.model_dump(), vehicle
 
@@ -68,7 +68,7 @@ def test_a_laboratory_describes_no_airframe(load, laboratory, vehicle):
 
 
 @pytest.mark.parametrize("vehicle", VEHICLES)
-def test_a_bad_day_is_the_same_above_and_below_a_vehicle(load, vehicle):
+def test_robustness_has_the_same_effect_above_and_below_a_vehicle(load, vehicle):
     over, under = load(vehicle, "robustness", undesigned=True), load("robustness", vehicle, undesigned=True)
     assert over.vehicle.model_dump() == under.vehicle.model_dump()
     assert over.nominal == under.nominal
@@ -155,7 +155,7 @@ def test_only_the_relative_items_of_a_list_are_carried_to_another_vehicle(load):
 
 
 @pytest.mark.parametrize(("field", "count"), [("thrust_factor_error", 4), ("centre_of_mass", 2)])
-def test_another_vehicle_has_no_errors_beside_a_relative_one(load, field, count):
+def test_another_vehicle_has_only_the_relative_errors(load, field, count):
     """These fields have no nominal value: their references are 1 and the length of an arm."""
     items = [WIDE, *["0.01"] * (count - 1)]
     spread = f"spread: {{extends: figure_eight, vehicle: {{{field}: [{', '.join(items)}]}}}}\n"
@@ -173,7 +173,7 @@ def test_another_vehicle_has_no_errors_beside_a_relative_one(load, field, count)
         (f"body_drag={{linear: [0.1, {WIDE}, 0.1]}}", "body_drag.linear.1"),
     ],
 )
-def test_a_needed_field_must_not_be_relative_to_nothing(field, path):
+def test_a_required_field_must_not_be_relative_without_a_value(field, path):
     with pytest.raises(InputError, match=rf"vehicle\.{path} is relative, but the vehicle has no value to which"):
         load_scenario("figure_eight", [f"vehicle.{field}"])
 
@@ -344,7 +344,7 @@ def test_sizes_and_places_that_are_drawn_are_not_compared():
     ],
 )
 def test_a_rotor_is_elsewhere_if_it_is_off_by_a_fifth_of_the_arm_length(first, third, remarked):
-    """The mean of the nearest and the farthest rotor's distance, which is the arm length, remains 0.17 m."""
+    """The arm length, the mean distance of the nearest and the farthest rotor, remains 0.17 m."""
     corners = [first, (0.0, -0.17), third, (0.0, 0.17)]
     rotors = [{"position": [x, y, 0.0], "turns": turns} for (x, y), turns in zip(corners, TURNS, strict=True)]
     remarks = flight_remarks(load_scenario("figure_eight", {"vehicle.layout": {"kind": "rotors", "rotors": rotors}}))

@@ -1,4 +1,4 @@
-"""Every kind of layout answers every question truthfully, and kinds of one's own are equals."""
+"""Attributes and methods of every kind of layout agree with its geometry, also for a user's kind."""
 
 from typing import ClassVar, Literal
 
@@ -53,12 +53,12 @@ def check_member(kind, fields):
 @pytest.mark.parametrize(
     ("kind", "fields"), [(kind, fields) for kind in LAYOUTS.members for fields in FIELDS.get(kind, [{}])]
 )
-def test_every_kind_of_layout_answers_truthfully(kind, fields):
+def test_attributes_of_every_layout_agree_with_its_geometry(kind, fields):
     check_member(kind, fields)
 
 
 @pytest.mark.slow
-def test_a_kind_of_a_user_is_checked_like_ours_and_part_of_the_language():
+def test_a_user_s_layout_is_checked_and_part_of_the_language():
     with pytest.raises(InputError, match=r"nominal.layout.kind is 'diamond', but must be one of"):
         load_mission("hover", {"nominal.layout": {"kind": "diamond"}})
     LAYOUTS.member(DiamondLayout)

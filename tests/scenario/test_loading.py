@@ -1,4 +1,4 @@
-"""The scenario language: what it accepts, and one sentence for what it does not."""
+"""Loading of scenarios: inputs that are accepted, and one sentence for each that is not."""
 
 import re
 from io import StringIO
@@ -49,16 +49,16 @@ def test_a_small_file_is_a_whole_scenario(write):
     assert scenario.vehicle.mass == 0.68
 
 
-def test_a_file_of_several_needs_a_name(write):
+def test_a_file_with_several_scenarios_needs_a_name(write):
     path = write(f"one:\n{BODY}two:\n{BODY}")
     assert load_scenario(f"{path}:two").name == "two"
     with pytest.raises(InputError, match="several scenarios; choose one as .*:NAME from one, two"):
         load_scenario(path)
-    with pytest.raises(InputError, match="no scenario 'three' in .*; it holds one, two"):
+    with pytest.raises(InputError, match="no scenario 'three' in .*, which contains one, two"):
         load_scenario(f"{path}:three")
 
 
-def test_extends_merges_deeply_and_the_last_word_wins(write):
+def test_extends_merges_deeply_and_later_layers_take_precedence(write):
     write(f"base:\n{BODY}  vehicle: {{mass: 0.7, arm_length: 0.2}}\nlight: {{vehicle: {{mass: 0.5}}}}\n", "base.yaml")
     path = write(
         "a: {extends: base.yaml:base, vehicle: {mass: 0.6}}\n"
@@ -87,8 +87,8 @@ def test_another_kind_or_distribution_replaces_as_a_whole(write):
         ("a: {extends: b}\nb: {extends: a}", "extends itself"),
         ("a: {extends: nothing.yaml}", "extends .*nothing.yaml, which does not exist"),
         ("a: {extends: nothing}", "no scenario 'nothing'"),
-        ("a: {extends: 3}", "extends must name a scenario"),
-        ("a: {extends: []}", "extends must name a scenario"),
+        ("a: {extends: 3}", "extends must be FILE, FILE:NAME or NAME"),
+        ("a: {extends: []}", "extends must be FILE, FILE:NAME or NAME"),
     ],
 )
 def test_bad_extensions_are_explained(write, text, words):
@@ -96,7 +96,7 @@ def test_bad_extensions_are_explained(write, text, words):
         load_scenario(f"{write(text)}:a")
 
 
-def test_what_is_to_be_designed_needs_neither_route_nor_gains(write):
+def test_an_undesigned_scenario_needs_neither_route_nor_gains(write):
     spec = write("mine: {vehicle: {linear_drag: 0.2}, control: {position: {k_p: [2, 2, 2]}}}")
     scenario = load_undesigned(spec, ["vehicle.quadratic_drag=0.1"])
     assert (scenario.vehicle.linear_drag, scenario.vehicle.quadratic_drag, scenario.name) == (0.2, 0.1, "mine")
@@ -107,7 +107,7 @@ def test_what_is_to_be_designed_needs_neither_route_nor_gains(write):
         load_undesigned(write("mine: {vehicle: {masss: 0.2}}"))
 
 
-def test_overrides_win_and_are_named(write):
+def test_overrides_take_precedence_and_are_named_in_errors(write):
     text = f"a:\n{BODY}"
     assert load_scenario(write(text), ["vehicle.mass=0.9"]).vehicle.mass == 0.9
     assert refusal(write, text, "vehicle.mass=-1") == (
@@ -138,11 +138,11 @@ def test_overrides_win_and_are_named(write):
         ("  vehicle: {mass: {normal: {mean: 1, standard_deviation: 1}}}", "6: vehicle.mass is .* larger than 0"),
         (
             "  vehicle: {mass: {normal: {mean: 1, standard_deviation: 0.1, min: 1.1}}}",
-            "6: vehicle.mass.normal.min is 1.1, but must not lie beyond the mean, 1.0",
+            "6: vehicle.mass.normal.min is 1.1, but must not be larger than the mean, 1.0",
         ),
         (
             "  vehicle: {mass: {normal: {mean: 1, standard_deviation: 0.1, min: 0.5, max: 0.9}}}",
-            "6: vehicle.mass.normal.max is 0.9, but must not lie beyond the mean, 1.0",
+            "6: vehicle.mass.normal.max is 0.9, but must not be smaller than the mean, 1.0",
         ),
         ("  vehicle: {mass: {gauss: 1}}", "6: vehicle.mass is .*, but must be a number or one of the distributions"),
         ("  duration: 0", "6: duration is 0, but must be greater than or equal to 0.0001"),
@@ -157,7 +157,7 @@ def test_overrides_win_and_are_named(write):
         ("  metrics: {start: 5, end: 4}", "6: metrics.end is 4, but must be later than start"),
         ("  name: a/b", "6: name is 'a/b', but must match"),
         ("  vehicle: !!python/object:os.system {}", "6: the tag .* is not allowed"),
-        ("  vehicle: &v {mass: *v}", "6: is nested too deep"),
+        ("  vehicle: &v {mass: *v}", "6: is nested too deeply"),
         ("  3: 4", "6: a field's name must be text"),
         ("  vehicle: {mass: 0.7", "is not YAML"),
         ("\t- x", "is not YAML"),
@@ -198,7 +198,7 @@ FAN = "kind: fan, position: [0, 0, 1]"
         ),
         (
             f"wind: [{{{FAN}, direction: [0, 0, 0], flow: 2, diameter: 1}}]",
-            r"wind.0.direction is .* a part that cannot be zero",
+            r"wind.0.direction is .* a component that is always larger than",
         ),
         (f"wind: [{{{FAN}, direction: [1, 0, 0], diameter: 1}}]", r"wind.0.flow is missing"),
         (
@@ -211,7 +211,7 @@ FAN = "kind: fan, position: [0, 0, 1]"
         ),
         (
             f"wind: [{{{FAN}, direction: [{{choice: [0, 1]}}, 0, 0], flow: 2, diameter: 1}}]",
-            r"wind.0.direction is .* must have a part that cannot be zero",
+            r"wind.0.direction is .* must have a component that is always larger than",
         ),
         ("wind: [{kind: dryden, height: 2}]", r"wind.0.height is 2, but must be at least 3.048 and at most 304.8"),
         ("wind: [{kind: dryden, airspeed: 0.3}]", r"wind.0.airspeed is 0.3, but must be at least 1"),
@@ -254,7 +254,7 @@ def test_a_wrong_vehicle_gets_one_sentence(write, field, message):
     assert re.search(f"loop.yaml:6: .*{message}", refusal(write, f"a:\n{BODY}  vehicle: {{{field}}}\n"))
 
 
-def test_a_vehicle_is_as_nominal_where_it_does_not_say_otherwise(write):
+def test_a_vehicle_has_the_nominal_parameters_by_default(write):
     text = f"a:\n{BODY}  nominal: {{mass: 1.2, arm_length: 0.25}}\n  vehicle: {{mass: 1.3}}\n"
     scenario = load_scenario(write(text))
     assert (scenario.vehicle.mass, scenario.vehicle.arm_length, scenario.vehicle.gravity) == (1.3, 0.25, 9.81)
@@ -262,7 +262,7 @@ def test_a_vehicle_is_as_nominal_where_it_does_not_say_otherwise(write):
 
 
 def rotors(turns="clockwise anticlockwise clockwise anticlockwise", ahead=0.0):
-    """The rotors of a square, each of which turns in its own direction."""
+    """Return the rotors of a square as YAML, with the given directions of rotation."""
     corners = ((0.1, -0.1), (-0.1, -0.1), (-0.1, 0.1), (0.1, 0.1))
     places = [
         f"{{position: [{x + ahead}, {y}, 0], turns: {turn}}}"
@@ -276,27 +276,30 @@ def rotors(turns="clockwise anticlockwise clockwise anticlockwise", ahead=0.0):
     [
         ("layout: {kind: y}", "layout.kind is 'y', but must be one of 'plus', 'x', 'h', 'rotors'"),
         ("layout: {kind: h, length: 0.2}", "layout.width is missing"),
-        ("layout: {kind: x, width: 0.2}", "layout is .*, but must have length beside width"),
+        ("layout: {kind: x, width: 0.2}", "layout is .*, but must have length and width"),
         (
             "layout: {kind: x, rotor_1_turns: left}",
             "layout.rotor_1_turns is 'left', but must be 'clockwise' or 'anticlockwise'",
         ),
         (
             "arm_length: 0.2, layout: {kind: x, length: 0.2, width: 0.2}",
-            "arm_length is 0.2, but must be 0.1414, as the distances in the layout imply, or be left out",
+            "arm_length is 0.2, but must be 0.1414, which follows from the distances in the layout, or be left out",
         ),
         (
             "arm_length: 0.2, layout: {kind: plus, length: 0.3, width: 0.2}",
-            "arm_length is 0.2, but must be 0.1 to 0.15, as the distances in the layout imply, or be left out",
+            "arm_length is 0.2, but must be 0.1 to 0.15, which follows from the distances in",
         ),
-        (f"arm_length: 0.2, layout: {rotors()}", "arm_length is 0.2, but must be 0.1414, as the distances"),
+        (
+            f"arm_length: 0.2, layout: {rotors()}",
+            "arm_length is 0.2, but must be 0.1414, which follows from the distances",
+        ),
         (
             f"layout: {rotors('clockwise clockwise clockwise clockwise')}",
-            "layout is .*, but must give thrust and all torques: it has no yaw torque without thrust, since",
+            "layout is .*, but must produce thrust and all torques, but has no yaw torque without thrust, since",
         ),
         (
             f"layout: {rotors('clockwise clockwise anticlockwise anticlockwise')}",
-            "layout is .*, but must give thrust and all torques: it has no yaw torque without roll torque",
+            "layout is .*, but must produce thrust and all torques, but has no yaw torque without roll torque",
         ),
     ],
 )
@@ -305,10 +308,10 @@ def test_a_wrong_layout_gets_one_sentence(write, airframe, message, vehicle):
     assert re.search(f"loop.yaml:6: {vehicle}.{message}", refusal(write, f"a:\n{BODY}  {vehicle}: {{{airframe}}}\n"))
 
 
-def test_what_is_believed_can_hover_and_is_no_distribution(write):
+def test_the_nominal_vehicle_must_hover_and_have_no_distribution(write):
     text = f"a:\n{BODY}  nominal: {{layout: {rotors(ahead=0.2)}}}\n"
     assert "layout is" in (message := refusal(write, text))
-    assert message.endswith("but must give thrust without torque: rotor 1 would have to push down")
+    assert message.endswith("but must produce thrust without torque: rotor 1 would have to push down")
     drawn = "{uniform: {min: 0.1, max: 0.2}}"
     message = refusal(write, f"a:\n{BODY}", f"nominal.layout={{kind: x, length: {drawn}, width: 0.2}}")
     assert message.endswith("but must be a number, since planner and controllers use it")
@@ -329,11 +332,11 @@ def test_overrides_name_rotors_as_messages_do(write):
     message = refusal(write, text, "vehicle.layout.rotors.rotor_2.turns=up")
     assert "vehicle.layout.rotors.rotor_2.turns is 'up'" in message
     message = refusal(write, text, "vehicle.thrust_factor_error.1=0.1")
-    assert message.endswith("names no rotor: they are rotor_1, rotor_2, rotor_3 and rotor_4")
+    assert message.endswith("does not name a rotor; write rotor_1, rotor_2, rotor_3 or rotor_4")
 
 
-def test_an_arm_length_that_agrees_with_the_layout_may_stand_beside_it(write):
-    """To a hundredth; and one that is only the default says nothing."""
+def test_an_arm_length_may_be_given_if_it_agrees_with_the_layout(write):
+    """The arm length may differ by one per cent, and a default arm length is ignored."""
     for arm in ("0.1414", "0.1425", "0.1401"):
         text = f"a:\n{BODY}  nominal: {{arm_length: {arm}, layout: {{kind: x, length: 0.2, width: 0.2}}}}\n"
         assert load_scenario(write(text)).vehicle.layout.kind == "x"
@@ -364,7 +367,7 @@ def test_a_saved_layout_with_distances_has_no_arm_length_and_the_same_rotors(wri
 
 
 def test_rotors_are_where_the_layout_says(write):
-    """Clockwise seen from above, from the front; the arm of an x is its half diagonal."""
+    """Rotors are numbered clockwise, seen from above, from the front. The arm of an x is half the diagonal."""
 
     def places(airframe):
         nominal = load_scenario(write(f"a:\n{BODY}  nominal: {{{airframe}}}\n")).nominal
@@ -391,7 +394,7 @@ def test_rotors_are_where_the_layout_says(write):
         ("min_rotor_speed: 10", "max_rotor_speed: 55", None),
     ],
 )
-def test_limits_of_the_rotors_are_checked_as_they_are_flown(write, nominal, vehicle, message):
+def test_limits_of_the_rotors_are_checked_after_nominal_is_applied(write, nominal, vehicle, message):
     text = f"a:\n{BODY}  nominal: {{{nominal}}}\n  vehicle: {{{vehicle}}}\n"
     if message is None:
         assert load_scenario(write(text)).vehicle.min_rotor_speed == 10.0
@@ -413,7 +416,10 @@ def test_limits_of_the_rotors_are_checked_as_they_are_flown(write, nominal, vehi
         ),
         ("{kind: waypoints, waypoints: [[0, 0, 0]]}", "2: route.waypoints is .* at least 2 items"),
         ("{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], times: [1, 1]}", r"2: route.times is .* must increase"),
-        ("{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], times: [-1, 1]}", r"2: route.times is .*0 or later"),
+        (
+            "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], times: [-1, 1]}",
+            r"2: route.times is .*must not be negative",
+        ),
         ("{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], times: [1]}", r"2: route.times is .*one time for each"),
         ("{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], times: []}", r"2: route.times is .*at least 1 item"),
         (
@@ -446,11 +452,11 @@ def test_limits_of_the_rotors_are_checked_as_they_are_flown(write, nominal, vehi
         ),
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], corridors: [null, null]}",
-            r"2: route.corridors is .* one box, half-spaces or null for each of the 1 segments",
+            r"2: route.corridors is .* one corridor or null for each of the 1 segments",
         ),
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], corridors: [{min: [0, 0, 2], max: [1, 1, 1]}]}",
-            r"2: route.corridors.0.max.2 is 1, but must not be less",
+            r"2: route.corridors.0.max.2 is 1, but must not be smaller",
         ),
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], corridors: [{min: [0, 0, 0.5], max: [1, 1, 2]}]}",
@@ -467,26 +473,26 @@ def test_limits_of_the_rotors_are_checked_as_they_are_flown(write, nominal, vehi
         ),
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], corridors: [{}]}",
-            r"2: route.corridors.0 .*must have min and max, or half_spaces, or both",
+            r"2: route.corridors.0 .*must have min and max, or half_spaces, or all three",
         ),
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], corridors: [{min: [0, 0, 0]}]}",
-            r"2: route.corridors.0.max is .*must be given: a box has both corners",
+            r"2: route.corridors.0.max is .*must be given, since a box needs both corners",
         ),
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], corridors: [{half_spaces: "
             "[{normal: [1, 1, 0], point: [1, 0, 0]}, {normal: [-1, -1, 0], point: [2, 0, 0]}]}]}",
-            r"2: route.corridors.0 is .*, but must have room: its half-spaces leave no point$",
+            r"2: route.corridors.0 is .*, but must have a volume, but its half-spaces leave no point$",
         ),
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], corridors: [{min: [0, 0, 0], max: [1, 1, 1], "
             "half_spaces: [{normal: [1, 1, 0], point: [-1, 0, 0]}]}]}",
-            r"2: route.corridors.0 is .*, but must have room: its half-spaces leave no point of the box$",
+            r"2: route.corridors.0 is .*, but must have a volume, but its half-spaces leave no point of the box$",
         ),
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], corridors: [{half_spaces: "
             "[{normal: [1, 1, 0], point: [0, 0, 0]}, {normal: [-1, -1, 0], point: [0, 0, 0]}]}]}",
-            r"2: route.corridors.0 is .*, but must have room: its half-spaces leave no more than a plane",
+            r"2: route.corridors.0 is .*, but must have a volume, but its half-spaces leave only a plane",
         ),
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], "
@@ -500,11 +506,11 @@ def test_limits_of_the_rotors_are_checked_as_they_are_flown(write, nominal, vehi
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], "
             "corridors: [{min: [0, 0, 0], max: [1, 1, 1]}], space: {min: [4, 4, 4], max: [5, 5, 5]}}",
-            r"2: route cannot be flown: the corridor of segment 0 lies outside the space",
+            r"2: route cannot be flown: the corridor of segment 0 lies outside route.space",
         ),
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], heading: waypoints}",
-            r"2: route.heading is 'waypoints', but needs a yaw",
+            r"2: route.heading is 'waypoints', but requires a yaw",
         ),
         ("{kind: waypoints, waypoints: [[0, 0], [0, 0, 1]]}", r"2: route.waypoints.0.2 is missing"),
         ("{kind: waypoints, waypoints: [{box: {}}, [0, 0, 1]]}", r"2: route.waypoints.0.box.min is missing"),
@@ -518,11 +524,11 @@ def test_limits_of_the_rotors_are_checked_as_they_are_flown(write, nominal, vehi
         ),
         (
             "{kind: waypoints, waypoints: [{point: [0, 0, 0], stop: true, jerk: [0, 0, 0]}, [0, 0, 1]]}",
-            r"2: route.waypoints.0 is .*both stop and given derivatives",
+            r"2: route.waypoints.0 is .*must not have stop together with a velocity",
         ),
         (
             "{kind: waypoints, waypoints: [{point: [0, 0, 0], yaw: 1.0}, [0, 0, 1]]}",
-            "2: route.heading is 'constant' by default, but must be waypoints if yaws are given",
+            "2: route.heading is 'constant' by default, but must be waypoints, since waypoints have yaws",
         ),
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], {point: [1, 1, 1], velocity: [3, 0, 0]}, [0, 0, 1]]}",
@@ -532,12 +538,12 @@ def test_limits_of_the_rotors_are_checked_as_they_are_flown(write, nominal, vehi
         ("{kind: trajectory, knots: [{time: 0, position: [0, 0, 0]}]}", "2: route.knots is .* at least 2 items"),
         (
             "{kind: trajectory, knots: [{time: 1, position: [0, 0, 0]}, {time: 1, position: [0, 0, 1]}]}",
-            r"2: route.knots.1.time is 1, but must be later than 1",
+            r"2: route.knots.1.time is 1, but must be at least 0.0001 s later than 1",
         ),
         (
             "{kind: trajectory, knots: [{time: 0, position: [0, 0, 0]}, {time: 1, position: [0, 0, 1]}], "
             "yaw_knots: [{time: 0, yaw: 0}, {time: 2, yaw: 0}]}",
-            r"2: route.yaw_knots.1.time is 2, but must be that of the knot, 1",
+            r"2: route.yaw_knots.1.time is 2, but must be 1.0, the time of the last of `knots`",
         ),
     ],
 )
@@ -551,14 +557,14 @@ def test_wrong_routes_are_explained(write, route, message):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "holds no scenario"),
-        ("3", "holds no scenario"),
-        ("- 1", "holds no scenario"),
+        ("", "contains no scenario"),
+        ("3", "contains no scenario"),
+        ("- 1", "contains no scenario"),
         ("a: 3", "scenario a must be a mapping"),
         ("a:", "scenario a must be a mapping"),
         (f"a:\n{BODY}---\nb: 1", "is not YAML"),
-        ("a: {route: {kind: hover}}", "control is missing; `drake-quad plan` plans a route alone"),
-        ("[" * 10_000, "is nested too deep: a scenario may have 40 levels"),
+        ("a: {route: {kind: hover}}", "control is missing; only `drake-quad plan` needs no control"),
+        ("[" * 10_000, "is nested too deeply: a scenario may have 40 levels"),
     ],
 )
 def test_wrong_files_are_explained(write, text, words):
@@ -611,7 +617,7 @@ def test_a_scenario_written_and_read_again_is_the_same(diagrams, write):
 def test_a_vehicle_alone_has_no_control(diagrams):
     assert not has_control(diagrams / "vehicles" / "crazyflie.yaml")
     assert has_control(diagrams / "figure_eight.yaml")
-    assert has_control(f"{diagrams / 'laboratory.yaml'}:low_wind")  # in what it extends
+    assert has_control(f"{diagrams / 'laboratory.yaml'}:low_wind")  # inherited from the scenario that it extends
     with pytest.raises(InputError, match="cannot be read"):
         has_control(diagrams / "nothing.yaml")
 
@@ -639,7 +645,7 @@ def test_a_vehicle_alone_has_no_control(diagrams):
     ],
 )
 def test_an_item_of_a_list_can_be_given_alone(diagrams, written, asked, path, found):
-    """The other items keep the value of the file or, if it has none, of the default."""
+    """The other items keep the value of the file or, without one, of the default."""
     assert value_at(load_scenario(diagrams / "hover.yaml", [*written, *asked]), path) == found
 
 
@@ -654,13 +660,16 @@ def test_an_item_of_a_list_can_be_given_alone(diagrams, written, asked, path, fo
         (["vehicle.inertia.١=0.006"], "vehicle.inertia is .*, but must be a list$"),
         (["vehicle.mass=-1", "vehicle.inertia.0=0.006"], "^override vehicle.mass=-1: vehicle.mass is -1"),
         (["metrics.window.0=1"], "metrics.window is unknown"),
-        (["vehicle.motors={kind: throttle, curve: {'1': 3}}"], "an item alone can be given where the others have"),
+        (
+            ["vehicle.motors={kind: throttle, curve: {'1': 3}}"],
+            "single items can only be given if the other items have",
+        ),
         (
             [
                 "laboratory.wind=[{kind: fan, position: [0, 0, 1], flow: 2, diameter: 1}]",
                 "laboratory.wind.0.direction.1=1",
             ],
-            r"laboratory.wind.0.direction is \{'1': 1\}, but must be a list; an item alone can be given where",
+            r"laboratory.wind.0.direction is \{'1': 1\}, but must be a list; single items can only be given if",
         ),
     ],
 )
@@ -686,7 +695,7 @@ IMPOSSIBLE_INERTIA = "I_zz, 0.03, is larger than I_xx + I_yy, 0.014 kg m²"
         ("vehicle.inertia.2=0.03", f"vehicle.inertia is .*{IMPOSSIBLE_INERTIA}"),
         (
             "vehicle.inertia=[{uniform: {min: 0.003, max: 0.004}}, 0.002, {choice: [0.007, 0.008]}]",
-            "must be that of a rigid body: whatever is drawn, I_zz, 0.007, is larger than I_xx + I_yy, 0.006",
+            "must be that of a rigid body: for every draw, I_zz, 0.007, is larger than I_xx + I_yy, 0.006",
         ),
         (
             "vehicle.payload={mass: 0.1, inertia: [0.001, 0.004, 0.002], time: 1, event: dropped}",

@@ -1,4 +1,4 @@
-"""What a person can write wrong about model predictive control, and what is taken from the regulator's fields."""
+"""Model predictive control in the scenario language: mistakes are explained, and limits come from its fields."""
 
 import math
 import re
@@ -51,19 +51,19 @@ def structure_of(scenario):
         ),
     ],
 )
-def test_what_is_wrong_is_told_with_its_field(overrides, words):
+def test_errors_name_the_wrong_field(overrides, words):
     with pytest.raises(InputError, match=re.escape(words)):
         load(*overrides)
 
 
-def test_walls_of_a_tube_stand_around_the_reference_and_those_of_a_room_in_the_world():
+def test_walls_of_a_tube_move_with_the_reference_and_walls_of_a_room_do_not():
     tube, _ = structure_of(load("control.corridor={kind: tube, half_width: [0.1, null, 0.3], weight: 7}"))
     assert tube["corridor"] == ((-0.1, -math.inf, -0.3), (0.1, math.inf, 0.3), True, 7.0)
     room, _ = structure_of(load("control.corridor={kind: room, lower: [null, -2, 0.5], upper: [3, null, null]}"))
     assert room["corridor"] == ((-math.inf, -2.0, 0.5), (3.0, math.inf, math.inf), False, 10.0)
 
 
-def test_a_horizon_is_one_of_ticks_and_looks_along_the_plan():
+def test_the_horizon_is_rounded_to_ticks_and_follows_the_plan():
     structure, plan = structure_of(load("control.horizon=0.25"))
     assert structure["num_ticks"] == 12
     preview = structure["preview"]

@@ -19,13 +19,13 @@ def test_every_leaf_is_found_where_its_path_leads(scenario):
     assert found["laboratory.wind.0.kind"] == "fan"
 
 
-def test_distributions_are_the_leaves_that_are_none_other(scenario):
+def test_distributions_in_a_scenario_are_its_leaves_of_that_type(scenario):
     found = distributions_in(scenario)
     assert list(found) == [path for path, value in leaves(scenario) if isinstance(value, Distribution)]
     assert len(found) == 31
 
 
-def test_only_what_differs_is_replaced(scenario):
+def test_unchanged_parts_are_not_copied(scenario):
     assert replaced(scenario, lambda path, value: value) is scenario
     other = replaced(scenario, lambda path, value: 0.01 if path == "vehicle.inertia.1" else value)
     changed = [path for path, value in leaves(other) if value is not dict(leaves(scenario))[path]]
@@ -41,13 +41,13 @@ def test_rotors_are_counted_from_1(scenario):
     assert steps_of("a.rotors.rotor_3.position.0") == ["a", "rotors", "2", "position", "0"]
     assert value_at(scenario, "vehicle.thrust_factor_error.rotor_4") is scenario.vehicle.thrust_factor_error[3]
     for step in ("0", "1", "rotor_0", "rotor_5"):
-        with pytest.raises(InputError, match="names no rotor: they are rotor_1, rotor_2, rotor_3 and rotor_4"):
+        with pytest.raises(InputError, match="does not name a rotor; write rotor_1, rotor_2, rotor_3 or rotor_4"):
             value_at(scenario, f"vehicle.thrust_factor_error.{step}")
 
 
 @pytest.mark.parametrize(
     "path", ["vehicle.weight", "vehicle.inertia.3", "vehicle.inertia[1]", "vehicle.mass.normal.mean", "", "name.0"]
 )
-def test_a_path_that_leads_nowhere_is_told(scenario, path):
-    with pytest.raises(InputError, match="there is no field"):
+def test_a_path_without_a_field_is_refused(scenario, path):
+    with pytest.raises(InputError, match="the scenario has no field"):
         value_at(scenario, path)

@@ -1,4 +1,4 @@
-"""Every kind of route answers every question truthfully, and kinds of one's own are equals."""
+"""Attributes and methods of every kind of route agree with its plan, also for a user's kind."""
 
 from functools import reduce
 from typing import Literal
@@ -31,7 +31,7 @@ FIELDS = {
 
 
 class LineRoute(MovingRoute):
-    """Straight to a point on the x axis, from rest to rest."""
+    """Straight line to a point on the x axis, from rest to rest."""
 
     kind: Literal["line"]
     length: Positive = 2.0
@@ -61,13 +61,13 @@ def check_member(kind, fields):
 @pytest.mark.parametrize(
     ("kind", "fields"), [(kind, fields) for kind in ROUTES.members for fields in FIELDS.get(kind, [{}])]
 )
-def test_every_kind_of_route_answers_truthfully(kind, fields):
-    """The plan ends when the route says, within its limits."""
+def test_every_kind_of_route_agrees_with_its_plan(kind, fields):
+    """The plan ends at the known end of the route and satisfies its limits."""
     check_member(kind, fields)
 
 
 @pytest.mark.slow
-def test_a_kind_of_a_user_is_checked_planned_and_part_of_the_language():
+def test_a_user_s_route_is_checked_planned_and_part_of_the_language():
     with pytest.raises(InputError, match="route.kind is 'line', but must be one of"):
         load_mission("hover", {"route": {"kind": "line"}})
     ROUTES.member(LineRoute)

@@ -1,4 +1,4 @@
-"""Sensors in scenarios: every kind answers truthfully, flies alike in every way, and kinds of one's own are equals."""
+"""Sensors in scenarios: attributes agree with the systems, compiled and wired flights agree, also for a user's kind."""
 
 import pickle
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
@@ -63,12 +63,12 @@ class AltimeterSettings(SensorSettings):
 
 @pytest.fixture
 def altimeter():
-    """Return a kind of sensor of a user, which is registered during a test."""
+    """Return a user's kind of sensor, which is registered during a test."""
     return SENSORS.member(AltimeterSettings)
 
 
 def check_member(kind, name):
-    """Its system has the ports and the noise that the model says."""
+    """Assert that the system of a sensor has the ports and the noise that the model states."""
     vehicle = load_scenario("hover").vehicle
     exact = kind.model_validate({"kind": name})
     wrong = kind.model_validate({"kind": name, "latency_samples": 2.0} | dict.fromkeys(kind.noise, 0.5))
@@ -84,11 +84,11 @@ def check_member(kind, name):
 
 
 @pytest.mark.parametrize("name", SENSORS.members)
-def test_every_kind_of_sensor_answers_truthfully(name):
+def test_every_kind_of_sensor_agrees_with_its_system(name):
     check_member(SENSORS.get(name), name)
 
 
-def test_a_kind_of_a_user_is_checked_like_ours(altimeter):
+def test_a_user_s_sensor_is_checked_like_a_shipped_one(altimeter):
     check_member(altimeter, "altimeter")
 
 
@@ -107,15 +107,15 @@ def test_a_kind_of_a_user_is_checked_like_ours(altimeter):
     ],
     ids=["vehicle", "response"],
 )
-def test_sensors_fly_alike_wired_and_compiled_in_fleets_and_alone(asymmetric, scenario):
-    """With numbers that are drawn, and with periods longer and shorter than that of the control."""
+def test_readings_of_wired_compiled_and_fleet_flights_agree(asymmetric, scenario):
+    """Numbers are drawn, and periods are longer and shorter than that of the control."""
     drawn = asymmetric(scenario[0], *scenario[1:], SENSORS_ON_BOARD, WHOLE, "duration=0.5")
     flights = assert_flown_alike(Batch.draw(drawn, range(3)))
     (alone,) = simulate_samples(drawn, [2])
     for name, values in alone.items():
         np.testing.assert_array_equal(values, flights[2][name], err_msg=name)
     assert np.ptp(flights[2]["accelerometer"], axis=0).min() > 0.01
-    # The second samples at every other tick.
+    # The second sensor samples at every other tick.
     second = flights[2]["accelerometer_2"]
     np.testing.assert_array_equal(second[1:-1:2], second[2::2])
     assert (second[2:-1:2] != second[3::2]).all()
@@ -123,7 +123,7 @@ def test_sensors_fly_alike_wired_and_compiled_in_fleets_and_alone(asymmetric, sc
 
 @pytest.mark.slow
 def test_readings_have_the_same_bits_wired_and_compiled():
-    """From the first tick on. Before it formulas run as they are written, with the elementary functions of NumPy."""
+    """The comparison starts at the first tick. Before it, formulas use the elementary functions of NumPy."""
     drawn = load_scenario("figure_eight", [SENSORS_ON_BOARD, "duration=0.5"])
     wired, compiled = (simulate_samples(drawn, range(3), compiled=compiled) for compiled in (False, True))
     for found, expected in zip(compiled, wired, strict=True):
@@ -132,8 +132,8 @@ def test_readings_have_the_same_bits_wired_and_compiled():
 
 
 @pytest.mark.slow
-def test_sensors_change_nothing_else(asymmetric):
-    """Neither motion nor random numbers, to the bit; nor a document that has none."""
+def test_sensors_do_not_change_the_flight(asymmetric):
+    """Neither the motion nor random numbers change by a bit, and a document without sensors does not change."""
     plain, sensing = (
         simulate(asymmetric("pid", WHOLE, "duration=0.3", f"laboratory.sensors={sensors}"))
         for sensors in ("[]", "[{kind: accelerometer, noise_density: 0.01}]")
@@ -147,7 +147,7 @@ def test_sensors_change_nothing_else(asymmetric):
 
 
 def test_a_scenario_gives_an_accelerometer_its_numbers(asymmetric):
-    """Its place is seen from the centre of mass that flies; its noise is that of a density over a period."""
+    """Its position is relative to the true centre of mass, and its noise follows from the density and the period."""
     scenario = asymmetric("pid", SENSORS_ON_BOARD, "laboratory.sensors.1.noise_density=0.003", "vehicle.gravity=9.7")
     batch = Batch.draw(scenario, range(4))
     recipes = laboratory_recipes(batch, plan_route(scenario), 10.0)
@@ -182,7 +182,7 @@ def hover(*sensors, **fields):
 
 
 @pytest.mark.slow
-def test_a_kind_of_a_user_flies_is_recorded_and_read(altimeter, tmp_path):
+def test_readings_of_a_user_s_sensor_are_recorded_and_read(altimeter, tmp_path):
     wind = [{"kind": "steady", "velocity": [2.0, 0.0, 0.0]}]
     sensor = {"kind": "altimeter", "latency_samples": 1}
     noisy = {"kind": "altimeter", "deviation": {"uniform": {"min": 0.1, "max": 0.2}}}
@@ -190,7 +190,7 @@ def test_a_kind_of_a_user_flies_is_recorded_and_read(altimeter, tmp_path):
     flights = assert_flown_alike(Batch.draw(scenario, range(3)))
     heights = flights[0].record("state").z
     np.testing.assert_allclose(flights[0].record("altimeter").height, heights - 0.05 * 4.0, atol=1e-12)
-    # Two vehicles have noise of their own, and one is not the other's multiple.
+    # The noises of two vehicles are not proportional to each other.
     errors = [flight.record("altimeter_2").height - heights + 0.2 for flight in flights[:2]]
     assert abs(np.corrcoef(*errors)[0, 1]) < 0.9
     flights[0].save(tmp_path)
@@ -203,7 +203,7 @@ def test_a_kind_of_a_user_flies_is_recorded_and_read(altimeter, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_kind_of_a_user_is_part_of_the_language_while_it_is_registered(altimeter):
+def test_a_user_s_sensor_is_part_of_the_language_while_it_is_registered(altimeter):
     assert "AltimeterSettings" in file_schema()["$defs"]
     assert "| `deviation` |" in language_page()
     scenario = hover({"kind": "altimeter", "deviation": 0.1})
@@ -217,7 +217,7 @@ def test_a_kind_of_a_user_is_part_of_the_language_while_it_is_registered(altimet
     SENSORS.member(altimeter)
 
 
-def test_a_kind_without_answers_or_with_the_name_of_a_signal_is_refused(altimeter):
+def test_a_sensor_with_missing_attributes_or_the_name_of_a_signal_is_refused(altimeter):
     class Mute(SensorSettings):
         kind: Literal["mute"]
         noise: ClassVar = ()
@@ -227,11 +227,11 @@ def test_a_kind_without_answers_or_with_the_name_of_a_signal_is_refused(altimete
 
     with pytest.raises(TypeError, match="Mute must define law and numbers"):
         SENSORS.member(Mute)
-    with pytest.raises(ValueError, match="there is another SensorSettings called accelerometer: AccelerometerSettings"):
+    with pytest.raises(ValueError, match="the name accelerometer of .* is taken by AccelerometerSettings"):
         SENSORS.member(Second)
     for name in ("wind", "wind_2"):
         Second.model_fields["kind"].annotation = Literal[name]
-        with pytest.raises(ValueError, match=f"there is a signal called {name}"):
+        with pytest.raises(ValueError, match=f"the kind {name} of .* is the name of an existing signal"):
             SENSORS.member(Second)
     assert (SIGNALS["wind"], SIGNALS["accelerometer"]) == (Wind, SpecificForce)
     assert not any(name in SIGNALS for name in ("mute", "altimeter_", "altimeter_x"))
@@ -240,7 +240,7 @@ def test_a_kind_without_answers_or_with_the_name_of_a_signal_is_refused(altimete
         SIGNALS["mute_2"]
 
 
-def test_a_sensor_of_what_is_not_there_is_refused(altimeter, monkeypatch):
+def test_a_sensor_that_is_not_registered_is_refused(altimeter, monkeypatch):
     monkeypatch.setattr(altimeter, "law", SensorLaw(Charge, lambda numbers, noise, charge: charge, ("charge",)))
     with pytest.raises(
         InputError, match="the sensor altimeter reads `charge`, but the signals of this laboratory are `state`, "
@@ -257,21 +257,21 @@ def test_a_sensor_of_what_is_not_there_is_refused(altimeter, monkeypatch):
         ("latency_samples: 0.5", "laboratory.sensors.0.latency_samples is 0.5, but must be a whole number"),
     ],
 )
-def test_a_sensor_that_cannot_be_is_refused(sensor, words):
+def test_an_impossible_sensor_is_refused(sensor, words):
     with pytest.raises(InputError, match=words):
         load_scenario("hover", [f"laboratory.sensors=[{{kind: accelerometer, {sensor}}}]"])
 
 
 @pytest.mark.slow
-def test_linear_models_are_those_of_a_loop_without_sensors():
-    """No control of the language reads them; not even slow ones lengthen a period."""
+def test_sensors_do_not_change_linear_models():
+    """No control of the language reads sensors, and even slow sensors do not lengthen a period."""
     plain, sensing = closed_loop(hover()).system, closed_loop(hover({"kind": "accelerometer", "period": 0.08})).system
     np.testing.assert_array_equal(sensing.A, plain.A)
     assert (sensing.states, sensing.period) == (plain.states, plain.period)
 
 
 class Weighing(LeafSystem):
-    """A control of the thrust alone, which keeps the specific force at that of gravity."""
+    """Control of the thrust alone, which keeps the specific force equal to gravity."""
 
     def __init__(self):
         super().__init__()
@@ -282,13 +282,15 @@ class Weighing(LeafSystem):
         output.SetFromVector([0.68 * 2.0 * (self.force.Eval(context)[2] - 4.905), 0.0, 0.0, 0.0])
 
 
-def test_a_control_of_a_user_reads_sensors():
-    """With twice the force minus half of gravity as the command, hover is an equilibrium."""
+def test_a_user_s_control_can_read_sensors():
+    """If the command is twice the specific force minus half of gravity, hover is an equilibrium."""
     flight = simulate(
         hover({"kind": "accelerometer", "bias": [0, 0, 1]}, {"kind": "accelerometer"}), control=Weighing()
     )
     np.testing.assert_allclose(flight.record("wrench").thrust, 0.68 * 9.81, rtol=1e-9)
-    with pytest.raises(InputError, match="control has the input port `accelerometer_2`, but may have .*accelerometer`"):
+    with pytest.raises(
+        InputError, match="control has the input port `accelerometer_2`, but may only have .*accelerometer`"
+    ):
         simulate(hover({"kind": "accelerometer"}), control=Weighing())
 
 

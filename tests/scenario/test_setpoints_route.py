@@ -1,4 +1,4 @@
-"""Routes of setpoints that are held."""
+"""Routes of setpoints, each held until the next one."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def test_nothing_is_fed_forward():
     ("setpoints", "message"),
     [
         ([[0.1, 0, 0, 1, 0]], r"setpoints.0.0 is 0.1, but must be 0"),
-        ([[0, 0, 0, 1, 0], [0, 1, 0, 1, 0]], r"setpoints.1.0 is 0.*must be later than 0.0, by 0.0001 s or more"),
+        ([[0, 0, 0, 1, 0], [0, 1, 0, 1, 0]], r"setpoints.1.0 is 0.*must be at least 0.0001 s later than 0.0"),
         ([[0, 0, 0, 1]], r"setpoints.0"),
         ([[0, 0, 0, 1, 90]], r"setpoints.0.4 is 90.*must be in radians"),
         ([], r"setpoints is .*at least 1 item"),

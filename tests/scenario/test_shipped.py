@@ -1,4 +1,4 @@
-"""Scenarios that come with the package, by names that mean the same everywhere."""
+"""Names of shipped scenarios do not depend on the working directory."""
 
 import pytest
 
@@ -8,7 +8,7 @@ from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.files.shipped import shipped_file, shipped_folder, shipped_names, shipped_scenarios
 
 
-def test_a_name_means_its_file_wherever_one_is(diagrams, tmp_path, monkeypatch):
+def test_a_name_has_the_same_meaning_in_every_working_directory(diagrams, tmp_path, monkeypatch):
     here = load_scenario(diagrams / "laboratory.yaml:high_wind")
     monkeypatch.chdir(tmp_path)
     assert load_scenario("laboratory:high_wind") == here
@@ -21,7 +21,7 @@ def test_a_name_means_its_file_wherever_one_is(diagrams, tmp_path, monkeypatch):
     assert pd == load_scenario(diagrams / "laboratory.yaml:high_wind", layers=[diagrams / "controllers/paper.yaml:pd"])
 
 
-def test_all_that_is_shipped_loads_by_its_name(diagrams):
+def test_every_shipped_scenario_loads_by_its_name(diagrams):
     assert {shipped_file(name).resolve() for name in shipped_names()} == {*diagrams.rglob("*.yaml")}
     assert shipped_folder() == diagrams
     for name in shipped_scenarios():
@@ -30,27 +30,27 @@ def test_all_that_is_shipped_loads_by_its_name(diagrams):
         assert is_shipped(name)
 
 
-def test_a_file_extends_what_is_shipped(tmp_path):
+def test_a_file_can_extend_a_shipped_scenario(tmp_path):
     (tmp_path / "mine.yaml").write_text(
         "a: {extends: ['laboratory:low_wind', gains/laboratory]}\nhover: {extends: a}\n"
     )
     asked = load_scenario("laboratory:low_wind", layers=["gains/laboratory"])
     assert load_scenario(tmp_path / "mine.yaml:a").control == asked.control
-    # A name alone is one of this file, if there is one.
+    # A name without a file is a scenario of the same file, if that contains one.
     assert load_scenario(tmp_path / "mine.yaml:hover").route == asked.route
     (tmp_path / "other.yaml").write_text(
         "mine: {extends: hover}\nfaulty: {extends: laboratory}\nmore: {extends: nowhere}\n"
     )
     assert load_scenario(tmp_path / "other.yaml:mine").route == load_scenario("hover").route
-    with pytest.raises(InputError, match="other.yaml:2: .*laboratory.yaml holds several scenarios"):
+    with pytest.raises(InputError, match="other.yaml:2: .*laboratory.yaml contains several scenarios"):
         load_scenario(tmp_path / "other.yaml:faulty")
     with pytest.raises(
-        InputError, match="other.yaml:3: there is no scenario 'nowhere' in .*other.yaml; it holds mine, "
+        InputError, match="other.yaml:3: there is no scenario 'nowhere' in .*other.yaml, which contains mine, "
     ):
         load_scenario(tmp_path / "other.yaml:more")
 
 
-def test_a_file_or_folder_of_the_same_name_does_not_hide_what_is_shipped(tmp_path, monkeypatch):
+def test_a_file_or_folder_of_the_same_name_does_not_hide_a_shipped_scenario(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "hover").mkdir()
     assert load_scenario("hover").route.kind == "hover"
@@ -61,26 +61,26 @@ def test_a_file_or_folder_of_the_same_name_does_not_hide_what_is_shipped(tmp_pat
     [
         (
             "laboratry:nominal",
-            "'laboratry:nominal' is neither a file nor a scenario that is shipped; did you mean laboratory?",
+            "'laboratry:nominal' is neither a file nor a shipped scenario; did you mean laboratory?",
         ),
         (
             "quite_different",
-            "is neither a file nor a scenario that is shipped; `drake-quad scenarios` lists these",
+            "is neither a file nor a shipped scenario; `drake-quad scenarios` lists the shipped scenarios",
         ),
-        ("../diagrams/hover", "is neither a file nor a scenario that is shipped"),
-        ("laboratory:windy", "no scenario 'windy' in .*laboratory.yaml; it holds nominal, low_wind, high_wind"),
-        ("laboratory", "laboratory.yaml holds several scenarios; choose one as laboratory:NAME from nominal"),
-        ("laboratory:", "laboratory.yaml holds several scenarios; choose one as laboratory:NAME from nominal"),
+        ("../diagrams/hover", "is neither a file nor a shipped scenario"),
+        ("laboratory:windy", "no scenario 'windy' in .*laboratory.yaml, which contains nominal, low_wind, high_wind"),
+        ("laboratory", "laboratory.yaml contains several scenarios; choose one as laboratory:NAME from nominal"),
+        ("laboratory:", "laboratory.yaml contains several scenarios; choose one as laboratory:NAME from nominal"),
         ("hover.yml", "hover.yml: cannot be read: no such file"),
     ],
 )
-def test_what_is_not_there_gets_a_sentence(spec, words):
+def test_a_missing_scenario_is_explained(spec, words):
     with pytest.raises(InputError, match=words):
         load_scenario(spec)
 
 
 @pytest.mark.parametrize("base", ["laboratry:nominal", "vehicles/race", "laboratory:windy"])
-def test_so_does_what_a_file_extends(tmp_path, base):
+def test_a_missing_scenario_in_extends_is_explained(tmp_path, base):
     path = tmp_path / "mine.yaml"
     path.write_text(f"a: {{extends: '{base}'}}\n")
     with pytest.raises(InputError, match=rf"mine.yaml:1: .*{base.split(':')[-1]}"):

@@ -58,7 +58,7 @@ def folder(tmp_path):
     return tmp_path
 
 
-def test_a_room_is_what_is_written(folder):
+def test_a_space_has_the_given_obstacles(folder):
     space = load_scenario(folder / "rooms.yaml:room").space
     room = space.room(0.25)
     assert room.names == ("pillar", "beam", "ball", "rock")
@@ -68,17 +68,17 @@ def test_a_room_is_what_is_written(folder):
     assert (pillar.centre, pillar.radius, pillar.height) == ((2.0, 0.5, 1.0), 0.2, 2.0)
     assert (beam.centre, beam.size, beam.rotation) == ((0.0, 0.0, 2.0), (1.0, 2.0, 0.1), (0.0, 0.0, 0.6))
     assert (ball.centre, ball.radius) == ((0.0, 1.0, 1.0), 0.3)
-    # A quarter turn about Z takes (x, y, z) to (-y, x, z).
+    # A rotation about Z by 90° maps (x, y, z) to (-y, x, z).
     expected = [[3.0, 3.0, 0.0], [3.0, 3.5, 0.0], [2.5, 3.0, 0.0], [3.0, 3.0, 0.5]]
     np.testing.assert_allclose(sorted(rock.corners), sorted(expected), atol=1e-12)
 
 
-def test_the_predicted_error_counts_as_often_as_is_said(folder):
+def test_the_predicted_error_is_multiplied_by_tracking(folder):
     space = load_scenario(folder / "rooms.yaml:room", "space.tracking=3").space
     assert space.room(0.25, 0.02).clearance == pytest.approx(0.25 + 0.1 + 0.06)
 
 
-def test_obstacles_are_joined_by_their_names(folder):
+def test_obstacles_are_merged_by_name(folder):
     smaller = load_scenario(folder / "rooms.yaml:smaller").space.room(0.25)
     assert smaller.names == ("pillar", "beam", "ball", "rock", "new")
     assert smaller.radius == 0.2
@@ -96,7 +96,7 @@ def test_meshes_give_the_corners_of_their_hull(folder, name, data):
     assert sorted(map(list, load_scenario(f"{path}:room").space.obstacles["rock"].points)) == sorted(CORNERS)
 
 
-def test_what_is_saved_is_the_same_without_the_mesh(folder, tmp_path):
+def test_a_saved_scenario_does_not_need_the_mesh(folder, tmp_path):
     scenario = load_scenario(folder / "rooms.yaml:smaller")
     path = tmp_path / "saved.yaml"
     with path.open("w") as file:
@@ -124,7 +124,7 @@ def test_fields_of_obstacles_have_paths(folder):
         ("obstacles.ball.radius={uniform: {min: 1, max: 2}}", "must be a valid number"),
         ("obstacles.beam.size=[1, -1, 1]", "obstacles.beam.size.1 is -1"),
         ("obstacles.rock.points=[[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]", "the 4 points of a hull are in a plane"),
-        # So far away that its corners are one point by rounding.
+        # The corners are so far away that they are equal after rounding.
         (
             "obstacles.rock={kind: hull, points: [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]],"
             " centre: [1e8, 1e8, 1e8], scale: 1e-9}",
@@ -133,12 +133,12 @@ def test_fields_of_obstacles_have_paths(folder):
         ("obstacles.rock.points=[[0, 0, 0]]", "must have at least 4 items, not 1"),
         ("obstacles.rock.points=no.obj", "space.obstacles.rock.points names no.obj, which does not exist"),
         ("obstacles.rock.points=rock.ply", "rock.ply: is a PLY mesh and cannot be read: convert it to .obj or .stl"),
-        ("obstacles.two words={}", "the name of an obstacle must be of letters"),
+        ("obstacles.two words={}", "the name of an obstacle must consist of letters"),
         ("obstacles.kind=3", "the name of an obstacle"),
         ("obstacles.x={kind: cone}", "must be one of 'box', 'cylinder', 'sphere', 'hull'"),
         ("obstacles=[1]", "must be a mapping of names to solids"),
         ("margin=-0.1", "space.margin is -0.1"),
-        ("bounds.max.0=-6", "space.bounds.max.0 is -6, but must not be less than that of min"),
+        ("bounds.max.0=-6", "space.bounds.max.0 is -6, but must not be smaller than the same coordinate of min"),
         ("walls=3", "space.walls is unknown"),
     ],
 )
@@ -164,7 +164,7 @@ def test_an_error_is_reported_with_its_place(folder, monkeypatch, override, word
         (b"ply\r\nformat ascii 1.0\r\n", "is a PLY mesh and cannot be read"),
     ],
 )
-def test_a_mesh_that_is_none_is_refused(folder, data, words):
+def test_an_invalid_mesh_is_refused(folder, data, words):
     (folder / "rock.obj").write_bytes(data)
     with pytest.raises(InputError, match=r"rock\.obj: ") as error:
         load_scenario(folder / "rooms.yaml:room")
@@ -205,7 +205,7 @@ PRISM = [[float(np.cos(i)), float(np.sin(i)), float(i % 2)] for i in range(200)]
 
 
 def test_a_mesh_of_many_corners_is_replaced_by_a_hull_around_it(folder):
-    """The mesh is a file or a list of points, and a warning states the growth. A saved hull equals the loaded one."""
+    """The mesh is a file or a list of points. A warning states the growth, and a saved hull equals the loaded one."""
     (folder / "rock.obj").write_text("".join("v {} {} {}\n".format(*corner) for corner in PRISM))
     with pytest.warns(
         InputWarning,
@@ -225,9 +225,9 @@ def test_a_mesh_of_many_corners_is_replaced_by_a_hull_around_it(folder):
     assert same.space.obstacles["rock"] == rock
 
 
-def test_there_are_not_too_many_obstacles_and_none_twice(folder):
+def test_the_number_of_obstacles_is_limited_and_names_are_unique(folder):
     ball = {"kind": "sphere", "centre": [0.0, 0.0, 1.0], "radius": 0.1}
-    with pytest.raises(InputError, match="there may be 200 obstacles, not 201"):
+    with pytest.raises(InputError, match="must have at most 200 obstacles, not 201"):
         load_scenario("figure_eight", {"space.obstacles": {f"ball_{i}": ball for i in range(201)}})
     path = folder / "twice.yaml"
     path.write_text("a: {extends: figure_eight, space: {obstacles: {b: {}, b: {}}}}")
@@ -237,6 +237,6 @@ def test_there_are_not_too_many_obstacles_and_none_twice(folder):
 
 def test_a_mesh_of_too_many_bytes_is_refused(folder):
     with (folder / "rock.obj").open("r+b") as file:
-        file.truncate(50_000_001)  # its end is a hole, which takes no space on the disk
+        file.truncate(50_000_001)  # a sparse file, which takes no space on the disk
     with pytest.raises(InputError, match=r"rock\.obj: is too large: a mesh may have 50,000,000 bytes"):
         load_scenario(folder / "rooms.yaml:room")

@@ -1,4 +1,4 @@
-"""Every member of every open union answers every question truthfully, and members of one's own are equals."""
+"""Attributes of every member of every open union agree with its systems, also for a user's members."""
 
 import pickle
 from importlib import import_module
@@ -48,7 +48,7 @@ FLOWN = [
 
 
 def example(kind: type[Model]) -> Any:
-    """Return a member with ones in all numbers that must be given, and the first kind of each part."""
+    """Return a member with ones in all required numbers, and the first kind of each part."""
     fields = {name: _value(info) for name, info in kind.model_fields.items() if info.is_required()}
     return kind.model_validate(fields)
 
@@ -98,7 +98,7 @@ def check_position_controller(kind, setting):
 
 
 @members(POSITION_CONTROLLERS)
-def test_every_position_controller_answers_truthfully(kind, settings):
+def test_every_position_controller_agrees_with_its_systems(kind, settings):
     check_position_controller(kind, settings["figure_eight"])
     plain = example(kind).plain()
     assert plain.plain() is plain
@@ -107,7 +107,7 @@ def test_every_position_controller_answers_truthfully(kind, settings):
 
 
 @members(ATTITUDE_CONTROLLERS)
-def test_every_attitude_controller_answers_truthfully(kind, settings):
+def test_every_attitude_controller_agrees_with_its_system(kind, settings):
     attitude, believed = example(kind), settings["figure_eight"].believed
     inputs, outputs = ports(attitude.recipe(believed.inertia, 0.02).build(2))
     assert inputs >= {"measurement", "attitude_command"}
@@ -121,15 +121,15 @@ def test_every_attitude_controller_answers_truthfully(kind, settings):
 
 
 @members(AUTOPILOTS)
-def test_every_autopilot_answers_truthfully(kind, settings):
+def test_every_autopilot_agrees_with_its_system(kind, settings):
     autopilot, believed = example(kind), settings["onboard"].believed
 
     def recipes_of(autopilot):
-        return autopilot.recipes(believed, written=autopilot, heeds_attitude=True)
+        return autopilot.recipes(believed, written=autopilot, follows_attitude=True)
 
     recipes = recipes_of(autopilot)
     assert [*recipes] == (["autopilot"] if autopilot.controls_attitude else [])
-    assert (autopilot.answer() is not None) == autopilot.controls_attitude
+    assert (autopilot.attitude_response() is not None) == autopilot.controls_attitude
     assert ("wrench" in kind.accepts) != autopilot.controls_attitude
     for recipe in recipes.values():
         system = recipe.build(2)
@@ -179,30 +179,30 @@ def check_action(kind, settings):
 
 
 @members(ACTIONS)
-def test_every_action_answers_truthfully(kind, settings):
+def test_every_action_agrees_with_its_system(kind, settings):
     check_action(kind, settings)
 
 
 @pytest.mark.parametrize(("scenario", "layers"), FLOWN)
-def test_every_control_answers_truthfully(scenario, layers):
+def test_every_control_agrees_with_its_diagram(scenario, layers):
     scenario = load_scenario(scenario, layers=layers)
     control, setting = scenario.control, setting_of(scenario)
     recipes = control.recipes(setting)
-    for starts in control.places.values():
+    for starts in control.user_system_paths.values():
         assert any(path.startswith(starts) for path in recipes)
     built = control.build({path: recipe.build(2) for path, recipe in recipes.items()}, UserSystems().given)
     inputs, outputs = ports(built)
     assert built.get_name() == "control"
     assert setting.autopilot.command in outputs
     assert ("reference_ahead" in inputs) == bool(control.ahead())
-    assert ("action" in outputs) == bool(control.policy_rows()) == ("policy" in control.places)
+    assert ("action" in outputs) == bool(control.policy_rows()) == ("policy" in control.user_system_paths)
     assert not control.lacks_policy()
     assert ("network" in {part.get_name() for part in built.GetSystems()}) == (control.network is not None)
     assert (control.cascade() is control) == (control.kind == "cascade")
     assert 0.0 < control.limits().min_thrust < 1.0 < control.limits().max_thrust
 
 
-def test_no_kind_of_control_is_left_out():
+def test_every_kind_of_control_is_tested():
     assert {load_scenario(name, layers=layers).control.kind for name, layers in FLOWN} == {*CONTROLS.members}
 
 
@@ -220,7 +220,7 @@ def flying(position=SLIDING, **changes):
     return load_scenario("figure_eight", {"control.position": position, "duration": 2.0, **changes})
 
 
-def test_a_position_controller_of_a_user_is_checked_like_ours(sliding, settings):
+def test_a_user_s_position_controller_is_checked_like_a_shipped_one(sliding, settings):
     check_position_controller(sliding, settings["figure_eight"])
 
 
@@ -235,7 +235,7 @@ def test_within_its_boundary_layer_a_sliding_mode_is_a_pd(sliding):
     np.testing.assert_allclose(*loops, rtol=0.0, atol=1e-9)
 
 
-def test_beyond_its_boundary_layer_its_answer_is_limited(sliding):
+def test_beyond_its_boundary_layer_a_sliding_mode_is_limited(sliding):
     position = SLIDING | {"width": [1e-6] * 3}
     flight = simulate(flying(position, **{"vehicle.mass": 0.5, "duration": 0.5}))
     command, reference = flight.record("acceleration_command"), flight.record("reference")
@@ -245,13 +245,13 @@ def test_beyond_its_boundary_layer_its_answer_is_limited(sliding):
 
 
 @pytest.mark.slow
-def test_a_position_controller_of_a_user_flies_in_fleets_wired_and_compiled(sliding):
+def test_a_user_s_position_controller_flies_in_fleets_wired_and_compiled(sliding):
     gain = {"uniform": {"min": 1.0, "max": 3.0}}
     assert_flown_alike(Batch.draw(flying(**{"control.position.gain.1": gain, "duration": 0.5}), range(3)))
 
 
 @pytest.mark.slow
-def test_a_position_controller_of_a_user_is_part_of_the_language(sliding):
+def test_a_user_s_position_controller_is_part_of_the_language(sliding):
     assert "SlidingPosition" in file_schema()["$defs"]
     assert "| `slope` |" in language_page()
     with pytest.raises(InputError, match=r"control.position.slope.0 is -1.0, but must be larger than 0"):
@@ -260,7 +260,7 @@ def test_a_position_controller_of_a_user_is_part_of_the_language(sliding):
     with pytest.raises(InputError, match="position controller of kind sliding_mode takes no correction"):
         flying(**{"control.network": network})
     assert pickle.loads(pickle.dumps(flying())) == flying()
-    refusal = "control.position is of kind sliding_mode, whose gains cannot be designed"
+    refusal = "the gains of control.position of kind sliding_mode cannot be designed"
     for design in (with_integrals, lambda scenario: with_gains(scenario, {"position": {"k_p": [1.0] * 3}})):
         with pytest.raises(InputError, match=refusal):
             design(flying())
@@ -300,7 +300,7 @@ POLICY = {"kind": "policy", "action": {"kind": "acceleration"}, "attitude": ATTI
         (CONTROLS, OwnControl, "figure_eight", {"control": POLICY}, "control"),
     ],
 )
-def test_a_member_of_a_user_flies_as_the_member_that_it_extends(union, kind, base, changes, path):
+def test_a_user_s_member_flies_like_the_member_that_it_extends(union, kind, base, changes, path):
     union.member(kind)
     changes = changes | {"duration": 0.1}
     scenario = load_scenario(base, changes)
@@ -316,7 +316,7 @@ def test_a_member_of_a_user_flies_as_the_member_that_it_extends(union, kind, bas
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_a_command_imports_a_position_controller_of_a_user(run, tmp_path):
+def test_a_command_imports_a_user_s_position_controller(run, tmp_path):
     position = f"control.position={{kind: sliding_mode, slope: {SLIDING['slope']}, gain: [2, 2, 4], width: [1, 1, 1]}}"
     mass = "vehicle.mass={uniform: {min: 0.66, max: 0.7}}"
     study = [

@@ -1,4 +1,4 @@
-"""Every effect on the vehicle answers every question truthfully, and effects of one's own are equals."""
+"""Attributes and methods of every effect agree with the motion of the vehicle, also for a user's effect."""
 
 import math
 from importlib import import_module
@@ -40,7 +40,7 @@ EXAMPLE = Path(__file__).parent.parent.parent / "scripts" / "ceiling_effect.py"
 PAPER = QuadrotorParameters()
 HEIGHT = 0.3
 NUM_STATES = len(State._fields) + len(RotorSpeed._fields)
-# Values of fields; other effects have 0.1 in the fields that must be given.
+# Values of fields. Other effects have 0.1 in all required fields.
 FIELDS = {
     "body_drag": {"linear": [0.1, 0.2, 0.3], "quadratic": [0.03, 0.01, 0.02], "centre_of_pressure": [0.01, 0.0, 0.03]},
     "rotor_aerodynamics": {"lift": 0.02, "climb": -0.1, "drag": 1e-4, "inflow": 2e-4},
@@ -54,7 +54,7 @@ FIELDS = {
 
 
 def test_a_payload_that_is_dropped_later_stays_in_hover():
-    """The vehicle is trimmed with it, and without one that is dropped at once."""
+    """The vehicle is trimmed with the payload, but not with one that is dropped at time zero."""
     dropped = {**FIELDS["payload"], "event": "dropped"}
     payload = EFFECTS.members["payload"](**dropped)
     assert stays("payload", payload.in_hover())
@@ -62,7 +62,7 @@ def test_a_payload_that_is_dropped_later_stays_in_hover():
 
 
 def test_a_vehicle_leans_against_its_trim_force():
-    """The weight along the axes of B cancels the force across the thrust, and the thrust what is left of it."""
+    """The thrust and the trim force together cancel the weight."""
     force = TrimForce(0.3, -0.2, 0.1)
     trim = find_trim(PAPER, effects=Effects(loads=(force,)))
     weight = PAPER.mass * PAPER.gravity
@@ -90,7 +90,7 @@ def with_effect(name, effect):
 
 
 def built(name, effect, speed=0.0, time_step=0.01):
-    """Return the paper's vehicle in hover with an effect, in a context with the rotor speeds of the start held."""
+    """Return the paper's vehicle in hover with an effect, in a context that holds the initial rotor speeds."""
     effects = with_effect(name, effect).effect_numbers()
     faults = effect.numbers() if name == "rotor_failure" else RotorFaults()
     place = Place(0.0, 0.0, HEIGHT, 0.0)
@@ -107,15 +107,15 @@ def built(name, effect, speed=0.0, time_step=0.01):
 
 
 def flown(name, effect, speed=0.0, until=0.4):
-    """Return the state after a time in which the rotor speeds of hover are commanded, from a velocity on."""
+    """Return the state after a time with the commanded rotor speeds of hover, starting at a velocity."""
     vehicle, context = built(name, effect, speed)
     simulator = Simulator(vehicle, context)
-    simulator.AdvanceTo(until + 1e-9)  # past the last update
+    simulator.AdvanceTo(until + 1e-9)  # beyond the last update
     return vehicle.GetOutputPort("state").Eval(context)
 
 
 def stays(name, effect):
-    """Return whether the vehicle keeps its acceleration, which is zero unless it has to lean against the effect."""
+    """Return whether the acceleration stays constant; it is zero unless the vehicle must tilt against the effect."""
     start, half, whole = (flown(name, effect, until=until)[6:] for until in (0.0, 0.2, 0.4))
     return np.abs(whole - 2.0 * half + start).max() < 1e-9
 
@@ -125,7 +125,7 @@ def couples(name, effect):
 
 
 def slopes_along_axes(effect):
-    """Return the changes of the force on each axis with the airspeed along it, up to 5 m/s, N s/m."""
+    """Return the derivatives of the force on each axis by the airspeed along it, up to 5 m/s, N s/m."""
     rotors, wrench = RotorSpeed(*[PAPER.max_rotor_speed] * 4), Wrench(8.0, 0.0, 0.0, 0.0)
 
     def force(air):
@@ -160,7 +160,7 @@ def check_member(name, kind):
 
 
 def check_response(name, kind):
-    """A vehicle that responds as a whole takes exactly the effects that the language allows beside a response."""
+    """Assert that an identified response models exactly the effects that the language allows with it."""
     vehicle = with_effect(name, example(name, kind))
     effects = vehicle.effect_numbers()
     response = AttitudeResponse(NaturalFrequencies(6.8, 6.4, 3.1), DampingRatios(0.5, 0.7, 1.1))
@@ -176,25 +176,25 @@ def check_response(name, kind):
 
 
 @pytest.mark.parametrize(("name", "kind"), EFFECTS.members.items(), ids=[*EFFECTS.members])
-def test_every_effect_answers_truthfully(name, kind):
-    """The vehicle with the effect stays in hover, turns and swings as the effect says."""
+def test_every_effect_agrees_with_the_motion(name, kind):
+    """The vehicle stays in hover, couples its axes and oscillates as the attributes of the effect state."""
     check_member(name, kind)
     check_response(name, kind)
 
 
-def test_an_effect_of_a_user_is_checked_like_ours(ceiling):
+def test_a_user_s_effect_is_checked_like_a_shipped_one(ceiling):
     check_member("ceiling", ceiling)
     check_response("ceiling", ceiling)
 
 
 def test_steps_take_the_height_within_them(ceiling):
-    """A rising vehicle is where integration with error control has it."""
+    """The height of a rising vehicle agrees with an integration with error control."""
     effect, ends = ceiling(rotor_radius=0.3, height=0.8), []
     for time_step in (0.01, 0.0):
         vehicle, context = built("ceiling", effect, time_step=time_step)
         simulator = Simulator(vehicle, context)
         simulator.get_mutable_integrator().set_target_accuracy(1e-11)
-        simulator.AdvanceTo(0.3 + 1e-9)  # past the last update
+        simulator.AdvanceTo(0.3 + 1e-9)  # beyond the last update
         ends.append(vehicle.GetOutputPort("state").Eval(context)[[2, 8]])
     assert ends[0][1] > 0.05
     np.testing.assert_allclose(*ends, rtol=1e-7)
@@ -206,8 +206,8 @@ def hover(**changes):
 
 
 @pytest.mark.slow
-def test_an_effect_of_a_user_flies_wired_and_compiled(ceiling):
-    """The acceleration in the first step is that of the thrust that is gained."""
+def test_a_user_s_effect_flies_wired_and_compiled(ceiling):
+    """The acceleration in the first step follows from the gained thrust."""
     batch = Batch.draw(hover(), range(2))
     for flight, radius in zip(assert_flown_alike(batch), batch.varying["vehicle.ceiling.rotor_radius"], strict=True):
         gained = 9.81 * (0.25 * radius / 0.3) ** 2
@@ -215,7 +215,7 @@ def test_an_effect_of_a_user_flies_wired_and_compiled(ceiling):
 
 
 @pytest.mark.slow
-def test_an_effect_of_a_user_is_part_of_the_language(ceiling):
+def test_a_user_s_effect_is_part_of_the_language(ceiling):
     EFFECTS.remove("ceiling")
     before = load_scenario("hover")
     with pytest.raises(InputError, match="called 'ceiling.rotor_radius'"):
@@ -236,7 +236,7 @@ def test_an_effect_of_a_user_is_part_of_the_language(ceiling):
         hover()
 
 
-def test_an_effect_without_answers_is_refused(ceiling):
+def test_an_effect_with_missing_attributes_is_refused(ceiling):
     class Silent(VehicleEffect):
         meaning: ClassVar = ""
         record: ClassVar = ceiling.record
@@ -261,9 +261,9 @@ def test_an_effect_without_answers_is_refused(ceiling):
         EFFECTS.member(Silent)
     with pytest.raises(TypeError, match="Steep must define max_slope"):
         EFFECTS.member(Steep)
-    with pytest.raises(ValueError, match="there is another VehicleEffect called battery: BatteryEffect"):
+    with pytest.raises(ValueError, match="the name battery of .* is taken by BatteryEffect"):
         EFFECTS.member(Taken)
-    with pytest.raises(ValueError, match="there is another field mass"):
+    with pytest.raises(ValueError, match="the name mass of .* is taken by another field"):
         EFFECTS.member(OfTheVehicle)
     with pytest.raises(TypeError, match="dict must extend VehicleEffect"):
         EFFECTS.member(dict)

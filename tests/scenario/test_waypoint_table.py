@@ -49,7 +49,7 @@ def test_an_override_reaches_into_lists(write):
         load_mission(path, ["route.top_speed="])
 
 
-def test_times_may_be_one_word(write):
+def test_times_may_be_the_name_of_a_method(write):
     mission = load_mission(write("0,0,1\n1,0,1\n"), ["route.times=heuristic"])
     assert mission.route.times.kind == "heuristic"
 
@@ -63,15 +63,15 @@ def test_a_scenario_can_extend_a_table(write, diagrams):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "course.csv: holds no waypoints"),
-        ("x,y,z\n", "course.csv: holds no waypoints$"),
+        ("", "course.csv: contains no waypoints"),
+        ("x,y,z\n", "course.csv: contains no waypoints$"),
         ("0,0,1\n", "course.csv:1: route.waypoints is .* at least 2 items"),
-        ("0,0\n1,1\n", "course.csv:1: 2 columns need a first row that names them"),
-        ("0,0,1,5\n1,1,1,6\n", "course.csv:1: 4 columns need a first row that names them"),
+        ("0,0\n1,1\n", "course.csv:1: a table with 2 columns needs a first row with their names"),
+        ("0,0,1,5\n1,1,1,6\n", "course.csv:1: a table with 4 columns needs a first row with their names"),
         ("x,y,height\n0,0,1\n", "course.csv:1: the column 'height' is unknown; allowed are time, x, y, z, yaw"),
-        ("x,y,time\n0,0,1\n", "course.csv:1: there is no column z"),
+        ("x,y,time\n0,0,1\n", "course.csv:1: the column z"),
         ("x,y,z,x\n0,0,1,2\n", "course.csv:1: two columns have the same name"),
-        ("x,y,z\n0,0,1\n0,0\n", "course.csv:3: has 2 cells, but there are 3 columns"),
+        ("x,y,z\n0,0,1\n0,0\n", "course.csv:3: has 2 cells, but the table has 3 columns"),
         ("x,y,z\n0,0,1\n0,zero,1\n", "course.csv:3: y is 'zero', but must be a finite number"),
         ("x,y,z\n0,0,1\n0,nan,1\n", "course.csv:3: y is 'nan', but must be a finite number"),
         ("x,y,z,time\n0,0,1,\n1,0,1,2\n", "course.csv:2: time is '', but must be a finite number"),
@@ -83,7 +83,7 @@ def test_wrong_tables_are_explained(write, text, words):
         load_mission(write(text))
 
 
-def test_what_is_not_text_is_explained(tmp_path):
+def test_a_file_that_is_not_text_is_explained(tmp_path):
     path = tmp_path / "course.csv"
     path.write_bytes(b"0,0,1\n\xff\xfe,0,1\n")
     with pytest.raises(InputError, match="is not UTF-8 text"):
@@ -92,6 +92,6 @@ def test_what_is_not_text_is_explained(tmp_path):
         load_mission(tmp_path / "none.csv")
 
 
-def test_a_cell_as_long_as_no_number_is_explained(write):
+def test_a_very_long_cell_is_explained(write):
     with pytest.raises(InputError, match=r"course\.csv: is not a CSV file"):
         load_mission(write("0,0,1\n" + "1" * 200_000 + ",0,1\n"))

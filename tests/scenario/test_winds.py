@@ -1,4 +1,4 @@
-"""Every kind of wind answers every question truthfully, and kinds of one's own are equals."""
+"""Attributes and methods of every kind of wind agree with its system, also for a user's kind."""
 
 import pickle
 from importlib import import_module
@@ -21,13 +21,13 @@ from drake_quad.signals import Wind
 
 ROOT = Path(__file__).parent.parent.parent
 EXAMPLE = ROOT / "scripts" / "wind_shear.py"
-# Places of four vehicles around the origin, m.
+# Positions of four vehicles around the origin, m.
 PLACES = np.array([[0.0, 0.0, 1.0], [1.3, 0.2, 1.0], [0.4, -2.0, 1.7], [2.5, 0.1, 3.0]])
 AIR = WindSurroundings(Wind(0.3, -0.2, 0.1), period=0.01)
 
 
 def example(kind: type[WindSource], **changes: Any) -> WindSource:
-    """Return a source of a kind near the places, with ones in all fields that must be given."""
+    """Return a source of a kind near the positions, with ones in all required fields."""
     fields: dict[str, Any] = {"kind": kind.model_fields["kind"].annotation.__args__[0]}
     for name, field in kind.model_fields.items():
         if name in ("velocity", "direction"):
@@ -40,7 +40,7 @@ def example(kind: type[WindSource], **changes: Any) -> WindSource:
 
 
 def mean_wind(source: WindSource) -> np.ndarray:
-    """Return the wind (3, T, N) that a source without turbulence makes at the places over 4 s, m/s."""
+    """Return the wind (3, T, N) of a source without turbulence at the positions over 4 s, m/s."""
     winds = []
     for recipe in type(source).recipes([source], AIR._replace(steady_wind=source.steady_wind())).values():
         system = recipe.build(len(PLACES))
@@ -63,7 +63,7 @@ def mean_wind(source: WindSource) -> np.ndarray:
 
 @pytest.fixture
 def shear(monkeypatch):
-    """Return the kind of wind of the example, which is registered during a test."""
+    """Return the kind of wind of the example script, which is registered during a test."""
     monkeypatch.syspath_prepend(EXAMPLE.parent)
     return WINDS.member(import_module(EXAMPLE.stem).ShearSource)
 
@@ -84,12 +84,12 @@ def check_member(kind):
 
 
 @pytest.mark.parametrize("kind", WINDS.members.values(), ids=lambda kind: kind.__name__)
-def test_every_kind_of_wind_answers_truthfully(kind):
-    """The system that a source makes depends on place and time as the source says, and is no faster."""
+def test_every_kind_of_wind_agrees_with_its_system(kind):
+    """The wind depends on position and time as the source states, and is not faster than its largest speed."""
     check_member(kind)
 
 
-def test_a_kind_of_a_user_is_checked_like_ours(shear):
+def test_a_user_s_wind_is_checked_like_a_shipped_one(shear):
     check_member(shear)
 
 
@@ -107,7 +107,7 @@ def hover(height=1.0, quadratic_drag=0.0, **wind):
 
 
 @pytest.mark.slow
-def test_a_kind_of_a_user_flies_as_the_power_law_says_wired_and_compiled(shear):
+def test_a_user_s_wind_follows_the_power_law_wired_and_compiled(shear):
     batch = Batch.draw(hover(height=5.0, exponent={"uniform": {"min": 0.1, "max": 0.3}}), range(3))
     for flight, exponent in zip(assert_flown_alike(batch), batch.varying["laboratory.wind.0.exponent"], strict=True):
         wind = flight.record("wind")
@@ -116,16 +116,16 @@ def test_a_kind_of_a_user_flies_as_the_power_law_says_wired_and_compiled(shear):
         np.testing.assert_allclose(wind.x[1:], expected[1:], atol=1e-3)
 
 
-def test_a_kind_of_a_user_is_known_to_every_check(shear):
-    """A strong wind is refused for its drag, the error of hovers is that of the place, and linear models keep it."""
-    with pytest.raises(InputError, match="too long for this much drag"):
+def test_checks_and_analyses_include_a_user_s_wind(shear):
+    """A strong wind is refused for its drag, the error of hovers depends on the position, and linear models keep it."""
+    with pytest.raises(InputError, match="too long for drag with a time constant"):
         simulate(hover(velocity=[200.0, 0.0, 0.0], quadratic_drag=0.5))
     assert [source.kind for source in at_rest(hover()).laboratory.wind] == ["shear"]
     low, high = (believed_tracking_error(hover(height)).rms.value for height in (1.0, 8.0))
     assert high / low == pytest.approx(8.0**0.143, rel=0.02)
 
 
-def test_a_kind_of_a_user_is_part_of_the_language(shear):
+def test_a_user_s_wind_is_part_of_the_language(shear):
     assert "ShearSource" in file_schema()["$defs"]
     assert "| `exponent` |" in language_page()
     with pytest.raises(InputError, match=r"laboratory.wind.0.exponent is -1.0, but must be at least 0"):
@@ -138,14 +138,14 @@ def test_a_kind_of_a_user_is_part_of_the_language(shear):
     WINDS.member(shear)
 
 
-def test_wind_that_changes_with_time_is_left_out_of_hovers(shear, monkeypatch):
+def test_wind_that_depends_on_time_is_removed_in_hover(shear, monkeypatch):
     monkeypatch.setattr(shear, "depends_on_time", True)
     assert in_hover(hover()).laboratory.wind == ()
     with pytest.raises(InputError, match=r"laboratory.wind.0 is a shear; .*steady wind and turbulence"):
         believed_tracking_error(hover())
 
 
-def test_a_kind_without_answers_is_refused():
+def test_a_wind_with_missing_attributes_is_refused():
     class Silent(WindSource):
         kind: Literal["silent"]
         depends_on_place: ClassVar = False
@@ -163,7 +163,7 @@ def test_a_kind_without_answers_is_refused():
         WINDS.member(Silent)
     with pytest.raises(TypeError, match="Kindless must have a field kind"):
         WINDS.member(Kindless)
-    with pytest.raises(ValueError, match="there is another WindSource called gust: GustSource"):
+    with pytest.raises(ValueError, match="the name gust of .* is taken by GustSource"):
         WINDS.member(Taken)
     with pytest.raises(TypeError, match="dict must extend WindSource"):
         WINDS.member(dict)
@@ -183,7 +183,7 @@ def test_steady_winds_add_up():
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_a_command_imports_a_kind_of_a_user(run, tmp_path):
+def test_a_command_imports_a_user_s_wind(run, tmp_path):
     wind = "laboratory.wind=[{kind: shear, velocity: [3, 0, 0], exponent: {uniform: {min: 0.1, max: 0.3}}}]"
     study = ["study", "hover", "--samples", "4", "--workers", "2", "--set", "duration=0.5", "--set", wind]
     result = run(*study, "--output", tmp_path, "--import", EXAMPLE)

@@ -1,4 +1,4 @@
-"""Actions that are accelerations."""
+"""Accelerations as actions of a policy."""
 
 from typing import ClassVar, Literal
 
@@ -17,14 +17,14 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 
 @ACTIONS.member
 class AccelerationAction(Action):
-    """An acceleration, which the cascade makes thrust and attitude of."""
+    """Acceleration, which thrust vectoring converts to thrust and attitude."""
 
     kind: Literal["acceleration"]
-    # The default is several times what the figure eight needs (0.7 m/s²), for gusts and for flights that begin beside
-    # the path.
-    most: PlainPositives = Field(default=(5.0, 5.0, 5.0), description="of an action of 1 (m/s²)")
+    # The default is several times the acceleration of the figure eight (0.7 m/s²), to leave a reserve for gusts and for
+    # flights that begin off the path.
+    most: PlainPositives = Field(default=(5.0, 5.0, 5.0), description="acceleration of an action of 1 (m/s²)")
     frame: LevelFrame = Field(
-        default="world", description="axes along which the acceleration is commanded, named as in `observation.frame`"
+        default="world", description="axes in which the acceleration is commanded, named as in `observation.frame`"
     )
     num_rows: ClassVar = 3
     commands: ClassVar = "attitude"
@@ -35,5 +35,5 @@ class AccelerationAction(Action):
         return Recipe(AccelerationActuation, {"frame": self.frame, "turn": turn}, AccelerationScale(*self.most))
 
     def hovering(self, believed: QuadrotorParameters) -> tuple[float, ...]:
-        """Return no acceleration."""
+        """Return the action of zero acceleration."""
         return (0.0, 0.0, 0.0)

@@ -1,6 +1,6 @@
-"""Actions of policies, and the questions about them that the rest of the library asks.
+"""Base classes of the actions of policies, and their registry `ACTIONS`.
 
-An action of your own is a class that extends `Action` and is registered with `ACTIONS.member`.
+To add an action, extend `Action` and register the class with `ACTIONS.member`.
 """
 
 from abc import abstractmethod
@@ -20,12 +20,13 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 
 
 class Action(Model):
-    """Meaning of the output of a policy, whose rows are between -1 and 1.
+    """Conversion of the output of a policy, whose rows are between -1 and 1, to a command.
 
     Attributes:
         num_rows: number of rows of an action.
-        commands: what it commands. Without an autopilot, an attitude control on the ground makes torques of attitudes.
-        vectors_thrust: whether a `ThrustVectoring` makes thrust and attitude of it.
+        commands: type of the command. Without an autopilot, an attitude controller on the ground converts a commanded
+            attitude to torques.
+        vectors_thrust: True if a `ThrustVectoring` converts the command to thrust and attitude.
     """
 
     kind: str
@@ -35,20 +36,20 @@ class Action(Model):
 
     @abstractmethod
     def recipe(self, setting: ControlSetting, *, turn: float, attitude: AttitudeControllerSettings | None) -> Recipe:
-        """Return the recipe for the system that makes a command of an action.
+        """Return the recipe for the system that converts an action to a command.
 
         Args:
-            setting: setting of the control.
-            turn: angle about z from x_B to the front of the policy, rad.
-            attitude: attitude control on the ground, if any; gains that vary are (N,) arrays.
+            setting: properties of the scenario on which the control depends.
+            turn: angle about z from x_B to the forward direction of the policy, rad.
+            attitude: attitude controller on the ground, if any. Its gains may be (N,) arrays.
         """
 
     @abstractmethod
     def hovering(self, believed: QuadrotorParameters) -> tuple[float, ...]:
-        """Return the action that is believed to hold a vehicle in hover."""
+        """Return the action with which the nominal vehicle hovers."""
 
     def needs_attitude(self, autopilot: Autopilot) -> bool:
-        """Return whether it needs an attitude control on the ground."""
+        """Return whether the action needs an attitude controller on the ground."""
         return self.commands == "attitude" and not autopilot.controls_attitude
 
     def check_fits(self, scenario: Any) -> None:
@@ -56,32 +57,34 @@ class Action(Model):
         autopilot = scenario.laboratory.autopilot
         if self.commands not in autopilot.accepts:
             allowed = ", ".join(name for name, kind in ACTIONS.members.items() if kind.commands in autopilot.accepts)
-            demand = f"must be {allowed}: laboratory.autopilot of kind {autopilot.kind} takes no other"
-            raise scenario.wrong(demand, "control", "action", "kind")
+            demand = f"must be {allowed} with laboratory.autopilot of kind {autopilot.kind}"
+            raise scenario.field_error(demand, "control", "action", "kind")
         if self.commands == "attitude":
             check_attitude_control(scenario)
         elif scenario.control.attitude is not None and not self.needs_attitude(autopilot):
-            demand = f"must be left out, or null: with actions of kind {self.kind} it is not used"
-            raise scenario.wrong(demand, "control", "attitude")
+            demand = f"must be left out, or null, since actions of kind {self.kind} do not use it"
+            raise scenario.field_error(demand, "control", "attitude")
 
 
 ACTIONS = OpenUnion(Action)
-"""Kinds of actions."""
+"""Registry of the kinds of actions."""
 
 AnyAction = Annotated[Action, ACTIONS]
 
 
 class ThrustAction(Action):
-    """Action whose first row is a thrust. The default range is ours; the paper's rotors give 2.2 times the weight."""
+    """Action whose first row is a thrust. The default range is ours; the paper's rotors reach 2.2 times the weight."""
 
-    min_thrust: PlainNonNegative = Field(default=0.0, description="of an action of -1, as a share of the weight (1)")
-    max_thrust: PlainPositive = Field(default=2.0, description="of an action of 1, as a share of the weight (1)")
+    min_thrust: PlainNonNegative = Field(
+        default=0.0, description="thrust of an action of -1, relative to the weight (1)"
+    )
+    max_thrust: PlainPositive = Field(default=2.0, description="thrust of an action of 1, relative to the weight (1)")
     num_rows: ClassVar = 4
 
     @model_validator(mode="after")
-    def _has_room(self) -> "ThrustAction":
+    def _has_range(self) -> "ThrustAction":
         if not self.min_thrust < self.max_thrust:
-            raise self.wrong(f"must be larger than min_thrust, {self.min_thrust}", "max_thrust")
+            raise self.field_error(f"must be larger than min_thrust, {self.min_thrust}", "max_thrust")
         return self
 
     def thrusts(self, believed: QuadrotorParameters) -> ThrustRange:
@@ -90,5 +93,5 @@ class ThrustAction(Action):
         return ThrustRange(self.min_thrust * weight, self.max_thrust * weight)
 
     def hovering(self, believed: QuadrotorParameters) -> tuple[float, ...]:
-        """Return a thrust of the weight without any rotation."""
+        """Return the action of a thrust equal to the weight, without tilt or rotation."""
         return (2.0 * (1.0 - self.min_thrust) / (self.max_thrust - self.min_thrust) - 1.0, 0.0, 0.0, 0.0)

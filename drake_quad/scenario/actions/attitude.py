@@ -1,4 +1,4 @@
-"""Actions that are a thrust and an attitude."""
+"""Thrust and attitude as an action of a policy."""
 
 import math
 from typing import Annotated, ClassVar, Literal
@@ -16,13 +16,13 @@ from drake_quad.scenario.setting import ControlSetting
 
 @ACTIONS.member
 class AttitudeAction(ThrustAction):
-    """Thrust, roll, pitch, and how far to look away from the reference's yaw."""
+    """Thrust, roll, pitch, and yaw relative to the yaw of the reference."""
 
     kind: Literal["attitude"]
-    # The default is that of the other controllers; the figure eight needs 4°.
+    # The default tilt is that of the other controllers. The figure eight needs 4°.
     max_tilt: PlainTilt = Field(default=0.6, description="roll and pitch of an action of 1 (rad)")
     max_yaw: Annotated[float, Field(ge=0.0, le=math.pi), radians(math.pi)] = Field(
-        default=0.5, description="angle from the reference's yaw of an action of 1 (rad)"
+        default=0.5, description="yaw of an action of 1, relative to the yaw of the reference (rad)"
     )
     commands: ClassVar = "attitude"
 

@@ -1,4 +1,4 @@
-"""Actions that are a thrust and body rates."""
+"""Thrust and body rates as an action of a policy."""
 
 from typing import Any, ClassVar, Literal
 
@@ -25,13 +25,13 @@ class RatesAction(ThrustAction):
     max_rates: PlainPositives = Field(default=(6.0, 6.0, 3.0), description="p, q, r of an action of 1 (rad/s)")
     k_rate: Gains | None = Field(
         default=None,
-        description="angular acceleration over the error of the rates, without an autopilot (1/s); k_d of the attitude"
-        " control if not given",
+        description="gain from the error of the body rates to an angular acceleration, without an autopilot (1/s); k_d"
+        " of the attitude controller if not given",
     )
     commands: ClassVar = "rates"
 
     def recipe(self, setting: ControlSetting, *, turn: float, attitude: AttitudeControllerSettings | None) -> Recipe:
-        """Return the recipe for a loop of the rates on the ground, or for a target for the loop on board."""
+        """Return the recipe for a rate loop on the ground, or for the target of the rate loop on board."""
         on_board = setting.autopilot.controls_attitude
         gains: Any = (0.0, 0.0, 0.0) if on_board else self.k_rate
         if gains is None and attitude is not None:
@@ -41,15 +41,15 @@ class RatesAction(ThrustAction):
         return Recipe(RatesOnBoard if on_board else RatesFromTheGround, {}, scale)
 
     def needs_attitude(self, autopilot: Autopilot) -> bool:
-        """Return whether the gains of the rates are those of an attitude control."""
+        """Return whether the gains of the rate loop must come from an attitude controller on the ground."""
         return self.k_rate is None and not autopilot.controls_attitude
 
     def check_fits(self, scenario: Any) -> None:
-        """Raise a validation error if the gains of the rates are missing, or not used."""
+        """Raise a validation error if the gains of the rate loop are missing or not used."""
         super().check_fits(scenario)
         autopilot = scenario.laboratory.autopilot
         if scenario.control.attitude is None and self.needs_attitude(autopilot):
             raise PydanticCustomError("missing", "is missing", {"path": ("control", "action", "k_rate")})
         if self.k_rate is not None and autopilot.controls_attitude:
-            demand = f"must be left out, or null: laboratory.autopilot of kind {autopilot.kind} has its own"
-            raise scenario.wrong(demand, "control", "action", "k_rate")
+            demand = f"must be left out, or null: laboratory.autopilot of kind {autopilot.kind} has its own gains"
+            raise scenario.field_error(demand, "control", "action", "k_rate")

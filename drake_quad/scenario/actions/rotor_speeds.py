@@ -1,4 +1,4 @@
-"""Actions that are speeds of rotors."""
+"""Rotor speeds as an action of a policy."""
 
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -19,14 +19,14 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 
 @ACTIONS.member
 class RotorSpeedsAction(Action):
-    """Speeds of the rotors, from idle to the top speed."""
+    """Speeds of the rotors, from the idle speed to the top speed."""
 
     kind: Literal["rotor_speeds"]
     least: PlainNonNegative | None = Field(
-        default=None, description="of an action of -1 (rad/s); min_rotor_speed in `nominal` if not given"
+        default=None, description="rotor speed of an action of -1 (rad/s); min_rotor_speed in `nominal` if not given"
     )
     order: Annotated[tuple[int, int, int, int], Field(strict=False)] = Field(
-        default=(1, 2, 3, 4), description="which rotor each row of the action is for"
+        default=(1, 2, 3, 4), description="number of the rotor to which each row of the action belongs"
     )
     num_rows: ClassVar = 4
     commands: ClassVar = "wrench"
@@ -34,7 +34,7 @@ class RotorSpeedsAction(Action):
     @model_validator(mode="after")
     def _each_once(self) -> "RotorSpeedsAction":
         if sorted(self.order) != [1, 2, 3, 4]:
-            raise self.wrong("must name each rotor from 1 to 4 once", "order")
+            raise self.field_error("must name each rotor from 1 to 4 once", "order")
         return self
 
     def recipe(self, setting: ControlSetting, *, turn: float, attitude: AttitudeControllerSettings | None) -> Recipe:
@@ -47,7 +47,7 @@ class RotorSpeedsAction(Action):
         return Recipe(RotorSpeedActuation, {"order": order}, speeds)
 
     def hovering(self, believed: QuadrotorParameters) -> tuple[float, ...]:
-        """Return the speeds of hover."""
+        """Return the action of the hover speeds of the nominal vehicle."""
         least, most = self._least(believed), float(believed.max_rotor_speed)
         speeds = hover_rotor_speeds(believed)
         return tuple([2.0 * (float(speeds[rotor - 1]) - least) / (most - least) - 1.0 for rotor in self.order])
@@ -58,7 +58,7 @@ class RotorSpeedsAction(Action):
         top = scenario.nominal.max_rotor_speed
         if self.least is not None and not self.least < top:
             demand = f"must be smaller than max_rotor_speed in nominal, {top}"
-            raise scenario.wrong(demand, "control", "action", "least")
+            raise scenario.field_error(demand, "control", "action", "least")
 
     def _least(self, believed: QuadrotorParameters) -> float:
         return float(believed.min_rotor_speed if self.least is None else self.least)

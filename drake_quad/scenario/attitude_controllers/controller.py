@@ -1,6 +1,6 @@
-"""Attitude controllers on the ground, and the questions about them that the rest of the library asks.
+"""Base class of the attitude controllers on the ground, and their registry `ATTITUDE_CONTROLLERS`.
 
-An attitude controller of your own is a class that extends `AttitudeControllerSettings` and is registered with
+To add an attitude controller, extend `AttitudeControllerSettings` and register the class with
 `ATTITUDE_CONTROLLERS.member`.
 """
 
@@ -20,15 +20,15 @@ from drake_quad.vehicle.parameters import Inertia
 
 
 class AttitudeControllerSettings(Model):
-    """Law from a commanded attitude to torques. Numbers that a study draws are (N,) arrays in `recipe` for a fleet."""
+    """Control law from a commanded attitude to torques. For a fleet, numbers that a study draws are (N,) arrays."""
 
     kind: str
-    k_p: Gains = Field(description="on roll, pitch, yaw (1/s²)")
-    k_d: Gains = Field(description="on roll, pitch, yaw rate (1/s)")
+    k_p: Gains = Field(description="proportional gains of roll, pitch, yaw (1/s²)")
+    k_d: Gains = Field(description="gains of the rates of roll, pitch, yaw (1/s)")
 
     @abstractmethod
     def recipe(self, inertia: Inertia, period: float) -> Recipe:
-        """Return the recipe for a system with the ports of an `AttitudeControllerSettings`.
+        """Return the recipe for a system with the ports of an `AttitudeController`.
 
         Args:
             inertia: moments of inertia of the nominal vehicle.
@@ -36,29 +36,29 @@ class AttitudeControllerSettings(Model):
         """
 
     def numbers(self, inertia: Inertia) -> AttitudeNumbers:
-        """Return its gains, with the nominal moments of inertia."""
+        """Return the gains together with the nominal moments of inertia."""
         return AttitudeNumbers(PerAngle(*self.k_p), PerAngle(*self.k_d), *inertia)
 
     def vectoring(self) -> dict[str, Any]:
-        """Return the structure of the `ThrustVectoring` that commands its attitude."""
+        """Return the structure of the `ThrustVectoring` that commands the attitude."""
         return {"projects": False}
 
     def plain(self) -> "AttitudeControllerSettings":
-        """Return the controller without estimates that stands in its place when gains are designed."""
+        """Return the controller without estimates that replaces this controller for the design of gains."""
         return self
 
 
-ATTITUDE_CONTROLLERS = OpenUnion(AttitudeControllerSettings, silent="pd")
-"""Kinds of attitude controllers."""
+ATTITUDE_CONTROLLERS = OpenUnion(AttitudeControllerSettings, default_kind="pd")
+"""Registry of the kinds of attitude controllers."""
 
 AnyAttitudeController = Annotated[AttitudeControllerSettings, ATTITUDE_CONTROLLERS]
 
 
 def check_attitude_control(scenario: Any) -> None:
-    """Raise a validation error unless attitude is controlled once in a `Scenario`: on the ground or on board."""
+    """Raise a validation error unless the attitude of a `Scenario` is controlled either on the ground or on board."""
     autopilot, attitude = scenario.laboratory.autopilot, scenario.control.attitude
     if attitude is None and not autopilot.controls_attitude:
         raise PydanticCustomError("missing", "is missing", {"path": ("control", "attitude")})
     if attitude is not None and autopilot.controls_attitude:
-        demand = f"must be left out, or null: with laboratory.autopilot of kind {autopilot.kind} it is not used"
-        raise scenario.wrong(demand, "control", "attitude")
+        demand = f"must be left out, or null, since laboratory.autopilot of kind {autopilot.kind} controls the attitude"
+        raise scenario.field_error(demand, "control", "attitude")

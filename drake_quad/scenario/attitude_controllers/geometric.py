@@ -1,4 +1,4 @@
-"""Geometric controller of the attitude."""
+"""Geometric attitude controller, in the scenario language."""
 
 from typing import Any, Literal
 
@@ -19,31 +19,31 @@ from drake_quad.vehicle.parameters import Inertia
 
 @ATTITUDE_CONTROLLERS.member
 class GeometricAttitude(AttitudeControllerSettings):
-    """PD on the error of the rotation, without a singularity; thrust is projected on its measured axis.
+    """PD on the error of the rotation matrix, without a singularity; the thrust is projected on the measured z_B.
 
-    `euler_sequence: zxy` and `integration: backward_euler` without the transport term are the Lee controller of the
+    With `euler_sequence: zxy`, `integration: backward_euler` and no transport term, it is the Lee controller of the
     Crazyflie's firmware.
     """
 
     kind: Literal["geometric"]
     k_i: Gains | None = Field(
         default=None,
-        description="on the integral of the error of roll, pitch, yaw (1/s³); without integral if not given",
+        description="integral gains of roll, pitch, yaw (1/s³); no integral if not given",
     )
     integral_limit: Positive = Field(
-        default=50.0, description="largest angular acceleration that the integral may ask for (rad/s²)"
+        default=50.0, description="largest angular acceleration that the integral commands on an axis (rad/s²)"
     )
     integration: IntegrationRule = "forward_euler"
     euler_sequence: EulerSequence = Field(
         default="zyx",
-        description="what the reference's yaw is of an attitude that leans: with zyx x_B stays in the vertical plane of"
-        " the heading, as eq (1) and PX4 have it; with zxy y_B stays perpendicular to the heading, as Lee et al. (2010)"
-        " and the Crazyflie's firmware have it",
+        description="meaning of the reference's yaw for a tilted attitude: with zyx, x_B is in the vertical plane of"
+        " the heading, as in eq (1) and PX4; with zxy, y_B is perpendicular to the heading, as in Lee et al. (2010) and"
+        " the Crazyflie's firmware",
     )
     transport_term: bool = Field(
         default=True,
-        description="whether -Ω̂ Rᵀ R_d Ω_d is part of the law, as Lee et al. (2010) have it; the Crazyflie's firmware"
-        " leaves it out",
+        description="whether the law has the term -Ω̂ Rᵀ R_d Ω_d, as in Lee et al. (2010); the Crazyflie's firmware"
+        " omits it",
     )
 
     def recipe(self, inertia: Inertia, period: float) -> Recipe:
@@ -56,5 +56,5 @@ class GeometricAttitude(AttitudeControllerSettings):
         return Recipe(IntegratingAttitudeController, structure, numbers)
 
     def vectoring(self) -> dict[str, Any]:
-        """Return that thrust is projected, and the sequence of its angles."""
+        """Return the structure of a `ThrustVectoring` with projection and with the sequence of Euler angles."""
         return {"projects": True, "sequence": self.euler_sequence}

@@ -1,4 +1,4 @@
-"""Incremental nonlinear dynamic inversion of the attitude."""
+"""Attitude controller with incremental nonlinear dynamic inversion (INDI), in the scenario language."""
 
 from typing import Annotated, Literal
 
@@ -19,16 +19,16 @@ class IndiAttitude(AttitudeControllerSettings):
 
     kind: Literal["indi"]
     delay_ticks: Annotated[int, Field(ge=0, le=50)] = Field(
-        default=1, description="whole ticks of the control from a torque to what it does, believed (1)"
+        default=1, description="modelled delay from a torque to its effect, in ticks of the control (1)"
     )
     lag: Span = Field(
-        description="time constant of the angular acceleration behind the torque: of rotors, cameras, filters (s)"
+        description="modelled time constant of the angular acceleration, due to rotors, cameras and filters (s)"
     )
     bandwidth: Positive = Field(
         description="ω of the filter ω² / (s² + √2 ω s + ω²) of measured and modelled angular acceleration (rad/s)"
     )
     disturbance_limit: Positive = Field(
-        default=50.0, description="largest angular acceleration that is held for a disturbance (rad/s²)"
+        default=50.0, description="largest estimate of the disturbing angular acceleration (rad/s²)"
     )
 
     def recipe(self, inertia: Inertia, period: float) -> Recipe:

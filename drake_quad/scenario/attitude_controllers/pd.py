@@ -1,4 +1,4 @@
-"""PD controller of the attitude."""
+"""PD attitude controller, in the scenario language."""
 
 from typing import Literal
 
@@ -12,9 +12,9 @@ from drake_quad.vehicle.parameters import Inertia
 
 @ATTITUDE_CONTROLLERS.member
 class PdAttitude(AttitudeControllerSettings):
-    """PD on the error of roll, pitch and yaw."""
+    """PD controller of roll, pitch and yaw."""
 
-    kind: Literal["pd"] = Field(default="pd", description="may be left out")
+    kind: Literal["pd"] = Field(default="pd", description="default kind of an attitude controller")
 
     def recipe(self, inertia: Inertia, period: float) -> Recipe:
         """Return the recipe for the PD."""

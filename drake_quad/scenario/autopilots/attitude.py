@@ -1,4 +1,4 @@
-"""Autopilot with an attitude loop and a rate loop."""
+"""Autopilot with an attitude loop and a rate loop, in the scenario language."""
 
 import math
 from typing import Annotated, Any, ClassVar, Literal
@@ -32,74 +32,78 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 
 
 class NeglectedDragSettings(Model):
-    """Drag that an estimator of the attitude neglects, and so takes for a tilt against the direction of flight."""
+    """Drag that the attitude estimator on board neglects and therefore mistakes for tilt."""
 
-    lean: Number = field_of(NeglectedDrag, "lean", "error of the tilt over the velocity: drag over mass and gravity")
-    time: Span = field_of(NeglectedDrag, "time", "time constant with which the error follows the velocity")
+    lean: Number = field_of(NeglectedDrag, "lean", "tilt error over velocity: drag coefficient over mass and gravity")
+    time: Span = field_of(NeglectedDrag, "time", "time constant with which the tilt error follows the velocity")
 
 
 @AUTOPILOTS.member
 class AttitudeAutopilotSettings(Autopilot):
-    """An attitude and a rate loop on board; the link carries thrust, attitude and body rates.
+    """An attitude loop and a rate loop on board; the link carries thrust, attitude and body rates.
 
-    Both loops are proportional. With the further terms they are those of PX4 or of the Crazyflie's firmware.
+    By default both loops are proportional. With `attitude_terms` and `rate_terms` they can be the loops of PX4 or of
+    the Crazyflie's firmware.
     """
 
     command: ClassVar = "attitude_target"
     accepts: ClassVar = ("attitude", "rates")
-    # MAVLink's message SET_ATTITUDE_TARGET has body rates, which follow from the jerk, and no angular accelerations.
+    # The MAVLink message SET_ATTITUDE_TARGET contains body rates, which follow from the jerk, but no angular
+    # accelerations, which would follow from the snap.
     feeds_forward: ClassVar = ("none", "acceleration", "jerk")
     noise_free: ClassVar = {"gyroscope_noise": 0.0, "attitude_noise": 0.0}
     bias_free: ClassVar = {"gyroscope_bias": (0.0, 0.0, 0.0)}
     loop_gains: ClassVar = ("k_attitude", "k_rate")
     kind: Literal["attitude"]
     period: Period = Field(  # type: ignore[misc]
-        default=0.0025, description="of both loops (s); the 400 Hz of PX4's parameter IMU_GYRO_RATEMAX"
+        default=0.0025, description="period of both loops (s); the 400 Hz of PX4's parameter IMU_GYRO_RATEMAX"
     )
-    k_attitude: Gains = Field(description="body rate over the error of roll, pitch, yaw (1/s)")
-    k_rate: Gains = Field(description="angular acceleration over the error of the rate of roll, pitch, yaw (1/s)")
+    k_attitude: Gains = Field(description="gain from the error of roll, pitch, yaw to a body rate (1/s)")
+    k_rate: Gains = Field(description="gain from the error of p, q, r to an angular acceleration (1/s)")
     attitude_terms: LoopTerms | None = Field(
         default=None,
-        description="further terms of the loop of the attitude, whose output is a body rate (rad/s); not beside"
+        description="further terms of the attitude loop, whose output is a body rate (rad/s); not to be combined with"
         " yaw_weight",
     )
     rate_terms: LoopTerms | None = Field(
         default=None,
-        description="further terms of the loop of the body rates, whose output is an angular acceleration (rad/s²)",
+        description="further terms of the rate loop, whose output is an angular acceleration (rad/s²)",
     )
     max_rates: Positives | None = Field(
         default=None, description="largest commanded p, q, r (rad/s); no limit if not given"
     )
     yaw_weight: Annotated[Number, bounded(above=0.0, most=1.0)] | None = Field(
         default=None,
-        description="weight of the yaw in the error of the rotation, as in PX4 (1); if not given, errors are those of"
-        " roll, pitch and yaw",
+        description="weight of the yaw in the error of the rotation, as in PX4 (1); if not given, the loop uses the"
+        " errors of roll, pitch and yaw",
     )
     gyroscopic_torque: bool = Field(
-        default=True, description="whether ω × I ω is added, which neither PX4 nor the Crazyflie's firmware does"
+        default=True, description="whether ω × I ω is added to the torque; PX4 and the Crazyflie's firmware do not"
     )
     gyroscope_bandwidth: Positive | None = Field(
         default=None, description="bandwidth of a Butterworth filter of the gyroscope (rad/s); no filter if not given"
     )
-    gyroscope_noise: NonNegative = Field(default=0.0, description="standard deviation of a sample on each axis (rad/s)")
-    gyroscope_bias: Position = Field(default=(0.0, 0.0, 0.0), description="on x, y, z of B (rad/s)")
+    gyroscope_noise: NonNegative = Field(
+        default=0.0, description="standard deviation of a gyroscope sample on each axis (rad/s)"
+    )
+    gyroscope_bias: Position = Field(default=(0.0, 0.0, 0.0), description="gyroscope bias on x, y, z of B (rad/s)")
     attitude_noise: AngleNoise = Field(
-        default=0.0, description="standard deviation of roll, pitch and yaw as they are estimated on board (rad)"
+        default=0.0, description="standard deviation of the noise of roll, pitch and yaw estimated on board (rad)"
     )
     neglected_drag: NeglectedDragSettings | None = Field(
-        default=None, description="drag that the estimator of the attitude on board neglects, if any"
+        default=None, description="drag that the attitude estimator on board neglects; none if not given"
     )
 
-    def answer(self) -> Answer:
-        """Return the answer that the loops ask for, which the rotors follow with their lag."""
+    def attitude_response(self) -> Answer:
+        """Return the second-order response of the two proportional loops, without the lag of the rotors."""
         k_attitude, k_rate = (float(gains[0]) for gains in (self.k_attitude, self.k_rate))
         omega = math.sqrt(k_attitude * k_rate)
         return Answer(float(f"{omega:.4g}"), float(f"{0.5 * k_rate / omega:.4g}"))
 
-    def recipes(self, believed: QuadrotorParameters, *, written: Any, heeds_attitude: bool) -> dict[str, Recipe]:
+    def recipes(self, believed: QuadrotorParameters, *, written: Any, follows_attitude: bool) -> dict[str, Recipe]:
         """Return the recipe for both loops.
 
-        Commands of body rates alone have no attitude to follow, as with the type mask of SET_ATTITUDE_TARGET.
+        If only body rates are commanded, the attitude loop has no effect, as with the type mask of SET_ATTITUDE_TARGET.
         """
         structure = {
             "period": self.period,
@@ -111,11 +115,11 @@ class AttitudeAutopilotSettings(Autopilot):
                 self.rate_terms is not None and self.rate_terms.integrates_first,
             ),
         }
-        attitude = self.attitude_terms if heeds_attitude else None
+        attitude = self.attitude_terms if follows_attitude else None
         bandwidth: Any = self.gyroscope_bandwidth
         drag: Any = self.neglected_drag
         numbers = AutopilotNumbers(
-            LoopGains(*self.k_attitude) if heeds_attitude else LoopGains(0.0, 0.0, 0.0),
+            LoopGains(*self.k_attitude) if follows_attitude else LoopGains(0.0, 0.0, 0.0),
             LoopGains(*self.k_rate),
             believed.inertia,
             Gyroscope(self.gyroscope_noise, BodyRates(*self.gyroscope_bias)),
@@ -125,7 +129,7 @@ class AttitudeAutopilotSettings(Autopilot):
             None if self.rate_terms is None else LoopAxisTerms(*self.rate_terms.terms(self.period)),
             None if bandwidth is None else butterworth(bandwidth, self.period),
             None if self.max_rates is None else BodyRates(*self.max_rates),
-            self.yaw_weight if heeds_attitude else None,
+            self.yaw_weight if follows_attitude else None,
             None if drag is None else NeglectedDrag(drag.lean, drag.time),
         )
         return {"autopilot": Recipe(autopilot.AttitudeAutopilot, structure, numbers)}
@@ -133,14 +137,14 @@ class AttitudeAutopilotSettings(Autopilot):
     @model_validator(mode="after")
     def _has_one_error(self) -> "AttitudeAutopilotSettings":
         if self.yaw_weight is not None and self.attitude_terms is not None:
-            raise self.wrong(
-                "must be left out: the loop on the error of the rotation is proportional", "attitude_terms"
+            raise self.field_error(
+                "must be left out: with yaw_weight the attitude loop is proportional", "attitude_terms"
             )
         return self
 
     def check_fits(self, scenario: Any) -> None:
-        """Raise a validation error if the loops are slower than the link."""
+        """Raise a validation error if the period of the loops is longer than that of the link."""
         link = scenario.laboratory.command_link.period
         if not self.period <= link:
             demand = f"must not be longer than the period of the command link, {link} s"
-            raise scenario.wrong(demand, "laboratory", "autopilot", "period")
+            raise scenario.field_error(demand, "laboratory", "autopilot", "period")

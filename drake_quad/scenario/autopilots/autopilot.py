@@ -1,6 +1,6 @@
-"""Autopilots, and the questions about them that the rest of the library asks.
+"""Base class of the autopilots, and their registry `AUTOPILOTS`.
 
-An autopilot of your own is a class that extends `Autopilot` and is registered with `AUTOPILOTS.member`.
+To add an autopilot, extend `Autopilot` and register the class with `AUTOPILOTS.member`.
 """
 
 from abc import abstractmethod
@@ -17,21 +17,23 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers
 
 Commanded = Literal["attitude", "rates", "wrench"]
-"""Command of a control in addition to the thrust, before any attitude control on the ground converts it to torques."""
+"""Command that a control computes in addition to the thrust; an attitude controller on the ground comes after it."""
 
 
 class Autopilot(Model):
-    """Autopilot on board. Numbers that a study draws are (N,) arrays when its recipes are made for a fleet.
+    """Autopilot on board. In the scenario of a fleet, numbers that a study draws are (N,) arrays.
 
     Attributes:
-        period: period of the loops on board, s; None if there are none.
-        command: signal that the link carries.
-        accepts: what a control may command.
-        feeds_forward: derivatives of the reference up to which a control may feed forward.
-        noise_free: values of its fields without random errors.
-        bias_free: values of its fields without constant errors.
-        loop_gains: fields with the gains of its attitude and rate loops; None if it has none that can be designed.
-        models_vehicle: whether it describes the vehicle's response as a whole, and so was identified with one vehicle.
+        period: period of the loops on board, s; None if there are no loops.
+        command: name of the signal that the command link carries.
+        accepts: types of commands that a control may compute.
+        feeds_forward: highest derivatives of the reference that a control may feed forward.
+        noise_free: values of the noise fields that remove the noise.
+        bias_free: values of the bias fields that remove the bias.
+        loop_gains: names of the fields with the gains of the attitude and the rate loop; None if no gains can be
+            designed.
+        models_vehicle: True if the autopilot describes the response of autopilot and vehicle as a whole, which was
+            identified with one vehicle.
     """
 
     kind: str
@@ -47,21 +49,21 @@ class Autopilot(Model):
 
     @property
     def controls_attitude(self) -> bool:
-        """True if attitude is controlled on board instead of on the ground."""
+        """True if the attitude is controlled on board instead of on the ground."""
         return self.command == "attitude_target"
 
     @abstractmethod
-    def answer(self) -> Answer | None:
-        """Return the lag of second order by which roll and pitch follow commands; None if no attitude is commanded."""
+    def attitude_response(self) -> Answer | None:
+        """Return the second-order response of roll and pitch to a command; None if no attitude is commanded."""
 
     @abstractmethod
-    def recipes(self, believed: QuadrotorParameters, *, written: Any, heeds_attitude: bool) -> dict[str, Recipe]:
-        """Return the recipe for the system `autopilot` between link and allocation; none if there is no such system.
+    def recipes(self, believed: QuadrotorParameters, *, written: Any, follows_attitude: bool) -> dict[str, Recipe]:
+        """Return the recipe for the system `autopilot` between link and allocation; empty without such a system.
 
         Args:
             believed: parameters of the nominal vehicle.
-            written: the autopilot as a scenario has it, whose distributions decide which imperfections there are.
-            heeds_attitude: False if body rates are commanded without an attitude.
+            written: autopilot of the scenario itself, whose distributions determine which imperfections are modelled.
+            follows_attitude: False if body rates are commanded without an attitude.
         """
 
     def vehicle_recipe(self, structure: dict[str, Any], numbers: QuadrotorNumbers) -> Recipe:
@@ -69,22 +71,22 @@ class Autopilot(Model):
         return Recipe(Quadrotor, structure, numbers)
 
     def fastest_decay(self) -> AngleRate:
-        """Return the rate of the fastest decay that the vehicle has because of it, 1/s."""
+        """Return the rate of the fastest decay in the autopilot's model of the vehicle, 1/s; 0 if it has no model."""
         return 0.0
 
     def without_noise(self) -> "Autopilot":
-        """Return the autopilot without random errors."""
+        """Return the autopilot without measurement noise."""
         return self.model_copy(update=self.noise_free)
 
     def without_bias(self) -> "Autopilot":
-        """Return the autopilot without constant errors."""
+        """Return the autopilot without measurement bias."""
         return self.model_copy(update=self.bias_free)
 
     def check_fits(self, scenario: Any) -> None:
-        """Raise a validation error if the vehicle or the link of a `Scenario` does not fit the autopilot."""
+        """Raise a validation error if the autopilot does not fit the vehicle or the link of its `Scenario`."""
 
 
 AUTOPILOTS = OpenUnion(Autopilot, "period")
-"""Kinds of autopilots."""
+"""Registry of the kinds of autopilots."""
 
 AnyAutopilot = Annotated[Autopilot, AUTOPILOTS]

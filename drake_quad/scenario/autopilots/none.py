@@ -1,4 +1,4 @@
-"""No autopilot."""
+"""Vehicle without an autopilot, in the scenario language."""
 
 from typing import Any, ClassVar, Literal
 
@@ -9,7 +9,7 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 
 @AUTOPILOTS.member
 class NoAutopilot(Autopilot):
-    """None: attitude is controlled on the ground, and the wrench comes over the link, as in the paper."""
+    """No autopilot: the attitude is controlled on the ground, and the link carries a wrench, as in the paper."""
 
     period: ClassVar = None
     command: ClassVar = "wrench"
@@ -17,9 +17,9 @@ class NoAutopilot(Autopilot):
     feeds_forward: ClassVar = ("none", "acceleration", "jerk", "snap")
     kind: Literal["none"]
 
-    def answer(self) -> None:
-        """Return None."""
+    def attitude_response(self) -> None:
+        """Return None, since no attitude is commanded over the link."""
 
-    def recipes(self, believed: QuadrotorParameters, *, written: Any, heeds_attitude: bool) -> dict[str, Recipe]:
-        """Return no recipe."""
+    def recipes(self, believed: QuadrotorParameters, *, written: Any, follows_attitude: bool) -> dict[str, Recipe]:
+        """Return an empty mapping, since there is no system between link and allocation."""
         return {}

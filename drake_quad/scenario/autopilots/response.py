@@ -1,4 +1,4 @@
-"""Autopilot and vehicle as a whole."""
+"""Identified response of autopilot and vehicle, in the scenario language."""
 
 from typing import Any, ClassVar, Literal
 
@@ -19,7 +19,7 @@ from drake_quad.vehicle.responding import DampingRatios, NaturalFrequencies, Res
 
 @AUTOPILOTS.member
 class AttitudeResponseSettings(Autopilot):
-    """Autopilot and vehicle as a whole: each angle follows its command as a lag of second order, as flights show it."""
+    """Second-order response of each angle to its command, identified from flights of autopilot and vehicle together."""
 
     period: ClassVar = None
     command: ClassVar = "attitude_target"
@@ -30,28 +30,28 @@ class AttitudeResponseSettings(Autopilot):
     natural_frequency: Positives = Field(description="ω_n of roll, pitch, yaw (rad/s)")
     damping: Positives = Field(description="ζ of roll, pitch, yaw (1)")
 
-    def answer(self) -> Answer:
-        """Return the answer of the roll."""
+    def attitude_response(self) -> Answer:
+        """Return the response of the roll angle."""
         return Answer(float(self.natural_frequency[0]), float(self.damping[0]))
 
-    def recipes(self, believed: QuadrotorParameters, *, written: Any, heeds_attitude: bool) -> dict[str, Recipe]:
-        """Return the recipe for a system that passes the thrust on; the vehicle itself follows the attitude."""
+    def recipes(self, believed: QuadrotorParameters, *, written: Any, follows_attitude: bool) -> dict[str, Recipe]:
+        """Return the recipe for a system that passes the thrust through; the vehicle model follows the attitude."""
         return {"autopilot": Recipe(ThrustAlone, {}, None)}
 
     def vehicle_recipe(self, structure: dict[str, Any], numbers: QuadrotorNumbers) -> Recipe:
-        """Return the recipe for a vehicle with this response."""
+        """Return the recipe for a vehicle whose attitude has this response."""
         response = responding.AttitudeResponse(
             NaturalFrequencies(*self.natural_frequency), DampingRatios(*self.damping)
         )
         return Recipe(RespondingQuadrotor, structure, RespondingNumbers(numbers, response))
 
     def fastest_decay(self) -> AngleRate:
-        """Return the rate of the fastest decay of any angle, 1/s."""
+        """Return the rate of the fastest decay of roll, pitch and yaw, 1/s."""
         pairs: Any = zip(self.natural_frequency, self.damping, strict=True)
         return max(float(np.max(w * (d + np.sqrt(np.maximum(d * d - 1.0, 0.0))))) for w, d in pairs)
 
     def check_fits(self, scenario: Any) -> None:
-        """Raise a validation error if the vehicle has what was not there when the response was identified."""
+        """Raise a validation error if the vehicle has an effect that an identified response cannot include."""
         for name in scenario.vehicle.without_response():
-            demand = "must be left out: laboratory.autopilot of kind response does not know it"
-            raise scenario.wrong(demand, "vehicle", name)
+            demand = "must be left out: laboratory.autopilot of kind response does not model it"
+            raise scenario.field_error(demand, "vehicle", name)

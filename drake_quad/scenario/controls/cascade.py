@@ -1,4 +1,4 @@
-"""The cascade of position and attitude control."""
+"""Cascade of position and attitude control, in the scenario language."""
 
 from collections.abc import Mapping
 from typing import Any, ClassVar, Literal
@@ -22,18 +22,20 @@ from drake_quad.scenario.setting import ControlSetting
 
 @CONTROLS.member
 class CascadeControl(Control):
-    """The cascade: position, thrust vectoring and, without an autopilot on board, attitude."""
+    """Cascade of a position controller, thrust vectoring and, without an autopilot on board, an attitude controller."""
 
-    kind: Literal["cascade"] = Field(default="cascade", description="what a control is that does not say it")
+    kind: Literal["cascade"] = Field(default="cascade", description="default kind of a control")
     position: AnyPositionController
     network: Network | None = Field(  # type: ignore[misc]
-        default=None, description="around the position controller, if any"
+        default=None, description="fuzzy network around the position controller; none if not given"
     )
     thrust_vectoring: ThrustVectoringSettings = ThrustVectoringSettings()
     attitude: AnyAttitudeController | None = Field(
-        default=None, description="on the ground; needed without an autopilot, and to be left out, or null, with one"
+        default=None,
+        description="attitude controller on the ground; required without an autopilot, and to be left out, or null,"
+        " with one",
     )
-    places: ClassVar = {"position_controller": ("position", "network.")}
+    user_system_paths: ClassVar = {"position_controller": ("position", "network.")}
 
     @model_validator(mode="after")
     def _fits_its_network(self) -> "CascadeControl":
@@ -42,20 +44,24 @@ class CascadeControl(Control):
             return self
         if not self.position.takes_correction:
             demand = f"must be left out: a position controller of kind {self.position.kind} takes no correction"
-            raise self.wrong(demand, "network")
+            raise self.field_error(demand, "network")
         if self.network.inputs.disturbance is not None and not self.position.estimates_disturbance:
             demand = f"must be left out: a position controller of kind {self.position.kind} estimates none"
-            raise self.wrong(demand, "network", "inputs", "disturbance")
+            raise self.field_error(demand, "network", "inputs", "disturbance")
         return self
 
     def check_fits(self, scenario: Any) -> None:
-        """Raise a validation error unless attitude is controlled once, and gets what is fed forward."""
+        """Raise a validation error if the cascade does not fit the autopilot.
+
+        Attitude must be controlled either on the ground or on board, and the autopilot must take the fed-forward
+        derivatives.
+        """
         check_attitude_control(scenario)
         autopilot = scenario.laboratory.autopilot
         if self.position.feed_forward not in autopilot.feeds_forward:
             allowed = " or ".join(autopilot.feeds_forward)
-            demand = f"must be {allowed}: laboratory.autopilot of kind {autopilot.kind} takes no more"
-            raise scenario.wrong(demand, "control", "position", "feed_forward")
+            demand = f"must be {allowed} with laboratory.autopilot of kind {autopilot.kind}"
+            raise scenario.field_error(demand, "control", "position", "feed_forward")
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
         """Return the recipes for all parts of the cascade."""
@@ -68,7 +74,7 @@ class CascadeControl(Control):
         return recipes
 
     def build(self, systems: Mapping[str, Any], own: Mapping[str, Any]) -> Diagram:
-        """Return the cascade, in which a `position_controller` of the user's has no network around it."""
+        """Return the diagram of the cascade; a user's `position_controller` has no network around it."""
         position, network = own.get("position_controller"), None
         if position is None:
             network = None if self.network is None else self.network.build(systems)
@@ -90,7 +96,7 @@ class CascadeControl(Control):
         return self.thrust_vectoring
 
     def cascade(self) -> "CascadeControl":
-        """Return the control."""
+        """Return the control itself."""
         return self
 
     def parts(self) -> list[str]:

@@ -1,6 +1,6 @@
-"""Controls, and the questions about them that the rest of the library asks.
+"""Base class of the controls, and their registry `CONTROLS`.
 
-A control of your own is a class that extends `Control` and is registered with `CONTROLS.member`.
+To add a control, extend `Control` and register the class with `CONTROLS.member`.
 """
 
 from abc import abstractmethod
@@ -19,30 +19,30 @@ from drake_quad.scenario.unions import OpenUnion
 
 
 class Control(Model):
-    """All that is computed on the ground. Numbers that a study draws are (N,) arrays in `recipes` for a fleet.
+    """Control on the ground. In the scenario of a fleet, numbers that a study draws are (N,) arrays.
 
     Attributes:
-        network: fuzzy network around the controller; None without one.
-        places: systems that a user can put into its diagram, each with how the paths of the systems begin whose place
-            it takes.
+        network: fuzzy network around the controller; None without a network.
+        user_system_paths: beginnings of the paths of the systems that a user's system replaces, by the name of the
+            user's system.
     """
 
     kind: str
     if TYPE_CHECKING:  # at runtime, pydantic would order the fields of members by this annotation
         network: ClassVar[Network | None]
-    places: ClassVar[Mapping[str, tuple[str, ...]]] = MappingProxyType({})
+    user_system_paths: ClassVar[Mapping[str, tuple[str, ...]]] = MappingProxyType({})
 
     @abstractmethod
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
-        """Return the recipes for its systems, by their paths in the diagram."""
+        """Return the recipes for the systems of the control, by their paths in its diagram."""
 
     @abstractmethod
     def build(self, systems: Mapping[str, Any], own: Mapping[str, Any]) -> Diagram:
-        """Return the diagram `control`, from `measurement` and `reference` to the command over the link.
+        """Return the diagram `control`, which computes the command over the link from `measurement` and `reference`.
 
         Args:
-            systems: systems that the recipes made, by their paths.
-            own: systems of the user's, by the names of their `places`.
+            systems: systems built from the recipes, by their paths.
+            own: user's systems, by the names in `user_system_paths`.
         """
 
     @abstractmethod
@@ -50,26 +50,26 @@ class Control(Model):
         """Return the limits of tilt and thrust."""
 
     def check_fits(self, scenario: Any) -> None:
-        """Raise a validation error if it does not fit the other parts of its `Scenario`."""
+        """Raise a validation error if the control does not fit the other parts of its `Scenario`."""
 
     def loop_period(self, tick: float) -> float:
-        """Return the period after which its loops do the same again, s, given the period of the control."""
+        """Return the longest period of the loops of the control, s, given the period of a tick, s."""
         return tick
 
     def commands_rates_alone(self) -> bool:
-        """Return whether targets for an autopilot have body rates without an attitude."""
+        """Return whether the control commands body rates without an attitude to an autopilot."""
         return False
 
     def cascade(self) -> Any:
-        """Return the control if it is a cascade, else None."""
+        """Return the control if it is a cascade; None otherwise."""
         return None
 
     def parts(self) -> list[str]:
-        """Return the kinds of its parts, in words."""
+        """Return a short description of each part of the control, such as its kind."""
         return [self.kind]
 
     def ahead(self) -> tuple[float, ...]:
-        """Return the times from now at which it looks at the reference, s."""
+        """Return the times after the present at which the control uses the reference, s."""
         return ()
 
     def contains_user_system(self) -> bool:
@@ -77,19 +77,19 @@ class Control(Model):
         return False
 
     def policy_rows(self) -> dict[str, int]:
-        """Return the number of rows of the observation and the action of its policy; empty if it has no policy."""
+        """Return the number of rows of `observation` and `action` of a policy; empty for a control without a policy."""
         return {}
 
     def lacks_policy(self) -> bool:
-        """Return whether it can only fly with a policy of the user's."""
+        """Return whether the control can only fly with a user's policy."""
         return False
 
     def policy_fields(self) -> dict[str, Any]:
-        """Return the fields that it shares with a control of kind `policy` that takes its place."""
+        """Return the fields that a control of kind `policy` takes over when it replaces this control."""
         return {}
 
 
-CONTROLS = OpenUnion(Control, "network", silent="cascade")
-"""Kinds of controls."""
+CONTROLS = OpenUnion(Control, "network", default_kind="cascade")
+"""Registry of the kinds of controls."""
 
 AnyControl = Annotated[Control, CONTROLS]

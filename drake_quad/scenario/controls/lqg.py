@@ -1,4 +1,4 @@
-"""Linear-quadratic-Gaussian control in the scenario language: what it believes, and what it weighs."""
+"""Linear-quadratic-Gaussian (LQG) control in the scenario language, with its models and weights."""
 
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -42,32 +42,36 @@ BelievedDelay = Annotated[int, Field(ge=0, le=20)]
 
 
 class ColouredNoise(Model):
-    """White noise behind a lag, 1 / (1 + T s) for first order and the critically damped 1 / (1 + T s)² for second."""
+    """White noise filtered by a lag: 1 / (1 + T s) for first order, 1 / (1 + T s)² for second order."""
 
-    deviation: PlainPositive = Field(description="standard deviation, in the unit of what it is")
-    time: PlainSpan = Field(description="T of the lag (s)")
+    deviation: PlainPositive = Field(description="standard deviation, in the unit of the quantity")
+    time: PlainSpan = Field(description="time constant T of the lag (s)")
 
     def noise(self) -> ChainNoise:
-        """Return the record that models take."""
+        """Return the noise as a record for the models of the design."""
         return ChainNoise(self.deviation, self.time)
 
 
 class Axis(Model):
-    """Fields of all axes."""
+    """Common fields of the vertical and the lateral axis."""
 
     name: ClassVar[str]
 
-    first: ColouredNoise = Field(description="disturbing acceleration, noise behind a lag of first order (m/s²)")
+    first: ColouredNoise = Field(
+        description="disturbing acceleration, white noise filtered by a first-order lag (m/s²)"
+    )
     second: ColouredNoise = Field(
-        description="disturbing acceleration, noise behind a critically damped lag of second order (m/s²)"
+        description="disturbing acceleration, white noise filtered by a critically damped second-order lag (m/s²)"
     )
     command_noise: PlainNonNegative = Field(
         default=0.0,
-        description="spectral density of white noise on the command, against a model that is wrong (its unit √s)",
+        description="spectral density of white noise on the command, for robustness to model errors (unit of the"
+        " command times √s)",
     )
-    position_noise: PlainPositive = Field(description="standard deviation in a frame (m)")
+    position_noise: PlainPositive = Field(description="standard deviation of the position in a frame (m)")
     command_weight: PlainPositive = Field(
-        description="ρ of the cost, the sum of p² + ρ u² with the command u in m/s² or, torques over the link, m/s⁴"
+        description="weight ρ of the cost, the sum of p² + ρ u² with the position p and the command u; u is in m/s², or"
+        " in m/s⁴ with torques over the link"
     )
 
     @abstractmethod
@@ -78,16 +82,17 @@ class Axis(Model):
         """Return the filter and the regulator of the axis.
 
         Raises:
-            InputError: if the times or magnitudes of the axis are too different for floating point.
+            InputError: if the design fails numerically, since times or magnitudes of the axis differ too much.
         """
         try:
-            # The warnings of SciPy either precede an error or do not matter.
+            # A warning of SciPy either precedes an error or does not matter.
             with np.errstate(all="ignore"), without_warnings():
                 noise = np.array(self._noise(gravity))
                 return axis_loop(self.model(), times, noise=noise, command_weight=self.command_weight)
         except (np.linalg.LinAlgError, ValueError) as error:
             raise InputError(
-                f"control.{self.name} has no filter or no regulator: its times, deviations or weights are too far apart"
+                f"control.{self.name}: no filter or regulator can be computed; choose times, deviations and weights of"
+                " more similar magnitude"
             ) from error
 
     def _noise(self, gravity: float) -> list[float]:
@@ -98,82 +103,90 @@ class Axis(Model):
 
 
 class VerticalAxis(Axis):
-    """Believed model from the command to the height, and the weights of the design."""
+    """Design model from the command to the height, with its weights."""
 
-    lag: PlainSpan = Field(description="of the thrust behind its command (s)")
+    lag: PlainSpan = Field(description="time constant of the thrust (s)")
     name: ClassVar = "vertical"
 
     def model(self) -> ContinuousModel:
-        """Return the model of the height."""
+        """Return the design model of the height."""
         return vertical_model(self.lag, self._disturbances(None))
 
 
 class LateralAxis(Axis):
-    """Believed model from the command to x and to y, and the weights of the design."""
+    """Design model from the command to x and to y, with its weights."""
 
     lag: PlainSpan | None = Field(
         default=None,
-        description="of the rotors (s); needed without an autopilot, with one none if its answer has it already",
+        description="time constant of the rotors (s); required without an autopilot; with an autopilot, none if the"
+        " attitude response includes it",
     )
     natural_frequency: PlainPositive | None = Field(
-        default=None, description="ω of the attitude's answer (rad/s); needed with an autopilot"
+        default=None, description="natural frequency ω of the attitude response (rad/s); required with an autopilot"
     )
     damping: PlainPositive | None = Field(
-        default=None, description="ζ of the attitude's answer (1); needed with an autopilot"
+        default=None, description="damping ratio ζ of the attitude response (1); required with an autopilot"
     )
-    bias: ColouredNoise = Field(description="of what turns the vehicle, noise behind a lag of first order (m/s⁴)")
-    attitude_noise: PlainAngleNoise = Field(description="standard deviation in a frame (rad)")
+    bias: ColouredNoise = Field(
+        description="disturbing angular acceleration times gravity, white noise filtered by a first-order lag (m/s⁴)"
+    )
+    attitude_noise: PlainAngleNoise = Field(description="standard deviation of roll and pitch in a frame (rad)")
     name: ClassVar = "lateral"
 
     def model(self) -> ContinuousModel:
-        """Return the model of x and of y."""
+        """Return the design model of x and of y."""
         omega, zeta = self.natural_frequency, self.damping
-        answer = None if omega is None or zeta is None else Answer(omega, zeta)
-        return lateral_model(self.lag, answer, self._disturbances(self.bias.noise()))
+        response = None if omega is None or zeta is None else Answer(omega, zeta)
+        return lateral_model(self.lag, response, self._disturbances(self.bias.noise()))
 
     def _noise(self, gravity: float) -> list[float]:
         return [self.position_noise, self.attitude_noise * gravity]
 
 
 class YawPd(Model):
-    """PD on the yaw."""
+    """PD controller of the yaw."""
 
-    k_p: NonNegative = Field(description="on the yaw (1/s²)")
-    k_d: NonNegative = Field(description="on its rate (1/s)")
+    k_p: NonNegative = Field(description="gain of the yaw error (1/s²)")
+    k_d: NonNegative = Field(description="gain of the yaw rate error (1/s)")
 
 
 @CONTROLS.member
 class LqgControl(Control):
-    """A Kalman filter and a linear-quadratic regulator in place of the whole cascade; it believes in `nominal`."""
+    """A Kalman filter and a linear-quadratic regulator in place of the whole cascade, designed with `nominal`."""
 
     kind: Literal["lqg"]
-    delay_ticks: BelievedDelay = Field(description="believed, from a tick to when its command acts")
+    delay_ticks: BelievedDelay = Field(description="modelled delay from a tick to the effect of its command, in ticks")
     lateral: LateralAxis
     vertical: VerticalAxis
     network: Network | None = Field(  # type: ignore[misc]
-        default=None, description="around the controller, if any"
+        default=None, description="fuzzy network around the controller; none if not given"
     )
     yaw: YawPd | None = Field(
-        default=None, description="needed without an autopilot, and to be left out, or null, with one"
+        default=None,
+        description="yaw controller; required without an autopilot, and to be left out, or null, with one",
     )
     max_tilt: Tilt = Field(
-        default=0.6, description="whose horizontal acceleration in hover is the largest commanded (rad)"
+        default=0.6, description="tilt in hover that corresponds to the largest commanded horizontal acceleration (rad)"
     )
-    min_thrust: MinThrust = Field(default=0.3, description="least vertical thrust, as a share of the weight (1)")
-    max_thrust: MaxThrust = Field(default=1.8, description="largest thrust, as a share of the weight (1)")
+    min_thrust: MinThrust = Field(default=0.3, description="smallest vertical thrust, relative to the weight (1)")
+    max_thrust: MaxThrust = Field(default=1.8, description="largest thrust, relative to the weight (1)")
     max_snap: PlainPositive = Field(
         default=400.0, description="largest command along x and along y with torques over the link (m/s⁴)"
     )
-    # True for kinds that add a programme to the regulator.
+    # Kinds that add a quadratic programme to the regulator set this to True.
     takes_perturbation: ClassVar = False
 
     def check_fits(self, scenario: Any) -> None:
-        """Raise a validation error unless it believes in what there is between its command and the attitude."""
+        """Raise a validation error if the design model or the periods do not fit the laboratory.
+
+        Without an autopilot the model needs the lag of the rotors and a yaw controller, and with an autopilot it needs
+        the attitude response. Frames must not be slower than ticks.
+        """
         laboratory, autopilot = scenario.laboratory, scenario.laboratory.autopilot
         frame, tick = laboratory.motion_capture.period, laboratory.command_link.period
         if frame > tick:
             demand = f"must not be longer than the period of the command link, {tick} s, with control.kind {self.kind}"
-            raise scenario.wrong(demand, "laboratory", "motion_capture", "period")
+            raise scenario.field_error(demand, "laboratory", "motion_capture", "period")
         on_the_ground: tuple[tuple[str, ...], ...] = (("yaw",),)
         on_board = ("lateral", "natural_frequency"), ("lateral", "damping")
         for path in on_board if autopilot.controls_attitude else (("lateral", "lag"), *on_the_ground):
@@ -182,14 +195,14 @@ class LqgControl(Control):
         for path in on_the_ground if autopilot.controls_attitude else on_board:
             if reduce(getattr, path, self) is not None:
                 demand = f"must be left out, or null, with laboratory.autopilot of kind {autopilot.kind}"
-                raise scenario.wrong(demand, "control", *path)
+                raise scenario.field_error(demand, "control", *path)
 
     def timing(self, frame: float, tick: float) -> Timing:
-        """Return the times of frames and ticks (s), and the delay that it believes in."""
+        """Return the periods of frames and ticks, s, together with the delay of the model."""
         return Timing(frame, tick, self.delay_ticks)
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
-        """Return the recipes for the controller and what stands beside it."""
+        """Return the recipes for the controller and for the network, if there is one."""
         structure = {
             "signal": setting.autopilot.command,
             "period": setting.frame,
@@ -205,7 +218,7 @@ class LqgControl(Control):
 
     def _numbers(self, setting: ControlSetting) -> LqgNumbers:
         times, believed = self.timing(setting.frame, setting.tick), setting.believed
-        # A command acts for a tick, in whose middle what is fed forward shall be right.
+        # A command acts for one tick, and the feed-forward is exact in the middle of that tick.
         lead = (times.delay_ticks + 0.5) * times.tick
         limits = self.limits().thrust_limits(believed)
         thrust = ThrustNumbers(believed.mass, believed.gravity, *limits, lead + self.vertical.lag)
@@ -223,7 +236,7 @@ class LqgControl(Control):
         return LqgNumbers(loops[0], loops[1], thrust, torques, target)
 
     def build(self, systems: Mapping[str, Any], own: Mapping[str, Any]) -> Diagram:
-        """Return the diagram of the controller and what stands beside it."""
+        """Return the diagram of the controller with its network and its programme, if it has them."""
         network = None if self.network is None else self.network.build(systems)
         return build_lqg_control(systems["regulator"], network, systems.get("programme"))
 

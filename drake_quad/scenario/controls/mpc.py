@@ -1,4 +1,4 @@
-"""Model predictive control in the scenario language: a regulator that keeps to limits over a horizon."""
+"""Model predictive control (MPC) in the scenario language: a regulator with constraints over a horizon."""
 
 import itertools
 import math
@@ -28,26 +28,27 @@ from drake_quad.signals import Jerk, Reference, Snap
 
 HalfWidths = Annotated[tuple[PlainPositive | None, PlainPositive | None, PlainPositive | None], Field(strict=False)]
 Walls = Annotated[tuple[Real | None, Real | None, Real | None], Field(strict=False)]
-_OPEN = (None, None, None)
+_NO_WALLS = (None, None, None)
 
 
 class _Corridor(Model):
-    """Fields of corridors of both kinds."""
+    """Common fields of the corridors of both kinds."""
 
     weight: PlainPositive = Field(
-        default=10.0, description="ζ of the cost at a tick, p² + ρ u² + ζ ε², for being ε beyond it (m)"
+        default=10.0,
+        description="weight ζ of the violation ε of a wall (m) in the cost of a tick, p² + ρ u² + ζ ε²",
     )
 
     @abstractmethod
     def walls(self) -> constraints.Corridor:
-        """Return the walls."""
+        """Return the walls as constraints of the programme."""
 
 
 class Tube(_Corridor):
-    """Walls that go along with the reference."""
+    """Walls on both sides of the reference, which move with it."""
 
     kind: Literal["tube"]
-    half_width: HalfWidths = Field(description="largest error on X, Y, Z, or null for any (m)")
+    half_width: HalfWidths = Field(description="largest error on X, Y, Z (m), or null for no limit")
 
     def walls(self) -> constraints.Corridor:
         """Return walls on both sides of the reference."""
@@ -56,21 +57,21 @@ class Tube(_Corridor):
 
 
 class Room(_Corridor):
-    """Walls that stand in W."""
+    """Walls at fixed positions in W."""
 
     kind: Literal["room"]
-    lower: Walls = Field(default=_OPEN, description="least X, Y, Z of the position, or null for no wall (m)")
-    upper: Walls = Field(default=_OPEN, description="largest X, Y, Z of the position, or null for no wall (m)")
+    lower: Walls = Field(default=_NO_WALLS, description="smallest X, Y, Z of the position (m), or null for no wall")
+    upper: Walls = Field(default=_NO_WALLS, description="largest X, Y, Z of the position (m), or null for no wall")
 
     @model_validator(mode="after")
     def _has_room(self) -> "Room":
         for axis, (low, high) in enumerate(zip(self.lower, self.upper, strict=True)):
             if low is not None and high is not None and not low < high:
-                raise self.wrong(f"must be larger than lower, {low}", "upper", axis)
+                raise self.field_error(f"must be larger than lower, {low}", "upper", axis)
         return self
 
     def walls(self) -> constraints.Corridor:
-        """Return walls that stand."""
+        """Return walls at fixed positions."""
         lower, upper = _per_axis(self.lower, -math.inf), _per_axis(self.upper, math.inf)
         return constraints.Corridor(lower, upper, moves=False, weight=self.weight)
 
@@ -81,28 +82,29 @@ def _per_axis(walls: Sequence[float | None], none: float) -> PerAxis:
 
 @CONTROLS.member
 class MpcControl(LqgControl):
-    """A Kalman filter and a regulator that keeps to its limits over a horizon; the same for all vehicles of a fleet."""
+    """A Kalman filter and a regulator with constraints over a horizon, the same for all vehicles of a fleet."""
 
     kind: Literal["mpc"]  # type: ignore[assignment]
     horizon: Annotated[float, Field(gt=0.0, le=4.0)] = Field(
-        default=0.6, description="over which limits are kept, rounded to ticks of the control (s)"
+        default=0.6, description="horizon of the constraints (s), rounded to ticks of the control"
     )
     corridor: Annotated[Tube | Room, Field(discriminator="kind")] | None = Field(
-        default=None, description="to fly in, as far as disturbances let it; null for none"
+        default=None, description="walls as soft constraints on the position; null for none"
     )
     tilt_weight: PlainPositive = Field(
         default=10.0,
-        description="ζ of the cost for a specific thrust ε beyond that of max_tilt, with torques over the link (g)",
+        description="weight ζ in the cost of the horizontal specific thrust ε beyond that of max_tilt (g), with torques"
+        " over the link",
     )
     takes_perturbation: ClassVar = True
 
     @model_validator(mode="after")
-    def _is_the_same_for_all(self) -> "MpcControl":
-        """The vehicles of a fleet share one programme."""
+    def _has_no_distributions(self) -> "MpcControl":
+        """Raise an error if a field is a distribution, since the vehicles of a fleet share one programme."""
         for path in distributions_in(self):
             if not path.startswith("network."):
                 demand = "must be a number with control.kind mpc, not a distribution"
-                raise self.wrong(demand, *keys_of(path))
+                raise self.field_error(demand, *keys_of(path))
         return self
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
@@ -125,8 +127,8 @@ class MpcControl(LqgControl):
         return Recipe(PredictiveProgramme, structure, None)
 
 
-class _Shown(NamedTuple):
-    """Reference at an instant, with its derivatives."""
+class _ReferenceSample(NamedTuple):
+    """Reference at one time, with its derivatives."""
 
     reference: Reference
     jerk: Jerk
@@ -134,8 +136,10 @@ class _Shown(NamedTuple):
 
 
 def _preview(plan: Plan, tick: float) -> tuple[Preview, ...]:
-    """Return the reference at each tick from time zero until it rests; the last entry also holds after that."""
-    layout = layout_of(_Shown)
+    """Return the reference at each tick from time zero until it rests; the last entry is valid for all later ticks."""
+    layout = layout_of(_ReferenceSample)
     rows = plan.reference().vector_values(tick * np.arange(-1, math.ceil(plan.rest_time / tick) + 2))
-    shown = [layout.build(row) for row in rows.T.tolist()]
-    return tuple([Preview(now.reference, now.jerk, now.snap, before.snap) for before, now in itertools.pairwise(shown)])
+    samples = [layout.build(row) for row in rows.T.tolist()]
+    return tuple(
+        [Preview(now.reference, now.jerk, now.snap, before.snap) for before, now in itertools.pairwise(samples)]
+    )

@@ -1,4 +1,4 @@
-"""Cascade of PIDs on position and velocity in the scenario language."""
+"""Cascade of PID loops on position and velocity, in the scenario language."""
 
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -26,70 +26,69 @@ from drake_quad.scenario.quantities import Gains, NonNegative, Period, Positive,
 from drake_quad.scenario.setting import ControlSetting
 from drake_quad.signals import ForceB
 
-# A quotient of periods differs from a whole number by rounding only.
+# Largest difference, due to rounding, between the quotient of two periods and a whole number.
 _ROUNDING = 1e-9
 
 
 class PidLoop(LoopTerms):
-    """PID on three axes."""
+    """PID loop on three axes."""
 
-    k_p: Gains = Field(description="proportional gains (unit of the output over that of the error)")
+    k_p: Gains = Field(description="proportional gains (unit of the output over unit of the error)")
 
     def gains(self, period: float) -> PidLoopGains:
-        """Return the gains for a loop of a period, s."""
+        """Return the gains for a loop with the given period, s."""
         return PidLoopGains(PerAxis(*self.k_p), self.terms(period))
 
 
 class _CommandKind(Model):
-    """Law of the velocity loop, by the quantity that it commands."""
+    """Quantity that the velocity loop commands, with its limits."""
 
     kind: str
     has_limits: ClassVar[bool]
-    """True if the law limits velocity and tilt itself, so that the velocity loop has no limit."""
+    """True if the command has limits of velocity and tilt of its own, so that the velocity loop has no limit."""
 
-    min_thrust: MinThrust = Field(default=0.3, description="least thrust, as a share of the believed weight (1)")
-    max_thrust: Positive = Field(default=1.8, description="largest thrust, as a share of the believed weight (1)")
+    min_thrust: MinThrust = Field(default=0.3, description="smallest thrust, relative to the nominal weight (1)")
+    max_thrust: Positive = Field(default=1.8, description="largest thrust, relative to the nominal weight (1)")
 
     @abstractmethod
     def numbers(self, weight: ForceB) -> TiltNumbers | AccelerationNumbers:
-        """Return the numbers for a vehicle of a believed weight."""
+        """Return the numbers of the command, given the nominal weight of the vehicle, N."""
 
 
 class TiltCommand(_CommandKind):
-    """Roll and pitch along the heading, as in the Crazyflie's firmware; `velocity.limit` is the largest of them."""
+    """Roll and pitch in axes along the heading, as in the Crazyflie's firmware, limited by `velocity.limit`."""
 
     kind: Literal["tilt"]
     has_limits: ClassVar = False
     hover_thrust: Positive = Field(
-        default=1.0, description="thrust without an error of the velocity, as a share of the believed weight (1)"
+        default=1.0, description="thrust at zero velocity error, relative to the nominal weight (1)"
     )
 
     def numbers(self, weight: ForceB) -> TiltNumbers:
-        """Return the numbers for a vehicle of a believed weight."""
+        """Return the numbers of the command, given the nominal weight of the vehicle, N."""
         return TiltNumbers(self.hover_thrust * weight, self.min_thrust * weight, self.max_thrust * weight)
 
 
 class AccelerationCommand(_CommandKind):
-    """Acceleration in W, which thrust and attitude follow, as in PX4."""
+    """Acceleration in W, from which thrust and attitude follow, as in PX4."""
 
     kind: Literal["acceleration"]
     has_limits: ClassVar = True
-    feed_forward: NonNegative = Field(default=1.0, description="share of the reference's acceleration (1)")
-    max_speed: Positive = Field(default=12.0, description="largest horizontal velocity that is commanded (m/s)")
-    max_ascent: Positive = Field(default=3.0, description="largest velocity upwards that is commanded (m/s)")
-    max_descent: Positive = Field(default=1.5, description="largest velocity downwards that is commanded (m/s)")
+    feed_forward: NonNegative = Field(default=1.0, description="factor on the reference acceleration (1)")
+    max_speed: Positive = Field(default=12.0, description="largest commanded horizontal velocity (m/s)")
+    max_ascent: Positive = Field(default=3.0, description="largest commanded upward velocity (m/s)")
+    max_descent: Positive = Field(default=1.5, description="largest commanded downward velocity (m/s)")
     max_tilt: Tilt = Field(default=0.785, description="largest angle between thrust and vertical (rad)")
     horizontal_margin: NonNegative = Field(
         default=0.6,
-        description="horizontal thrust that is kept where the vertical thrust asks for all, as a share of the believed"
-        " weight (1)",
+        description="horizontal thrust reserved when the vertical thrust saturates, relative to the nominal weight (1)",
     )
     decouples_vertical: bool = Field(
-        default=True, description="whether the commanded vertical acceleration does not change the tilt"
+        default=True, description="whether the tilt is independent of the commanded vertical acceleration"
     )
 
     def numbers(self, weight: ForceB) -> AccelerationNumbers:
-        """Return the numbers for a vehicle of a believed weight."""
+        """Return the numbers of the command, given the nominal weight of the vehicle, N."""
         return AccelerationNumbers(
             self.feed_forward,
             self.max_speed,
@@ -104,18 +103,19 @@ class AccelerationCommand(_CommandKind):
 
 @CONTROLS.member
 class PidCascadeControl(Control):
-    """PIDs on position and velocity, as they fly on real vehicles; attitude and body rates are controlled on board."""
+    """PID loops on position and velocity, as in common firmwares; attitude and body rates are controlled on board."""
 
     kind: Literal["pid_cascade"]
     period: Period | None = Field(
         default=None,
-        description="of the loops (s), a multiple of the period of the command link; that period if not given",
+        description="period of the loops (s), a multiple of the period of the command link; the period of the link if"
+        " not given",
     )
-    position: PidLoop = Field(description="from the error of the position (m) to a velocity (m/s)")
+    position: PidLoop = Field(description="loop from the position error (m) to a velocity (m/s)")
     velocity: PidLoop = Field(
-        description="from the error of the velocity (m/s) to an acceleration (m/s²), or on x and y to a tilt in rad"
+        description="loop from the velocity error (m/s) to an acceleration (m/s²) or, on x and y, to a tilt in rad"
     )
-    velocity_feed_forward: NonNegative = Field(default=1.0, description="share of the reference's velocity (1)")
+    velocity_feed_forward: NonNegative = Field(default=1.0, description="factor on the reference velocity (1)")
     command: Annotated[TiltCommand | AccelerationCommand, Field(discriminator="kind")]
     network: ClassVar = None
 
@@ -123,27 +123,31 @@ class PidCascadeControl(Control):
     def _has_limits_once(self) -> "PidCascadeControl":
         if self.command.has_limits:
             if self.velocity.limit is not None:
-                raise self.wrong("must be left out: the command has limits of its own", "velocity", "limit")
+                raise self.field_error("must be left out: the command has limits of its own", "velocity", "limit")
             if not excludes_zero(self.velocity.k_p[0]):
-                raise self.wrong("must be larger than 0: the anti-windup divides by it", "velocity", "k_p", 0)
+                raise self.field_error(
+                    "must be larger than 0, since the anti-windup divides by it", "velocity", "k_p", 0
+                )
             if self.velocity.integrates_first:
-                demand = "must be forward_euler, since the integral grows by the error that is left after the limits"
-                raise self.wrong(demand, "velocity", "integration")
+                demand = "must be forward_euler, since the integrand is the error after the limits"
+                raise self.field_error(demand, "velocity", "integration")
         return self
 
     def num_ticks(self, tick: float) -> int:
-        """Return the number of ticks of the control over the period of the loops."""
+        """Return the number of ticks in a period of the loops, given the period of a tick, s."""
         return 1 if self.period is None else round(self.period / tick)
 
     def check_fits(self, scenario: Any) -> None:
-        """Raise a validation error without an attitude control on board, or if the periods do not fit."""
+        """Raise a validation error if the autopilot does not control the attitude, or the periods do not fit."""
         laboratory = scenario.laboratory
         if not laboratory.autopilot.controls_attitude:
-            demand = "must be one that controls the attitude: control of kind pid_cascade commands an attitude"
-            raise scenario.wrong(demand, "laboratory", "autopilot", "kind")
+            demand = "must be a kind that controls the attitude, since control of kind pid_cascade commands an attitude"
+            raise scenario.field_error(demand, "laboratory", "autopilot", "kind")
         tick = laboratory.command_link.period
         if self.period is not None and abs(self.period / tick - max(1, self.num_ticks(tick))) > _ROUNDING:
-            raise scenario.wrong(f"must be a multiple of the period of the command link, {tick} s", "control", "period")
+            raise scenario.field_error(
+                f"must be a multiple of the period of the command link, {tick} s", "control", "period"
+            )
 
     def loop_period(self, tick: float) -> float:
         """Return the period of the loops, s."""
@@ -178,7 +182,7 @@ class PidCascadeControl(Control):
         return build_pid_cascade(systems["cascade"])
 
     def limits(self) -> ThrustVectoringSettings:
-        """Return the limits of tilt and thrust, with the defaults of those that the control does not have."""
+        """Return the limits of tilt and thrust, with default values for limits that the control does not have."""
         command = self.command
         limits: dict[str, Any] = {"min_thrust": command.min_thrust, "max_thrust": command.max_thrust}
         if isinstance(command, AccelerationCommand):

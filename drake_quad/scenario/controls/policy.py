@@ -1,4 +1,4 @@
-"""Control by a trained policy."""
+"""Control by a trained policy, in the scenario language."""
 
 from collections.abc import Mapping
 from typing import Any, ClassVar, Literal
@@ -21,62 +21,63 @@ from drake_quad.scenario.setting import ControlSetting
 
 @CONTROLS.member
 class PolicyControl(Control):
-    """A trained network in place of the position controller, of the cascade, or of all that is not on board."""
+    """A trained network that replaces the position controller, the cascade, or the whole control on the ground."""
 
     kind: Literal["policy"]
     policy: TrainedNetwork | None = Field(
         default=None,
-        description="file of the network, .npz or .onnx, beside the one that names it; FILE.onnx:NAME takes one of"
-        " several outputs; without a network there is no flying but in drake_quad.gym",
+        description="file of the network, .npz or .onnx, relative to the folder of the scenario's file; FILE.onnx:NAME"
+        " selects one of several outputs; without a network, the scenario can only be used in drake_quad.gym",
         json_schema_extra=or_file,
     )
-    action: AnyAction = Field(description="what the network's output means")
-    observation: ObservationSettings = Field(default=ObservationSettings(), description="what the network sees")
+    action: AnyAction = Field(description="meaning of the output of the network")
+    observation: ObservationSettings = Field(default=ObservationSettings(), description="input of the network")
     thrust_vectoring: ThrustVectoringSettings = Field(
-        default=ThrustVectoringSettings(), description="limits, where the action is an acceleration"
+        default=ThrustVectoringSettings(), description="limits of thrust and tilt, for actions of kind acceleration"
     )
     attitude: AnyAttitudeController | None = Field(
-        default=None, description="on the ground; needed without an autopilot for accelerations and attitudes"
+        default=None,
+        description="attitude controller on the ground; required without an autopilot for accelerations and attitudes",
     )
     network: ClassVar = None
-    places: ClassVar = {"policy": ("policy",)}
+    user_system_paths: ClassVar = {"policy": ("policy",)}
 
     @model_validator(mode="after")
     def _has_rows(self) -> "PolicyControl":
-        """Raise an error if the network has other rows than the observation and the action."""
+        """Raise an error if inputs and outputs of the network do not match the rows of observation and action."""
         if self.policy is None:
             return self
         last = len(self.policy.layers) - 1
         rows = self.policy_rows()
         for place, side, wanted in ((0, "inputs", rows["observation"]), (last, "outputs", rows["action"])):
             if getattr(self.policy.layers[place], side) != wanted:
-                demand = f"must be {wanted}, as many as this observation and action have"
-                raise self.wrong(demand, "policy", "layers", place, side)
+                demand = f"must be {wanted}, the number of rows of this control's observation or action"
+                raise self.field_error(demand, "policy", "layers", place, side)
         return self
 
     def check_fits(self, scenario: Any) -> None:
-        """Raise a validation error if actions do not get there, or there are no obstacles to look at."""
+        """Raise a validation error if the action does not fit the autopilot, or the observation the obstacles."""
         self.action.check_fits(scenario)
         if "clearance" in self.observation.signals and not (scenario.space and scenario.space.obstacles):
-            demand = "must not have clearance, which is infinite: there are no obstacles in `space`"
-            raise scenario.wrong(demand, "control", "observation", "signals")
+            demand = "must not have clearance, which is infinite without obstacles in `space`"
+            raise scenario.field_error(demand, "control", "observation", "signals")
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
-        """Return the recipes for what is around the policy, and for the policy if there is one."""
-        action, seen, believed = self.action, self.observation, setting.believed
+        """Return the recipes for the observation, the actuation and, if there is a network, the policy."""
+        action, observation, believed = self.action, self.observation, setting.believed
         structure = {
             "period": setting.tick,
-            "spec": seen.spec(),
+            "spec": observation.spec(),
             "num_actions": action.num_rows,
-            "num_ahead": len(seen.ahead),
-            "clearance": seen.clearance(setting.space),
+            "num_ahead": len(observation.ahead),
+            "clearance": observation.clearance(setting.space),
         }
         numbers = ObservationNumbers(believed.max_rotor_speed, action.hovering(believed))
         recipes = {"observation": Recipe(policies.Observation, structure, numbers)}
         if self.policy is not None:
             network = {"period": setting.tick, "network": self.policy.network()}
             recipes["policy"] = Recipe(policies.Policy, network, None)
-        recipes["actuation"] = action.recipe(setting, turn=seen.turn, attitude=self.attitude)
+        recipes["actuation"] = action.recipe(setting, turn=observation.turn, attitude=self.attitude)
         if action.vectors_thrust:
             recipes["thrust_vectoring"] = self.thrust_vectoring.recipe(believed, self.attitude)
         if action.commands == "attitude" and self.attitude is not None:
@@ -84,7 +85,7 @@ class PolicyControl(Control):
         return recipes
 
     def build(self, systems: Mapping[str, Any], own: Mapping[str, Any]) -> Diagram:
-        """Return the diagram around the policy, which may be one of the user's."""
+        """Return the diagram with the policy, which may be a user's system."""
         return policies.build_policy_control(
             observation=systems["observation"],
             policy=systems.get("policy", own.get("policy")),
@@ -103,20 +104,20 @@ class PolicyControl(Control):
         return self.action.commands == "rates"
 
     def ahead(self) -> tuple[float, ...]:
-        """Return the times from now at which the reference is observed, s."""
+        """Return the times after the present at which the reference is observed, s."""
         return self.observation.ahead
 
     def policy_rows(self) -> dict[str, int]:
-        """Return the number of rows of the observation and the action."""
+        """Return the number of rows of `observation` and `action`."""
         rows = self.action.num_rows
         return {"observation": self.observation.num_rows(rows), "action": rows}
 
     def lacks_policy(self) -> bool:
-        """Return whether there is no network."""
+        """Return whether the scenario has no network."""
         return self.policy is None
 
     def policy_fields(self) -> dict[str, Any]:
-        """Return all fields but the network."""
+        """Return all fields except the network."""
         return {name: getattr(self, name) for name in ("action", "observation", "thrust_vectoring", "attitude")}
 
 

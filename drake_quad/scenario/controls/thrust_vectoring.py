@@ -1,4 +1,4 @@
-"""Limits of tilt and thrust."""
+"""Limits of tilt and thrust, in the scenario language."""
 
 from typing import Annotated
 
@@ -18,11 +18,11 @@ MaxThrust = Annotated[Number, bounded(above=1.0)]
 
 
 class ThrustVectoringSettings(Model):
-    """Limits of what eq (7) may command."""
+    """Limits of the tilt and the thrust that eq (7) may command."""
 
     max_tilt: Tilt = Field(default=0.6, description="largest angle between thrust and vertical (rad)")
-    min_thrust: MinThrust = Field(default=0.3, description="least vertical thrust, as a share of the weight (1)")
-    max_thrust: MaxThrust = Field(default=1.8, description="largest thrust, as a share of the weight (1)")
+    min_thrust: MinThrust = Field(default=0.3, description="smallest vertical thrust, relative to the weight (1)")
+    max_thrust: MaxThrust = Field(default=1.8, description="largest thrust, relative to the weight (1)")
 
     def thrust_limits(self, believed: QuadrotorParameters) -> ThrustLimits:
         """Return the limits for the nominal vehicle."""
@@ -30,7 +30,7 @@ class ThrustVectoringSettings(Model):
         return ThrustLimits(np.tan(self.max_tilt), self.min_thrust * weight, self.max_thrust * weight)
 
     def recipe(self, believed: QuadrotorParameters, attitude: AttitudeControllerSettings | None) -> Recipe:
-        """Return the recipe of the system that commands an attitude, given the attitude control on the ground."""
+        """Return the recipe for the thrust vectoring, given the attitude controller on the ground, if any."""
         structure = {"projects": False} if attitude is None else attitude.vectoring()
         numbers = VectoringNumbers(believed.mass, believed.gravity, self.thrust_limits(believed))
         return Recipe(thrust_vectoring.ThrustVectoring, structure, numbers)

@@ -1,4 +1,4 @@
-"""Effects on the vehicle in addition to the paper's equations, each in a module of its own."""
+"""Effects on the vehicle that the paper's equations do not contain, each in a module of its own."""
 
 from drake_quad.scenario.unions import import_members
 

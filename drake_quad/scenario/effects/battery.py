@@ -1,4 +1,4 @@
-"""Battery."""
+"""Battery of the scenario language."""
 
 from typing import Annotated, ClassVar
 
@@ -11,17 +11,17 @@ from drake_quad.vehicle.battery import Battery
 
 @EFFECTS.member
 class BatteryEffect(VehicleEffect):
-    """A battery that the rotors draw empty; its voltage sags under their current."""
+    """A battery that the rotors discharge. Its voltage falls with its charge and with the current."""
 
-    voltage: Positive = field_of(Battery, "voltage", "of the full battery without current")
-    empty_voltage: Positive = field_of(Battery, "empty_voltage", "of the empty battery without current")
-    capacity: Positive = field_of(Battery, "capacity", "charge between the two")
-    resistance: NonNegative = field_of(Battery, "resistance", "inside of the battery")
+    voltage: Positive = field_of(Battery, "voltage", "open-circuit voltage of the full battery")
+    empty_voltage: Positive = field_of(Battery, "empty_voltage", "open-circuit voltage of the empty battery")
+    capacity: Positive = field_of(Battery, "capacity", "charge of the full battery")
+    resistance: NonNegative = field_of(Battery, "resistance", "internal resistance")
     efficiency: Annotated[Number, bounded(least=0.01, most=1.0)] = field_of(
         Battery, "efficiency", "mechanical power of the rotors over electrical power"
     )
     field: ClassVar = "battery"
-    meaning: ClassVar = "that is drawn empty, if any; else the voltage is constant"
+    meaning: ClassVar = "battery that the rotors discharge; the voltage is constant if not given"
     record: ClassVar = Battery
     is_believed: ClassVar = False
     depends_on_time: ClassVar = True
@@ -33,5 +33,5 @@ class BatteryEffect(VehicleEffect):
         least = extremes(self.voltage)[0] or 0.0
         most = extremes(self.empty_voltage)[1]
         if most is None or not least >= most:
-            raise self.wrong(f"must not be larger than voltage, {least}", "empty_voltage")
+            raise self.field_error(f"must not be larger than voltage, {least}", "empty_voltage")
         return self

@@ -1,4 +1,4 @@
-"""Drag of the body."""
+"""Body drag of the scenario language."""
 
 from functools import reduce
 from typing import Any, ClassVar
@@ -13,15 +13,15 @@ from drake_quad.vehicle.aerodynamics import BodyDrag
 
 @EFFECTS.member
 class BodyDragEffect(AirLoadEffect):
-    """Drag of the body, along each of its axes by itself: F_k = (c1_k + c2_k |u|) u_k, u the air relative to it."""
+    """Drag of the body on each axis k: F_k = (c1_k + c2_k |u|) u_k, with u the velocity of the air relative to it."""
 
     linear: PerAxis = field_of(BodyDrag, "linear", "c1, force over airspeed along x, y, z of B")
     quadratic: PerAxis = field_of(BodyDrag, "quadratic", "c2, force over squared airspeed along x, y, z of B")
     centre_of_pressure: Position = field_of(
-        BodyDrag, "centre_of_pressure", "where it acts, x, y, z in B seen from the centre of mass"
+        BodyDrag, "centre_of_pressure", "point of attack, x, y, z in B relative to the centre of mass"
     )
     field: ClassVar = "body_drag"
-    meaning: ClassVar = "beside `linear_drag` and `quadratic_drag`, if any"
+    meaning: ClassVar = "drag of the body on each axis, in addition to `linear_drag` and `quadratic_drag`"
     record: ClassVar = BodyDrag
     is_believed: ClassVar = True
     depends_on_time: ClassVar = False
@@ -29,10 +29,10 @@ class BodyDragEffect(AirLoadEffect):
     belongs_to_airframe: ClassVar = True
 
     def symmetric(self) -> VehicleEffect:
-        """Return the drag at the centre of mass."""
+        """Return the drag with the centre of mass as its point of attack."""
         return self.model_copy(update={"centre_of_pressure": NO_OFFSET})
 
     def max_slope(self, vehicle: Any, airspeed: Row) -> Row:
-        """Return the slope along the axis on which it is largest, N s/m."""
+        """Return the largest derivative on any axis of the drag with respect to the speed, N s/m."""
         pairs = zip(self.linear, self.quadratic, strict=True)
         return reduce(np.maximum, [linear + 2.0 * quadratic * airspeed for linear, quadratic in pairs])

@@ -1,6 +1,6 @@
-"""Effects on the vehicle, and the questions about them that the rest of the library asks.
+"""Base classes of the effects on the vehicle, and their registry `EFFECTS`.
 
-An effect of your own is a class that extends `AirLoadEffect` and is registered with `EFFECTS.member`.
+To add an effect, extend `AirLoadEffect` and register the class with `EFFECTS.member`.
 """
 
 from abc import abstractmethod
@@ -19,18 +19,18 @@ NO_OFFSET = (0.0, 0.0, 0.0)
 
 
 class VehicleEffect(Model):
-    """Effect on the vehicle in addition to the paper's equations.
+    """Effect on the vehicle that the paper's equations do not contain.
 
-    Numbers that a study draws are (N,) arrays when the methods are called for a fleet.
+    In the scenario of a fleet, numbers that a study draws are (N,) arrays.
 
     Attributes:
-        field: name of the field of a vehicle.
-        meaning: description of the field.
-        record: record of `drake_quad.vehicle` whose formulas compute the effect.
-        is_believed: whether the ground station knows the effect, so that controllers are designed with it.
-        depends_on_time: whether the effect changes while a vehicle hovers.
-        couples_axes: whether the effect can couple the axes of a vehicle that is symmetric without it.
-        belongs_to_airframe: whether a description of another vehicle replaces the effect.
+        field: name of the field of a vehicle that contains the effect.
+        meaning: description of this field.
+        record: class of `drake_quad.vehicle` whose formulas compute the effect.
+        is_believed: True if the ground station knows the effect, so that controllers are designed with it.
+        depends_on_time: True if the effect changes while a vehicle hovers.
+        couples_axes: True if the effect can couple the axes of a vehicle that is symmetric without it.
+        belongs_to_airframe: True if a description of another vehicle replaces the effect.
     """
 
     field: ClassVar[str]
@@ -42,7 +42,7 @@ class VehicleEffect(Model):
     belongs_to_airframe: ClassVar[bool]
 
     def numbers(self) -> Any:
-        """Return the record of the numbers of the effect."""
+        """Return the `record` with the numbers of the effect."""
         return record_like(self.record, self)
 
     def in_hover(self) -> "VehicleEffect | None":
@@ -54,7 +54,7 @@ class VehicleEffect(Model):
         return None if self.couples_axes else self
 
     def max_slope(self, vehicle: Any, airspeed: Row) -> Row:
-        """Return the largest increase of the force on the vehicle with its speed, N s/m.
+        """Return the largest derivative of the force on the vehicle with respect to its speed, N s/m.
 
         Args:
             vehicle: vehicle of a `Batch.fleet_scenario`.
@@ -63,7 +63,7 @@ class VehicleEffect(Model):
         return 0.0
 
     def natural_frequency(self, vehicle: Any) -> Row:
-        """Return the angular frequency, in hover, of an oscillator that the effect adds to the vehicle, rad/s; or 0."""
+        """Return the angular frequency in hover of an oscillator that the effect adds, rad/s; 0 if it adds none."""
         return 0.0
 
     def event_times(self) -> tuple[Row, ...]:
@@ -72,12 +72,12 @@ class VehicleEffect(Model):
 
 
 EFFECTS = OpenFields(VehicleEffect)
-"""Models of the fields of a vehicle that are effects."""
+"""Registry of the effects, each the model of a field of a vehicle."""
 
 
 class AirLoadEffect(VehicleEffect):
-    """Load on the vehicle that depends on the air and on the rotors. Its record has a method `load`."""
+    """Force and torque that depend on airspeed and rotor speeds; the record of the effect has a method `load`."""
 
     @abstractmethod
     def max_slope(self, vehicle: Any, airspeed: Row) -> Row:
-        """Return the largest increase of the force on the vehicle with its speed, N s/m."""
+        """Return the largest derivative of the force on the vehicle with respect to its speed, N s/m."""

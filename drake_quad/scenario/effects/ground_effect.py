@@ -1,4 +1,4 @@
-"""Ground effect."""
+"""Ground effect of the scenario language."""
 
 from typing import ClassVar
 
@@ -11,12 +11,12 @@ from drake_quad.vehicle.aerodynamics import GroundEffect
 
 @EFFECTS.member
 class NearGroundEffect(VehicleEffect):
-    """Thrust that rotors gain close above the ground: 1 / (1 - (R / 4z)²), Cheeseman and Bennett 1955; at most 4/3."""
+    """Increase of the thrust near the ground, by 1 / (1 - (R / 4z)²) (Cheeseman and Bennett 1955) but at most 4/3."""
 
-    rotor_radius: Positive = field_of(GroundEffect, "rotor_radius", "R")
+    rotor_radius: Positive = field_of(GroundEffect, "rotor_radius", "radius R of a rotor")
     ground_height: Number = Field(default=0.0, description="z of the ground in W (m)")
     field: ClassVar = "ground_effect"
-    meaning: ClassVar = "thrust gained above the ground, if any"
+    meaning: ClassVar = "increase of the thrust near the ground; none if not given"
     record: ClassVar = GroundEffect
     is_believed: ClassVar = False
     depends_on_time: ClassVar = False

@@ -1,4 +1,4 @@
-"""Payload."""
+"""Payload of the scenario language."""
 
 import math
 from typing import ClassVar, Literal
@@ -15,23 +15,25 @@ from drake_quad.vehicle.payload import Payload
 
 @EFFECTS.member
 class PayloadEffect(VehicleEffect):
-    """A mass that is fixed to the vehicle, and is picked up or dropped at a time."""
+    """A mass fixed to the vehicle that is picked up or dropped during the flight."""
 
-    mass: Positive = field_of(Payload, "mass", "of it")
+    mass: Positive = field_of(Payload, "mass", "mass of the payload")
     position: Position = Field(
         default=NO_OFFSET,
-        description="of its centre of mass, x, y, z in B seen from that of the vehicle without it (m)",
+        description="centre of mass of the payload, x, y, z in B relative to the centre of mass of the empty vehicle"
+        " (m)",
     )
     inertia: PerAxis = Field(
         default=NO_OFFSET,
-        description=f"about its own centre of mass along x, y, z of B (kg m²), 0 for a point{INERTIA_RULE}",
+        description="moments of inertia about the payload's own centre of mass, on x, y, z of B (kg m²), 0 for a point"
+        f" mass{INERTIA_RULE}",
     )
-    time: Moment = Field(description="of the event (s)")
+    time: Moment = Field(description="time of the event (s)")
     event: Literal["picked_up", "dropped"] = Field(
-        description="what happens at that time: before it is picked up and after it is dropped it is not there"
+        description="event at this time; the vehicle carries the payload after picked_up or before dropped"
     )
     field: ClassVar = "payload"
-    meaning: ClassVar = "fixed to the vehicle, if any"
+    meaning: ClassVar = "mass fixed to the vehicle for a part of the flight; none if not given"
     record: ClassVar = Payload
     is_believed: ClassVar = False
     depends_on_time: ClassVar = True
@@ -41,24 +43,24 @@ class PayloadEffect(VehicleEffect):
     @model_validator(mode="after")
     def _is_rigid(self) -> "PayloadEffect":
         if flaw := inertia_flaw(self.inertia):
-            raise self.wrong(flaw, "inertia")
+            raise self.field_error(flaw, "inertia")
         return self
 
     def numbers(self) -> Payload:
-        """Return the payload with the times between which the vehicle carries it."""
+        """Return the payload, with the times at which it is picked up and dropped."""
         picked_up = self.event == "picked_up"
         return record_like(
             Payload, self, picked_up=self.time if picked_up else 0.0, dropped=math.inf if picked_up else self.time
         )
 
     def in_hover(self) -> VehicleEffect | None:
-        """Return a payload that stays if the vehicle carries it at the start of the flight; None if it does not."""
+        """Return a permanent payload if the vehicle carries it at the start of the flight; None otherwise."""
         if (self.event == "dropped") == (self.time == 0.0):
             return None
         return self.model_copy(update={"time": 0.0, "event": "picked_up"})
 
     def symmetric(self) -> VehicleEffect:
-        """Return the payload on the z axis of the vehicle."""
+        """Return the payload moved onto the z axis of the vehicle."""
         return self.model_copy(update={"position": (0.0, 0.0, self.position[2])})
 
     def event_times(self) -> tuple[Row, ...]:

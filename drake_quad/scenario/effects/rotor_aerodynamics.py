@@ -1,4 +1,4 @@
-"""Aerodynamic forces on the rotors."""
+"""Rotor aerodynamics of the scenario language."""
 
 from typing import Any, ClassVar
 
@@ -12,22 +12,22 @@ from drake_quad.vehicle.aerodynamics import RotorAerodynamics
 
 @EFFECTS.member
 class RotorAerodynamicsEffect(AirLoadEffect):
-    """Aerodynamic forces on the rotors, which the paper neglects."""
+    """Aerodynamic forces on the rotors that depend on the airspeed. The paper neglects them."""
 
     lift: NonNegative = field_of(
-        RotorAerodynamics, "lift", "thrust of all rotors over the squared speed across their discs"
+        RotorAerodynamics, "lift", "thrust gained by all rotors together, over the squared airspeed across z of B"
     )
     climb: Number = field_of(
-        RotorAerodynamics, "climb", "thrust that all rotors lose over the speed of climb through the air, along z of B"
+        RotorAerodynamics, "climb", "thrust lost by all rotors together, over the speed of climb along z of B"
     )
     drag: NonNegative = field_of(
-        RotorAerodynamics, "drag", "force across z of B over airspeed and a rotor's speed in rad/s"
+        RotorAerodynamics, "drag", "force on a rotor across z of B, over airspeed and rotor speed"
     )
     inflow: NonNegative = field_of(
-        RotorAerodynamics, "inflow", "the same along z of B: thrust that a rotor loses in climb"
+        RotorAerodynamics, "inflow", "thrust lost by a rotor, over the speed of climb along z of B and rotor speed"
     )
     field: ClassVar = "rotor_aerodynamics"
-    meaning: ClassVar = "lift, climb, drag and inflow of the rotors, if any"
+    meaning: ClassVar = "lift, climb, drag and inflow of the rotors; none if not given"
     record: ClassVar = RotorAerodynamics
     is_believed: ClassVar = True
     depends_on_time: ClassVar = False
@@ -35,7 +35,7 @@ class RotorAerodynamicsEffect(AirLoadEffect):
     belongs_to_airframe: ClassVar = True
 
     def max_slope(self, vehicle: Any, airspeed: Row) -> Row:
-        """Return the slope along the axis on which it is largest, N s/m."""
-        turning = len(RotorSpeed._fields) * vehicle.max_rotor_speed
-        along = abs(self.climb) + self.inflow * turning + 2.0 * self.lift * airspeed
-        return np.maximum(self.drag * turning, along)
+        """Return the largest derivative on any axis of the force with respect to the speed, N s/m."""
+        total_rotor_speed = len(RotorSpeed._fields) * vehicle.max_rotor_speed
+        along_z = abs(self.climb) + self.inflow * total_rotor_speed + 2.0 * self.lift * airspeed
+        return np.maximum(self.drag * total_rotor_speed, along_z)

@@ -1,4 +1,4 @@
-"""Failure of a rotor."""
+"""Rotor failure of the scenario language."""
 
 from typing import Annotated, ClassVar
 
@@ -13,15 +13,15 @@ from drake_quad.vehicle.faults import RotorFaults, SpeedFactors
 
 @EFFECTS.member
 class RotorFailureEffect(VehicleEffect):
-    """One rotor that loses speed at once."""
+    """Sudden partial or total loss of speed of one rotor."""
 
-    rotor: Annotated[Number, whole(least=1, most=4)] = Field(description="number of the rotor (1)")
-    time: Moment = Field(description="of the failure (s)")
+    rotor: Annotated[Number, whole(least=1, most=4)] = Field(description="number of the rotor, 1 to 4 (1)")
+    time: Moment = Field(description="time of the failure (s)")
     speed_factor: Annotated[Number, bounded(least=0.0, below=1.0)] = Field(
-        default=0.0, description="speed from then on over the speed commanded (1)"
+        default=0.0, description="ratio of the speed after the failure to the commanded speed (1)"
     )
     field: ClassVar = "rotor_failure"
-    meaning: ClassVar = "of one rotor, if any"
+    meaning: ClassVar = "failure of one rotor; none if not given"
     record: ClassVar = RotorFaults
     is_believed: ClassVar = False
     depends_on_time: ClassVar = True
@@ -29,7 +29,7 @@ class RotorFailureEffect(VehicleEffect):
     belongs_to_airframe: ClassVar = False
 
     def numbers(self) -> RotorFaults:
-        """Return the time of the failure and the factors of all rotors."""
+        """Return the time of the failure and the speed factors of all rotors."""
         factors = [where(self.rotor == i + 1.0, self.speed_factor, 1.0) for i in range(len(SpeedFactors._fields))]
         return RotorFaults(failure_time=self.time, failure_factor=SpeedFactors._make(factors))
 

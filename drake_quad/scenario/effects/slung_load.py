@@ -1,4 +1,4 @@
-"""Slung load."""
+"""Slung load of the scenario language."""
 
 from typing import Annotated, Any, ClassVar
 
@@ -13,12 +13,12 @@ from drake_quad.vehicle.slung_load import SlungLoad
 
 @EFFECTS.member
 class SlungLoadEffect(VehicleEffect):
-    """A point mass on a rod without mass, always taut, that hangs at the centre of mass of the vehicle."""
+    """A point mass on a massless rod that is hinged at the centre of mass of the vehicle."""
 
-    mass: Positive = field_of(SlungLoad, "mass", "of the load")
-    length: Annotated[Number, bounded(least=0.01, most=LARGEST)] = field_of(SlungLoad, "length", "of the rod")
+    mass: Positive = field_of(SlungLoad, "mass", "mass of the load")
+    length: Annotated[Number, bounded(least=0.01, most=LARGEST)] = field_of(SlungLoad, "length", "length of the rod")
     field: ClassVar = "slung_load"
-    meaning: ClassVar = "on a cable, if any; not beside a payload"
+    meaning: ClassVar = "load on a cable; none if not given, and not to be combined with a payload"
     record: ClassVar = SlungLoad
     is_believed: ClassVar = False
     depends_on_time: ClassVar = False
@@ -26,5 +26,5 @@ class SlungLoadEffect(VehicleEffect):
     belongs_to_airframe: ClassVar = False
 
     def natural_frequency(self, vehicle: Any) -> Row:
-        """Return the angular frequency of small swings below a vehicle that hovers, rad/s."""
+        """Return the angular frequency of small oscillations below a hovering vehicle, rad/s."""
         return np.sqrt(vehicle.gravity * (1.0 + self.mass / vehicle.mass) / self.length)

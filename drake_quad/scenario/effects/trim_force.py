@@ -1,4 +1,4 @@
-"""Trim force."""
+"""Trim force of the scenario language."""
 
 from typing import Any, ClassVar
 
@@ -10,13 +10,13 @@ from drake_quad.vehicle.trim_force import TrimForce
 
 @EFFECTS.member
 class TrimForceEffect(AirLoadEffect):
-    """Constant force along the axes of the vehicle at its centre of mass, unknown to planner and controllers."""
+    """Force at the centre of mass, constant in the axes of the vehicle, that planner and controllers do not know."""
 
-    x: Number = field_of(TrimForce, "x", "along x of B")
-    y: Number = field_of(TrimForce, "y", "along y of B")
-    z: Number = field_of(TrimForce, "z", "along z of B")
+    x: Number = field_of(TrimForce, "x", "force along x of B")
+    y: Number = field_of(TrimForce, "y", "force along y of B")
+    z: Number = field_of(TrimForce, "z", "force along z of B")
     field: ClassVar = "trim_force"
-    meaning: ClassVar = "constant force in the axes of B, if any"
+    meaning: ClassVar = "force that is constant in the axes of B; none if not given"
     record: ClassVar = TrimForce
     is_believed: ClassVar = False
     depends_on_time: ClassVar = False
@@ -24,7 +24,7 @@ class TrimForceEffect(AirLoadEffect):
     belongs_to_airframe: ClassVar = True
 
     def symmetric(self) -> VehicleEffect:
-        """Return the part along z, under which the vehicle hovers level."""
+        """Return the component along z, with which the vehicle hovers without tilt."""
         return self.model_copy(update={"x": 0.0, "y": 0.0})
 
     def max_slope(self, vehicle: Any, airspeed: Row) -> Row:

@@ -1,4 +1,4 @@
-"""YAML 1.2 as trees, within limits."""
+"""Parser of YAML 1.2 documents, with limits on their size."""
 
 import functools
 from collections.abc import Iterator
@@ -13,24 +13,24 @@ from ruamel.yaml.reader import ReaderError
 
 from drake_quad.errors import InputError, shortened, shown
 from drake_quad.scenario.files.marked_tree import Mark, Tree
-from drake_quad.scenario.limits import MOST_CHARACTERS, MOST_LEVELS, MOST_NODES
+from drake_quad.scenario.limits import MAX_CHARACTERS, MAX_LEVELS, MAX_NODES
 
 _SCALARS = ("float", "int", "bool", "null", "str")
 
 
 @functools.lru_cache(maxsize=256)
-def parse_document(text: str, source: str, *, numbered: bool = True, most: int = MOST_NODES) -> Tree:
-    """Parse YAML 1.2 text; the tree is not to be changed.
+def parse_document(text: str, source: str, *, numbered: bool = True, most: int = MAX_NODES) -> Tree:
+    """Parse YAML 1.2 text. The result is cached, so it must not be changed.
 
     Args:
-        text: to parse.
-        source: what errors call it.
-        numbered: whether marks have line numbers.
-        most: names and values that it may have.
+        text: text of the document.
+        source: name of the document in error messages.
+        numbered: True if marks have line numbers.
+        most: largest number of names and values.
 
     Raises:
-        InputError: it is not YAML, is too large or nested too deep, or holds a key twice, a tag or a key that is not
-            text.
+        InputError: if the text is not YAML, is too large or nested too deeply, or contains a duplicate key, a key that
+            is not text, or a tag.
     """
     yaml = YAML(typ="safe", pure=True)
     reader = _Reader(source, numbered, most)
@@ -44,7 +44,9 @@ def parse_document(text: str, source: str, *, numbered: bool = True, most: int =
         raise InputError(f"{mark}: is not YAML: {shortened(str(error.problem or error.context), 100)}") from None
     except ReaderError as error:
         mark = Mark(source, text.count("\n", 0, error.position) + 1 if numbered else 0)
-        raise InputError(f"{mark}: is not YAML: it holds {shown(text[error.position])}, which is no text") from None
+        raise InputError(
+            f"{mark}: is not YAML: it contains the character {shown(text[error.position])}, which YAML does not allow"
+        ) from None
     except InputError:
         raise
     except (YAMLError, ValueError) as error:
@@ -52,10 +54,10 @@ def parse_document(text: str, source: str, *, numbered: bool = True, most: int =
 
 
 class _Reader(Composer):
-    """Reader of one document: from text to nodes, and from nodes to trees.
+    """Reader of one document, which converts text to nodes, and nodes to trees.
 
-    It stops at the first name or value beyond a limit, and does not parse the text after it. What an alias stands for
-    counts again each time, since it may contain others, or itself.
+    It stops at the first name or value beyond a limit and does not parse the rest of the text. The content of an alias
+    counts each time that the alias occurs, since it may contain further aliases, or itself.
     """
 
     def __init__(self, source: str, numbered: bool, most: int) -> None:
@@ -64,7 +66,7 @@ class _Reader(Composer):
 
     def of(self, loader: YAML) -> "_Reader":
         super().__init__(loader)
-        self.warn_double_anchors = False  # the YAML standard allows to name something else by an anchor
+        self.warn_double_anchors = False  # the YAML standard allows to redefine an anchor
         return self
 
     def _mark(self, place: Any) -> Mark:
@@ -75,19 +77,19 @@ class _Reader(Composer):
         self._level += 1
         if self._count > self._most:
             raise InputError(
-                f"{self._mark(place)}: is too large: a scenario and what it extends may have {MOST_NODES:,} names and"
-                " values in all"
+                f"{self._mark(place)}: is too large: a scenario and all that it extends may have {MAX_NODES:,} names"
+                " and values"
             )
-        if self._level > MOST_LEVELS:
-            raise InputError(f"{self._mark(place)}: is nested too deep: a scenario may have {MOST_LEVELS} levels")
+        if self._level > MAX_LEVELS:
+            raise InputError(f"{self._mark(place)}: is nested too deeply: a scenario may have {MAX_LEVELS} levels")
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         event = self.parser.peek_event()
         self._enter(event.start_mark)
-        if isinstance(event, ScalarEvent) and len(event.value) > MOST_CHARACTERS:
+        if isinstance(event, ScalarEvent) and len(event.value) > MAX_CHARACTERS:
             raise InputError(
                 f"{self._mark(event.start_mark)}: {shown(event.value)} is too long: a name or value may have"
-                f" {MOST_CHARACTERS:,} characters"
+                f" {MAX_CHARACTERS:,} characters"
             )
         node = super().compose_node(parent, index)
         self._level -= 1
@@ -120,7 +122,7 @@ class _Reader(Composer):
             if key in seen:
                 raise InputError(f"{mark}: {shown(key)} is already given at {seen[key]}")
             seen[key] = mark
-            # What a person looks for is the line of the field, not of the first entry of its value.
+            # A field has the mark of its name, since readers look for that line instead of the first line of its value.
             yield key, Tree(self._tree(value_node).value, mark)
 
     def _scalar(self, node: Any) -> Any:
@@ -131,10 +133,10 @@ class _Reader(Composer):
                 f"{mark}: the tag {shortened(str(node.tag))} is not allowed; write numbers, text, lists and mappings"
             )
         try:
-            # ruamel.yaml accepts underscores between digits as in YAML 1.1, although YAML 1.2 does not allow them.
+            # ruamel.yaml accepts underscores between digits, which YAML 1.1 allows but YAML 1.2 does not.
             if kind in ("int", "float") and "_" in node.value:
                 raise ValueError
             return self.loader.constructor.construct_object(node)
         except (LookupError, ValueError, OverflowError):
-            what = "true or false" if kind == "bool" else "a number that can be read"
-            raise InputError(f"{mark}: {shown(node.value)} is not {what}") from None
+            expected = "true or false" if kind == "bool" else "a valid number"
+            raise InputError(f"{mark}: {shown(node.value)} is not {expected}") from None

@@ -1,4 +1,4 @@
-"""Overrides that are given as Python's values: mappings, lists, numbers of Python and NumPy, parts of scenarios."""
+"""Conversion of overrides that are given as Python values, such as mappings, lists, arrays and parts of scenarios."""
 
 from collections.abc import Iterator, Mapping
 from os import PathLike, fspath
@@ -10,34 +10,34 @@ from drake_quad.errors import InputError, shortened, shown
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.files.library import Library
 from drake_quad.scenario.files.marked_tree import Mark, Tree
-from drake_quad.scenario.limits import MOST_CHARACTERS, MOST_LEVELS
+from drake_quad.scenario.limits import MAX_CHARACTERS, MAX_LEVELS
 from drake_quad.scenario.paths import joined, steps_of
 
-# Characters of the path of a field that a message shows; the longest path has seventy.
-_MOST_OF_A_PATH = 80
+# Largest number of characters of a field's path in a message. The longest path has seventy characters.
+_MAX_PATH_CHARACTERS = 80
 
 
 def given_trees(fields: Mapping[Any, Any], library: Library) -> Iterator[Tree]:
-    """Yield a document for each field of a mapping from their paths to values.
+    """Yield a document for each field of a mapping from paths to values.
 
     Args:
-        fields: by their paths, such as `vehicle.mass`; values may be mappings of paths again.
-        library: of the scenario, within whose limits they stay.
+        fields: values by the path of their field, such as `vehicle.mass`. A value may be a mapping from paths, too.
+        library: library of the scenario, whose limits include the values.
 
     Raises:
-        InputError: a path is none, or a value is something that no scenario holds.
+        InputError: if a key is not a path, or a value has a type that a scenario cannot contain.
     """
     for path, value in fields.items():
-        mark = Mark(f"override {shortened(str(path), _MOST_OF_A_PATH)}", 0)
+        mark = Mark(f"override {shortened(str(path), _MAX_PATH_CHARACTERS)}", 0)
         yield _Values(mark, library).mapping({path: value}, "", 1)
 
 
 class _Values:
-    """From Python's values to trees.
+    """Converter of Python values to trees.
 
     Args:
-        mark: what errors call them.
-        library: within whose limits they stay.
+        mark: name of the values in error messages.
+        library: library of the scenario, whose limits include the values.
     """
 
     def __init__(self, mark: Mark, library: Library) -> None:
@@ -47,13 +47,13 @@ class _Values:
         """Return the tree of a value.
 
         Args:
-            value: of the field.
-            path: of the field.
-            level: how deep it is.
+            value: value of a field.
+            path: path of the field.
+            level: number of levels above the value.
         """
         self._library.count(self._mark)
-        if level > MOST_LEVELS:
-            raise InputError(f"{self._mark}: is nested too deep: a scenario may have {MOST_LEVELS} levels")
+        if level > MAX_LEVELS:
+            raise InputError(f"{self._mark}: is nested too deeply: a scenario may have {MAX_LEVELS} levels")
         if isinstance(value, Model):
             value = value.model_dump(mode="json")
         if isinstance(value, Mapping):
@@ -68,39 +68,39 @@ class _Values:
             raise InputError(
                 f"{self._mark}: {shown(value)} is a {type(value).__name__}, but must be a number, text, list or mapping"
             )
-        if isinstance(value, str) and len(value) > MOST_CHARACTERS:
+        if isinstance(value, str) and len(value) > MAX_CHARACTERS:
             raise InputError(
-                f"{self._mark}: {shown(value)} is too long: a name or value may have {MOST_CHARACTERS:,} characters"
+                f"{self._mark}: {shown(value)} is too long: a name or value may have {MAX_CHARACTERS:,} characters"
             )
         return Tree(value, self._mark)
 
     def mapping(self, fields: Mapping[Any, Any], path: str, level: int) -> Tree:
-        """Return the tree of a mapping from paths to values, where the mapping itself is at a path."""
+        """Return the tree of a mapping from paths to values; `path` and `level` are those of the mapping itself."""
         result = Tree({}, self._mark)
         for key, value in fields.items():
             name = str(key) if isinstance(key, int) and not isinstance(key, bool) else key
-            if not isinstance(name, str) or not all(name.split(".")) or len(name) > MOST_CHARACTERS:
+            if not isinstance(name, str) or not all(name.split(".")) or len(name) > MAX_CHARACTERS:
                 raise InputError(f"{self._mark}: {shown(key)} must be the path of a field, as in vehicle.mass")
             inside = f"{path}.{name}" if path else name
             try:
                 steps = steps_of(inside)[len(path.split(".")) if path else 0 :]
             except InputError as error:
                 raise InputError(f"{self._mark}: {error}") from None
-            if level + len(steps) > MOST_LEVELS:
-                raise InputError(f"{self._mark}: is nested too deep: a scenario may have {MOST_LEVELS} levels")
+            if level + len(steps) > MAX_LEVELS:
+                raise InputError(f"{self._mark}: is nested too deeply: a scenario may have {MAX_LEVELS} levels")
             tree = self.tree(value, inside, level + len(steps))
             for step in reversed(steps):
                 tree = Tree({step: tree}, self._mark)
-            result = _united(result, tree)
+            result = _union(result, tree)
         return result
 
 
-def _united(one: Tree, other: Tree) -> Tree:
-    """Return the union of two parts of one mapping; if a field is in both, the second value counts.
+def _union(one: Tree, other: Tree) -> Tree:
+    """Return the union of two parts of one mapping, in which the second part takes precedence.
 
-    Unlike `merged`, this function does not replace a mapping of another kind, since both parts belong together.
+    Unlike `merged`, this function does not replace a mapping of another kind, since both parts belong to one override.
     """
     if not (isinstance(one.value, dict) and isinstance(other.value, dict)):
         return other
-    both = {key: _united(one.value[key], part) for key, part in other.value.items() if key in one.value}
+    both = {key: _union(one.value[key], part) for key, part in other.value.items() if key in one.value}
     return Tree({**one.value, **other.value, **both}, other.mark)

@@ -13,19 +13,19 @@ from drake_quad.scenario.files.marked_tree import Tree
 from drake_quad.scenario.files.relative import (
     are_relative,
     is_relative,
-    laid_on_value,
-    laid_on_values,
     relative_part,
+    with_base_value,
+    with_base_values,
 )
 from drake_quad.scenario.models import Airframe
 from drake_quad.scenario.paths import is_item, joined
 
 DEFAULT_VEHICLE = "default_vehicle"
 """Key of the vehicle that flies if no layer describes a vehicle."""
-# Kinds of controls that may omit `kind`.
-_SILENT_KINDS = {"control": CONTROLS.silent}
+# Kinds of mappings that do not state their kind, by the name of the field.
+_DEFAULT_KINDS = {"control": CONTROLS.default_kind}
 _ROTOR_POSITION_FIELDS = ("layout", "arm_length")
-# Fields that a new vehicle keeps beside some effects, since they are not part of the airframe: gravity and the
+# Fields that remain when a layer describes a new vehicle, since they do not belong to the airframe: gravity and the
 # integration of the motion.
 _FLIGHT_FIELDS = {"nominal": ("gravity",), "vehicle": ("time_step", "attitude_kinematics")}
 # Fields of `nominal` that describe an airframe, together with one of the fields that give the positions of the rotors.
@@ -34,7 +34,7 @@ _AIRFRAME_FIELDS = Airframe.model_fields.keys() - {*_ROTOR_POSITION_FIELDS, *_FL
 _ROUTE_FIELDS = ("route", "metrics", "duration")
 
 
-def merged(base: Tree, extension: Tree, silent: str | None = None) -> Tree:
+def merged(base: Tree, extension: Tree, default_kind: str | None = None) -> Tree:
     """Return a deep merge: mappings are merged by key, and any other value of the extension replaces the base.
 
     A mapping with another `kind`, or a distribution, is replaced as a whole, because its fields have another meaning.
@@ -44,20 +44,20 @@ def merged(base: Tree, extension: Tree, silent: str | None = None) -> Tree:
     Args:
         base: lower layer.
         extension: upper layer.
-        silent: kind of a base that does not state its kind.
+        default_kind: kind of a base that does not state its kind; None if it has no default kind.
     """
     old, new = base.value, extension.value
     if is_relative(extension):
-        return laid_on_value(base, extension)
+        return with_base_value(base, extension)
     if are_relative(extension):
-        return laid_on_values(base, extension)
+        return with_base_values(base, extension)
     if not (isinstance(old, dict) and isinstance(new, dict)) or is_relative(base):
         return extension
-    before = old["kind"].value if "kind" in old else silent
+    before = old["kind"].value if "kind" in old else default_kind
     other_kind = "kind" in new and before is not None and new["kind"].value != before
     if other_kind or _is_distribution(old) or _is_distribution(new):
         return extension
-    parts = {key: merged(old[key], tree, _SILENT_KINDS.get(key)) if key in old else tree for key, tree in new.items()}
+    parts = {key: merged(old[key], tree, _DEFAULT_KINDS.get(key)) if key in old else tree for key, tree in new.items()}
     return Tree({**old, **parts}, extension.mark)
 
 
@@ -82,8 +82,8 @@ def within_lists(tree: Tree, override: Tree, path: str = "") -> Tree:
         items = {str(i): item for i, item in enumerate(old)}
         for key, value in new.items():
             if key not in items:
-                there = f"its items are {joined(path, 0)} to {joined(path, len(old) - 1)}" if old else "it is empty"
-                raise InputError(f"{override.mark}: {path} has no item {shortened(key)}; {there}")
+                extent = f"its items are {joined(path, 0)} to {joined(path, len(old) - 1)}" if old else "it is empty"
+                raise InputError(f"{override.mark}: {path} has no item {shortened(key)}; {extent}")
             items[key] = merged(items[key], within_lists(items[key], value, joined(path, key)))
         return Tree([*items.values()], override.mark)
     return override
@@ -93,7 +93,7 @@ def _is_distribution(fields: dict[str, Tree]) -> bool:
     return is_distribution({name: tree.value for name, tree in fields.items()})
 
 
-def changed(base: Tree, override: Tree) -> Tree:
+def with_override(base: Tree, override: Tree) -> Tree:
     """Return a scenario with the fields of an override merged into it.
 
     A layout with distances determines the arm length, so it removes the arm length of the base.
@@ -102,38 +102,38 @@ def changed(base: Tree, override: Tree) -> Tree:
     for section in ("nominal", "vehicle"):
         (layout, depth), (_, arm) = override.at((section, "layout")), override.at((section, "arm_length"))
         if depth == 2 and arm < 2 and isinstance(layout.value, dict) and layout.value.keys() & {"length", "rotors"}:
-            kept, found = base.at((section,))
-            if found and isinstance(kept.value, dict):
+            kept, kept_depth = base.at((section,))
+            if kept_depth and isinstance(kept.value, dict):
                 own = {name: part for name, part in kept.value.items() if name != "arm_length"}
                 fields[section] = kept._replace(value=own)
     return merged(base._replace(value=fields), override)
 
 
-def laid_over(base: Tree, layer: Tree) -> Tree:
+def with_layer(base: Tree, layer: Tree) -> Tree:
     """Return a scenario with another one layered over it.
 
-    - A layer that describes a vehicle replaces the whole airframe. Relative distributions of the base apply to the new
-      vehicle. If the base's autopilot is a response that was identified with the old vehicle, the autopilot and the
-      control, which relies on it, are removed.
+    - A layer that describes a vehicle replaces the whole airframe. Relative distributions of the base then apply to the
+      new vehicle. If the autopilot of the base is a response that was identified with the old vehicle, the autopilot
+      and the control that depends on it are removed.
     - A control with a kind replaces the control of the base.
     - A route with a kind replaces the route of the base, together with the duration and the metric window.
     """
-    beneath, new_vehicle = dict(base.value), describes_vehicle(layer)
+    base_fields, new_vehicle = dict(base.value), describes_vehicle(layer)
     if new_vehicle:
-        beneath = _without_airframe(beneath)
+        base_fields = _without_airframe(base_fields)
     if _has_kind(layer, "control"):
-        beneath.pop("control", None)
-    if _has_kind(layer, "route") and "route" in beneath:
-        beneath = {key: tree for key, tree in beneath.items() if key not in _ROUTE_FIELDS}
-    result = changed(base._replace(value=beneath), layer)
+        base_fields.pop("control", None)
+    if _has_kind(layer, "route") and "route" in base_fields:
+        base_fields = {key: tree for key, tree in base_fields.items() if key not in _ROUTE_FIELDS}
+    result = with_override(base._replace(value=base_fields), layer)
     if not new_vehicle:
         return result
     # Relative distributions apply to the new vehicle, so they are merged last: first those of the base, then those of
     # the layer, which take precedence.
-    for fields, mark in ((beneath, base.mark), (layer.value, layer.mark)):
-        spreads = relative_part(fields["vehicle"]) if "vehicle" in fields else None
-        if spreads is not None:
-            result = merged(result, within_lists(result, Tree({"vehicle": spreads}, mark)))
+    for fields, mark in ((base_fields, base.mark), (layer.value, layer.mark)):
+        distributions = relative_part(fields["vehicle"]) if "vehicle" in fields else None
+        if distributions is not None:
+            result = merged(result, within_lists(result, Tree({"vehicle": distributions}, mark)))
     return result
 
 
@@ -164,7 +164,7 @@ def with_default_vehicle(tree: Tree) -> Tree:
     if default is None:
         return tree
     own = tree._replace(value={key: part for key, part in tree.value.items() if key != DEFAULT_VEHICLE})
-    return own if describes_vehicle(own) else changed(default, own)
+    return own if describes_vehicle(own) else with_override(default, own)
 
 
 def _missing(nominal: Tree) -> list[str]:
@@ -174,14 +174,16 @@ def _missing(nominal: Tree) -> list[str]:
 
 
 def _without_airframe(fields: dict[str, Tree]) -> dict[str, Tree]:
-    """Return the fields of a scenario without its airframe, of which only relative distributions remain."""
+    """Return the fields of a scenario without its airframe; relative distributions of the airframe remain."""
     kept = dict(fields)
     for section, names in _FLIGHT_FIELDS.items():
         if section in kept and isinstance(kept[section].value, dict):
-            spreads = relative_part(kept[section])
+            distributions = relative_part(kept[section])
             flown = [*names, *(name for name, effect in EFFECTS.members.items() if not effect.belongs_to_airframe)]
             own = {name: part for name, part in kept[section].value.items() if name in flown}
-            kept[section] = kept[section]._replace(value={**({} if spreads is None else spreads.value), **own})
+            kept[section] = kept[section]._replace(
+                value={**({} if distributions is None else distributions.value), **own}
+            )
     laboratory = kept.get("laboratory")
     if laboratory is not None and isinstance(laboratory.value, dict) and _is_identified(laboratory):
         others = {name: part for name, part in laboratory.value.items() if name != "autopilot"}

@@ -1,4 +1,4 @@
-"""The files of a scenario, and `extends` between them."""
+"""Reading of the files of a scenario, and of the scenarios that it extends."""
 
 import os
 from collections.abc import Iterator
@@ -6,46 +6,47 @@ from pathlib import Path
 
 from drake_quad.errors import InputError, listed, shortened, shown
 from drake_quad.scenario.files.documents import parse_document
-from drake_quad.scenario.files.layers import DEFAULT_VEHICLE, check_description, laid_over
+from drake_quad.scenario.files.layers import DEFAULT_VEHICLE, check_description, with_layer
 from drake_quad.scenario.files.marked_tree import Mark, Tree
 from drake_quad.scenario.files.piece_table import is_piece_table, parse_piece_table
 from drake_quad.scenario.files.reading import read_text
-from drake_quad.scenario.files.robot_files import robot_instead_of_scenario
-from drake_quad.scenario.files.shipped import shipped_file, unknown
-from drake_quad.scenario.files.waypoint_table import name_of, parse_waypoint_table
-from drake_quad.scenario.limits import MOST_BASES, MOST_BYTES, MOST_NODES
+from drake_quad.scenario.files.robot_files import robot_file_flaw
+from drake_quad.scenario.files.shipped import shipped_file, unknown_name_message
+from drake_quad.scenario.files.waypoint_table import parse_waypoint_table, scenario_name
+from drake_quad.scenario.limits import MAX_BASES, MAX_BYTES, MAX_NODES
 
 _SUFFIXES = (".yaml", ".yml", ".csv")
 
 
 class Library:
-    """Files from which a scenario is loaded, with limits; each file and each scenario in it is read once."""
+    """Reader of the files of one scenario, each of which is read once, with limits on their total size."""
 
     def __init__(self) -> None:
-        self._bytes, self._nodes, self._bases = MOST_BYTES, MOST_NODES, MOST_BASES
+        self._bytes, self._nodes, self._bases = MAX_BYTES, MAX_NODES, MAX_BASES
         self._documents: dict[Path, Tree] = {}
         self._resolved: dict[str, Tree] = {}
 
     def find(self, spec: str | Path) -> tuple[str, Tree]:
-        """Find a scenario and merge it with what it extends.
+        """Find a scenario and layer it over the scenarios that it extends.
 
         Args:
-            spec: FILE, or FILE:NAME where the file holds several; or a shipped one without its suffix, see `shipped`.
+            spec: FILE, or FILE:NAME if the file contains several scenarios; or the name of a shipped scenario, see
+                `shipped`.
 
         Returns:
-            The scenario's name and tree, without `extends`.
+            The name and the tree of the scenario, without `extends`.
 
         Raises:
-            InputError: a file or name does not exist, extensions go in a circle, or it is more than a scenario may be.
+            InputError: if a file or name does not exist, a scenario extends itself, or the scenario exceeds a limit.
         """
-        path, name = located(str(spec))
+        path, name = locate(str(spec))
         return self._resolve(path, name, Mark(str(spec), 0), ())
 
     def mapping(self, path: Path) -> Tree:
-        """Read a file that is no scenario, but a mapping of fields.
+        """Read a file that contains a single mapping of fields, not scenarios.
 
         Raises:
-            InputError: it cannot be read, or is something else.
+            InputError: if the file cannot be read or contains something else.
         """
         tree = self.parse(read_text(path, most=self._bytes), str(path), numbered=True)
         if not isinstance(tree.value, dict):
@@ -53,20 +54,22 @@ class Library:
         return tree
 
     def pieces(self, path: Path) -> Tree:
-        """Read a file of pieces of a trajectory, see `parse_piece_table`.
+        """Read a file with the pieces of a trajectory, see `parse_piece_table`.
 
         Raises:
-            InputError: it cannot be read, or is something else.
+            InputError: if the file cannot be read or has another format.
         """
         text = read_text(path, most=self._bytes)
         self._bytes -= len(text)
         return parse_piece_table(text, path)
 
     def parse(self, text: str, source: str, *, numbered: bool) -> Tree:
-        """Parse YAML as a part of the scenario; see `parse_document`."""
+        """Parse YAML text that counts towards the limits of the scenario; see `parse_document`."""
         if len(text) > self._bytes:
-            raise InputError(f"{Mark(source, 0)}: is too large: a scenario may have {MOST_BYTES:,} bytes in all")
-        tree = parse_document(text, source, numbered=numbered)  # cached for this text, so without the present limit
+            raise InputError(
+                f"{Mark(source, 0)}: is too large: a scenario and all that it extends may have {MAX_BYTES:,} bytes"
+            )
+        tree = parse_document(text, source, numbered=numbered)  # the default limit makes use of the cache
         if tree.size() > self._nodes:
             tree = parse_document(text, source, numbered=numbered, most=self._nodes)
         self._bytes -= len(text)
@@ -74,14 +77,16 @@ class Library:
         return tree
 
     def count(self, mark: Mark) -> None:
-        """Count a name or value that is given otherwise than in YAML.
+        """Count a name or value that does not come from YAML towards the limits of the scenario.
 
         Raises:
-            InputError: there are too many.
+            InputError: if the scenario has too many names and values.
         """
         self._nodes -= 1
         if self._nodes < 0:
-            raise InputError(f"{mark}: is too large: a scenario may have {MOST_NODES:,} names and values in all")
+            raise InputError(
+                f"{mark}: is too large: a scenario and all that it extends may have {MAX_NODES:,} names and values"
+            )
 
     def _document(self, path: Path) -> Tree:
         if path not in self._documents:
@@ -100,17 +105,17 @@ class Library:
         scenarios = self._document(path).value
         file = Mark(str(path), 0)
         if not isinstance(scenarios, dict) or not scenarios:
-            raise InputError(f"{file}: holds no scenario; the first level of the file must be names of scenarios")
+            raise InputError(f"{file}: contains no scenario; the first level of the file must be names of scenarios")
         if name is None:
             if len(scenarios) > 1:
-                asking = "" if asked_by == file else f"{asked_by}: "
-                called = file if stack else str(asked_by).removesuffix(":")  # a shipped one by its short name
+                origin = "" if asked_by == file else f"{asked_by}: "
+                called = file if stack else str(asked_by).removesuffix(":")  # the short name of a shipped scenario
                 names = listed([*scenarios])
-                raise InputError(f"{asking}{file} holds several scenarios; choose one as {called}:NAME from {names}")
+                raise InputError(f"{origin}{file} contains several scenarios; choose one as {called}:NAME from {names}")
             name = next(iter(scenarios))
         if name not in scenarios:
             raise InputError(
-                f"{asked_by}: there is no scenario {shown(name)} in {file}; it holds {listed([*scenarios])}"
+                f"{asked_by}: there is no scenario {shown(name)} in {file}, which contains {listed([*scenarios])}"
             )
         identity = f"{os.path.realpath(path)}:{name}"
         if identity in stack:
@@ -132,66 +137,75 @@ class Library:
             return own
         result: Tree | None = None
         for base in self._extended(tree.value["extends"], path, stack):
-            result = base if result is None else laid_over(result, base)
-        return own if result is None else laid_over(result, own)
+            result = base if result is None else with_layer(result, base)
+        return own if result is None else with_layer(result, own)
 
     def _extended(self, names: Tree, path: Path, stack: tuple[str, ...]) -> Iterator[Tree]:
         """Yield the scenarios that a scenario of a file extends."""
         for spec in _bases(names):
             self._bases -= 1
             if self._bases < 0:
-                raise InputError(f"{spec.mark}: extends too many scenarios: {MOST_BASES} in all, at most")
+                raise InputError(f"{spec.mark}: extends too many scenarios: the limit is {MAX_BASES}")
             base_path, base_name = _base(spec, path, self._document(path))
             yield self._resolve(base_path, base_name, spec.mark, stack)[1]
 
 
 def _base(spec: Tree, path: Path, document: Tree) -> tuple[Path, str | None]:
-    """Return the file and the name that a scenario of a file extends: beside the file, in it, or else shipped."""
+    """Return the file and the name of a scenario that is extended.
+
+    FILE is relative to the folder of the file that extends it. A name without suffix is a scenario of the same file, or
+    else a shipped one.
+
+    Args:
+        spec: text in `extends` that names the scenario.
+        path: path of the file with `extends`.
+        document: content of this file.
+    """
     file, name = split_spec(spec.value)
     if file.endswith(_SUFFIXES):
         return path.parent / file, name
-    if file not in document.value and (flaw := robot_instead_of_scenario(file)):
+    if file not in document.value and (flaw := robot_file_flaw(file)):
         raise InputError(f"{spec.mark}: extends {shown(file)}, which {flaw}")
-    of_this = ":" not in file and "/" not in file
-    if of_this and file in document.value:
+    may_be_in_file = ":" not in file and "/" not in file
+    if may_be_in_file and file in document.value:
         return path, file
-    found = _shipped(file)
-    if found is not None:
-        return found
-    if of_this:
+    shipped = _shipped(file)
+    if shipped is not None:
+        return shipped
+    if may_be_in_file:
         return path, file
-    raise InputError(f"{spec.mark}: extends {unknown(file)}")
+    raise InputError(f"{spec.mark}: extends {unknown_name_message(file)}")
 
 
 def _parse_trajectory(text: str, path: Path) -> Tree:
-    """A document with one scenario, called after the file, that has nothing but the trajectory of a table of pieces."""
+    """Parse a table of pieces as a document with one scenario, which has the name of the file and only a route."""
     pieces = parse_piece_table(text, path)
     route = {"kind": Tree("trajectory", pieces.mark), "pieces": pieces}
     scenario = Tree({"route": Tree(route, pieces.mark)}, pieces.mark)
-    return Tree({name_of(path): scenario}, pieces.mark)
+    return Tree({scenario_name(path): scenario}, pieces.mark)
 
 
-def located(spec: str) -> tuple[Path, str | None]:
-    """Return the path of a file in the working directory or of a shipped one, and the name in it if one is given.
+def locate(spec: str) -> tuple[Path, str | None]:
+    """Return the path of a file or a shipped scenario, and the name of the scenario in it if the spec has one.
 
     Raises:
-        InputError: it has no suffix, and is neither a file nor shipped; or it describes a robot in another format.
+        InputError: if the spec names neither a file nor a shipped scenario, or a robot file in another format.
     """
     file, name = split_spec(spec)
-    if flaw := robot_instead_of_scenario(file):
+    if flaw := robot_file_flaw(file):
         raise InputError(f"{Mark(file, 0)}: {flaw}")
     if file.endswith(_SUFFIXES) or os.path.isfile(file):  # noqa: PTH113 - Path.is_file raises where a name is too long
         return Path(file), name
-    found = _shipped(file)
-    if found is not None:
-        return found
+    shipped = _shipped(file)
+    if shipped is not None:
+        return shipped
     if os.path.exists(file):  # noqa: PTH110 - as above
         return Path(file), name
-    raise InputError(unknown(file))
+    raise InputError(unknown_name_message(file))
 
 
 def is_shipped(spec: str) -> bool:
-    """Return whether a spec names a scenario that comes with the package, and no file."""
+    """Return whether a spec names a scenario that comes with the package instead of a file."""
     return not split_spec(spec)[0].endswith(_SUFFIXES) and not os.path.isfile(spec) and _shipped(spec) is not None  # noqa: PTH113 - as above
 
 
@@ -202,7 +216,7 @@ def _shipped(spec: str) -> tuple[Path, str | None] | None:
 
 
 def split_spec(spec: str) -> tuple[str, str | None]:
-    """Return the file, and the name in it if one is given, of FILE or FILE:NAME."""
+    """Return the file of FILE or FILE:NAME, and the name, which is None for FILE."""
     path, separator, name = spec.rpartition(":")
     if separator and path.endswith(_SUFFIXES):
         return path, name
@@ -212,5 +226,5 @@ def split_spec(spec: str) -> tuple[str, str | None]:
 def _bases(tree: Tree) -> list[Tree]:
     bases = tree.value if isinstance(tree.value, list) else [tree]
     if not bases or not all(isinstance(base.value, str) and base.value for base in bases):
-        raise InputError(f"{tree.mark}: extends must name a scenario as FILE, FILE:NAME or NAME, or several in a list")
+        raise InputError(f"{tree.mark}: extends must be FILE, FILE:NAME or NAME of a scenario, or a list of these")
     return bases

@@ -1,4 +1,4 @@
-"""From a YAML file to a validated scenario, or to one sentence that says what is wrong and where."""
+"""Loading of a scenario from YAML, with validation and an error message of one sentence."""
 
 import difflib
 import re
@@ -15,33 +15,33 @@ from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS
 from drake_quad.scenario.controls.control import CONTROLS
 from drake_quad.scenario.distributions import DISTRIBUTIONS, Model
 from drake_quad.scenario.files.given_values import given_trees
-from drake_quad.scenario.files.layers import changed, laid_over, merged, with_default_vehicle, within_lists
+from drake_quad.scenario.files.layers import merged, with_default_vehicle, with_layer, with_override, within_lists
 from drake_quad.scenario.files.library import Library
 from drake_quad.scenario.files.marked_tree import Mark, Tree
 from drake_quad.scenario.files.named_files import with_named_files
-from drake_quad.scenario.files.relative import refuse_dropped, refuse_elsewhere, with_absolute_distributions
-from drake_quad.scenario.limits import MOST_LEVELS
+from drake_quad.scenario.files.relative import refuse_dropped, refuse_outside_vehicle, with_absolute_distributions
+from drake_quad.scenario.limits import MAX_LEVELS
 from drake_quad.scenario.models import Mission, Nominal, Scenario, Vehicle
 from drake_quad.scenario.paths import is_item, joined, steps_of
 from drake_quad.scenario.unions import alternatives
 
-# Names of forms that stand in no file.
+# Tags of the alternatives of a quantity, which pydantic adds to the paths of its errors.
 _TAGS = ("number", *DISTRIBUTIONS)
-# Kinds of mappings that do not state their kind.
-_SILENT_KINDS = (CONTROLS.silent, ATTITUDE_CONTROLLERS.silent)
-# Characters of an override, or of the path of a field, that a message shows; the longest path has seventy.
-_MOST_OF_A_PATH = 80
-# Types of validation errors in models that lack a field.
-_MISSING = ("missing", "distances")
-_Valid = TypeVar("_Valid", bound=Model)
+# Kinds of mappings that do not state their kind, which pydantic also adds to the paths of its errors.
+_DEFAULT_KINDS = (CONTROLS.default_kind, ATTITUDE_CONTROLLERS.default_kind)
+# Largest number of characters of an override or a field's path in a message. The longest path has seventy characters.
+_MAX_PATH_CHARACTERS = 80
+# Types of validation errors that mean that a field is missing.
+_MISSING_TYPES = ("missing", "distances")
+_AnyModel = TypeVar("_AnyModel", bound=Model)
 
 
 class Override(NamedTuple):
-    """A field that is given another value.
+    """Assignment of a new value to a field.
 
     Attributes:
-        assignment: `field.path=value`, the value in YAML.
-        source: what errors call it, such as the argument of a command line that it comes from.
+        assignment: text `field.path=value` with the value in YAML.
+        source: name of the override in error messages, such as the argument of the command line.
     """
 
     assignment: str
@@ -49,11 +49,11 @@ class Override(NamedTuple):
 
     @classmethod
     def of(cls, override: "str | Override") -> "Override":
-        """Return the override that an assignment alone stands for."""
+        """Return the override with a given assignment; an `Override` is returned unchanged."""
         return override if isinstance(override, Override) else cls(override, f"override {override}")
 
 
-# `Override` is a tuple itself; the last stands for a sequence of any of the others.
+# One override, or a sequence of overrides. Note that `Override` itself is a tuple.
 Overrides = str | Override | Mapping[str, Any] | Sequence[str | Override | Mapping[str, Any]]
 
 
@@ -62,11 +62,12 @@ def load_scenario(spec: str | Path, overrides: Overrides = (), *, layers: Sequen
 
     Args:
         spec: FILE, or FILE:NAME if the file contains several scenarios.
-        overrides: fields that are given other values; they win. A mapping of their paths to these, as in
-            `{"vehicle.mass": 0.7, "route": {"kind": "circle"}, "control.position.k_p": np.ones(3)}`, where mappings are
-            joined with what is there, as by `extends`; or an assignment `"vehicle.mass=0.7"` with the value in YAML; or
-            several of either in a list, of which the last wins.
-        layers: further FILE:NAMEs that are laid over the scenario one after the other, as if one extended them all.
+        overrides: new values of fields, which take precedence over the file. Either a mapping from paths to values,
+            such as `{"vehicle.mass": 0.7, "route": {"kind": "circle"}, "control.position.k_p": np.ones(3)}`, whose
+            mappings are merged with those of the scenario as by `extends`; or an assignment `"vehicle.mass=0.7"` with
+            the value in YAML; or a list of either, in which later items take precedence.
+        layers: further scenarios, as FILE:NAME, that are layered over the scenario one after the other, as if a
+            scenario extended all of them.
 
     Raises:
         InputError: if the file or an override is wrong; the message names the file, line, field, value and the allowed
@@ -76,7 +77,7 @@ def load_scenario(spec: str | Path, overrides: Overrides = (), *, layers: Sequen
 
 
 def with_fields(scenario: Scenario, fields: Mapping[str, Any]) -> Scenario:
-    """Return a scenario in which fields of its first level are replaced as a whole.
+    """Return a scenario in which some fields of the first level are replaced completely.
 
     Args:
         scenario: scenario to change.
@@ -89,17 +90,18 @@ def with_fields(scenario: Scenario, fields: Mapping[str, Any]) -> Scenario:
     return validated(Scenario, reduce(merged, trees))
 
 
-def model_of(model: type[_Valid], overrides: Overrides) -> _Valid:
-    """Return a model whose fields are those that overrides give, and otherwise have their defaults.
+def model_of(model: type[_AnyModel], overrides: Overrides) -> _AnyModel:
+    """Return a model with the fields that overrides give, and with the defaults of all other fields.
 
     Raises:
-        InputError: an override is wrong, see `load_scenario`.
+        InputError: if an override is wrong, see `load_scenario`.
     """
     return validated(model, reduce(merged, _trees_of(overrides, Library()), Tree({}, Mark("", 0))))
 
 
-# What a scenario has whose gains are still to be designed, unless it says otherwise: the gains do not matter.
-_UNDESIGNED = """
+# Route and control of a scenario whose gains are still to be designed, unless it gives others. The gains here are not
+# used.
+_UNDESIGNED_DEFAULTS = """
 route: {kind: figure_eight}
 control:
   position: {kind: pd, k_p: [1.0, 1.0, 1.0], k_d: [1.0, 1.0, 1.0], feed_forward: snap}
@@ -121,47 +123,48 @@ def load_undesigned(spec: str | Path, overrides: Overrides = (), *, layers: Sequ
     Raises:
         InputError: an error of `load_scenario`.
     """
-    return validated(Scenario, _on_board(_loaded(spec, overrides, layers, beneath=_UNDESIGNED)))
+    tree = _loaded(spec, overrides, layers, defaults_text=_UNDESIGNED_DEFAULTS)
+    return validated(Scenario, _with_attitude_on_board(tree))
 
 
-def _on_board(tree: Tree) -> Tree:
+def _with_attitude_on_board(tree: Tree) -> Tree:
     """Return a scenario whose cascade leaves attitude control to the autopilot, if it has one."""
-    autopilot = AUTOPILOTS.get(_word(tree, "laboratory", "autopilot", "kind"))
+    autopilot = AUTOPILOTS.get(_text_at(tree, "laboratory", "autopilot", "kind"))
     is_on_ground = autopilot is None or autopilot.command == "wrench"
-    if is_on_ground or _word(tree, "control", "kind") not in (None, CONTROLS.silent):
+    if is_on_ground or _text_at(tree, "control", "kind") not in (None, CONTROLS.default_kind):
         return tree
     allowed = autopilot.feeds_forward
     mark = tree.value["control"].mark
     changes: dict[str, Tree] = {"attitude": Tree(None, mark)}
-    if _word(tree, "control", "position", "feed_forward") not in (None, *allowed):
+    if _text_at(tree, "control", "position", "feed_forward") not in (None, *allowed):
         changes["position"] = Tree({"feed_forward": Tree(allowed[-1], mark)}, mark)
     return merged(tree, Tree({"control": Tree(changes, mark)}, tree.mark))
 
 
-def _word(tree: Tree, *path: str) -> Any:
-    """Return the scalar at a path; None if there is none."""
+def _text_at(tree: Tree, *path: str) -> Any:
+    """Return the text at a path; None if there is no text at the path."""
     part, depth = tree.at(path)
     return part.value if depth == len(path) and isinstance(part.value, str) else None
 
 
 def has_control(spec: str | Path) -> bool:
-    """Return whether the files of a scenario give it a control; a vehicle alone has none.
+    """Return whether the files of a scenario contain a control. The file of a vehicle, for example, does not.
 
     Raises:
-        InputError: there is no such file or scenario, or it is not YAML.
+        InputError: if the file or the scenario does not exist, or the file is not YAML.
     """
     return "control" in Library().find(spec)[1].value
 
 
 def load_mission(spec: str | Path, overrides: Overrides = ()) -> Mission:
-    """Load a mission from a scenario, which may be incomplete otherwise, or from a table of waypoints.
+    """Load a mission from a scenario, whose other fields are ignored, or from a table of waypoints.
 
     Args:
         spec: FILE, or FILE:NAME if the file contains several scenarios; or a CSV file, see `waypoint_table`.
         overrides: overrides for `load_scenario`.
 
     Raises:
-        InputError: an error of `load_scenario`, or an override of a field that no mission has.
+        InputError: an error of `load_scenario`, or an override of a field that a mission does not have.
     """
     others = Scenario.model_fields.keys() - Mission.model_fields.keys()
     tree = _loaded(spec, overrides, foreign=others)
@@ -173,27 +176,34 @@ def _loaded(
     overrides: Overrides,
     layers: Sequence[str | Path] = (),
     *,
-    beneath: str = "",
+    defaults_text: str = "",
     foreign: Set[str] = frozenset(),
 ) -> Tree:
-    """Return a scenario as a tree with its overrides.
+    """Return the tree of a scenario, with its layers and overrides.
+
+    Args:
+        spec: FILE, or FILE:NAME if the file contains several scenarios.
+        overrides: overrides for `load_scenario`.
+        layers: layers for `load_scenario`.
+        defaults_text: YAML text of default fields below the scenario.
+        foreign: names of fields that must not be overridden.
 
     Raises:
-        InputError: if the scenario cannot be read, or an override names an unknown field.
+        InputError: if the scenario cannot be read, or an override names a foreign field.
     """
     library = Library()
     name, tree = library.find(spec)
-    if beneath:
-        tree = merged(library.parse(beneath, "what is not written", numbered=False), tree)._replace(mark=tree.mark)
+    if defaults_text:
+        tree = merged(library.parse(defaults_text, "defaults", numbered=False), tree)._replace(mark=tree.mark)
     for layer in layers:
-        tree = laid_over(tree, library.find(layer)[1])
+        tree = with_layer(tree, library.find(layer)[1])
     tree = with_default_vehicle(tree)
     for override in _trees_of(overrides, library):
         for field in override.value.keys() & foreign:
             allowed = ", ".join(Mission.model_fields)
             raise InputError(f"{override.mark}: a plan does not depend on {field}, only on {allowed}")
-        # What is missing is missing in the file.
-        tree = changed(tree, within_lists(tree, override))._replace(mark=tree.mark)
+        # The tree keeps the mark of the file, since messages about missing fields refer to the file.
+        tree = with_override(tree, within_lists(tree, override))._replace(mark=tree.mark)
     if "name" not in tree.value:
         tree = Tree({"name": Tree(name, tree.mark), **tree.value}, tree.mark)
     return _without_relatives(with_named_files(tree, library))
@@ -202,9 +212,9 @@ def _loaded(
 def _without_relatives(tree: Tree) -> Tree:
     """Return a scenario with ordinary instead of relative distributions.
 
-    If `nominal` is wrong, the scenario is returned unchanged, since validation then reports the error.
+    If `nominal` is invalid, the scenario is returned unchanged, so that validation reports the error.
     """
-    refuse_elsewhere(tree)
+    refuse_outside_vehicle(tree)
     nominal = tree.value.get("nominal")
     try:
         believed = Nominal() if nominal is None else Nominal.model_validate(nominal.plain())
@@ -217,7 +227,7 @@ def _without_relatives(tree: Tree) -> Tree:
 
 
 def _refuse_needed(dropped: Mapping[str, Tree], tree: Tree) -> None:
-    """Raise InputError if a vehicle cannot do without one of the relative distributions that were removed from it."""
+    """Raise InputError if a vehicle requires a field whose relative distribution was dropped."""
     data = tree.value["vehicle"].plain()
     try:
         Vehicle.model_validate(data)
@@ -226,52 +236,53 @@ def _refuse_needed(dropped: Mapping[str, Tree], tree: Tree) -> None:
     else:
         return
     for problem in problems:
-        missing = ".".join(map(str, ("vehicle", *_real_path(problem, data))))
+        missing = ".".join(map(str, ("vehicle", *_document_path(problem, data))))
         for path, distribution in dropped.items():
-            if problem["type"] in _MISSING and f"{path}.".startswith(f"{missing}."):
+            if problem["type"] in _MISSING_TYPES and f"{path}.".startswith(f"{missing}."):
                 refuse_dropped(distribution, path)
 
 
-def validated(model: type[_Valid], tree: Tree) -> _Valid:
+def validated(model: type[_AnyModel], tree: Tree) -> _AnyModel:
     """Validate a document and return it as a model.
 
     Raises:
-        InputError: if the document is wrong; the message names the file, line, field, value and the allowed values.
+        InputError: if the document is invalid; the message names the file, line, field, value and the allowed values.
     """
     data = tree.plain()
     try:
         return model.model_validate(data)
     except ValidationError as error:
         problems = error.errors(include_url=False)
-    paths = [_real_path(problem, data) for problem in problems if _gives_items(problem)]
-    rest = reduce(_without, paths, tree)
+    paths = [_document_path(problem, data) for problem in problems if _gives_items(problem)]
+    # Lists of which only some items are given by index are completed with the defaults of the model.
+    rest = reduce(_without_field, paths, tree)
     try:
         defaults = model.model_validate(rest.plain()).model_dump(mode="json") if paths else {}
     except ValidationError as error:
         others = error.errors(include_url=False)
-        lists_are_missing = any(_real_path(problem, rest.plain()) in paths for problem in others)
+        lists_are_missing = any(_document_path(problem, rest.plain()) in paths for problem in others)
         if not lists_are_missing:
             raise InputError(_explain(others, model, rest, rest.plain())) from None
         defaults = {}
-    beneath = Tree.of(defaults, tree.mark)
-    if not paths or not all(isinstance(beneath.at(path)[0].value, list) for path in paths):
+    base = Tree.of(defaults, tree.mark)
+    if not paths or not all(isinstance(base.at(path)[0].value, list) for path in paths):
         raise InputError(_explain(problems, model, tree, data))
-    return validated(model, within_lists(beneath, tree))
+    return validated(model, within_lists(base, tree))
 
 
-def _without(tree: Tree, path: tuple[Any, ...]) -> Tree:
+def _without_field(tree: Tree, path: tuple[Any, ...]) -> Tree:
     """Return the tree without the field at a path."""
     key, *inside = path
     parts = tree.value.copy()
     if inside:
-        parts[key] = _without(parts[key], tuple(inside))
+        parts[key] = _without_field(parts[key], tuple(inside))
     else:
         del parts[key]
     return Tree(parts, tree.mark)
 
 
 def _gives_items(problem: Any) -> bool:
-    """Return whether a problem is a missing list of which items are given by index, as in `vehicle.inertia.0`."""
+    """Return whether a problem is a list that was given as single items, as in `vehicle.inertia.0`."""
     given = problem["input"]
     return problem["type"] == "tuple_type" and isinstance(given, dict) and all(map(is_item, given))
 
@@ -286,11 +297,11 @@ def _trees_of(overrides: Overrides, library: Library) -> Iterator[Tree]:
         elif isinstance(override, str | Override):
             yield _parsed(Override.of(override), library)
         else:
-            raise InputError(f"the override {shown(override)} must be a mapping, or field.path=value")
+            raise InputError(f"the override {shown(override)} must be a mapping or a text field.path=value")
 
 
 def _parsed(override: Override, library: Library) -> Tree:
-    source = shortened(override.source, _MOST_OF_A_PATH)
+    source = shortened(override.source, _MAX_PATH_CHARACTERS)
     mark = Mark(source, 0)
     path, equals, text = override.assignment.partition("=")
     if not equals or not all(path.strip().split(".")) or not text.strip():
@@ -299,8 +310,8 @@ def _parsed(override: Override, library: Library) -> Tree:
         keys = steps_of(path.strip())
     except InputError as error:
         raise InputError(f"{mark}: {error}") from None
-    if len(keys) > MOST_LEVELS:
-        raise InputError(f"{mark}: is nested too deep: a scenario may have {MOST_LEVELS} levels")
+    if len(keys) > MAX_LEVELS:
+        raise InputError(f"{mark}: is nested too deeply: a scenario may have {MAX_LEVELS} levels")
     tree = library.parse(text, source, numbered=False)
     for key in reversed(keys):
         tree = Tree({key: tree}, mark)
@@ -308,14 +319,14 @@ def _parsed(override: Override, library: Library) -> Tree:
 
 
 def _explain(problems: Sequence[Any], model: type[Model], tree: Tree, data: Any) -> str:
-    """Return a sentence on the first of several problems."""
+    """Return an error message about the first of several problems, with the number of further problems."""
     problem = problems[0]
     context = problem.get("ctx", {})
-    path = _real_path(problem, data)
+    path = _document_path(problem, data)
     path = (*path, *context.get("path", ()))
     if problem["type"] in ("union_tag_invalid", "union_tag_not_found"):
         path = (*path, "kind")
-    others = [_real_path(other, data) for other in problems[1:]]
+    others = [_document_path(other, data) for other in problems[1:]]
     together = all(other["type"] == "missing" for other in problems) and {other[:-1] for other in others} == {path[:-1]}
     more = f" (and {len(others)} more)" if others else ""
     if together:
@@ -323,22 +334,23 @@ def _explain(problems: Sequence[Any], model: type[Model], tree: Tree, data: Any)
     place, depth = tree.at(path)
     if depth == len(path):
         complaint = _complaint(problem, shown(place.plain()), path, model)
-    else:  # of a default, which stands nowhere
+    else:  # the value is a default, which has no place in a file
         complaint = _complaint(problem, f"{shown(context.get('value', problem['input']))} by default", path, model)
-    return f"{place.mark}: {_written(path)} {complaint}{more}"
+    return f"{place.mark}: {_path_text(path)} {complaint}{more}"
 
 
 def _complaint(problem: Any, value: str, path: tuple[Any, ...], model: type[Model]) -> str:
-    """Return a description of the problem with the value at a path, and of the allowed values."""
+    """Return the description of a problem with the value at a path, including the allowed values."""
     context = problem.get("ctx", {})
     match problem["type"]:
         case "unknown_field":
             close = difflib.get_close_matches(str(path[-1]), context["fields"], 1)
-            deeper = _further_in(model, str(path[0])) if len(path) == 1 else []
-            meant = " or ".join(close or deeper)
-            return f"{problem['msg']}; did you mean {meant}?" if meant else problem["msg"]
+            nested = _nested_paths(model, str(path[0])) if len(path) == 1 else []
+            suggestion = " or ".join(close or nested)
+            return f"{problem['msg']}; did you mean {suggestion}?" if suggestion else problem["msg"]
         case "missing" | "union_tag_not_found":
-            return "is missing; `drake-quad plan` plans a route alone" if path == ("control",) else "is missing"
+            hint = "; only `drake-quad plan` needs no control" if path == ("control",) else ""
+            return f"is missing{hint}"
         case "union_tag_invalid":
             return f"is {value}, but must be one of {context['expected_tags']}"
         case "model_type" | "model_attributes_type":
@@ -346,16 +358,16 @@ def _complaint(problem: Any, value: str, path: tuple[Any, ...], model: type[Mode
         case "path":
             return f"cannot be flown: {problem['msg']}"
         case "dict_type":
-            return f"is {value}, but must be a mapping of names to numbers"
+            return f"is {value}, but must be a mapping from names to numbers"
         case "tuple_type":
-            alone = "; an item alone can be given where the others have defaults" if _gives_items(problem) else ""
-            return f"is {value}, but must be a list{alone}"
+            hint = "; single items can only be given if the other items have defaults" if _gives_items(problem) else ""
+            return f"is {value}, but must be a list{hint}"
     demand = re.sub(r"^(Input|String|Tuple) should", "must", problem["msg"]).replace(" after validation", "")
     return f"is {value}, but {demand}"
 
 
-def _further_in(model: type[Model], name: str) -> list[str]:
-    """Return the paths of the fields of that name in the mappings of a model."""
+def _nested_paths(model: type[Model], name: str) -> list[str]:
+    """Return the paths of the fields with a given name in the mappings of a model."""
     return [
         f"{field}.{name}"
         for field, info in model.model_fields.items()
@@ -363,18 +375,19 @@ def _further_in(model: type[Model], name: str) -> list[str]:
     ]
 
 
-def _real_path(problem: Any, data: Any) -> tuple[Any, ...]:
-    """Return the path of a problem in the document, without the tags of unions, which do not occur in files.
+def _document_path(problem: Any, data: Any) -> tuple[Any, ...]:
+    """Return the path of a problem in the document, without the tags of unions that pydantic adds.
 
-    The last element of the path of a missing field or item is that field or item.
+    The path of a missing field or item ends with that field or item.
     """
     path: list[Any] = []
     tagged: Any = None
     location, is_missing = problem["loc"], problem["type"] == "missing"
     for i, key in enumerate(location):
         is_last = i == len(location) - 1
-        kinds = (data["kind"],) if isinstance(data, dict) and "kind" in data else _SILENT_KINDS
-        # "normal" may be the tag of a normal distribution or a field of a half-space; the problem's input decides.
+        kinds = (data["kind"],) if isinstance(data, dict) and "kind" in data else _DEFAULT_KINDS
+        # "normal" is either the tag of a normal distribution or a field of a half-space. It is a tag if the input of
+        # the problem is the mapping itself.
         is_tag = key in _TAGS and not is_missing and problem["input"] is data
         if isinstance(data, dict) and key in kinds and data is not tagged:
             tagged = data
@@ -388,7 +401,7 @@ def _real_path(problem: Any, data: Any) -> tuple[Any, ...]:
     return tuple(path)
 
 
-def _written(path: tuple[Any, ...]) -> str:
-    """Return the path as in `vehicle.inertia.0`."""
+def _path_text(path: tuple[Any, ...]) -> str:
+    """Return a path as text, such as `vehicle.inertia.0`."""
     steps = [key if isinstance(key, int) or str(key).isidentifier() else shown(key) for key in path]
-    return shortened(joined(*steps), _MOST_OF_A_PATH) or "the scenario"
+    return shortened(joined(*steps), _MAX_PATH_CHARACTERS) or "the scenario"

@@ -1,12 +1,12 @@
-"""Documents as trees that remember where everything was written."""
+"""Trees of YAML values, each with its place in a file or an override for error messages."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from drake_quad.errors import shortened
 
-# Characters of a source that a message shows: a path that can be opened in an editor, if at all possible.
-_MOST = 120
+# Largest number of characters of a source in a message. Most paths fit, so that an editor can open them.
+_MAX_SOURCE_CHARACTERS = 120
 
 
 class Mark(NamedTuple):
@@ -23,12 +23,17 @@ class Mark(NamedTuple):
     remark: str = ""
 
     def __str__(self) -> str:
-        source = shortened(self.source, _MOST)
+        source = shortened(self.source, _MAX_SOURCE_CHARACTERS)
         return f"{source}:{self.line}{self.remark}" if self.line else f"{source}{self.remark}"
 
 
 class Tree(NamedTuple):
-    """Value of a YAML document with its mark; `value` is a dict or list of trees, or a plain scalar."""
+    """Value of a YAML document with its mark.
+
+    Attributes:
+        value: dict of trees by key, list of trees, or scalar.
+        mark: place of the value.
+    """
 
     value: Any
     mark: Mark
@@ -51,7 +56,7 @@ class Tree(NamedTuple):
         return self.value
 
     def size(self) -> int:
-        """Return the number of names and values."""
+        """Return the number of names and values in the tree."""
         if isinstance(self.value, dict):
             return 1 + sum(1 + tree.size() for tree in self.value.values())
         if isinstance(self.value, list):
@@ -59,7 +64,10 @@ class Tree(NamedTuple):
         return 1
 
     def at(self, path: tuple[Any, ...]) -> tuple["Tree", int]:
-        """Return the subtree at a path, or the deepest one on the way there, and how far down the path that is."""
+        """Return the subtree at a path, and the number of steps to it.
+
+        If there is no such subtree, the deepest existing subtree on the path is returned.
+        """
         tree = self
         for depth, key in enumerate(path):
             inside = tree.value

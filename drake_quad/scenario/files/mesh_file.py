@@ -1,4 +1,4 @@
-"""The points of a mesh from an .obj or .stl file."""
+"""Reading of the corners of a mesh from an .obj or .stl file."""
 
 import codecs
 import warnings
@@ -10,31 +10,40 @@ from drake_quad.errors import InputError, InputWarning
 from drake_quad.scenario.files.marked_tree import Mark, Tree
 from drake_quad.scenario.files.reading import read_bytes
 from drake_quad.scenario.files.robot_files import ROBOT_KINDS
-from drake_quad.scenario.limits import MOST_CORNERS
+from drake_quad.scenario.limits import MAX_CORNERS
 from drake_quad.space.simplification import surrounding
 from drake_quad.written_numbers import float_in
 
-_MOST_BYTES = 50_000_000
-# A binary .stl: 80 bytes and a count, then 12 numbers and 2 bytes for each triangle.
-_HEAD = 84
-_ROBOT = "describes a {} and is not a mesh: give the mesh, box, cylinder or sphere of its collision element instead"
-_CONVERTED = "is a {} and cannot be read: convert it to .obj or .stl, with Blender or MeshLab"
-# Error messages for common other formats, by file suffix, by the first bytes of the file, and by an XML element near
-# its start.
-_SUFFIXES = {
-    **{suffix: _ROBOT.format(kind) for suffix, kind in ROBOT_KINDS.items()},
-    ".dae": _CONVERTED.format("Collada mesh"),
-    **dict.fromkeys((".gltf", ".glb"), _CONVERTED.format("glTF mesh")),
-    ".ply": _CONVERTED.format("PLY mesh"),
-    ".off": _CONVERTED.format("OFF mesh"),
-    ".fbx": _CONVERTED.format("FBX mesh"),
-    ".3ds": _CONVERTED.format("3DS mesh"),
+_MAX_MESH_BYTES = 50_000_000
+# Header of a binary .stl file: 80 bytes and the number of triangles. Each triangle has 12 numbers and 2 further bytes.
+_STL_HEADER_BYTES = 84
+_ROBOT_MESSAGE = "describes a {} and is not a mesh: give the mesh, box, cylinder or sphere of its collision element"
+_CONVERSION_MESSAGE = "is a {} and cannot be read: convert it to .obj or .stl, with Blender or MeshLab"
+# Error messages for other common formats, by file suffix.
+_FLAWS_BY_SUFFIX = {
+    **{suffix: _ROBOT_MESSAGE.format(kind) for suffix, kind in ROBOT_KINDS.items()},
+    ".dae": _CONVERSION_MESSAGE.format("Collada mesh"),
+    **dict.fromkeys((".gltf", ".glb"), _CONVERSION_MESSAGE.format("glTF mesh")),
+    ".ply": _CONVERSION_MESSAGE.format("PLY mesh"),
+    ".off": _CONVERSION_MESSAGE.format("OFF mesh"),
+    ".fbx": _CONVERSION_MESSAGE.format("FBX mesh"),
+    ".3ds": _CONVERSION_MESSAGE.format("3DS mesh"),
     **dict.fromkeys((".step", ".stp", ".iges", ".igs"), "is a CAD model and cannot be read: export it as .obj or .stl"),
 }
-_BEGINNINGS = {b"gltf": _SUFFIXES[".gltf"], b"ply\n": _SUFFIXES[".ply"], b"ply\r\n": _SUFFIXES[".ply"]}
-_ELEMENTS = {b"<robot": _SUFFIXES[".urdf"], b"<sdf": _SUFFIXES[".sdf"], b"<collada": _SUFFIXES[".dae"]}
+# Error messages by the first bytes of a file, in lower case.
+_FLAWS_BY_FIRST_BYTES = {
+    b"gltf": _FLAWS_BY_SUFFIX[".gltf"],
+    b"ply\n": _FLAWS_BY_SUFFIX[".ply"],
+    b"ply\r\n": _FLAWS_BY_SUFFIX[".ply"],
+}
+# Error messages by the root element of an XML file, in lower case.
+_FLAWS_BY_ELEMENT = {
+    b"<robot": _FLAWS_BY_SUFFIX[".urdf"],
+    b"<sdf": _FLAWS_BY_SUFFIX[".sdf"],
+    b"<collada": _FLAWS_BY_SUFFIX[".dae"],
+}
 _NUM_SEARCHED_BYTES = 2_000  # enough to find the root element after an XML declaration and comments
-_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
 def mesh_points(path: Path) -> Tree:
@@ -51,19 +60,19 @@ def mesh_points(path: Path) -> Tree:
     """
     mark = Mark(str(path), 0)
     suffix = path.suffix.lower()
-    read = {".obj": _of_obj, ".stl": _of_stl}.get(suffix)
+    read = {".obj": _obj_vertices, ".stl": _stl_vertices}.get(suffix)
     if read is None:
-        flaw = _SUFFIXES.get(suffix, "is not a mesh that can be read: its name must end in .obj or .stl")
+        flaw = _FLAWS_BY_SUFFIX.get(suffix, "is not a mesh that can be read: its name must end in .obj or .stl")
         raise InputError(f"{mark}: {flaw}")
-    data = read_bytes(path, _MOST_BYTES, f"a mesh may have {_MOST_BYTES:,} bytes")
-    if flaw := _other_kind(data[:_NUM_SEARCHED_BYTES].lower()):
+    data = read_bytes(path, _MAX_MESH_BYTES, f"a mesh may have {_MAX_MESH_BYTES:,} bytes")
+    if flaw := _other_format_flaw(data[:_NUM_SEARCHED_BYTES].lower()):
         raise InputError(f"{mark}: {flaw}")
     try:
         points = read(data)
     except (ValueError, IndexError):
         raise InputError(f"{mark}: is not a mesh of the format that its file name implies") from None
     try:
-        hull = surrounding(points, MOST_CORNERS)
+        hull = surrounding(points, MAX_CORNERS)
     except InputError as error:
         raise InputError(f"{mark}: {error}") from None
     if hull.is_simpler:
@@ -71,26 +80,26 @@ def mesh_points(path: Path) -> Tree:
     return Tree.of(hull.corners.tolist(), mark)
 
 
-def _other_kind(beginning: bytes) -> str:
+def _other_format_flaw(beginning: bytes) -> str:
     """Return an error message for a file whose first bytes are those of another known format; empty otherwise."""
-    known = [flaw for start, flaw in _BEGINNINGS.items() if beginning.startswith(start)]
+    flaws = [flaw for start, flaw in _FLAWS_BY_FIRST_BYTES.items() if beginning.startswith(start)]
     if beginning.removeprefix(codecs.BOM_UTF8).lstrip().startswith(b"<"):
-        known += [flaw for element, flaw in _ELEMENTS.items() if element in beginning]
-    return known[0] if known else ""
+        flaws += [flaw for element, flaw in _FLAWS_BY_ELEMENT.items() if element in beginning]
+    return flaws[0] if flaws else ""
 
 
-def _of_obj(data: bytes) -> np.ndarray:
+def _obj_vertices(data: bytes) -> np.ndarray:
     """Return the vertices (n, 3) of a Wavefront .obj file, which follow the keyword `v`."""
     rows = (line.split() for line in data.decode("utf-8", "replace").splitlines())
     return np.array([[float_in(number) for number in row[1:4]] for row in rows if row and row[0] == "v"])
 
 
-def _of_stl(data: bytes) -> np.ndarray:
-    """Return the vertices (n, 3) of a binary .stl file, or of a text file, where they follow the keyword `vertex`."""
-    if len(data) >= _HEAD and len(data) == _HEAD + _TRIANGLE.itemsize * int.from_bytes(
-        data[_HEAD - 4 : _HEAD], "little"
+def _stl_vertices(data: bytes) -> np.ndarray:
+    """Return the vertices (n, 3) of a binary or text .stl file; in a text file they follow the keyword `vertex`."""
+    if len(data) >= _STL_HEADER_BYTES and len(data) == _STL_HEADER_BYTES + _STL_TRIANGLE.itemsize * int.from_bytes(
+        data[_STL_HEADER_BYTES - 4 : _STL_HEADER_BYTES], "little"
     ):
-        triangles = np.frombuffer(data, _TRIANGLE, offset=_HEAD)
+        triangles = np.frombuffer(data, _STL_TRIANGLE, offset=_STL_HEADER_BYTES)
         return np.unique(triangles["corners"].reshape(-1, 3).astype(float), axis=0)
     rows = (line.split() for line in data.decode("utf-8", "replace").splitlines())
     return np.array([[float_in(number) for number in row[1:4]] for row in rows if row and row[0] == "vertex"])

@@ -1,4 +1,4 @@
-"""Fields of a scenario that may contain a file name in place of the contents of the file."""
+"""Reading of the files whose names a scenario contains in place of their contents."""
 
 import os
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from drake_quad.scenario.files.policy_file import policy_network
 from drake_quad.scenario.paths import joined
 
 _WILDCARD = "*"  # element of a path that matches every key of a mapping
-# Paths of the fields that may contain a file name, and the function of a library and the path that reads the file.
+# Fields that may contain a file name, by path, each with a function that reads the file, given a library and the path.
 _FILE_FIELDS: dict[tuple[str, ...], Callable[..., Tree]] = {
     ("control", "network", "learned"): Library.mapping,
     ("control", "policy"): lambda _, path, *output: policy_network(path, *output),
@@ -21,9 +21,10 @@ _FILE_FIELDS: dict[tuple[str, ...], Callable[..., Tree]] = {
     ("space", "obstacles", _WILDCARD, "points"): lambda _, path: mesh_points(path),
 }
 
-# Fields in which FILE:NAME chooses an output of a network, and the suffix of such a file.
+# Fields in which FILE:NAME selects an output of a network.
 _FIELDS_WITH_OUTPUTS = ("control.policy",)
-_NETWORK_ENDING = ".onnx"
+# Suffix of files with several outputs.
+_NETWORK_SUFFIX = ".onnx"
 
 
 def with_named_files(tree: Tree, library: Library) -> Tree:
@@ -36,7 +37,7 @@ def with_named_files(tree: Tree, library: Library) -> Tree:
         library: library that reads the files.
 
     Raises:
-        InputError: a file does not exist, cannot be read or has another format.
+        InputError: if a file does not exist, cannot be read or has another format.
     """
     for path, read in _FILE_FIELDS.items():
         tree = _with_file(tree, path, partial(read, library))
@@ -49,7 +50,7 @@ def _with_file(tree: Tree, path: tuple[str, ...], read: Callable[..., Tree], par
     Args:
         tree: scenario, or a part of it.
         path: path of the field within the tree.
-        read: function that reads the file, given its path and, if one is chosen, the name of an output.
+        read: function that reads the file, given its path and, if one is selected, the name of an output.
         parent: path of the tree within the scenario.
 
     Raises:
@@ -70,15 +71,15 @@ def _with_file(tree: Tree, path: tuple[str, ...], read: Callable[..., Tree], par
 
 
 def _named_file(tree: Tree, path: str) -> tuple[Path, *tuple[str, ...]]:
-    """Return the path of the file that a field names, and the name of an output if the field chooses one.
+    """Return the path of the file that a field names, and the name of an output if the field selects one.
 
     Raises:
         InputError: if the file does not exist.
     """
     folder = Path(tree.mark.source).parent if tree.mark.line else Path()
-    name, separator, output = tree.value.partition(f"{_NETWORK_ENDING}:")
+    name, separator, output = tree.value.partition(f"{_NETWORK_SUFFIX}:")
     if separator and path in _FIELDS_WITH_OUTPUTS:
-        file, outputs = folder / f"{name}{_NETWORK_ENDING}", [output]
+        file, outputs = folder / f"{name}{_NETWORK_SUFFIX}", [output]
     else:
         file, outputs = folder / tree.value, []
     if not os.path.isfile(file):  # noqa: PTH113 - Path.is_file raises an error if a name is too long

@@ -1,4 +1,4 @@
-"""Tables of numbers from CSV files, whose columns have names."""
+"""Parser of CSV tables of numbers with named columns."""
 
 import csv
 import io
@@ -9,23 +9,23 @@ from typing import NamedTuple
 
 from drake_quad.errors import InputError, shown
 from drake_quad.scenario.files.marked_tree import Mark
-from drake_quad.scenario.limits import MOST_WAYPOINTS
+from drake_quad.scenario.limits import MAX_WAYPOINTS
 from drake_quad.written_numbers import float_in
 
 Row = tuple[Mark, dict[str, float | None]]
-"""Place of a row in its file, and its numbers by column; None for an empty cell."""
+"""Place of a row in its file, and its numbers by column, with None for an empty cell."""
 
 
 class TableFormat(NamedTuple):
     """Format of a table.
 
     Attributes:
-        content: name of the rows, as in "waypoints".
-        columns: names of the columns that a table may have.
-        description: the same names in words.
+        content: name of the rows in messages, such as "waypoints".
+        columns: names of all columns that a table may have.
+        description: text that lists these names in messages.
         required: columns that a table must have.
-        default: columns of a table whose first row does not name them.
-        optional: columns with cells that may be empty.
+        default: columns of a table without a row of names.
+        optional: columns whose cells may be empty.
     """
 
     content: str
@@ -47,7 +47,7 @@ def table_rows(text: str, path: Path, table: TableFormat) -> list[Row]:
         table: format of the table.
 
     Raises:
-        InputError: the text is not such a table, or has no rows or too many.
+        InputError: if the text is not such a table, or has no rows or too many.
     """
     file = Mark(str(path), 0)
     rows = list(_filled_rows(text, file, table))
@@ -57,12 +57,12 @@ def table_rows(text: str, path: Path, table: TableFormat) -> list[Row]:
     if not all(_number_in(name) is not None for name in names):
         _check_names(names, rows.pop(0)[0], table)
     elif rows and len(names) != len(table.default):
-        columns = f"{len(names)} columns need a first row that names them"
+        columns = f"a table with {len(names)} columns needs a first row with their names"
         raise InputError(f"{rows[0][0]}: {columns}: {table.description}")
     else:
         names = [*table.default]
     if not rows:
-        raise InputError(f"{file}: holds no {table.content}")
+        raise InputError(f"{file}: contains no {table.content}")
     return [(mark, _numbers(names, cells, mark, table)) for mark, cells in rows]
 
 
@@ -77,9 +77,9 @@ def _filled_rows(text: str, file: Mark, table: TableFormat) -> Iterator[tuple[Ma
                 continue
             mark = file._replace(line=reader.line_num)
             count += 1
-            if count > MOST_WAYPOINTS + 1:  # the names of the columns are a row
-                limit = f"a route may have {MOST_WAYPOINTS:,} {table.content}"
-                raise InputError(f"{mark}: there are too many rows: {limit}")
+            if count > MAX_WAYPOINTS + 1:  # one row may contain the names of the columns
+                limit = f"a route may have {MAX_WAYPOINTS:,} {table.content}"
+                raise InputError(f"{mark}: the table has too many rows: {limit}")
             yield mark, cells
     except csv.Error:
         raise InputError(f"{file}: is not a CSV file") from None
@@ -91,7 +91,7 @@ def _check_names(names: list[str], mark: Mark, table: TableFormat) -> None:
         raise InputError(f"{mark}: the column {shown(unknown)} is unknown; allowed are {table.description}")
     for name in table.required:
         if name not in names:
-            raise InputError(f"{mark}: there is no column {name}")
+            raise InputError(f"{mark}: the column {name} is missing")
     if len(set(names)) < len(names):
         raise InputError(f"{mark}: two columns have the same name")
 
@@ -99,7 +99,7 @@ def _check_names(names: list[str], mark: Mark, table: TableFormat) -> None:
 def _numbers(names: list[str], cells: list[str], mark: Mark, table: TableFormat) -> dict[str, float | None]:
     """Return the numbers of a row by column."""
     if len(cells) < len(names) or any(cells[len(names) :]):
-        raise InputError(f"{mark}: has {len(cells)} cells, but there are {len(names)} columns")
+        raise InputError(f"{mark}: has {len(cells)} cells, but the table has {len(names)} columns")
     numbers = {name: _number_in(cell) for name, cell in zip(names, cells)}
     for name, cell in zip(names, cells):
         if numbers[name] is None and (cell or name not in table.optional):

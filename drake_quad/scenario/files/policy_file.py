@@ -1,4 +1,4 @@
-"""Networks of policies from files: NumPy's .npz, and ONNX.
+"""Reading of the network of a policy from an .npz file of NumPy or from an ONNX file.
 
 For each layer k, counted from 0, an .npz file contains the arrays of one of two kinds:
 
@@ -24,13 +24,13 @@ from drake_quad.files import read_arrays
 from drake_quad.scenario.files.marked_tree import Mark, Tree
 from drake_quad.scenario.files.onnx_file import network_of_onnx
 from drake_quad.scenario.files.reading import read_bytes
-from drake_quad.scenario.limits import MOST_NETWORK_BYTES
+from drake_quad.scenario.limits import MAX_NETWORK_BYTES
 from drake_quad.scenario.policies.layers import Layers, UnreadableError
 from drake_quad.scenario.policies.trained_network import TrainedNetwork
 
-# Of a file: its numbers may be of double precision though single would do, and a critic and more stand beside a policy.
-_MOST_BYTES = 8 * MOST_NETWORK_BYTES
-# In the paths of its errors.
+# A file may be larger than the network, since it may use double precision and contain other networks, such as a critic.
+_MAX_FILE_BYTES = 8 * MAX_NETWORK_BYTES
+# Kinds of layers, which pydantic adds to the paths of its errors.
 _LAYER_KINDS = ("dense", "gru")
 
 
@@ -52,7 +52,7 @@ def policy_network(path: Path, output: str | None = None) -> Tree:
     read = readers.get(path.suffix.lower())
     if read is None:
         raise InputError(f"{mark}: is not a network that can be read: its name must end in .npz or .onnx")
-    data = read_bytes(path, _MOST_BYTES, f"a network may have {MOST_NETWORK_BYTES:,} bytes of numbers")
+    data = read_bytes(path, _MAX_FILE_BYTES, f"the file of a network may have {_MAX_FILE_BYTES:,} bytes")
     try:
         # Computations with the constants of a file may overflow. Validation later rejects numbers that are not finite.
         with np.errstate(all="ignore"):
@@ -66,19 +66,19 @@ def policy_network(path: Path, output: str | None = None) -> Tree:
         steps = (*problem["loc"], *problem.get("ctx", {}).get("path", ()))
         place = ".".join([str(step) for step in steps if step not in _LAYER_KINDS])
         demand = problem["msg"].replace("Input should", "must")
-        raise InputError(f"{mark}: is no network that can be flown: {place} {demand}".replace("  ", " ")) from None
+        raise InputError(f"{mark}: the network cannot be flown: {place} {demand}".replace("  ", " ")) from None
     fields = network.model_dump(mode="json", exclude_defaults=True)
     return Tree.of(fields, mark._replace(remark=remark))
 
 
 def _of_npz(data: bytes) -> TrainedNetwork:
     try:
-        arrays = read_arrays(io.BytesIO(data), max_bytes=_MOST_BYTES)
+        arrays = read_arrays(io.BytesIO(data), max_bytes=_MAX_FILE_BYTES)
     except ValueError as error:
         raise UnreadableError(str(error)) from None
     for name, array in arrays.items():
         if array.dtype.kind not in ("U" if name.startswith("activation_") else "fiu"):
-            raise UnreadableError(f"has {name} of type {array.dtype}, which is none of numbers")
+            raise UnreadableError(f"has an array {name} of type {array.dtype}, which must be numeric")
     layers, k = Layers(), 0
     while True:
         names = [name for name in arrays if name.endswith(f"_{k}")]
@@ -90,25 +90,25 @@ def _of_npz(data: bytes) -> TrainedNetwork:
             parameter = None if alpha is None else _single(alpha, f"alpha_{k}")
             layers.dense(*_numbers(own, "weights", "biases"), activation, parameter)
         else:
-            of_input, of_memory = (_numbers(own, f"weights_{of}", f"biases_{of}") for of in ("input", "hidden"))
+            input_gates, hidden_gates = (_numbers(own, f"weights_{of}", f"biases_{of}") for of in ("input", "hidden"))
             initial = own.pop("initial", None)
-            layers.gru(of_input, of_memory, None if initial is None else initial.astype(float))
+            layers.gru(input_gates, hidden_gates, None if initial is None else initial.astype(float))
         if own:
-            raise UnreadableError(f"has arrays that belong to no layer: {listed([f'{name}_{k}' for name in own])}")
+            raise UnreadableError(f"has unknown arrays: {listed([f'{name}_{k}' for name in own])}")
         k += 1
     for name in ("offset", "scale"):
         if name in arrays:
-            layers.prepared[name] = tuple(arrays.pop(name).astype(float).ravel().tolist())
+            layers.preprocessing[name] = tuple(arrays.pop(name).astype(float).ravel().tolist())
     if "limit" in arrays:
-        layers.prepared["limit"] = _single(arrays.pop("limit"), "limit")
+        layers.preprocessing["limit"] = _single(arrays.pop("limit"), "limit")
     if arrays:
-        raise UnreadableError(f"has arrays that belong to no layer: {listed([*arrays])}")
+        raise UnreadableError(f"has unknown arrays: {listed([*arrays])}")
     return layers.network()
 
 
 def _single(array: np.ndarray, name: str) -> float:
     if array.size != 1:
-        raise UnreadableError(f"has {name} of {array.size} numbers, but it must be one number")
+        raise UnreadableError(f"has an array {name} with {array.size} numbers, but it must be one number")
     return float(array.item())
 
 

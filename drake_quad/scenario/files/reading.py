@@ -1,4 +1,4 @@
-"""Reading of files within limits."""
+"""Reading of files with a limit on their size."""
 
 import stat
 from collections.abc import Iterator
@@ -8,15 +8,15 @@ from typing import IO
 
 from drake_quad.errors import InputError
 from drake_quad.scenario.files.marked_tree import Mark
-from drake_quad.scenario.limits import MOST_BYTES
+from drake_quad.scenario.limits import MAX_BYTES
 
 
 @contextmanager
 def opened(path: Path) -> Iterator[IO[bytes]]:
-    """A file that is open to be read, and no device or pipe, which need not end.
+    """Open a regular file for reading, as a context manager. Devices and pipes, which may never end, are rejected.
 
     Raises:
-        InputError: it cannot be opened, or not be read in the context.
+        InputError: if the file cannot be opened, or cannot be read in the context.
     """
     mark = Mark(str(path), 0)
     try:
@@ -29,7 +29,7 @@ def opened(path: Path) -> Iterator[IO[bytes]]:
     except ValueError as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"{mark}: cannot be read: a path cannot have such characters") from None
+        raise InputError(f"{mark}: cannot be read: the path contains an invalid character") from None
 
 
 def read_bytes(path: Path, most: int, limit: str) -> bytes:
@@ -38,10 +38,10 @@ def read_bytes(path: Path, most: int, limit: str) -> bytes:
     Args:
         path: path of the file.
         most: largest number of bytes.
-        limit: text of the limit for the message, as in "a mesh may have 1,000 bytes".
+        limit: description of the limit for the message, such as "a mesh may have 1,000 bytes".
 
     Raises:
-        InputError: the file cannot be read, or is larger.
+        InputError: if the file cannot be read or is too large.
     """
     with opened(path) as file:
         data = file.read(most + 1)
@@ -50,17 +50,17 @@ def read_bytes(path: Path, most: int, limit: str) -> bytes:
     return data
 
 
-def read_text(path: Path, *, most: int = MOST_BYTES) -> str:
+def read_text(path: Path, *, most: int = MAX_BYTES) -> str:
     """Read a file of UTF-8 text, without its byte-order mark.
 
     Args:
-        path: of a file.
-        most: bytes that it may have.
+        path: path of the file.
+        most: largest number of bytes.
 
     Raises:
-        InputError: it cannot be read, is not UTF-8 text, or is larger.
+        InputError: if the file cannot be read, is not UTF-8 text, or is too large.
     """
-    limit = f"a scenario and what it extends may have {MOST_BYTES:,} bytes in all"
+    limit = f"a scenario and all that it extends may have {MAX_BYTES:,} bytes"
     try:
         return read_bytes(path, most, limit).decode("utf-8-sig")
     except UnicodeDecodeError:

@@ -1,9 +1,9 @@
-"""Distributions relative to a vehicle, written `{relative: {to: 0.68, normal: {...}}}`.
+"""Distributions relative to a vehicle, such as `{relative: {to: 0.68, normal: {...}}}`.
 
 The numbers of such a distribution apply to a vehicle whose field has the value `to`. For any other vehicle they are
-scaled in proportion. A scenario can therefore describe how much vehicles vary without naming a vehicle. While layers
-are merged, a relative distribution is stored together with the value of the lower layers. When all layers are merged,
-the two become an ordinary distribution.
+scaled in proportion. A scenario can therefore describe the variation of vehicles without a specific vehicle. While
+layers are merged, a relative distribution is stored together with the value of the lower layers. When all layers are
+merged, the two become an ordinary distribution.
 """
 
 from typing import Any
@@ -17,10 +17,10 @@ from drake_quad.scenario.layouts import arm_length_of
 from drake_quad.scenario.paths import is_item, joined
 
 RELATIVE = "relative"
-# Key of the value that a relative distribution is laid on. It contains a space, so that no path can name it.
+# Key of the value to which a relative distribution applies. It contains a space, so no path can name it.
 _BASE_VALUE = "value beneath"
 _REFERENCE_VALUE = "to"
-# Fields that are dimensionless shares, so that they have no nominal value and are not scaled.
+# Fields that are relative to the vehicle already, so their distributions are not scaled.
 _SHARE_FIELDS = ("thrust_factor_error", "battery_sag")
 
 
@@ -30,7 +30,7 @@ def is_relative(tree: Tree) -> bool:
 
 
 def are_relative(tree: Tree) -> bool:
-    """Return whether a tree is a list in which some item is a relative distribution."""
+    """Return whether a tree is a list with a relative distribution among its items."""
     return isinstance(tree.value, list) and any(map(is_relative, tree.value))
 
 
@@ -42,27 +42,27 @@ def _has_relative(tree: Tree) -> bool:
     return isinstance(tree.value, dict | list) and any(map(_has_relative, parts))
 
 
-def laid_on_value(beneath: Tree, distribution: Tree) -> Tree:
-    """Return a relative distribution together with the value that it is laid on, a number or a distribution."""
-    if is_relative(beneath):
-        if _BASE_VALUE not in beneath.value:
+def with_base_value(base: Tree, distribution: Tree) -> Tree:
+    """Return a relative distribution together with the number or distribution to which it applies."""
+    if is_relative(base):
+        if _BASE_VALUE not in base.value:
             return distribution
-        beneath = beneath.value[_BASE_VALUE]
-    return distribution._replace(value={RELATIVE: distribution.value[RELATIVE], _BASE_VALUE: beneath})
+        base = base.value[_BASE_VALUE]
+    return distribution._replace(value={RELATIVE: distribution.value[RELATIVE], _BASE_VALUE: base})
 
 
-def laid_on_values(beneath: Tree, distributions: Tree) -> Tree:
-    """Return a list in which each relative distribution is stored with the item that it is laid on."""
-    if not isinstance(beneath.value, list) or len(beneath.value) != len(distributions.value):
+def with_base_values(base: Tree, distributions: Tree) -> Tree:
+    """Return a list in which each relative distribution is stored with the item to which it applies."""
+    if not isinstance(base.value, list) or len(base.value) != len(distributions.value):
         return distributions
-    pairs = zip(beneath.value, distributions.value, strict=True)
-    return distributions._replace(value=[laid_on_value(old, new) if is_relative(new) else new for old, new in pairs])
+    pairs = zip(base.value, distributions.value, strict=True)
+    return distributions._replace(value=[with_base_value(old, new) if is_relative(new) else new for old, new in pairs])
 
 
 def relative_part(tree: Tree) -> Tree | None:
-    """Return the relative distributions of a tree, without the values that they are laid on; None if it has none.
+    """Return the relative distributions of a tree, without the values to which they apply; None if it has none.
 
-    Those of a list are given by index.
+    Distributions of a list are given as a mapping from their indices.
     """
     if is_relative(tree):
         return tree._replace(value={RELATIVE: tree.value[RELATIVE]})
@@ -84,12 +84,12 @@ def with_absolute_distributions(tree: Tree, nominal: Any, defaults: Any) -> tupl
         defaults: `Vehicle` with the defaults of all other fields.
 
     Returns:
-        The scenario, and the relative distributions that it no longer contains, by path, since the vehicle has no value
-        to which they could apply.
+        The scenario, and the dropped relative distributions by path. A distribution is dropped if the vehicle has no
+        value to which it could apply.
 
     Raises:
-        InputError: a relative field is not a distribution, it applies to a negative number, or it is one of several
-            items of a list and has no value to apply to.
+        InputError: if a relative field is not a distribution, applies to a negative number, or is one of several items
+            of a list and has no value to apply to.
     """
     vehicle = tree.value.get("vehicle")
     dropped: dict[str, Tree] = {}
@@ -113,17 +113,17 @@ def _absolute(tree: Tree, reference: Any, path: str, dropped: dict[str, Tree]) -
 
     Args:
         tree: value of the field.
-        reference: default value of the field, to which a distribution applies that is laid on no value: a number, a
-            model, a tuple or None.
+        reference: default value of the field (a number, a model, a tuple or None), to which a distribution applies if
+            no layer gives a value.
         path: path of the field in the scenario.
-        dropped: receives the distributions of quantities that the vehicle does not have, by path.
+        dropped: mapping to which dropped distributions are added, by path.
 
     Returns:
-        The field; None if it contains only distributions of quantities that the vehicle does not have.
+        The field; None if it contains only dropped distributions.
     """
     if is_relative(tree):
-        beneath = tree.value.get(_BASE_VALUE)
-        number = reference if beneath is None else _median(beneath)
+        base = tree.value.get(_BASE_VALUE)
+        number = reference if base is None else _median(base)
         if path.split(".")[1] in (*_SHARE_FIELDS, "centre_of_mass"):
             number = reference
         if number is None:
@@ -154,7 +154,7 @@ def _absolute(tree: Tree, reference: Any, path: str, dropped: dict[str, Tree]) -
 
 
 def refuse_dropped(distribution: Tree, path: str) -> None:
-    """Raise InputError for a relative distribution that a vehicle needs but that has no value to apply to."""
+    """Raise InputError for a dropped relative distribution in a field that the vehicle requires."""
     raise InputError(
         f"{distribution.mark}: {joined(*path.split('.'))} is relative, but the vehicle has no value to which the"
         " distribution could apply; make the distribution absolute"
@@ -164,8 +164,8 @@ def refuse_dropped(distribution: Tree, path: str) -> None:
 def _part_of(reference: Any, key: str) -> Any:
     """Return the field of a model, or the item whose index is the key; None if it does not exist.
 
-    A number is the reference of all items. An index beyond the last item, which validation rejects later, has the
-    reference of the last item.
+    A number is returned for every index. For an index beyond the last item, which validation rejects later, the last
+    item is returned.
     """
     if is_item(key) and isinstance(reference, tuple | float):
         return reference if isinstance(reference, float) else reference[min(int(key), len(reference) - 1)]
@@ -186,7 +186,7 @@ def _median(tree: Tree) -> float | None:
 
 
 def _scaled(tree: Tree, number: float, path: str) -> Tree:
-    """Return the ordinary distribution that a relative one becomes for a vehicle with the value `number`."""
+    """Return the ordinary distribution of a vehicle whose field has the value `number`."""
     body = tree.value[RELATIVE]
     names = [name for name in DISTRIBUTIONS if isinstance(body.value, dict) and name in body.value]
     if len(names) != 1 or not body.value.keys() <= {names[0], _REFERENCE_VALUE}:
@@ -233,7 +233,7 @@ def _times(tree: Tree, factor: float) -> Tree:
     )
 
 
-def refuse_elsewhere(tree: Tree) -> None:
+def refuse_outside_vehicle(tree: Tree) -> None:
     """Raise InputError if a scenario has a relative distribution outside `vehicle`."""
     for name, part in tree.value.items():
         if name != "vehicle":

@@ -1,4 +1,4 @@
-"""Files that describe robots in other formats, which scenarios are not read from."""
+"""Error messages for robot files in other formats, from which scenarios cannot be read."""
 
 from pathlib import PurePath
 
@@ -8,10 +8,10 @@ ROBOT_KINDS = {
     **dict.fromkeys((".xml", ".mjcf"), "robot (XML, such as MJCF)"),
     **dict.fromkeys((".usd", ".usda", ".usdc", ".usdz"), "scene (USD)"),
 }
-"""Kind of each robot file, by its suffix."""
+"""Description of the format of a robot file, by its suffix."""
 
 
-def robot_instead_of_scenario(spec: str) -> str:
+def robot_file_flaw(spec: str) -> str:
     """Return an error message if FILE or FILE:NAME has the suffix of a robot file; empty otherwise."""
     kind = ROBOT_KINDS.get(PurePath(spec).suffix.partition(":")[0].lower())
     if kind is None:

@@ -1,4 +1,4 @@
-"""From a scenario back to YAML."""
+"""Writing of a scenario as YAML."""
 
 from pathlib import Path
 from typing import TextIO

@@ -1,7 +1,7 @@
-"""The scenarios that come with the package, by names that mean the same wherever Python runs.
+"""Look-up of the scenarios that come with the package.
 
-`laboratory:high_wind` is the scenario `high_wind` of `diagrams/laboratory.yaml`, and `vehicles/racer` the only one of
-`diagrams/vehicles/racer.yaml`.
+Their names do not depend on the working directory. `laboratory:high_wind` is the scenario `high_wind` of
+`diagrams/laboratory.yaml`, and `vehicles/racer` is the only scenario of `diagrams/vehicles/racer.yaml`.
 """
 
 import difflib
@@ -15,13 +15,16 @@ _PACKAGE = Path(__file__).parents[2]
 
 
 def shipped_folder() -> Path:
-    """Return the folder of the files: in an installed package a part of it, in a checkout beside it."""
+    """Return the folder of the shipped files, which is inside an installed package but next to it in a checkout."""
     installed = _PACKAGE / "diagrams"
     return installed if installed.is_dir() else _PACKAGE.parent / "diagrams"
 
 
 def shipped_file(name: str) -> Path | None:
-    """The file of that name, such as `vehicles/racer`, or None; relative where it is below the working directory."""
+    """Return the path of a shipped file such as `vehicles/racer`; None if there is no such file.
+
+    A path below the working directory is returned relative to it.
+    """
     if not re.fullmatch(r"[\w-]+(/[\w-]+)*", name):
         return None
     path = shipped_folder() / f"{name}.yaml"
@@ -32,25 +35,25 @@ def shipped_file(name: str) -> Path | None:
 
 
 def shipped_names() -> list[str]:
-    """Return the names of the files, in the order of the alphabet, those at the top first."""
+    """Return the names of the shipped files, in alphabetical order, those in the top folder first."""
     folder = shipped_folder()
     files = [path.relative_to(folder).with_suffix("") for path in folder.rglob("*.yaml")]
     return [path.as_posix() for path in sorted(files, key=lambda path: (len(path.parts), path))]
 
 
 def shipped_scenarios() -> list[str]:
-    """Return the names of all scenarios, and of what can be laid over one: `figure_eight`, `laboratory:nominal`."""
-    found = []
+    """Return the names of all shipped scenarios and layers, such as `figure_eight` and `laboratory:nominal`."""
+    specs = []
     for file in shipped_names():
         path = shipped_folder() / f"{file}.yaml"
         names = [*parse_document(path.read_text(encoding="utf-8"), str(path)).value]
-        found += [file] if len(names) == 1 else [f"{file}:{name}" for name in names]
-    return found
+        specs += [file] if len(names) == 1 else [f"{file}:{name}" for name in names]
+    return specs
 
 
-def unknown(name: str) -> str:
-    """Return a sentence on a name that is neither a file nor shipped."""
+def unknown_name_message(name: str) -> str:
+    """Return the error message for a name that is neither a file nor a shipped scenario."""
     names = shipped_names()
     close = difflib.get_close_matches(name.partition(":")[0], names, 1)
-    hint = f"did you mean {close[0]}?" if close else "`drake-quad scenarios` lists these"
-    return f"{shown(name)} is neither a file nor a scenario that is shipped; {hint}"
+    hint = f"did you mean {close[0]}?" if close else "`drake-quad scenarios` lists the shipped scenarios"
+    return f"{shown(name)} is neither a file nor a shipped scenario; {hint}"

@@ -1,4 +1,4 @@
-"""Waypoints from a CSV file, as the tree of a scenario that has a route only."""
+"""Reading of waypoints from a CSV file, as the document of a scenario that only has a route."""
 
 import re
 from pathlib import Path
@@ -15,18 +15,18 @@ _FORMAT = TableFormat(
 def parse_waypoint_table(text: str, path: Path) -> Tree:
     """Parse a table of waypoints.
 
-    The first row names the columns: x, y and z (m); time (s), if it is given; yaw (rad), empty where it is free.
-    Without such a row there are the three columns x, y and z.
+    The first row names the columns. x, y and z (m) are required, time (s) and yaw (rad) are optional, and a yaw that is
+    free has an empty cell. Without a row of names, the table must have the three columns x, y and z.
 
     Args:
         text: text of the file.
         path: path of the file.
 
     Returns:
-        A document with one scenario, called after the file, that has a route of kind `waypoints`.
+        A document with one scenario that has the name of the file and a route of kind `waypoints`.
 
     Raises:
-        InputError: the text is not such a table, or has no rows or too many.
+        InputError: if the text is not such a table, or has no rows or too many.
     """
     rows, top = table_rows(text, path, _FORMAT), Mark(str(path), 1)
     route = {"kind": Tree("waypoints", top), "waypoints": Tree([_waypoint(row) for row in rows], top)}
@@ -34,11 +34,11 @@ def parse_waypoint_table(text: str, path: Path) -> Tree:
         route["heading"] = Tree("waypoints", top)
     if "time" in rows[0][1]:
         route["times"] = Tree([Tree(numbers["time"], mark) for mark, numbers in rows], top)
-    return Tree({name_of(path): Tree({"route": Tree(route, top)}, top)}, top)
+    return Tree({scenario_name(path): Tree({"route": Tree(route, top)}, top)}, top)
 
 
-def name_of(path: Path) -> str:
-    """Return the name of the scenario in a table."""
+def scenario_name(path: Path) -> str:
+    """Return the name of the scenario in a table, which follows from the name of the file."""
     return re.sub(r"[^A-Za-z0-9_.-]", "_", path.stem)
 
 

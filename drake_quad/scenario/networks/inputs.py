@@ -9,98 +9,101 @@ from pydantic import Field, model_validator
 from drake_quad.control.fuzzy import inference
 from drake_quad.control.fuzzy.inputs import InputName
 from drake_quad.scenario.distributions import Model, Real, refused
-from drake_quad.scenario.limits import MOST_RULES, MOST_SETS
+from drake_quad.scenario.limits import MAX_RULES, MAX_SETS
 from drake_quad.scenario.quantities import Positive, extremes
 
-_Centres = Annotated[tuple[Real, ...], Field(strict=False, min_length=2, max_length=MOST_SETS)]
+_Centres = Annotated[tuple[Real, ...], Field(strict=False, min_length=2, max_length=MAX_SETS)]
 _Widths = Annotated[tuple[Positive, ...], Field(strict=False)]
 
 
 class InputSets(Model):
     """The fuzzy sets of one input of a network."""
 
-    scale: Positive = Field(default=1.0, description="that the input is multiplied with (1 over its unit)")
+    scale: Positive = Field(default=1.0, description="factor by which the input is multiplied (1 over its unit)")
     centres: _Centres = Field(
-        default=(-1.0, 0.0, 1.0), description="c of each set, ascending (1); inputs are clamped to the first and last"
+        default=(-1.0, 0.0, 1.0),
+        description="centre c of each set, ascending (1); inputs are limited to the range from the first to the last",
     )
-    widths: _Widths = Field(default=(1.0, 1.0, 1.0), description="d of each set (1)")
+    widths: _Widths = Field(default=(1.0, 1.0, 1.0), description="width d of each set (1)")
 
     @model_validator(mode="after")
     def _covered(self) -> "InputSets":
         if any(not low < high for low, high in itertools.pairwise(self.centres)):
-            raise self.wrong("must rise from one to the next", "centres")
+            raise self.field_error("must be ascending", "centres")
         if len(self.widths) != len(self.centres):
-            raise self.wrong(f"must be as many as centres, {len(self.centres)}", "widths")
+            raise self.field_error(f"must have {len(self.centres)} numbers, one for each centre", "widths")
         ends = [(centre, extremes(width)[0]) for centre, width in zip(self.centres, self.widths, strict=True)]
         for i, ((left, reach_right), (right, reach_left)) in enumerate(itertools.pairwise(self._closed(ends))):
             if reach_right is None or reach_left is None or not left + reach_right > right - reach_left:
-                demand = f"must be wide enough that the sets at {left} and {right} overlap, or no rule fires in between"
-                raise self.wrong(demand, "widths", i)
+                demand = f"must be larger, so that the sets at {left} and {right} overlap and a rule fires in between"
+                raise self.field_error(demand, "widths", i)
         return self
 
     def record(self) -> inference.Sets:
-        """Return the record that the systems of a network take."""
+        """Return the sets as a record for the systems of a network."""
         return inference.FuzzySets(self.scale, tuple(self.centres), tuple(self.widths))
 
     def _closed(self, ends: list[tuple[float, float | None]]) -> list[tuple[float, float | None]]:
-        """Centres and least widths of all sets whose neighbours must overlap."""
+        """Return centre and smallest width of the sets, in a list whose neighbours must overlap."""
         return ends
 
 
 class CircularInputSets(InputSets):
-    """The fuzzy sets of an input that goes around a circle: 0 and 1 are one place."""
+    """The fuzzy sets of a periodic input, for which 0 and 1 are equivalent."""
 
     scale: Positive = Field(
-        default=1.0, description="that the input is multiplied with: centres that far apart are one"
+        default=1.0, description="factor by which the input is multiplied, and so the period of the centres"
     )
-    centres: _Centres = Field(default=(0.0, 0.25, 0.5, 0.75), description="c of each set, ascending, within a turn (1)")
-    widths: _Widths = Field(default=(0.25, 0.25, 0.25, 0.25), description="d of each set (1)")
+    centres: _Centres = Field(
+        default=(0.0, 0.25, 0.5, 0.75), description="centre c of each set, ascending, within one period (1)"
+    )
+    widths: _Widths = Field(default=(0.25, 0.25, 0.25, 0.25), description="width d of each set (1)")
 
     def record(self) -> inference.Sets:
-        """Return the record that the systems of a network take."""
+        """Return the sets as a record for the systems of a network."""
         return inference.CircularSets(self.scale, tuple(self.centres), tuple(self.widths))
 
     def _closed(self, ends: list[tuple[float, float | None]]) -> list[tuple[float, float | None]]:
         (first, width), *_ = ends
         (shortest, longest), last = extremes(self.scale), self.centres[-1]
         if shortest is None or longest is None or not last - first < shortest:
-            raise self.wrong("must be less than a turn apart, which is the scale", "centres")
+            raise self.field_error("must lie within one period, which is the scale", "centres")
         return [*ends, (first + longest, width)]
 
 
 class NetworkInputs(Model):
-    """Inputs of a network, one to four, with their fuzzy sets; there is a rule for every combination of sets."""
+    """One to four inputs of a network with their fuzzy sets; there is a rule for every combination of sets."""
 
-    error: InputSets | None = Field(default=None, description="of e on the network's own axis (m)")
-    error_rate: InputSets | None = Field(default=None, description="of ė on the network's own axis (m/s)")
-    x: InputSets | None = Field(default=None, description="of the measured position along X of W (m)")
-    y: InputSets | None = Field(default=None, description="along Y (m)")
-    z: InputSets | None = Field(default=None, description="along Z (m)")
-    v_x: InputSets | None = Field(default=None, description="of the measured velocity along X of W (m/s)")
-    v_y: InputSets | None = Field(default=None, description="along Y (m/s)")
-    v_z: InputSets | None = Field(default=None, description="along Z (m/s)")
+    error: InputSets | None = Field(default=None, description="position error e on the axis of the network (m)")
+    error_rate: InputSets | None = Field(default=None, description="velocity error ė on the axis of the network (m/s)")
+    x: InputSets | None = Field(default=None, description="measured position along X of W (m)")
+    y: InputSets | None = Field(default=None, description="measured position along Y of W (m)")
+    z: InputSets | None = Field(default=None, description="measured position along Z of W (m)")
+    v_x: InputSets | None = Field(default=None, description="measured velocity along X of W (m/s)")
+    v_y: InputSets | None = Field(default=None, description="measured velocity along Y of W (m/s)")
+    v_z: InputSets | None = Field(default=None, description="measured velocity along Z of W (m/s)")
     phase: CircularInputSets | None = Field(
         default=None,
-        description="of the share of the lap, or of a route without laps, that should be over, 0 to 1 (1); these are"
-        " one place",
+        description="fraction of the lap, or of a route without laps, that has passed according to the plan (1); 0 and"
+        " 1 are equivalent",
     )
     disturbance: InputSets | None = Field(
-        default=None, description="of the disturbance on the network's own axis that the controller estimates (m/s²)"
+        default=None, description="disturbance estimated by the controller on the axis of the network (m/s²)"
     )
 
     @property
     def given(self) -> dict[InputName, InputSets]:
-        """The inputs that there are, in the order in which rules take them."""
+        """Inputs that the network has, in the order in which the rules take them."""
         return {name: sets for name in _INPUT_NAMES if (sets := getattr(self, name)) is not None}
 
     @model_validator(mode="after")
     def _some(self) -> "NetworkInputs":
         given = self.given
         if not 1 <= len(given) <= 4:
-            raise refused("must be one to four of " + ", ".join(_INPUT_NAMES))
+            raise refused("must have one to four of " + ", ".join(_INPUT_NAMES))
         rules = math.prod(len(sets.centres) for sets in given.values())
-        if rules > MOST_RULES:
-            raise refused(f"must make at most {MOST_RULES} rules, not {rules}")
+        if rules > MAX_RULES:
+            raise refused(f"must result in at most {MAX_RULES} rules, not {rules}; use fewer sets")
         return self
 
 

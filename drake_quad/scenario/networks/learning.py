@@ -1,4 +1,4 @@
-"""Laws by which the weights of a fuzzy network learn."""
+"""Learning laws for the weights of a fuzzy network, in the scenario language."""
 
 import math
 from abc import abstractmethod
@@ -13,20 +13,20 @@ from drake_quad.scenario.quantities import NonNegative, Number, Positive, bounde
 
 
 class _Learning(Model):
-    """Fields of all learning laws."""
+    """Common fields of all learning laws."""
 
     weight_limit: Positive | None = Field(
-        default=None, description="largest size of a weight (m/s²); none if not given"
+        default=None, description="largest size of a weight (m/s²); no limit if not given"
     )
-    initial_weight: Number = Field(default=0.0, description="of all rules (m/s²)")
-    leakage: NonNegative = Field(default=0.0, description="rate at which the weights decay by themselves (1/s)")
+    initial_weight: Number = Field(default=0.0, description="initial weight of all rules (m/s²)")
+    leakage: NonNegative = Field(default=0.0, description="rate at which the weights decay without an error (1/s)")
 
     @abstractmethod
     def law(self) -> Any:
-        """Return a record of `drake_quad.control.fuzzy.laws`."""
+        """Return the law as a record of `drake_quad.control.fuzzy.laws`."""
 
     def numbers(self) -> LearningNumbers:
-        """Return the numbers of the systems that learn by this law."""
+        """Return the parameters of the systems that learn by this law."""
         own: Any = self
         limit = math.inf if own.weight_limit is None else own.weight_limit
         return LearningNumbers(
@@ -35,28 +35,31 @@ class _Learning(Model):
 
 
 class _LearningFromEither(_Learning):
-    """Fields of the laws that learn from s_p of eq (15) or from the feedback."""
+    """Common fields of the laws that learn from s_p of eq (15) or from the feedback."""
 
     signal: Literal["surface", "feedback"] = Field(
         default="surface",
-        description="what is learned from: s_p of eq (15) (m/s), or all feedback that the controller commands, its PD"
-        " less the disturbance that it estimates, if any (m/s²), for which gains have other units",
+        description="signal from which the network learns: s_p of eq (15) (m/s), or the whole feedback of the"
+        " controller, the PD less any estimated disturbance (m/s²), for which the gains have other units",
     )
-    slope: Positive = Field(default=1.0, description="λ of eq (15) (1/s); of no meaning with the feedback")
-    deadzone: NonNegative = Field(default=0.0, description="size of the signal below which nothing is learned (m/s)")
+    slope: Positive = Field(default=1.0, description="λ of eq (15) (1/s); not used with the feedback")
+    deadzone: NonNegative = Field(
+        default=0.0, description="size of the signal below which the network does not learn (m/s)"
+    )
 
 
 class CovarianceLearning(_LearningFromEither):
-    """The paper's law, eqs (15) to (17), with forgetting and resets as options."""
+    """The paper's law, eqs (15) to (17), with optional forgetting and resets."""
 
     kind: Literal["covariance"]
-    gain: Positive = Field(default=1.0, description="K_D of eq (16) (1/s)")
-    initial_covariance: Positive = Field(default=1.0, description="p₀ of P₀ = p₀ I (1/s)")
+    gain: Positive = Field(default=1.0, description="gain K_D of eq (16) (1/s)")
+    initial_covariance: Positive = Field(default=1.0, description="p₀ of the initial covariance P₀ = p₀ I (1/s)")
     forgetting: Annotated[Number, bounded(above=0.0, most=1.0)] = Field(
-        default=1.0, description="factor for a tick (1); with less than 1 the covariance grows back, up to p₀"
+        default=1.0, description="forgetting factor per tick (1); below 1, the covariance grows again, up to p₀"
     )
     reset: Literal["never", "at_segments"] = Field(
-        default="never", description="when the covariance begins anew: never, as in the paper, or with every segment"
+        default="never",
+        description="time at which the covariance is reset: never, as in the paper, or at the start of every segment",
     )
 
     def law(self) -> CovarianceLaw:
@@ -68,7 +71,7 @@ class GradientLearning(_LearningFromEither):
     """Eq (16) with a constant covariance."""
 
     kind: Literal["gradient"]
-    rate: NonNegative = Field(default=1.0, description="K_D p (1/s²); with 0 what has been learned stays as it is")
+    rate: NonNegative = Field(default=1.0, description="rate K_D p (1/s²); with 0, the network stops learning")
     reset: ClassVar = "never"
 
     def law(self) -> GradientLaw:
@@ -77,18 +80,22 @@ class GradientLearning(_LearningFromEither):
 
 
 class SignLearning(_Learning):
-    """Learning law that uses only the sign of the PD's command, with a slope that grows."""
+    """Learning law that uses only the sign of the PD's command, with a growing rate of change of the correction."""
 
     kind: Literal["sign"]
-    rate: Positive = Field(default=1.0, description="γ by which the slope grows (1/s²)")
-    initial_slope: NonNegative = Field(default=0.0, description="of the correction at the beginning (m/s³)")
-    deadzone: NonNegative = Field(default=0.0, description="command below which nothing is learned (m/s²)")
+    rate: Positive = Field(default=1.0, description="growth rate γ of the slope (1/s²)")
+    initial_slope: NonNegative = Field(
+        default=0.0, description="initial slope, the rate of change of the correction (m/s³)"
+    )
+    deadzone: NonNegative = Field(
+        default=0.0, description="size of the command below which the network does not learn (m/s²)"
+    )
     signal: ClassVar = "feedback"
     slope: ClassVar = 0.0
     reset: ClassVar = "never"
 
     def law(self) -> SignLaw:
-        """Return the law with a slope that grows."""
+        """Return the law that uses the sign of the command."""
         return SignLaw(self.rate, self.initial_slope)
 
 

@@ -1,4 +1,4 @@
-"""Fuzzy networks of the scenario language: they stand around a controller and learn what it should have commanded."""
+"""Fuzzy networks of the scenario language, which learn a correction of a controller's command during the flight."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal, get_args
@@ -22,28 +22,29 @@ Axes = Annotated[tuple[Axis, ...], Field(strict=False, min_length=1)]
 
 
 class _Network(Model):
-    """Fields of networks of both types."""
+    """Common fields of the networks of both types."""
 
     kind: Literal["type_1", "type_2"]
-    axes: Axes = Field(default=("x", "y"), description="on which there is a network")
+    axes: Axes = Field(default=("x", "y"), description="axes that have a network")
     inputs: NetworkInputs = Field(
-        default=NetworkInputs(error=InputSets(), error_rate=InputSets()), description="what its rules look at"
+        default=NetworkInputs(error=InputSets(), error_rate=InputSets()), description="inputs of its rules"
     )
     lead: NonNegative = Field(
         default=0.0,
-        description="time by which the correction is that of the place, and of the phase, where the vehicle will be:"
-        " about the time from a command to what it does (s)",
+        description="time (s) by which position and phase are predicted ahead for the correction, about the time from a"
+        " command to its effect",
     )
     learning: Learning = CovarianceLearning(kind="covariance")
     learned: LearnedNetwork | None = Field(
         default=None,
-        description="file of what was learned before, beside the one that names it: where the flight begins from",
+        description="parameters at the start of the flight: a file of `fly --save-network`, relative to the folder of"
+        " the scenario's file",
         json_schema_extra=or_file,
     )
 
     @model_validator(mode="after")
     def _fits(self) -> "_Network":
-        """Raise an error if the parameters were learned by a network with another structure."""
+        """Raise an error if the learned parameters come from a network with another structure."""
         if self.learned is None:
             return self
         own = {
@@ -52,15 +53,15 @@ class _Network(Model):
             "sets": tuple([len(sets.centres) for sets in self.inputs.given.values()]),
             "axes": tuple(axis for axis in AXES if axis in self.axes),
         }
-        known = {name: getattr(self.learned, name) for name in ("kind", "inputs", "sets")}
-        for name, value in {**known, "axes": tuple(self.learned.axes)}.items():
+        learned = {name: getattr(self.learned, name) for name in ("kind", "inputs", "sets")}
+        for name, value in {**learned, "axes": tuple(self.learned.axes)}.items():
             if value != own[name]:
-                words = f"this one's are {_words(own[name])}, those learned on {_words(value)}"
-                raise self.wrong(f"must be of a network of the same {name}: {words}", "learned")
+                values = f"this network has {_listed(own[name])}, the learned parameters have {_listed(value)}"
+                raise self.field_error(f"must come from a network with the same {name}: {values}", "learned")
         return self
 
     def antecedents(self) -> Antecedents:
-        """Return the sets of all inputs, and the exponents of their memberships."""
+        """Return the parameters of the membership functions of all inputs."""
         own: Any = self
         return Antecedents(own.a1, own.a2, own.q, tuple([sets.record() for sets in self.inputs.given.values()]))
 
@@ -69,58 +70,64 @@ class _Network(Model):
 
         Args:
             period: period of the control, s.
-            plan: plan that is flown, whose laps and segments the network may know.
+            plan: plan that is flown; its laps determine the phase, and its segments the resets of the covariance.
         """
         axes = tuple([axis for axis in AXES if axis in self.axes])
-        known = () if self.learned is None else tuple(self.learned.axes.values())
-        sets, begun = self.antecedents(), self._begun(known)
+        learned = () if self.learned is None else tuple(self.learned.axes.values())
+        sets, initial = self.antecedents(), self._initial_antecedents(learned)
         leads, numbers, inputs = can_differ_from_zero(self.lead), self.learning.numbers(), tuple(self.inputs.given)
         timing = {"period": period, "axes": axes, "learns_from": self.learning.signal}
-        looks_at = {"axes": axes, "inputs": inputs, "lap_times": plan.lap_times if "phase" in inputs else ()}
+        observed = {"axes": axes, "inputs": inputs, "lap_times": plan.lap_times if "phase" in inputs else ()}
         own: Any = self
         adaptive: AdaptiveTriangles | None = own.adaptive
-        rules = {**looks_at, "adaptive": adaptive is not None, "leads": leads}
+        rules = {**observed, "adaptive": adaptive is not None, "leads": leads}
         learning = {
             **timing,
             "num_rules": sets.num_rules,
             "leads": leads,
             "reset_times": tuple(plan.leg_times[1:]) if self.learning.reset == "at_segments" else (),
-            "initial_weights": tuple([each.weights for each in known]),
+            "initial_weights": tuple([each.weights for each in learned]),
         }
         recipes = {
-            "network.rules": Recipe(FuzzyRules, rules, RulesNumbers(begun, Lead(self.lead))),
+            "network.rules": Recipe(FuzzyRules, rules, RulesNumbers(initial, Lead(self.lead))),
             "network.learning": Recipe(WeightLearning, learning, numbers),
         }
         if adaptive is not None:
             rates = AdaptationRates(**{part: getattr(adaptive, part) for part in adaptive.parts})
-            adaptation = AdaptationNumbers(begun * len(axes) if len(begun) == 1 else begun, rates, numbers)
-            recipes["network.sets"] = Recipe(SetLearning, {**timing, **looks_at, "parts": adaptive.parts}, adaptation)
+            adaptation = AdaptationNumbers(initial * len(axes) if len(initial) == 1 else initial, rates, numbers)
+            recipes["network.sets"] = Recipe(SetLearning, {**timing, **observed, "parts": adaptive.parts}, adaptation)
         return recipes
 
     def build(self, systems: Mapping[str, Any]) -> Any:
-        """Return the diagram of the systems that the recipes made."""
+        """Return the diagram of the network, from the systems built from its recipes."""
         return build_fuzzy_network(**{name: systems.get(f"network.{name}") for name in ("rules", "learning", "sets")})
 
-    def _begun(self, known: tuple[LearnedAxis, ...]) -> tuple[Antecedents, ...]:
-        """Return the antecedents at the beginning: one for all axes, or for each axis if its sets have learned."""
+    def _initial_antecedents(self, learned: tuple[LearnedAxis, ...]) -> tuple[Antecedents, ...]:
+        """Return the initial antecedents: one record for all axes, or one for each axis if the sets have learned."""
         sets = self.antecedents()
-        if all(each.antecedents is None for each in known):
+        if all(each.antecedents is None for each in learned):
             return (sets,)
         layout = layout_of(Antecedents, sets)
-        return tuple([layout.build(each.antecedents or ()) for each in known])
+        return tuple([layout.build(each.antecedents or ()) for each in learned])
 
 
-def _words(value: str | tuple[str | int, ...]) -> str:
+def _listed(value: str | tuple[str | int, ...]) -> str:
     return value if isinstance(value, str) else ", ".join(map(str, value))
 
 
 class AdaptiveTriangles(Model):
-    """Rates at which membership functions learn, by the gradient of what the weights learn from; one at least."""
+    """Learning rates of membership functions. At least one must be given.
+
+    The functions learn by the gradient of the signal from which the weights learn.
+    """
 
     centres: Positive | None = Field(
-        default=None, description="of the inner centres (s²/m² for the surface, s³/m² for the feedback)"
+        default=None,
+        description="learning rate of the inner centres (s²/m² for the surface, s³/m² for the feedback)",
     )
-    widths: Positive | None = Field(default=None, description="of the widths (likewise)")
+    widths: Positive | None = Field(
+        default=None, description="learning rate of the widths (s²/m² for the surface, s³/m² for the feedback)"
+    )
 
     @property
     def parts(self) -> tuple[Part, ...]:
@@ -131,38 +138,45 @@ class AdaptiveTriangles(Model):
     def _some(self) -> "AdaptiveTriangles":
         if not self.parts:
             names = " or ".join(type(self).model_fields)
-            raise refused(f"must have a rate of {names}, or be null")
+            raise refused(f"must have a learning rate of {names}, or be null")
         return self
 
 
 class AdaptiveEllipses(AdaptiveTriangles):
-    """Rates at which membership functions of type 2 learn."""
+    """Learning rates of membership functions of type 2."""
 
-    exponents: Positive | None = Field(default=None, description="of a1, a2 and q (likewise)")
+    exponents: Positive | None = Field(
+        default=None, description="learning rate of a1, a2 and q (s²/m² for the surface, s³/m² for the feedback)"
+    )
 
 
 class Type1Network(_Network):
-    """A type-1 fuzzy neural network that learns in flight: its antecedents are triangles."""
+    """A type-1 fuzzy neural network that learns in flight, with triangular membership functions."""
 
     kind: Literal["type_1"]
     adaptive: AdaptiveTriangles | None = Field(
-        default=None, description="how its memberships learn, if they do"
-    )  # Triangles, of which upper and lower ones are the same.
+        default=None, description="learning rates of the membership functions; they do not learn if not given"
+    )
+    # With these parameters the upper and the lower membership functions are the same triangle.
     a1: ClassVar = 1.0
     a2: ClassVar = 1.0
     q: ClassVar = 0.0
 
 
 class Type2Network(_Network):
-    """An interval type-2 fuzzy neural network that learns in flight: its antecedents lie between two ellipses."""
+    """An interval type-2 fuzzy neural network that learns in flight, with elliptic membership functions."""
 
     kind: Literal["type_2"]
-    a1: Annotated[Number, bounded(above=1.0)] = Field(default=1.2, description="exponent of the upper memberships (1)")
-    a2: Annotated[Number, bounded(above=0.0, below=1.0)] = Field(
-        default=0.8, description="exponent of the lower memberships (1)"
+    a1: Annotated[Number, bounded(above=1.0)] = Field(
+        default=1.2, description="exponent of the upper membership functions (1)"
     )
-    q: Probability = Field(default=0.5, description="share of the lower memberships in the output (1)")
-    adaptive: AdaptiveEllipses | None = Field(default=None, description="how its memberships learn, if they do")
+    a2: Annotated[Number, bounded(above=0.0, below=1.0)] = Field(
+        default=0.8, description="exponent of the lower membership functions (1)"
+    )
+    q: Probability = Field(default=0.5, description="weight of the lower membership functions in the output (1)")
+    adaptive: AdaptiveEllipses | None = Field(
+        default=None, description="learning rates of the membership functions; they do not learn if not given"
+    )
 
 
 Network = Annotated[Type1Network | Type2Network, Field(discriminator="kind")]

@@ -11,7 +11,7 @@ from drake_quad.scenario.quantities import HalfTurn, PlainMoment
 from drake_quad.signals import Row
 from drake_quad.space.space import Space
 
-SignalName = Literal[tuple(SIGNALS_SEEN)]  # type: ignore[valid-type] # the names of a table
+SignalName = Literal[tuple(SIGNALS_SEEN)]  # type: ignore[valid-type] # the names are the keys of a table
 
 
 class ObservationSettings(Model):
@@ -19,57 +19,59 @@ class ObservationSettings(Model):
 
     signals: Annotated[tuple[SignalName, ...], Field(strict=False, min_length=1)] = Field(  # type: ignore[valid-type]
         default=("position_error", "velocity_error", "rotation", "body_rates", "reference_acceleration", "action"),
-        description="in the order of the rows; the page of systems has their rows and units",
+        description="observed signals in the order of the rows; the page of systems lists their rows and units",
     )
     sees: Literal["measurement", "state"] = Field(
         default="measurement",
-        description="what position, velocity, attitude and rates are those of: the cameras', with their noise and"
-        " delay, or the vehicle's own",
+        description="source of position, velocity, attitude and body rates: the `measurement` of the cameras, with"
+        " noise and delay, or the true `state` of the vehicle",
     )
     frame: Frame = Field(
         default="world",
-        description="axes along which vectors are seen: those of W; those of W turned about Z by the vehicle's yaw"
-        " (`heading`) or by the reference's yaw (`reference_heading`); those of B",
+        description="axes of observed vectors: W; W rotated about Z by the yaw of the vehicle (`heading`) or of the"
+        " reference (`reference_heading`); or B",
     )
     history: Annotated[int, Field(ge=1, le=100)] = Field(
-        default=1, description="ticks that are seen, with the present one"
+        default=1, description="number of ticks in an observation, including the present one"
     )
     ahead: Annotated[tuple[PlainMoment, ...], Field(strict=False, max_length=50)] = Field(
-        default=(), description="times from now of `reference_ahead`: where the reference will be, seen from here (s)"
+        default=(),
+        description="times after the present (s) at which `reference_ahead` contains the position of the reference,"
+        " relative to the vehicle",
     )
     turn: HalfTurn = Field(
         default=0.0,
-        description="angle about z from x_B to the policy's front (rad); the axes of all frames but W are turned by it,"
-        " too, so that a policy in W which looks along X flies at a yaw of -turn",
+        description="angle about z from x_B to the forward direction of the policy (rad); it also rotates the axes of"
+        " all frames but W, so that a policy in W which faces X flies at a yaw of -turn",
     )
 
     @model_validator(mode="after")
     def _complete(self) -> "ObservationSettings":
         if len(set(self.signals)) < len(self.signals):
-            raise self.wrong("must name each signal once", "signals")
+            raise self.field_error("must name each signal once", "signals")
         if ("reference_ahead" in self.signals) != bool(self.ahead):
-            raise self.wrong("must be given with the signal reference_ahead, and only then", "ahead")
+            raise self.field_error("must be given if signals has reference_ahead, and left out otherwise", "ahead")
         if self.turn and "attitude" in self.signals:
-            raise self.wrong("must be 0 with the signal attitude; rotation is seen turned", "turn")
+            raise self.field_error("must be 0 with the signal attitude; use the signal rotation instead", "turn")
         return self
 
     def spec(self) -> ObservationSpec:
-        """Return what is seen."""
+        """Return the structure of the observation for the system that computes it."""
         return ObservationSpec(self.signals, self.frame, self.history, self.turn)
 
     def num_rows(self, num_actions: int) -> int:
-        """Return the number of rows of an observation, given that of an action."""
+        """Return the number of rows of an observation, given the number of rows of an action."""
         return self.history * num_observed(self.spec(), num_actions=num_actions, num_ahead=len(self.ahead))
 
     def clearance(self, space: Space | None) -> "Clearance | None":
-        """Return the distance to obstacles as a function of the position; None if it is not seen."""
+        """Return the distance to obstacles as a function of the position; None if it is not observed."""
         if "clearance" not in self.signals or space is None:
             return None
         return Clearance(tuple([obstacle.shape for obstacle in space.obstacles]), space.radius)
 
 
 class Clearance(NamedTuple):
-    """Distance of a vehicle from obstacles: a function of X, Y and Z, m.
+    """Distance of a vehicle from obstacles, m, as a function of its position X, Y, Z, m.
 
     Attributes:
         solids: obstacles.
@@ -80,6 +82,6 @@ class Clearance(NamedTuple):
     radius: float
 
     def __call__(self, x: Row, y: Row, z: Row) -> Row:
-        """Return the distance between the surfaces, m."""
+        """Return the distance between the vehicle's sphere and the nearest obstacle, m."""
         distance, _ = nearest_solid(x, y, z, self.solids)
         return distance - self.radius

@@ -11,61 +11,65 @@ from pydantic import Field, model_validator
 from drake_quad.control.policy.network import WITH_ALPHA, Activation, Dense, Gru, Network
 from drake_quad.framework.symbols import Matrix
 from drake_quad.scenario.distributions import Model, Real, omits_defaults, refused
-from drake_quad.scenario.limits import MOST_CHARACTERS, MOST_NETWORK_BYTES
+from drake_quad.scenario.limits import MAX_CHARACTERS, MAX_NETWORK_BYTES
 from drake_quad.scenario.quantities import PlainPositive
 
-# Largest number of rows. The effective limit of a network is MOST_NETWORK_BYTES.
+# Number of rows of a layer. The size of a network is mainly limited by MAX_NETWORK_BYTES.
 Rows = Annotated[int, Field(ge=1, le=4096)]
 _Precision = Literal["single", "double"]
 _DTYPES: dict[_Precision, np.dtype[Any]] = {"single": np.dtype("<f4"), "double": np.dtype("<f8")}
 
 
 class DenseLayer(Model):
-    """Neurons: the activation of W x + b."""
+    """Dense layer of neurons, whose output is the activation of W x + b for an input x."""
 
     kind: Literal["dense"]
-    inputs: Rows = Field(description="rows that come in")
-    outputs: Rows = Field(description="rows that go out")
-    activation: Activation = Field(default="identity", description="of each row that goes out")
+    inputs: Rows = Field(description="number of input rows")
+    outputs: Rows = Field(description="number of output rows")
+    activation: Activation = Field(default="identity", description="activation function of each output row")
     alpha: Real | None = Field(
         default=None,
-        description="of elu, which goes to -alpha, 1 if not given; or of leaky_relu, its slope for negative numbers,"
-        " 0.01 if not given (1)",
+        description="parameter of elu, whose limit is -alpha (1 if not given), or of leaky_relu, the slope for negative"
+        " numbers (0.01 if not given)",
     )
 
-    _written = omits_defaults("alpha")
+    _serialized = omits_defaults("alpha")
 
     @model_validator(mode="after")
     def _has_its_parameter(self) -> "DenseLayer":
         if self.alpha is not None and self.activation not in WITH_ALPHA:
-            raise self.wrong(f"must be left out with the activation {self.activation}", "alpha")
+            raise self.field_error(f"must be left out with the activation {self.activation}", "alpha")
         return self
 
     @property
     def num_numbers(self) -> int:
-        """Weights and biases."""
+        """Number of weights and biases."""
         return self.outputs * (self.inputs + 1)
 
     def layer(self, numbers: np.ndarray) -> Dense:
-        """Return the layer with given numbers: the rows of W, then b."""
+        """Return the layer with given numbers: the rows of W one after another, then b."""
         weights, biases = np.split(numbers, [self.outputs * self.inputs])
         return Dense(Matrix(weights.reshape(self.outputs, self.inputs), biases), self.activation, self.alpha)
 
 
 class GruLayer(Model):
-    """Gated recurrent units, with the reset gate behind the product with what they remember."""
+    """Gated recurrent units whose reset gate is applied after the product of weights and hidden state."""
 
     kind: Literal["gru"]
-    inputs: Rows = Field(description="rows that come in")
-    outputs: Rows = Field(description="units")
+    inputs: Rows = Field(description="number of input rows")
+    outputs: Rows = Field(description="number of units")
 
     @property
     def num_numbers(self) -> int:
-        """Weights, biases, and what is remembered at the beginning."""
+        """Number of weights and biases, and of the rows of the initial hidden state."""
         return 3 * self.outputs * (self.inputs + self.outputs + 2) + self.outputs
 
     def layer(self, numbers: np.ndarray) -> Gru:
-        """The layer of these numbers: W, b, U, c, those of r, z and n one after another; then the initial memory."""
+        """Return the layer with given numbers: W, b, U, c and then the initial hidden state.
+
+        W and b belong to the input, U and c to the hidden state. Each consists of the numbers of the reset gate, the
+        update gate and the new gate, in this order.
+        """
         gates = 3 * self.outputs
         ends = np.cumsum([gates * self.inputs, gates, gates * self.outputs, gates])
         weights, biases, of_memory, memory_biases, initial = np.split(numbers, ends)
@@ -81,63 +85,67 @@ _Numbers = Annotated[tuple[Real, ...], Field(strict=False)]
 
 
 class TrainedNetwork(Model):
-    """A network that was trained; `policy: FILE` reads it from an .npz or .onnx file."""
+    """A trained network. `policy: FILE` reads it from an .npz or .onnx file."""
 
     layers: Annotated[tuple[Layer, ...], Field(strict=False, min_length=1, max_length=20)] = Field(
-        description="from the input on"
+        description="layers in order, from input to output"
     )
-    precision: _Precision = Field(default="single", description="of the numbers")
+    precision: _Precision = Field(default="single", description="precision of the numbers")
     numbers: Annotated[tuple[str, ...], Field(strict=False)] = Field(
-        description="weights and biases of all layers, in base 64, in pieces"
+        description="weights and biases of all layers in base 64, as a list of pieces of text"
     )
-    offset: _Numbers | None = Field(default=None, description="that is taken from each row of the input, if any")
-    scale: _Numbers | None = Field(default=None, description="by which each row is multiplied then, if any")
+    offset: _Numbers | None = Field(default=None, description="number that is subtracted from each row of the input")
+    scale: _Numbers | None = Field(default=None, description="factor by which each row of the input is then multiplied")
     limit: PlainPositive | None = Field(
-        default=None, description="to which the input is held then, on both sides of zero; null for none (1)"
+        default=None, description="largest size to which each row of the input is then limited (1); null for no limit"
     )
 
     @classmethod
-    def of(cls, layers: tuple[Any, ...], numbers: np.ndarray, **prepared: Any) -> "TrainedNetwork":
+    def of(cls, layers: tuple[Any, ...], numbers: np.ndarray, **preprocessing: Any) -> "TrainedNetwork":
         """Return a network with given numbers, stored in single precision if that is exact.
 
         Args:
             layers: value of the field `layers`.
             numbers: numbers of all layers, one layer after another.
-            prepared: `offset`, `scale` and `limit`, if given.
+            preprocessing: `offset`, `scale` and `limit`, if given.
         """
         with np.errstate(over="ignore"):  # numbers beyond single precision become infinite, so the test below fails
             precision: _Precision = "single" if (numbers.astype("<f4") == numbers).all() else "double"
         text = base64.b64encode(numbers.astype(_DTYPES[precision]).tobytes()).decode("ascii")
-        pieces = tuple([text[k : k + MOST_CHARACTERS] for k in range(0, len(text), MOST_CHARACTERS)])
-        return cls(layers=layers, precision=precision, numbers=pieces, **prepared)
+        pieces = tuple([text[k : k + MAX_CHARACTERS] for k in range(0, len(text), MAX_CHARACTERS)])
+        return cls(layers=layers, precision=precision, numbers=pieces, **preprocessing)
 
     @model_validator(mode="after")
     def _fits(self) -> "TrainedNetwork":
-        """One layer takes what the one before gives, and there are as many numbers as they have."""
+        """Raise an error if successive layers do not match, or the number of weights and biases is wrong."""
         for place, (before, after) in enumerate(zip(self.layers[:-1], self.layers[1:], strict=True), start=1):
             if after.inputs != before.outputs:
-                demand = f"must be {before.outputs}, which is what the layer before gives"
-                raise self.wrong(demand, "layers", place, "inputs")
+                demand = f"must be {before.outputs}, the number of outputs of the layer before"
+                raise self.field_error(demand, "layers", place, "inputs")
         count = sum(layer.num_numbers for layer in self.layers)
-        if count * _DTYPES[self.precision].itemsize > MOST_NETWORK_BYTES:
-            most = MOST_NETWORK_BYTES // _DTYPES[self.precision].itemsize
-            raise self.wrong(f"may have {most} numbers of {self.precision} precision, not {count}", "layers")
+        if count * _DTYPES[self.precision].itemsize > MAX_NETWORK_BYTES:
+            most = MAX_NETWORK_BYTES // _DTYPES[self.precision].itemsize
+            raise self.field_error(
+                f"must have at most {most} numbers in {self.precision} precision, not {count}", "layers"
+            )
         try:
             numbers = self._array()
         except (binascii.Error, ValueError):
             raise refused("must be numbers in base 64", path=("numbers",)) from None
         if len(numbers) != count:
-            raise refused(f"must be {count} numbers for these layers, not {len(numbers)}", path=("numbers",))
+            raise refused(f"must have {count} numbers for these layers, not {len(numbers)}", path=("numbers",))
         if not np.isfinite(numbers).all():
             raise refused("must be finite", path=("numbers",))
         for name in ("offset", "scale"):
             rows = getattr(self, name)
             if rows is not None and len(rows) != self.layers[0].inputs:
-                raise self.wrong(f"must be {self.layers[0].inputs} numbers, one for each row of the input", name)
+                raise self.field_error(
+                    f"must have {self.layers[0].inputs} numbers, one for each row of the input", name
+                )
         return self
 
     def network(self) -> Network:
-        """Return the network."""
+        """Return the network as a record for the system that computes it."""
         return _network(self)
 
     def _array(self) -> np.ndarray:

@@ -1,7 +1,6 @@
-"""Position controllers, and the questions about them that the rest of the library asks.
+"""Base class of the position controllers, and their registry `POSITION_CONTROLLERS`.
 
-A position controller of your own is a class that extends `PositionController` and is registered with
-`POSITION_CONTROLLERS.member`.
+To add a position controller, extend `PositionController` and register the class with `POSITION_CONTROLLERS.member`.
 """
 
 from abc import abstractmethod
@@ -17,16 +16,16 @@ from drake_quad.scenario.unions import OpenUnion
 
 
 class PositionController(Model):
-    """Law from the position error to a commanded acceleration.
+    """Control law from the position error to a commanded acceleration.
 
-    Numbers that a study draws are (N,) arrays when `recipes` is called for a fleet.
+    In the scenario of a fleet, numbers that a study draws are (N,) arrays.
 
     Attributes:
-        feed_forward: derivative of the reference up to which it is fed forward.
-        takes_correction: whether a fuzzy network can stand around it, which needs the port `correction`.
-        estimates_disturbance: whether it has the port `disturbance`, which a network can look at.
-        has_integral: whether it has gains `k_i` of an integral.
-        is_user_system: whether it is a system in Python of the user's.
+        feed_forward: highest derivative of the reference that is fed forward.
+        takes_correction: True if the controller can have a fuzzy network around it, which needs the port `correction`.
+        estimates_disturbance: True if the controller has the port `disturbance`, which can be an input of a network.
+        has_integral: True if the controller has integral gains `k_i`.
+        is_user_system: True if the controller is a system in Python of the user's.
     """
 
     kind: str
@@ -39,27 +38,30 @@ class PositionController(Model):
 
     @abstractmethod
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
-        """Return the recipes for its systems: `position` if there is one, else `position.NAME` for each."""
+        """Return the recipes for the systems of the controller, by their paths.
+
+        The path of a single system is `position`. The paths of several systems are `position.NAME`.
+        """
 
     def build(self, systems: Mapping[str, Any], *, takes_correction: bool) -> Any:
-        """Return a system with the ports of `build_position_controller`.
+        """Return a system with the ports that `build_position_controller` describes.
 
         Args:
-            systems: systems that its recipes made, by their names.
-            takes_correction: whether a network stands around it.
+            systems: systems built from the recipes, by their paths.
+            takes_correction: True if the controller has a network around it.
         """
         return systems["position"]
 
     def plain(self) -> Any:
-        """Return the PD or PID that stands in its place when gains are designed.
+        """Return the PD or PID controller that replaces this controller for the design of gains.
 
         Raises:
-            InputError: if it has no gains that can be designed.
+            InputError: if the controller has no gains that can be designed.
         """
-        raise InputError(f"control.position is of kind {self.kind}, whose gains cannot be designed")
+        raise InputError(f"the gains of control.position of kind {self.kind} cannot be designed; choose another kind")
 
 
 POSITION_CONTROLLERS = OpenUnion(PositionController, "feed_forward")
-"""Kinds of position controllers."""
+"""Registry of the kinds of position controllers."""
 
 AnyPositionController = Annotated[PositionController, POSITION_CONTROLLERS]

@@ -1,4 +1,4 @@
-"""PD controller with a Kalman filter for the disturbance."""
+"""PD position controller with a Kalman filter of the disturbance, in the scenario language."""
 
 import functools
 from typing import Any, Literal
@@ -14,17 +14,17 @@ from drake_quad.scenario.quantities import PlainPositive, PlainPositives, PlainS
 
 @POSITION_CONTROLLERS.member
 class ObserverPosition(EstimatingPosition):
-    """PD with a Kalman filter for the disturbing acceleration, from positions alone."""
+    """PD with a Kalman filter that estimates the disturbing acceleration from measured positions."""
 
     kind: Literal["disturbance_observer"]  # type: ignore[assignment]
     position_noise: PlainPositive = Field(description="standard deviation of the measured position (m)")
     deviation: PlainPositives = Field(description="standard deviation of the disturbance on X, Y, Z (m/s²)")
     time_constant: PlainSpans = Field(
-        description="after which the disturbance is another, on X, Y, Z (s); a long one makes a random walk"
+        description="correlation time of the disturbance on X, Y, Z (s); a long one approaches a random walk"
     )
 
     def law(self, axis: int, period: float) -> KalmanLaw:
-        """Return the Kalman filter of an axis, vehicle by vehicle where its statistics vary."""
+        """Return the Kalman filter of an axis, with (N,) gains if its statistics differ between vehicles."""
         statistics = self.deviation[axis], self.time_constant[axis], self.position_noise
         if not any(np.ndim(number) for number in statistics):
             return _kalman_filter(*statistics, period)

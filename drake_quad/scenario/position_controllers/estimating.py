@@ -1,4 +1,4 @@
-"""PD controllers with an estimate of the disturbance, and the response of the vehicle that they believe in."""
+"""PD position controllers with an estimate of the disturbance, and their models of the vehicle's response."""
 
 from abc import abstractmethod
 from typing import Annotated, Any, ClassVar, Literal
@@ -18,11 +18,11 @@ from drake_quad.signals import Row
 
 
 class BelievedResponse(Model):
-    """Response of the vehicle to commands that an estimator of the disturbance believes in."""
+    """Model of the vehicle's response to commands in a disturbance estimator."""
 
     kind: str
     delay_ticks: Annotated[int, Field(ge=0, le=50)] = Field(
-        default=1, description="whole ticks of the control from a command to what it does (1)"
+        default=1, description="modelled delay from a command to its effect, in ticks of the control (1)"
     )
 
     @abstractmethod
@@ -30,9 +30,9 @@ class BelievedResponse(Model):
         """Return the recipe for the estimator.
 
         Args:
-            laws: law of each axis.
-            limit: largest acceleration that is held for a disturbance, m/s².
-            setting: setting of the control.
+            laws: estimation law of each axis.
+            limit: largest estimate of the disturbance on an axis, m/s².
+            setting: properties of the scenario on which the control depends.
         """
 
     def _structure(self, setting: ControlSetting) -> dict[str, Any]:
@@ -40,14 +40,16 @@ class BelievedResponse(Model):
 
 
 class CommandedResponse(BelievedResponse):
-    """The vehicle is believed to follow commanded accelerations."""
+    """Model in which the vehicle follows the commanded acceleration with a lag."""
 
     kind: Literal["commanded"]
-    lag: Spans = Field(description="time constant of what follows, cameras and their filters included, on X, Y, Z (s)")
+    lag: Spans = Field(
+        description="time constant on X, Y, Z of the measured acceleration, including cameras and their filters (s)"
+    )
     feed_forward_lag: Spans | None = Field(
         default=None,
-        description="the same for what is fed forward with its derivatives and so does not wait for the attitude (s);"
-        " as `lag` if not given",
+        description="time constant for the fed-forward part of the command, which does not wait for the attitude if its"
+        " derivatives are fed forward, too (s); `lag` if not given",
     )
 
     def estimator(self, laws: tuple[Any, ...], limit: Row, setting: ControlSetting) -> Recipe:
@@ -59,7 +61,7 @@ class CommandedResponse(BelievedResponse):
 
 
 class TiltResponse(BelievedResponse):
-    """The thrust is believed to follow its command, and to point where the measured attitude says."""
+    """Model in which the thrust follows its command with a lag and has the direction of the measured attitude."""
 
     kind: Literal["tilt"]
     lag: Span = Field(description="time constant of the thrust (s)")
@@ -71,17 +73,17 @@ class TiltResponse(BelievedResponse):
 
 
 class EstimatingPosition(PdPosition):
-    """PD with an estimate of the disturbance."""
+    """PD with an estimate of the disturbance, which is subtracted from its command."""
 
     response: Annotated[CommandedResponse | TiltResponse, Field(discriminator="kind")]
     disturbance_limit: Positive = Field(
-        default=5.0, description="largest acceleration on an axis that is held for a disturbance (m/s²)"
+        default=5.0, description="largest estimate of the disturbing acceleration on an axis (m/s²)"
     )
     estimates_disturbance: ClassVar = True
 
     @abstractmethod
     def law(self, axis: int, period: float) -> Any:
-        """Return a record of `drake_quad.control.disturbance.laws` for an axis.
+        """Return the estimation law of an axis, a record of `drake_quad.control.disturbance.laws`.
 
         Args:
             axis: 0, 1 or 2 for X, Y or Z.
@@ -89,7 +91,7 @@ class EstimatingPosition(PdPosition):
         """
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
-        """Return the recipes for the PD and the estimator."""
+        """Return the recipes for the PD and the disturbance estimator."""
         limit: Any = self.disturbance_limit
         laws = tuple([self.law(axis, setting.tick) for axis in range(3)])
         return {**super().recipes(setting), "position.estimator": self.response.estimator(laws, limit, setting)}

@@ -1,4 +1,4 @@
-"""PD controller with incremental nonlinear dynamic inversion."""
+"""PD position controller with incremental nonlinear dynamic inversion (INDI), in the scenario language."""
 
 from typing import Literal
 
@@ -16,9 +16,9 @@ class IndiPosition(EstimatingPosition):
 
     kind: Literal["indi"]  # type: ignore[assignment]
     bandwidth: Positives = Field(
-        description="ω of the filter ω² / (s² + √2 ω s + ω²) of measured and modelled acceleration on X, Y, Z (rad/s)"
+        description="ω on X, Y, Z of the filter ω² / (s² + √2 ω s + ω²) of measured and modelled acceleration (rad/s)"
     )
 
     def law(self, axis: int, period: float) -> IncrementalLaw:
-        """Return the incremental law of an axis."""
+        """Return the INDI law of an axis."""
         return IncrementalLaw(self.bandwidth[axis])

@@ -1,4 +1,4 @@
-"""PD controller with L1 adaptive augmentation."""
+"""PD position controller with L1 adaptive augmentation, in the scenario language."""
 
 from typing import Literal
 
@@ -12,11 +12,11 @@ from drake_quad.scenario.quantities import Positive, Positives
 
 @POSITION_CONTROLLERS.member
 class L1Position(EstimatingPosition):
-    """PD with L1 adaptive augmentation, piecewise-constant; the method is the subject of US patent 8,712,559."""
+    """PD with piecewise-constant L1 adaptive augmentation, a method that US patent 8,712,559 describes."""
 
     kind: Literal["l1"]  # type: ignore[assignment]
-    adaptation: Positive = Field(default=1.0, description="a_s, decay of the state predictor's error (1/s)")
-    bandwidth: Positives = Field(description="ω of the low-pass C(s) = ω / (s + ω) on X, Y, Z (rad/s)")
+    adaptation: Positive = Field(default=1.0, description="decay rate a_s of the error of the state predictor (1/s)")
+    bandwidth: Positives = Field(description="ω on X, Y, Z of the low-pass filter C(s) = ω / (s + ω) (rad/s)")
 
     def law(self, axis: int, period: float) -> AdaptiveLaw:
         """Return the adaptive law of an axis."""

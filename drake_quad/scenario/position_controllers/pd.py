@@ -1,4 +1,4 @@
-"""PD controller of the position."""
+"""PD position controller, in the scenario language."""
 
 from collections.abc import Mapping
 from typing import Any, ClassVar, Literal
@@ -21,25 +21,27 @@ from drake_quad.scenario.setting import ControlSetting
 
 @POSITION_CONTROLLERS.member
 class PdPosition(PositionController):
-    """PD on the position error, eq (8)."""
+    """PD controller of the position error, eq (8)."""
 
     kind: Literal["pd"]
-    k_p: Gains = Field(description="k_P on X, Y, Z (1/s²)")
-    k_d: Gains = Field(description="k_D on X, Y, Z (1/s)")
-    derivative: Derivative = Field(default="tracking_error", description="what k_D multiplies: v_r - v, or -v")
+    k_p: Gains = Field(description="proportional gain k_P on X, Y, Z (1/s²)")
+    k_d: Gains = Field(description="derivative gain k_D on X, Y, Z (1/s)")
+    derivative: Derivative = Field(
+        default="tracking_error", description="quantity that k_D multiplies: the velocity error v_r - v, or -v"
+    )
     feed_forward: FeedForward = Field(  # type: ignore[misc]
-        default="none", description="up to which derivative of the reference is fed forward"
+        default="none", description="highest derivative of the reference that is fed forward"
     )
     takes_correction: ClassVar = True
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
-        """Return the recipe for the PD, to which kinds that extend it add others."""
+        """Return the recipe for the PD; subclasses add further recipes."""
         structure = {"derivative": self.derivative, "feeds_forward": self.feed_forward != "none"}
         gains = PdGains(PerAxis(*self.k_p), PerAxis(*self.k_d))
         return {"position.pd": Recipe(ProportionalDerivative, structure, gains)}
 
     def build(self, systems: Mapping[str, Any], *, takes_correction: bool) -> Any:
-        """Return the sum of the PD and what stands beside it."""
+        """Return the diagram that adds the outputs of the PD, the integral and the disturbance estimator."""
         return build_position_controller(
             systems["position.pd"],
             integral=systems.get("position.integral"),

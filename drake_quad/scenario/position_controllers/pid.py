@@ -1,4 +1,4 @@
-"""PID controller of the position."""
+"""PID position controller, in the scenario language."""
 
 from typing import ClassVar, Literal
 
@@ -15,19 +15,19 @@ from drake_quad.scenario.setting import ControlSetting
 
 @POSITION_CONTROLLERS.member
 class PidPosition(PdPosition):
-    """PD with an integral, which is held within a limit against windup."""
+    """PD with an integral, which is limited to prevent windup."""
 
     kind: Literal["pid"]  # type: ignore[assignment]
-    k_i: Gains = Field(description="k_I on X, Y, Z (1/s³)")
+    k_i: Gains = Field(description="integral gain k_I on X, Y, Z (1/s³)")
     integral_limit: Positive = Field(
-        default=2.0, description="largest acceleration that the integral may ask for (m/s²)"
+        default=2.0, description="largest acceleration that the integral commands on an axis (m/s²)"
     )
     integration: IntegrationRule = "forward_euler"
     has_integral: ClassVar = True
 
     @classmethod
     def around(cls, pd: PdPosition) -> "PidPosition":
-        """Return a PID with the fields of a PD and no integral gain yet; a PID is returned as it is."""
+        """Return a PID with the fields of a PD and integral gains of 0; a PID is returned unchanged."""
         if isinstance(pd, PidPosition):
             return pd
         kept = {name: getattr(pd, name) for name in PdPosition.model_fields if name != "kind"}

@@ -1,4 +1,4 @@
-"""Routes of the scenario language, each in a module of its own, with the planning of its path."""
+"""Routes of the scenario language with their planning, each kind in a module of its own."""
 
 from drake_quad.scenario.unions import import_members
 

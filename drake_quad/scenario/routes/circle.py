@@ -1,4 +1,4 @@
-"""Level circle."""
+"""Horizontal circle of the scenario language."""
 
 import dataclasses
 import math
@@ -14,12 +14,12 @@ from drake_quad.space.space import Space
 
 @ROUTES.member
 class CircleRoute(MovingRoute):
-    """Laps of a level circle about the origin, stretched in time until one of the limits is met exactly."""
+    """Laps of a horizontal circle around the Z axis, scaled in time until one of the limits is met exactly."""
 
     kind: Literal["circle"]
     radius: Positive = Field(default=1.5, description="radius (m)")
     height: Number = Field(default=1.0, description="height (m)")
-    laps: Laps = Field(default=2, description="number of turns")
+    laps: Laps = Field(default=2, description="number of laps")
 
     def plan(self, space: Space | None) -> Planned:
         """Return the plan of the laps."""

@@ -1,4 +1,4 @@
-"""Figure eight."""
+"""Figure eight of the scenario language."""
 
 from typing import Literal
 
@@ -11,13 +11,13 @@ from drake_quad.reference.routes import Route, figure_eight
 from drake_quad.reference.time_allocation import stretch_factor, trapezoid_times
 from drake_quad.scenario.distributions import refused
 from drake_quad.scenario.quantities import Number, Positive
-from drake_quad.scenario.routes.route import ROUTES, Laps, MovingRoute, Planned, of_three_laps
+from drake_quad.scenario.routes.route import ROUTES, Laps, MovingRoute, Planned, split_three_laps
 from drake_quad.space.space import Space
 
 
 @ROUTES.member
 class FigureEightRoute(MovingRoute):
-    """The paper's figure eight, stretched in time until one of the limits is met exactly."""
+    """The paper's figure eight, scaled in time until one of the limits is met exactly."""
 
     kind: Literal["figure_eight"]
     lower_height: Positive = Field(default=1.0, description="height of the second circle and of the crossing (m)")
@@ -25,10 +25,11 @@ class FigureEightRoute(MovingRoute):
     radius: Positive = Field(default=1.4, description="radius of both circles (m)")
     offset: Positive = Field(default=1.9, description="distance of the circles' centres from the start (m)")
     cruise_speed: Positive = Field(
-        default=1.2, description="speed by which the times are first shared out among the waypoints (m/s)"
+        default=1.2, description="top speed of the trapezoidal profile that sets the times before scaling (m/s)"
     )
     laps: Laps = Field(
-        default=1, description="number of laps; the first begins, the last ends at rest, those in between are alike"
+        default=1,
+        description="number of laps; the first begins and the last ends at rest, and the laps between are equal",
     )
 
     @field_validator("offset")
@@ -47,11 +48,11 @@ class FigureEightRoute(MovingRoute):
         return Planned(self.stretched(geometry, self.cruise_speed) if self.laps == 1 else self._in_laps(geometry))
 
     def _in_laps(self, geometry: Route) -> Plan:
-        """Return laps after the rise from the ground; the times are those of a ride through three."""
+        """Return a plan with laps after the climb from the ground, with the times of a plan through three laps."""
         lap = geometry.waypoints[1:]
         ride = np.vstack([geometry.waypoints, lap[1:], lap[1:]])
         times = trapezoid_times(ride, speed=self.cruise_speed, acceleration=self.top_acceleration)
-        durations = of_three_laps(np.diff(times), len(lap) - 1)
+        durations = split_three_laps(np.diff(times), len(lap) - 1)
         path, laps = path_of_laps(geometry.waypoints, durations, self.laps, lead=1)
         factor = stretch_factor(path, self.limits())
         path, laps = path.stretched(factor), tuple([factor * time for time in laps])

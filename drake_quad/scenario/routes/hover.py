@@ -1,4 +1,4 @@
-"""Hover."""
+"""Hover at one point, in the scenario language."""
 
 from typing import Literal
 
@@ -12,17 +12,17 @@ from drake_quad.space.space import Space
 
 @ROUTES.member
 class HoverRoute(MissionRoute):
-    """Staying at a point."""
+    """Hover at one point."""
 
     kind: Literal["hover"]
-    position: Position = Field(default=(0.0, 0.0, 1.0), description="where to stay, in W (m)")
+    position: Position = Field(default=(0.0, 0.0, 1.0), description="position of the hover, in W (m)")
     yaw: Direction = Field(default=0.0, description="constant yaw of the reference (rad)")
-    duration: PlainSpan = Field(default=10.0, description="how long to stay (s)")
+    duration: PlainSpan = Field(default=10.0, description="duration of the hover (s)")
 
     def known_end(self) -> KnownEnd:
         """Return the field that determines the duration, and the duration, s."""
         return ("route", "duration"), self.duration
 
     def plan(self, space: Space | None) -> Planned:
-        """Return the plan of staying at the point."""
+        """Return the plan of the hover."""
         return Planned(Plan.hover(self.position, duration=self.duration, yaw=self.yaw))

@@ -1,4 +1,4 @@
-"""Lissajous curve."""
+"""Lissajous curve of the scenario language."""
 
 from typing import Annotated, Literal
 
@@ -16,19 +16,19 @@ _Turns = Annotated[int, Field(ge=0, le=20)]
 
 @ROUTES.member
 class LissajousRoute(MissionRoute):
-    """Laps of a sine of time along each axis, at given times: centre + amplitude · sin(2π turns t / period + phase).
+    """Laps of a sine of time t along each axis: centre + amplitude · sin(2π turns t / period + phase).
 
-    The path moves from its first moment on, where the vehicle hovers: `metrics.start` leaves the transient out.
+    The reference already moves at time zero, while the vehicle hovers. Set `metrics.start` to exclude the transient.
     """
 
     kind: Literal["lissajous"]
-    centre: Point = Field(default=(0.0, 0.0, 1.0), description="in W (m)")
-    amplitude: Point = Field(description="along X, Y, Z (m)")
+    centre: Point = Field(default=(0.0, 0.0, 1.0), description="centre of the curve, in W (m)")
+    amplitude: Point = Field(description="amplitude along X, Y, Z (m)")
     turns: Annotated[tuple[_Turns, _Turns, _Turns], Field(strict=False)] = Field(
-        default=(1, 1, 2), description="of each sine in a lap (1)"
+        default=(1, 1, 2), description="number of periods of the sine along X, Y, Z in a lap (1)"
     )
-    phase: PlainDirections = Field(default=(0.0, 0.0, 0.0), description="of each sine (rad)")
-    period: PlainSpan = Field(description="time for a lap (s)")
+    phase: PlainDirections = Field(default=(0.0, 0.0, 0.0), description="phase of the sine along X, Y, Z (rad)")
+    period: PlainSpan = Field(description="duration of a lap (s)")
     laps: Laps = Field(default=2, description="number of laps")
     yaw: PlainDirection = Field(default=0.0, description="constant yaw of the reference (rad)")
 

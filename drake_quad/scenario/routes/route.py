@@ -1,6 +1,6 @@
-"""Routes, and the questions about them that the rest of the library asks.
+"""Base classes of the routes, and their registry `ROUTES`.
 
-A route of your own is a class that extends `MissionRoute` and is registered with `ROUTES.member`.
+To add a route, extend `MissionRoute` and register the class with `ROUTES.member`.
 """
 
 from abc import abstractmethod
@@ -24,16 +24,16 @@ from drake_quad.space.space import Space
 
 Laps = Annotated[int, Field(ge=1, le=100)]
 KnownEnd = tuple[tuple[str | int, ...], float | None]
-"""Path of a field of a scenario, and the time that it determines, s."""
+"""Path of the field of a scenario that determines the end of its route, and that time, s."""
 
 
 class Planned(NamedTuple):
-    """Plan of a route, and the problem that it solves.
+    """Plan of a route, and the planning problem that it solves.
 
     Attributes:
         plan: plan to fly.
-        problem: problem that the path of a route through waypoints solves, with the corridors around obstacles if
-            there are any.
+        problem: planning problem of a route through waypoints, including corridors around obstacles; None for other
+            routes.
         waypoints: (waypoints,) indices of the route's waypoints among those of the problem, without repeats; None
             unless the path was planned around the obstacles of a space.
         space: space in which the path was planned, if there is one.
@@ -46,12 +46,12 @@ class Planned(NamedTuple):
 
 
 class MissionRoute(Model):
-    """Route of a mission. The methods are called for a route without distributions."""
+    """Route of a mission. Its methods require a route without distributions."""
 
     kind: str
 
     def known_end(self) -> KnownEnd:
-        """Return the field that determines the end of the route, and this time, s; None if a plan determines it."""
+        """Return the field that determines the end of the route, and that time, s; None if the time needs a plan."""
         return ("route",), None
 
     def limits(self) -> PathLimits:
@@ -60,28 +60,30 @@ class MissionRoute(Model):
 
     @abstractmethod
     def plan(self, space: Space | None) -> Planned:
-        """Return the plan of the route, in a space if there are obstacles.
+        """Return the plan of the route.
 
-        Obstacles, rotors and the duration are checked for all routes. Only a route that can be led around obstacles
-        needs the space.
+        The caller checks obstacles, rotor limits and duration of the plan.
+
+        Args:
+            space: space with obstacles, for routes that can avoid them; None without obstacles.
 
         Raises:
-            InputError: no path satisfies the constraints of the route, or the obstacles leave no way.
+            InputError: if no path satisfies the constraints of the route, or none avoids the obstacles.
         """
 
 
 ROUTES = OpenUnion(MissionRoute)
-"""Kinds of routes."""
+"""Registry of the kinds of routes."""
 
 AnyRoute = Annotated[MissionRoute, ROUTES]
 
 
 class MovingRoute(MissionRoute):
-    """Route that moves, with limits on its path."""
+    """Route with limits on speed and acceleration."""
 
-    yaw: Direction = Field(default=0.0, description="yaw of the reference where the heading is constant (rad)")
+    yaw: Direction = Field(default=0.0, description="yaw of the reference with heading: constant (rad)")
     heading: Literal["constant", "along_path"] = Field(
-        default="constant", description="what the yaw follows; along_path looks where the path goes"
+        default="constant", description="rule for the yaw; with along_path it is the direction of the velocity"
     )
     top_speed: Positive = Field(default=2.0, description="limit on the speed (m/s); the paper's 2 m/s")
     top_acceleration: Positive = Field(
@@ -89,22 +91,23 @@ class MovingRoute(MissionRoute):
     )
 
     def limits(self) -> PathLimits:
-        """Return the limits of the path; the route holds no distributions."""
+        """Return the limits of the path."""
+        # A limit of null, which some routes allow, is omitted.
         given = {"speed": self.top_speed, "acceleration": self.top_acceleration}
         return PathLimits(**{name: limit for name, limit in given.items() if limit is not None})
 
     def yaw_of(self, path: PolynomialPath) -> PolynomialPath:
-        """Return the yaw along a path."""
+        """Return the yaw of the reference along a path."""
         return (
             yaw_along(path) if self.heading == "along_path" else constant_yaw(path.times[0], path.times[-1], self.yaw)
         )
 
     def stretched(self, geometry: Route, cruise_speed: float) -> Plan:
-        """Return the plan along a geometry that meets one of the limits exactly.
+        """Return the plan through given waypoints, scaled in time until it meets one of the limits exactly.
 
         Args:
             geometry: waypoints and legs.
-            cruise_speed: speed by which the times are first shared out among the waypoints, m/s.
+            cruise_speed: top speed of the trapezoidal profile that sets the times before scaling, m/s.
         """
         times = trapezoid_times(geometry.waypoints, speed=cruise_speed, acceleration=self.top_acceleration)
         path = minimum_snap(geometry.waypoints, times)
@@ -112,7 +115,12 @@ class MovingRoute(MissionRoute):
         return Plan(path, self.yaw_of(path), geometry.legs)
 
 
-def of_three_laps(durations: np.ndarray, segments: int) -> LapDurations:
-    """Return the durations of three laps of so many segments; the first one includes the way to the lap."""
+def split_three_laps(durations: np.ndarray, segments: int) -> LapDurations:
+    """Return the durations of the first, a middle and the last of three laps, s.
+
+    Args:
+        durations: durations of all segments, including those that lead to the first lap, s.
+        segments: number of segments of a lap.
+    """
     first, between, last = np.split(durations, [len(durations) - 2 * segments, len(durations) - segments])
     return LapDurations(first, between, last)

@@ -1,4 +1,4 @@
-"""Setpoints that are held."""
+"""Setpoints of the scenario language, each held until the next one."""
 
 import itertools
 from typing import Annotated, Literal
@@ -27,26 +27,26 @@ class SetpointsRoute(MissionRoute):
 
     kind: Literal["setpoints"]
     setpoints: Annotated[tuple[Setpoint, ...], Field(strict=False, min_length=1)] = Field(
-        description="of each the time in s, x, y, z in W in m and the yaw in rad, at increasing times, from 0 on"
+        description="time in s, x, y, z in W in m, and yaw in rad of each setpoint; times increase and begin with 0"
     )
-    last_hold: PlainSpan = Field(default=1.0, description="how long the last setpoint is held (s)")
+    last_hold: PlainSpan = Field(default=1.0, description="time for which the last setpoint is held (s)")
 
     @model_validator(mode="after")
     def _increasing(self) -> "SetpointsRoute":
         times = [setpoint[0] for setpoint in self.setpoints]
         if times[0] != 0.0:
-            raise self.wrong("must be 0", "setpoints", 0, 0)
+            raise self.field_error("must be 0", "setpoints", 0, 0)
         for i, (now, then) in enumerate(itertools.pairwise(times)):
             if not then - now >= SHORTEST:
-                raise self.wrong(f"must be later than {now}, by {SHORTEST} s or more", "setpoints", i + 1, 0)
+                raise self.field_error(f"must be at least {SHORTEST} s later than {now}", "setpoints", i + 1, 0)
         return self
 
     @model_validator(mode="after")
     def _in_radians(self) -> "SetpointsRoute":
-        """Raise an error if the yaw never changes and must have been given in degrees; turns are allowed."""
+        """Raise an error if a constant yaw must have been given in degrees; a changing yaw may be of any size."""
         yaws = {setpoint[4] for setpoint in self.setpoints}
         if len(yaws) == 1 and abs(yaw := yaws.pop()) > TWO_TURNS:
-            raise self.wrong(radians_demand(yaw, TWO_TURNS), "setpoints", 0, 4)
+            raise self.field_error(radians_demand(yaw, TWO_TURNS), "setpoints", 0, 4)
         return self
 
     def known_end(self) -> KnownEnd:

@@ -1,4 +1,4 @@
-"""Trajectory that is given as it is."""
+"""Trajectory of the scenario language, given by knots or by polynomials."""
 
 import itertools
 from typing import Annotated, Literal
@@ -10,49 +10,51 @@ from drake_quad.reference.pieces import POWERS, plan_of_pieces
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate_at, hermite_path, power_basis
 from drake_quad.scenario.distributions import Model, Real, omits_defaults, refused
-from drake_quad.scenario.limits import MOST_WAYPOINTS, SHORTEST
+from drake_quad.scenario.limits import MAX_WAYPOINTS, SHORTEST
 from drake_quad.scenario.quantities import TWO_TURNS, PlainMoment, PlainPositive, PlainSpan, Point, radians_demand
 from drake_quad.scenario.routes.route import ROUTES, KnownEnd, MissionRoute, Planned
 from drake_quad.space.space import Space
 
-# Largest jumps of a trajectory between pieces, by path and order, in m, m/s and rad; no vehicle would notice them. The
-# rounding of the coefficients of the previous piece to six decimals, as in files, is added.
-_JUMPS = {("path", 0): ("m", 1e-3), ("path", 1): ("m/s", 1e-2), ("yaw", 0): ("rad", 1e-2)}
-_DECIMALS = 1e-6
-_ENDS = np.array([1.0, 0.0])
+# Unit and largest allowed jump between the pieces of a trajectory, by path and order of the derivative. Jumps of this
+# size do not affect a vehicle.
+_MAX_JUMPS = {("path", 0): ("m", 1e-3), ("path", 1): ("m/s", 1e-2), ("yaw", 0): ("rad", 1e-2)}
+# Rounding error of coefficients in files, which have six decimals. Its effect at the end of a piece is also allowed.
+_COEFFICIENT_ROUNDING = 1e-6
+# Fractions of a piece at which two pieces meet: the end of the first and the beginning of the second.
+_JOINT = np.array([1.0, 0.0])
 
 
 class Knot(Model):
-    """Position of a trajectory at a time, with its derivatives."""
+    """Position and derivatives of a trajectory at one time."""
 
-    time: PlainMoment = Field(description="when (s)")
-    position: Point = Field(description="in W (m)")
-    velocity: Point = Field(default=(0.0, 0.0, 0.0), description="in W (m/s)")
-    acceleration: Point = Field(default=(0.0, 0.0, 0.0), description="in W (m/s²)")
-    jerk: Point = Field(default=(0.0, 0.0, 0.0), description="in W (m/s³)")
+    time: PlainMoment = Field(description="time of the knot (s)")
+    position: Point = Field(description="position in W (m)")
+    velocity: Point = Field(default=(0.0, 0.0, 0.0), description="velocity in W (m/s)")
+    acceleration: Point = Field(default=(0.0, 0.0, 0.0), description="acceleration in W (m/s²)")
+    jerk: Point = Field(default=(0.0, 0.0, 0.0), description="jerk in W (m/s³)")
 
 
 class YawKnot(Model):
-    """The yaw of a trajectory at a time."""
+    """Yaw of a trajectory at one time."""
 
-    time: PlainMoment = Field(description="when (s)")
-    yaw: Real = Field(description="rad")
-    yaw_rate: Real = Field(default=0.0, description="rad/s")
+    time: PlainMoment = Field(description="time of the knot (s)")
+    yaw: Real = Field(description="yaw (rad)")
+    yaw_rate: Real = Field(default=0.0, description="rate of the yaw (rad/s)")
 
 
 _Coefficients = Annotated[tuple[Real, ...], Field(strict=False, min_length=1, max_length=POWERS)]
 
 
 class Piece(Model):
-    """A part of a trajectory: polynomials c_0 + c_1 t + ... + c_7 t⁷ in the seconds t from its beginning."""
+    """Piece of a trajectory: polynomials c_0 + c_1 t + ... + c_7 t⁷ in the time t since its beginning."""
 
-    duration: PlainSpan = Field(description="how long it lasts (s)")
-    x: _Coefficients = Field(description="coefficients, from the constant on, in W (m, s)")
-    y: _Coefficients = Field(description="likewise (m, s)")
-    z: _Coefficients = Field(description="likewise (m, s)")
+    duration: PlainSpan = Field(description="duration of the piece (s)")
+    x: _Coefficients = Field(description="coefficients of X in W, c_0 first (m, s)")
+    y: _Coefficients = Field(description="coefficients of Y in W, c_0 first (m, s)")
+    z: _Coefficients = Field(description="coefficients of Z in W, c_0 first (m, s)")
     yaw: _Coefficients = Field(
         default=(0.0,),
-        description="likewise (rad, s); whole turns between the end of a piece and the next do not count",
+        description="coefficients of the yaw, c_0 first (rad, s); it may jump by whole turns between pieces",
     )
 
     def row(self) -> list[float]:
@@ -63,48 +65,52 @@ class Piece(Model):
 
 @ROUTES.member
 class TrajectoryRoute(MissionRoute):
-    """A trajectory as it is: by its knots, as `drake-quad plan` writes it, or by pieces, as Crazyswarm2 has it.
+    """A given trajectory: by knots, as `drake-quad plan` writes it, or by polynomials, as in files of Crazyswarm2.
 
-    Between knots it is of degree 7, the yaw of degree 3 between its own.
+    Between knots, the position is a polynomial of degree 7. Between yaw knots, the yaw is a polynomial of degree 3.
     """
 
     kind: Literal["trajectory"]
     knots: Annotated[tuple[Knot, ...], Field(strict=False, min_length=2)] | None = Field(
-        default=None, description="position to jerk at increasing times, from 0 on; or else `pieces`"
+        default=None, description="position and derivatives at increasing times, in place of `pieces`"
     )
     yaw_knots: Annotated[tuple[YawKnot, ...], Field(strict=False, min_length=2)] | None = Field(
         default=None,
-        description="yaw and its rate at increasing times, from the first knot to the last; the yaw turns by the"
-        " difference of two knots, also by more than half a turn",
+        description="yaw and its rate at increasing times from the first to the last knot; the yaw turns by the"
+        " difference between two knots, which may be more than half a turn",
     )
-    pieces: Annotated[tuple[Piece, ...], Field(strict=False, min_length=1, max_length=MOST_WAYPOINTS)] | None = Field(
+    pieces: Annotated[tuple[Piece, ...], Field(strict=False, min_length=1, max_length=MAX_WAYPOINTS)] | None = Field(
         default=None,
-        description="polynomials one after another, from time 0 on; or the name of a CSV file of them, beside the file"
-        " that names it",
+        description="successive polynomials from time 0 on, in place of `knots`; or the name of a CSV file with them,"
+        " relative to the folder of the scenario's file",
     )
-    origin: Point = Field(default=(0.0, 0.0, 0.0), description="where the origin of its coordinates is, in W (m)")
-    time_scale: PlainPositive = Field(default=1.0, description="by which all its times are multiplied (1)")
+    origin: Point = Field(
+        default=(0.0, 0.0, 0.0), description="position of the origin of the trajectory's coordinates, in W (m)"
+    )
+    time_scale: PlainPositive = Field(
+        default=1.0, description="factor by which all times of the trajectory are multiplied (1)"
+    )
 
-    _written = omits_defaults("knots", "pieces", "origin", "time_scale")
+    _serialized = omits_defaults("knots", "pieces", "origin", "time_scale")
 
     @model_validator(mode="after")
     def _one_form(self) -> "TrajectoryRoute":
         if (self.knots is None) == (self.pieces is None):
-            found = "neither" if self.knots is None else "both"
-            raise refused(f"must have either knots or pieces, not {found}")
+            given = "neither" if self.knots is None else "both"
+            raise refused(f"must have either knots or pieces, not {given}")
         if self.pieces is not None and self.yaw_knots is not None:
-            raise self.wrong("must be left out: pieces have their yaw", "yaw_knots")
+            raise self.field_error("must be left out, since pieces have a yaw of their own", "yaw_knots")
         return self
 
     @model_validator(mode="after")
     def _in_radians(self) -> "TrajectoryRoute":
-        """Raise an error if the yaw never changes and must have been given in degrees; turns are allowed."""
+        """Raise an error if a constant yaw must have been given in degrees; a changing yaw may be of any size."""
         pieces, yaw_knots = self.pieces or (), self.yaw_knots or ()
         yaws = {piece.yaw[0] for piece in pieces} | {knot.yaw for knot in yaw_knots}
         turns = any(any(piece.yaw[1:]) for piece in pieces) or any(knot.yaw_rate for knot in yaw_knots)
         if len(yaws) == 1 and not turns and abs(yaw := yaws.pop()) > TWO_TURNS:
             path = ("pieces", 0, "yaw", 0) if pieces else ("yaw_knots", 0, "yaw")
-            raise self.wrong(radians_demand(yaw, TWO_TURNS), *path)
+            raise self.field_error(radians_demand(yaw, TWO_TURNS), *path)
         return self
 
     @model_validator(mode="after")
@@ -114,29 +120,33 @@ class TrajectoryRoute(MissionRoute):
         for field, instants in times.items():
             for i, (now, then) in enumerate(itertools.pairwise(instants)):
                 if not then - now >= SHORTEST:
-                    raise self.wrong(f"must be later than {now}, by {SHORTEST} s or more", field, i + 1, "time")
+                    raise self.field_error(f"must be at least {SHORTEST} s later than {now}", field, i + 1, "time")
         if self.yaw_knots is not None:
-            for end, which in ((0, 0), (-1, len(self.yaw_knots) - 1)):
+            for end, index in ((0, 0), (-1, len(self.yaw_knots) - 1)):
                 time = knots[end].time
                 if self.yaw_knots[end].time != time:
-                    raise self.wrong(f"must be that of the knot, {time}", "yaw_knots", which, "time")
+                    end_name = "last" if end else "first"
+                    raise self.field_error(
+                        f"must be {time}, the time of the {end_name} of `knots`", "yaw_knots", index, "time"
+                    )
         return self
 
     @model_validator(mode="after")
     def _joined(self) -> "TrajectoryRoute":
-        """Check that position, velocity and yaw are continuous between pieces, up to whole turns of the yaw."""
+        """Raise an error if position, velocity or yaw jump between pieces; whole turns of the yaw are allowed."""
         if self.pieces is None:
             return self
         plan = plan_of_pieces(np.array([piece.row() for piece in self.pieces]))
         for i in range(1, len(self.pieces)):
-            for (name, order), (unit, least) in _JUMPS.items():
+            for (name, order), (unit, max_jump) in _MAX_JUMPS.items():
                 path: PolynomialPath = getattr(plan, name)
-                jump = float(np.linalg.norm(np.subtract(*evaluate_at(path, np.array([i - 1, i]), _ENDS, order))))
-                most = least + _DECIMALS * float(power_basis(order, self.pieces[i - 1].duration, POWERS).sum())
-                if not jump <= most:
-                    what = "yaw" if name == "yaw" else "velocity" if order else "position"
-                    jumps = f"its {what} jumps by {jump:.3g} {unit}, {most:.2g} at most"
-                    raise refused(f"must begin where the one before it ends: {jumps}", path=("pieces", i))
+                jump = float(np.linalg.norm(np.subtract(*evaluate_at(path, np.array([i - 1, i]), _JOINT, order))))
+                rounding = _COEFFICIENT_ROUNDING * float(power_basis(order, self.pieces[i - 1].duration, POWERS).sum())
+                limit = max_jump + rounding
+                if not jump <= limit:
+                    quantity = "yaw" if name == "yaw" else "velocity" if order else "position"
+                    jumps = f"its {quantity} jumps by {jump:.3g} {unit}, more than {limit:.2g}"
+                    raise refused(f"must continue from the end of the piece before: {jumps}", path=("pieces", i))
         return self
 
     def known_end(self) -> KnownEnd:

@@ -1,4 +1,4 @@
-"""Choices of the times at which waypoints are passed."""
+"""Methods to choose the times at which waypoints are passed, in the scenario language."""
 
 import itertools
 from abc import abstractmethod
@@ -15,41 +15,41 @@ from drake_quad.scenario.routes.route import KnownEnd
 
 
 class WaypointTimes(Model):
-    """Choice of the times at which waypoints are passed.
+    """Method to choose the times at which waypoints are passed.
 
     Attributes:
-        chooses_total: whether the total time is chosen, which needs a limit on the speed or on the acceleration.
+        chooses_total: True if the method chooses the total time, which requires a limit on speed or acceleration.
     """
 
     chooses_total: ClassVar[bool] = False
 
     def known_end(self, laps: int) -> KnownEnd | None:
-        """Return the field that determines the end of a number of laps, and this time, s; None if a plan does."""
+        """Return the field that determines the end of the last lap, and that time, s; None if the time needs a plan."""
         return None
 
     @abstractmethod
     def timing(self) -> Timing:
-        """Return how the planner chooses the times."""
+        """Return the method as a record of the planner."""
 
 
 class Given(WaypointTimes):
-    """When to pass each waypoint; a list of numbers alone is short for its times."""
+    """Given times of all waypoints. The list of times alone is short for this mapping."""
 
     kind: Literal["given"]
     times: Annotated[tuple[Real, ...], Field(strict=False, min_length=1)] = Field(
-        description="one for each waypoint, increasing (s)"
+        description="time of each waypoint, increasing (s)"
     )
 
     @field_validator("times")
     @classmethod
     def _increasing(cls, times: tuple[float, ...]) -> tuple[float, ...]:
         if times[0] < 0.0:
-            raise refused("must start at 0 or later")
+            raise refused("must not be negative")
         for i, (now, then) in enumerate(itertools.pairwise(times)):
             if not then - now >= SHORTEST:
-                raise refused(f"must increase, each time by {SHORTEST} s or more; time {i + 1} does not")
+                raise refused(f"must increase by at least {SHORTEST} s from one to the next, but time {i + 1} does not")
         if times[-1] > LONGEST:
-            raise refused(f"must end by {LONGEST} s")
+            raise refused(f"must not exceed {LONGEST} s")
         return times
 
     def known_end(self, laps: int) -> KnownEnd | None:
@@ -57,44 +57,44 @@ class Given(WaypointTimes):
         return ("route", "times"), self.times[0] + laps * (self.times[-1] - self.times[0])
 
     def timing(self) -> Timing:
-        """Return how the planner chooses the times."""
+        """Return the method as a record of the planner."""
         return planner.GivenTimes(self.times)
 
 
 class HeuristicTimes(WaypointTimes):
-    """Heuristic timing: the faster of a ride without stops and one that stops everywhere, stretched to the limits."""
+    """Heuristic timing: the faster of a non-stop and a stop-at-every-waypoint profile, scaled to the limits."""
 
     chooses_total: ClassVar = True
     kind: Literal["heuristic"]
 
     def timing(self) -> Timing:
-        """Return how the planner chooses the times."""
+        """Return the method as a record of the planner."""
         return planner.Heuristic()
 
 
 class LeastSnapTimes(WaypointTimes):
-    """The times with the least snap in a given total."""
+    """Times that minimise the snap of the path for a given total time."""
 
     kind: Literal["least_snap"]
-    duration: PlainSpan = Field(description="total (s)")
+    duration: PlainSpan = Field(description="total time (s)")
 
     def known_end(self, laps: int) -> KnownEnd | None:
         """Return the field of the duration, and the duration, s."""
         return ("route", "times", "duration"), self.duration
 
     def timing(self) -> Timing:
-        """Return how the planner chooses the times."""
+        """Return the method as a record of the planner."""
         return planner.LeastSnap(self.duration)
 
 
 class ShortestTimes(WaypointTimes):
-    """The least total time for which the minimum-snap path keeps to the limits, a local optimum."""
+    """Times with the shortest total for which the minimum-snap path satisfies the limits, a local optimum."""
 
     chooses_total: ClassVar = True
     kind: Literal["shortest"]
 
     def timing(self) -> Timing:
-        """Return how the planner chooses the times."""
+        """Return the method as a record of the planner."""
         return planner.Shortest()
 
 

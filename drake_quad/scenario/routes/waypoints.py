@@ -1,4 +1,4 @@
-"""Minimum-snap path through waypoints."""
+"""Minimum-snap path through waypoints, in the scenario language."""
 
 import math
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -20,11 +20,11 @@ from drake_quad.reference.routes import Leg
 from drake_quad.reference.time_allocation import stretch_factor
 from drake_quad.reference.yaw import yaw_through
 from drake_quad.scenario.distributions import Model, Real, refused
-from drake_quad.scenario.limits import MOST_WAYPOINTS
+from drake_quad.scenario.limits import MAX_WAYPOINTS
 from drake_quad.scenario.paths import distributions_in
 from drake_quad.scenario.quantities import TWO_TURNS, Point, Position, Positive, radians_demand
 from drake_quad.scenario.regions import BoxRegion, CorridorRegion, SphereRegion
-from drake_quad.scenario.routes.route import ROUTES, KnownEnd, Laps, MovingRoute, Planned, of_three_laps
+from drake_quad.scenario.routes.route import ROUTES, KnownEnd, Laps, MovingRoute, Planned, split_three_laps
 from drake_quad.scenario.routes.waypoint_times import Given, LeastSnapTimes, ShortestTimes, Times
 from drake_quad.space.distance import nearest_approach
 from drake_quad.space.space import Space
@@ -32,21 +32,25 @@ from drake_quad.space.space import Space
 if TYPE_CHECKING:
     from drake_quad.space.around import RouteAround
 
-# Half a turn plus a tolerance for rounding, rad. If consecutive yaws differ by no more, they describe continuous turns.
+# Half a turn plus a tolerance for rounding, rad. Consecutive yaws that differ by no more describe continuous turns.
 _HALF_TURN = math.pi + 1e-6
 
 
 class Waypoint(Model):
-    """Place to pass, with velocity and derivatives if they are given; [x, y, z] is short for a point."""
+    """Point or region to pass, optionally with given derivatives; [x, y, z] is short for a point."""
 
-    point: Position | None = Field(default=None, description="exactly here, in W (m)")
-    box: BoxRegion | None = Field(default=None, description="somewhere in this box")
-    sphere: SphereRegion | None = Field(default=None, description="somewhere in this sphere")
-    velocity: Point | None = Field(default=None, description="given velocity, in W (m/s); free by default")
-    acceleration: Point | None = Field(default=None, description="given acceleration, in W (m/s²); free by default")
-    jerk: Point | None = Field(default=None, description="given jerk, in W (m/s³); free by default")
-    stop: bool = Field(default=False, description="whether velocity, acceleration and jerk are zero here")
-    yaw: Real | None = Field(default=None, description="yaw here (rad), for heading: waypoints; free by default")
+    point: Position | None = Field(default=None, description="point to pass, in W (m)")
+    box: BoxRegion | None = Field(default=None, description="box through which the path must pass")
+    sphere: SphereRegion | None = Field(default=None, description="sphere through which the path must pass")
+    velocity: Point | None = Field(default=None, description="velocity at the waypoint, in W (m/s); free by default")
+    acceleration: Point | None = Field(
+        default=None, description="acceleration at the waypoint, in W (m/s²); free by default"
+    )
+    jerk: Point | None = Field(default=None, description="jerk at the waypoint, in W (m/s³); free by default")
+    stop: bool = Field(default=False, description="whether velocity, acceleration and jerk are zero at the waypoint")
+    yaw: Real | None = Field(
+        default=None, description="yaw at the waypoint (rad), for heading: waypoints; free by default"
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -57,14 +61,14 @@ class Waypoint(Model):
     def _one_place(self) -> "Waypoint":
         given = [name for name in ("point", "box", "sphere") if getattr(self, name) is not None]
         if len(given) != 1:
-            found = " and ".join(given) or "none"
-            raise refused(f"must have one of point, box and sphere, not {found}")
+            given_text = " and ".join(given) or "none"
+            raise refused(f"must have one of point, box and sphere, not {given_text}")
         if self.stop and any(value is not None for value in (self.velocity, self.acceleration, self.jerk)):
-            raise refused("must not have both stop and given derivatives")
+            raise refused("must not have stop together with a velocity, acceleration or jerk")
         return self
 
     def place(self) -> Box | Sphere:
-        """Return the place as the planner has it; it holds no distributions."""
+        """Return the point or region as a record of the planner."""
         if self.box is not None:
             return self.box.box()
         if self.sphere is not None:
@@ -74,25 +78,30 @@ class Waypoint(Model):
 
 @ROUTES.member
 class WaypointRoute(MovingRoute):
-    """Minimum snap through waypoints, within limits and corridors."""
+    """Minimum-snap path through waypoints, within limits and corridors."""
 
     kind: Literal["waypoints"]
-    waypoints: Annotated[tuple[Waypoint, ...], Field(strict=False, min_length=2, max_length=MOST_WAYPOINTS)] = Field(
-        description="places to pass, in order; segment i leads from waypoint i to waypoint i + 1"
+    waypoints: Annotated[tuple[Waypoint, ...], Field(strict=False, min_length=2, max_length=MAX_WAYPOINTS)] = Field(
+        description="points or regions to pass, in order; segment i leads from waypoint i to waypoint i + 1, from 0 on"
     )
-    times: Times = Field(default=ShortestTimes(kind="shortest"), description="when to pass them, or how to choose that")
+    times: Times = Field(
+        default=ShortestTimes(kind="shortest"),
+        description="times at which the waypoints are passed, or the method to choose them",
+    )
     corridors: Annotated[tuple[CorridorRegion | None, ...], Field(strict=False)] | None = Field(
-        default=None, description="for each segment a box or half-spaces that the path must not leave, or null"
+        default=None,
+        description="box or half-spaces that the path must not leave, for each segment; null for no corridor",
     )
-    space: BoxRegion | None = Field(default=None, description="a box that the whole path must not leave")
+    space: BoxRegion | None = Field(default=None, description="box that the whole path must not leave")
     laps: Laps = Field(
         default=1,
-        description="number of laps, if the route ends where it begins; the first begins, the last ends at rest, those"
-        " in between are alike; there is rest between them only if the last waypoint is a stop",
+        description="number of laps of a route that ends where it begins; the first begins and the last ends at rest,"
+        " and the laps between are equal; the vehicle rests between laps only if the last waypoint is a stop",
     )
-    # Mypy does not allow to widen what a base class has fixed.
+    # Mypy does not allow a subclass to accept more values than its base class.
     heading: Literal["constant", "along_path", "waypoints"] = Field(  # type: ignore[assignment]
-        default="constant", description="what the yaw follows; waypoints turns through the yaws given at them"
+        default="constant",
+        description="rule for the yaw; with waypoints it turns through the yaws given at the waypoints",
     )
     top_speed: Positive | None = Field(
         default=2.0, description="limit on the speed (m/s), or null for none; the paper's 2 m/s"
@@ -112,19 +121,20 @@ class WaypointRoute(MovingRoute):
     def _consistent(self) -> "WaypointRoute":
         count = len(self.waypoints)
         if isinstance(self.times, Given) and len(self.times.times) != count:
-            raise self.wrong(f"must hold one time for each of the {count} waypoints", "times")
+            raise self.field_error(f"must have one time for each of the {count} waypoints", "times")
         if self.corridors is not None and len(self.corridors) != count - 1:
-            demand = f"must hold one box, half-spaces or null for each of the {count - 1} segments"
-            raise self.wrong(demand, "corridors")
+            demand = f"must have one corridor or null for each of the {count - 1} segments"
+            raise self.field_error(demand, "corridors")
         has_yaws = any(waypoint.yaw is not None for waypoint in self.waypoints)
         if self.heading == "waypoints" and not has_yaws:
-            raise self.wrong("needs a yaw at one of the waypoints", "heading")
+            raise self.field_error("requires a yaw at one or more waypoints", "heading")
         if self.heading != "waypoints" and has_yaws:
-            raise self.wrong("must be waypoints if yaws are given there", "heading")
+            raise self.field_error("must be waypoints, since waypoints have yaws", "heading")
         self._check_yaws()
         limited = self.top_speed is not None or self.top_acceleration is not None
         if not limited and self.times.chooses_total:
-            raise self.wrong("must be a number, or else top_acceleration, to choose the total time", "top_speed")
+            demand = "must be a number unless top_acceleration is one, since the total time follows from these limits"
+            raise self.field_error(demand, "top_speed")
         return self
 
     def _check_yaws(self) -> None:
@@ -134,7 +144,7 @@ class WaypointRoute(MovingRoute):
             if waypoint.yaw is None:
                 continue
             if abs(waypoint.yaw) > TWO_TURNS and abs(waypoint.yaw - before) > _HALF_TURN:
-                raise self.wrong(radians_demand(waypoint.yaw, TWO_TURNS), "waypoints", i, "yaw")
+                raise self.field_error(radians_demand(waypoint.yaw, TWO_TURNS), "waypoints", i, "yaw")
             before = waypoint.yaw
 
     @model_validator(mode="after")
@@ -144,19 +154,19 @@ class WaypointRoute(MovingRoute):
             return self
         first, last = self.waypoints[0].point, self.waypoints[-1].point
         if first is None or first != last:
-            raise self.wrong("must be 1, since the route does not end at the point where it begins", "laps")
-        if self.laps * len(self.waypoints) > MOST_WAYPOINTS:
-            raise self.wrong(f"must be fewer: in all laps there may be {MOST_WAYPOINTS} waypoints", "laps")
+            raise self.field_error("must be 1, since the route does not end at the point where it begins", "laps")
+        if self.laps * len(self.waypoints) > MAX_WAYPOINTS:
+            raise self.field_error(f"must be smaller: all laps together may have {MAX_WAYPOINTS} waypoints", "laps")
         for i, waypoint in enumerate(self.waypoints):
             for name in ("velocity", "acceleration", "jerk"):
                 if getattr(waypoint, name) is not None:
-                    demand = "must be left out: with laps only stops can be given at a waypoint"
-                    raise self.wrong(demand, "waypoints", i, name)
+                    demand = "must be left out: with laps, a waypoint can be a stop but have no given derivatives"
+                    raise self.field_error(demand, "waypoints", i, name)
         for name in ("corridors", "space"):
             if getattr(self, name) is not None:
-                raise self.wrong("must be left out: laps keep to none", name)
+                raise self.field_error("must be left out: it cannot be combined with laps", name)
         if isinstance(self.times, LeastSnapTimes):
-            raise self.wrong("must be given, heuristic or shortest, since there are laps", "times", "kind")
+            raise self.field_error("must be given, heuristic or shortest if there are laps", "times", "kind")
         return self
 
     @model_validator(mode="after")
@@ -169,14 +179,14 @@ class WaypointRoute(MovingRoute):
         return self
 
     def known_end(self) -> KnownEnd:
-        """Return the field that determines the end of the route, and this time, s; None if a plan does."""
+        """Return the field that determines the end of the route, and that time, s; None if the time needs a plan."""
         return self.times.known_end(self.laps) or super().known_end()
 
     def problem(self, laps: int = 1) -> PathProblem:
-        """Return the problem of planning some laps, for a route without distributions.
+        """Return the planning problem of a number of laps, for a route without distributions.
 
         Raises:
-            InputError: no path can, whatever its times.
+            InputError: if no path can satisfy the constraints, for any times.
         """
         waypoints = [*self.waypoints, *self.waypoints[1:] * (laps - 1)]
         derivatives = rest_at_ends(len(waypoints), 3)
@@ -194,7 +204,7 @@ class WaypointRoute(MovingRoute):
         )
 
     def _corridors(self) -> list[Corridor | None]:
-        """Each segment's corridor, as much of it as lies in the space."""
+        """Return the intersection of corridor and space for each segment; None for a segment without either."""
         given = self.corridors or (None,) * (len(self.waypoints) - 1)
         corridors = [None if corridor is None else corridor.region() for corridor in given]
         if self.space is None:
@@ -203,7 +213,7 @@ class WaypointRoute(MovingRoute):
         inside = [space if corridor is None else intersection_of(corridor, space) for corridor in corridors]
         for i, corridor in enumerate(inside):
             if corridor is None:
-                raise InputError(f"the corridor of segment {i} lies outside the space")
+                raise InputError(f"the corridor of segment {i} lies outside route.space; enlarge one of the two")
         return inside
 
     def plan(self, space: Space | None) -> Planned:
@@ -223,12 +233,13 @@ class WaypointRoute(MovingRoute):
         return passing_times(self.problem(self.laps), own)
 
     def _path(self, space: Space | None) -> tuple[PolynomialPath, tuple[float, ...], "RouteAround | None"]:
-        """Return the path, the times of its laps, s, if there are several, and its way around obstacles, if any.
+        """Return the path, the start and end times of its laps, s, and its way around obstacles.
 
-        Where times are chosen, they are chosen for three laps, and the middle one is repeated.
+        The times are empty for a single lap. The way is None if there are no obstacles. If the method chooses the times
+        of several laps, it plans three laps, and the middle one is repeated.
 
         Raises:
-            InputError: there is no such path, or none is found.
+            InputError: if no path exists or none is found.
         """
         if self.laps == 1:
             if space is None:
@@ -242,10 +253,10 @@ class WaypointRoute(MovingRoute):
             durations, points = LapDurations(*[path.durations] * 3), path.waypoints
         else:
             segments = (len(path.times) - 1) // 3
-            durations, points = of_three_laps(path.durations, segments), path.waypoints[segments : 2 * segments + 1]
+            durations, points = split_three_laps(path.durations, segments), path.waypoints[segments : 2 * segments + 1]
         stops = (problem.derivatives[: len(points)] == 0.0).all(axis=(1, 2))
         stops[[0, -1]] = self.waypoints[-1].stop
-        # If times are given, the vehicle stays at a waypoint that is repeated.
+        # With given times, the vehicle hovers between two equal waypoints.
         staying = (np.diff(points, axis=0) == 0.0).all(axis=1)
         stops[:-1] |= staying
         stops[1:] |= staying
@@ -254,18 +265,18 @@ class WaypointRoute(MovingRoute):
         factor = stretch_factor(flown, problem.limits) if problem.limits.by_order else 0.0
         if given:
             if factor > 1.0 + 1e-9:
-                raise InputError(f"in laps the times must be {factor:.3g} times as long to keep to the limits")
+                raise InputError(f"multiply route.times by {factor:.3g}: with laps, the path exceeds its limits")
             start = float(path.times[0])
             return flown._replace(times=flown.times + start), tuple([start + time for time in laps]), None
         return flown.stretched(factor), tuple([factor * time for time in laps]), None
 
     def _around(self, space: Space) -> tuple[PolynomialPath, "RouteAround"]:
-        """Return the path that keeps the clearance and the bounds of a space, and its way around obstacles.
+        """Return a path with the clearance of a space and within its bounds, and its way around obstacles.
 
         Raises:
-            InputError: there is no such path, or none is found.
+            InputError: if no path exists or none is found.
         """
-        # These import pydrake.planning, which most flights do not need.
+        # Imported here, because space.around imports pydrake.planning, which most flights do not need.
         from drake_quad.space.around import check_waypoint_clearance, direct_route, plan_around, with_bounds
 
         problem, timing = self.problem(), self.times.timing()
@@ -279,13 +290,13 @@ class WaypointRoute(MovingRoute):
             return path, direct_route(bounded)
         if space.bounds is None:
             raise InputError(
-                f"without a way around, the path comes to {approach}, nearer than {space.clearance:.3g} m; space.bounds"
-                " is needed, the room in which to look for one"
+                f"the path comes to {approach}, nearer than the clearance of {space.clearance:.3g} m; give"
+                " space.bounds, the box in which to plan a way around the obstacles"
             )
         path, way = kept(plan_around, space, space.bounds, problem, timing)
         approach = nearest_approach(path, space)
         if approach is not None and approach.distance < space.clearance:
-            raise RuntimeError(f"a path planned at {space.clearance:g} m from obstacles comes to {approach}")
+            raise RuntimeError(f"a path planned with a clearance of {space.clearance:g} m comes to {approach}")
         return path, way
 
 

@@ -13,22 +13,23 @@ from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
 
 @SENSORS.member
 class AccelerometerSettings(SensorSettings):
-    """Accelerometer, which shows all force but the weight, over the mass, at its place and along the axes of B."""
+    """Accelerometer, which measures the specific force (without gravity) at its position, in the axes of B."""
 
     kind: Literal["accelerometer"]
     position: Position = field_of(
-        AccelerometerNumbers, "position", "x, y and z in B, seen from the origin of `layout` as `centre_of_mass` is"
+        AccelerometerNumbers, "position", "x, y and z in B relative to the origin of `layout`, like `centre_of_mass`"
     )
-    bias: Position = field_of(AccelerometerNumbers, "bias", "of every reading along x, y and z")
+    bias: Position = field_of(AccelerometerNumbers, "bias", "constant error along x, y and z")
     noise_density: NonNegative = Field(
         default=0.0,
-        description="of the noise on each axis (m/s²/√Hz): a reading has this over the root of the period",
+        description="noise density on each axis (m/s²/√Hz); the standard deviation of a reading is this number over the"
+        " square root of the period",
     )
     law: ClassVar = ACCELEROMETER
     noise: ClassVar = ("noise_density",)
 
     def numbers(self, vehicle: Any) -> AccelerometerNumbers:
-        """Return the numbers of the accelerometer, with its place seen from the centre of mass."""
+        """Return the numbers of the accelerometer, with its position relative to the centre of mass."""
         (x, y, z), (centre_x, centre_y) = self.position, vehicle.centre_of_mass
         return record_like(
             AccelerometerNumbers,

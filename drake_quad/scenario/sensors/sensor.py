@@ -1,7 +1,7 @@
-"""Sensors on board, and the questions about them that the rest of the library asks.
+"""Base class of the sensors on board, and their registry `SENSORS`.
 
-A sensor of your own is a class that extends `SensorSettings` and is registered with `SENSORS.member`. Its readings are
-then a signal, called after its kind: a port of the laboratory, which is recorded and which a control may read.
+To add a sensor, extend `SensorSettings` and register the class with `SENSORS.member`. The readings are then a signal
+with the name of the kind. The laboratory has a port with this name; the signal is recorded, and a control may read it.
 """
 
 from abc import abstractmethod
@@ -20,29 +20,29 @@ _Member = TypeVar("_Member", bound=type[Model])
 
 
 class SensorSettings(Model):
-    """Sensor on board. Numbers that a study draws are (N,) arrays when its methods are called for a fleet.
+    """Sensor on board. In the scenario of a fleet, numbers that a study draws are (N,) arrays.
 
     Attributes:
-        law: law that the sensor measures by.
-        noise: names of the fields that are sizes of the noise.
+        law: measurement law of the sensor.
+        noise: names of the fields that determine the noise; without noise they are all zero.
     """
 
     kind: str
     period: Period = Field(default=0.01, description="time between readings (s)")
-    latency_samples: Ticks = Field(default=0, description="whole periods from a reading to its arrival")
+    latency_samples: Ticks = Field(default=0, description="delay from a reading to its arrival, in whole periods")
     law: ClassVar[SensorLaw]
     noise: ClassVar[tuple[str, ...]]
 
     @abstractmethod
     def numbers(self, vehicle: Any) -> Any:
-        """Return the record of the numbers of the law, given the vehicle that flies."""
+        """Return the numbers of the measurement law, given the vehicle of a `Batch.fleet_scenario`."""
 
     def recipe(self, fleet: Any, vehicle: Any) -> Recipe:
         """Return the recipe for the sensors of a fleet.
 
         Args:
-            fleet: the sensor in a `Batch.fleet_scenario`.
-            vehicle: the vehicle in a `Batch.fleet_scenario`.
+            fleet: sensor of a `Batch.fleet_scenario`.
+            vehicle: vehicle of a `Batch.fleet_scenario`.
         """
         structure = {
             "name": self.kind,
@@ -55,10 +55,10 @@ class SensorSettings(Model):
 
 
 class _SensorUnion(OpenUnion):
-    """Kinds of sensors, whose readings are signals while they are registered."""
+    """Registry of sensors that also registers the readings of each sensor as a signal."""
 
     def member(self, model: _Member) -> _Member:
-        """Register a sensor and its signal, as a decorator of its class."""
+        """Register a sensor and its signal; used as a decorator of the class of the sensor."""
         super().member(model)
         name = self._name_of(model)
         SIGNALS[name] = self.members[name].law.reading
@@ -72,11 +72,11 @@ class _SensorUnion(OpenUnion):
     def _name_of(self, model: type[Any]) -> str:
         name = super()._name_of(model)
         if name in SIGNALS and name not in self.members:
-            raise ValueError(f"there is a signal called {name}, so no sensor can have this kind")
+            raise ValueError(f"the kind {name} of {model.__name__} is the name of an existing signal; choose another")
         return name
 
 
 SENSORS = _SensorUnion(SensorSettings)
-"""Kinds of sensors on board."""
+"""Registry of the kinds of sensors on board."""
 
 AnySensor = Annotated[SensorSettings, SENSORS]

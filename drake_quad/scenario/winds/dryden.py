@@ -1,4 +1,4 @@
-"""Continuous turbulence."""
+"""Dryden turbulence of the scenario language."""
 
 from typing import Annotated, ClassVar, Literal
 
@@ -14,23 +14,27 @@ from drake_quad.signals import VelocityW
 
 @WINDS.member
 class DrydenSource(WindSource):
-    """Continuous turbulence of MIL-F-8785C at low altitude."""
+    """Continuous turbulence by the Dryden model of MIL-F-8785C at low altitude."""
 
     kind: Literal["dryden"]
     level: Literal["light", "moderate", "severe"] = Field(
-        default="moderate", description="a wind of 15, 30 or 45 knots at 20 feet"
+        default="moderate", description="intensity level: a mean wind of 15, 30 or 45 knots at 20 feet"
     )
-    intensity: NonNegative = Field(default=1.0, description="factor on the level's standard deviations (1)")
+    intensity: NonNegative = Field(
+        default=1.0, description="factor (1) by which the standard deviations of the level are multiplied"
+    )
     height: Annotated[Number, bounded(least=3.048, most=304.8)] = Field(
-        default=6.096, description="at which scales and deviations are taken (m); from 10 to 1000 feet"
+        default=6.096, description="height for which length scales and standard deviations are computed (m)"
     )
     airspeed: Annotated[Number, bounded(least=1.0)] | None = Field(
         default=None,
-        description="with which the turbulence goes by (m/s); that of the steady wind, or 1 m/s, if not given",
+        description="speed at which the turbulence passes the vehicle (m/s); if not given, the larger of 1 m/s and the"
+        " speed of the steady wind",
     )
     heading: Direction | None = Field(
         default=None,
-        description="of the longitudinal axis, from X towards Y (rad); that of the steady wind if not given",
+        description="direction of the longitudinal axis, from X towards Y (rad); the direction of the steady wind if"
+        " not given",
     )
     depends_on_place: ClassVar = False
     depends_on_time: ClassVar = False
@@ -40,11 +44,11 @@ class DrydenSource(WindSource):
         return 0.0
 
     def without_turbulence(self) -> WindSource | None:
-        """Return None."""
+        """Return None, since the source has no other part."""
         return None
 
     def recipe(self, surroundings: WindSurroundings) -> Recipe:
-        """Return the recipe for a `DrydenTurbulence`, carried by the steady wind unless the source says otherwise."""
+        """Return the recipe for a `DrydenTurbulence`."""
         mean = surroundings.steady_wind
         turbulence = Turbulence.at_low_altitude(
             height=self.height,

@@ -1,4 +1,4 @@
-"""Industrial fan."""
+"""Industrial fan of the scenario language."""
 
 from collections.abc import Sequence
 from typing import Any, ClassVar, Literal
@@ -19,21 +19,21 @@ class FanSource(WindSource):
     """An industrial fan: a free jet in a room."""
 
     kind: Literal["fan"]
-    position: Position = Field(description="of the middle of its outlet, in W (m)")
-    direction: Position = Field(description="in which it blows, in W; of any length")
+    position: Position = Field(description="centre of the outlet, in W (m)")
+    direction: Position = Field(description="vector of any length in the direction of the flow, in W")
     flow: NonNegative = Field(description="volume flow (m³/s)")
-    diameter: Positive = Field(description="of the outlet (m)")
+    diameter: Positive = Field(description="diameter of the outlet (m)")
     turbulence: NonNegative = Field(
-        default=0.22, description="standard deviation of the air's velocity over its mean, on each axis (1)"
+        default=0.22, description="standard deviation of the air velocity on each axis, relative to the mean speed (1)"
     )
     depends_on_place: ClassVar = True
     depends_on_time: ClassVar = False
 
     @field_validator("direction")
     @classmethod
-    def _somewhere(cls, direction: tuple[Number, Number, Number]) -> tuple[Number, Number, Number]:
+    def _has_direction(cls, direction: tuple[Number, Number, Number]) -> tuple[Number, Number, Number]:
         if not any(excludes_zero(part) for part in direction):
-            raise refused(f"must have a part that cannot be zero, nor within {SMALLEST} of it")
+            raise refused(f"must have a component that is always larger than {SMALLEST} in size")
         return direction
 
     def jets(self) -> tuple[Jet, ...]:
@@ -48,18 +48,18 @@ class FanSource(WindSource):
         return (jet,)
 
     def max_speed(self) -> VelocityW:
-        """Return the speed at the outlet, m/s."""
+        """Return the mean speed of the air at the outlet, m/s."""
         return self.jets()[0].exit_speed
 
     def without_turbulence(self) -> WindSource | None:
-        """Return the fan with a jet that is not turbulent."""
+        """Return the fan with a jet without turbulence."""
         return self.model_copy(update={"turbulence": 0.0})
 
     def recipe(self, surroundings: WindSurroundings) -> Recipe:
-        """Return the recipe for the wind of this fan."""
+        """Return the recipe for the wind of this fan alone."""
         return Recipe(Fans, {"period": surroundings.period}, self.jets())
 
     @classmethod
     def recipes(cls, sources: Sequence[Any], surroundings: WindSurroundings) -> dict[str, Recipe]:
-        """Return the recipe for one system, which makes the wind of all fans."""
+        """Return the recipe for a single system that computes the wind of all fans."""
         return {"fans": sources[0].recipe(surroundings)._replace(numbers=jets(sources))}

@@ -1,4 +1,4 @@
-"""Discrete gust."""
+"""Discrete gust of the scenario language."""
 
 import math
 from typing import ClassVar, Literal
@@ -13,13 +13,14 @@ from drake_quad.scenario.winds.source import WINDS, BlowingSource, WindSurroundi
 
 @WINDS.member
 class GustSource(BlowingSource):
-    """A 1-cosine gust: it comes over the rise time, stays, and goes as it came."""
+    """A 1-cosine gust: it rises over the rise time, holds its peak, and falls over the same time."""
 
     kind: Literal["gust"]
-    start: Moment = Field(description="when it begins (s)")
-    rise_time: Span = Field(description="from nothing to full height (s)")
+    start: Moment = Field(description="time at which the gust begins (s)")
+    rise_time: Span = Field(description="time from zero to the peak velocity (s)")
     hold_time: Moment | None = Field(
-        default=None, description="at full height (s); for good if not given, as in MIL-F-8785C"
+        default=None,
+        description="time at the peak velocity (s); if not given, the gust never falls, as in MIL-F-8785C",
     )
     depends_on_place: ClassVar = False
     depends_on_time: ClassVar = True

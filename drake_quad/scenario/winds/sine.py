@@ -1,4 +1,4 @@
-"""Sinusoidal wind."""
+"""Sinusoidal wind of the scenario language."""
 
 from typing import ClassVar, Literal
 
@@ -12,11 +12,11 @@ from drake_quad.scenario.winds.source import WINDS, BlowingSource, WindSurroundi
 
 @WINDS.member
 class SineSource(BlowingSource):
-    """A wind that swells and fades as a sine, to both sides."""
+    """A wind whose velocity is a sine of time and so changes its sign."""
 
     kind: Literal["sine"]
     frequency: Positive = Field(description="angular frequency (rad/s)")
-    phase: Direction = Field(default=0.0, description="at time zero (rad)")
+    phase: Direction = Field(default=0.0, description="phase at time zero (rad)")
     depends_on_place: ClassVar = False
     depends_on_time: ClassVar = True
 

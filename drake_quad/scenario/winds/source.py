@@ -1,6 +1,6 @@
-"""Sources of wind, and the questions about them that the rest of the library asks.
+"""Base class of the sources of wind, and their registry `WINDS`.
 
-A wind of your own is a class that extends `WindSource` and is registered with `WINDS.member`.
+To add a source, extend `WindSource` and register the class with `WINDS.member`.
 """
 
 from abc import abstractmethod
@@ -20,7 +20,7 @@ from drake_quad.signals import Row, VelocityW, Wind
 
 
 class WindSurroundings(NamedTuple):
-    """Properties of the laboratory that a source may depend on.
+    """Properties of the laboratory on which a source of wind may depend.
 
     Attributes:
         steady_wind: sum of all steady winds.
@@ -32,11 +32,11 @@ class WindSurroundings(NamedTuple):
 
 
 class WindSource(Model):
-    """Source of wind. Numbers that a study draws are (N,) arrays when its methods are called for a fleet.
+    """Source of wind. In the scenario of a fleet, numbers that a study draws are (N,) arrays.
 
     Attributes:
-        depends_on_place: whether the mean wind differs from place to place.
-        depends_on_time: whether the mean wind changes during a flight.
+        depends_on_place: True if the mean wind depends on the position.
+        depends_on_time: True if the mean wind changes during a flight.
     """
 
     kind: str
@@ -44,16 +44,16 @@ class WindSource(Model):
     depends_on_time: ClassVar[bool]
 
     def steady_wind(self) -> Wind:
-        """Return the part of the wind that is the same everywhere and always, m/s."""
+        """Return the part of the wind that depends on neither position nor time, m/s."""
         return Wind(0.0, 0.0, 0.0)
 
     def jets(self) -> tuple[Jet, ...]:
-        """Return the free jets of the source."""
+        """Return the free jets of the source; only fans have any."""
         return ()
 
     @abstractmethod
     def max_speed(self) -> VelocityW:
-        """Return the largest speed of the mean wind beyond its steady part, m/s."""
+        """Return the largest speed of the mean wind, without its steady part, m/s."""
 
     @abstractmethod
     def without_turbulence(self) -> "WindSource | None":
@@ -61,42 +61,49 @@ class WindSource(Model):
 
     @abstractmethod
     def recipe(self, surroundings: WindSurroundings) -> Recipe:
-        """Return the recipe for the system that makes this wind."""
+        """Return the recipe for the system that computes this wind."""
 
     @classmethod
     def recipes(cls, sources: Sequence["WindSource"], surroundings: WindSurroundings) -> dict[str, Recipe]:
         """Return the recipes for all sources of this kind in a laboratory, by name.
 
-        Seeds depend on the names. Sources are counted by kind, so that a source of another kind changes no turbulence.
+        The random numbers of a source depend on its name. Sources are numbered within their kind, so that adding a
+        source of another kind does not change the turbulence.
         """
         return {f"{source.kind}_{i}": source.recipe(surroundings) for i, source in enumerate(sources)}
 
 
 WINDS = OpenUnion(WindSource)
-"""Kinds of sources of wind."""
+"""Registry of the kinds of wind sources."""
 
 AnyWindSource = Annotated[WindSource, WINDS]
 
 
 class BlowingSource(WindSource):
-    """Air that moves at a velocity, or level at a speed in a heading."""
+    """Wind with a velocity that is given as a vector, or as a horizontal speed and a heading."""
 
-    velocity: Position | None = Field(default=None, description="of the air at its height, in W (m/s)")
-    speed: NonNegative | None = Field(default=None, description="of the air, in place of a velocity (m/s)")
+    velocity: Position | None = Field(
+        default=None, description="velocity of the air, for a gust or sine its peak, in W (m/s)"
+    )
+    speed: NonNegative | None = Field(
+        default=None,
+        description="horizontal speed of the air, for a gust or sine its peak (m/s); given with heading, in place of"
+        " velocity",
+    )
     heading: Direction | None = Field(
-        default=None, description="to which it blows, with a speed, from X towards Y (rad)"
+        default=None, description="direction to which the wind blows, from X towards Y (rad); required with speed"
     )
 
     @model_validator(mode="after")
     def _one_motion(self) -> "BlowingSource":
         given = [name for name in ("velocity", "speed", "heading") if getattr(self, name) is not None]
         if given not in (["velocity"], ["speed", "heading"]):
-            found = " and ".join(given) or "neither"
-            raise refused(f"must have a velocity, or speed and heading, not {found}")
+            given_text = " and ".join(given) or "none of them"
+            raise refused(f"must have either a velocity or both speed and heading, not {given_text}")
         return self
 
     def full_velocity(self) -> Wind:
-        """Return the velocity of the air at its height, m/s."""
+        """Return the peak velocity of the air, m/s."""
         if self.velocity is not None:
             return Wind(*self.velocity)
         assert self.speed is not None
@@ -105,11 +112,11 @@ class BlowingSource(WindSource):
         return Wind(self.speed * cos_heading, self.speed * sin_heading, 0.0)
 
     def max_speed(self) -> VelocityW:
-        """Return the speed of the air at its height, m/s."""
+        """Return the peak speed of the air, m/s."""
         return speed(self.full_velocity())
 
     def without_turbulence(self) -> WindSource | None:
-        """Return the source itself, which is not random."""
+        """Return the source itself, which has no random part."""
         return self
 
 

@@ -1,4 +1,4 @@
-"""Steady wind."""
+"""Steady wind of the scenario language."""
 
 from collections.abc import Sequence
 from typing import ClassVar, Literal
@@ -13,18 +13,18 @@ from drake_quad.signals import VelocityW, Wind
 
 @WINDS.member
 class SteadySource(BlowingSource):
-    """Wind that depends on neither place nor time."""
+    """Wind that depends on neither position nor time."""
 
     kind: Literal["steady"]
     depends_on_place: ClassVar = False
     depends_on_time: ClassVar = False
 
     def steady_wind(self) -> Wind:
-        """Return all of the wind."""
+        """Return the whole wind, which is steady, m/s."""
         return self.full_velocity()
 
     def max_speed(self) -> VelocityW:
-        """Return 0, since all of the wind is steady."""
+        """Return 0, since the wind has no other part than the steady one."""
         return 0.0
 
     def recipe(self, surroundings: WindSurroundings) -> Recipe:
@@ -33,6 +33,6 @@ class SteadySource(BlowingSource):
 
     @classmethod
     def recipes(cls, sources: Sequence[WindSource], surroundings: WindSurroundings) -> dict[str, Recipe]:
-        """Return the recipe for one system, which makes the sum of all steady winds; none if the air is at rest."""
+        """Return the recipe for a single system with the sum of all steady winds; empty if the sum is zero."""
         blows = any(isinstance(part, np.ndarray) or part != 0.0 for part in surroundings.steady_wind)
         return {"steady": sources[0].recipe(surroundings)} if blows else {}

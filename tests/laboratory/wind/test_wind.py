@@ -160,7 +160,7 @@ def test_wind_may_be_given_by_speed_and_heading(diagrams):
 )
 def test_wind_needs_either_a_velocity_or_a_speed_and_heading(diagrams, motion):
     wind = "{kind: steady}" if motion == "kind: steady" else f"{{kind: steady, {motion}}}"
-    with pytest.raises(InputError, match="must have a velocity, or speed and heading, not"):
+    with pytest.raises(InputError, match="must have either a velocity or both speed and heading, not"):
         load_scenario(diagrams / "laboratory.yaml:nominal", [f"laboratory.wind=[{wind}]"])
 
 
