@@ -18,7 +18,7 @@ import numpy as np
 import scipy
 
 from drake_quad.control.lqg.chains import (
-    Answer,
+    AttitudeResponse,
     ChainNoise,
     ContinuousModel,
     Disturbances,
@@ -90,7 +90,7 @@ class Plant(NamedTuple):
 
     lags: bool
     lag: float
-    answer: Answer | None
+    answer: AttitudeResponse | None
     latency_frames: int
     delay_ticks: int
     thrust_gain: float = 1.0

@@ -8,13 +8,13 @@ import scipy
 
 from drake_quad.control.disturbance.laws import (
     AdaptiveLaw,
+    AxisMeasurement,
     DifferencedMemory,
-    Gained,
     IncrementalLaw,
     KalmanLaw,
-    Measured,
+    ModelIncrement,
 )
-from drake_quad.control.disturbance.response import AxisCommand, lagging, responded
+from drake_quad.control.disturbance.response import AxisCommand, lag_step, response_step
 
 H = 0.02
 
@@ -23,12 +23,12 @@ def test_a_lag_and_its_integrals_are_those_of_its_differential_equation():
     lag, before, target = 0.07, 1.3, -0.4
     slope = np.array([[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, -1.0 / lag, 1.0 / lag], [0.0] * 4])
     distance, speed, after, _ = scipy.linalg.expm(H * slope) @ [0.0, 0.0, before, target]
-    assert lagging(before, target, lag, H) == pytest.approx((after, speed, distance), rel=1e-12)
+    assert lag_step(before, target, lag, H) == pytest.approx((after, speed, distance), rel=1e-12)
 
 
 def test_what_is_fed_forward_has_a_lag_of_its_own():
-    after, speed, distance = responded(AxisCommand(0.3, -0.2), AxisCommand(1.1, 0.7), AxisCommand(0.2, 0.05), H)
-    one, other = lagging(0.3, 1.1, 0.2, H), lagging(-0.2, 0.7, 0.05, H)
+    after, speed, distance = response_step(AxisCommand(0.3, -0.2), AxisCommand(1.1, 0.7), AxisCommand(0.2, 0.05), H)
+    one, other = lag_step(0.3, 1.1, 0.2, H), lag_step(-0.2, 0.7, 0.05, H)
     assert after == (one.after, other.after)
     assert (speed, distance) == pytest.approx((one.speed + other.speed, one.distance + other.distance))
 
@@ -68,11 +68,11 @@ def estimates(law, disturbances, accelerations, *, start=0.0):
     """What a law shows at the end of each tick of a plant v' = a + d under held a and d, seen without noise."""
     position, velocity, memory, shown = start, 0.0, law.at_rest(start), []
     for a, d in zip(accelerations, disturbances, strict=True):
-        memory = law.corrected(memory, Measured(position, velocity), H)
-        memory = law.predicted(memory, Gained(H * a, 0.5 * H * H * a), H)
+        memory = law.corrected(memory, AxisMeasurement(position, velocity), H)
+        memory = law.predicted(memory, ModelIncrement(H * a, 0.5 * H * H * a), H)
         position += H * velocity + 0.5 * H * H * (a + d)
         velocity += H * (a + d)
-        shown.append(law.corrected(memory, Measured(position, velocity), H).disturbance)
+        shown.append(law.corrected(memory, AxisMeasurement(position, velocity), H).disturbance)
     return np.array(shown)
 
 
@@ -110,7 +110,7 @@ def test_l1_takes_away_what_passes_its_low_pass(frequency):
     law, time = AdaptiveLaw(1e-6, bandwidth), h * np.arange(20_000)
     memory, velocities, shown = law.at_rest(0.0), (1.0 - np.cos(frequency * time)) / frequency, []
     for velocity in velocities:
-        memory = law.corrected(memory, Measured(0.0, velocity), h)
+        memory = law.corrected(memory, AxisMeasurement(0.0, velocity), h)
         shown.append(memory.disturbance)
     waves = np.column_stack([np.sin(frequency * time), np.cos(frequency * time)])[10_000:]
     (in_phase, ahead), *_ = np.linalg.lstsq(waves, np.array(shown)[10_000:], rcond=None)
@@ -133,9 +133,9 @@ def test_indi_is_an_incremental_pi_on_a_linear_plant():
     law = IncrementalLaw(1e6)
     memory, v, found = law.at_rest(0.0), 0.0, []
     for d in pushes:
-        memory = law.corrected(memory, Measured(0.0, v), H)
+        memory = law.corrected(memory, AxisMeasurement(0.0, v), H)
         u = K * (wanted - v) - memory.disturbance
-        memory = law.predicted(memory, Gained(H * u, 0.5 * H * H * u), H)
+        memory = law.predicted(memory, ModelIncrement(H * u, 0.5 * H * H * u), H)
         v += H * (u + d)
         found.append(v)
     k_p, k_i, u, v, before, expected = 1.0 / H, K / H, 0.0, 0.0, 0.0, []
@@ -166,7 +166,7 @@ def test_a_disturbance_that_does_not_last_is_expected_to_decay():
     law = KalmanLaw.of(deviation=1.0, time_constant=0.5, position_noise=1e-3, period=H)
     memory = law.at_rest(0.0)._replace(disturbance=1.0)
     for _ in range(25):
-        memory = law.predicted(memory, Gained(0.0, 0.0), H)
+        memory = law.predicted(memory, ModelIncrement(0.0, 0.0), H)
     # d = exp(-t / T), v = T (1 - d), p = T (t - v) after t = T.
     share = math.exp(-1.0)
     assert memory == pytest.approx((0.5 * (0.5 - 0.5 * (1.0 - share)), 0.5 * (1.0 - share), share), rel=1e-12)

@@ -7,11 +7,11 @@ import pytest
 
 from drake_quad.control.disturbance.laws import IncrementalLaw, KalmanLaw
 from drake_quad.control.disturbance.tilt import (
-    Pushed,
+    KnownAccelerations,
     SpecificThrust,
     TiltEstimatorNumbers,
-    known_by_tilt,
-    next_by_tilt,
+    estimate_by_tilt,
+    next_tilt_states,
     tilted_acceleration,
 )
 from drake_quad.signals import Acceleration, State
@@ -29,7 +29,7 @@ def at(attitude=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0)):
 def shown(before, measurement, thrust=G):
     """The disturbance at a tick after one at rest, behind a filter that hides nothing."""
     memory = tuple([law.at_rest(0.0) for law in LAWS])
-    return np.array(known_by_tilt(memory, before, SpecificThrust(thrust), measurement, NUMBERS, H)[1])
+    return np.array(estimate_by_tilt(memory, before, SpecificThrust(thrust), measurement, NUMBERS, H)[1])
 
 
 def test_a_tilted_thrust_accelerates_as_in_eq_3():
@@ -48,19 +48,19 @@ def test_what_tilt_and_thrust_explain_is_no_disturbance():
     attitude = (0.1, 0.2, 0.3)
     first, last = Acceleration(0.4, -0.3, 0.2), np.array(tilted_acceleration(at(attitude), SpecificThrust(10.5), G))
     explained = 0.5 * (np.array(first) + last)
-    found = shown(Pushed(first, NOTHING), at(attitude, H * explained), 10.5)
+    found = shown(KnownAccelerations(first, NOTHING), at(attitude, H * explained), 10.5)
     np.testing.assert_allclose(found, 0.0, atol=1e-9)
-    found = shown(Pushed(first, NOTHING), at(attitude, 1.5 * H * explained), 10.5)
+    found = shown(KnownAccelerations(first, NOTHING), at(attitude, 1.5 * H * explained), 10.5)
     np.testing.assert_allclose(found, 0.5 * explained, rtol=1e-9)
 
 
 def test_what_has_been_learned_is_no_longer_its_disturbance():
     pushed, learned = np.array([0.7, -0.5, 0.3]), Acceleration(0.6, -0.4, 0.5)
-    found = shown(Pushed(NOTHING, learned), at(velocity=H * pushed))
+    found = shown(KnownAccelerations(NOTHING, learned), at(velocity=H * pushed))
     np.testing.assert_allclose(found, pushed - np.array(learned), rtol=1e-9)
     memory = tuple([law.at_rest(0.0) for law in LAWS])
-    _, before, *_ = next_by_tilt(
-        memory, Pushed(NOTHING, NOTHING), SpecificThrust(G), (), at(), NOTHING, learned, NUMBERS, H
+    _, before, *_ = next_tilt_states(
+        memory, KnownAccelerations(NOTHING, NOTHING), SpecificThrust(G), (), at(), NOTHING, learned, NUMBERS, H
     )
     assert before.learned == learned
 
@@ -75,11 +75,11 @@ def test_the_way_that_accelerations_take_the_vehicle_is_known():
     way = H**2 * (first / 3.0 + last / 6.0 + pushed / 2.0)
     law = KalmanLaw.of(deviation=1.0, time_constant=5.0, position_noise=1e-3, period=H)
     numbers = NUMBERS._replace(laws=(law,) * 3)
-    memory, before = (law.at_rest(0.0),) * 3, Pushed(Acceleration(*first), Acceleration(*pushed))
+    memory, before = (law.at_rest(0.0),) * 3, KnownAccelerations(Acceleration(*first), Acceleration(*pushed))
 
     def disturbance(x, y, z):
         measurement = at((0.1, 0.2, 0.3))._replace(x=x, y=y, z=z)
-        return known_by_tilt(memory, before, SpecificThrust(10.5), measurement, numbers, H)[1]
+        return estimate_by_tilt(memory, before, SpecificThrust(10.5), measurement, numbers, H)[1]
 
     np.testing.assert_allclose(disturbance(*way), 0.0, atol=1e-12)
     np.testing.assert_allclose(disturbance(*(way + 0.01)), 0.01 * law.gain.disturbance, rtol=1e-9)
@@ -87,9 +87,9 @@ def test_the_way_that_accelerations_take_the_vehicle_is_known():
 
 def test_the_thrust_follows_the_length_of_the_command_after_its_delay():
     memory, thrust, under_way = tuple([law.at_rest(0.0) for law in LAWS]), SpecificThrust(G), (SpecificThrust(G),) * 2
-    before, command, found = Pushed(NOTHING, NOTHING), Acceleration(3.0, -2.0, 1.5), []
+    before, command, found = KnownAccelerations(NOTHING, NOTHING), Acceleration(3.0, -2.0, 1.5), []
     for _ in range(5):
-        memory, before, thrust, under_way = next_by_tilt(
+        memory, before, thrust, under_way = next_tilt_states(
             memory, before, thrust, under_way, at(), command, NOTHING, NUMBERS, H
         )
         found.append(thrust.thrust)

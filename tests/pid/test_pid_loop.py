@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.signal
 
-from drake_quad.pid.filters import EMPTY, butterworth, filtered, first_order
+from drake_quad.pid.filters import EMPTY_FILTER, butterworth, filtered, first_order
 from drake_quad.pid.loop import Derivative, Integral, LastMeasurement, Memory, Terms, pid
 
 PERIOD = 0.01
@@ -34,7 +34,7 @@ def test_the_filter_of_second_order_is_that_of_scipy():
     b, a = scipy.signal.butter(2, 30.0, fs=500.0)
     np.testing.assert_allclose([b_0, b_1, b_2], b, rtol=1e-12)
     np.testing.assert_allclose([1.0, a_1, a_2], a, rtol=1e-12)
-    samples, state, found = np.random.default_rng(1).normal(size=40), EMPTY, []
+    samples, state, found = np.random.default_rng(1).normal(size=40), EMPTY_FILTER, []
     for sample in samples:
         output, state = filtered(sample, butterworth(2.0 * np.pi * 30.0, 0.002), state)
         found.append(output)

@@ -78,7 +78,7 @@ class AttitudeActuation(FleetSystem):
     """
 
     def declare(self, *, numbers: AttitudeScale) -> None:
-        """Declares the system."""
+        """Declare ports, states and parameters."""
         action, scale = _declared(self)
         self.packed_output("thrust_and_attitude", Vectored, commanded_attitude, action, self.input("reference"), scale)
 
@@ -102,7 +102,7 @@ class RatesFromTheGround(FleetSystem):
     """
 
     def declare(self, *, numbers: RatesScale) -> None:
-        """Declares the system."""
+        """Declare ports, states and parameters."""
         action, scale = _declared(self)
         self.output("wrench", rates_from_the_ground, action, self.input("measurement"), scale)
 
@@ -125,7 +125,7 @@ class RatesOnBoard(FleetSystem):
     """
 
     def declare(self, *, numbers: RatesScale) -> None:
-        """Declares the system."""
+        """Declare ports, states and parameters."""
         self.output("attitude_target", rates_on_board, *_declared(self))
 
 
@@ -150,5 +150,5 @@ class RotorSpeedActuation(FleetSystem):
     """
 
     def declare(self, *, order: tuple[int, ...] = (0, 1, 2, 3), numbers: SpeedScale) -> None:
-        """Declares the system."""
+        """Declare ports, states and parameters."""
         self.output("wrench", wrench_of_speeds, *_declared(self), order)

@@ -13,7 +13,7 @@ from typing import Any, Literal
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import PassThrough
 
-from drake_quad.control.cascade import command_of
+from drake_quad.control.cascade import connect_inner_loop
 from drake_quad.control.policy.network import Network, passed
 from drake_quad.control.policy.observation import ObservationNumbers, ObservationSpec, num_observed, observed
 from drake_quad.framework.elementary import identity
@@ -85,7 +85,7 @@ class Observation(FleetSystem):
         clearance: Callable[[Row, Row, Row], Row] | None = None,
         numbers: ObservationNumbers,
     ) -> None:
-        """Declares the system."""
+        """Declare ports, states and parameters."""
         state, reference = self.input("measurement"), self.input("reference")
         action = self.input("action", layout=rows_layout(num_actions))
         ahead: Any = self.input("reference_ahead", layout=rows_layout(3 * num_ahead)) if num_ahead else ()
@@ -139,7 +139,7 @@ class Policy(FleetSystem):
     """
 
     def declare(self, *, period: float = 0.02, network: Network) -> None:
-        """Declares the system."""
+        """Declare ports, states and parameters."""
         observation = self.input("observation", layout=rows_layout(network.num_inputs))
         memory: Any = self.state("memory", lambda _: network.memory) if network.memory else ()
         layout = rows_layout(network.num_outputs)
@@ -212,7 +212,7 @@ def build_policy_control(
     if commanded is None:
         builder.ExportOutput(actuation.get_output_port(), actuation.get_output_port().get_name())
     else:
-        builder.ExportOutput(*command_of(builder, commanded, attitude))
+        builder.ExportOutput(*connect_inner_loop(builder, commanded, attitude))
         if actuation.HasOutputPort("acceleration_command"):
             builder.ExportOutput(actuation.get_output_port(), "acceleration_command")
         builder.ExportOutput(commanded["attitude_command"], "attitude_command")

@@ -11,7 +11,7 @@ from pydantic_core import PydanticCustomError
 from pydrake.systems.framework import Diagram
 
 from drake_quad.control.lqg.chains import (
-    Answer,
+    AttitudeResponse,
     ChainNoise,
     ContinuousModel,
     Disturbances,
@@ -128,7 +128,7 @@ class LateralAxis(Axis):
     def model(self) -> ContinuousModel:
         """Return the model of x and of y."""
         omega, zeta = self.natural_frequency, self.damping
-        answer = None if omega is None or zeta is None else Answer(omega, zeta)
+        answer = None if omega is None or zeta is None else AttitudeResponse(omega, zeta)
         return lateral_model(self.lag, answer, self._disturbances(self.bias.noise()))
 
     def _noise(self, gravity: float) -> list[float]:

@@ -14,7 +14,7 @@ from drake_quad.control.fuzzy.inference import (
 )
 
 uppers, lowers = st.floats(1.001, 3.0), st.floats(0.1, 0.999)
-shares = st.floats(0.0, 1.0)
+normalised_memberships = st.floats(0.0, 1.0)
 inside = st.floats(-1.0, 1.0)
 
 
@@ -57,7 +57,7 @@ def oracle(antecedents, weights):
 
 @pytest.mark.slow
 @settings(max_examples=60, deadline=None)
-@given(uppers, lowers, shares, fuzzy_sets(), fuzzy_sets(), st.integers(0, 2**32))
+@given(uppers, lowers, normalised_memberships, fuzzy_sets(), fuzzy_sets(), st.integers(0, 2**32))
 def test_inference_is_that_of_pyit2fls(a1, a2, q, error, rate, seed):
     """At 50 places of each of many networks."""
     rng = np.random.default_rng(seed)
@@ -90,7 +90,9 @@ def test_memberships_end_where_sets_do():
 
 @pytest.mark.slow
 @settings(max_examples=200, deadline=None)
-@given(uppers, lowers, shares, fuzzy_sets(), fuzzy_sets(), st.floats(-50.0, 50.0), st.floats(-50.0, 50.0))
+@given(
+    uppers, lowers, normalised_memberships, fuzzy_sets(), fuzzy_sets(), st.floats(-50.0, 50.0), st.floats(-50.0, 50.0)
+)
 def test_firing_strengths_are_shares(a1, a2, q, error_sets, rate_sets, error, rate):
     """They are not negative and their sum is one, wherever the inputs are; a fleet has those of its vehicles."""
     antecedents = Antecedents(a1, a2, q, (error_sets, rate_sets))

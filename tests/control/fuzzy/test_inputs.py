@@ -9,7 +9,7 @@ from pydrake.autodiffutils import InitializeAutoDiff
 
 from drake_quad import load_scenario
 from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets, firing_strengths
-from drake_quad.control.fuzzy.inputs import input_values, moved_on, route_phase, signals_of
+from drake_quad.control.fuzzy.inputs import extrapolated, input_values, route_phase, signals_of
 from drake_quad.scenario.batch import Batch
 from drake_quad.signals import Acceleration, PositionError, PositionErrorRate, State
 
@@ -65,7 +65,7 @@ def test_four_inputs_fire_by_the_products_of_their_memberships():
 
 def test_what_is_ahead_is_where_the_velocity_leads():
     """And nothing else is moved: attitude, velocity and rates are those of now."""
-    here, ahead = np.array(SIGNALS["measurement"]), np.array(moved_on(SIGNALS["measurement"], 0.2))
+    here, ahead = np.array(SIGNALS["measurement"]), np.array(extrapolated(SIGNALS["measurement"], 0.2))
     np.testing.assert_allclose(ahead[:3], [1.0 + 0.2 * 7.0, 2.0 + 0.2 * 8.0, 3.0 + 0.2 * 9.0], rtol=1e-15)
     np.testing.assert_array_equal(ahead[3:], here[3:])
 

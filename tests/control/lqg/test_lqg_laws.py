@@ -11,16 +11,16 @@ from drake_quad.control.lqg.laws import (
     ChainCommands,
     Estimate,
     KalmanState,
-    Regulated,
-    Sent,
+    RegulatorOutput,
+    SentCommands,
     disturbance_of,
     error_of,
     error_rate_of,
     estimated,
     filter_after,
+    next_sent,
     outer_feedback,
     regulated,
-    sent_after,
     target_for,
     wrench_for,
 )
@@ -40,13 +40,15 @@ def chain(kind, scale=0.1):
     return kind(*(scale * RNG.normal(size=len(kind._fields))).tolist())
 
 
-def begun(kind):
+def running(kind):
     return KalmanState(Estimate(chain(kind), chain(kind), chain(VerticalChain)), 1.0, 0.3)
 
 
 def under_way(delay, snap):
     commands = tuple(ChainCommands(*RNG.normal(size=3).tolist()) for _ in range(delay + 1))
-    return Sent(commands, tuple(ChainCommands(*RNG.normal(size=3).tolist()) for _ in range(delay)), UPWARD, snap)
+    return SentCommands(
+        commands, tuple(ChainCommands(*RNG.normal(size=3).tolist()) for _ in range(delay)), UPWARD, snap
+    )
 
 
 def rotation(state):
@@ -60,7 +62,7 @@ def rotation(state):
 
 
 def test_the_filter_is_the_textbook_s_with_the_thrust_that_the_attitude_shows():
-    before, sent = begun(TorqueChain), under_way(2, SNAP)
+    before, sent = running(TorqueChain), under_way(2, SNAP)
     found = estimated(SEEN, before, sent, None, WITH_TORQUES, H, True)
     x_B, y_B, z_B = rotation(SEEN)[:, 2]
     thrust = UPWARD * np.array([x_B, y_B]) / z_B
@@ -77,7 +79,7 @@ def test_the_filter_is_the_textbook_s_with_the_thrust_that_the_attitude_shows():
 
 
 def test_a_frame_that_is_the_last_once_more_tells_nothing():
-    before, sent = begun(TorqueChain), under_way(2, SNAP)
+    before, sent = running(TorqueChain), under_way(2, SNAP)
     lost = before._replace(seen=SEEN.x)
     found = estimated(SEEN, lost, sent, None, WITH_TORQUES, H, True)
     x = np.array(WITH_TORQUES.lateral.A) @ before.estimate.x + np.array(WITH_TORQUES.lateral.B) * sent.commands[0].x
@@ -89,16 +91,16 @@ def test_a_frame_that_is_the_last_once_more_tells_nothing():
 
 
 def test_it_begins_at_rest_where_the_vehicle_is_seen():
-    first = begun(TorqueChain)._replace(begun=0.0)
+    first = running(TorqueChain)._replace(has_started=0.0)
     after = filter_after(SEEN, first, under_way(2, SNAP), None, WITH_TORQUES, H, True)
-    assert (after.begun, after.seen) == (1.0, SEEN.x)
+    assert (after.has_started, after.seen) == (1.0, SEEN.x)
     assert error_of(after.estimate, REFERENCE) == pytest.approx((0.04, -0.08, 0.07))
     assert error_rate_of(after.estimate, REFERENCE) == pytest.approx((0.2, 0.3, -0.1))
     assert disturbance_of(after.estimate) == (0.0, 0.0, 0.0)
 
 
 def test_a_known_acceleration_moves_the_chain_and_is_no_disturbance_of_its_own():
-    before, sent, known = begun(TorqueChain), under_way(2, SNAP), Acceleration(0.7, -1.1, 1.3)
+    before, sent, known = running(TorqueChain), under_way(2, SNAP), Acceleration(0.7, -1.1, 1.3)
     plain, pushed = (estimated(SEEN, before, sent, each, WITH_TORQUES, H, True) for each in (None, known))
     for axis in "xyz":
         moved = np.subtract(getattr(pushed, axis), getattr(plain, axis))
@@ -126,7 +128,7 @@ FREE = BELIEVED._replace(slope=1e6, min_thrust=-1e6, max_thrust=1e6)
 
 def test_torques_are_told_a_snap_that_feeds_back_everything_and_leads():
     numbers = WITH_TORQUES._replace(thrust=FREE, torques=WITH_TORQUES.torques._replace(max_snap=1e6))
-    estimate, sent = begun(TorqueChain).estimate, under_way(2, Snap(0.8, -1.0, 0.3, 0.0))
+    estimate, sent = running(TorqueChain).estimate, under_way(2, Snap(0.8, -1.0, 0.3, 0.0))
     correction = Acceleration(0.2, -0.3, 0.1)
     found = regulated(estimate, REFERENCE, JERK, SNAP, sent, correction, None, numbers, TICK)
     for axis, forward in (
@@ -161,7 +163,7 @@ def test_an_outer_loop_would_have_the_gains_of_each_axis_over_those_of_the_inner
 
 def test_an_autopilot_is_told_an_acceleration_that_leads():
     numbers = WITH_TARGETS._replace(thrust=FREE)
-    estimate, sent = begun(AttitudeChain).estimate, under_way(1, None)
+    estimate, sent = running(AttitudeChain).estimate, under_way(1, None)
     found = regulated(estimate, REFERENCE, JERK, SNAP, sent, None, None, numbers, TICK)
     e = expected_deviation(estimate.y, "y")
     feedback = np.dot(numbers.lateral.K, e) + numbers.lateral.K_pending[0] * sent.deviations[0].y
@@ -173,11 +175,11 @@ def test_commands_keep_to_tilt_thrust_and_snap():
     """The horizontal part is shortened in its direction; a deviation tells what was sent, not what was wanted."""
     far = REFERENCE._replace(x=40.0, y=-30.0, z=300.0)
     attitude = regulated(
-        begun(AttitudeChain).estimate, far, JERK, SNAP, under_way(1, None), None, None, WITH_TARGETS, TICK
+        running(AttitudeChain).estimate, far, JERK, SNAP, under_way(1, None), None, None, WITH_TARGETS, TICK
     )
     assert math.hypot(*attitude.command[:2]) == pytest.approx(0.7 * 9.81)
     free = WITH_TARGETS._replace(thrust=FREE)
-    estimate, sent = begun(AttitudeChain).estimate, under_way(1, None)
+    estimate, sent = running(AttitudeChain).estimate, under_way(1, None)
     limited, wanted = (
         regulated(estimate, far, JERK, SNAP, sent, None, None, each, TICK).command for each in (WITH_TARGETS, free)
     )
@@ -187,7 +189,9 @@ def test_commands_keep_to_tilt_thrust_and_snap():
     assert low.command.z == pytest.approx(2.0 / 0.68 - 9.81)
     narrow = WITH_TORQUES._replace(torques=WITH_TORQUES.torques._replace(max_snap=3.0))
     farther = far._replace(x=400.0, y=-300.0)
-    torques = regulated(begun(TorqueChain).estimate, farther, JERK, SNAP, under_way(2, SNAP), None, None, narrow, TICK)
+    torques = regulated(
+        running(TorqueChain).estimate, farther, JERK, SNAP, under_way(2, SNAP), None, None, narrow, TICK
+    )
     assert [abs(u) for u in torques.command[:2]] == [3.0, 3.0]
     assert math.hypot(*torques.acceleration[:2]) == pytest.approx(0.7 * 9.81)
     assert torques.command.x - torques.deviation.x == pytest.approx(SNAP.x)
@@ -195,13 +199,13 @@ def test_commands_keep_to_tilt_thrust_and_snap():
 
 def test_what_is_sent_moves_up():
     sent = under_way(2, SNAP)
-    asked = regulated(begun(TorqueChain).estimate, REFERENCE, JERK, SNAP, sent, None, None, WITH_TORQUES, TICK)
-    after = sent_after(asked, SNAP, sent)
+    asked = regulated(running(TorqueChain).estimate, REFERENCE, JERK, SNAP, sent, None, None, WITH_TORQUES, TICK)
+    after = next_sent(asked, SNAP, sent)
     assert after.upward == asked.upward
     assert after.commands == (*sent.commands[1:], asked.command)
     assert after.deviations == (*sent.deviations[1:], asked.deviation)
     alone = under_way(0, None)
-    assert sent_after(asked, SNAP, alone) == Sent((asked.command,), (), asked.upward, None)
+    assert next_sent(asked, SNAP, alone) == SentCommands((asked.command,), (), asked.upward, None)
 
 
 def flown(kind):
@@ -221,7 +225,7 @@ def flown(kind):
 def asked_for(x, y, z):
     """Commands of a vehicle that nothing disturbs."""
     command = ChainCommands(x, y, z)
-    return Regulated(command, command, Acceleration(x, y, z), BELIEVED.gravity + REFERENCE.a_z)
+    return RegulatorOutput(command, command, Acceleration(x, y, z), BELIEVED.gravity + REFERENCE.a_z)
 
 
 def test_a_vehicle_on_its_path_gets_the_wrench_that_the_path_asks_for():
@@ -246,7 +250,7 @@ def test_a_vehicle_on_its_path_is_told_the_attitude_that_it_has():
 
 
 def test_the_thrust_that_keeps_the_height_is_that_of_the_reference_against_what_disturbs():
-    estimate, sent = begun(AttitudeChain).estimate, under_way(1, None)
+    estimate, sent = running(AttitudeChain).estimate, under_way(1, None)
     free = WITH_TARGETS._replace(thrust=FREE)
     correction = Acceleration(0.2, -0.3, 0.1)
     found = regulated(estimate, REFERENCE, JERK, SNAP, sent, correction, None, free, TICK)

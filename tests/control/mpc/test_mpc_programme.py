@@ -6,7 +6,7 @@ import scipy
 from pydrake.autodiffutils import InitializeAutoDiff
 
 from drake_quad.control.lqg.chains import (
-    Answer,
+    AttitudeResponse,
     ChainNoise,
     Disturbances,
     attitude_model,
@@ -38,10 +38,10 @@ TARGET = TargetNumbers(0.2, 0.03)
 BELIEF = Disturbances(ChainNoise(0.5, 20.0), ChainNoise(1.2, 0.7), ChainNoise(1.0, 20.0), 2.0)
 MODELS = {
     "torques": torque_model(0.045, BELIEF),
-    "attitude": attitude_model(Answer(8.5, 0.7), BELIEF),
+    "attitude": attitude_model(AttitudeResponse(8.5, 0.7), BELIEF),
     "height": vertical_model(0.04, BELIEF._replace(bias=None)),
 }
-CORRIDOR = Corridor(PerAxis(-0.2, -0.31, 0.9), PerAxis(0.21, 0.3, 1.2), moves=False, weight=25.0)
+CORRIDOR = Corridor(PerAxis(-0.2, -0.31, 0.9), PerAxis(0.21, 0.3, 1.2), follows_reference=False, weight=25.0)
 TILT_WEIGHT = 8.0
 CORRECTION = np.array([0.1, -0.2, 0.15])
 
@@ -153,17 +153,17 @@ def test_horizontal_commands_are_those_of_the_problem_written_state_by_state(kin
     assert np.abs(margins(solution)).min() < 1e-7
     regulator = regulator_of(MODELS[kind], TIMING, lateral_weight(kind))
     programme = Programme(list(horizontal_constraints(regulator, horizon)), regulator.weight)
-    added = programme.added(NOW, np.concatenate([x, y])[:, None], CORRECTION[:, None])[:, 0]
+    added = programme.perturbations(NOW, np.concatenate([x, y])[:, None], CORRECTION[:, None])[:, 0]
     K = np.array(regulator.K)
     assert np.abs(added).max() > 1e-3 * scale[0]
     expected = [solution[0] + K @ x, solution[NUM_TICKS] + K @ y]
     np.testing.assert_allclose(added, expected, atol=2e-4 * scale[0])
 
 
-@pytest.mark.parametrize("moves", [False, True])
-def test_a_corridor_counts_how_far_the_vehicle_is_beyond_a_wall(moves):
+@pytest.mark.parametrize("follows_reference", [False, True])
+def test_a_corridor_counts_how_far_the_vehicle_is_beyond_a_wall(follows_reference):
     """The distance is in metres along each axis of W. A moving corridor is centred on the reference."""
-    horizon = horizon_of("torques", CORRIDOR._replace(moves=moves))
+    horizon = horizon_of("torques", CORRIDOR._replace(follows_reference=follows_reference))
     rng = np.random.default_rng(6)
     later = slice(NOW + 1, NOW + 1 + NUM_TICKS)
     walls = {name: (getattr(CORRIDOR.lower, name), getattr(CORRIDOR.upper, name)) for name in "xyz"}
@@ -178,14 +178,16 @@ def test_a_corridor_counts_how_far_the_vehicle_is_beyond_a_wall(moves):
             states = [x]
             for more in c:
                 states.append((axis.A - np.outer(axis.b, regulator.K)) @ states[-1] + axis.b * more)
-            place = np.array(states)[1:, 0] + (0.0 if moves else getattr(horizon.preview.reference, name)[later])
+            place = np.array(states)[1:, 0] + (
+                0.0 if follows_reference else getattr(horizon.preview.reference, name)[later]
+            )
             low, high = walls[name]
             expected[f"corridor along {name}"] = {tuple((place - high).round(9)), tuple((low - place).round(9))}
         found = {name: set() for name in expected}
         for each in constraints(regulator, horizon):
             if each.slack is not None and each.slack.name in found:
-                assert each.later
-                left = np.broadcast_to(each.left, NUM_INSTANTS)[later]
+                assert each.starts_next_tick
+                left = np.broadcast_to(each.bound, NUM_INSTANTS)[later]
                 beyond = each.free @ starts.ravel() + each.forced @ added.ravel() - left
                 found[each.slack.name].add(tuple(beyond.round(9)))
         assert found == expected
@@ -214,14 +216,14 @@ def test_vertical_commands_are_those_of_the_problem_written_state_by_state(heigh
     solution = minimised(cost, margins, 2 * NUM_TICKS, scale)
     regulator = regulator_of(MODELS["height"], TIMING, WEIGHT["vertical"])
     programme = Programme(list(vertical_constraints(regulator, horizon)), regulator.weight)
-    added = programme.added(NOW, z[:, None], CORRECTION[:, None]).item()
+    added = programme.perturbations(NOW, z[:, None], CORRECTION[:, None]).item()
     assert abs(added) > 1e-2
     assert added == pytest.approx(solution[0] + np.array(regulator.K) @ z, abs=1e-4)
 
 
 def test_a_limit_that_lies_beyond_the_horizon_is_not_seen_yet():
     """A reference that asks for too much snap at one tick: nothing is added until then but for what that tick needs."""
-    still = horizon_of("torques", CORRIDOR._replace(moves=True))
+    still = horizon_of("torques", CORRIDOR._replace(follows_reference=True))
     calm = Preview(
         *(record(*np.zeros((len(record._fields), NUM_INSTANTS))) for record in (Reference, Jerk, Snap, Snap))
     )
@@ -234,7 +236,7 @@ def test_a_limit_that_lies_beyond_the_horizon_is_not_seen_yet():
         list(horizontal_constraints(regulator, still._replace(preview=preview, numbers=limited))), regulator.weight
     )
     n = len(regulator.K)
-    found = [programme.added(tick, np.zeros((2 * n, 1)), np.zeros((3, 1)))[:, 0] for tick in range(NUM_INSTANTS)]
+    found = [programme.perturbations(tick, np.zeros((2 * n, 1)), np.zeros((3, 1)))[:, 0] for tick in range(NUM_INSTANTS)]
     assert not np.array(found)[:3].any()
     # The least that helps then: 10 of 30 are too much at that tick, and nothing else can take them off.
     assert found[9] == pytest.approx([-10.0, 0.0], abs=1e-6)
@@ -250,7 +252,7 @@ def test_nothing_is_impossible():
     n = len(regulator.K)
     for size in (0.3, 3.0, 30.0):
         deviation = size * rng.normal(size=(2 * n, 1))
-        added = programme.added(NOW, deviation, np.zeros((3, 1)))[:, 0]
+        added = programme.perturbations(NOW, deviation, np.zeros((3, 1)))[:, 0]
         _, _, snap, before = horizon.preview
         for axis, (s, b) in enumerate(((snap.x, before.x), (snap.y, before.y))):
             forward = (s + 2.5 * (s - b))[NOW]
@@ -263,12 +265,12 @@ def test_derivatives_are_those_of_the_law_around_what_binds():
     regulator = regulator_of(MODELS["height"], TIMING, WEIGHT["vertical"])
     programme = Programme(list(vertical_constraints(regulator, horizon)), regulator.weight)
     z, correction, step = np.array([0.35, 0.05, 0.1, 0.02, -0.01, 0.01, 0.03, -0.02]), np.zeros((3, 1)), 1e-5
-    ((found,),) = programme.added(NOW, InitializeAutoDiff(z), correction)
+    ((found,),) = programme.perturbations(NOW, InitializeAutoDiff(z), correction)
     expected = [
-        np.diff([programme.added(NOW, (z + d)[:, None], correction).item() for d in (-way, way)]) / (2.0 * step)
+        np.diff([programme.perturbations(NOW, (z + d)[:, None], correction).item() for d in (-way, way)]) / (2.0 * step)
         for way in step * np.eye(len(z))
     ]
-    assert found.value() == pytest.approx(programme.added(NOW, z[:, None], correction).item())
+    assert found.value() == pytest.approx(programme.perturbations(NOW, z[:, None], correction).item())
     assert np.abs(expected).max() > 1.0
     np.testing.assert_allclose(found.derivatives(), np.ravel(expected), atol=1e-4)
 
