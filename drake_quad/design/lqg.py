@@ -32,7 +32,7 @@ from drake_quad.design.cascade import design_cascade
 from drake_quad.errors import InputError
 from drake_quad.flight.mission import plan_route
 from drake_quad.linear.closed_loop import laboratory_plant
-from drake_quad.linear.disturbances import Spectrum, disturbances_along, spectrum
+from drake_quad.linear.disturbances import DisturbanceStatistics, disturbance_statistics, disturbances_along
 from drake_quad.linear.link_margins import link_margins
 from drake_quad.linear.margins import Margins, fast_margins
 from drake_quad.linear.sampled_system import SampledSystem
@@ -108,8 +108,8 @@ class Conditions(NamedTuple):
         loss_rate: share of the commands that are lost.
     """
 
-    lateral: Spectrum
-    vertical: Spectrum
+    lateral: DisturbanceStatistics
+    vertical: DisturbanceStatistics
     bias: float
     position_noise: float
     attitude_noise: float
@@ -320,7 +320,10 @@ def conditions_of(scenario: Scenario) -> Conditions:
     position, attitude = (_size(noise) for noise in (cameras.position_noise, cameras.attitude_noise))
     lateral, vertical = (
         each._replace(deviation=max(each.deviation, _CALM), time=max(each.time, 5.0 * link.period))
-        for each in (spectrum(np.array([x, y]), disturbed.step), spectrum(z, disturbed.step))
+        for each in (
+            disturbance_statistics(np.array([x, y]), disturbed.step),
+            disturbance_statistics(z, disturbed.step),
+        )
     )
     bias = gravity * float(np.sqrt((disturbed.turning**2).mean()))
     if scenario.laboratory.autopilot.models_vehicle:
@@ -571,7 +574,7 @@ def vertical_truth(plant: Plant, found: Conditions) -> ContinuousModel:
     return model._replace(B=plant.thrust_gain * model.B)
 
 
-def _disturbing(found: Spectrum, bias: ChainNoise | None) -> Disturbances:
+def _disturbing(found: DisturbanceStatistics, bias: ChainNoise | None) -> Disturbances:
     return Disturbances(ChainNoise(found.mean, _LASTING), ChainNoise(found.deviation, found.time), bias, 0.0)
 
 
@@ -590,7 +593,7 @@ def _lag(scenario: Scenario) -> float:
 def _thrust_gain(scenario: Scenario) -> float:
     """Return the actual over the believed gain of the thrust, from the response of the height to a slow command."""
     period, mass, slow = scenario.laboratory.command_link.period, scenario.nominal.mass, 2.0
-    plant = laboratory_plant(scenario, vehicle="as it is").system
+    plant = laboratory_plant(scenario, vehicle="actual").system
     command = f"{scenario.laboratory.autopilot.command}.thrust"
     answer = plant.between([command], ["measurement.z"]).response(np.exp([1j * slow * period])).item()
     return float(f"{abs(answer) * mass * slow**2 * math.hypot(1.0, slow * _lag(scenario)):.3g}")

@@ -10,7 +10,7 @@ from drake_quad.errors import InputError
 from drake_quad.fleets.study_fleet import StudyFleet
 from drake_quad.flight.mission import plan_route
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.linear.closed_loop import loop_by_axes, on_board_plant
+from drake_quad.linear.closed_loop import decoupled_loop, on_board_plant
 from drake_quad.linear.margins import fast_margins, frequencies
 from drake_quad.linear.sampled_system import SampledSystem
 from drake_quad.scenario.batch import Batch, draw_sample
@@ -144,7 +144,7 @@ def mapped_plant(scenario: Scenario, loop: Loop) -> SampledSystem:
     mapped = mapped_gains(scenario, loop)
     scenario = draw_sample(scenario, scenario.sample) if scenario.sample is not None else scenario
     if mapped.block == _ON_BOARD:
-        whole = on_board_plant(scenario, vehicle="as it is")
+        whole = on_board_plant(scenario, vehicle="actual")
         return turned_on_board(whole, "pitch", scenario.nominal.inertia[1])
     control = scenario.cascade.model_copy(update={"network": None})
     axis = 0 if loop == "position" else 1
@@ -153,7 +153,7 @@ def mapped_plant(scenario: Scenario, loop: Loop) -> SampledSystem:
     def model(pair: Sequence[float]) -> SampledSystem:
         values = {f"{mapped.block}.{name}.{axis}": value for name, value in zip(mapped.fields, pair, strict=True)}
         with_gains = scenario.model_copy(update={"control": control})
-        return loop_by_axes(replaced(with_gains, lambda path, value: values.get(path, value)))
+        return decoupled_loop(replaced(with_gains, lambda path, value: values.get(path, value)))
 
     own = model(gains)
     slopes = [(own.A - model(np.add(gains, step)).A) / _STEP for step in _STEP * np.eye(2)]

@@ -252,7 +252,7 @@ def _rates_wanted(
     wanted = Attitude(target.roll, target.pitch, target.yaw)
     if numbers.yaw_weight is None:
         answers = [
-            pid(r, y, k, terms, before, period, turns=turns, integrates_first=rules.attitude_integrates_first)
+            pid(r, y, k, terms, before, period, is_angle=turns, integrates_first=rules.attitude_integrates_first)
             for r, y, k, terms, before, turns in zip(
                 *(wanted, attitude, k_attitude, numbers.attitude or (None, None, None), memory, (False, False, True)),
                 strict=True,

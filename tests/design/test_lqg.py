@@ -29,11 +29,11 @@ from drake_quad.design.lqg import (
     vertical_truth,
 )
 from drake_quad.flight.simulation import simulate_batch
-from drake_quad.linear.disturbances import Spectrum
+from drake_quad.linear.disturbances import DisturbanceStatistics
 from drake_quad.linear.link_margins import link_loops, link_margins
 from drake_quad.scenario.batch import Batch
 
-STILL = Spectrum(0.0, 0.0, 0.5)
+STILL = DisturbanceStatistics(0.0, 0.0, 0.5)
 # With no drag the chain is the vehicle.
 FREE = ("vehicle.linear_drag=0", "vehicle.quadratic_drag=0", "laboratory.motion_capture.dropout_rate=0")
 LATE = (*FREE, "laboratory.motion_capture.latency_frames=1", "laboratory.command_link.delay_ticks=2")
@@ -87,7 +87,7 @@ def test_the_loop_of_an_axis_is_that_of_the_whole_diagram(shipped, overrides, pl
 
 def test_plants_that_are_predicted_together_are_predicted_as_if_alone(shipped):
     """The latest plant sets the size of the matrices; an unstable one does not spoil the others."""
-    conditions = Conditions(Spectrum(0.2, 0.3, 0.5), STILL, 2.0, 1e-3, 4e-3, 0.03)
+    conditions = Conditions(DisturbanceStatistics(0.2, 0.3, 0.5), STILL, 2.0, 1e-3, 4e-3, 0.03)
     late = [(0, 1), (2, 0), (0, 6), (1, 2)]
     axes = [axes_of(shipped(), Plant(True, 0.05, None, *each), conditions) for each in late]
     timing = axes[0][1]

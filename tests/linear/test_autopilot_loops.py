@@ -24,7 +24,7 @@ from drake_quad.design.cascade import (
 )
 from drake_quad.design.gains import Proportional, ProportionalGain, Requirements, design_loop, pd_loop
 from drake_quad.design.stability_map import flown_map, linear_map, mapped_gains, mapped_plant, stability_map
-from drake_quad.linear.closed_loop import WATCHERS, closed_loop, laboratory_plant, on_board_plant
+from drake_quad.linear.closed_loop import PASSIVE_SYSTEMS, closed_loop, laboratory_plant, on_board_plant
 from drake_quad.linear.context_vector import ContextVector
 from drake_quad.linear.margins import margins
 from drake_quad.linear.sampled_system import at_tick, linearize
@@ -64,8 +64,8 @@ def test_the_jacobian_of_a_loop_with_an_autopilot_against_differences(onboard, k
     scenario = at_rest(onboard(*KINDS[kind], *overrides))
     diagram = build_tracking_diagram(scenario)
     context = at_tick(diagram, 0.08)
-    system, _ = linearize(diagram, context, period=0.02, without=WATCHERS)
-    layout = ContextVector(diagram, without=WATCHERS)
+    system, _ = linearize(diagram, context, period=0.02, without=PASSIVE_SYSTEMS)
+    layout = ContextVector(diagram, without=PASSIVE_SYSTEMS)
     numeric = jacobian_of_tick(diagram, context, layout, until=0.1)
     np.testing.assert_allclose(system.A, numeric, atol=1e-6)
     names = {"attitude": "laboratory.autopilot.wrench.tau_x", "response": "laboratory.vehicle.state.pitch_rate"}
@@ -256,7 +256,7 @@ def test_a_resting_autopilot_has_no_noise_and_the_believed_one_no_bias_either(on
     ("overrides", "words"),
     [
         (RESPONSE, "laboratory.autopilot is of kind response, which has no loops on board that could be designed"),
-        (["vehicle.time_step=0"], "vehicle.time_step is 0 s, but loops on board are designed for a vehicle that steps"),
+        (["vehicle.time_step=0"], "vehicle.time_step is 0 s, but loops on board are designed for a positive time step"),
     ],
 )
 def test_loops_on_board_that_cannot_be_designed(onboard, overrides, words):

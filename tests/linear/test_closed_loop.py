@@ -8,7 +8,7 @@ from drake_quad import InputError, build_tracking_diagram, load_scenario
 from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.flight.mission import plan_route
 from drake_quad.linear import closed_loop as closed_loop_module
-from drake_quad.linear.closed_loop import WATCHERS, closed_loop, laboratory_plant
+from drake_quad.linear.closed_loop import PASSIVE_SYSTEMS, closed_loop, laboratory_plant
 from drake_quad.linear.context_vector import ContextVector
 from drake_quad.linear.sampled_system import tick_after
 from drake_quad.linear.step_response import release
@@ -26,9 +26,9 @@ def laboratory(diagrams):
 def fleet_after(scenario, start, equilibrium, deviations, end):
     """(n, N) deviations from an equilibrium (n,) at a tick, of a fleet that starts at another from some (n, N)."""
     n, N = deviations.shape
-    single = ContextVector(build_tracking_diagram(scenario), without=WATCHERS)
+    single = ContextVector(build_tracking_diagram(scenario), without=PASSIVE_SYSTEMS)
     fleet = build_fleet_diagram(Batch(scenario, (0,) * N, {}), plan_route(scenario))
-    layout = ContextVector(fleet, without=WATCHERS)
+    layout = ContextVector(fleet, without=PASSIVE_SYSTEMS)
     # Both hold their groups in the same order; a fleet's group of k rows is one of k N elements, row after row.
     assert len(layout.names) == n * N
     assert len(single.names) == n
@@ -64,7 +64,7 @@ def test_multipliers_predict_how_a_fleet_decays_or_grows(laboratory, overrides, 
     assert len(lasting) >= 6
     start = np.array([1e-5 * (vectors[:, i] / np.abs(vectors[:, i]).max()).real for i in lasting]).T
     periods = round(0.8 / loop.system.period)
-    layout = ContextVector(loop.diagram, without=WATCHERS)
+    layout = ContextVector(loop.diagram, without=PASSIVE_SYSTEMS)
     equilibrium = layout.read(loop.diagram, loop.context)
     begin = loop.context.get_time()
     found = fleet_after(scenario, begin, equilibrium, start, tick_after(begin, loop.system.period, periods))
@@ -128,10 +128,10 @@ def test_the_plant_of_the_vehicle_as_it_is(laboratory):
     """A heavier one in hover, with what couples the axes left out; the gain from thrust to height tells the mass."""
     flawed = ["vehicle.mass=0.85", "vehicle.centre_of_mass=[0.002, 0]", "vehicle.thrust_factor_error=[0.1, 0, 0, 0]"]
     gains = []
-    for vehicle in ("believed", "as it is"):
+    for vehicle in ("nominal", "actual"):
         plant, specific_thrust = laboratory_plant(laboratory(*flawed), vehicle=vehicle)
         thrust = plant.between(["wrench.thrust"], ["measurement.z"])
-        assert specific_thrust == pytest.approx(9.81 * (1.0 if vehicle == "believed" else 0.85 / 0.68), rel=1e-12)
+        assert specific_thrust == pytest.approx(9.81 * (1.0 if vehicle == "nominal" else 0.85 / 0.68), rel=1e-12)
         gains.append(abs(thrust.response(np.exp([1j * 0.5 * 0.02]))[0, 0, 0]))
         rolled = plant.between(["wrench.thrust"], ["measurement.roll", "measurement.pitch"])
         np.testing.assert_allclose(rolled.response(np.exp([1j * 0.5 * 0.02])), 0.0, atol=1e-12)
@@ -141,7 +141,7 @@ def test_the_plant_of_the_vehicle_as_it_is(laboratory):
 
 def test_no_equilibrium_is_told(laboratory):
     storm = "laboratory.wind=[{kind: steady, velocity: [60, 0, 0]}]"
-    with pytest.raises(InputError, match="has no equilibrium near hover: .* still moves by"):
+    with pytest.raises(InputError, match="has no equilibrium near hover: .* still changes by"):
         closed_loop(laboratory(storm))
     with pytest.raises(InputError, match="vehicle.mass is a distribution"):
         closed_loop(laboratory("vehicle.mass={choice: [0.6, 0.7]}"))
@@ -155,7 +155,7 @@ def test_small_steps_are_those_of_the_linear_model(laboratory):
         column = ("x", "y", "z", "roll", "pitch", "yaw").index(row)
         assert response.linear[0, column] == pytest.approx(1e-4)
         assert abs(response.linear[-1, column]) < 0.3e-4
-    with pytest.raises(InputError, match="there is no row height in the state"):
+    with pytest.raises(InputError, match="cannot displace height"):
         release(loop, {"height": 1e-4}, duration=1.0)
     # A large step is not: the tilt is limited.
     response = release(loop, {"x": 40.0}, duration=4.0)
@@ -234,7 +234,7 @@ def test_the_believed_vehicle_has_the_lag_and_the_drag_of_the_one_that_flies(lab
 )
 def test_a_vehicle_that_its_rotors_do_not_hold_has_no_plant(laboratory, limit, words):
     with pytest.raises(InputError, match=f"the rotors cannot hold nominal in hover: they would turn {words}"):
-        laboratory_plant(laboratory(f"vehicle.{limit}"), vehicle="as it is")
+        laboratory_plant(laboratory(f"vehicle.{limit}"), vehicle="actual")
 
 
 def test_the_rotors_state_is_a_thrust_and_three_torques(laboratory):
@@ -283,7 +283,7 @@ def test_arms_that_are_longer_than_believed_are_gain_on_roll_and_pitch(laborator
     scenario = laboratory(
         "nominal.layout={kind: x, length: 0.2, width: 0.3}", "vehicle.layout={kind: x, length: 0.22, width: 0.36}"
     )
-    believed, real = (laboratory_plant(scenario, vehicle=vehicle).system for vehicle in ("believed", "as it is"))
+    believed, real = (laboratory_plant(scenario, vehicle=vehicle).system for vehicle in ("nominal", "actual"))
     point = np.exp([1j * 3.0 * 0.02])
     for torque, angle, gain in (("tau_x", "roll", 1.2), ("tau_y", "pitch", 1.1), ("tau_z", "yaw", 1.0)):
         gains = [
@@ -312,8 +312,8 @@ def known(monkeypatch, moved, **entries):
 @pytest.mark.parametrize(
     ("moved", "words"),
     [
-        ([1e-10, -2e-9, 1.5e-9], "moves by -2e-09 a tick"),
-        ([1e-10, 1.5e-9, 3e-9], "moves by 3e-09 a tick"),
+        ([1e-10, -2e-9, 1.5e-9], "changes by -2e-09 per"),
+        ([1e-10, 1.5e-9, 3e-9], "changes by 3e-09 per"),
         ([9e-10, -9e-10], None),
     ],
 )
@@ -325,7 +325,7 @@ def test_an_equilibrium_moves_by_less_than_a_billionth_either_way(laboratory, mo
         laboratory_plant(scenario)
         return
     place = 1 if moved[1] < 0.0 else 2
-    names = ContextVector(build_tracking_diagram(scenario), without=WATCHERS).names
+    names = ContextVector(build_tracking_diagram(scenario), without=PASSIVE_SYSTEMS).names
     with pytest.raises(InputError, match=rf"no equilibrium near hover: {names[place]} still {words}"):
         closed_loop(scenario)
     with pytest.raises(InputError, match=rf"hover is not an equilibrium of nominal: \S+ {words}"):

@@ -6,7 +6,7 @@ import scipy
 
 from drake_quad import simulate
 from drake_quad.flight.mission import plan_route
-from drake_quad.linear.disturbances import disturbances_along, spectrum
+from drake_quad.linear.disturbances import disturbance_statistics, disturbances_along
 from drake_quad.planning.believed import nominal_parameters
 from drake_quad.planning.feasibility import plan_demand
 from drake_quad.scenario.batch import Batch
@@ -108,7 +108,7 @@ def test_the_time_constant_of_white_noise_is_that_of_a_correlation_which_halves_
     """The autocorrelation (1 + x) exp(-x) of second-order noise is 1/2 where x is one step over the time constant."""
     lag = scipy.optimize.brentq(lambda x: (1.0 + x) * np.exp(-x) - 0.5, 0.0, 5.0)
     white = np.random.default_rng(3).normal(size=(1, 4000, 2))
-    assert spectrum(white, 0.02).time == pytest.approx(0.02 / lag, rel=1e-5)
+    assert disturbance_statistics(white, 0.02).time == pytest.approx(0.02 / lag, rel=1e-5)
 
 
 def test_a_spectrum_tells_what_lasts_from_what_comes_and_goes():
@@ -122,7 +122,7 @@ def test_a_spectrum_tells_what_lasts_from_what_comes_and_goes():
         values.append(outer)
     noise = np.array(values)
     noise *= deviation / noise.std()
-    found = spectrum((noise - noise.mean(axis=0) + np.array([0.5, -0.5, 0.5, -0.5]))[np.newaxis], step)
+    found = disturbance_statistics((noise - noise.mean(axis=0) + np.array([0.5, -0.5, 0.5, -0.5]))[np.newaxis], step)
     assert found.mean == pytest.approx(0.5)
     assert found.deviation == pytest.approx(0.7, rel=0.01)
     assert found.time == pytest.approx(0.4, rel=0.06)

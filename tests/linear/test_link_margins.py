@@ -170,5 +170,7 @@ def test_flights_diverge_at_the_gain_that_the_margins_tell_within_two_percent(
 def test_an_unstable_loop_has_no_margins_and_slow_cameras_no_link(laboratory):
     with pytest.raises(InputError, match="the loop of nominal is unstable in hover: a pole of size 1"):
         link_margins(laboratory("lqg.yaml:lqg", "laboratory.command_link.delay_ticks=6"))
-    with pytest.raises(InputError, match=r"motion_capture.period is 0.04 s, but what goes over the link is looked at"):
+    with pytest.raises(
+        InputError, match=r"motion_capture.period is 0.04 s, but margins at the command link need periods up to"
+    ):
         link_margins(laboratory("paper.yaml:pd", "laboratory.motion_capture.period=0.04"))

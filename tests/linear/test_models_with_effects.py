@@ -173,11 +173,11 @@ def test_a_loop_with_all_effects_has_an_equilibrium_and_a_model(laboratory, load
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("vehicle", ["believed", "as it is"])
+@pytest.mark.parametrize("vehicle", ["nominal", "actual"])
 def test_a_laboratory_with_effects_is_a_plant(laboratory, vehicle):
     """From thrust to climb it has the gain that the thrust curve has in hover over that which is believed."""
     plant, specific_thrust = laboratory_plant(laboratory(*ALL[5:]), vehicle=vehicle)
-    if vehicle == "believed":
+    if vehicle == "nominal":
         assert specific_thrust == pytest.approx(9.81, rel=1e-9)
     else:
         throttle = (np.sqrt(1.05**2 + 4.0 * 2.6 * (0.68 * 9.81 / 4.0 - 0.11)) - 1.05) / 5.2

@@ -12,7 +12,7 @@ from pydrake.systems.primitives import ConstantVectorSource, ZeroOrderHold
 from tick_jacobian import jacobian_of_tick
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario
-from drake_quad.linear.closed_loop import WATCHERS, laboratory_plant
+from drake_quad.linear.closed_loop import PASSIVE_SYSTEMS, laboratory_plant
 from drake_quad.linear.context_vector import ContextVector
 from drake_quad.linear.sampled_system import SampledSystem, at_tick, linearize, tick_after
 
@@ -72,21 +72,21 @@ def test_the_jacobian_of_the_whole_loop_against_differences(hover, overrides):
     scenario = hover(*overrides)
     diagram = build_tracking_diagram(scenario)
     context = at_tick(diagram, 0.08)
-    system, _ = linearize(diagram, context, period=0.02, without=WATCHERS)
-    layout = ContextVector(diagram, without=WATCHERS)
+    system, _ = linearize(diagram, context, period=0.02, without=PASSIVE_SYSTEMS)
+    layout = ContextVector(diagram, without=PASSIVE_SYSTEMS)
     numeric = jacobian_of_tick(diagram, context, layout, until=0.1)
     np.testing.assert_allclose(system.A, numeric, atol=2e-8)
 
 
 def test_the_state_has_names_and_no_watchers(hover):
     diagram = build_tracking_diagram(hover(*REAL), record=True)
-    names = ContextVector(diagram, without=WATCHERS).names
+    names = ContextVector(diagram, without=PASSIVE_SYSTEMS).names
     assert len(names) == len(set(names))
     assert "laboratory.vehicle.state.pitch" in names
     assert "laboratory.motion_capture.measurement_under_way.0.v_x" in names
     assert "laboratory.command_link.wrench_under_way.1.thrust" in names
     assert "laboratory.wind.fans.wind.x" in names
-    assert not any(name.startswith(WATCHERS) for name in names)
+    assert not any(name.startswith(PASSIVE_SYSTEMS) for name in names)
 
 
 def test_a_continuous_vehicle_has_the_same_period(hover):
@@ -94,7 +94,7 @@ def test_a_continuous_vehicle_has_the_same_period(hover):
     found = []
     for time_step in (0.01, 0.0):
         diagram = build_tracking_diagram(hover(f"vehicle.time_step={time_step}"))
-        system, _ = linearize(diagram, at_tick(diagram, 0.08), period=0.02, without=WATCHERS)
+        system, _ = linearize(diagram, at_tick(diagram, 0.08), period=0.02, without=PASSIVE_SYSTEMS)
         found.append(
             {tuple(np.round(pole, 4)) for pole in np.column_stack([system.poles().real, abs(system.poles().imag)])}
         )
@@ -119,7 +119,7 @@ class Mine(LeafSystem):
 
 def test_a_system_that_cannot_be_differentiated_is_named(hover):
     for abstract, words in (
-        (False, "control.position has no version for AutoDiffXd"),
+        (False, "control.position does not support AutoDiffXd"),
         (True, "control.position holds"),
     ):
         diagram = build_tracking_diagram(hover(), position_controller=Mine(abstract))

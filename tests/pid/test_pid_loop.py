@@ -71,7 +71,7 @@ def test_a_derivative_is_the_rate_of_the_measurement_and_not_of_the_setpoint():
 
 def test_angles_take_the_short_way():
     turn = Terms(derivative=Derivative(1.0))
-    found = run(turn, [3.0, 3.0], [-3.1, 3.1], k_p=2.0, turns=True)
+    found = run(turn, [3.0, 3.0], [-3.1, 3.1], k_p=2.0, is_angle=True)
     assert found[0] == pytest.approx(2.0 * (6.1 - math.tau))
     assert found[1] == pytest.approx(-0.2 - (6.2 - math.tau) / PERIOD)
 

@@ -236,7 +236,9 @@ def test_a_limit_that_lies_beyond_the_horizon_is_not_seen_yet():
         list(horizontal_constraints(regulator, still._replace(preview=preview, numbers=limited))), regulator.weight
     )
     n = len(regulator.K)
-    found = [programme.perturbations(tick, np.zeros((2 * n, 1)), np.zeros((3, 1)))[:, 0] for tick in range(NUM_INSTANTS)]
+    found = [
+        programme.perturbations(tick, np.zeros((2 * n, 1)), np.zeros((3, 1)))[:, 0] for tick in range(NUM_INSTANTS)
+    ]
     assert not np.array(found)[:3].any()
     # The least that helps then: 10 of 30 are too much at that tick, and nothing else can take them off.
     assert found[9] == pytest.approx([-10.0, 0.0], abs=1e-6)

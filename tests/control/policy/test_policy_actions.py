@@ -55,8 +55,8 @@ def test_an_attitude_looks_away_from_the_reference_s_yaw():
     commanded = commanded_attitude((0.0, 0.5, -1.0, 0.5), REFERENCE, scale)
     np.testing.assert_allclose(commanded.attitude_command, [0.25, -0.5, 0.4])
     assert commanded.body_rate_command == commanded.angular_acceleration_command == (0.0, 0.0, 0.0)
-    within, beyond = (commanded_attitude(action, REFERENCE, scale) for action in BEYOND)
-    assert within == beyond
+    saturated, beyond = (commanded_attitude(action, REFERENCE, scale) for action in BEYOND)
+    assert saturated == beyond
 
 
 def test_rates_on_board_come_without_an_attitude():
@@ -81,5 +81,5 @@ def test_the_wrench_of_speeds_is_that_of_each_rotor_s(order):
     action = rng.uniform(-1.0, 1.0, 4)
     speeds = 180.0 + 120.0 * action[list(order)]
     np.testing.assert_allclose(wrench_of_speeds(tuple(action), scale, order), speeds**2 @ matrix, rtol=1e-12)
-    within, beyond = (wrench_of_speeds(each, scale, order) for each in BEYOND)
-    assert within == beyond
+    saturated, beyond = (wrench_of_speeds(each, scale, order) for each in BEYOND)
+    assert saturated == beyond

@@ -7,7 +7,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from drake_quad.control.policy.network import Dense, Gru, Network, passed
+from drake_quad.control.policy.network import Dense, Gru, Network, evaluate_network
 from drake_quad.control.policy.observation import ObservationNumbers, ObservationSpec
 from drake_quad.control.policy.systems import Observation, Policy
 from drake_quad.framework.symbols import Matrix
@@ -57,7 +57,7 @@ def test_the_past_is_what_was_seen_and_done_at_the_ticks_before(history):
     for k in range(11):
         rows = [np.concatenate([errors[k], actions[-1]]), *rows][:history]
         np.testing.assert_allclose(seen[k], np.concatenate(rows), atol=1e-12, err_msg=str(k))
-        step = passed(network, np.concatenate(rows).tolist(), memory)
+        step = evaluate_network(network, np.concatenate(rows).tolist(), memory)
         np.testing.assert_allclose(done[k], step.output, atol=1e-12)
         memory = step.memory
         actions.append(np.array(step.output))
