@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drake_quad import load_scenario
-from drake_quad.design.cascade import _alike, _markov, attitude_plant, position_plant
+from drake_quad.design.cascade import _has_equal_response, _markov, attitude_plant, position_plant
 from drake_quad.design.gains import AxisGains
 from drake_quad.linear.closed_loop import laboratory_plant
 from drake_quad.linear.sampled_system import SampledSystem
@@ -29,16 +29,16 @@ def test_the_answer_to_an_impulse_is_twice_as_long_as_there_are_states():
 def test_plants_are_alike_that_answer_alike_whatever_their_states_are():
     plant = replace(delayed(2), A=np.array([[0.5, 1.0], [0.0, -0.3]]))
     turned = plant.transformed([0, 1], np.array([[1.0, 2.0], [-3.0, 1.0]]), ["a", "b"])
-    assert _alike(plant, turned)
-    assert not _alike(delayed(2), delayed(3))
+    assert _has_equal_response(plant, turned)
+    assert not _has_equal_response(delayed(2), delayed(3))
     for share, alike in ((1e-10, True), (1e-8, False)):
-        assert _alike(plant, replace(plant, C=(1.0 + share) * plant.C)) == alike
+        assert _has_equal_response(plant, replace(plant, C=(1.0 + share) * plant.C)) == alike
         large = replace(plant, C=1e6 * plant.C)
-        assert _alike(large, replace(large, C=(1.0 + share) * large.C)) == alike
+        assert _has_equal_response(large, replace(large, C=(1.0 + share) * large.C)) == alike
     # Only in the last of the four answers that tell two states apart.
     late = replace(delayed(2), A=np.array([[0.0, 1.0], [0.5, 0.0]]))
-    assert _alike(delayed(2), delayed(2))
-    assert not _alike(delayed(2), late)
+    assert _has_equal_response(delayed(2), delayed(2))
+    assert not _has_equal_response(delayed(2), late)
 
 
 @pytest.fixture(scope="module")

@@ -207,18 +207,18 @@ def test_parameters_are_read_from_a_ulog(tmp_path):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"nothing: 1", "has neither posCtlPid.* nor MPC_.*: it is no parameter file"),
+        (b"nothing: 1", "not a parameter file of PX4 or of a Crazyflie: it has neither posCtlPid.* nor MPC_"),
         (b"", "is empty"),
-        (b"\xff\xfe\x00", "is neither a text nor a ULog"),
-        (b"MC_ROLL_P nan", "MC_ROLL_P is nan, but must be a finite number that is not negative"),
-        (b"MC_ROLL_P 1e999", "MC_ROLL_P is inf, but must be a finite number"),
-        (b"MC_ROLL_P -1", "MC_ROLL_P is -1.0, but must be a finite number that is not negative"),
-        (b"MPC_THR_HOVER 0", "MPC_THR_HOVER is 0, but must be larger: it is the thrust in hover"),
-        (b"persistent_param_state: [", "is no YAML"),
-        (b"type: persistent_param_state", "has no `params`"),
+        (b"\xff\xfe\x00", "neither a text file nor a ULog"),
+        (b"MC_ROLL_P nan", "MC_ROLL_P is nan; it must be finite and not negative"),
+        (b"MC_ROLL_P 1e999", "MC_ROLL_P is inf; it must be finite"),
+        (b"MC_ROLL_P -1", "MC_ROLL_P is -1.0; it must be finite and not negative"),
+        (b"MPC_THR_HOVER 0", "MPC_THR_HOVER is 0; it is the thrust in hover and must be positive"),
+        (b"persistent_param_state: [", "not a YAML file"),
+        (b"type: persistent_param_state", "`params` is missing"),
         (
             b"type: persistent_param_state\nparams: {pid_rate.roll_kp: {is_stored: true}}",
-            "roll_kp is None, but must be",
+            "roll_kp is None; it must be",
         ),
     ],
 )

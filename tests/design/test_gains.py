@@ -107,7 +107,7 @@ def test_textbook_margins_are_required_if_none_are_given():
 
 def test_what_is_broken_is_told_in_its_unit():
     found = FastMargins(gain=5.5, phase=80.0, delay=1.0)
-    broken = Requirements(delay=2.0).broken_by(found)
+    broken = Requirements(delay=2.0).shortfalls(found)
     assert {name: (text.split()[0], text.split()[-1]) for name, text in broken.items()} == {
         "gain margin": ("5.5", "dB"),
         "delay margin": ("1000.0", "ms"),
@@ -121,7 +121,7 @@ def test_requirements_that_no_gains_meet(pitch):
 
 def test_rates_that_are_not_seen_leave_no_gains(pitch):
     blind = replace(pitch, C=pitch.C * [[1.0], [0.0]])
-    with pytest.raises(InputError, match="no gains of this kind are good enough for pitch; at best no gains"):
+    with pytest.raises(InputError, match="no gains of this family meet the requirements for pitch; at best no gains"):
         design_loop(blind, PolePair(0.8), Requirements(), axis="pitch")
 
 
@@ -145,7 +145,9 @@ def test_a_plant_that_cannot_be_stabilised(pitch):
     A = np.block([[pitch.A, np.zeros((n, 1))], [np.zeros((1, n)), np.ones((1, 1))]])
     B, C = np.vstack([pitch.B, [[0.0]]]), np.hstack([pitch.C, [[1.0], [0.0]]])
     stuck = replace(pitch, A=A, B=B, C=C, states=(*pitch.states, "stuck"))
-    with pytest.raises(InputError, match="no gains of this kind are good enough for pitch; at best no stability"):
+    with pytest.raises(
+        InputError, match="no gains of this family meet the requirements for pitch; at best no stability"
+    ):
         design_loop(stuck, PolePair(0.8), Requirements(), axis="pitch")
 
 
@@ -380,13 +382,13 @@ def test_a_vehicle_of_thirty_grams_gets_the_same_gains():
 
 def test_the_least_share_of_a_required_margin_counts():
     found = FastMargins(gain=5.0, phase=60.0, delay=0.03)
-    assert Requirements(40.0, 4.0, 0.02).share_met(found) == pytest.approx(1.25)
-    assert Requirements(50.0, 4.0, 0.02).share_met(found) == pytest.approx(1.2)
-    assert Requirements(40.0, 10.0, 0.02).share_met(found) == pytest.approx(0.5)
-    assert Requirements(40.0, 4.0, 0.1).share_met(found) == pytest.approx(0.3)
-    assert Requirements(0.0, 4.0, 0.0).share_met(found) == pytest.approx(1.25)
-    assert Requirements(0.0, 0.0, 0.0).share_met(found) == 1.0
-    assert Requirements(60.0, 5.0, 0.03).broken_by(found) == {}
+    assert Requirements(40.0, 4.0, 0.02).min_ratio(found) == pytest.approx(1.25)
+    assert Requirements(50.0, 4.0, 0.02).min_ratio(found) == pytest.approx(1.2)
+    assert Requirements(40.0, 10.0, 0.02).min_ratio(found) == pytest.approx(0.5)
+    assert Requirements(40.0, 4.0, 0.1).min_ratio(found) == pytest.approx(0.3)
+    assert Requirements(0.0, 4.0, 0.0).min_ratio(found) == pytest.approx(1.25)
+    assert Requirements(0.0, 0.0, 0.0).min_ratio(found) == 1.0
+    assert Requirements(60.0, 5.0, 0.03).shortfalls(found) == {}
 
 
 def test_bandwidths_are_tried_up_to_a_third_of_half_the_sampling_rate():
@@ -453,7 +455,7 @@ class Fixed:
         ((1.0, -0.5), r"x cannot have an effort of 1: a negative gain: k_P 1, k_D -0\.5"),
         ((-1.0, 0.5), r"a negative gain: k_P -1, k_D 0\.5"),
         ((1.0, 0.0), r"a negative gain: k_P 1, k_D 0"),
-        ((np.nan, 1.0), "no gains: none have this effect"),
+        ((np.nan, 1.0), "no gains: none exist for this effort"),
         ((1.0, 0.001), r"no stability: a pole of size 1\.000\d"),
         ((1.0, 120.0), r"no stability: a pole of size 1\.\d{4}"),
     ],

@@ -13,20 +13,20 @@ from drake_quad.control.lqg.design import Timing
 from drake_quad.design import lqg as lqg_design
 from drake_quad.design.cascade import design_cascade
 from drake_quad.design.lqg import (
+    ActualPlant,
     Conditions,
     LqgLimits,
     Plant,
-    Truth,
-    believed_timings,
+    candidate_timings,
     conditions_of,
     design_lqg,
-    lateral_truth,
+    lateral_plant_model,
     loop_transfer,
     middle_of,
     plants_of,
     predicted,
     snap_limit,
-    vertical_truth,
+    vertical_plant_model,
 )
 from drake_quad.flight.simulation import simulate_batch
 from drake_quad.linear.disturbances import DisturbanceStatistics
@@ -67,9 +67,9 @@ def axes_of(scenario, plant, conditions):
     """(loop, truth) along x and along z."""
     timing, gravity = timing_of(scenario), scenario.nominal.gravity
     loops = [axis.loop(timing, gravity) for axis in (scenario.control.lateral, scenario.control.vertical)]
-    models = lateral_truth(plant, conditions), vertical_truth(plant, conditions)
-    truths = [Truth.of(model, plant, conditions, timing, gravity) for model in models]
-    return [*zip(loops, truths, strict=True)], timing
+    models = lateral_plant_model(plant, conditions), vertical_plant_model(plant, conditions)
+    actual_plants = [ActualPlant.of(model, plant, conditions, timing, gravity) for model in models]
+    return [*zip(loops, actual_plants, strict=True)], timing
 
 
 @pytest.mark.slow
@@ -93,12 +93,12 @@ def test_plants_that_are_predicted_together_are_predicted_as_if_alone(shipped):
     timing = axes[0][1]
     z = np.exp(1j * np.geomspace(0.5, 100.0, 40) * timing.tick)
     for number in (0, 1):
-        loop, truths = axes[0][0][number][0], [found[number][1] for found, _ in axes]
-        together = lqg_design._Lifted.of(loop, truths, timing)
-        alone = [predicted(loop, truth, timing) for truth in truths]
+        loop, actual_plants = axes[0][0][number][0], [found[number][1] for found, _ in axes]
+        together = lqg_design._LiftedLoops.of(loop, actual_plants, timing)
+        alone = [predicted(loop, truth, timing) for truth in actual_plants]
         assert np.isinf([each.error for each in alone]).tolist() == [False, False, True, False]
         np.testing.assert_allclose(together.predicted(), alone, rtol=1e-7)
-        expected = 1.0 / (1.0 + loop_transfer(loop, truths[0], timing).response(z)[:, 0, 0])
+        expected = 1.0 / (1.0 + loop_transfer(loop, actual_plants[0], timing).response(z)[:, 0, 0])
         np.testing.assert_allclose(together.sensitivity(z), expected, rtol=1e-6)
 
 
@@ -202,9 +202,9 @@ def test_a_command_may_be_as_large_as_the_torque_that_it_holds_twice():
 def test_the_delays_that_may_be_believed_are_the_mean_of_the_plants_and_the_tick_after(diagrams):
     # Frames late by 10 ms at most, and 1 to 3 ticks of 20 ms: 2.3 ticks in the mean of the middle and the corners.
     bad_day = load_scenario(f"{diagrams}/robustness.yaml")
-    assert believed_timings(bad_day, plants_of(bad_day)) == [Timing(0.01, 0.02, ticks) for ticks in (2, 3)]
+    assert candidate_timings(bad_day, plants_of(bad_day)) == [Timing(0.01, 0.02, ticks) for ticks in (2, 3)]
     late = [Plant(True, 0.05, None, 1, ticks) for ticks in (1, 1, 2)]
-    assert [each.delay_ticks for each in believed_timings(bad_day, late)] == [2]
+    assert [each.delay_ticks for each in candidate_timings(bad_day, late)] == [2]
 
 
 @pytest.mark.slow
@@ -234,11 +234,11 @@ def test_a_design_believes_the_delay_of_less_cost_and_limits_the_command_of_each
         monkeypatch.setattr(lqg_design, function, lambda *_, value=value: value)
     searches = []
 
-    def advanced(search):
+    def improved(search):
         searches.append(search)
         return dataclasses.replace(search, cost=abs(search.timing.delay_ticks - best))
 
-    monkeypatch.setattr(lqg_design._LqgSearch, "advanced", advanced)
+    monkeypatch.setattr(lqg_design._LqgSearch, "improved", improved)
     limits = LqgLimits(sensitivity=1e3, delay=1e-6, snap=50.0, acceleration=5.0)
     design = design_lqg(scenario, limits)
     assert design.control.delay_ticks == best
@@ -246,7 +246,7 @@ def test_a_design_believes_the_delay_of_less_cost_and_limits_the_command_of_each
     assert first.most == second.most == (5.0 if design.plants[0].answer else 50.0)
     assert vertical.most == 5.0
     assert (first.timing, second.timing, vertical.timing) == (*timings, timings[best - 1])
-    assert {each.allowed for each in searches} == {limits}
+    assert {each.chain_limits for each in searches} == {limits}
 
 
 @pytest.mark.slow
@@ -282,11 +282,11 @@ def test_the_attitude_follows_its_command_and_the_position_the_attitude(lags, an
     conditions = Conditions(STILL, STILL, 0.0, 1e-3, 4e-3, 0.0)
     plant = Plant(lags, 0.05, answer, 0, 1, thrust_gain=1.3)
     s = 2.0 + 3.0j
-    _, A, B, C, _ = lateral_truth(plant, conditions)
+    _, A, B, C, _ = lateral_plant_model(plant, conditions)
     position, thrust = (C @ np.linalg.solve(s * np.eye(len(A)) - A, B)).ravel()
     expected = (1.0 if answer is None else answer.natural_frequency**2) / np.polyval(polynomial, s)
     np.testing.assert_allclose([position, thrust], [expected / s**2, expected], rtol=1e-12)
-    _, A, B, C, _ = vertical_truth(plant, conditions)
+    _, A, B, C, _ = vertical_plant_model(plant, conditions)
     height = (C @ np.linalg.solve(s * np.eye(len(A)) - A, B)).item()
     assert height == pytest.approx(1.3 / (s**2 * (0.05 * s + 1.0)), rel=1e-12)
 
@@ -301,18 +301,20 @@ def search_of(shipped):
 
     def make(*delays, limits=LqgLimits(sensitivity=1e3, delay=1e-6), most=1e6, loop_of=lambda axis: loop):
         plants = [Plant(True, 0.05, None, 0, delay) for delay in delays]
-        truths = [
-            Truth.of(lateral_truth(plant, conditions), plant, conditions, timing, scenario.nominal.gravity)
+        actual_plants = [
+            ActualPlant.of(lateral_plant_model(plant, conditions), plant, conditions, timing, scenario.nominal.gravity)
             for plant in plants
         ]
-        return lqg_design._LqgSearch(lambda number: control.lateral, loop_of, truths, most, timing, (1.0,), limits)
+        return lqg_design._LqgSearch(
+            lambda number: control.lateral, loop_of, actual_plants, most, timing, (1.0,), limits
+        )
 
     return make
 
 
 def test_the_cost_is_the_logarithm_of_the_error_over_all_plants_unless_a_limit_is_broken(search_of):
     search = search_of(1, 2)
-    _, (first, second) = search.found()
+    _, (first, second) = search.result()
     cost = search.cost_of(np.zeros(1))
     assert cost == pytest.approx(0.5 * np.log(0.5 * (first.error**2 + second.error**2)), rel=1e-9)
     assert search_of(1).cost_of(np.zeros(1)) == pytest.approx(np.log(first.error), rel=1e-9)
@@ -327,15 +329,18 @@ def test_a_design_that_is_unstable_costs_more_than_any_that_is_stable_and_one_th
     unstable, worse = (search_of(delay, 1).cost_of(np.zeros(1)) for delay in (6, 9))
     assert stable + 10.0 < late
     assert late < unstable
-    poles = [predicted(each.loop_of(None), each.truths[0], each.timing).pole for each in map(search_of, (6, 9))]
+    poles = [predicted(each.loop_of(None), each.actual_plants[0], each.timing).pole for each in map(search_of, (6, 9))]
     assert (late < later) == (unstable < worse) == (poles[0] < poles[1])
 
     def failing(axis):
         raise np.linalg.LinAlgError
 
     assert search_of(1, loop_of=failing).cost_of(np.zeros(1)) > max(unstable, worse)
-    with pytest.raises(InputError, match=r"no design of this kind is stable: at best there is a pole of size 1\.\d{4}"):
-        search_of(6).found()
+    with pytest.raises(
+        InputError,
+        match=r"no LQG design is stable for the nominal plant: the best one has a pole of magnitude 1\.\d{4}",
+    ):
+        search_of(6).result()
 
 
 class Bowl(lqg_design._LqgSearch):
@@ -352,10 +357,10 @@ def test_a_search_finds_the_numbers_of_least_cost_wherever_the_first_begins(sear
     """The others begin within a factor of a few."""
     start = search_of(1)
     begun = Bowl(*(getattr(start, name) for name in start.__dataclass_fields__))
-    found = dataclasses.replace(begun, numbers=(first, 0.3, 60.0)).advanced()
+    found = dataclasses.replace(begun, numbers=(first, 0.3, 60.0)).improved()
     np.testing.assert_allclose(found.numbers, np.exp(Bowl.best), rtol=1e-3)
     assert found.cost == pytest.approx(found.cost_of(np.log(found.numbers)), abs=1e-12)
-    assert (found.truths, found.timing) == (start.truths, start.timing)
+    assert (found.actual_plants, found.timing) == (start.actual_plants, start.timing)
 
 
 def test_limits_are_narrowed_until_the_whole_loop_keeps_them(search_of):
@@ -366,12 +371,12 @@ def test_limits_are_narrowed_until_the_whole_loop_keeps_them(search_of):
     def found(sensitivity, delay):
         return types.SimpleNamespace(sensitivity=sensitivity, delay=delay)
 
-    assert search.narrowed(limits, (found(3.0, 0.03), None)) is search
-    assert search.narrowed(limits, (None, None)) is search
-    peaked = search.narrowed(limits, (found(2.0, 0.05), found(4.0, 0.05), None)).allowed
+    assert search.with_tighter_limits(limits, (found(3.0, 0.03), None)) is search
+    assert search.with_tighter_limits(limits, (None, None)) is search
+    peaked = search.with_tighter_limits(limits, (found(2.0, 0.05), found(4.0, 0.05), None)).chain_limits
     assert 0.99 * 2.5 * 3.0 / 4.0 < peaked.sensitivity < 2.5 * 3.0 / 4.0
     assert peaked.delay == 0.04
-    late = search.narrowed(limits, (found(2.0, 0.02), found(2.0, 0.05))).allowed
+    late = search.with_tighter_limits(limits, (found(2.0, 0.02), found(2.0, 0.05))).chain_limits
     assert 0.04 * 0.03 / 0.02 < late.delay < 1.01 * 0.04 * 0.03 / 0.02
     assert late.sensitivity == 2.5
 
@@ -405,22 +410,22 @@ def test_a_design_is_made_of_what_is_believed_and_of_what_disturbs(diagrams, mon
     )
     assert control.yaw == lqg_design._yaw(scenario)
     timing = Timing(0.01, 0.02, control.delay_ticks)
-    assert timing in believed_timings(scenario, design.plants)
+    assert timing in candidate_timings(scenario, design.plants)
     for loop, model, answers in (
-        (x.loop(timing, gravity), lateral_truth, design.lateral),
-        (z.loop(timing, gravity), vertical_truth, design.vertical),
+        (x.loop(timing, gravity), lateral_plant_model, design.lateral),
+        (z.loop(timing, gravity), vertical_plant_model, design.vertical),
     ):
-        truths = [Truth.of(model(plant, found), plant, found, timing, gravity) for plant in design.plants]
-        assert answers == tuple(predicted(loop, truth, timing) for truth in truths)
+        actual_plants = [ActualPlant.of(model(plant, found), plant, found, timing, gravity) for plant in design.plants]
+        assert answers == tuple(predicted(loop, truth, timing) for truth in actual_plants)
 
 
 def test_noise_of_a_truth_is_that_of_the_cameras():
     """The specific thrust sideways is seen by the attitude, times g."""
     conditions = Conditions(STILL, STILL, 0.0, 1e-3, 4e-3, 0.03)
     plant, timing = Plant(True, 0.05, None, 0, 1), Timing(0.01, 0.02, 2)
-    truth = Truth.of(lateral_truth(plant, conditions), plant, conditions, timing, 9.79)
+    truth = ActualPlant.of(lateral_plant_model(plant, conditions), plant, conditions, timing, 9.79)
     np.testing.assert_allclose(truth.R, np.diag([1e-3**2, (9.79 * 4e-3) ** 2]), rtol=1e-12)
-    height = Truth.of(vertical_truth(plant, conditions), plant, conditions, timing, 9.79)
+    height = ActualPlant.of(vertical_plant_model(plant, conditions), plant, conditions, timing, 9.79)
     np.testing.assert_allclose(height.R, [[1e-3**2]], rtol=1e-12)
     assert (truth.loss_rate, height.plant) == (0.03, plant)
 

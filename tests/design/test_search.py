@@ -7,7 +7,7 @@ import pytest
 
 from drake_quad import load_scenario
 from drake_quad.design import tuning
-from drake_quad.design.tuning import Budget, Knob, delay_stood, tune
+from drake_quad.design.tuning import Budget, Knob, tolerated_delay, tune
 from drake_quad.laboratory.metrics import Metrics
 
 K_P = Knob(("control.position.k_p.0", "control.position.k_p.1"), 0.5, 12.0)
@@ -210,7 +210,7 @@ def test_only_crashes_count_in_flights_with_late_frames(laboratory, flown):
         return 2.0 if late and scenario.name == "other" else np.inf
 
     flown(lambda *_: 0.2, crash)
-    found = tune([laboratory, other], [K_P], None, budget=Budget(1, 4, 2, 1, 1), later=0.03)
+    found = tune([laboratory, other], [K_P], None, budget=Budget(1, 4, 2, 1, 1), extra_latency=0.03)
     assert found.error == pytest.approx(0.2 + 1.5 / 2.0)
     assert tune([laboratory, other], [K_P], None, budget=Budget(1, 4, 2, 1, 1)).error == pytest.approx(0.2)
 
@@ -277,7 +277,7 @@ def test_previous_gains_are_a_candidate(laboratory, flown):
 
 def test_candidates_within_the_limit_rank_by_error_and_the_others_by_share():
     tuned = [
-        tuning.Tuned((), error, share)
+        tuning.TuningResult((), error, share)
         for error, share in ((0.3, 1.0), (0.2, 7.0), (0.1, 0.9), (0.05, 0.5), (0.06, 0.5))
     ]
     order = [1, 0, 2, 3, 4]
@@ -290,7 +290,7 @@ def test_predicted_violations_of_the_limit_are_penalised():
     """The logarithms of the shares are linear and so predicted exactly, which gives the penalties in closed form."""
     random = np.random.default_rng(5)
     slope = np.array([0.4, -0.3])
-    known = tuning._Known(2)
+    known = tuning._EvaluatedPoints(2)
     points = random.uniform(size=(12, 2))
     for number, point in enumerate(points):
         if number == 3:
@@ -320,26 +320,26 @@ def test_the_tolerated_delay_is_the_longest_without_a_crash(laboratory, flown):
 
     flown(None, crash)
     budget = Budget(samples=8)
-    assert delay_stood([laboratory, other], 0.1, budget=budget, first_sample=10) == pytest.approx(0.03)
-    assert delay_stood([laboratory, other], 0.02, budget=budget, first_sample=10) == pytest.approx(0.02)
-    assert delay_stood([laboratory, other], 0.1, budget=budget, first_sample=14) == pytest.approx(0.1)
+    assert tolerated_delay([laboratory, other], 0.1, budget=budget, first_sample=10) == pytest.approx(0.03)
+    assert tolerated_delay([laboratory, other], 0.02, budget=budget, first_sample=10) == pytest.approx(0.02)
+    assert tolerated_delay([laboratory, other], 0.1, budget=budget, first_sample=14) == pytest.approx(0.1)
     flown(None, lambda *_: 1.0)
-    assert delay_stood([laboratory], 0.1, budget=budget) == 0.0
+    assert tolerated_delay([laboratory], 0.1, budget=budget) == 0.0
 
 
 def test_predictions_of_the_limit_are_trusted_more_from_round_to_round(laboratory, flown, monkeypatch):
     """The doubt falls in equal steps, so that in the last round it is one step from zero."""
     flown(bowl)
     doubts = []
-    monkeypatch.setattr(tuning._Known, "penalties", lambda known, points, doubt: doubts.append(doubt) or 0.0)
+    monkeypatch.setattr(tuning._EvaluatedPoints, "penalties", lambda known, points, doubt: doubts.append(doubt) or 0.0)
     budget = Budget(rounds=5, candidates=8, samples=1, steps=1)
     tune([laboratory], [K_P, K_D], lambda scenario: np.array([9.0]), budget=budget)
-    np.testing.assert_allclose(doubts[::2], tuning._DOUBT * np.array([1.0, 0.8, 0.6, 0.4, 0.2]))
+    np.testing.assert_allclose(doubts[::2], tuning._INITIAL_DOUBT * np.array([1.0, 0.8, 0.6, 0.4, 0.2]))
     assert doubts[1::2] == doubts[::2]
 
 
 def test_the_limit_is_predicted_as_soon_as_there_is_one_point_more_than_a_plane_needs():
-    known = tuning._Known(2)
+    known = tuning._EvaluatedPoints(2)
     far_beyond = np.array([[0.5, 0.5]])
     for count, point in enumerate(([0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]), start=1):
         known.add(np.array(point), np.array([0.6]))

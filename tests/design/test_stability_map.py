@@ -7,7 +7,7 @@ import pytest
 
 from drake_quad import load_scenario, simulate
 from drake_quad.design.gains import AxisGains, pd_loop
-from drake_quad.design.stability_map import flown_map, mapped_plant, stability_map
+from drake_quad.design.stability_map import mapped_plant, simulated_map, stability_map
 from drake_quad.linear.closed_loop import closed_loop
 from drake_quad.linear.margins import margins
 from drake_quad.linear.modes import modes
@@ -85,10 +85,10 @@ def test_the_mapped_loop_is_the_diagram(loop, controller):
 def test_each_place_of_the_flown_map_is_a_flight_of_its_own(scenario, loop):
     """All with the wind and noise of one sample; also one that crashes."""
     k_p, k_d = (K_P, np.array([0.2, 0.7])) if loop == "position" else (np.array([6.0, 90.0]), np.array([0.3, 4.0]))
-    found = flown_map(scenario, loop, k_p, k_d, sample=3)
+    found = simulated_map(scenario, loop, k_p, k_d, sample=3)
     assert found.rmse.shape == (len(k_p), len(k_d))
-    first = flown_map(scenario, loop, k_p[:1], k_d[:1]).rmse
-    np.testing.assert_array_equal(first, flown_map(scenario, loop, k_p[:1], k_d[:1], sample=0).rmse)
+    first = simulated_map(scenario, loop, k_p[:1], k_d[:1]).rmse
+    np.testing.assert_array_equal(first, simulated_map(scenario, loop, k_p[:1], k_d[:1], sample=0).rmse)
     assert first != pytest.approx(found.rmse[:1, :1], rel=1e-6)
     crashed = 0
     for i, j in np.ndindex(found.rmse.shape):

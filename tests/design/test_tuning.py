@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drake_quad import load_scenario
-from drake_quad.design.tuning import Budget, Knob, LoopLimit, delay_stood, tune, with_later_frames, with_numbers
+from drake_quad.design.tuning import Budget, Knob, LoopLimit, tolerated_delay, tune, with_extra_latency, with_numbers
 from drake_quad.linear.link_margins import link_margins
 from drake_quad.studies.comparison import fly_samples
 
@@ -87,7 +87,7 @@ def test_the_vertical_axis_is_tuned_by_itself_and_without_a_limit_less_error_is_
 def test_later_frames_are_later_than_the_own(diagrams):
     """In whole frames of 10 ms, also where the scenario draws whether a frame is late."""
     for name, expected in (("laboratory.yaml:nominal", 3.0), ("robustness.yaml", (3.0, 4.0))):
-        later = with_later_frames(load_scenario(diagrams / name), 0.03).laboratory.motion_capture.latency_frames
+        later = with_extra_latency(load_scenario(diagrams / name), 0.03).laboratory.motion_capture.latency_frames
         assert getattr(later, "choice", later) == expected
 
 
@@ -102,21 +102,21 @@ def narrow(diagrams):
 @pytest.mark.slow
 def test_the_delay_that_is_stood_is_the_most_with_which_no_training_flight_crashes(narrow):
     def crashes(later):
-        return fly_samples(with_later_frames(narrow, later), range(2)).crashed.any()
+        return fly_samples(with_extra_latency(narrow, later), range(2)).crashed.any()
 
-    stood = delay_stood([narrow], 0.09, budget=Budget(samples=2))
+    stood = tolerated_delay([narrow], 0.09, budget=Budget(samples=2))
     assert 0.0 < stood < 0.09
     assert crashes(stood + 0.01)
     assert not crashes(stood)
-    assert delay_stood([narrow], stood - 0.01, budget=Budget(samples=2)) == pytest.approx(stood - 0.01)
+    assert tolerated_delay([narrow], stood - 0.01, budget=Budget(samples=2)) == pytest.approx(stood - 0.01)
 
 
 @pytest.mark.slow
 def test_where_a_limit_is_flown_late_crashes_are_charged(narrow):
     """Each with what it is charged with for how early it was, beside the error of the flights in time."""
     knob, budget = Knob(("control.position.k_p.0",), 3.3, 3.301), Budget(rounds=1, candidates=4, samples=2, steps=1)
-    timely, late = (tune([narrow], [knob], None, budget=budget, later=later).error for later in (0.0, 0.09))
-    flown = fly_samples(with_numbers(with_later_frames(narrow, 0.09), [knob], [3.3]), range(2))
+    timely, late = (tune([narrow], [knob], None, budget=budget, extra_latency=later).error for later in (0.0, 0.09))
+    flown = fly_samples(with_numbers(with_extra_latency(narrow, 0.09), [knob], [3.3]), range(2))
     assert flown.crashed.all()
     assert timely < 0.1
     assert late - timely == pytest.approx(float((2.0 - flown.crash_time / 3.0).mean()), rel=1e-3)

@@ -23,7 +23,7 @@ from drake_quad.design.cascade import (
     with_gains,
 )
 from drake_quad.design.gains import Proportional, ProportionalGain, Requirements, design_loop, pd_loop
-from drake_quad.design.stability_map import flown_map, linear_map, mapped_gains, mapped_plant, stability_map
+from drake_quad.design.stability_map import linear_map, mapped_gains, mapped_plant, simulated_map, stability_map
 from drake_quad.linear.closed_loop import PASSIVE_SYSTEMS, closed_loop, laboratory_plant, on_board_plant
 from drake_quad.linear.context_vector import ContextVector
 from drake_quad.linear.margins import margins
@@ -150,7 +150,7 @@ def test_of_a_proportional_loop_the_fastest_within_its_margins_is_found(onboard)
     efforts = Proportional().efforts(plant)
     assert (efforts[0], efforts[-1]) == (pytest.approx(0.05), pytest.approx(np.pi / 0.0075))
     with pytest.raises(
-        InputError, match=r"no gains of this kind are good enough for p; at best phase margin: 8\d\.\d°"
+        InputError, match=r"no gains of this family meet the requirements for p; at best phase margin: 8\d\.\d°"
     ):
         design_loop(plant, Proportional(), Requirements(phase=89.9, gain=10.0), axis="p")
 
@@ -255,7 +255,7 @@ def test_a_resting_autopilot_has_no_noise_and_the_believed_one_no_bias_either(on
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
-        (RESPONSE, "laboratory.autopilot is of kind response, which has no loops on board that could be designed"),
+        (RESPONSE, "laboratory.autopilot is of kind response, which has no gains; use kind attitude"),
         (["vehicle.time_step=0"], "vehicle.time_step is 0 s, but loops on board are designed for a positive time step"),
     ],
 )
@@ -307,7 +307,7 @@ def test_on_board_the_edge_of_stability_of_the_attitude_is_that_of_routh(onboard
 def test_each_place_of_the_flown_map_on_board_is_a_flight_of_its_own(onboard):
     short = ["duration=2", "crash.position_error=0.5"]
     k_attitude, k_rate = np.array([5.0, 60.0]), np.array([6.0, 14.0])
-    found = flown_map(onboard(*short), "attitude", k_attitude, k_rate, sample=3)
+    found = simulated_map(onboard(*short), "attitude", k_attitude, k_rate, sample=3)
     for i, j in np.ndindex(found.rmse.shape):
         gains = {"k_attitude": [k_attitude[i]] * 2 + [6.073], "k_rate": [k_rate[j]] * 2 + [12.8]}
         metrics = simulate(with_autopilot_gains(onboard(*short), gains), sample=3).metrics
@@ -324,7 +324,7 @@ def test_a_vehicle_that_cannot_hover_has_no_map(onboard):
 
 
 def test_an_attitude_that_responds_has_no_gains_to_map(onboard):
-    words = "with laboratory.autopilot of kind response the attitude has no gains that could be mapped"
+    words = "cannot map the attitude: laboratory.autopilot is of kind response, which has no gains"
     for refused in (mapped_plant, mapped_gains):
         with pytest.raises(InputError, match=words):
             refused(onboard(*RESPONSE), "attitude")

@@ -216,5 +216,5 @@ def test_derivatives_through_a_flight_are_those_of_whole_flights(laboratory, loa
 
 
 def test_a_flight_depends_in_jumps_on_when_a_payload_goes(laboratory):
-    with pytest.raises(InputError, match="vehicle.payload.time decides when something happens"):
+    with pytest.raises(InputError, match="vehicle.payload.time: the flight depends on it discontinuously"):
         flight_sensitivities(laboratory("duration=1", PAYLOAD.format(0.5, "dropped")), ["vehicle.payload.time"])

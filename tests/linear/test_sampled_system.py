@@ -120,7 +120,7 @@ class Mine(LeafSystem):
 def test_a_system_that_cannot_be_differentiated_is_named(hover):
     for abstract, words in (
         (False, "control.position does not support AutoDiffXd"),
-        (True, "control.position holds"),
+        (True, "control.position has an abstract state"),
     ):
         diagram = build_tracking_diagram(hover(), position_controller=Mine(abstract))
         with pytest.raises(InputError, match=words):

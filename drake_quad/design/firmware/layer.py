@@ -1,4 +1,4 @@
-"""The layer of a scenario with the controller of a firmware."""
+"""Layer of a scenario with the controller of a firmware."""
 
 from typing import Any
 
