@@ -19,10 +19,10 @@ import numpy as np
 import scipy
 
 from drake_quad.control.lqg.chains import (
-    AttitudeResponse,
     ChainNoise,
     ContinuousModel,
     Disturbances,
+    SecondOrderResponse,
     lateral_model,
     sampled,
     sampled_noise,
@@ -101,7 +101,7 @@ class Plant(NamedTuple):
 
     lags: bool
     lag: float
-    answer: AttitudeResponse | None
+    answer: SecondOrderResponse | None
     latency_frames: int
     delay_ticks: int
     thrust_gain: float = 1.0

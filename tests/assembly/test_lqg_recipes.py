@@ -7,9 +7,9 @@ import pytest
 
 from drake_quad.assembly.control import build_control, control_recipes
 from drake_quad.control.lqg.chains import (
-    AttitudeResponse,
     ChainNoise,
     Disturbances,
+    SecondOrderResponse,
     attitude_model,
     lagging_attitude_model,
     torque_model,
@@ -76,7 +76,7 @@ def test_behind_an_autopilot_it_believes_in_the_answer_of_the_attitude(asymmetri
     recipe = regulator_of_scenario(scenario)
     assert (recipe.structure["signal"], recipe.structure["period"]) == ("attitude_target", 0.01)
     lateral, _, thrust, torques, target = recipe.numbers
-    answer = AttitudeResponse(9.0, 0.72)
+    answer = SecondOrderResponse(9.0, 0.72)
     model = attitude_model(answer, LATERAL) if lag is None else lagging_attitude_model(answer, lag, LATERAL)
     noise = np.array([0.0013, 0.0031 * 9.79])
     assert_alike(lateral, axis_loop(model, Timing(0.01, 0.02, 1), noise=noise, command_weight=0.01))

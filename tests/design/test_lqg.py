@@ -8,7 +8,7 @@ import pytest
 import scipy
 
 from drake_quad import InputError, load_scenario
-from drake_quad.control.lqg.chains import AttitudeResponse
+from drake_quad.control.lqg.chains import SecondOrderResponse
 from drake_quad.control.lqg.design import Timing
 from drake_quad.design import lqg as lqg_design
 from drake_quad.design.cascade import design_cascade
@@ -151,10 +151,10 @@ def test_plants_are_what_the_scenario_draws_or_what_its_numbers_may_be_off_by(di
         *((0.08, 0, 1), (0.08, 1, 2)),
     }
     on_board = plants_of(load_scenario(f"{diagrams}/onboard.yaml"))
-    assert on_board[0].answer == AttitudeResponse(8.817, 0.7259)
+    assert on_board[0].answer == SecondOrderResponse(8.817, 0.7259)
     assert on_board[0].lags
     whole, *others = plants_of(load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:still"))
-    assert (whole.answer, whole.lags) == (AttitudeResponse(6.75, 0.48), False)
+    assert (whole.answer, whole.lags) == (SecondOrderResponse(6.75, 0.48), False)
     # The curve of its motors has a slope of 18.27 N where 14.27 N are believed.
     assert whole.thrust_gain == pytest.approx(18.2656 / 14.27, rel=0.02)
     # Quick rotors have a quick attitude.
@@ -273,8 +273,8 @@ def test_a_design_flies_within_its_limits(diagrams, monkeypatch):
     ("lags", "answer", "polynomial"),
     [
         (True, None, [0.05, 1.0, 0.0, 0.0]),
-        (False, AttitudeResponse(7.0, 0.6), [1.0, 2.0 * 0.6 * 7.0, 7.0**2]),
-        (True, AttitudeResponse(7.0, 0.6), [0.05, 1.0, 2.0 * 0.6 * 7.0, 7.0**2]),
+        (False, SecondOrderResponse(7.0, 0.6), [1.0, 2.0 * 0.6 * 7.0, 7.0**2]),
+        (True, SecondOrderResponse(7.0, 0.6), [0.05, 1.0, 2.0 * 0.6 * 7.0, 7.0**2]),
     ],
 )
 def test_the_attitude_follows_its_command_and_the_position_the_attitude(lags, answer, polynomial):

@@ -104,7 +104,7 @@ class Disturbances(NamedTuple):
     command_noise: float
 
 
-class AttitudeResponse(NamedTuple):
+class SecondOrderResponse(NamedTuple):
     """Second-order response of the attitude to an autopilot's command.
 
     Attributes:
@@ -140,7 +140,7 @@ def torque_model(lag: float, disturbances: Disturbances) -> ContinuousModel:
     return _model(TorqueChain, {("thrust", "jerk"): 1.0, **entries}, {"snap": 1.0 / lag}, disturbances)
 
 
-def attitude_model(response: AttitudeResponse, disturbances: Disturbances) -> ContinuousModel:
+def attitude_model(response: SecondOrderResponse, disturbances: Disturbances) -> ContinuousModel:
     """Return the model of an `AttitudeChain`."""
     stiffness = response.natural_frequency**2
     friction = 2.0 * response.damping * response.natural_frequency
@@ -148,7 +148,7 @@ def attitude_model(response: AttitudeResponse, disturbances: Disturbances) -> Co
     return _model(AttitudeChain, {("thrust", "jerk"): 1.0, **entries}, {"jerk": stiffness}, disturbances)
 
 
-def lagging_attitude_model(response: AttitudeResponse, lag: float, disturbances: Disturbances) -> ContinuousModel:
+def lagging_attitude_model(response: SecondOrderResponse, lag: float, disturbances: Disturbances) -> ContinuousModel:
     """Return the model of a `LaggingAttitudeChain` for a time constant of the rotors (s)."""
     stiffness = response.natural_frequency**2 / lag
     friction = 2.0 * response.damping * response.natural_frequency / lag
@@ -157,7 +157,9 @@ def lagging_attitude_model(response: AttitudeResponse, lag: float, disturbances:
     return _model(LaggingAttitudeChain, entries, {"snap": stiffness}, disturbances)
 
 
-def lateral_model(lag: float | None, response: AttitudeResponse | None, disturbances: Disturbances) -> ContinuousModel:
+def lateral_model(
+    lag: float | None, response: SecondOrderResponse | None, disturbances: Disturbances
+) -> ContinuousModel:
     """Return the model along X or Y.
 
     Args:

@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from drake_quad.control.lqg.chains import AttitudeResponse
+from drake_quad.control.lqg.chains import SecondOrderResponse
 from drake_quad.framework.recipe import Recipe
 from drake_quad.pid.filters import butterworth
 from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS, Autopilot
@@ -90,11 +90,11 @@ class AttitudeAutopilotSettings(Autopilot):
         default=None, description="drag that the estimator of the attitude on board neglects, if any"
     )
 
-    def answer(self) -> AttitudeResponse:
+    def answer(self) -> SecondOrderResponse:
         """Return the answer that the loops ask for, which the rotors follow with their lag."""
         k_attitude, k_rate = (float(gains[0]) for gains in (self.k_attitude, self.k_rate))
         omega = math.sqrt(k_attitude * k_rate)
-        return AttitudeResponse(float(f"{omega:.4g}"), float(f"{0.5 * k_rate / omega:.4g}"))
+        return SecondOrderResponse(float(f"{omega:.4g}"), float(f"{0.5 * k_rate / omega:.4g}"))
 
     def recipes(self, believed: QuadrotorParameters, *, written: Any, heeds_attitude: bool) -> dict[str, Recipe]:
         """Return the recipe for both loops.

@@ -6,7 +6,7 @@ An autopilot of your own is a class that extends `Autopilot` and is registered w
 from abc import abstractmethod
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from drake_quad.control.lqg.chains import AttitudeResponse
+from drake_quad.control.lqg.chains import SecondOrderResponse
 from drake_quad.control.position import FeedForward
 from drake_quad.framework.recipe import Recipe
 from drake_quad.laboratory.command_link import Command
@@ -51,7 +51,7 @@ class Autopilot(Model):
         return self.command == "attitude_target"
 
     @abstractmethod
-    def answer(self) -> AttitudeResponse | None:
+    def answer(self) -> SecondOrderResponse | None:
         """Return the lag of second order by which roll and pitch follow commands; None if no attitude is commanded."""
 
     @abstractmethod

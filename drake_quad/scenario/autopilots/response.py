@@ -5,7 +5,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from drake_quad.control.lqg.chains import AttitudeResponse
+from drake_quad.control.lqg.chains import SecondOrderResponse
 from drake_quad.framework.recipe import Recipe
 from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS, Autopilot
 from drake_quad.scenario.quantities import Positives
@@ -30,9 +30,9 @@ class AttitudeResponseSettings(Autopilot):
     natural_frequency: Positives = Field(description="ω_n of roll, pitch, yaw (rad/s)")
     damping: Positives = Field(description="ζ of roll, pitch, yaw (1)")
 
-    def answer(self) -> AttitudeResponse:
+    def answer(self) -> SecondOrderResponse:
         """Return the answer of the roll."""
-        return AttitudeResponse(float(self.natural_frequency[0]), float(self.damping[0]))
+        return SecondOrderResponse(float(self.natural_frequency[0]), float(self.damping[0]))
 
     def recipes(self, believed: QuadrotorParameters, *, written: Any, heeds_attitude: bool) -> dict[str, Recipe]:
         """Return the recipe for a system that passes the thrust on; the vehicle itself follows the attitude."""

@@ -5,9 +5,9 @@ import pytest
 import scipy.signal
 
 from drake_quad.control.lqg.chains import (
-    AttitudeResponse,
     ChainNoise,
     Disturbances,
+    SecondOrderResponse,
     attitude_model,
     sampled,
     sampled_noise,
@@ -26,7 +26,7 @@ DISTURBANCES = Disturbances(ChainNoise(0.3, 0.25), ChainNoise(0.8, 0.6), ChainNo
 VERTICAL = DISTURBANCES._replace(bias=None)
 MODELS = {
     "torque": torque_model(0.04, DISTURBANCES),
-    "attitude": attitude_model(AttitudeResponse(9.0, 0.6), DISTURBANCES),
+    "attitude": attitude_model(SecondOrderResponse(9.0, 0.6), DISTURBANCES),
     "vertical": vertical_model(0.07, VERTICAL),
 }
 models = pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)

@@ -6,9 +6,9 @@ import scipy
 from pydrake.autodiffutils import InitializeAutoDiff
 
 from drake_quad.control.lqg.chains import (
-    AttitudeResponse,
     ChainNoise,
     Disturbances,
+    SecondOrderResponse,
     attitude_model,
     sampled,
     torque_model,
@@ -38,7 +38,7 @@ TARGET = TargetNumbers(0.2, 0.03)
 BELIEF = Disturbances(ChainNoise(0.5, 20.0), ChainNoise(1.2, 0.7), ChainNoise(1.0, 20.0), 2.0)
 MODELS = {
     "torques": torque_model(0.045, BELIEF),
-    "attitude": attitude_model(AttitudeResponse(8.5, 0.7), BELIEF),
+    "attitude": attitude_model(SecondOrderResponse(8.5, 0.7), BELIEF),
     "height": vertical_model(0.04, BELIEF._replace(bias=None)),
 }
 CORRIDOR = Corridor(PerAxis(-0.2, -0.31, 0.9), PerAxis(0.21, 0.3, 1.2), follows_reference=False, weight=25.0)
