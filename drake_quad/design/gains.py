@@ -158,7 +158,7 @@ class Proportional(NamedTuple):
     """A single gain, which is the effort, 1/s."""
 
     def gains(self, plant: SampledSystem, effort: float) -> ProportionalGain:
-        """Return the effort as gain."""
+        """Return the effort itself, which is the gain."""
         return ProportionalGain(effort)
 
     def efforts(self, plant: SampledSystem) -> np.ndarray:

@@ -178,7 +178,7 @@ def adapted(
         step: tick period times the learning signal.
         rates: γ.
         initial: initial antecedents.
-        parts: numbers that learn.
+        parts: parts of the antecedents that learn.
     """
     a1, a2, q, inputs = antecedents
     if "exponents" in parts:

@@ -56,7 +56,7 @@ def adapted_on_axes(
         numbers: parameters of the adaptation.
         axes: axes of the network.
         inputs: names of the inputs of the rules.
-        parts: numbers that learn.
+        parts: parts of the antecedents that learn.
         time: time of the tick, s.
         lap_times: start of each lap of the route and end of the last one, s.
         period: tick period h, s.
@@ -101,7 +101,7 @@ class SetLearning(FleetSystem):
         inputs: inputs of the rules, see `drake_quad.control.fuzzy.inputs`.
         lap_times: start of each lap of the route and end of the last one, s; needed for the input `phase` only.
         learns_from: learning signal, "surface" or "feedback".
-        parts: numbers that learn: "centres", "widths", "exponents".
+        parts: parts of the antecedents that learn: "centres", "widths", "exponents".
         numbers: parameters of the adaptation.
     """
 

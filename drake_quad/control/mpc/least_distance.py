@@ -16,7 +16,7 @@ class NearestPoint(NamedTuple):
     """Nearest point.
 
     Attributes:
-        point: (variables,) v.
+        point: (variables,) nearest point v.
         binding: (rows,) True for the rows that are active at the point.
     """
 
