@@ -93,7 +93,7 @@ class Plant(NamedTuple):
         lags: True if the lag of the rotors is in series with the attitude's response; False if the response includes
             it.
         lag: time constant of the rotors, s.
-        answer: response of the attitude with an autopilot; None without one.
+        response: response of the attitude with an autopilot; None without one.
         latency_frames: latency of a frame in addition to one frame period, in frames.
         delay_ticks: delay of the link, in ticks.
         thrust_gain: ratio of actual to commanded changes of the thrust near hover.
@@ -101,7 +101,7 @@ class Plant(NamedTuple):
 
     lags: bool
     lag: float
-    answer: SecondOrderResponse | None
+    response: SecondOrderResponse | None
     latency_frames: int
     delay_ticks: int
     thrust_gain: float = 1.0
@@ -212,11 +212,11 @@ def design_lqg(scenario: Scenario, limits: LqgLimits = LqgLimits()) -> LqgDesign
     def lateral_axis(
         weight: float, noise: float, first: float, second: float, bias: float, noise_factor: float
     ) -> LateralAxis:
-        answer = nominal.answer
+        response = nominal.response
         return LateralAxis(
             lag=nominal.lag if nominal.lags else None,
-            natural_frequency=answer.natural_frequency if answer else None,
-            damping=answer.damping if answer else None,
+            natural_frequency=response.natural_frequency if response else None,
+            damping=response.damping if response else None,
             bias=ColouredNoise(deviation=bias, time=_BIAS_TIME),
             attitude_noise=float(f"{noise_factor * conditions.attitude_noise:.4g}"),
             **_common(weight, noise, first, second, conditions.lateral.time, conditions.position_noise),
@@ -300,13 +300,13 @@ def plants_of(scenario: Scenario) -> tuple[Plant, ...]:
     latencies = bounds("laboratory.motion_capture.latency_frames", _latency, frames, frames + _DELAY_SPREAD)
     delays = bounds("laboratory.command_link.delay_ticks", _delay, ticks, ticks + _DELAY_SPREAD)
     autopilot = middle.laboratory.autopilot
-    answer = autopilot.answer()
-    middle_plant = Plant(not autopilot.models_vehicle, lag, answer, frames, ticks, _thrust_gain(middle))
+    response = autopilot.answer()
+    middle_plant = Plant(not autopilot.models_vehicle, lag, response, frames, ticks, _thrust_gain(middle))
     spread = zip(lags, (_RESPONSE_SPREAD, 1.0 / _RESPONSE_SPREAD), strict=True)
     corners = [
         middle_plant._replace(
             lag=lag,
-            answer=answer and answer._replace(natural_frequency=factor * answer.natural_frequency),
+            response=response and response._replace(natural_frequency=factor * response.natural_frequency),
             latency_frames=latency,
             delay_ticks=delay,
         )
@@ -620,8 +620,8 @@ def _common(
 
 def lateral_plant_model(plant: Plant, conditions: Conditions) -> ContinuousModel:
     """Return the chain of a plant along x or y, with its disturbances."""
-    lag = plant.lag if plant.lags or plant.answer is None else None
-    return lateral_model(lag, plant.answer, _disturbing(conditions.lateral, ChainNoise(conditions.bias, _BIAS_TIME)))
+    lag = plant.lag if plant.lags or plant.response is None else None
+    return lateral_model(lag, plant.response, _disturbing(conditions.lateral, ChainNoise(conditions.bias, _BIAS_TIME)))
 
 
 def vertical_plant_model(plant: Plant, conditions: Conditions) -> ContinuousModel:

@@ -118,7 +118,7 @@ def stability_map(plant: SampledSystem, k_p: np.ndarray, k_d: np.ndarray) -> Sta
 
 
 def _map_of(plant: SampledSystem, gains: np.ndarray) -> StabilityMap:
-    """Return the map for gains (rows, columns, 2) on a value and its rate."""
+    """Return the map for gains (rows, columns, 2) on the value and on the rate."""
     closed = plant.A - plant.B @ (gains[..., np.newaxis, :] @ plant.C)
     poles = np.linalg.eigvals(closed)
     clipped_poles = np.where(np.abs(poles) > _MIN_POLE_MAGNITUDE, poles, _MIN_POLE_MAGNITUDE)

@@ -126,9 +126,9 @@ def find_trim(
 def linear_vehicle(
     trim: Trim, parameters: QuadrotorParameters, *, kinematics: Kinematics = "exact", effects: Effects = NO_EFFECTS
 ) -> LinearSystem:
-    """Return Drake's Linearize at an equilibrium: a continuous system from `INPUTS` to `OUTPUTS` with `STATES`.
+    """Return the linearisation at an equilibrium, by Drake's Linearize.
 
-    A slung load adds `SWING_STATES` at the end.
+    It is a continuous system from `INPUTS` to `OUTPUTS` with `STATES`. A slung load adds `SWING_STATES` at the end.
 
     Raises:
         InputError: the operating point is not an equilibrium; use `affine_vehicle` there.
@@ -147,7 +147,10 @@ def linear_vehicle(
 def affine_vehicle(
     trim: Trim, parameters: QuadrotorParameters, *, kinematics: Kinematics = "exact", effects: Effects = NO_EFFECTS
 ) -> AffineSystem:
-    """Return Drake's FirstOrderTaylorApproximation at any point: ẋ = A x + B u + f₀ and y = C x + D u + y₀."""
+    """Return the affine model at any point, ẋ = A x + B u + f₀ and y = C x + D u + y₀.
+
+    It is Drake's FirstOrderTaylorApproximation.
+    """
     diagram, context = _at(trim, parameters, kinematics, effects)
     return FirstOrderTaylorApproximation(diagram, context)
 

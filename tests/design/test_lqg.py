@@ -151,14 +151,14 @@ def test_plants_are_what_the_scenario_draws_or_what_its_numbers_may_be_off_by(di
         *((0.08, 0, 1), (0.08, 1, 2)),
     }
     on_board = plants_of(load_scenario(f"{diagrams}/onboard.yaml"))
-    assert on_board[0].answer == SecondOrderResponse(8.817, 0.7259)
+    assert on_board[0].response == SecondOrderResponse(8.817, 0.7259)
     assert on_board[0].lags
     whole, *others = plants_of(load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:still"))
-    assert (whole.answer, whole.lags) == (SecondOrderResponse(6.75, 0.48), False)
+    assert (whole.response, whole.lags) == (SecondOrderResponse(6.75, 0.48), False)
     # The curve of its motors has a slope of 18.27 N where 14.27 N are believed.
     assert whole.thrust_gain == pytest.approx(18.2656 / 14.27, rel=0.02)
     # Quick rotors have a quick attitude.
-    assert all((other.lag < whole.lag) == (other.answer.natural_frequency > 6.75) for other in others)
+    assert all((other.lag < whole.lag) == (other.response.natural_frequency > 6.75) for other in others)
 
 
 def test_conditions_are_the_scenario_s(diagrams, low_wind):
@@ -243,7 +243,7 @@ def test_a_design_believes_the_delay_of_less_cost_and_limits_the_command_of_each
     design = design_lqg(scenario, limits)
     assert design.control.delay_ticks == best
     first, second, vertical = searches
-    assert first.most == second.most == (5.0 if design.plants[0].answer else 50.0)
+    assert first.most == second.most == (5.0 if design.plants[0].response else 50.0)
     assert vertical.most == 5.0
     assert (first.timing, second.timing, vertical.timing) == (*timings, timings[best - 1])
     assert {each.chain_limits for each in searches} == {limits}

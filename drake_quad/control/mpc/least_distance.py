@@ -51,7 +51,7 @@ class LeastDistance:
         Args:
             bounds: (rows,) h.
         """
-        # Scaled bounds have the size 1, whatever the size of the violation.
+        # The bounds are scaled so that the largest violation at the origin is 1.
         scale = max(-bounds.min(), _TOLERANCE)
         point, included = np.zeros(len(self._variables)), np.zeros(len(bounds), dtype=bool)
         bounds, binding = bounds / scale, included

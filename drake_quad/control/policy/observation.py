@@ -46,74 +46,74 @@ class Observables(NamedTuple):
         return Vector(x, y, z) if self.axes is None else self.axes.in_body(Vector(x, y, z))
 
 
-def _position(seen: Observables) -> tuple[Row, ...]:
-    return seen.state.x, seen.state.y, seen.state.z
+def _position(observables: Observables) -> tuple[Row, ...]:
+    return observables.state.x, observables.state.y, observables.state.z
 
 
-def _position_error(seen: Observables) -> tuple[Row, ...]:
-    state, reference = seen.state, seen.reference
-    return seen.in_frame(reference.x - state.x, reference.y - state.y, reference.z - state.z)
+def _position_error(observables: Observables) -> tuple[Row, ...]:
+    state, reference = observables.state, observables.reference
+    return observables.in_frame(reference.x - state.x, reference.y - state.y, reference.z - state.z)
 
 
-def _velocity(seen: Observables) -> tuple[Row, ...]:
-    return seen.in_frame(seen.state.v_x, seen.state.v_y, seen.state.v_z)
+def _velocity(observables: Observables) -> tuple[Row, ...]:
+    return observables.in_frame(observables.state.v_x, observables.state.v_y, observables.state.v_z)
 
 
-def _velocity_error(seen: Observables) -> tuple[Row, ...]:
-    state, reference = seen.state, seen.reference
-    return seen.in_frame(reference.v_x - state.v_x, reference.v_y - state.v_y, reference.v_z - state.v_z)
+def _velocity_error(observables: Observables) -> tuple[Row, ...]:
+    state, reference = observables.state, observables.reference
+    return observables.in_frame(reference.v_x - state.v_x, reference.v_y - state.v_y, reference.v_z - state.v_z)
 
 
-def _reference_velocity(seen: Observables) -> tuple[Row, ...]:
-    return seen.in_frame(seen.reference.v_x, seen.reference.v_y, seen.reference.v_z)
+def _reference_velocity(observables: Observables) -> tuple[Row, ...]:
+    return observables.in_frame(observables.reference.v_x, observables.reference.v_y, observables.reference.v_z)
 
 
-def _reference_acceleration(seen: Observables) -> tuple[Row, ...]:
-    return seen.in_frame(seen.reference.a_x, seen.reference.a_y, seen.reference.a_z)
+def _reference_acceleration(observables: Observables) -> tuple[Row, ...]:
+    return observables.in_frame(observables.reference.a_x, observables.reference.a_y, observables.reference.a_z)
 
 
-def _reference_ahead(seen: Observables) -> tuple[Row, ...]:
+def _reference_ahead(observables: Observables) -> tuple[Row, ...]:
     rows: list[Row] = []
-    coordinates = iter(seen.ahead)
+    coordinates = iter(observables.ahead)
     for x, y, z in zip(coordinates, coordinates, coordinates, strict=True):
-        rows += seen.in_frame(x - seen.state.x, y - seen.state.y, z - seen.state.z)
+        rows += observables.in_frame(x - observables.state.x, y - observables.state.y, z - observables.state.z)
     return tuple(rows)
 
 
-def _rotation(seen: Observables) -> tuple[Row, ...]:
-    x, y, z = seen.attitude
+def _rotation(observables: Observables) -> tuple[Row, ...]:
+    x, y, z = observables.attitude
     return (x.x, y.x, z.x, x.y, y.y, z.y, x.z, y.z, z.z)
 
 
-def _attitude(seen: Observables) -> tuple[Row, ...]:
-    return Attitude(seen.state.roll, seen.state.pitch, seen.state.yaw)
+def _attitude(observables: Observables) -> tuple[Row, ...]:
+    return Attitude(observables.state.roll, observables.state.pitch, observables.state.yaw)
 
 
-def _yaw_error(seen: Observables) -> tuple[Row, ...]:
-    return sin_cos(seen.reference.yaw - seen.state.yaw)
+def _yaw_error(observables: Observables) -> tuple[Row, ...]:
+    return sin_cos(observables.reference.yaw - observables.state.yaw)
 
 
-def _body_rates(seen: Observables) -> tuple[Row, ...]:
-    return BodyRates(seen.state.p, seen.state.q, seen.state.r)
+def _body_rates(observables: Observables) -> tuple[Row, ...]:
+    return BodyRates(observables.state.p, observables.state.q, observables.state.r)
 
 
-def _rotor_speed(seen: Observables) -> tuple[Row, ...]:
-    assert seen.rotor_speed is not None
-    return tuple([speed / seen.top_speed for speed in seen.rotor_speed])
+def _rotor_speed(observables: Observables) -> tuple[Row, ...]:
+    assert observables.rotor_speed is not None
+    return tuple([speed / observables.top_speed for speed in observables.rotor_speed])
 
 
-def _wind(seen: Observables) -> tuple[Row, ...]:
-    assert seen.wind is not None
-    return seen.in_frame(*seen.wind)
+def _wind(observables: Observables) -> tuple[Row, ...]:
+    assert observables.wind is not None
+    return observables.in_frame(*observables.wind)
 
 
-def _clearance(seen: Observables) -> tuple[Row, ...]:
-    assert seen.clearance is not None
-    return (seen.clearance,)
+def _clearance(observables: Observables) -> tuple[Row, ...]:
+    assert observables.clearance is not None
+    return (observables.clearance,)
 
 
-def _action(seen: Observables) -> tuple[Row, ...]:
-    return seen.action
+def _action(observables: Observables) -> tuple[Row, ...]:
+    return observables.action
 
 
 class ObservableSignal(NamedTuple):
@@ -230,8 +230,10 @@ def observed(
         if axes is not None:
             attitude = BodyAxes._make(map(axes.in_body, attitude))
     distance = None if clearance is None else clearance(state.x, state.y, state.z)
-    seen = Observables(state, reference, ahead, rotor_speed, wind, action, distance, numbers.top_speed, axes, attitude)
-    return tuple([row for name in spec.signals for row in OBSERVABLE_SIGNALS[name].of(seen)])
+    observables = Observables(
+        state, reference, ahead, rotor_speed, wind, action, distance, numbers.top_speed, axes, attitude
+    )
+    return tuple([row for name in spec.signals for row in OBSERVABLE_SIGNALS[name].of(observables)])
 
 
 def _with_policy_axes(state: State, spec: ObservationSpec) -> tuple[State, BodyAxes]:

@@ -26,21 +26,21 @@ from drake_quad.signals import Row
 _INPUTS = ("measurement", "reference", "reference_ahead", "rotor_speed", "wind")
 
 
-def observation_with_past(past: tuple[Row, ...], *seen: Any) -> tuple[Row, ...]:
+def observation_with_past(past: tuple[Row, ...], *observation_inputs: Any) -> tuple[Row, ...]:
     """Return the present observation, with arguments of `observed`, followed by the earlier ones."""
-    return (*observed(*seen), *past)
+    return (*observed(*observation_inputs), *past)
 
 
-def initial_past(times: int, *seen: Any) -> tuple[Row, ...]:
+def initial_past(times: int, *observation_inputs: Any) -> tuple[Row, ...]:
     """Return the initial past: the first observation, repeated."""
-    return observed(*seen) * times
+    return observed(*observation_inputs) * times
 
 
 def next_observation_states(
-    action: tuple[Row, ...], past: tuple[Row, ...], *seen: Any
+    action: tuple[Row, ...], past: tuple[Row, ...], *observation_inputs: Any
 ) -> tuple[tuple[Row, ...], tuple[Row, ...]]:
     """Return the last action and the past at the next tick: the present observation, and all but the oldest one."""
-    return action, observation_with_past(past, *seen)[: len(past)]
+    return action, observation_with_past(past, *observation_inputs)[: len(past)]
 
 
 @fleet_system(float, AutoDiffXd)
@@ -100,14 +100,16 @@ class Observation(FleetSystem):
         wind = self.input("wind") if "wind" in spec.signals else None
         parameter = self.parameter("numbers", lambda numbers: numbers)
         last = self.state("last_action", lambda numbers: numbers.initial_action)
-        seen = state, reference, ahead, rotor_speed, wind, last, parameter, clearance, spec
+        observation_inputs = state, reference, ahead, rotor_speed, wind, last, parameter, clearance, spec
         num_rows = num_observed(spec, num_actions=num_actions, num_ahead=num_ahead)
         before = spec.history - 1
         past: Any = self.state("past", lambda _: (0.0,) * (before * num_rows)) if before else ()
-        self.output("observation", observation_with_past, past, *seen, layout=rows_layout(spec.history * num_rows))
+        self.output(
+            "observation", observation_with_past, past, *observation_inputs, layout=rows_layout(spec.history * num_rows)
+        )
         if before:
-            self.initialize(initial_past, before, *seen, writes=[past])
-            self.update(period, next_observation_states, action, past, *seen, writes=[last, past])
+            self.initialize(initial_past, before, *observation_inputs, writes=[past])
+            self.update(period, next_observation_states, action, past, *observation_inputs, writes=[last, past])
         else:
             self.update(period, identity, action, writes=[last])
 

@@ -40,18 +40,18 @@ _ANGLES = ("roll", "pitch", "yaw")
 
 
 def crazyflie_layer(
-    values: Mapping[str, float], believed: QuadrotorParameters, max_thrust: float = MAX_THRUST
+    values: Mapping[str, float], nominal: QuadrotorParameters, max_thrust: float = MAX_THRUST
 ) -> dict[str, Any]:
     """Return a layer of a scenario with the firmware's controller.
 
     Args:
         values: parameters of the firmware, by name.
-        believed: parameters of the nominal vehicle.
+        nominal: parameters of the nominal vehicle.
         max_thrust: largest thrust of a rotor, which corresponds to 65535 units, N.
     """
     unit = max_thrust / _MAX_UNITS
-    per_velocity = _THRUST_SCALE * 4.0 * unit / believed.mass
-    weight = believed.mass * believed.gravity
+    per_velocity = _THRUST_SCALE * 4.0 * unit / nominal.mass
+    weight = nominal.mass * nominal.gravity
     scales = [_DEGREE, _DEGREE, per_velocity]
     position = _loop(
         _gains(values, "posCtlPid.{axis}K{term}", _POSITION_AXES),
@@ -84,27 +84,27 @@ def crazyflie_layer(
         "laboratory": {
             "command_link": {"period": ATTITUDE_PERIOD},
             "motion_capture": {"period": ATTITUDE_PERIOD},
-            "autopilot": _autopilot(values, believed, unit),
+            "autopilot": _autopilot(values, nominal, unit),
         },
         "vehicle": {"time_step": ATTITUDE_PERIOD},
     }
 
 
-def output_scales(believed: QuadrotorParameters, unit: float) -> tuple[float, float, float]:
+def output_scales(nominal: QuadrotorParameters, unit: float) -> tuple[float, float, float]:
     """Return the angular accelerations about x, y, z per unit of the outputs of roll, pitch and yaw, rad/s².
 
     Args:
-        believed: parameters of the nominal vehicle.
+        nominal: parameters of the nominal vehicle.
         unit: thrust of a rotor per unit of its command, N.
     """
-    rotors, inertia = believed.rotors, believed.inertia
+    rotors, inertia = nominal.rotors, nominal.inertia
     roll = sum(0.5 * abs(rotor.y) * unit for rotor in rotors)
     pitch = sum(0.5 * abs(rotor.x) * unit for rotor in rotors)
     yaw = sum(rotor.drag_factor / rotor.thrust_factor * unit for rotor in rotors)
     return roll / inertia.i_xx, pitch / inertia.i_yy, yaw / inertia.i_zz
 
 
-def _autopilot(values: Mapping[str, float], believed: QuadrotorParameters, unit: float) -> dict[str, Any]:
+def _autopilot(values: Mapping[str, float], nominal: QuadrotorParameters, unit: float) -> dict[str, Any]:
     filters = [[values[f"pid_rate.om{axis}FiltCut"] for axis in "xyz"], [values["pid_attitude.attFiltCut"]] * 3]
     rate_cutoffs = filters[0] if values["pid_rate.rateFiltEn"] else None
     attitude_cutoffs = filters[1] if values["pid_attitude.attFiltEn"] else None
@@ -114,7 +114,7 @@ def _autopilot(values: Mapping[str, float], believed: QuadrotorParameters, unit:
         [limit * _DEGREE for limit in _ATTITUDE_INTEGRAL_LIMITS],
         attitude_cutoffs,
     )
-    per_output = output_scales(believed, unit)
+    per_output = output_scales(nominal, unit)
     rate_gains = _gains(values, "pid_rate.{axis}_k{term}", _ANGLES)
     scales = [each / _DEGREE for each in per_output]
     rate = _loop(rate_gains, scales, [limit * _DEGREE for limit in _RATE_INTEGRAL_LIMITS], rate_cutoffs)

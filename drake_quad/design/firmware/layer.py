@@ -5,7 +5,7 @@ from typing import Any
 from drake_quad.design.firmware.crazyflie import crazyflie_layer
 from drake_quad.design.firmware.parameters import Firmware, FirmwareParameters
 from drake_quad.design.firmware.px4 import px4_layer
-from drake_quad.planning.believed import nominal_parameters
+from drake_quad.planning.nominal import nominal_parameters
 from drake_quad.scenario.models import Scenario
 
 FIRMWARE: dict[Firmware, str] = {
@@ -19,9 +19,9 @@ _DIGITS = 8
 
 def firmware_layer(parameters: FirmwareParameters, scenario: Scenario) -> dict[str, Any]:
     """Return the layer with the controller of a firmware on the nominal vehicle of a scenario."""
-    believed = nominal_parameters(scenario)
+    nominal = nominal_parameters(scenario)
     make = px4_layer if parameters.firmware == "px4" else crazyflie_layer
-    return _rounded(make(parameters.values, believed))
+    return _rounded(make(parameters.values, nominal))
 
 
 def _rounded(value: Any) -> Any:

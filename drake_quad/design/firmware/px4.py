@@ -26,7 +26,7 @@ _LINK_PERIOD = 0.02
 _GRAVITY = 9.80665
 
 
-def torque_units(believed: QuadrotorParameters, hover_thrust: float) -> tuple[float, float, float]:
+def torque_units(nominal: QuadrotorParameters, hover_thrust: float) -> tuple[float, float, float]:
     """Return the torques about x, y, z for a normalised torque of 1, N m.
 
     The mixer is the pseudo-inverse of the rotors' effectiveness matrix, with scaled columns. The scale of roll and
@@ -34,28 +34,28 @@ def torque_units(believed: QuadrotorParameters, hover_thrust: float) -> tuple[fl
     the larger of their root mean squares times √2, that of yaw its largest entry.
 
     Args:
-        believed: parameters of the nominal vehicle.
+        nominal: parameters of the nominal vehicle.
         hover_thrust: normalised thrust in hover, MPC_THR_HOVER.
     """
     effectiveness = np.array(
         [
             [rotor.y, -rotor.x, -rotor.direction * rotor.drag_factor / rotor.thrust_factor, 1.0]
-            for rotor in believed.rotors
+            for rotor in nominal.rotors
         ]
     ).T
     mixer = np.linalg.pinv(effectiveness)
     tilt_scale = float(max(np.sqrt(2.0 * np.mean(np.square(mixer[:, axis]))) for axis in (0, 1)))
     yaw_scale = float(np.max(mixer[:, 2]))
-    rotor_thrust = believed.mass * believed.gravity / (4.0 * hover_thrust)
+    rotor_thrust = nominal.mass * nominal.gravity / (4.0 * hover_thrust)
     return rotor_thrust / tilt_scale, rotor_thrust / tilt_scale, rotor_thrust / yaw_scale
 
 
-def px4_layer(values: Mapping[str, float], believed: QuadrotorParameters) -> dict[str, Any]:
+def px4_layer(values: Mapping[str, float], nominal: QuadrotorParameters) -> dict[str, Any]:
     """Return a layer of a scenario with PX4's controllers.
 
     Args:
         values: parameters of PX4, by name.
-        believed: parameters of the nominal vehicle.
+        nominal: parameters of the nominal vehicle.
     """
 
     def level_and_up(level: str, up: str) -> list[float]:
@@ -90,7 +90,7 @@ def px4_layer(values: Mapping[str, float], believed: QuadrotorParameters) -> dic
                 "decouples_vertical": bool(values["MPC_ACC_DECOUPLE"]),
             },
         },
-        "laboratory": {"autopilot": _autopilot(values, believed)},
+        "laboratory": {"autopilot": _autopilot(values, nominal)},
         "vehicle": {"time_step": gyroscope_period(values)},
     }
 
@@ -104,9 +104,9 @@ def gyroscope_period(values: Mapping[str, float]) -> float:
     return _LINK_PERIOD / 2.0 ** max(0, halvings)
 
 
-def _autopilot(values: Mapping[str, float], believed: QuadrotorParameters) -> dict[str, Any]:
-    units = torque_units(believed, values["MPC_THR_HOVER"])
-    scales = [unit / moment for unit, moment in zip(units, believed.inertia, strict=True)]
+def _autopilot(values: Mapping[str, float], nominal: QuadrotorParameters) -> dict[str, Any]:
+    units = torque_units(nominal, values["MPC_THR_HOVER"])
+    scales = [unit / moment for unit, moment in zip(units, nominal.inertia, strict=True)]
 
     def rates(term: str) -> list[float]:
         gains = (values[f"MC_{axis}RATE_K"] * values[f"MC_{axis}RATE_{term}"] for axis in _AXES)
