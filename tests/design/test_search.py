@@ -116,7 +116,7 @@ def test_the_lowest_of_many_valleys_is_found(laboratory, flown):
 def test_rounds_converge_to_the_optimum_and_stay_in_range(laboratory, flown, shares):
     """The mean of the candidates moves to the best numbers, and their spread falls from round to round.
 
-    A limit that no candidate breaks changes nothing of it.
+    A limit that no candidate violates has no influence.
     """
     kept = flown(bowl)
     budget = Budget(rounds=6, candidates=64, samples=1, steps=1)
@@ -138,7 +138,7 @@ def test_rounds_converge_to_the_optimum_and_stay_in_range(laboratory, flown, sha
 
 
 def test_rounds_converge_to_the_optimum_within_a_limit(laboratory, flown):
-    """k_P may be 2 at most. Candidates of the last round keep to it, although less error is beyond."""
+    """k_P may be 2 at most. Candidates of the last round meet the limit, although the error is smaller beyond it."""
     kept = flown(bowl)
     budget = Budget(rounds=6, candidates=64, samples=1, checks=8, steps=1)
     tune([laboratory], [K_P, K_D], lambda scenario: np.array([2.0 / scenario.control.position.k_p[0]]), budget=budget)
@@ -147,15 +147,15 @@ def test_rounds_converge_to_the_optimum_within_a_limit(laboratory, flown):
     assert last.max() < 3.0
 
 
-def test_as_many_candidates_fly_as_are_asked_for(laboratory, flown):
-    """Their number need be no power of two, although the points come by powers of two."""
+def test_each_round_simulates_the_given_number_of_candidates(laboratory, flown):
+    """Their number need not be a power of two, although points are generated in powers of two."""
     kept = flown(bowl)
     tune([laboratory], [K_P, K_D], None, budget=Budget(2, 12, 1, 1, 1))
     assert [len(each[K_P.paths[0]]) for each in kept["varying"][:2]] == [12, 12]
 
 
-def test_local_searches_begin_with_smaller_and_smaller_steps(laboratory, flown, monkeypatch):
-    """Each begins within a quarter of the box, from the best of what was found before."""
+def test_each_local_search_starts_with_a_smaller_step(laboratory, flown, monkeypatch):
+    """Each starts within a quarter of the box, from the best point so far."""
     flown(bowl)
     radii, minimize = [], tuning.scipy.optimize.minimize
 
@@ -215,7 +215,7 @@ def test_only_crashes_count_in_flights_with_late_frames(laboratory, flown):
     assert tune([laboratory, other], [K_P], None, budget=Budget(1, 4, 2, 1, 1)).error == pytest.approx(0.2)
 
 
-def test_the_vertical_gain_stays_in_the_middle_of_its_range_at_first(laboratory, flown):
+def test_the_vertical_gain_stays_in_the_middle_of_its_range_until_its_stage(laboratory, flown):
     kept = flown(lambda numbers, *_: bowl(numbers) if K_P.paths[0] in numbers else 1.0)
     scenarios = []
     budget = Budget(rounds=9, candidates=16, samples=1, steps=1)
@@ -338,7 +338,7 @@ def test_predictions_of_the_limit_are_trusted_more_from_round_to_round(laborator
     assert doubts[1::2] == doubts[::2]
 
 
-def test_the_limit_is_predicted_as_soon_as_there_is_one_point_more_than_a_plane_needs():
+def test_the_limit_is_predicted_from_one_point_more_than_a_plane_needs():
     known = tuning._EvaluatedPoints(2)
     far_beyond = np.array([[0.5, 0.5]])
     for count, point in enumerate(([0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]), start=1):
@@ -346,7 +346,7 @@ def test_the_limit_is_predicted_as_soon_as_there_is_one_point_more_than_a_plane_
         assert known.penalties(far_beyond, 0.0).any() == (count == 4)
 
 
-def test_local_searches_end_a_little_within_the_limit(laboratory, flown):
+def test_local_searches_end_slightly_within_the_limit(laboratory, flown):
     """Predictions are not exact, so a fifth of a per cent of the limit is kept in reserve."""
     flown(bowl)
     shares, ends = [], []

@@ -1,4 +1,4 @@
-"""Networks, against NumPy and against the package that publishes one."""
+"""Networks of policies, compared with NumPy and with a published package."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ EXPECTED = {
 
 
 @pytest.mark.parametrize("activation", ACTIVATIONS)
-def test_activations(activation):
+def test_activations_match_their_formulas(activation):
     x = np.linspace(-4.0, 4.0, 41)
     found = [ACTIVATIONS[activation](each) for each in x.tolist()]
     np.testing.assert_allclose(found, EXPECTED[activation](x), rtol=1e-12, atol=1e-15)
@@ -75,7 +75,7 @@ def test_compiled_activations_and_their_derivatives_are_correct(activation):
     np.testing.assert_allclose(slopes, differences, atol=1e-8)
 
 
-def test_layers_of_neurons_follow_each_other_behind_a_prepared_input():
+def test_dense_layers_follow_the_scaled_input():
     rng = np.random.default_rng(0)
     layers = Dense(matrix_of(rng, 5, 3), "tanh"), Dense(matrix_of(rng, 2, 5), "elu")
     offset, scale = (0.1, -0.2, 0.3), (2.0, 0.5, 8.0)
@@ -92,7 +92,7 @@ def test_layers_of_neurons_follow_each_other_behind_a_prepared_input():
     assert network.num_outputs == 2
 
 
-def test_recurrent_units_remember_as_their_equations_say():
+def test_recurrent_units_match_their_equations():
     rng = np.random.default_rng(1)
     units, inputs = 3, 2
     layer = Gru(matrix_of(rng, 9, inputs), matrix_of(rng, 9, units), (0.1, -0.2, 0.3))

@@ -32,7 +32,7 @@ def seen(name, frame="world", turn=0.0):
 
 
 def axes_of(frame, turn=0.0):
-    """The rotation from the frame to W."""
+    """Return the rotation from the frame to W."""
     return {
         "world": RotationMatrix(),
         "heading": RotationMatrix.MakeZRotation(STATE.yaw + turn),
@@ -75,7 +75,7 @@ def test_the_rotation_is_that_of_the_body_row_by_row(turn):
 
 @pytest.mark.parametrize("angle", [-1.5, 0.4, np.pi, 40.0])
 def test_observations_along_the_reference_heading_are_invariant_under_rotation_about_z(angle):
-    """The policy cannot tell one heading from another, so a policy that flies at one heading flies at all of them."""
+    """The observation is the same at every heading, so that a policy that flies at one heading flies at all of them."""
 
     def in_frame(x, y):
         return np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y
@@ -96,7 +96,7 @@ def test_observations_along_the_reference_heading_are_invariant_under_rotation_a
     np.testing.assert_allclose(*rows, rtol=0.0, atol=1e-13)
 
 
-def test_the_rest_is_as_it_is():
+def test_signals_without_a_frame_are_unchanged():
     np.testing.assert_array_equal(seen("position", "body"), STATE[:3])
     np.testing.assert_array_equal(seen("attitude", "body"), STATE[3:6])
     np.testing.assert_allclose(seen("yaw_error"), [np.sin(0.2), np.cos(0.2)], atol=1e-15)
@@ -105,7 +105,7 @@ def test_the_rest_is_as_it_is():
     np.testing.assert_array_equal(seen("action"), ACTION)
 
 
-def test_signals_stand_in_their_order():
+def test_signals_have_the_order_of_the_specification():
     names = tuple(OBSERVABLE_SIGNALS)[::-1]
     spec = ObservationSpec(names)
     rows = observed(STATE, REFERENCE, AHEAD, ROTORS, WIND, ACTION, ObservationNumbers(200.0, ACTION), max, spec)

@@ -1,4 +1,4 @@
-"""A policy in a diagram: what it sees at a tick, and what it remembers."""
+"""A policy in a diagram: its observation at a tick, and its memory."""
 
 import numpy as np
 import pytest
@@ -24,13 +24,13 @@ def network_of(inputs, outputs, seed=0):
 
 
 def moving(rows, seed):
-    """A source of rows that change with the time."""
+    """Return a source of rows that change with time."""
     rng = np.random.default_rng(seed)
     return TrajectorySource(PiecewisePolynomial.FirstOrderHold([0.0, 10.0], rng.normal(size=(rows, 2))))
 
 
 @pytest.mark.parametrize("history", [1, 3])
-def test_the_past_is_what_was_seen_and_done_at_the_ticks_before(history):
+def test_the_past_contains_earlier_observations_and_actions(history):
     spec = ObservationSpec(("position_error", "action"), "world", history)
     initial = (0.25, -0.5)
     builder = DiagramBuilder()
@@ -70,7 +70,7 @@ def _at(source, time):
 
 
 @pytest.mark.parametrize("signals", [("wind",), ("rotor_speed",), ("position_error", "action")])
-def test_an_observation_asks_for_what_it_sees_alone(signals):
+def test_an_observation_has_inputs_for_its_own_signals_only(signals):
     spec = ObservationSpec(signals, "world", 1)
     observation = Observation(spec=spec, num_actions=2, numbers=ObservationNumbers(1.0, (0.0, 0.0)))
     for name in ("wind", "rotor_speed"):
