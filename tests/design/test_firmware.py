@@ -41,7 +41,7 @@ def recorded():
 
 
 def computed(parameters, recorded):
-    """Return the outputs of the scenario's controllers for the recorded inputs, in the firmware's units, by its names."""
+    """Return the outputs of the scenario's controllers for the recorded inputs, in units of the firmware."""
     scenario = with_firmware(parameters)
     believed = nominal_parameters(scenario)
     cascade = scenario.control.recipes(control_setting(scenario, plan_route(scenario)))["cascade"].build(1)

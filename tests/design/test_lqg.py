@@ -211,7 +211,7 @@ def test_candidate_delays_are_the_mean_of_the_plants_and_the_next_tick(diagrams)
 
 @pytest.mark.slow
 def test_a_shipped_design_reaches_the_default_limits(low_wind):
-    """A design of least error is at its limits, since each limit costs error: here those of the peak and of the snap."""
+    """A design of least error is at its limits, since each limit costs error: here those of peak and snap."""
     scenario, conditions = low_wind
     limits, margins = LqgLimits(), [*link_margins(middle_of(scenario)).values()]
     assert 0.99 * limits.sensitivity < max(each.sensitivity for each in margins) <= limits.sensitivity
