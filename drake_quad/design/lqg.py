@@ -275,7 +275,7 @@ def design_lqg(scenario: Scenario, limits: LqgLimits = LqgLimits()) -> LqgDesign
         )
         design = LqgDesign(control, plants, conditions, lateral_predictions, vertical_predictions)
         thrust, roll, pitch, _ = link_margins(middle_of(scenario.model_copy(update={"control": control}))).values()
-        tightened = lateral.with_tighter_limits(limits, (roll, pitch)), vertical.tightened(limits, (thrust,))
+        tightened = lateral.with_tighter_limits(limits, (roll, pitch)), vertical.with_tighter_limits(limits, (thrust,))
         if tightened == (lateral, vertical):
             break
         lateral, vertical = (search.improved() for search in tightened)
