@@ -106,7 +106,7 @@ class AttitudeController(FleetSystem):
     The only parameter of the context is `numbers`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number of vehicles N.
         numbers: gains, and the inertia of the nominal vehicle.
     """
 

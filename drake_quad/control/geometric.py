@@ -146,7 +146,7 @@ class GeometricAttitudeController(FleetSystem):
     The only parameter of the context is `numbers`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number of vehicles N.
         transports: True if the law contains the transport term Ω̂ Rᵀ R_d Ω_d.
         numbers: gains, and the inertia of the nominal vehicle.
     """
@@ -181,7 +181,7 @@ class IntegratingAttitudeController(FleetSystem):
     The only state is `integral`, the only parameter of the context `numbers`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number of vehicles N.
         period: tick period h, s.
         integration: "forward_euler" or "backward_euler".
         transports: True if the law contains the transport term Ω̂ Rᵀ R_d Ω_d.

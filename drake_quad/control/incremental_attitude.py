@@ -110,7 +110,7 @@ class IncrementalAttitudeController(FleetSystem):
     `commands_under_way`. The only parameter of the context is `numbers`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number of vehicles N.
         period: tick period, s.
         delay_ticks: modelled delay from a torque command to its effect, in whole ticks.
         numbers: gains, inertia and filter.

@@ -54,7 +54,7 @@ class IntegralCorrection(FleetSystem):
     The only state is `correction`, the only parameter of the context `gains`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number of vehicles N.
         period: tick period h, s.
         integration: "forward_euler" or "backward_euler".
         numbers: gains of the integral.

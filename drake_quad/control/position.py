@@ -88,7 +88,7 @@ class ProportionalDerivative(FleetSystem):
     The output packs the signals of `PdOutput`. The only parameter of the context is `gains`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number of vehicles N.
         derivative: "tracking_error" or "measurement".
         feeds_forward: True if the acceleration of the reference is fed forward.
         numbers: gains on each axis.

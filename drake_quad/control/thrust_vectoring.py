@@ -70,8 +70,8 @@ class Vectored(NamedTuple):
     """Commands that produce a commanded acceleration.
 
     Attributes:
-        thrust: F_z.
-        attitude_command: φ_r, θ_r, ψ_r.
+        thrust: thrust F_z.
+        attitude_command: commanded roll φ_r, pitch θ_r and yaw ψ_r.
         body_rate_command: body rates that rotate the thrust as the reference demands.
         angular_acceleration_command: derivatives of these body rates.
     """
@@ -186,7 +186,7 @@ class ThrustVectoring(FleetSystem):
     The only parameter of the context is `numbers`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number of vehicles N.
         projects: True if the commanded force is projected on the measured thrust axis.
         sequence: Euler sequence of the yaw, see `drake_quad.geometry.flatness`; "zxy" requires `projects`.
         numbers: parameters of the nominal vehicle, and limits of thrust and tilt.

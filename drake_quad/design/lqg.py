@@ -131,9 +131,9 @@ class ActualPlant(NamedTuple):
     """Actual plant, sampled at the frames, with its disturbances and noise.
 
     Attributes:
-        A: (n, n).
-        B: (n, 1).
-        C: (p, n).
+        A: (n, n) system matrix.
+        B: (n, 1) input matrix.
+        C: (p, n) output matrix.
         Q: (n, n) covariance of the disturbances over a frame.
         R: (p, p) covariance of the measurement noise.
         plant: plant with the latency of frames and the delay of commands.

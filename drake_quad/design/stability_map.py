@@ -111,8 +111,8 @@ def stability_map(plant: SampledSystem, k_p: np.ndarray, k_d: np.ndarray) -> Sta
 
     Args:
         plant: plant from a commanded acceleration to the measured value and rate.
-        k_p: (rows,) 1/s².
-        k_d: (columns,) 1/s.
+        k_p: (rows,) values of k_P, 1/s².
+        k_d: (columns,) values of k_D, 1/s.
     """
     return _map_of(plant, np.stack(np.meshgrid(k_p, k_d, indexing="ij"), axis=-1))
 

@@ -17,8 +17,8 @@ class Mode(NamedTuple):
     Attributes:
         pole: pole s of a continuous system, or log(z) / period of a sampled one, 1/s; for a pair, the one with positive
             imaginary part.
-        frequency: |s|, rad/s.
-        damping: -Re s / |s|; nan for an integrator.
+        frequency: natural frequency |s|, rad/s.
+        damping: damping ratio -Re s / |s|; nan for an integrator.
         multiplicity: number of equal eigenvalues.
         states: names of the states that participate in the mode, in descending order of their participation.
     """

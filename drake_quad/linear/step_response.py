@@ -16,7 +16,7 @@ class StepResponse(NamedTuple):
     """Response of the vehicle to a step. Its columns are the rows of the vehicle's `state`.
 
     Attributes:
-        time: (ticks,) s.
+        time: (ticks,) time since the release, s.
         linear: (ticks, 12) deviation from the equilibrium of the linear model.
         nonlinear: (ticks, 12) deviation from the equilibrium of the diagram.
     """

@@ -19,7 +19,7 @@ class Integral(NamedTuple):
     """Integral term.
 
     Attributes:
-        k_i: gain.
+        k_i: integral gain.
         limit: largest absolute value of the term, in the unit of the output.
         fade: error e₀ at which growth stops; None if the term always grows.
     """
@@ -33,7 +33,7 @@ class Derivative(NamedTuple):
     """Derivative term.
 
     Attributes:
-        k_d: gain.
+        k_d: derivative gain.
         low_pass: filter of the derivative; None without one.
     """
 

@@ -144,7 +144,7 @@ class DisturbanceEstimator(FleetSystem):
     `commands_under_way`. The only parameter of the context is `numbers`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number of vehicles N.
         period: tick period, s.
         delay_ticks: modelled delay from a command to its effect, in whole ticks.
         numbers: laws, time constants and limit.

@@ -60,7 +60,7 @@ class KalmanMemory(NamedTuple):
     Attributes:
         position: position, m.
         velocity: velocity, m/s.
-        disturbance: d, m/s².
+        disturbance: disturbance d, m/s².
     """
 
     position: Row
@@ -173,8 +173,8 @@ class AdaptiveLaw(NamedTuple):
     ṽ = -Φ (Δv - ∫a) / h. The method is the subject of US patent 8,712,559.
 
     Attributes:
-        adaptation: a_s, 1/s.
-        bandwidth: ω, rad/s.
+        adaptation: adaptation rate a_s, 1/s.
+        bandwidth: bandwidth ω of the filter, rad/s.
     """
 
     adaptation: Row
@@ -208,7 +208,7 @@ class IncrementalLaw(NamedTuple):
     S. Karaman, IEEE TCST 29, 2021). The difference v' - a is averaged over each tick.
 
     Attributes:
-        bandwidth: ω, rad/s.
+        bandwidth: bandwidth ω of the filter, rad/s.
     """
 
     bandwidth: Row

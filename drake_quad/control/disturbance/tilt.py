@@ -149,7 +149,7 @@ class TiltDisturbanceEstimator(FleetSystem):
     if there is a delay, `thrust_under_way`. The only parameter of the context is `numbers`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number of vehicles N.
         period: tick period, s.
         delay_ticks: modelled delay from a commanded thrust to its effect, in whole ticks.
         numbers: laws, time constant, g and limit.

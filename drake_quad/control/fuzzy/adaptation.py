@@ -84,7 +84,7 @@ class _Family(NamedTuple):
     """Output of the upper or of the lower sets, and its derivatives.
 
     Attributes:
-        output: τ.
+        output: output τ.
         of_inputs: derivatives of τ with respect to the sets of each input; those with respect to scales are left at
             zero.
         exponent: derivative of τ with respect to a.
@@ -136,7 +136,7 @@ def output_gradient(values: Sequence[Row], antecedents: Antecedents, weights: Se
     Args:
         values: values of the inputs, each in its unit.
         antecedents: antecedents of the rules.
-        weights: F.
+        weights: weights F of the rules.
     """
     a1, a2, q, inputs = antecedents
     upper, lower = _family(values, inputs, a1, weights), _family(values, inputs, a2, weights)
@@ -174,9 +174,9 @@ def adapted(
 
     Args:
         antecedents: antecedents before the step.
-        gradient: ∂τ_f/∂θ.
+        gradient: gradient ∂τ_f/∂θ.
         step: tick period times the learning signal.
-        rates: γ.
+        rates: learning rates γ.
         initial: initial antecedents.
         parts: parts of the antecedents that learn.
     """

@@ -35,8 +35,8 @@ class FuzzySets(NamedTuple):
 
     Attributes:
         scale: factor on the input, in 1 over its unit.
-        centres: c of each set, ascending.
-        widths: d of each set.
+        centres: centre c of each set, ascending.
+        widths: width d of each set.
     """
 
     scale: Row = 1.0
@@ -60,8 +60,8 @@ class CircularSets(NamedTuple):
 
     Attributes:
         scale: factor on the input, which is the circumference of the circle of sets.
-        centres: c of each set, ascending, all within one circumference.
-        widths: d of each set.
+        centres: centre c of each set, ascending, all within one circumference.
+        widths: width d of each set.
     """
 
     scale: Row = 1.0

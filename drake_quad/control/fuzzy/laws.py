@@ -44,9 +44,9 @@ class LearningLaw(Protocol):
         """Return weights and memory at the next tick.
 
         Args:
-            weights: F of the R rules, m/s².
+            weights: weights F of the R rules, m/s².
             memory: memory of the law.
-            firing: W of the R rules.
+            firing: firing strengths W of the R rules.
             signal: learning signal.
             period: tick period h, s.
         """
@@ -63,7 +63,7 @@ class CovarianceLaw(NamedTuple):
     The memory is the upper triangle of the symmetric P, row by row.
 
     Attributes:
-        gain: K_D, 1/s.
+        gain: gain K_D, 1/s.
         initial_covariance: p₀ of P₀ = p₀ I, 1/s.
         forgetting: forgetting factor μ per tick, in (0, 1]; 1 for the paper's law.
     """
@@ -104,7 +104,7 @@ class GradientLaw(NamedTuple):
     """Eq (16) with a constant covariance: Ḟ = -γ W s_p.
 
     Attributes:
-        rate: γ, 1/s².
+        rate: learning rate γ, 1/s².
     """
 
     rate: Row = 1.0
@@ -130,8 +130,8 @@ class SignLaw(NamedTuple):
     The memory is α, m/s³.
 
     Attributes:
-        rate: γ, 1/s².
-        initial_slope: α₀, m/s³.
+        rate: learning rate γ, 1/s².
+        initial_slope: initial slope α₀, m/s³.
     """
 
     rate: Row = 1.0

@@ -25,7 +25,7 @@ class AdaptationNumbers(NamedTuple):
 
     Attributes:
         antecedents: initial antecedents on each axis.
-        rates: γ.
+        rates: learning rates γ.
         learning: parameters of the weights' learning, whose slope, dead zone and signal also apply here.
     """
 
@@ -52,7 +52,7 @@ def adapted_on_axes(
 
     Args:
         antecedents: antecedents at this tick.
-        weights: F.
+        weights: weights F of the rules.
         numbers: parameters of the adaptation.
         axes: axes of the network.
         inputs: names of the inputs of the rules.
@@ -95,7 +95,7 @@ class SetLearning(FleetSystem):
     The only state is `antecedents`; the only parameter of the context is `adaptation`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number of vehicles N.
         period: tick period h, s.
         axes: axes of the network, in the order of X, Y, Z.
         inputs: inputs of the rules, see `drake_quad.control.fuzzy.inputs`.

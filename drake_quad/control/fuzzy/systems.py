@@ -111,7 +111,7 @@ class FuzzyRules(FleetSystem):
     instead, from a `SetLearning`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number of vehicles N.
         axes: axes of the network, in the order of X, Y, Z.
         inputs: inputs of the rules, see `drake_quad.control.fuzzy.inputs`.
         lap_times: start of each lap of the route and end of the last one, s; needed for the input `phase` only.
@@ -151,7 +151,7 @@ class LearningNumbers(NamedTuple):
     """Parameters of a network's learning.
 
     Attributes:
-        slope: λ of eq (15), 1/s; not used if the network learns from the feedback.
+        slope: slope λ of eq (15), 1/s; not used if the network learns from the feedback.
         law: record from `drake_quad.control.fuzzy.laws`.
         limits: limits of learning.
         initial_weight: initial weight F₀ of all rules, m/s².
@@ -207,9 +207,9 @@ def learned(
     """Return weights and memory of each axis at the next tick; only the weights for a law without memory.
 
     Args:
-        weights: F.
+        weights: weights F of the rules.
         memory: memory of the law.
-        firing: W.
+        firing: firing strengths W.
         numbers: parameters of learning.
         time: time of the tick, s.
         axes: axes of the network.
@@ -292,10 +292,10 @@ class WeightLearning(FleetSystem):
     `learning`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number of vehicles N.
         period: tick period h, s.
         axes: axes of the network, in the order of X, Y, Z.
-        num_rules: R.
+        num_rules: number of rules R.
         learns_from: learning signal, "surface" or "feedback".
         reset_times: times at which the memory of the law is reset, s; the reset is at the first tick that is not
             earlier.

@@ -108,7 +108,7 @@ class SecondOrderResponse(NamedTuple):
     """Second-order response of the attitude to an autopilot's command.
 
     Attributes:
-        natural_frequency: ω, rad/s.
+        natural_frequency: natural frequency ω, rad/s.
         damping: damping ratio ζ.
     """
 
@@ -121,8 +121,8 @@ class ContinuousModel(NamedTuple):
 
     Attributes:
         kind: type of the chain.
-        A: (n, n).
-        B: (n, 1).
+        A: (n, n) system matrix.
+        B: (n, 1) input matrix.
         C: (1, n) along Z, where the position is measured; else (2, n), for position and specific thrust.
         Q: (n, n) spectral density of w.
     """

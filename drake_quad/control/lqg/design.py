@@ -96,7 +96,7 @@ def regulator_of(model: ContinuousModel, timing: Timing, command_weight: float) 
     Args:
         model: model of the chain.
         timing: periods and delay.
-        command_weight: ρ.
+        command_weight: weight ρ of the command.
 
     Raises:
         numpy.linalg.LinAlgError: no regulator can be computed in floating point.
@@ -121,7 +121,7 @@ def axis_loop(model: ContinuousModel, timing: Timing, *, noise: np.ndarray, comm
         model: model of the chain.
         timing: periods and delay.
         noise: (p,) standard deviations of the measured quantities.
-        command_weight: ρ.
+        command_weight: weight ρ of the command.
 
     Raises:
         numpy.linalg.LinAlgError: no stable filter, or no regulator, can be computed in floating point.

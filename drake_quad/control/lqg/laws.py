@@ -89,7 +89,7 @@ class ThrustNumbers(NamedTuple):
 
     Attributes:
         mass: mass, kg.
-        gravity: g.
+        gravity: gravitational acceleration g.
         slope: tangent of the largest angle between thrust and vertical.
         min_thrust: least vertical thrust.
         max_thrust: largest thrust.
@@ -158,7 +158,7 @@ class SentCommands(NamedTuple):
     Attributes:
         commands: commands, the oldest first; it acts until the next tick.
         deviations: deviations of the commands that are still under way, the oldest first.
-        upward: f̄ at the last tick, m/s².
+        upward: vertical specific thrust f̄ at the last tick, m/s².
         snap: snap of the reference at the last tick; None with an autopilot.
     """
 
@@ -196,10 +196,10 @@ class RegulatorOutput(NamedTuple):
     """Output of the regulator.
 
     Attributes:
-        command: u.
-        deviation: δu.
+        command: command u.
+        deviation: deviation δu of the command from its feed-forward.
         acceleration: command expressed as the acceleration that an outer loop would command.
-        upward: f̄, m/s².
+        upward: vertical specific thrust f̄, m/s².
     """
 
     command: ChainCommands

@@ -168,7 +168,7 @@ class LinearQuadraticGaussian(FleetSystem):
     `numbers`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number of vehicles N.
         signal: signal that the link carries, "wrench" or "attitude_target".
         period: frame period h, s.
         tick: control period, s; a whole number of frames.

@@ -33,7 +33,7 @@ class LeastDistance:
     rows are then known, and the point is computed from them without the tolerance of the solver.
 
     Args:
-        rows: (rows, variables) G.
+        rows: (rows, variables) matrix G.
         group: number of consecutive rows in a group. Where one row is violated, its neighbours are likely to be, too.
     """
 
@@ -49,7 +49,7 @@ class LeastDistance:
         """Return the point of least |v|, or None if the solver fails.
 
         Args:
-            bounds: (rows,) h.
+            bounds: (rows,) bounds h.
         """
         # The bounds are scaled so that the largest violation at the origin is 1.
         scale = max(-bounds.min(), _TOLERANCE)

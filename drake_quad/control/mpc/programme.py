@@ -23,7 +23,7 @@ class Programme:
 
     Args:
         constraints: constraints over one horizon.
-        weight: w.
+        weight: weight w of the perturbations.
     """
 
     def __init__(self, constraints: Sequence[Constraint], weight: float) -> None:
@@ -56,7 +56,7 @@ class Programme:
         Args:
             tick: number of the tick since time zero.
             deviations: (n, N) ξ of the axes, one axis after another.
-            correction: (3, N) τ_f.
+            correction: (3, N) correction τ_f along X, Y and Z.
         """
         _, num_instants = self._bound.shape
         instants = np.minimum(tick + self._instant_offsets, num_instants - 1)

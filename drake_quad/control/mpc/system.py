@@ -41,7 +41,7 @@ class PredictiveProgramme(FleetSystem):
     has no state. With AutoDiffXd the derivatives are those for fixed active constraints.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number of vehicles N.
         tick: control period, s.
         num_ticks: length of the horizon in ticks.
         believed: numbers of the regulator, the same for all vehicles.

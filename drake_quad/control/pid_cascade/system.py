@@ -123,7 +123,7 @@ class PidCascade(FleetSystem):
     The state `held` exists if the cascade has any state. The only parameter of the context is `numbers`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number of vehicles N.
         tick: control period, s.
         num_ticks: number of ticks between two computations of the loops.
         rules: variants of the laws.

@@ -43,7 +43,7 @@ class AccelerationActuation(FleetSystem):
     The ports `measurement` and `reference` do not exist with the frame `world`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number of vehicles N.
         frame: name of a frame of `drake_quad.control.policy.frames`.
         turn: additional rotation of `heading` and `reference_heading` about Z, rad.
         numbers: accelerations that an action of 1 commands.
@@ -74,7 +74,7 @@ class AttitudeActuation(FleetSystem):
     rates and angular accelerations.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number of vehicles N.
         numbers: thrusts and angles for actions of -1 and 1.
     """
 
@@ -100,7 +100,7 @@ class RatesFromTheGround(FleetSystem):
     The action commands thrust and body rates.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number of vehicles N.
         numbers: thrusts and body rates for actions of -1 and 1, and parameters of the loop.
     """
 
@@ -123,7 +123,7 @@ class RatesOnBoard(FleetSystem):
         - attitude_target
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number of vehicles N.
         numbers: thrusts and body rates for actions of -1 and 1.
     """
 
@@ -147,7 +147,7 @@ class RotorSpeedActuation(FleetSystem):
     The allocation on board turns this wrench into the same speeds.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number of vehicles N.
         order: index of each rotor's row in the action.
         numbers: rotor speeds for actions of -1 and 1.
     """

@@ -71,7 +71,7 @@ class Observation(FleetSystem):
     The states are `last_action` and, with a history, `past`; the only parameter of the context is `numbers`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number of vehicles N.
         period: tick period, s.
         spec: specification of the observation.
         num_actions: number of rows of an action.
@@ -143,7 +143,7 @@ class Policy(FleetSystem):
     their memory.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number of vehicles N.
         period: tick period, s.
         network: network, the same for all vehicles.
     """
