@@ -81,19 +81,19 @@ class Requirements(NamedTuple):
     gain: float = 6.0
     delay: float = 0.0
 
-    def min_ratio(self, found: FastMargins) -> float:
+    def min_ratio(self, margins: FastMargins) -> float:
         """Return the least ratio of a margin to its required value; 1 or more if all requirements are met."""
-        pairs = ((getattr(found, name), required) for name, required in self._asdict().items() if required > 0.0)
+        pairs = ((getattr(margins, name), required) for name, required in self._asdict().items() if required > 0.0)
         return min((float(actual) / required for actual, required in pairs), default=1.0)
 
-    def shortfalls(self, found: FastMargins) -> dict[str, str]:
+    def shortfalls(self, margins: FastMargins) -> dict[str, str]:
         """Return the margins that are too small, with a description of their values."""
         units = {"phase": ("°", 1.0), "gain": (" dB", 1.0), "delay": (" ms", 1e3)}
         return {
-            f"{name} margin": f"{factor * float(getattr(found, name)):.1f}{unit}, less than"
+            f"{name} margin": f"{factor * float(getattr(margins, name)):.1f}{unit}, less than"
             f" {factor * getattr(self, name):g}{unit}"
             for name, (unit, factor) in units.items()
-            if not getattr(found, name) >= getattr(self, name)
+            if not getattr(margins, name) >= getattr(self, name)
         }
 
 

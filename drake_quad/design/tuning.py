@@ -100,10 +100,10 @@ class LoopLimit(NamedTuple):
         A share of 1 or more means that the limit is met.
         """
         try:
-            found = fast_link_margins(scenario)
+            margins = fast_link_margins(scenario)
         except InputError:
             return np.zeros(1)
-        return np.concatenate([self.sensitivity / found.sensitivity, found.delay / self.delay])
+        return np.concatenate([self.sensitivity / margins.sensitivity, margins.delay / self.delay])
 
 
 class TuningResult(NamedTuple):
@@ -156,7 +156,7 @@ def tune(
         The candidate of least error among those that meet the limit; if none does, the one that meets most of it.
     """
     numbers = [math.sqrt(knob.low * knob.high) for knob in knobs]
-    found = TuningResult((), math.inf, 0.0)
+    best = TuningResult((), math.inf, 0.0)
     for stage in filter(
         None, ([i for i, knob in enumerate(knobs) if knob.vertical is vertical] for vertical in (False, True))
     ):
@@ -164,20 +164,20 @@ def tune(
         search = _GainSearch(
             [knobs[i] for i in stage], budget._replace(rounds=rounds), first_sample, seed, extra_latency
         )
-        found = search.run([with_numbers(each, knobs, numbers) for each in scenarios], shares_met, progress)
-        for i, number in zip(stage, found.numbers, strict=True):
+        best = search.run([with_numbers(each, knobs, numbers) for each in scenarios], shares_met, progress)
+        for i, number in zip(stage, best.numbers, strict=True):
             numbers[i] = number
-    found = found._replace(numbers=tuple(numbers))
+    best = best._replace(numbers=tuple(numbers))
     trial = _Trial(scenarios, knobs, budget._replace(candidates=1), first_sample, extra_latency)
     if before is not None:
         point = np.clip(trial.point(before), 0.0, 1.0)
         share = math.inf if shares_met is None else float(shares_met(trial.scenario(point)).min())
-        found = _better(found, TuningResult(trial.numbers(point), float(trial.errors(point[np.newaxis])[0]), share))
+        best = _better(best, TuningResult(trial.numbers(point), float(trial.errors(point[np.newaxis])[0]), share))
     for radius in _LOCAL_STEPS:
-        found = _better(found, _local_search(trial, found, shares_met, radius, budget.steps))
+        best = _better(best, _local_search(trial, best, shares_met, radius, budget.steps))
         if progress is not None:
             progress()
-    return found
+    return best
 
 
 def _local_search(
@@ -232,20 +232,20 @@ class _GainSearch(NamedTuple):
         # Coordinates are relative to the box, from 0 to 1.
         points = scipy.stats.qmc.Sobol(count, seed=self.seed).random(2 ** math.ceil(math.log2(size)))[:size]
         normal = np.random.default_rng(self.seed)
-        known, mean, spread = _EvaluatedPoints(count), np.full(count, 0.5), np.eye(count) / 12.0
+        evaluated, mean, spread = _EvaluatedPoints(count), np.full(count, 0.5), np.eye(count) / 12.0
         best = TuningResult((), math.inf, 0.0)
         for number in range(self.budget.rounds):
             errors = trial.errors(points)
             doubt = _INITIAL_DOUBT * (1.0 - number / self.budget.rounds)
-            order = np.argsort(np.log(errors) + known.penalties(points, doubt))
+            order = np.argsort(np.log(errors) + evaluated.penalties(points, doubt))
             if shares_met is None:
                 best = _better(best, TuningResult(trial.numbers(points[order[0]]), float(errors[order[0]]), math.inf))
             else:
                 for i in order[: self.budget.checks * (_FIRST_CHECKS_FACTOR if number == 0 else 1)]:
                     shares = shares_met(trial.scenario(points[i]))
-                    known.add(points[i], shares)
+                    evaluated.add(points[i], shares)
                     best = _better(best, TuningResult(trial.numbers(points[i]), float(errors[i]), float(shares.min())))
-                order = np.argsort(np.log(errors) + known.penalties(points, doubt))
+                order = np.argsort(np.log(errors) + evaluated.penalties(points, doubt))
             elite = points[order[: max(round(_ELITE_SHARE * size), 2)]]
             mean = mean + _STEP * (elite.mean(axis=0) - mean)
             spread = spread + _STEP * (np.cov(elite.T, ddof=0).reshape(spread.shape) - spread)
@@ -295,9 +295,9 @@ class _Trial:
         """Return the mean errors (count,) at points, m."""
         columns = np.repeat(np.exp(self._low + self._width * points), len(self._samples), axis=0).T
         varying = {path: column for knob, column in zip(self._knobs, columns, strict=True) for path in knob.paths}
-        found = [_errors(*self._flights(fleet, varying, len(points))) for fleet in self._fleets]
+        errors = [_errors(*self._flights(fleet, varying, len(points))) for fleet in self._fleets]
         late = [_crashes(*self._flights(fleet, varying, len(points))) for fleet in self._late_fleets]
-        return np.asarray(np.mean(found, axis=0) + sum(late, np.zeros(len(points))) / len(found))
+        return np.asarray(np.mean(errors, axis=0) + sum(late, np.zeros(len(points))) / len(errors))
 
     def _flights(self, fleet: StudyFleet, varying: dict[str, np.ndarray], count: int) -> tuple[Metrics, float, int]:
         """Return the flights of several candidates, their planned duration, and the number of candidates."""
@@ -306,13 +306,14 @@ class _Trial:
 
 
 def tolerated_delay(
-    scenarios: Sequence[Scenario], most: float, *, budget: Budget = Budget(), first_sample: int = 0
+    scenarios: Sequence[Scenario], max_latency: float, *, budget: Budget = Budget(), first_sample: int = 0
 ) -> float:
     """Return the largest additional latency of the cameras without a crash in any training flight, s, in whole frames.
 
     Args:
         scenarios: laboratories with the controller.
-        most: largest latency that is tried, s.
+        max_latency: largest latency that is tried, s.
+
         budget: budget with the number of training samples.
         first_sample: first of the training samples.
     """
@@ -325,7 +326,9 @@ def tolerated_delay(
         )
         return any(fleet.fly(samples).crashed.any() for fleet in fleets)
 
-    return next((frames * frame for frames in range(round(most / frame), 0, -1) if not crash(frames * frame)), 0.0)
+    return next(
+        (frames * frame for frames in range(round(max_latency / frame), 0, -1) if not crash(frames * frame)), 0.0
+    )
 
 
 def _training_samples(budget: Budget, laboratories: int, first: int) -> range:

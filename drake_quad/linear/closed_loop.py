@@ -95,8 +95,8 @@ def loop_with_injection(scenario: Scenario, *, position_controller: Any = None, 
             raise InputError(
                 f"{name} is {other:g} s, but margins at the command link need periods up to its {period:g} s"
             )
-    own = UserSystems(position_controller, control)
-    diagram = build_fleet_diagram(Batch.draw(resting, [0]), plan_route(resting), own=own, injects=True)
+    user_systems = UserSystems(position_controller, control)
+    diagram = build_fleet_diagram(Batch.draw(resting, [0]), plan_route(resting), own=user_systems, injects=True)
     context = diagram.CreateDefaultContext()
     port = diagram.GetInputPort("injection")
     port.FixValue(context, np.zeros(port.size()))

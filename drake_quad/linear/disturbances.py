@@ -135,9 +135,9 @@ def _wind_along(batch: Batch, plan: Plan, times: np.ndarray, position: np.ndarra
     simulator = Simulator(diagram)
     context, samples = simulator.get_mutable_context(), []
     other_rows = np.zeros(9)  # Wind depends on the position alone.
-    for time, place in zip(times, position.T, strict=True):
+    for time, point in zip(times, position.T, strict=True):
         if depends_on_position:
-            diagram.GetInputPort("state").FixValue(context, np.repeat([*place, *other_rows], N))
+            diagram.GetInputPort("state").FixValue(context, np.repeat([*point, *other_rows], N))
         # The pending events include the noise samples of this instant.
         simulator.AdvanceTo(time)
         simulator.AdvancePendingEvents()

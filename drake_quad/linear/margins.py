@@ -227,8 +227,8 @@ def _peak(
         values = size(_response(system, inside.ravel())).reshape(inside.shape)
         best = np.argmax(values, axis=1)[:, np.newaxis]
         low, high = (
-            np.take_along_axis(inside, place, axis=1)[:, 0]
-            for place in (np.maximum(best - 1, 0), np.minimum(best + 1, _NUM_PARTS))
+            np.take_along_axis(inside, index, axis=1)[:, 0]
+            for index in (np.maximum(best - 1, 0), np.minimum(best + 1, _NUM_PARTS))
         )
     return float(values.max())
 

@@ -146,9 +146,9 @@ class SampledSystem:
         couples = _is_significant(self.A, tolerance)
         reached = _closure(couples, _is_significant(self.B.T, tolerance).any(axis=0))
         observed = _closure(couples.T, _is_significant(self.C, tolerance).any(axis=0))
-        kept = np.flatnonzero(reached & observed)
-        states = tuple(self.states[i] for i in kept)
-        return replace(self, A=self.A[np.ix_(kept, kept)], B=self.B[kept], C=self.C[:, kept], states=states)
+        indices = np.flatnonzero(reached & observed)
+        states = tuple(self.states[i] for i in indices)
+        return replace(self, A=self.A[np.ix_(indices, indices)], B=self.B[indices], C=self.C[:, indices], states=states)
 
     def with_feedback(self, gain: np.ndarray) -> "SampledSystem":
         """Return the loop closed by u = v - gain y, from v to y; for a system with D = 0.

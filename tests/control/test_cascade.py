@@ -176,11 +176,11 @@ def test_a_controller_gets_the_disturbance_learned_for_the_present_position(lead
     for name in ("measurement", "reference"):
         control.GetInputPort(name).FixValue(context, INPUTS[name])
     own = position.GetMyContextFromRoot(context)
-    told = {name: position.GetInputPort(name).Eval(own) for name in ("correction", "learned_disturbance")}
+    commanded = {name: position.GetInputPort(name).Eval(own) for name in ("correction", "learned_disturbance")}
     z, v_z = INPUTS["measurement"].z, INPUTS["measurement"].v_z
     for name, ahead in (("correction", leads * lead), ("learned_disturbance", 0.0)):
         expected = np.dot(weights, firing_strengths((z + ahead * v_z,), sets))
-        np.testing.assert_allclose(told[name], [expected, expected, 0.0], rtol=1e-14)
+        np.testing.assert_allclose(commanded[name], [expected, expected, 0.0], rtol=1e-14)
     assert v_z != 0.0
 
 

@@ -135,19 +135,19 @@ def test_indi_is_an_incremental_pi_on_a_linear_plant():
     """With a fast filter and a plant without lag Δu = K h e / h - Δv / h (P. Acquatella B., W. van Ekeren and
     Q. P. Chu, "PI(D) tuning for flight control systems via INDI", IFAC 2017). The gains of the PI do not depend on d.
     """
-    K, wanted, pushes = 4.0, 1.0, 0.3 + RNG.normal(size=60)
+    K, desired, pushes = 4.0, 1.0, 0.3 + RNG.normal(size=60)
     law = IncrementalLaw(1e6)
     memory, v, found = law.at_rest(0.0), 0.0, []
     for d in pushes:
         memory = law.corrected(memory, AxisMeasurement(0.0, v), H)
-        u = K * (wanted - v) - memory.disturbance
+        u = K * (desired - v) - memory.disturbance
         memory = law.predicted(memory, ModelIncrement(H * u, 0.5 * H * H * u), H)
         v += H * (u + d)
         found.append(v)
     k_p, k_i, u, v, before, expected = 1.0 / H, K / H, 0.0, 0.0, 0.0, []
     for d in pushes:
-        e = wanted - v
-        u += k_i * H * e + k_p * (e - (wanted - before))
+        e = desired - v
+        u += k_i * H * e + k_p * (e - (desired - before))
         before = v
         v += H * (u + d)
         expected.append(v)

@@ -176,11 +176,11 @@ def test_the_integral_compensates_an_offset_centre_of_mass(diagrams):
     """A PD tilts until its torque balances that of the offset; with an integral the body becomes level again."""
     gains = "k_p: [30.0, 30.0, 5.0], k_d: [8.0, 8.0, 3.5]"
     offset = ["vehicle.centre_of_mass=[0.0, 0.002]", "duration=6"]
-    wanted = np.empty(2)
+    desired = np.empty(2)
     for i, integral in enumerate(("", ", k_i: [30.0, 30.0, 2.0]")):
         attitude = f"control.attitude={{kind: geometric, {gains}{integral}}}"
         flight = simulate(load_scenario(diagrams / "hover.yaml", [attitude, *offset]), compiled=True)
         lean = flight.record("attitude_command").roll - flight.record("state").roll
-        wanted[i] = np.abs(lean[-50:]).max()
-    assert wanted[0] > 0.02
-    assert wanted[1] < 0.02 * wanted[0]
+        desired[i] = np.abs(lean[-50:]).max()
+    assert desired[0] > 0.02
+    assert desired[1] < 0.02 * desired[0]

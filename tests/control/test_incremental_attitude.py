@@ -61,10 +61,10 @@ def test_a_constant_torque_deflects_a_pd_but_not_indi():
 def test_without_a_disturbance_the_torque_is_that_of_the_pd():
     """At the first tick with zero rates the estimated disturbance is zero."""
     measurement = State(0.0, 0.0, 0.0, 0.1, -0.2, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    wanted = Attitude(0.2, 0.1, -0.3), BodyRates(0.5, -0.4, 0.3), AngularAcceleration(1.0, 2.0, -3.0)
+    desired = Attitude(0.2, 0.1, -0.3), BodyRates(0.5, -0.4, 0.3), AngularAcceleration(1.0, 2.0, -3.0)
     memory = (NUMBERS.law.at_rest(0.0),) * 3
-    expected = attitude_law(measurement, *wanted, GAINS)
-    assert incremental_torque(memory, measurement, *wanted, NUMBERS, H) == expected
+    expected = attitude_law(measurement, *desired, GAINS)
+    assert incremental_torque(memory, measurement, *desired, NUMBERS, H) == expected
 
 
 def test_the_torque_follows_the_equation_of_incremental_control():
@@ -87,15 +87,15 @@ def test_the_torque_follows_the_equation_of_incremental_control():
         ]
         filtered = A @ filtered + B * (rates - before - rate_increment) / H
         disturbance = filtered[0]
-        wanted = GAINS.k_p * (attitude - angles) + GAINS.k_d * (wanted_rates - rates) + feed_forward
-        expected = INERTIA * (wanted - disturbance) + np.cross(wanted_rates, INERTIA * wanted_rates)
+        desired = GAINS.k_p * (attitude - angles) + GAINS.k_d * (wanted_rates - rates) + feed_forward
+        expected = INERTIA * (desired - disturbance) + np.cross(wanted_rates, INERTIA * wanted_rates)
         measurement = State(0.0, 0.0, 0.0, *angles, 0.0, 0.0, 0.0, *rates)
-        asked = Attitude(*attitude), BodyRates(*wanted_rates), AngularAcceleration(*feed_forward)
-        found = incremental_torque(memory, measurement, *asked, NUMBERS, H)
+        requested = Attitude(*attitude), BodyRates(*wanted_rates), AngularAcceleration(*feed_forward)
+        found = incremental_torque(memory, measurement, *requested, NUMBERS, H)
         np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12)
-        memory, following, _ = next_incremental_memory(memory, following, (), measurement, *asked, NUMBERS, H)
+        memory, following, _ = next_incremental_memory(memory, following, (), measurement, *requested, NUMBERS, H)
         # The model α' = (α_c - d - α) / lag is solved exactly over a tick.
-        command = wanted - disturbance
+        command = desired - disturbance
         decay = np.exp(-H / LAG)
         rate_increment = H * command + LAG * (1.0 - decay) * (modelled - command)
         modelled = command + decay * (modelled - command)

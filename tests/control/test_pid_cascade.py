@@ -122,13 +122,13 @@ def test_the_thrust_matches_px4_at_every_tick_within_and_beyond_limits(decoupled
     rng, px4, memory = np.random.default_rng(5), Px4(), empty_memory(numbers())
     yaw = 0.7
     for tick in range(60):
-        position, velocity, wanted, fed, acceleration = size * rng.normal(size=(5, 3)) * np.array([[1, 1, 1]])
+        position, velocity, desired, fed, acceleration = size * rng.normal(size=(5, 3)) * np.array([[1, 1, 1]])
         velocity = velocity + 0.1 * tick
         thrust = px4.update(
-            *(NED @ vector for vector in (position, velocity, wanted, fed, acceleration)), decoupled=decoupled
+            *(NED @ vector for vector in (position, velocity, desired, fed, acceleration)), decoupled=decoupled
         )
         state = State(*position, 0.1, -0.2, 0.3, *velocity, 0.0, 0.0, 0.0)
-        reference = Reference(*wanted, *fed, *acceleration, yaw, 0.4)
+        reference = Reference(*desired, *fed, *acceleration, yaw, 0.4)
         target, memory = acceleration_target(
             state, reference, numbers(), memory, PERIOD, CascadeRules(decouples_vertical=decoupled)
         )
@@ -143,12 +143,12 @@ def test_the_thrust_matches_px4_at_every_tick_within_and_beyond_limits(decoupled
 
 def quaternion_error(attitude, target, weight):
     """Return the error of PX4's AttitudeControl, from rotations of the thrust axis in the world."""
-    q, wanted = (Rotation.from_euler("ZYX", [yaw, pitch, roll]) for roll, pitch, yaw in (attitude, target))
-    here, there = q.apply([0.0, 0.0, 1.0]), wanted.apply([0.0, 0.0, 1.0])
+    q, desired = (Rotation.from_euler("ZYX", [yaw, pitch, roll]) for roll, pitch, yaw in (attitude, target))
+    here, there = q.apply([0.0, 0.0, 1.0]), desired.apply([0.0, 0.0, 1.0])
     axis, angle = np.cross(here, there), math.acos(np.clip(here @ there, -1.0, 1.0))
     tilt = Rotation.from_rotvec(angle * axis / max(np.linalg.norm(axis), 1e-30))
     reduced = tilt * q
-    turn = (reduced.inv() * wanted).as_rotvec()
+    turn = (reduced.inv() * desired).as_rotvec()
     np.testing.assert_allclose(turn[:2], 0.0, atol=1e-7)
     error = (q.inv() * reduced * Rotation.from_rotvec(weight * turn)).as_quat()
     return 2.0 * error[:3] * np.sign(error[3])

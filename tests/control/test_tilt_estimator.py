@@ -55,9 +55,9 @@ def test_accelerations_by_tilt_and_thrust_are_not_disturbances():
 
 
 def test_a_learned_disturbance_is_not_estimated_again():
-    pushed, learned = np.array([0.7, -0.5, 0.3]), Acceleration(0.6, -0.4, 0.5)
-    found = estimated_disturbance(KnownAccelerations(ZERO, learned), at(velocity=H * pushed))
-    np.testing.assert_allclose(found, pushed - np.array(learned), rtol=1e-9)
+    acceleration, learned = np.array([0.7, -0.5, 0.3]), Acceleration(0.6, -0.4, 0.5)
+    found = estimated_disturbance(KnownAccelerations(ZERO, learned), at(velocity=H * acceleration))
+    np.testing.assert_allclose(found, acceleration - np.array(learned), rtol=1e-9)
     memory = tuple([law.at_rest(0.0) for law in LAWS])
     _, before, *_ = next_tilt_states(
         memory, KnownAccelerations(ZERO, ZERO), SpecificThrust(G), (), at(), ZERO, learned, NUMBERS, H
@@ -71,11 +71,11 @@ def test_the_distance_by_known_accelerations_is_predicted():
         np.array([0.4, -0.3, 0.2]),
         np.array(tilted_acceleration(at((0.1, 0.2, 0.3)), SpecificThrust(10.5), G)),
     )
-    pushed = np.array([0.6, -0.4, 0.5])
-    way = H**2 * (first / 3.0 + last / 6.0 + pushed / 2.0)
+    acceleration = np.array([0.6, -0.4, 0.5])
+    way = H**2 * (first / 3.0 + last / 6.0 + acceleration / 2.0)
     law = KalmanLaw.of(deviation=1.0, time_constant=5.0, position_noise=1e-3, period=H)
     numbers = NUMBERS._replace(laws=(law,) * 3)
-    memory, before = (law.at_rest(0.0),) * 3, KnownAccelerations(Acceleration(*first), Acceleration(*pushed))
+    memory, before = (law.at_rest(0.0),) * 3, KnownAccelerations(Acceleration(*first), Acceleration(*acceleration))
 
     def disturbance(x, y, z):
         measurement = at((0.1, 0.2, 0.3))._replace(x=x, y=y, z=z)

@@ -85,8 +85,8 @@ def test_the_fastest_gains_just_meet_the_requirements(pitch):
     assert design.margins.delay > 0.04
     with pytest.raises(InputError, match=r"pitch cannot have a bandwidth of .* phase margin: 4\d\.\d°, less than 50°"):
         design_loop(pitch, PolePair(0.8), requirements, axis="pitch", effort=1.02 * design.bandwidth)
-    asked = design_loop(pitch, PolePair(0.8), requirements, axis="pitch", effort=2.0)
-    assert (asked.bandwidth, asked.limits) == (2.0, ())
+    requested = design_loop(pitch, PolePair(0.8), requirements, axis="pitch", effort=2.0)
+    assert (requested.bandwidth, requested.limits) == (2.0, ())
 
 
 @pytest.mark.parametrize(
@@ -107,8 +107,8 @@ def test_default_requirements_are_textbook_margins():
 
 def test_violated_requirements_are_reported_in_their_units():
     found = FastMargins(gain=5.5, phase=80.0, delay=1.0)
-    broken = Requirements(delay=2.0).shortfalls(found)
-    assert {name: (text.split()[0], text.split()[-1]) for name, text in broken.items()} == {
+    violated = Requirements(delay=2.0).shortfalls(found)
+    assert {name: (text.split()[0], text.split()[-1]) for name, text in violated.items()} == {
         "gain margin": ("5.5", "dB"),
         "delay margin": ("1000.0", "ms"),
     }
@@ -178,10 +178,10 @@ def test_the_fastest_regulator_within_its_margins_states_the_cost_of_full_state_
     np.testing.assert_array_less(1.0, cost)
     efforts = family.efforts(pitch)
     assert (efforts[0], efforts[-1], len(efforts)) == (pytest.approx(0.01), pytest.approx(1e3), 20)
-    asked = design_loop(pitch, family, required, axis="pitch", effort=2.0)
-    ratio = family.cost(pitch, asked.gains, 2.0) / family.least_cost(pitch, 2.0)
-    assert asked.cost_ratio == pytest.approx(ratio)
-    assert asked.gains.k_p < design.gains.k_p
+    requested = design_loop(pitch, family, required, axis="pitch", effort=2.0)
+    ratio = family.cost(pitch, requested.gains, 2.0) / family.least_cost(pitch, 2.0)
+    assert requested.cost_ratio == pytest.approx(ratio)
+    assert requested.gains.k_p < design.gains.k_p
 
 
 def test_the_cost_is_the_sum_over_a_simulated_impulse(pitch):
@@ -222,8 +222,8 @@ def test_designed_poles_are_those_of_the_whole_diagram(shipped, overrides):
     for axis, tilt, i in (("x", 1, 0), ("y", 0, 1)):
         plant = position_plant(laboratory, scenario, axis, AxisGains(attitude.k_p[tilt], attitude.k_d[tilt]))
         expected.append(plant.with_feedback(np.array([[position.k_p[i], position.k_d[i]]])).poles())
-    wanted, found = np.concatenate(expected), loop.system.poles()
-    lasting = wanted[np.abs(wanted) > 0.1]
+    desired, found = np.concatenate(expected), loop.system.poles()
+    lasting = desired[np.abs(desired) > 0.1]
     assert len(lasting) == (np.abs(found) > 0.1).sum()
     for pole in lasting:
         assert np.abs(found - pole).min() < 1e-6
@@ -337,13 +337,13 @@ def test_the_stability_limit_of_the_delay_is_that_of_simulations(shipped, design
             low, high = (middle, high) if fast_margins(middle * response, grid).delay > delay else (low, middle)
         return low
 
-    for share, stands in ((1.02, True), (0.98, False)):
+    for share, is_tolerated in ((1.02, True), (0.98, False)):
         factor = factor_for(share * ticks * 0.02)
         assert factor > 1.05, "the designed margin must be larger for this to mean anything"
         # Only the yaw loop is fast: the others are slow enough to tolerate any of these delays.
         slow = scaled(scaled(resting, "attitude", 0.3, (0, 1)), "position", 0.1, (0, 1, 2))
         driven = with_delay(scaled(slow, "attitude", factor, (2,)), ticks)
-        assert grows(driven, {"yaw": 1e-5}, 12.0) != stands
+        assert grows(driven, {"yaw": 1e-5}, 12.0) != is_tolerated
 
 
 @pytest.mark.slow

@@ -358,8 +358,8 @@ class Bowl(lqg_design._LqgSearch):
 def test_a_search_finds_the_least_cost_for_any_initial_weight(search_of, first):
     """The other numbers start within a factor of a few."""
     start = search_of(1)
-    begun = Bowl(*(getattr(start, name) for name in start.__dataclass_fields__))
-    found = dataclasses.replace(begun, numbers=(first, 0.3, 60.0)).improved()
+    started = Bowl(*(getattr(start, name) for name in start.__dataclass_fields__))
+    found = dataclasses.replace(started, numbers=(first, 0.3, 60.0)).improved()
     np.testing.assert_allclose(found.numbers, np.exp(Bowl.best), rtol=1e-3)
     assert found.cost == pytest.approx(found.cost_of(np.log(found.numbers)), abs=1e-12)
     assert (found.actual_plants, found.timing) == (start.actual_plants, start.timing)
@@ -413,12 +413,12 @@ def test_a_design_follows_the_nominal_vehicle_and_the_disturbances(diagrams, mon
     assert control.yaw == lqg_design._yaw(scenario)
     timing = Timing(0.01, 0.02, control.delay_ticks)
     assert timing in candidate_timings(scenario, design.plants)
-    for loop, model, answers in (
+    for loop, model, predictions in (
         (x.loop(timing, gravity), lateral_plant_model, design.lateral),
         (z.loop(timing, gravity), vertical_plant_model, design.vertical),
     ):
         actual_plants = [ActualPlant.of(model(plant, found), plant, found, timing, gravity) for plant in design.plants]
-        assert answers == tuple(predicted(loop, truth, timing) for truth in actual_plants)
+        assert predictions == tuple(predicted(loop, truth, timing) for truth in actual_plants)
 
 
 def test_the_measurement_noise_of_a_plant_is_that_of_the_cameras():

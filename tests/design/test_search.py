@@ -297,12 +297,12 @@ def test_predicted_violations_of_the_limit_are_penalised():
             # Nothing is predicted from three points, which only just determine a plane.
             assert not known.penalties(points, 0.0).any()
         known.add(point, np.exp(np.array([slope @ point - 0.05, 0.1])))
-    asked = random.uniform(size=(40, 2))
-    predicted = np.minimum(asked @ slope - 0.05, 0.1)
-    away = np.linalg.norm(asked[:, None] - points, axis=2).min(axis=1)
+    requested = random.uniform(size=(40, 2))
+    predicted = np.minimum(requested @ slope - 0.05, 0.1)
+    away = np.linalg.norm(requested[:, None] - points, axis=2).min(axis=1)
     for doubt in (0.0, 0.3):
         expected = 4.0 * np.maximum(0.002 - predicted - doubt * away, 0.0)
-        np.testing.assert_allclose(known.penalties(asked, doubt), expected, atol=2e-3)
+        np.testing.assert_allclose(known.penalties(requested, doubt), expected, atol=2e-3)
         assert (expected > 0.01).sum() > 5
     # Shares far from the limit need no accuracy, so they are clipped to between a fifth and one and a half of it.
     np.testing.assert_allclose(tuning._near_limit(np.array([0.01, 0.5, 9.0]), 3), np.log([0.2, 0.5, 1.5]))

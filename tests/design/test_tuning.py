@@ -104,11 +104,11 @@ def test_the_tolerated_delay_is_the_largest_without_a_crash_in_training(narrow):
     def crashes(later):
         return fly_samples(with_extra_latency(narrow, later), range(2)).crashed.any()
 
-    stood = tolerated_delay([narrow], 0.09, budget=Budget(samples=2))
-    assert 0.0 < stood < 0.09
-    assert crashes(stood + 0.01)
-    assert not crashes(stood)
-    assert tolerated_delay([narrow], stood - 0.01, budget=Budget(samples=2)) == pytest.approx(stood - 0.01)
+    tolerated = tolerated_delay([narrow], 0.09, budget=Budget(samples=2))
+    assert 0.0 < tolerated < 0.09
+    assert crashes(tolerated + 0.01)
+    assert not crashes(tolerated)
+    assert tolerated_delay([narrow], tolerated - 0.01, budget=Budget(samples=2)) == pytest.approx(tolerated - 0.01)
 
 
 @pytest.mark.slow

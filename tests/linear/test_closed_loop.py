@@ -165,10 +165,10 @@ def test_small_steps_match_the_linear_model(laboratory):
 
 def test_a_release_is_a_flight_that_starts_beside_the_reference(laboratory):
     """The cameras also measure the displacement from the first frame on, with or without latency."""
-    beside = {"x": 0.3, "y": -0.2, "z": 0.1, "yaw": -0.4}
+    offset = {"x": 0.3, "y": -0.2, "z": 0.1, "yaw": -0.4}
     for latency in (0, 2):
         scenario = as_believed(laboratory(f"laboratory.motion_capture.latency_frames={latency}"))
-        found = release(closed_loop(scenario), beside, duration=1.0).nonlinear
+        found = release(closed_loop(scenario), offset, duration=1.0).nonlinear
         diagram = build_tracking_diagram(scenario)
         simulator = Simulator(diagram)
         vehicle = diagram.GetSubsystemByName("laboratory").GetSubsystemByName("vehicle")

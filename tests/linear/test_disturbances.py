@@ -58,8 +58,8 @@ def test_planned_torques_turn_a_vehicle_with_another_inertia_by_euler_s_equation
 
 
 def test_an_offset_centre_of_mass_turns_each_vehicle_by_its_own_sample(asymmetric):
-    beside = "vehicle.centre_of_mass=[{uniform: {min: -0.002, max: 0.002}}, 0.001]"
-    scenario = asymmetric("pid", *(each for each in CLEAN if "centre" not in each), HOVER, beside)
+    offset = "vehicle.centre_of_mass=[{uniform: {min: -0.002, max: 0.002}}, 0.001]"
+    scenario = asymmetric("pid", *(each for each in CLEAN if "centre" not in each), HOVER, offset)
     batch = Batch.draw(scenario, range(4))
     found = disturbances_along(batch, plan_route(scenario))
     lever = batch.varying["vehicle.centre_of_mass.0"]

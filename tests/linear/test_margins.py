@@ -82,10 +82,10 @@ def test_the_closed_loop_becomes_unstable_at_the_delay_margin(ticks):
         loop = loop_of(2.0 * middle, 2.0 * np.sqrt(middle))
         found = fast_margins(loop.response(np.exp(1j * grid * PERIOD))[:, 0, 0], grid).delay
         low, high = (middle, high) if found > ticks * PERIOD else (low, middle)
-    for scale, stands in ((0.999 * low, True), (1.001 * low, False)):
+    for scale, is_tolerated in ((0.999 * low, True), (1.001 * low, False)):
         loop = loop_of(2.0 * scale, 2.0 * np.sqrt(scale))
-        assert (margins(loop).delay > ticks * PERIOD) == stands
-        assert is_stable(loop, more_delay=ticks) == stands
+        assert (margins(loop).delay > ticks * PERIOD) == is_tolerated
+        assert is_stable(loop, more_delay=ticks) == is_tolerated
 
 
 def nearest(L):

@@ -51,8 +51,8 @@ def classical(frequency, *, delay_ticks, h=0.01):
     z = np.exp(2j * frequency * h)
     x = np.linalg.solve(z * np.eye(3) - phi, gamma)  # the state at a tick, for an input that acts from that tick on
     # The frame that a tick reads was taken h earlier, in the middle of the period before.
-    seen = (phi_half @ x + gamma_half) / z
-    return (seen[:2, 0]) / z**delay_ticks
+    measured = (phi_half @ x + gamma_half) / z
+    return (measured[:2, 0]) / z**delay_ticks
 
 
 @pytest.mark.parametrize("delay_ticks", [0, 1, 3])
@@ -232,9 +232,9 @@ def test_inputs_and_outputs_have_the_requested_order(order):
     places = [system.states.index(row) for name in order for row in rows[name]]
     np.testing.assert_array_equal(system.A, np.zeros((3, 3)))
     np.testing.assert_array_equal(system.B, np.eye(3)[:, places])
-    seen = [system.states.index(row) for name in order[::-1] for row in rows[name]]
-    np.testing.assert_array_equal(system.C, np.eye(3)[seen])
-    np.testing.assert_array_equal(system.D, np.zeros((len(seen), len(places))))
+    rows_of_states = [system.states.index(row) for name in order[::-1] for row in rows[name]]
+    np.testing.assert_array_equal(system.C, np.eye(3)[rows_of_states])
+    np.testing.assert_array_equal(system.D, np.zeros((len(rows_of_states), len(places))))
     np.testing.assert_array_equal(moved, np.zeros(3))
     assert system.period == 0.1
 

@@ -22,8 +22,8 @@ def test_a_release_has_a_tick_at_each_end(loop, duration, ticks):
 
 
 def test_a_release_starts_at_the_given_displacement_on_each_row(loop):
-    beside = {"y": 1e-3, "yaw": -2e-3, "v_z": 3e-3, "q": 4e-3}
-    response = release(loop, beside, duration=0.02)
+    offset = {"y": 1e-3, "yaw": -2e-3, "v_z": 3e-3, "q": 4e-3}
+    response = release(loop, offset, duration=0.02)
     expected = np.zeros(12)
     expected[[1, 5, 8, 10]] = 1e-3, -2e-3, 3e-3, 4e-3
     np.testing.assert_allclose(response.linear[0], expected, atol=1e-15)

@@ -89,8 +89,8 @@ def limited_disturbance(
     memory: tuple[Any, ...], measurement: State, numbers: EstimatorNumbers, period: float
 ) -> Acceleration:
     """Return the estimated disturbance at a tick, m/s², saturated at the limit."""
-    _, shown = estimate(memory, measured_on_axes(measurement), numbers.laws, numbers.limit, period)
-    return Acceleration(*shown)
+    _, limited = estimate(memory, measured_on_axes(measurement), numbers.laws, numbers.limit, period)
+    return Acceleration(*limited)
 
 
 def next_memory(

@@ -72,11 +72,11 @@ def membership_slopes(u: Row, exponent: Row) -> tuple[Row, Row]:
     limited = minimum(maximum(distance, _MIN_DISTANCE), 1.0 - _MIN_DISTANCE)
     logarithm = log(limited, normal=True)
     power = exp(exponent * logarithm)
-    rest = 1.0 - power
-    log_rest = log(rest, normal=True)
+    remainder = 1.0 - power
+    log_rest = log(remainder, normal=True)
     grade = exp((1.0 / exponent) * log_rest)
-    by_distance = maximum(-(power / limited) * (grade / rest), _MIN_SLOPE)
-    by_exponent = -(grade / exponent) * (log_rest / exponent + power * logarithm / rest)
+    by_distance = maximum(-(power / limited) * (grade / remainder), _MIN_SLOPE)
+    by_exponent = -(grade / exponent) * (log_rest / exponent + power * logarithm / remainder)
     return where(distance < 1.0, by_distance, 0.0 * u), where(distance < 1.0, by_exponent, 0.0 * u)
 
 
@@ -212,7 +212,7 @@ def _with_moved_centres(sets: Sets, gradient: Sets, initial: Sets, by: Row) -> S
     """Return the sets after a gradient step of their inner centres, within the allowed displacement."""
     _, *inner, _ = zip(sets.centres, gradient.centres, strict=True)
     first, *_, last = sets.centres
-    moved = [
+    moved_centres = [
         _clipped(
             c - by * of_c,
             initial_centre - _MAX_DISPLACEMENT * (initial_centre - before),
@@ -222,7 +222,7 @@ def _with_moved_centres(sets: Sets, gradient: Sets, initial: Sets, by: Row) -> S
             inner, itertools.pairwise(itertools.pairwise(initial.centres)), strict=True
         )
     ]
-    return sets._replace(centres=(first, *moved, last))
+    return sets._replace(centres=(first, *moved_centres, last))
 
 
 def _with_valid_widths(sets: Sets, initial: Sets) -> Sets:
@@ -233,10 +233,12 @@ def _with_valid_widths(sets: Sets, initial: Sets) -> Sets:
     # first set.
     after: list[Row] = []
     before: list[Row] = []
-    for gap, (left, right) in zip(sets.gaps, itertools.pairwise((*initial.widths, first_width)), strict=False):
-        share = _MIN_OVERLAP * gap / (left + right)
-        after.append(share * left)
-        before.append(share * right)
+    for gap, (left_width, right_width) in zip(
+        sets.gaps, itertools.pairwise((*initial.widths, first_width)), strict=False
+    ):
+        share = _MIN_OVERLAP * gap / (left_width + right_width)
+        after.append(share * left_width)
+        before.append(share * right_width)
     if len(after) < len(sets.widths):
         after.append(0.0)
         before.append(0.0)

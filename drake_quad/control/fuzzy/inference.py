@@ -114,9 +114,9 @@ def elliptic_membership(u: Row, exponent: Row) -> Row:
     """
     distance = abs(u)
     limited = minimum(maximum(distance, _TINY), _BELOW_ONE)
-    rest = maximum(1.0 - exp(exponent * log(limited, normal=True)), _TINY)
+    remainder = maximum(1.0 - exp(exponent * log(limited, normal=True)), _TINY)
     # For a triangle the exact result avoids the rounding of powers.
-    arc = where(exponent == 1.0, 1.0 - limited, exp((1.0 / exponent) * log(rest, normal=True)))
+    arc = where(exponent == 1.0, 1.0 - limited, exp((1.0 / exponent) * log(remainder, normal=True)))
     return where(distance < 1.0, arc, 0.0 * distance)
 
 

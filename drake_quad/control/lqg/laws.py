@@ -136,12 +136,12 @@ class KalmanState(NamedTuple):
     Attributes:
         estimate: estimate at the last update.
         has_started: 0 before the first frame, 1 after it.
-        seen: last measured x. A frame with exactly the same x was lost.
+        last_x: last measured x. A frame with exactly the same x was lost.
     """
 
     estimate: Estimate
     has_started: Number
-    seen: PositionW
+    last_x: PositionW
 
 
 class ChainCommands(NamedTuple):
@@ -170,10 +170,10 @@ class SentCommands(NamedTuple):
     @classmethod
     def hovering(cls, numbers: LqgNumbers) -> "SentCommands":
         """Return the commands that have been sent to a hovering vehicle."""
-        nothing = ChainCommands(0.0, 0.0, 0.0)
-        under_way = (nothing,) * len(numbers.lateral.K_pending)
+        zero = ChainCommands(0.0, 0.0, 0.0)
+        under_way = (zero,) * len(numbers.lateral.K_pending)
         snap = None if numbers.torques is None else Snap(0.0, 0.0, 0.0, 0.0)
-        return cls((*under_way, nothing), under_way, numbers.thrust.gravity, snap)
+        return cls((*under_way, zero), under_way, numbers.thrust.gravity, snap)
 
 
 class Deviations(NamedTuple):
@@ -230,7 +230,7 @@ def estimated(
     """
     last, (u_x, u_y, u_z) = before.estimate, next(iter(sent.commands))
     s_x, s_y = _level_thrust(measurement, sent.upward)
-    fresh = True if not loses_frames else measurement.x != before.seen
+    fresh = True if not loses_frames else measurement.x != before.last_x
     lateral, vertical = numbers.lateral, numbers.vertical
     x = _filtered(last.x, (measurement.x - last.x.position, s_x - last.x.thrust), fresh, u_x, lateral)
     y = _filtered(last.y, (measurement.y - last.y.position, s_y - last.y.thrust), fresh, u_y, lateral)

@@ -176,8 +176,8 @@ def _wall_constraints(
 def _feed_forward(horizon: Horizon) -> ChainCommands:
     """Return the feed-forward commands; their rows have the shape (ticks of the preview,)."""
     reference, jerk, snap, before = horizon.preview
-    wanted = Acceleration(reference.a_x, reference.a_y, reference.a_z)
-    return fed_forward(wanted, jerk, snap, before, horizon.numbers, horizon.tick)
+    acceleration = Acceleration(reference.a_x, reference.a_y, reference.a_z)
+    return fed_forward(acceleration, jerk, snap, before, horizon.numbers, horizon.tick)
 
 
 def _combined(

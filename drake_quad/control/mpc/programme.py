@@ -32,7 +32,10 @@ class Programme:
         # The variables are scaled so that the cost of each is its square.
         scaled = [np.eye(num_ticks) / np.sqrt(slack.weight) for slack in slacks]
         slack = [
-            [-float(each.slack == own) * scaled_slack for own, scaled_slack in zip(slacks, scaled)]
+            [
+                -float(each.slack == slack_of_column) * scaled_slack
+                for slack_of_column, scaled_slack in zip(slacks, scaled)
+            ]
             for each in constraints
         ]
         forced = [each.forced / np.sqrt(weight) for each in constraints]

@@ -83,5 +83,5 @@ class PredictiveProgramme(FleetSystem):
             ]
             output.SetFromVector(np.ravel(perturbations).astype(system.scalar))
 
-        model, seen = self._model(layout_of(ChainCommands)), {deviation.ticket(self), self.time_ticket()}
-        self.DeclareVectorOutputPort("perturbation", model, MethodType(calc, self), seen)
+        model, dependencies = self._model(layout_of(ChainCommands)), {deviation.ticket(self), self.time_ticket()}
+        self.DeclareVectorOutputPort("perturbation", model, MethodType(calc, self), dependencies)

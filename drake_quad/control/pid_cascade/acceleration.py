@@ -48,7 +48,7 @@ def acceleration_target(
     Arguments are those of `tilt_target`.
     """
     command: Any = numbers.command
-    wanted, position = step_loops(
+    feedback, position = step_loops(
         Vector(r.x, r.y, r.z),
         Vector(m.x, m.y, m.z),
         numbers.position,
@@ -57,8 +57,8 @@ def acceleration_target(
         rules.position_integrates_first,
     )
     share = numbers.velocity_feed_forward
-    v_x, v_y = limited_velocity((wanted.x, wanted.y), (share * r.v_x, share * r.v_y), command.max_speed)
-    v_z = maximum(minimum(wanted.z + share * r.v_z, command.max_ascent), -command.max_descent)
+    v_x, v_y = limited_velocity((feedback.x, feedback.y), (share * r.v_x, share * r.v_y), command.max_speed)
+    v_z = maximum(minimum(feedback.z + share * r.v_z, command.max_ascent), -command.max_descent)
     error = Vector(v_x - m.v_x, v_y - m.v_y, v_z - m.v_z)
     commanded, memories = _velocity_loop(m, r, Vector(v_x, v_y, v_z), error, numbers, memory.velocity, period)
     force, unsaturated = _limited_force(commanded, error, numbers, rules)
@@ -91,7 +91,7 @@ def _velocity_loop(
         strict=True,
     )
     accelerations, after = [], []
-    for reference, measured, wanted, error_on_axis, k_p, terms, memory in axes:
+    for reference, measured, setpoint_on_axis, error_on_axis, k_p, terms, memory in axes:
         integral, derivative, k_ff, _ = terms or Terms()
         acceleration = command.feed_forward * reference + k_p * error_on_axis
         if integral is not None:
@@ -100,7 +100,7 @@ def _velocity_loop(
             rate, memory = differentiated(measured, derivative, memory, period)
             acceleration = acceleration - derivative.k_d * rate
         if k_ff is not None:
-            acceleration = acceleration + k_ff * wanted
+            acceleration = acceleration + k_ff * setpoint_on_axis
         accelerations.append(acceleration)
         after.append(memory)
     return Vector(*accelerations), after

@@ -33,7 +33,7 @@ def tilt_target(
     def in_heading_frame(x: Row, y: Row, z: Row) -> Vector:
         return Vector(*in_heading(Vector(x, y, z), sin_yaw, cos_yaw))
 
-    wanted, position = step_loops(
+    setpoint, position = step_loops(
         in_heading_frame(r.x, r.y, r.z),
         in_heading_frame(m.x, m.y, m.z),
         numbers.position,
@@ -43,12 +43,12 @@ def tilt_target(
     )
     share = numbers.velocity_feed_forward
     reference_velocity = in_heading_frame(r.v_x, r.v_y, r.v_z)
-    wanted = Vector(
-        *[proportional + share * velocity for proportional, velocity in zip(wanted, reference_velocity, strict=True)]
+    setpoint = Vector(
+        *[proportional + share * velocity for proportional, velocity in zip(setpoint, reference_velocity, strict=True)]
     )
     measured_velocity = in_heading_frame(m.v_x, m.v_y, m.v_z)
     output, velocity = step_loops(
-        wanted, measured_velocity, numbers.velocity, memory.velocity, period, rules.velocity_integrates_first
+        setpoint, measured_velocity, numbers.velocity, memory.velocity, period, rules.velocity_integrates_first
     )
     thrust = minimum(maximum(command.hover_thrust + numbers.mass * output.z, command.min_thrust), command.max_thrust)
     target = AttitudeTarget(thrust, -output.y, output.x, r.yaw, 0.0, 0.0, 0.0)

@@ -59,18 +59,18 @@ def read_parameters(path: Path) -> FirmwareParameters:
     else:
         values = _in_text(path, log.data)
     for firmware in ("px4", "crazyflie"):
-        known: dict[str, float] = _defaults(firmware)
-        given = {name: values[name] for name in known if name in values}
+        defaults: dict[str, float] = _defaults(firmware)
+        given = {name: values[name] for name in defaults if name in values}
         for name, value in given.items():
             if not 0.0 <= value < math.inf:
                 raise InputError(f"{path}: {name} is {value}; it must be finite and not negative")
         if given:
             if given.get("MPC_THR_HOVER") == 0.0:
                 raise InputError(f"{path}: MPC_THR_HOVER is 0; it is the thrust in hover and must be positive")
-            missing = tuple([name for name in known if name not in given])
-            return FirmwareParameters(firmware, known | given, missing)
-    wanted = " nor ".join(_PARAMETER_GROUPS.values())
-    raise InputError(f"{path}: not a parameter file of PX4 or of a Crazyflie: it has neither {wanted}")
+            missing = tuple([name for name in defaults if name not in given])
+            return FirmwareParameters(firmware, defaults | given, missing)
+    groups = " nor ".join(_PARAMETER_GROUPS.values())
+    raise InputError(f"{path}: not a parameter file of PX4 or of a Crazyflie: it has neither {groups}")
 
 
 @functools.cache

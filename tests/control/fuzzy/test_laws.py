@@ -124,9 +124,9 @@ def test_the_covariance_stays_a_covariance(initial, n):
         assert np.linalg.eigvalsh(P).min() > 0.0
         assert np.linalg.eigvalsh(before - P).min() > -1e-12 * initial
         before = P
-    seen = np.linalg.inv(P) - np.eye(9) / initial
+    accumulated = np.linalg.inv(P) - np.eye(9) / initial
     tolerance = 1e-9 if initial <= 1e4 else 1e-7
-    np.testing.assert_allclose(seen, information, atol=tolerance * np.abs(information).max())
+    np.testing.assert_allclose(accumulated, information, atol=tolerance * np.abs(information).max())
 
 
 def signals(t):
@@ -184,8 +184,8 @@ def test_forgetting_keeps_the_covariance_alive_and_bounded():
     traces = {}
     for forgetting in (1.0, 0.999, 0.9):
         learner, path = Learner(CovarianceLaw(1.0, 5.0, forgetting), n=n), []
-        for seen in firing:
-            learner.learn(seen, np.zeros(n))
+        for w in firing:
+            learner.learn(w, np.zeros(n))
             path.append(np.trace(learner.P, axis1=1, axis2=2).max())
         assert np.linalg.eigvalsh(learner.P).min() > 0.0
         assert max(path) <= 45.0 * (1.0 + 1e-12)

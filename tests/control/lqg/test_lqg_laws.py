@@ -66,23 +66,23 @@ def test_the_filter_is_a_textbook_kalman_filter_with_the_thrust_of_the_measured_
     found = estimated(MEASUREMENT, before, sent, None, WITH_TORQUES, H, True)
     x_B, y_B, z_B = rotation(MEASUREMENT)[:, 2]
     thrust = UPWARD * np.array([x_B, y_B]) / z_B
-    for axis, seen, s, u in zip(
+    for axis, measured, s, u in zip(
         "xyz", (MEASUREMENT.x, MEASUREMENT.y, MEASUREMENT.z), [*thrust, None], sent.commands[0], strict=True
     ):
         loop = WITH_TORQUES.vertical if axis == "z" else WITH_TORQUES.lateral
         chain_before = getattr(before.estimate, axis)
         x, A, B, L = np.array(chain_before), np.array(loop.A), np.array(loop.B), np.array(loop.L).T
-        innovation = [seen - chain_before.position, *([] if s is None else [s - chain_before.thrust])]
+        innovation = [measured - chain_before.position, *([] if s is None else [s - chain_before.thrust])]
         expected = A @ (x + L @ innovation) + B * u
         # The thrust in excess of f̄, which keeps the height, acts along the measured attitude.
-        beside = 0.0 if s is None else chain_before.thrust * (9.81 + before.estimate.z.thrust - UPWARD) / UPWARD
-        expected[:2] += 0.5 * H**2 * beside, H * beside
+        offset = 0.0 if s is None else chain_before.thrust * (9.81 + before.estimate.z.thrust - UPWARD) / UPWARD
+        expected[:2] += 0.5 * H**2 * offset, H * offset
         np.testing.assert_allclose(getattr(found, axis), expected, rtol=1e-12)
 
 
 def test_a_repeated_frame_is_ignored():
     before, sent = running(TorqueChain), under_way(2, SNAP)
-    lost = before._replace(seen=MEASUREMENT.x)
+    lost = before._replace(last_x=MEASUREMENT.x)
     found = estimated(MEASUREMENT, lost, sent, None, WITH_TORQUES, H, True)
     x = np.array(WITH_TORQUES.lateral.A) @ before.estimate.x + np.array(WITH_TORQUES.lateral.B) * sent.commands[0].x
     np.testing.assert_allclose(found.x[2:], x[2:], rtol=1e-12)
@@ -95,7 +95,7 @@ def test_a_repeated_frame_is_ignored():
 def test_the_filter_starts_at_rest_at_the_measured_position():
     first = running(TorqueChain)._replace(has_started=0.0)
     after = filter_after(MEASUREMENT, first, under_way(2, SNAP), None, WITH_TORQUES, H, True)
-    assert (after.has_started, after.seen) == (1.0, MEASUREMENT.x)
+    assert (after.has_started, after.last_x) == (1.0, MEASUREMENT.x)
     assert error_of(after.estimate, REFERENCE) == pytest.approx((0.04, -0.08, 0.07))
     assert error_rate_of(after.estimate, REFERENCE) == pytest.approx((0.2, 0.3, -0.1))
     assert disturbance_of(after.estimate) == (0.0, 0.0, 0.0)
@@ -103,9 +103,11 @@ def test_the_filter_starts_at_rest_at_the_measured_position():
 
 def test_a_known_acceleration_moves_the_chain_without_changing_the_estimated_disturbance():
     before, sent, known = running(TorqueChain), under_way(2, SNAP), Acceleration(0.7, -1.1, 1.3)
-    plain, pushed = (estimated(MEASUREMENT, before, sent, each, WITH_TORQUES, H, True) for each in (None, known))
+    plain, with_acceleration = (
+        estimated(MEASUREMENT, before, sent, each, WITH_TORQUES, H, True) for each in (None, known)
+    )
     for axis in "xyz":
-        moved = np.subtract(getattr(pushed, axis), getattr(plain, axis))
+        moved = np.subtract(getattr(with_acceleration, axis), getattr(plain, axis))
         expected = np.zeros_like(moved)
         expected[:2] = 0.5 * H**2 * getattr(known, axis), H * getattr(known, axis)
         np.testing.assert_allclose(moved, expected, atol=1e-13)
@@ -182,10 +184,10 @@ def test_commands_stay_within_limits_of_tilt_thrust_and_snap():
     assert math.hypot(*attitude.command[:2]) == pytest.approx(0.7 * 9.81)
     free = WITH_TARGETS._replace(thrust=FREE)
     estimate, sent = running(AttitudeChain).estimate, under_way(1, None)
-    limited, wanted = (
+    limited, desired = (
         regulated(estimate, far, JERK, SNAP, sent, None, None, each, TICK).command for each in (WITH_TARGETS, free)
     )
-    assert limited.x / limited.y == pytest.approx(wanted.x / wanted.y)
+    assert limited.x / limited.y == pytest.approx(desired.x / desired.y)
     assert limited.z == pytest.approx(12.0 / 0.68 - 9.81)
     low = regulated(estimate, far._replace(z=-300.0), JERK, SNAP, sent, None, None, WITH_TARGETS, TICK)
     assert low.command.z == pytest.approx(2.0 / 0.68 - 9.81)
@@ -201,27 +203,27 @@ def test_commands_stay_within_limits_of_tilt_thrust_and_snap():
 
 def test_sent_commands_advance_at_each_tick():
     sent = under_way(2, SNAP)
-    asked = regulated(running(TorqueChain).estimate, REFERENCE, JERK, SNAP, sent, None, None, WITH_TORQUES, TICK)
-    after = next_sent(asked, SNAP, sent)
-    assert after.upward == asked.upward
-    assert after.commands == (*sent.commands[1:], asked.command)
-    assert after.deviations == (*sent.deviations[1:], asked.deviation)
+    requested = regulated(running(TorqueChain).estimate, REFERENCE, JERK, SNAP, sent, None, None, WITH_TORQUES, TICK)
+    after = next_sent(requested, SNAP, sent)
+    assert after.upward == requested.upward
+    assert after.commands == (*sent.commands[1:], requested.command)
+    assert after.deviations == (*sent.deviations[1:], requested.deviation)
     alone = under_way(0, None)
-    assert next_sent(asked, SNAP, alone) == SentCommands((asked.command,), (), asked.upward, None)
+    assert next_sent(requested, SNAP, alone) == SentCommands((requested.command,), (), requested.upward, None)
 
 
 def flown(kind):
     """Return estimate and measurement of a vehicle on its path, and the derivatives of the path, by flatness."""
     parameters = QuadrotorParameters()._replace(mass=0.68, gravity=9.81, inertia=Inertia(0.01, 0.01, 0.01))
     demand = rotor_demand(REFERENCE, JERK, SNAP, parameters)
-    seen = State(REFERENCE.x, REFERENCE.y, REFERENCE.z, *demand.attitude, 0.0, 0.0, 0.0, *demand.body_rates)
+    measured = State(REFERENCE.x, REFERENCE.y, REFERENCE.z, *demand.attitude, 0.0, 0.0, 0.0, *demand.body_rates)
     rows = {
         axis: {"thrust": getattr(REFERENCE, f"a_{axis}"), "jerk": getattr(JERK, axis), "snap": getattr(SNAP, axis)}
         for axis in "xyz"
     }
     kinds = {"x": kind, "y": kind, "z": VerticalChain}
     chains = [kinds[axis](*(rows[axis].get(name, 0.0) for name in kinds[axis]._fields)) for axis in "xyz"]
-    return demand, seen, Estimate(*chains)
+    return demand, measured, Estimate(*chains)
 
 
 def asked_for(x, y, z):
@@ -232,22 +234,24 @@ def asked_for(x, y, z):
 
 def test_the_wrench_for_a_vehicle_on_its_path_is_that_of_flatness():
     """With equal moments of inertia there is no gyroscopic torque, which the controller neglects."""
-    demand, seen, estimate = flown(TorqueChain)
+    demand, measured, estimate = flown(TorqueChain)
     alike = WITH_TORQUES.torques._replace(i_xx=0.01, i_yy=0.01, i_zz=0.01)
     numbers = WITH_TORQUES._replace(torques=alike, thrust=FREE)
-    asked = asked_for(SNAP.x, SNAP.y, REFERENCE.a_z)
-    wrench = wrench_for(asked, estimate, seen, REFERENCE, JERK, SNAP, numbers)
+    requested = asked_for(SNAP.x, SNAP.y, REFERENCE.a_z)
+    wrench = wrench_for(requested, estimate, measured, REFERENCE, JERK, SNAP, numbers)
     assert wrench[:3] == pytest.approx(demand.wrench[:3])
-    yaw = 3.1 * (REFERENCE.yaw_rate - seen.r) + SNAP.yaw
+    yaw = 3.1 * (REFERENCE.yaw_rate - measured.r) + SNAP.yaw
     assert wrench.tau_z == pytest.approx(0.01 * yaw)
-    turned = wrench_for(asked, estimate, seen._replace(yaw=seen.yaw - 2 * math.pi), REFERENCE, JERK, SNAP, numbers)
+    turned = wrench_for(
+        requested, estimate, measured._replace(yaw=measured.yaw - 2 * math.pi), REFERENCE, JERK, SNAP, numbers
+    )
     assert turned == pytest.approx(wrench)
 
 
 def test_the_attitude_target_of_a_vehicle_on_its_path_is_its_attitude():
-    demand, seen, estimate = flown(AttitudeChain)
-    asked = asked_for(REFERENCE.a_x, REFERENCE.a_y, REFERENCE.a_z)
-    target = target_for(asked, estimate, seen, REFERENCE, WITH_TARGETS._replace(thrust=FREE))
+    demand, measured, estimate = flown(AttitudeChain)
+    requested = asked_for(REFERENCE.a_x, REFERENCE.a_y, REFERENCE.a_z)
+    target = target_for(requested, estimate, measured, REFERENCE, WITH_TARGETS._replace(thrust=FREE))
     assert target == pytest.approx((demand.wrench.thrust, *demand.attitude, 0.0, 0.0, REFERENCE.yaw_rate))
 
 
@@ -267,29 +271,29 @@ def test_the_thrust_that_keeps_the_height_compensates_the_disturbance():
 @pytest.mark.parametrize("change", [-4.0, 3.0])
 def test_thrust_changes_do_not_affect_the_commanded_and_the_estimated_attitude(change):
     """Additional thrust accelerates a tilted vehicle sideways, which the filter does not attribute to the attitude."""
-    _, seen, estimate = flown(AttitudeChain)
+    _, measured, estimate = flown(AttitudeChain)
     free = WITH_TARGETS._replace(thrust=FREE)
     shaken = estimate._replace(z=estimate.z._replace(thrust=estimate.z.thrust + change))
     calm, other = asked_for(1.3, -0.7, 0.4), asked_for(1.3, -0.7, 0.4 + change)
-    told = target_for(calm, estimate, seen, REFERENCE, free)
-    harder = target_for(other, shaken, seen, REFERENCE, free)
-    assert harder[1:] == told[1:]
+    commanded = target_for(calm, estimate, measured, REFERENCE, free)
+    harder = target_for(other, shaken, measured, REFERENCE, free)
+    assert harder[1:] == commanded[1:]
     # The thrust points along the attitude, and its vertical component is the commanded one.
-    up = rotation(seen)[2, 2]
-    assert harder.thrust - told.thrust == pytest.approx(0.68 * change / up)
+    up = rotation(measured)[2, 2]
+    assert harder.thrust - commanded.thrust == pytest.approx(0.68 * change / up)
     _, seen_too, turning = flown(TorqueChain)
     shaken_too = turning._replace(z=turning.z._replace(thrust=turning.z.thrust + change))
     torques = WITH_TORQUES._replace(thrust=FREE)
     turned, turned_too = (
-        wrench_for(asked, estimate, seen_too, REFERENCE, JERK, SNAP, torques)
-        for asked, estimate in ((calm, turning), (other, shaken_too))
+        wrench_for(requested, estimate, seen_too, REFERENCE, JERK, SNAP, torques)
+        for requested, estimate in ((calm, turning), (other, shaken_too))
     )
     assert turned_too[1:] == turned[1:]
     assert turned_too.thrust - turned.thrust == pytest.approx(0.68 * change / up)
     # The measured attitude causes no innovation, but the velocity follows the thrust.
     sent = under_way(1, None)._replace(upward=9.81 + REFERENCE.a_z)
     before = KalmanState(estimate, 1.0, 0.0), KalmanState(shaken, 1.0, 0.0)
-    plain, pulled = (estimated(seen, each, sent, None, free, H, True) for each in before)
+    plain, pulled = (estimated(measured, each, sent, None, free, H, True) for each in before)
     assert pulled.x[2:] == plain.x[2:]
     sideways = REFERENCE.a_x * change / (9.81 + REFERENCE.a_z)
     assert pulled.x.velocity - plain.x.velocity == pytest.approx(H * sideways)

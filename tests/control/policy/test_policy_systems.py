@@ -48,7 +48,7 @@ def test_the_past_contains_earlier_observations_and_actions(history):
     diagram = builder.Build()
     simulator = Simulator(diagram)
     simulator.AdvanceTo(0.2)
-    seen, done = (log.FindLog(simulator.get_context()).data().T for log in logs)
+    observed_rows, done = (log.FindLog(simulator.get_context()).data().T for log in logs)
 
     states = [[source.get_output_port().Eval(_at(source, 0.02 * k))[:3] for source in sources] for k in range(11)]
     errors = [reference - state for state, reference in states]
@@ -56,7 +56,7 @@ def test_the_past_contains_earlier_observations_and_actions(history):
     rows = [np.concatenate([errors[0], initial])] * (history - 1)
     for k in range(11):
         rows = [np.concatenate([errors[k], actions[-1]]), *rows][:history]
-        np.testing.assert_allclose(seen[k], np.concatenate(rows), atol=1e-12, err_msg=str(k))
+        np.testing.assert_allclose(observed_rows[k], np.concatenate(rows), atol=1e-12, err_msg=str(k))
         step = evaluate_network(network, np.concatenate(rows).tolist(), memory)
         np.testing.assert_allclose(done[k], step.output, atol=1e-12)
         memory = step.memory
