@@ -98,10 +98,8 @@ class AttitudeController(FleetSystem):
         - torque
 
     e is `attitude_command` minus the measured attitude, with the yaw error in [-π, π]. ė is `body_rate_command` ω_r
-    minus
-    the measured body rates. ω̇_r is `angular_acceleration_command`, zero if not connected. `torque` is scaled by the
-    moments
-    of inertia, so that the gains are those of a double integrator.
+    minus the measured body rates. ω̇_r is `angular_acceleration_command`, zero if not connected. `torque` is scaled by
+    the moments of inertia, so that the gains are those of a double integrator.
 
     The only parameter of the context is `numbers`.
 

@@ -47,12 +47,9 @@ def build_cascade(
         - correction
 
     The last four outputs exist if the position controller or the network has them. The same holds for the `disturbance`
-    of
-    an estimator, and for `weights` and `covariance_trace` of a network. `reference_jerk` and `reference_snap` exist if
-    they
-    are fed forward. Without an attitude controller the diagram has the output `attitude_target`, for the autopilot,
-    instead
-    of `wrench`.
+    of an estimator, and for `weights` and `covariance_trace` of a network. `reference_jerk` and `reference_snap` exist
+    if they are fed forward. Without an attitude controller the diagram has the output `attitude_target`, for the
+    autopilot, instead of `wrench`.
 
     Args:
         position: system from `measurement` and `reference` to `acceleration_command`.
@@ -60,8 +57,7 @@ def build_cascade(
         thrust_vectoring: a `ThrustVectoring`.
         attitude: an `AttitudeController`; None if an autopilot on board controls the attitude.
         feed_forward: with "jerk" the body rates follow the jerk of the reference; with "snap" the torques of an
-            attitude
-            controller also follow its snap.
+            attitude controller also follow its snap.
     """
     builder = DiagramBuilder()
     builder.AddNamedSystem("position", position)
@@ -108,8 +104,7 @@ def add_network(builder: DiagramBuilder, controller: Any, network: Any) -> None:
     Args:
         builder: builder that contains the controller and has the input `measurement`.
         controller: system with the input `correction` and, optionally, `learned_disturbance`. It must have an output
-            for
-            each of the network's inputs except `measurement` and, optionally, `disturbance`.
+            for each of the network's inputs except `measurement` and, optionally, `disturbance`.
         network: network to add.
     """
     builder.AddNamedSystem("network", network)

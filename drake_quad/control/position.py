@@ -125,10 +125,8 @@ def build_position_controller(
 
     `error` is e = p_r - p in W. `error_rate` is ė = v_r - v with the derivative of the tracking error, and ė = -v with
     the derivative of the measurement. The input `correction` exists if `takes_correction`; a network is connected to
-    it.
-    The output `correction` is the total of integral and input. It does not exist if the input is all that is
-    subtracted.
-    The `disturbance` of an estimator is also subtracted, and is an output if there is an estimator.
+    it. The output `correction` is the total of integral and input. It does not exist if the input is all that is
+    subtracted. The `disturbance` of an estimator is also subtracted, and is an output if there is an estimator.
 
     Any system with the first two inputs and the first output can replace this diagram.
 

@@ -86,8 +86,7 @@ def specific_thrust(acceleration: HeadingVector, mass: Row, gravity: Row, limits
     """Return the commanded thrust over mass (m/s²) within limits.
 
     The vertical part is limited first. The horizontal part is then shortened, without changing its direction, to what
-    the
-    slope and the remaining thrust allow.
+    the slope and the remaining thrust allow.
 
     Args:
         acceleration: commanded acceleration, m/s².

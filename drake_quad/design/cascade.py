@@ -146,8 +146,7 @@ def on_board_options() -> dict[str, LoopOptions]:
     """Return options for the fastest gains of an autopilot's loops with margins of 60° and 10 dB.
 
     These margins are larger than on the ground to limit overshoot, because every packet of the link is a step for the
-    loops
-    on board.
+    loops on board.
     """
     return {
         loop: LoopOptions(Proportional(), Requirements(phase=60.0, gain=10.0))

@@ -1,8 +1,7 @@
 """Design of PD gains on the linear model of the laboratory, including its delays, holds, lags and filters.
 
 The attitude loops are designed first, each for the plant from a commanded angular acceleration to the measured angle
-and
-rate. The position loops around them follow: a commanded acceleration a on X demands the pitch a / g, on Y the roll
+and rate. The position loops around them follow: a commanded acceleration a on X demands the pitch a / g, on Y the roll
 -a / g. Height has a loop of its own, like an angle.
 
 A family of gains depends on one number, the effort. The design uses the largest effort that meets the required margins,

@@ -286,8 +286,7 @@ def plants_of(scenario: Scenario) -> tuple[Plant, ...]:
     """Return the plants of a design: the middle one, and the corners around it.
 
     The corners of a field with a distribution are its tenth and ninetieth percentile. The corners of other fields are
-    the
-    assumed uncertainty of a model that is given as one number.
+    the assumed uncertainty of a model that is given as one number.
     """
     middle, low, high = (at_quantile(scenario, share) for share in (0.5, 0.1, 0.9))
     varied = distributions_in(scenario)
@@ -319,11 +318,9 @@ def snap_limit(limits: LqgLimits, conditions: Conditions) -> float:
     """Return the largest RMS of the command along x and y over the link, m/s⁴.
 
     It is that of the limits, or a multiple of the constant torque that the command must produce if that is larger. An
-    offset
-    r of the centre of mass causes the angular acceleration m g r / I of a vehicle with mass m and inertia I. A small
-    vehicle
-    has a large ratio of mass to inertia: 0.3 mm cause 5 rad/s² for a Crazyflie, five times as much as for the paper's
-    vehicle.
+    offset r of the centre of mass causes the angular acceleration m g r / I of a vehicle with mass m and inertia I. A
+    small vehicle has a large ratio of mass to inertia: 0.3 mm cause 5 rad/s² for a Crazyflie, five times as much as for
+    the paper's vehicle.
     """
     return max(limits.snap, _TORQUE_HEADROOM * conditions.bias)
 
@@ -386,8 +383,7 @@ class _LiftedLoops:
     """Loops of an axis around k plants over a tick.
 
     The states are those of the chain, the frames under way, the filter, and the commands under way, for the filter and
-    for
-    the vehicle. All plants have as many states as the one with the largest latency and delay.
+    for the vehicle. All plants have as many states as the one with the largest latency and delay.
 
     Attributes:
         A: (k, n, n) system matrices of the closed loops.
@@ -498,8 +494,7 @@ def _stationary_covariance(A: np.ndarray, Q: np.ndarray) -> np.ndarray:
     """Return X = A X Aᵀ + Q of stable A (k, n, n), for (..., k, n, n) covariances Q.
 
     The sum over A^i Q Aᵀ^i is doubled until it no longer changes (R. A. Smith, "Matrix equation XA + BX = C", 1968).
-    For
-    stacks of small matrices this takes a fraction of the time of Schur forms.
+    For stacks of small matrices this takes a fraction of the time of Schur forms.
     """
     X, power = Q, A
     while True:

@@ -136,13 +136,11 @@ def _map_of(plant: SampledSystem, gains: np.ndarray) -> StabilityMap:
 def mapped_plant(scenario: Scenario, loop: Loop) -> SampledSystem:
     """Return the plant along x for the gains of one loop, with the rest of the scenario's loop closed.
 
-    For a PD on the ground the plant follows from linear models of the whole closed loop, whose matrix over a tick is
-    A - b (k_P c_P + k_D c_D). The plant therefore contains everything around the PD: the other loop of the cascade,
+    For a PD on the ground the plant follows from linear models of the whole closed loop, whose matrix over a tick is A
+    - b (k_P c_P + k_D c_D). The plant therefore contains everything around the PD: the other loop of the cascade,
     integrals and estimators. It does not contain a network, which learns and has no linear model. For the attitude on
-    board
-    the plant is that of the autopilot, over a period of the autopilot. It does not contain the position loop, which has
-    a
-    longer period.
+    board the plant is that of the autopilot, over a period of the autopilot. It does not contain the position loop,
+    which has a longer period.
 
     Raises:
         InputError: there is no such plant, or the attitude has no gains, see `mapped_gains`.

@@ -3,10 +3,9 @@
 Every controller gets the same budget. The search is the cross-entropy method (R. Y. Rubinstein and D. P. Kroese, "The
 cross-entropy method", 2004) over the logarithms of the numbers. In each round a fleet simulates points of a normal
 distribution on the training samples, and the best quarter of them determines the next distribution. A linear model
-takes
-as long as a thousand flights. The limit is therefore evaluated for a few of the best points of each round only, and
-predicted for the others by radial basis functions. Three local searches from the best point follow, which evaluate the
-limit at every step.
+takes as long as a thousand flights. The limit is therefore evaluated for a few of the best points of each round only,
+and predicted for the others by radial basis functions. Three local searches from the best point follow, which evaluate
+the limit at every step.
 """
 
 import math
@@ -135,8 +134,7 @@ def tune(
     """Tune the numbers of a controller: those of the lateral axes first, then those of the vertical axis.
 
     The two are almost independent. The rounds are divided between them in proportion to their numbers of knobs. Until
-    the
-    second stage the vertical numbers have the middle of their ranges.
+    the second stage the vertical numbers have the middle of their ranges.
 
     Args:
         scenarios: laboratories with the controller, whose own numbers are ignored. The limit is that of the first.

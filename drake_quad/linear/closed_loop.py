@@ -45,8 +45,7 @@ class ClosedLoop(NamedTuple):
         diagram: diagram of the closed loop.
         context: context of the diagram at a tick, before the events of the tick.
         system: linearisation x⁺ = A x over a control period, or over the period of the cameras or the vehicle's time
-            step
-            if that is longer.
+            step if that is longer.
     """
 
     diagram: Diagram
@@ -77,8 +76,7 @@ def loop_with_injection(scenario: Scenario, *, position_controller: Any = None, 
     """Return the closed loop from additions to the signals of the command link to the sums of signals and additions.
 
     The inputs of the system are `injection.0`, `injection.1`, ..., its outputs `injected.0`, `injected.1`, ..., one for
-    each
-    row of the signal on the link.
+    each row of the signal on the link.
 
     Args:
         scenario: scenario whose `at_rest` is linearised.
@@ -107,8 +105,7 @@ def loop_with_noise(hovering: Scenario) -> tuple[ClosedLoop, np.ndarray]:
     """Return the closed loop from noise and turbulence to the state of the vehicle.
 
     The inputs of the system are standard normal numbers, those of a whole period for each stream. Its outputs are the
-    rows
-    of `state`.
+    rows of `state`.
 
     Args:
         hovering: scenario of `in_hover`.
@@ -158,8 +155,8 @@ class LaboratoryPlant(NamedTuple):
 
     Attributes:
         system: system from `wrench` or, with an autopilot, from `attitude_target` to `measurement`, over a control
-            period.
-            Thrust and torques of the rotors replace their four speeds as states, so that the axes are decoupled.
+            period. Thrust and torques of the rotors replace their four speeds as states, so that the axes are
+            decoupled.
         specific_thrust: commanded thrust in hover per mass of the nominal vehicle, m/s². By eq (7) the tilt for a
             horizontal acceleration is inversely proportional to it. It is g if the vehicle is the nominal one.
     """
@@ -253,8 +250,7 @@ def decoupled_loop(scenario: Scenario) -> SampledSystem:
     """Return the linear model of `closed_loop` with decoupled axes.
 
     Thrust and torques of the rotors are states instead of their speeds. For a symmetric vehicle each state then belongs
-    to
-    one axis.
+    to one axis.
 
     Raises:
         InputError: an error of `closed_loop`, or the rotors cannot hold the vehicle in hover.
@@ -269,8 +265,7 @@ def on_board_plant(scenario: Scenario, *, vehicle: Literal["nominal", "actual"] 
 
     The autopilot reads the state at a tick, and its wrench acts from that tick on. Here a period begins just before the
     events of a tick, when a stepping vehicle still has the state of the previous step, and the input is constant over
-    the
-    period. This gives the same delay.
+    the period. This gives the same delay.
 
     Args:
         scenario: scenario with an autopilot of kind `attitude`.

@@ -140,8 +140,7 @@ class SampledSystem:
 
         Args:
             tolerance: relative threshold below which entries count as rounding errors. Entries of A and C are relative
-                to the
-                largest of their row, those of B to the largest of their column.
+                to the largest of their row, those of B to the largest of their column.
         """
         couples = _is_significant(self.A, tolerance)
         reached = _closure(couples, _is_significant(self.B.T, tolerance).any(axis=0))

@@ -34,8 +34,7 @@ def release(loop: ClosedLoop, displacement: Mapping[str, float], *, duration: fl
     Args:
         loop: loop from `closed_loop`.
         displacement: initial displacement of rows of the vehicle's `state`, such as `x` or `yaw`, in SI units. The
-            first
-            frame of the cameras contains it.
+            first frame of the cameras contains it.
         duration: duration of the response, s.
 
     Raises:

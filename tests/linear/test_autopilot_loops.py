@@ -297,8 +297,7 @@ def test_the_map_on_board_is_the_diagram_without_position_control(onboard, motor
 
 def test_the_stability_limit_of_the_attitude_on_board_is_that_of_routh(onboard):
     """Routh's criterion for s² (T s + 1) + k_rate (1 - s h / 2) (s + k_attitude), with the lag of the rotors and a hold
-    that
-    delays by h / 2.
+    that delays by h / 2.
     """
     lag, hold = 0.05, 0.0025
     for k_rate in (4.0, 30.0):

@@ -136,8 +136,7 @@ def test_a_resonance_delayed_by_more_than_a_turn_tolerates_the_rest_of_the_turn(
     """At 4 rad/s, with a damping ratio of 0.02, a gain of 0.1 and 55 ticks of delay, closed loops confirm 0.497 s.
 
     At its two crossovers the phase is far below -180°. The delay margin is the delay to the next -180° below, not to
-    the
-    nearest one.
+    the nearest one.
     """
     delay_ticks = 55
     loop, (Ad, Bd) = resonance(gain=0.1, delay_ticks=delay_ticks)

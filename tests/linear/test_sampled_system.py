@@ -36,8 +36,7 @@ def classical(frequency, *, delay_ticks, h=0.01):
     """Return the response from a commanded acceleration to value and rate of a double integrator with rotor lag.
 
     The input has a zero-order hold over ticks of 2h and a whole number of ticks of delay, and a frame is h old. The
-    method
-    is the matrix exponential.
+    method is the matrix exponential.
     """
     A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -20.0]])
     B = np.array([[0.0], [0.0], [20.0]])
@@ -285,8 +284,7 @@ def test_a_scaled_input_has_another_name():
 
 def test_states_between_any_input_and_any_output_are_kept():
     """There are two inputs and outputs. The first state lies between the first ones, the second between the others, and
-    the
-    third between none.
+    the third between none.
     """
     B, C = np.array([[1.0, 0.0], [0.0, -1.0], [0.0, 1.0]]), np.array([[-1.0, 0.0, 0.0], [0.0, 2.0, 0.0]])
     system = SampledSystem(

@@ -134,11 +134,9 @@ class DisturbanceEstimator(FleetSystem):
 
     `disturbance` is d in W, saturated at a limit. It follows from the `measurement` of this tick and from all earlier
     measurements and commands. a is the modelled response to `acceleration_command` + `correction`: a delay in whole
-    ticks,
-    then a lag. The part of the command that is `feed_forward` has its own time constant. `correction` is what a network
-    subtracts, and is therefore not estimated here. `correction` and `feed_forward` are zero if not connected. The
-    command is
-    only read at the ticks, so that it may depend on the disturbance.
+    ticks, then a lag. The part of the command that is `feed_forward` has its own time constant. `correction` is what a
+    network subtracts, and is therefore not estimated here. `correction` and `feed_forward` are zero if not connected.
+    The command is only read at the ticks, so that it may depend on the disturbance.
 
     The states are `memory` of the law, `following`, which is the modelled response, and, if there is a delay,
     `commands_under_way`. The only parameter of the context is `numbers`.

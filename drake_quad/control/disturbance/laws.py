@@ -74,8 +74,7 @@ class KalmanLaw(NamedTuple):
         p' = v,    v' = a + d,    d' = -d / T + w,    y = p + n
 
     The filter does not use measured velocities: motion capture derives them from the same positions, with a delay. It
-    is
-    related to NF-Constant of Neural-Fly (O'Connell et al., Science Robotics 7, 2022), which also filters a force.
+    is related to NF-Constant of Neural-Fly (O'Connell et al., Science Robotics 7, 2022), which also filters a force.
 
     Attributes:
         time_constant: T, s; a long one approximates a random walk.
@@ -124,8 +123,7 @@ def _disturbed_motion(deviation: float, time_constant: float, period: float) -> 
     """Return the transition matrix of (p, v, d) over a tick, and the covariance of the noise.
 
     C. F. Van Loan, "Computing integrals involving the matrix exponential", IEEE Transactions on Automatic Control
-    23(3),
-    1978.
+    23(3), 1978.
     """
     slope = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0 / time_constant]])
     density = np.diag([0.0, 0.0, 2.0 * deviation**2 / time_constant])
@@ -201,11 +199,13 @@ class AdaptiveLaw(NamedTuple):
 class IncrementalLaw(NamedTuple):
     """Incremental nonlinear dynamic inversion: command = a_f + (a_c - v'_f), and therefore d = H (v' - a).
 
-    a_c is the desired acceleration, a_f the modelled and v'_f the measured one. Both are filtered by
-    H(s) = ω² / (s² + √2 ω s + ω²), so that they have the same delay (E. J. J. Smeur, Q. P. Chu and G. C. H. E. de
-    Croon,
-    JGCD 39, 2016; E. J. J. Smeur, G. C. H. E. de Croon and Q. P. Chu, Control Engineering Practice 73, 2018; E. Tal and
-    S. Karaman, IEEE TCST 29, 2021). The difference v' - a is averaged over each tick.
+    a_c is the desired acceleration, a_f the modelled and v'_f the measured one, both behind the filter
+
+        H(s) = ω² / (s² + √2 ω s + ω²)
+
+    so that they have the same delay (E. J. J. Smeur, Q. P. Chu and G. C. H. E. de Croon, JGCD 39, 2016; E. J. J.
+    Smeur, G. C. H. E. de Croon and Q. P. Chu, Control Engineering Practice 73, 2018; E. Tal and S. Karaman, IEEE TCST
+    29, 2021). The difference v' - a is averaged over each tick.
 
     Attributes:
         bandwidth: bandwidth ω of the filter, rad/s.

@@ -137,16 +137,13 @@ class TiltDisturbanceEstimator(FleetSystem):
 
     `disturbance` is d in W, saturated at a limit. It follows from the `measurement` of this tick and from all earlier
     measurements and commands. The direction z_B of the thrust is measured, as in the papers on L1 and Neural-Fly, so
-    that
-    the model does not lag behind the attitude loop. The thrust is modelled: it follows the length of
+    that the model does not lag behind the attitude loop. The thrust is modelled: it follows the length of
     `acceleration_command` + g after a delay in whole ticks, with a lag. `learned_disturbance` is the part of the
     disturbance that a network compensates, and is therefore not estimated here; it is zero if not connected. Both
-    inputs
-    are only read at the ticks, so that the command may depend on the disturbance.
+    inputs are only read at the ticks, so that the command may depend on the disturbance.
 
     The states are `memory` of the law after the previous tick, `before` with the known accelerations there, `thrust`,
-    and,
-    if there is a delay, `thrust_under_way`. The only parameter of the context is `numbers`.
+    and, if there is a delay, `thrust_under_way`. The only parameter of the context is `numbers`.
 
     Args:
         num_vehicles: number of vehicles N.

@@ -21,8 +21,7 @@ at the edge of an upper set and at the centre of a lower one. It is limited to -
 After every tick the numbers are projected onto valid sets:
 
 * The outermost centres are constant, since they define the universe, or fix the sets on a circle. Each other centre
-  stays
-  within a quarter of the initial gap to either neighbour, so that centres keep their order.
+  stays within a quarter of the initial gap to either neighbour, so that centres keep their order.
 * Widths are large enough that neighbours overlap by at least 2 % of their gap, in the initial proportion, and not
   larger than the universe or their initial value.
 * 1.001 <= a₁ <= 10, 0.1 <= a₂ <= 0.999 and 0 <= q <= 1.

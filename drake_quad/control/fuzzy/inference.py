@@ -9,8 +9,7 @@
 The paper has two inputs, e and ė. Here there may be more inputs, each with its own number of sets, and a rule for every
 combination of sets. A product of memberships is normalised input by input, because Σ_ij w_ij = Σ_i μ_1i Σ_j μ_2j. With
 μ̃ = μ / Σ μ the firing strengths are W_ij = q μ̲̃_1i μ̲̃_2j + (1 - q) μ̄̃_1i μ̄̃_2j, their sum is one, and τ_f = Fᵀ W.
-The cost
-of the memberships therefore grows with the sum of the numbers of sets, not with their product.
+The cost of the memberships therefore grows with the sum of the numbers of sets, not with their product.
 
 Outside all sets (10) is 0 / 0. Inputs are therefore clamped to the universe, from the first centre to the last. A
 circular input has no ends: x - c is then the shorter difference around the circle.

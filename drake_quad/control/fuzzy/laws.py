@@ -29,8 +29,7 @@ class LearningLaw(Protocol):
     """Interface of all learning laws, which are records of rows.
 
     A law learns from a signal: s_p of eq (15), m/s, or the feedback τ_c, m/s². Units of gains are those for s_p, except
-    in
-    `SignLaw`, where they are those for τ_c.
+    in `SignLaw`, where they are those for τ_c.
     """
 
     @property
@@ -57,8 +56,7 @@ class CovarianceLaw(NamedTuple):
 
     With a forgetting factor μ < 1 each tick divides P⁺ by μ' = 1 - (1 - μ) max(0, 1 - tr P / (R p₀)). Forgetting is as
     strong as μ while P is small, and the trace cannot exceed its initial value. This is bounded-gain forgetting (J.-J.
-    E.
-    Slotine and W. Li, "Applied Nonlinear Control", 1991, section 8.7), with the trace as the norm.
+    E. Slotine and W. Li, "Applied Nonlinear Control", 1991, section 8.7), with the trace as the norm.
 
     The memory is the upper triangle of the symmetric P, row by row.
 

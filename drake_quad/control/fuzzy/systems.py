@@ -103,12 +103,10 @@ class FuzzyRules(FleetSystem):
     The input ports are the signals that determine the inputs of the rules: `error`, `error_rate`, `measurement`,
     `disturbance`. `firing` has the normalised firing strengths, R rows for each axis of the network, one axis after
     another. The output `firing_ahead` exists if the network has a lead time. It has the firing strengths for the
-    position
-    extrapolated by the measured velocity and for the phase, both after the lead time.
+    position extrapolated by the measured velocity and for the phase, both after the lead time.
 
     The parameters of the context are `antecedents` and, if there is a lead time, `lead`. Adaptive antecedents are an
-    input
-    instead, from a `SetLearning`.
+    input instead, from a `SetLearning`.
 
     Args:
         num_vehicles: number of vehicles N.
@@ -277,12 +275,10 @@ class WeightLearning(FleetSystem):
         - covariance_trace
 
     `correction` is τ_f = Fᵀ W with the `firing` strengths from `FuzzyRules`, zero on axes that the network does not
-    have.
-    The weights F learn at every tick from s_p = ė + λ e, eq (15), of `error` and `error_rate`. Alternatively they learn
-    from
-    the feedback, with the inputs `pd` and `disturbance` instead; `disturbance` is zero if not connected. `weights` has
-    F in
-    the order of `firing`. `covariance_trace` exists for a law with a covariance, and has a row for each axis.
+    have. The weights F learn at every tick from s_p = ė + λ e, eq (15), of `error` and `error_rate`. Alternatively they
+    learn from the feedback, with the inputs `pd` and `disturbance` instead; `disturbance` is zero if not connected.
+    `weights` has F in the order of `firing`. `covariance_trace` exists for a law with a covariance, and has a row for
+    each axis.
 
     If the network has a lead time, `correction` is that for `firing_ahead`, because a command acts on the vehicle only
     later. The weights still learn with `firing`, and `learned_disturbance` is Fᵀ W for it: the learned part of the
@@ -361,8 +357,7 @@ def build_fuzzy_network(*, rules: Any, learning: Any, sets: Any = None) -> Diagr
 
     The network consists of several systems so that Drake caches the firing strengths, which both the output and the
     learning of a tick use. Its ports are those of its parts. Other inputs of the rules, and learning from the feedback,
-    add
-    inputs. The output `antecedents` exists if they learn, and `learned_disturbance` if the network has a lead time.
+    add inputs. The output `antecedents` exists if they learn, and `learned_disturbance` if the network has a lead time.
 
     Args:
         rules: a `FuzzyRules`.

@@ -12,9 +12,9 @@ of the on-board loops with the lag of the rotors:
 Along Z the thrust acts directly: p' = v, v' = s + d₁ + d₂, s' = (u - s) / T, where s is the acceleration in excess of
 gravity.
 
-The disturbing acceleration is the sum of two coloured noises: d₁ of first order, white noise filtered by
-1 / (1 + T₁ s), and d₂ of second order, white noise filtered by the critically damped lag 1 / (1 + T₂ s)². The bias δ of
-the angular motion is coloured noise of first order:
+The disturbing acceleration is the sum of two coloured noises: d₁ of first order, white noise filtered by 1 / (1 + T₁
+s), and d₂ of second order, white noise filtered by the critically damped lag 1 / (1 + T₂ s)². The bias δ of the angular
+motion is coloured noise of first order:
 
     d₁' = -d₁ / T₁ + w₁    d₂' = e    e' = -d₂ / T₂² - 2 e / T₂ + w₂    δ' = -δ / T_δ + w_δ
 

@@ -112,10 +112,8 @@ def axis_loop(model: ContinuousModel, timing: Timing, *, noise: np.ndarray, comm
     """Design filter and regulator of an axis.
 
     The regulator is that of `regulator_of`. In equilibrium u is zero for a `TorqueChain`, and equal to the specific
-    thrust s
-    for the other chains. Deviations of p, v and d therefore cause s = -(K_p p + K_v v + K_d d) / k with k = K_s in the
-    first
-    case, and k = 1 + K_s + ΣK_pending in the second.
+    thrust s for the other chains. Deviations of p, v and d therefore cause s = -(K_p p + K_v v + K_d d) / k with k =
+    K_s in the first case, and k = 1 + K_s + ΣK_pending in the second.
 
     Args:
         model: model of the chain.

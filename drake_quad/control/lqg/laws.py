@@ -5,8 +5,7 @@ The frame that is available at t was taken at t - h. With x̂ of t - h, and the 
     x̂(t) = A (x̂ + L (y - C x̂)) + B u
 
 At every tick e is the deviation of x̂ from the reference, and δu are the deviations of the commands under way from
-their
-feed-forward:
+their feed-forward:
 
     u = u_ff - K [e; δu]        δu = u - u_ff
 
@@ -14,8 +13,7 @@ The gains of K on position, velocity and disturbances form an outer loop, which 
 a_r - (K_p e_p + K_v e_v + K_d d̂) / k, with k from `axis_loop`.
 
 The attitude turns thrust into a horizontal acceleration: s = f tan θ along X, with the vertical specific thrust f.
-Noise
-and gusts change f faster than the attitude can follow. The chains along X and Y therefore use s̄ = f̄ tan θ with
+Noise and gusts change f faster than the attitude can follow. The chains along X and Y therefore use s̄ = f̄ tan θ with
 
     f̄ = g + a_r - d̂₁ - d̂₂    along Z,
 
@@ -272,8 +270,7 @@ def regulated(
         sent: sent commands.
         correction: acceleration that is subtracted; None without one.
         perturbation: addition to the commands that keeps the tilt within its limit; None if the commands are shortened
-            to
-            the limit instead.
+            to the limit instead.
         numbers: parameters of the controller; without `torques` the horizontal command is an acceleration.
         tick: control period, s.
     """

@@ -144,28 +144,20 @@ class LinearQuadraticGaussian(FleetSystem):
     The filter is updated at every frame, and commands follow from its estimate at every tick. The equations are in
     `drake_quad.control.lqg.laws`, the models in `drake_quad.control.lqg.chains`. With an autopilot the output
     `attitude_target` replaces `wrench`. `error` and `error_rate` are those of the estimate. `pd` is the acceleration
-    that
-    the regulator commands for them, as an outer loop does. `acceleration_command` is a_r + `pd` minus the compensation
-    of
-    disturbances, within limits. `disturbance` is the estimate of the disturbing acceleration.
+    that the regulator commands for them, as an outer loop does. `acceleration_command` is a_r + `pd` minus the
+    compensation of disturbances, within limits. `disturbance` is the estimate of the disturbing acceleration.
 
     The ports `correction` and `learned_disturbance` exist if there is a network around the controller. `correction` is
-    an
-    acceleration that is subtracted from the command. `learned_disturbance` is a known disturbance for the filter from
-    the
-    next frame on, so that `disturbance` contains only the rest, and the other outputs do not form an algebraic loop.
-    The two
-    inputs differ by the lead time of the network.
+    an acceleration that is subtracted from the command. `learned_disturbance` is a known disturbance for the filter
+    from the next frame on, so that `disturbance` contains only the rest, and the other outputs do not form an algebraic
+    loop. The two inputs differ by the lead time of the network.
 
     The ports `perturbation` and `deviation` exist if another system, instead of the regulator, keeps the tilt within
-    its
-    limits (`drake_quad.control.mpc.system`). It computes `perturbation`, which is added to the commands, from
-    `deviation`,
-    the state that the regulator feeds back.
+    its limits (`drake_quad.control.mpc.system`). It computes `perturbation`, which is added to the commands, from
+    `deviation`, the state that the regulator feeds back.
 
     The states are `filter`, `sent` and, with the port `learned_disturbance`, `known`. The only parameter of the context
-    is
-    `numbers`.
+    is `numbers`.
 
     Args:
         num_vehicles: number of vehicles N.

@@ -10,9 +10,8 @@ A constraint bounds a sum y of rows of several axes at each tick. The bound is w
 n are the m directions of a regular polygon inside the circle of the tilt, and M is the mass. The corridor, and the tilt
 with torques, constrain states, which a disturbance can push beyond the bound. There a slack ε for each tick relaxes the
 constraint, at a cost of ζ ε² added to that of the regulator. Constraints on commands can always be satisfied. A
-solution
-therefore always exists (P. O. M. Scokaert and J. B. Rawlings, "Feasibility issues in linear model predictive control",
-AIChE Journal 45(8), 1999).
+solution therefore always exists (P. O. M. Scokaert and J. B. Rawlings, "Feasibility issues in linear model predictive
+control", AIChE Journal 45(8), 1999).
 """
 
 from collections.abc import Iterator, Sequence

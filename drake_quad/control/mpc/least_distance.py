@@ -29,8 +29,7 @@ class LeastDistance:
 
     The program is built once. Rows are added by groups: without rows the nearest point is the origin, and each solution
     adds the groups of the rows that it violates. A solution that violates no row is the solution for all rows. The
-    active
-    rows are then known, and the point is computed from them without the tolerance of the solver.
+    active rows are then known, and the point is computed from them without the tolerance of the solver.
 
     Args:
         rows: (rows, variables) matrix G.

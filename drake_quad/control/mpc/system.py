@@ -33,12 +33,9 @@ class PredictiveProgramme(FleetSystem):
         - perturbation
 
     The system is used with a `LinearQuadraticGaussian`, whose ports of the same names it connects to. It has two
-    quadratic
-    programmes, one for X and Y and one for Z (`drake_quad.control.mpc.programme`). They are built once, and solved for
-    each
-    vehicle at the ticks at which the regulator alone would violate a limit. Otherwise the perturbation is zero. The
-    system
-    has no state. With AutoDiffXd the derivatives are those for fixed active constraints.
+    quadratic programmes, one for X and Y and one for Z (`drake_quad.control.mpc.programme`). They are built once, and
+    solved for each vehicle at the ticks at which the regulator alone would violate a limit. Otherwise the perturbation
+    is zero. The system has no state. With AutoDiffXd the derivatives are those for fixed active constraints.
 
     Args:
         num_vehicles: number of vehicles N.

@@ -109,16 +109,12 @@ class PidCascade(FleetSystem):
         - acceleration_command
 
     The position loop turns the position error into a velocity. The velocity loop turns the velocity error into an
-    attitude
-    and a thrust, by the law of `drake_quad.control.pid_cascade.tilt` or of
-    `drake_quad.control.pid_cascade.acceleration`.
-    The loops of attitude and body rates are on board. `acceleration_command` is the acceleration of the nominal vehicle
-    at
-    the commanded attitude and thrust.
+    attitude and a thrust, by the law of `drake_quad.control.pid_cascade.tilt` or of
+    `drake_quad.control.pid_cascade.acceleration`. The loops of attitude and body rates are on board.
+    `acceleration_command` is the acceleration of the nominal vehicle at the commanded attitude and thrust.
 
     The loops are computed at every `num_ticks`-th tick. Between these ticks `attitude_target` is held, except that the
-    yaw
-    of a law that commands a tilt is always that of the reference.
+    yaw of a law that commands a tilt is always that of the reference.
 
     The state `held` exists if the cascade has any state. The only parameter of the context is `numbers`.
 

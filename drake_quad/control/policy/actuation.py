@@ -70,8 +70,7 @@ class AttitudeActuation(FleetSystem):
         - thrust_and_attitude
 
     The yaw of the action is relative to that of the `reference`. The output packs the signals of `Vectored`, with zero
-    body
-    rates and angular accelerations.
+    body rates and angular accelerations.
 
     Args:
         num_vehicles: number of vehicles N.

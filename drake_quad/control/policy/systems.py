@@ -61,12 +61,9 @@ class Observation(FleetSystem):
         - observation
 
     The rows are those of `drake_quad.control.policy.observation.OBSERVABLE_SIGNALS`. Those of the present tick come
-    first,
-    followed by earlier ticks, the most recent one first. At the first tick the earlier ones equal the first.
-    `measurement`
-    is the measured or the true state of the vehicle. `action` is the output of the policy, which is observed at the
-    next
-    tick. The last three ports exist if the observation contains their signals.
+    first, followed by earlier ticks, the most recent one first. At the first tick the earlier ones equal the first.
+    `measurement` is the measured or the true state of the vehicle. `action` is the output of the policy, which is
+    observed at the next tick. The last three ports exist if the observation contains their signals.
 
     The states are `last_action` and, with a history, `past`; the only parameter of the context is `numbers`.
 
@@ -77,8 +74,7 @@ class Observation(FleetSystem):
         num_actions: number of rows of an action.
         num_ahead: number of times at which the future reference is observed.
         clearance: function of X, Y and Z (m) that returns the distance to the nearest obstacle, m; None if the
-            observation
-            does not contain it.
+            observation does not contain it.
         numbers: parameters of the vehicle.
     """
 
@@ -139,8 +135,7 @@ class Policy(FleetSystem):
         - action
 
     The equations are in `drake_quad.control.policy.network`. If the network has recurrent units, the state `memory`
-    holds
-    their memory.
+    holds their memory.
 
     Args:
         num_vehicles: number of vehicles N.
@@ -181,9 +176,8 @@ def build_policy_control(
         - wrench
 
     With an autopilot on board the output `attitude_target` replaces `wrench`. A commanded acceleration or attitude is
-    also
-    an output. There is an input for each signal of the observation, including `state` if it uses the true state, and
-    `action` if there is no policy.
+    also an output. There is an input for each signal of the observation, including `state` if it uses the true state,
+    and `action` if there is no policy.
 
     Args:
         observation: an `Observation`.

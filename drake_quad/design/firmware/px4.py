@@ -30,8 +30,7 @@ def torque_units(nominal: QuadrotorParameters, hover_thrust: float) -> tuple[flo
     """Return the torques about x, y, z for a normalised torque of 1, N m.
 
     The mixer is the pseudo-inverse of the rotors' effectiveness matrix, with scaled columns. The scale of roll and
-    pitch is
-    the larger of their root mean squares times √2, that of yaw its largest entry.
+    pitch is the larger of their root mean squares times √2, that of yaw its largest entry.
 
     Args:
         nominal: parameters of the nominal vehicle.
