@@ -53,7 +53,7 @@ class Programme:
         """Return the perturbations (axes, N) of the commands of this tick, for N vehicles.
 
         With AutoDiffXd the derivatives are those for fixed active constraints. The perturbation is zero for a vehicle
-        without a solution or with infinite values.
+        without a solution or with values that are not finite.
 
         Args:
             tick: number of the tick since time zero.
