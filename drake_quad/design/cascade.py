@@ -25,7 +25,7 @@ from drake_quad.scenario.paths import updated
 from drake_quad.scenario.position_controllers.pid import PidPosition
 
 # Torque, angle and body rate of each attitude loop. The loop of the height has the same structure, with the thrust.
-_SIGNALS = {
+_LOOP_SIGNALS = {
     "roll": ("tau_x", "roll", "p"),
     "pitch": ("tau_y", "pitch", "q"),
     "yaw": ("tau_z", "yaw", "r"),
@@ -34,7 +34,7 @@ _SIGNALS = {
 _ANGLES = ("roll", "pitch", "yaw")
 _POSITION = ("x", "y", "z")
 # Angle that accelerates the vehicle along an axis, and its sign, eq (7).
-_TILTS = {"x": ("pitch", 1.0), "y": ("roll", -1.0)}
+_TILT_OF_AXIS = {"x": ("pitch", 1.0), "y": ("roll", -1.0)}
 
 
 class LoopOptions(NamedTuple):
@@ -139,7 +139,7 @@ def default_options(period: float) -> dict[str, LoopOptions]:
     """
     pair, outer = PolePair(0.8), Requirements()
     inner = outer._replace(delay=2.0 * period)
-    return {axis: LoopOptions(pair, inner if axis in _ANGLES else outer) for axis in (*_SIGNALS, *_TILTS)}
+    return {axis: LoopOptions(pair, inner if axis in _ANGLES else outer) for axis in (*_LOOP_SIGNALS, *_TILT_OF_AXIS)}
 
 
 def on_board_options() -> dict[str, LoopOptions]:
@@ -202,9 +202,9 @@ def design_cascade(
         loops[axis] = _designed(plant, loop_options, axis)
 
     on_the_ground = not scenario.laboratory.autopilot.controls_attitude
-    for axis in _SIGNALS if on_the_ground else ("z",):
+    for axis in _LOOP_SIGNALS if on_the_ground else ("z",):
         add(axis, attitude_plant(laboratory, scenario, axis))
-    for axis, (tilt, _) in _TILTS.items():
+    for axis, (tilt, _) in _TILT_OF_AXIS.items():
         attitude = loops[tilt].gains if on_the_ground else None
         assert attitude is None or isinstance(attitude, AxisGains)
         add(axis, position_plant(laboratory, scenario, axis, attitude))
@@ -252,7 +252,7 @@ def on_board_angle_plant(plant: SampledSystem, angle: str, inertia: float) -> Sa
         angle: roll, pitch or yaw.
         inertia: moment of inertia of the nominal vehicle about the axis of this angle, kg m².
     """
-    torque, value, rate = _SIGNALS[angle]
+    torque, value, rate = _LOOP_SIGNALS[angle]
     angle_plant = plant.between([f"wrench.{torque}"], [f"state.{value}", f"state.{rate}"])
     return angle_plant.connected().scaled(inertia, "acceleration_command")
 
@@ -296,7 +296,7 @@ def attitude_plant(laboratory: LaboratoryPlant, scenario: Scenario, axis: str) -
         scenario: scenario with the nominal mass and inertia, which convert accelerations to thrust and torques.
         axis: roll, pitch, yaw or z; only z if the attitude is controlled on board.
     """
-    return _plant(laboratory, scenario, axis, _SIGNALS[axis][1:])
+    return _plant(laboratory, scenario, axis, _LOOP_SIGNALS[axis][1:])
 
 
 def position_plant(
@@ -310,11 +310,11 @@ def position_plant(
         axis: x or y.
         attitude: gains of the attitude loop that accelerates along this axis; None if it is controlled on board.
     """
-    tilt, sign = _TILTS[axis]
+    tilt, sign = _TILT_OF_AXIS[axis]
     if attitude is None:
         plant = laboratory.system.between([f"attitude_target.{tilt}"], [f"measurement.{axis}", f"measurement.v_{axis}"])
         return plant.connected().scaled(sign / laboratory.specific_thrust, "acceleration_command")
-    open_loop = _plant(laboratory, scenario, tilt, (*_SIGNALS[tilt][1:], axis, f"v_{axis}"))
+    open_loop = _plant(laboratory, scenario, tilt, (*_LOOP_SIGNALS[tilt][1:], axis, f"v_{axis}"))
     k_p, k_d = attitude
     closed = open_loop.with_feedback(np.array([[k_p, k_d, 0.0, 0.0]]))
     command = closed.scaled(sign * k_p / laboratory.specific_thrust, "acceleration_command")
@@ -322,7 +322,7 @@ def position_plant(
 
 
 def _plant(laboratory: LaboratoryPlant, scenario: Scenario, axis: str, measured: tuple[str, ...]) -> SampledSystem:
-    torque = _SIGNALS[axis][0]
+    torque = _LOOP_SIGNALS[axis][0]
     nominal = scenario.nominal
     inertia = dict(zip(("tau_x", "tau_y", "tau_z"), nominal.inertia, strict=True)) | {"thrust": nominal.mass}
     command = scenario.laboratory.autopilot.command

@@ -18,7 +18,7 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import replaced
 
 Loop = Literal["position", "attitude"]
-_ON_BOARD = "laboratory.autopilot"
+_AUTOPILOT_BLOCK = "laboratory.autopilot"
 
 # Poles of smaller magnitude belong to delay lines, whose damping is meaningless.
 _MIN_POLE_MAGNITUDE = 0.05
@@ -81,7 +81,7 @@ def mapped_gains(scenario: Scenario, loop: Loop) -> MappedGains:
     if loop == "position" or not autopilot.controls_attitude:
         return MappedGains(f"control.{loop}", ("k_p", "k_d"), ("k_P", "k_D"), ("1/s²", "1/s"))
     if autopilot.loop_gains:
-        return MappedGains(_ON_BOARD, autopilot.loop_gains, autopilot.loop_gains, ("1/s", "1/s"))
+        return MappedGains(_AUTOPILOT_BLOCK, autopilot.loop_gains, autopilot.loop_gains, ("1/s", "1/s"))
     raise InputError(
         f"cannot map the attitude: laboratory.autopilot is of kind {autopilot.kind}, which has no gains; use kind"
         " attitude"
@@ -101,7 +101,7 @@ def linear_map(scenario: Scenario, loop: Loop, first: np.ndarray, second: np.nda
         InputError: an error of `mapped_gains` or `mapped_plant`.
     """
     plant, (outer, inner) = mapped_plant(scenario, loop), np.meshgrid(first, second, indexing="ij")
-    if mapped_gains(scenario, loop).block == _ON_BOARD:
+    if mapped_gains(scenario, loop).block == _AUTOPILOT_BLOCK:
         outer = inner * outer  # attitude loop around a rate loop: u = k_rate (k_attitude (θ_r - θ) - q)
     return _map_of(plant, np.stack([outer, inner], axis=-1))
 
@@ -147,7 +147,7 @@ def mapped_plant(scenario: Scenario, loop: Loop) -> SampledSystem:
     """
     mapped = mapped_gains(scenario, loop)
     scenario = draw_sample(scenario, scenario.sample) if scenario.sample is not None else scenario
-    if mapped.block == _ON_BOARD:
+    if mapped.block == _AUTOPILOT_BLOCK:
         on_board = on_board_plant(scenario, vehicle="actual")
         return on_board_angle_plant(on_board, "pitch", scenario.nominal.inertia[1])
     control = scenario.cascade.model_copy(update={"network": None})

@@ -35,7 +35,7 @@ def input_values(
     Args:
         axis: axis of the network.
         inputs: names of the inputs.
-        signals: signals of `signals_of`, by name.
+        signals: the signals that `signals_of` names, by name.
         time: time, s; used by the input `phase` only.
         lap_times: start of each lap and end of the last one, s; used by the input `phase` only.
     """

@@ -26,7 +26,7 @@ class AdaptationNumbers(NamedTuple):
     Attributes:
         antecedents: initial antecedents on each axis.
         rates: learning rates γ.
-        learning: parameters of the weights' learning, whose slope, dead zone and signal also apply here.
+        learning: learning parameters of the weights. Their slope and dead zone also apply to the membership functions.
     """
 
     antecedents: tuple[Antecedents, ...] = (Antecedents(), Antecedents())

@@ -233,7 +233,8 @@ def estimated(
     x = _filtered(last.x, (measurement.x - last.x.position, s_x - last.x.thrust), fresh, u_x, lateral)
     y = _filtered(last.y, (measurement.y - last.y.position, s_y - last.y.thrust), fresh, u_y, lateral)
     z = _filtered(last.z, (measurement.z - last.z.position,), fresh, u_z, vertical)
-    # The measured attitude tilts the whole thrust of the last frame, of which the chains contain only f̄.
+    # The chains contain f̄ instead of the thrust of the last frame. The excess over f̄ also acts along the measured
+    # attitude.
     excess = (numbers.thrust.gravity + last.z.thrust) / sent.upward - 1.0
     after = Estimate(
         _accelerated(x, excess * last.x.thrust, period), _accelerated(y, excess * last.y.thrust, period), z
