@@ -250,7 +250,7 @@ RESPONDING = [
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_design_lqg_states_margins_and_writes_what_a_scenario_extends(run, tmp_path, monkeypatch):
-    monkeypatch.setattr("drake_quad.design.lqg._EVALUATIONS", 20)
+    monkeypatch.setattr("drake_quad.design.lqg._MAX_EVALUATIONS", 20)
     result = run("design-lqg", ONBOARD, "--sensitivity", "2.5", "--output", tmp_path)
     assert result.returncode == 0, result.stderr
     rows = {line.split()[0]: line.split() for line in result.stdout.splitlines() if line}

@@ -231,7 +231,7 @@ def test_a_design_uses_the_delay_of_less_cost_and_limits_the_command_of_each_axi
     """Along x and y the command is a snap, or an acceleration with an autopilot, and along z an acceleration."""
     scenario, (shipped, conditions) = load_scenario(f"{diagrams}/{name}"), low_wind
     timings = [Timing(0.01, 0.02, ticks) for ticks in (1, 2)]
-    known = {"conditions_of": conditions, "believed_timings": timings, "_yaw": shipped.control.yaw}
+    known = {"conditions_of": conditions, "candidate_timings": timings, "_yaw": shipped.control.yaw}
     for function, value in known.items():
         monkeypatch.setattr(lqg_design, function, lambda *_, value=value: value)
     searches = []
@@ -245,8 +245,8 @@ def test_a_design_uses_the_delay_of_less_cost_and_limits_the_command_of_each_axi
     design = design_lqg(scenario, limits)
     assert design.control.delay_ticks == best
     first, second, vertical = searches
-    assert first.most == second.most == (5.0 if design.plants[0].response else 50.0)
-    assert vertical.most == 5.0
+    assert first.max_command == second.most == (5.0 if design.plants[0].response else 50.0)
+    assert vertical.max_command == 5.0
     assert (first.timing, second.timing, vertical.timing) == (*timings, timings[best - 1])
     assert {each.chain_limits for each in searches} == {limits}
 
@@ -254,7 +254,7 @@ def test_a_design_uses_the_delay_of_less_cost_and_limits_the_command_of_each_axi
 @pytest.mark.slow
 def test_a_design_flies_within_its_limits(diagrams, monkeypatch):
     """A vehicle with drag leans, which the chains do not model; the whole loop meets the limits nevertheless."""
-    monkeypatch.setattr(lqg_design, "_EVALUATIONS", 30)
+    monkeypatch.setattr(lqg_design, "_MAX_EVALUATIONS", 30)
     scenario = load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:wind_8_sine", ["route.laps=2", "metrics.start=6.3"])
     design = design_lqg(scenario, LqgLimits(sensitivity=2.2, delay=0.05))
     assert all(np.isfinite(each.error) for each in (*design.lateral, *design.vertical))
@@ -395,7 +395,7 @@ def test_the_yaw_has_the_pd_of_a_cascade(diagrams):
 @pytest.mark.slow
 def test_a_design_follows_the_nominal_vehicle_and_the_disturbances(diagrams, monkeypatch):
     """The scenario has no autopilot, and limits that no design violates."""
-    monkeypatch.setattr(lqg_design, "_EVALUATIONS", 1)
+    monkeypatch.setattr(lqg_design, "_MAX_EVALUATIONS", 1)
     scenario = load_scenario(f"{diagrams}/laboratory.yaml:low_wind", ["duration=4", "metrics.start=0"])
     design = design_lqg(scenario, LqgLimits(sensitivity=1e3, delay=1e-6))
     control, found, gravity = design.control, design.conditions, scenario.nominal.gravity
