@@ -245,7 +245,7 @@ def test_a_design_uses_the_delay_of_less_cost_and_limits_the_command_of_each_axi
     design = design_lqg(scenario, limits)
     assert design.control.delay_ticks == best
     first, second, vertical = searches
-    assert first.max_command == second.most == (5.0 if design.plants[0].response else 50.0)
+    assert first.max_command == second.max_command == (5.0 if design.plants[0].response else 50.0)
     assert vertical.max_command == 5.0
     assert (first.timing, second.timing, vertical.timing) == (*timings, timings[best - 1])
     assert {each.chain_limits for each in searches} == {limits}
